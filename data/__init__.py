@@ -1,0 +1,1 @@
+"""What happens before any estimator sees a number: structures, excitation, motion, sensors."""

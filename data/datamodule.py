@@ -1,0 +1,81 @@
+"""Simulated measurements as a LightningDataModule: training and test records, cut into windows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lightning.pytorch import LightningDataModule
+from torch.utils.data import DataLoader
+
+from data.excitation import Excitation
+from data.generate import Escape, Simulation
+from data.record import Record, stack
+from data.scenario import Scenario
+from data.structure import Structure
+from data.windows import WindowDataset
+
+
+class SimulatedData(LightningDataModule):
+    """Training and test motions of one structure, each `duration` [s] long, sampled every `dt` [s].
+
+    `window`, `stride` and `warmup` are in samples; whole records by default. `batch` windows are
+    handed out at a time, all by default.
+    """
+
+    def __init__(
+        self,
+        structure: Structure,
+        excitation: Excitation,
+        scenario: Scenario,
+        seed: int,
+        name: str = "structure",
+        dt: float = 0.01,
+        duration: float = 50.0,
+        train_records: int = 1,
+        test_records: int = 1,
+        window: int | None = None,
+        stride: int | None = None,
+        warmup: int = 0,
+        batch: int | None = None,
+    ) -> None:
+        super().__init__()
+        self.simulation = Simulation(structure, excitation, scenario, dt, duration, name)
+        self.seed, self.train_records, self.test_records = seed, train_records, test_records
+        self.cut: dict[str, Any] = {"length": window, "stride": stride, "warmup": warmup}
+        self.batch = batch
+        self.escapes: list[Escape] = []
+        self.records: dict[str, list[Record]] = {}
+
+    @property
+    def dofs(self) -> int:
+        return self.simulation.structure.dofs
+
+    @property
+    def inputs(self) -> int:
+        """Channels of excitation that an estimator may read."""
+        moving = 2 * self.simulation.structure.supports if self.simulation.excitation.support else 0
+        return len(self.simulation.excitation.driven(self.simulation.structure)) + moving
+
+    def setup(self, stage: str | None = None) -> None:
+        if self.records:
+            return
+        counts = {"train": self.train_records, "test": self.test_records}
+        for split, first in (("train", 0), ("test", self.train_records)):
+            records, escapes = self.simulation.records(split, counts[split], self.seed, first)
+            self.records[split] = records
+            self.escapes += escapes
+
+    def windows(self, split: str) -> WindowDataset:
+        return WindowDataset(self.records[split], **self.cut)
+
+    def loader(self, split: str) -> DataLoader[Any]:
+        windows = self.windows(split)
+        batch = len(windows) if self.batch is None else self.batch
+        return DataLoader(windows, batch_size=batch, collate_fn=stack)
+
+    def train_dataloader(self) -> DataLoader[Any]:
+        return self.loader("train")
+
+    def test_dataloader(self) -> list[DataLoader[Any]]:
+        """Training and test motions, in this order: both are scored."""
+        return [self.loader("train"), self.loader("test")]

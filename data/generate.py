@@ -1,0 +1,107 @@
+"""Structure + excitation + scenario + seed → records. No Lightning here.
+
+Every record has its own random streams, named by (seed, split, record, purpose): training and test
+motions are independent, and asking for more records leaves the first ones as they were.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from data.excitation import Excitation
+from data.record import Record, Truth
+from data.scenario import Scenario
+from data.simulate import EscapedMotionError, Motion, simulate_many
+from data.structure import Structure
+
+SPLITS = {"train": 0, "test": 1}
+EXCITATION, SENSORS = 0, 1  # purposes of random streams
+
+
+def stream(seed: int, split: str, record: int, purpose: int) -> np.random.Generator:
+    """The generator of one purpose of one record."""
+    if seed < 0:
+        raise ValueError(f"seed={seed} must not be negative")
+    key = (SPLITS[split], record, purpose)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+@dataclass(frozen=True)
+class Escape:
+    """A motion that escaped: which record of which split, and when [s]."""
+
+    split: str
+    record: int
+    time: float
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Simulated measurements of a structure."""
+
+    structure: Structure
+    excitation: Excitation
+    scenario: Scenario
+    dt: float  # [s]
+    duration: float  # [s]
+    name: str = "structure"  # as the user knows it, for messages
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.dt < np.inf:
+            raise ValueError(f"data.dt={self.dt} s must be positive")
+        if self.samples < 2:
+            raise ValueError(
+                f"data.duration={self.duration} s holds {self.samples} samples of "
+                f"data.dt={self.dt} s; at least 2 are needed"
+            )
+
+    @property
+    def samples(self) -> int:
+        return round(self.duration / self.dt)
+
+    def records(
+        self, split: str, count: int, seed: int, first: int = 0
+    ) -> tuple[list[Record], list[Escape]]:
+        """`count` records of a split and the motions among them that escaped.
+
+        `first` is the number of records drawn before this split (given histories are cut in
+        order). Raises EscapedMotionError where one record was asked for, or all escaped.
+        """
+        if count < 1:
+            raise ValueError(f"data.{split}_records={count} must be at least 1")
+        drawn = [
+            self.excitation.draw(
+                self.structure, self.samples, self.dt, first + i, stream(seed, split, i, EXCITATION)
+            )
+            for i in range(count)
+        ]
+        forces, supports, velocities = zip(*drawn, strict=True)
+        motions = simulate_many(self.structure, forces, self.dt, supports, velocities)
+        records, escapes = [], []
+        for i, motion in enumerate(motions):
+            if motion.escape_time is not None:
+                escapes.append(Escape(split, i, motion.escape_time))
+                continue
+            record = self._record(motion, *drawn[i])
+            records.append(self.scenario(record, stream(seed, split, i, SENSORS)))
+        if not records:
+            raise EscapedMotionError(
+                f"{self.name}, seed {seed}: the {split} motion escaped at "
+                f"t = {escapes[0].time:.2f} s{'' if count == 1 else f', and so did all {count}'}; "
+                "take another seed or a smaller excitation.force.std",
+                escapes[0].time,
+            )
+        return records, escapes
+
+    def _record(
+        self, motion: Motion, force: np.ndarray, support: np.ndarray, velocity: np.ndarray
+    ) -> Record:
+        x, v, a, y, r = (torch.from_numpy(getattr(motion, name)) for name in "xvayr")
+        f = torch.from_numpy(force[:, self.excitation.driven(self.structure)])
+        moving = self.excitation.support is not None
+        s = torch.from_numpy(support) if moving else None
+        s_dot = torch.from_numpy(velocity) if moving else None
+        return Record(self.dt, a, f, x, v, s, s_dot, Truth(x, v, a, y, r))

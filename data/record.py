@@ -1,0 +1,136 @@
+"""One time history: what was measured, and what only a simulation knows.
+
+Signals are float64 tensors (…, T, channels): one record (T, c) or a batch of them (B, T, c).
+n DOFs, m force channels, p supports, E elements; T samples, `dt` seconds apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What no sensor sees: the motion without noise, deformations and forces of the elements."""
+
+    x: Tensor  # displacement (…, T, n) [m]
+    v: Tensor  # velocity (…, T, n) [m/s]
+    a: Tensor  # acceleration (…, T, n) [m/s²]
+    y: Tensor  # element deformation (…, T, E) [m]
+    r: Tensor  # element restoring force (…, T, E) [N]
+
+
+@dataclass(frozen=True)
+class Record:
+    """A record, or a batch of records of equal length. Raises ValueError for unequal shapes."""
+
+    dt: float  # time step [s]
+    a: Tensor  # acceleration (…, T, n) [m/s²]
+    f: Tensor  # force (…, T, m) [N]
+    x: Tensor | None = None  # displacement (…, T, n) [m]
+    v: Tensor | None = None  # velocity (…, T, n) [m/s]
+    s: Tensor | None = None  # support displacement (…, T, p) [m]
+    s_dot: Tensor | None = None  # support velocity (…, T, p) [m/s]
+    truth: Truth | None = None
+    warmup: int = 0  # first samples: filters may use them, metrics do not count them
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.dt < float("inf"):
+            raise ValueError(f"dt={self.dt} s must be positive")
+        if self.a.ndim < 2 or self.a.shape[-2] < 2:
+            raise ValueError(
+                f"a record of shape {tuple(self.a.shape)} has too few samples; expected "
+                "(samples, DOFs) with at least 2 samples"
+            )
+        for name, signal in self.signals().items():
+            if signal.shape[:-1] != self.a.shape[:-1] or (
+                name in "xv" and signal.shape != self.a.shape
+            ):
+                raise ValueError(
+                    f"{name} has shape {tuple(signal.shape)}, which does not fit "
+                    f"a with shape {tuple(self.a.shape)}; all signals share their samples"
+                )
+        if not 0 <= self.warmup < self.samples:
+            raise ValueError(
+                f"warmup={self.warmup} samples must be shorter than the record "
+                f"of {self.samples} samples"
+            )
+
+    @property
+    def samples(self) -> int:
+        return self.a.shape[-2]
+
+    @property
+    def dofs(self) -> int:
+        return self.a.shape[-1]
+
+    @property
+    def excitation(self) -> Tensor:
+        """All that drives the structure: forces, then support motions where there are any."""
+        parts = [u for u in (self.f, self.s, self.s_dot) if u is not None]
+        return torch.cat(parts, dim=-1)
+
+    def signals(self) -> dict[str, Tensor]:
+        """The measured signals that this record has, by name."""
+        named = {name: getattr(self, name) for name in ("a", "f", "x", "v", "s", "s_dot")}
+        return {name: signal for name, signal in named.items() if signal is not None}
+
+    def require_finite(self) -> None:
+        """Raise ValueError naming the first sample that is NaN or infinite."""
+        for name, signal in self.signals().items():
+            if not torch.isfinite(signal).all():
+                bad = torch.nonzero(~torch.isfinite(signal))[0]
+                raise ValueError(
+                    f"{name} is not finite at sample {int(bad[-2])} "
+                    f"(t = {float(bad[-2]) * self.dt:g} s, channel {int(bad[-1]) + 1}); "
+                    "mend or cut the record"
+                )
+
+    def measured(self) -> Record:
+        """This record without what only a simulation knows."""
+        return replace(self, truth=None)
+
+    def map(self, change: Callable[[Tensor], Tensor]) -> Record:
+        """This record with `change` applied to every signal, measured and true."""
+        changed: dict[str, Any] = {name: change(signal) for name, signal in self.signals().items()}
+        if self.truth is not None:
+            true: dict[str, Any] = {
+                f.name: change(getattr(self.truth, f.name)) for f in fields(Truth)
+            }
+            return replace(self, **changed, truth=Truth(**true))
+        return replace(self, **changed)
+
+    def window(self, start: int, length: int, warmup: int = 0) -> Record:
+        """Samples `start` … `start + length − 1`, the first `warmup` of them for warming up."""
+        return replace(self.map(lambda u: u[..., start : start + length, :]), warmup=warmup)
+
+    def to(self, device: torch.device | str) -> Record:
+        return self.map(lambda u: u.to(device))
+
+
+def stack(records: Sequence[Record]) -> Record:
+    """Records of equal length and warm-up as one batch, signals (B, T, c)."""
+    lengths = {(r.samples, r.dofs, r.warmup, r.dt) for r in records}
+    if len(lengths) != 1:
+        raise ValueError(
+            f"records differ in (samples, DOFs, warm-up, dt): {sorted(lengths)}; "
+            "cut them into windows of equal length first"
+        )
+    rest = iter(zip(*(_tensors(r) for r in records), strict=True))
+    return records[0].map(lambda _: torch.stack(next(rest)))
+
+
+def _tensors(record: Record) -> list[Tensor]:
+    seen: list[Tensor] = []
+
+    def note(u: Tensor) -> Tensor:
+        seen.append(u)
+        return u
+
+    record.map(note)
+    return seen

@@ -1,0 +1,112 @@
+"""What the sensors saw: a scenario turns a simulated record into a measured one.
+
+Brewick & Masri (2016): full state (Sect. 3.2), integrated (Sect. 4.1), noisy (Sect. 4.2). The true
+motion stays in `record.truth`, for scoring only.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from data.record import Record
+
+
+class Scenario(ABC):
+    """A change of what is measured, with its own generator."""
+
+    @abstractmethod
+    def __call__(self, record: Record, rng: np.random.Generator) -> Record: ...
+
+
+@dataclass(frozen=True)
+class FullState(Scenario):
+    """x, v, a and f as they are."""
+
+    def __call__(self, record: Record, rng: np.random.Generator) -> Record:
+        return record
+
+
+@dataclass(frozen=True)
+class Noisy(Scenario):
+    """White Gaussian noise; its standard deviation is `level` times that of each channel."""
+
+    level: float = 0.10
+    signals: Sequence[str] = ("x", "v", "a")
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.level < np.inf:
+            raise ValueError(f"scenario.level={self.level} must not be negative")
+        for name in self.signals:
+            if name not in ("x", "v", "a", "f"):
+                raise ValueError(f"scenario.signals holds {name!r}; choose from x, v, a, f")
+
+    def __call__(self, record: Record, rng: np.random.Generator) -> Record:
+        noisy = {}
+        for name in self.signals:
+            signal = getattr(record, name)
+            noise = torch.from_numpy(rng.standard_normal(signal.shape))
+            noisy[name] = signal + self.level * signal.std(dim=-2, keepdim=True) * noise
+        return replace(record, **noisy)
+
+
+@dataclass(frozen=True)
+class Integrated(Scenario):
+    """v and x by integrating the measured a, high-pass filtered before and after each step.
+
+    Strictly causal by default: v[k] = v[k−1] + dt (3a[k−1] − a[k−2])/2 and x[k] by the trapezoid of
+    v, with causal Butterworth filters, so that no value at k depends on a[k], which the estimators
+    must not see. `causal=False` integrates a by the trapezoid and filters forward and backward, as
+    is usual off line; v[k] and x[k] then depend on a[k] and on what follows.
+    """
+
+    cutoff: float = 0.05  # of the high-pass filters [Hz]
+    order: int = 2
+    causal: bool = True
+
+    def __call__(self, record: Record, rng: np.random.Generator) -> Record:
+        a, dt = record.a.numpy(), record.dt
+        filtered = self._high_pass(a, dt)
+        if self.causal:
+            before = np.concatenate([np.zeros_like(a[:2]), filtered])  # a[k−2], a[k−1]
+            v = dt * np.cumsum(1.5 * before[1:-1] - 0.5 * before[:-2], axis=0)
+        else:
+            v = _trapezoid(filtered, dt)
+        v = self._high_pass(v, dt)
+        x = self._high_pass(_trapezoid(self._high_pass(v, dt), dt), dt)
+        return replace(record, x=torch.from_numpy(x), v=torch.from_numpy(v))
+
+    def _high_pass(self, signal: np.ndarray, dt: float) -> np.ndarray:
+        from scipy.signal import butter, sosfilt, sosfiltfilt  # slow to import, seldom needed
+
+        nyquist = 0.5 / dt
+        if not 0.0 < self.cutoff < nyquist:
+            raise ValueError(
+                f"scenario.cutoff={self.cutoff} Hz must lie between 0 and the Nyquist frequency "
+                f"{nyquist:g} Hz; lower it or data.dt"
+            )
+        if self.order < 1:
+            raise ValueError(f"scenario.order={self.order} must be at least 1")
+        sos = butter(self.order, self.cutoff, "highpass", fs=1.0 / dt, output="sos")
+        return np.ascontiguousarray((sosfilt if self.causal else sosfiltfilt)(sos, signal, axis=0))
+
+
+def _trapezoid(rate: np.ndarray, dt: float) -> np.ndarray:
+    steps = 0.5 * dt * (rate[1:] + rate[:-1])
+    return np.concatenate([np.zeros_like(rate[:1]), np.cumsum(steps, axis=0)])
+
+
+class Composed(Scenario):
+    """Scenarios one after the other, as `steps` lists them."""
+
+    def __init__(self, steps: Sequence[Scenario]) -> None:
+        self.steps = list(steps)
+
+    def __call__(self, record: Record, rng: np.random.Generator) -> Record:
+        for step in self.steps:
+            record = step(record, rng)
+        return record

@@ -1,0 +1,57 @@
+"""Records cut into windows of equal length, as a PyTorch Dataset.
+
+A window of `length` samples begins with `warmup` samples that filters may use and metrics do not
+count. By default a window is a whole record; windows follow each other so that every counted sample
+is counted once (`stride = length − warmup`), and what is left at the end is not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from torch.utils.data import Dataset
+
+from data.record import Record
+
+
+class WindowDataset(Dataset[Record]):
+    """Windows of one or many records. Raises ValueError for windows that fit no record."""
+
+    def __init__(
+        self,
+        records: Sequence[Record],
+        length: int | None = None,  # samples; None takes whole records
+        stride: int | None = None,  # samples; None takes length − warmup
+        warmup: int = 0,  # samples
+    ) -> None:
+        if not records:
+            raise ValueError("no records to cut into windows")
+        shortest = min(record.samples for record in records)
+        length = shortest if length is None else length
+        if not 2 <= length <= shortest:
+            raise ValueError(
+                f"data.window={length} samples must lie between 2 and the shortest record's "
+                f"{shortest} samples"
+            )
+        if not 0 <= warmup < length:
+            raise ValueError(
+                f"data.warmup={warmup} must be shorter than the window of {length} samples"
+            )
+        stride = length - warmup if stride is None else stride
+        if stride < 1:
+            raise ValueError(f"data.stride={stride} samples must be at least 1")
+        for record in records:
+            record.require_finite()
+        self.records, self.length, self.warmup = list(records), length, warmup
+        self.places = [
+            (i, start)
+            for i, record in enumerate(records)
+            for start in range(0, record.samples - length + 1, stride)
+        ]
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def __getitem__(self, index: int) -> Record:
+        i, start = self.places[index]
+        return self.records[i].window(start, self.length, self.warmup)

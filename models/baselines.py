@@ -1,0 +1,52 @@
+"""Extrapolation of the measured acceleration: estimates that know nothing of the structure.
+
+A one-step score below these identifies nothing. Before the record the structure is at rest.
+"""
+
+from __future__ import annotations
+
+from torch import Tensor
+from torch.nn.functional import pad
+
+from data.record import Record
+from models.estimator import Estimator
+from models.layers.filters import LowPassCascade
+
+
+def _delayed(a: Tensor, samples: int) -> Tensor:
+    return pad(a, (0, 0, samples, 0))[..., : a.shape[-2], :]
+
+
+class LastValue(Estimator):
+    """ẍ̂[k] = ẍ[k−1]."""
+
+    reads = ("a",)
+
+    def forward(self, record: Record) -> Tensor:
+        self.check(record)
+        return _delayed(record.a, 1)
+
+
+class TwoPoint(Estimator):
+    """ẍ̂[k] = 2 ẍ[k−1] − ẍ[k−2], the straight line through the last two values."""
+
+    reads = ("a",)
+
+    def forward(self, record: Record) -> Tensor:
+        self.check(record)
+        return 2.0 * _delayed(record.a, 1) - _delayed(record.a, 2)
+
+
+class FilteredExtrapolation(Estimator):
+    """ẍ̂ = 2Hẍ − H²ẍ, which misses ẍ by (s/(s + ω_c))²: what the VWNN's filters do by themselves."""
+
+    reads = ("a",)
+
+    def __init__(self, dofs: int, inputs: int, dt: float, cutoff: float = 50.0) -> None:
+        super().__init__(dofs, inputs, dt)
+        self.filters = LowPassCascade(cutoff, stages=2, dt=dt)
+
+    def forward(self, record: Record) -> Tensor:
+        self.check(record)
+        once, twice = self.filters(record.a)[0].chunk(2, dim=-1)
+        return 2.0 * once - twice

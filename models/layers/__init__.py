@@ -1,0 +1,1 @@
+"""What estimators are built from; knows no estimator."""

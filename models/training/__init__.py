@@ -1,0 +1,1 @@
+"""Fitting and scoring any estimator."""

@@ -1,0 +1,99 @@
+"""Relative root-mean-square error, the study's one metric.
+
+RMS(t_N) = √Σ‖ẍ − ẍ̂‖² / √Σ‖ẍ‖² over the samples up to t_N      Brewick & Masri (2016), Eq. 21
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import torch
+from torch import Tensor
+from torchmetrics import Metric
+
+from data.record import Record
+from models.estimator import Estimator
+
+
+class RelativeRMSError(Metric):
+    """Eq. 21 over any number of batches of windows, T counted samples × n DOFs each.
+
+    `compute` gives fractions: `total` (), `per_dof` (n,), and `over_time` (T,), the total up to
+    each sample of the windows.
+    """
+
+    full_state_update = False
+    error: Tensor
+    size: Tensor
+
+    def __init__(self, samples: int, dofs: int, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        for name in ("error", "size"):
+            zeros = torch.zeros(samples, dofs, dtype=torch.float64)
+            self.add_state(name, zeros, dist_reduce_fx="sum")
+
+    def update(self, estimate: Tensor, measured: Tensor) -> None:
+        """Estimated and measured acceleration, both (…, T, n)."""
+        if estimate.shape != measured.shape or estimate.shape[-2:] != self.error.shape:
+            raise ValueError(
+                f"estimate {tuple(estimate.shape)} and measured {tuple(measured.shape)} must both "
+                f"end in {tuple(self.error.shape)}"
+            )
+        self.error += ((estimate - measured) ** 2).reshape(-1, *self.error.shape).sum(dim=0)
+        self.size += (measured**2).reshape(-1, *self.size.shape).sum(dim=0)
+
+    def compute(self) -> dict[str, Tensor]:
+        if not (self.size.sum(dim=0) > 0.0).all():
+            raise ValueError(
+                "the measured acceleration of a DOF is zero; its relative error is undefined"
+            )
+        error, size = self.error.sum(dim=1).cumsum(dim=0), self.size.sum(dim=1).cumsum(dim=0)
+        return {
+            "total": torch.sqrt(self.error.sum() / self.size.sum()),
+            "per_dof": torch.sqrt(self.error.sum(dim=0) / self.size.sum(dim=0)),
+            "over_time": torch.sqrt(error / size.clamp_min(torch.finfo(size.dtype).tiny)),
+        }
+
+
+class Score:
+    """Errors of one estimator on one split: against the measured and against the true signals."""
+
+    def __init__(self) -> None:
+        self.against: dict[str, RelativeRMSError] = {}
+
+    @torch.no_grad()
+    def update(self, estimator: Estimator, record: Record) -> Tensor:
+        """Score a batch; returns its estimate (…, T, n). The estimator never sees the truth."""
+        estimate = estimator(record.measured())
+        counted = slice(record.warmup, None)
+        references = {"": record.a}
+        if record.truth is not None:
+            references["_true"] = record.truth.a
+        for name, reference in references.items():
+            if name not in self.against:
+                samples = record.samples - record.warmup
+                self.against[name] = RelativeRMSError(samples, record.dofs).to(reference.device)
+            self.against[name].update(estimate[..., counted, :], reference[..., counted, :])
+        return estimate
+
+    def percent(self) -> dict[str, Any]:
+        """For `metrics.json`: `relative_rms_percent`, `per_dof_percent`, and both with `_true`."""
+        result: dict[str, Any] = {}
+        for name, metric in self.against.items():
+            errors = metric.compute()
+            result[f"relative_rms_percent{name}"] = 100.0 * float(errors["total"])
+            result[f"per_dof_percent{name}"] = [100.0 * e for e in errors["per_dof"].tolist()]
+        return result
+
+    def over_time(self) -> Tensor:
+        """Eq. 21 up to each sample, against the measured signal, as a fraction (T,)."""
+        return self.against[""].compute()["over_time"]
+
+
+def score(estimator: Estimator, batches: Iterable[Record]) -> dict[str, Any]:
+    """Errors in percent of an estimator over batches of records."""
+    result = Score()
+    for record in batches:
+        result.update(estimator, record)
+    return result.percent()

@@ -1,0 +1,83 @@
+"""Volterra/Wiener neural network: fixed low-pass filters, sigmoidal products, least-squares head.
+
+ζ = [ẍ, f],  ξ = [H ζ, H² ζ],  ẍ̂ = Wᵀ φ(ξ)      Brewick & Masri (2016), Sect. 2.1, Eqs. 3–6, Table 2
+B records, T samples, n DOFs, m channels of excitation, P features.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import torch
+from torch import Tensor
+
+from data.record import Record
+from models.estimator import Estimator, weight_matrix
+from models.layers.features import SigmoidProducts
+from models.layers.filters import LowPassCascade
+from models.layers.least_squares import LeastSquares
+
+CHUNK = 1 << 15  # samples whose features are held in memory at a time
+
+
+class VWNN(Estimator):
+    """Estimates acceleration from past accelerations and forces alone.
+
+    cutoff: of H(s) = ω_c/(s + ω_c) [rad/s]; stages: filters in series, every one an output of ξ.
+    sigmoid_weight: λ of Eq. 6 [1/(unit of ζ)]; order: of the products, 1 to 3.
+    squares, bias: repeated factors and a constant among the features.
+    ridge: ≥ 0, without unit, on scaled columns.
+    unfiltered_excitation: adds f itself to ξ. The paper's ξ has only filtered signals; with f a
+    linear structure's acceleration is within reach.
+    """
+
+    reads = ("a", "f")
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        cutoff: float = 50.0,
+        stages: int = 2,
+        sigmoid_weight: float = 0.05,
+        order: int = 2,
+        squares: bool = True,
+        bias: bool = True,
+        ridge: float = 0.0,
+        unfiltered_excitation: bool = False,
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        self.ridge, self.unfiltered_excitation = ridge, unfiltered_excitation
+        self.filters = LowPassCascade(cutoff, stages, dt)
+        channels = stages * (dofs + inputs) + (inputs if unfiltered_excitation else 0)
+        self.activation = SigmoidProducts(channels, sigmoid_weight, order, squares, bias)
+        self.weights = weight_matrix(self.activation.features, dofs)  # W (P, n)
+
+    def features(self, record: Record) -> Iterator[tuple[slice, Tensor]]:
+        """φ(ξ) (…, CHUNK, P), chunk by chunk in time, with the samples each chunk covers."""
+        self.check(record)
+        state, excitation = None, record.excitation
+        chunk = max(1, CHUNK // record.a[..., 0, 0].numel())
+        for start in range(0, record.samples, chunk):
+            span = slice(start, min(start + chunk, record.samples))
+            f = excitation[..., span, :]
+            zeta = torch.cat([record.a[..., span, :], f], dim=-1)
+            xi, state = self.filters(zeta, state)
+            if self.unfiltered_excitation:
+                xi = torch.cat([xi, f], dim=-1)
+            yield span, self.activation(xi)
+
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        fit = LeastSquares(self.ridge)
+        for record in batches:
+            for span, phi in self.features(record):
+                counted = max(record.warmup - span.start, 0)
+                fit.add(phi[..., counted:, :], record.a[..., span, :][..., counted:, :])
+        solution = fit.solve()
+        self.weights.copy_(solution.weights)
+        return {"rank": solution.rank, "condition": solution.condition}
+
+    def forward(self, record: Record) -> Tensor:
+        self.require_identified(self.weights)
+        return torch.cat([phi @ self.weights for _, phi in self.features(record)], dim=-2)
