@@ -1,0 +1,57 @@
+"""Score a finished run again, from its own config and checkpoint alone. No training.
+
+    python evaluate.py run=FOLDER
+    python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
+    python evaluate.py run=FOLDER data.duration=100
+
+As it was trained, it prints the numbers of `metrics.json`, to the last digit. Under another
+scenario, other seeds or another record the structure, excitation and model stay what they were.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig
+
+from models.training.assemble import changed, data_from
+from report.console import absolute, one_line_errors, prepare_hydra
+from report.evaluation import draw_figures, print_evaluation, restore, score_seeds
+from report.runs import read_run, write_json
+
+prepare_hydra()
+
+
+def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict:
+    """Scores of a run under the changes in `cfg`, saved with figures in its `evaluation/`."""
+    run, metrics = read_run(folder)
+    changes = {key: value for key, value in cfg.data.items() if value is not None}
+    run = changed(run, {"data": changes})
+    if cfg.get("scenario") is not None:
+        run.scenario = cfg.scenario
+    data = data_from(run)
+    estimator = restore(run, data, folder)
+    seeds = [run.seed] if cfg.seeds is None else list(cfg.seeds)
+    altered = cfg.get("scenario") is not None or bool(changes) or cfg.seeds is not None
+
+    results = score_seeds(estimator, run, seeds)
+    print_evaluation(results, metrics, altered)
+    output = folder / "evaluation" / label
+    draw_figures(estimator, run, seeds[0], output)
+    write_json(output / "scores.json", results)
+    print(f"figures and scores in {output}")
+    return results
+
+
+@hydra.main(version_base="1.3", config_path="conf", config_name="evaluate")
+def main(cfg: DictConfig) -> None:
+    if cfg.run is None:
+        raise ValueError("give the folder of a finished run: python evaluate.py run=FOLDER")
+    label = cfg.label or "as_trained"
+    evaluate(cfg, absolute(cfg.run), label)
+
+
+if __name__ == "__main__":
+    with one_line_errors("evaluate"):
+        main()

@@ -1,0 +1,68 @@
+"""Identify a structure: simulate it, fit a model, score it on unseen motion, save all of it.
+
+python train.py model=vwnn system=bilinear
+python train.py -m model=vwnn,linear system=bilinear,polynomial,bouc_wen seed=0,1
+python train.py --help
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from pathlib import Path
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from lightning.pytorch import Trainer, seed_everything
+from lightning.pytorch.loggers import TensorBoardLogger
+from omegaconf import DictConfig
+
+from models.checkpoint import save_estimator
+from models.training.assemble import data_from, estimator_from
+from models.training.identification import Identification
+from report.console import one_line_errors, prepare_hydra
+from report.runs import CHECKPOINT, begin_run, finish_run
+from report.summary import compare_baselines, log_run, metrics_of, print_run
+
+logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+warnings.filterwarnings("ignore", message=".*does not have many workers.*")
+warnings.filterwarnings("ignore", message=".*LeafSpec.*deprecated.*")
+prepare_hydra()
+
+
+def identify(cfg: DictConfig, folder: Path) -> dict:
+    """One run: data, fit, test, files, table; returns what `metrics.json` holds."""
+    data = data_from(cfg)
+    module = Identification(estimator_from(cfg.model, data))
+    baselines = {name: estimator_from(node, data) for name, node in cfg.baselines.items()}
+    begin_run(folder, cfg)
+    data.setup()
+
+    seed_everything(cfg.seed, verbose=False)
+    logger = TensorBoardLogger(folder, name="", version="tensorboard")
+    trainer = Trainer(
+        logger=logger,
+        default_root_dir=folder,
+        enable_checkpointing=False,
+        enable_model_summary=False,
+        **cfg.trainer,
+    )
+    trainer.fit(module, datamodule=data)
+    trainer.test(module, datamodule=data, verbose=False)
+
+    metrics = metrics_of(cfg, module, data, compare_baselines(baselines, data))
+    save_estimator(module.estimator, folder / CHECKPOINT, cfg.model.name)
+    log_run(logger, module, data, metrics)
+    finish_run(folder, metrics)
+    print_run(metrics, folder)
+    return metrics
+
+
+@hydra.main(version_base="1.3", config_path="conf", config_name="train")
+def main(cfg: DictConfig) -> None:
+    identify(cfg, Path(HydraConfig.get().runtime.output_dir))
+
+
+if __name__ == "__main__":
+    with one_line_errors("train"):
+        main()

@@ -41,10 +41,10 @@ class LowPassCascade(nn.Module):
         super().__init__()
         nyquist = math.pi / dt
         if not 0.0 < cutoff <= nyquist:
-            remedy = "lower model.cutoff or data.dt"
-            where = "lies above" if cutoff > nyquist else "must be positive and below"
+            where = "lies above" if cutoff > nyquist else "must lie between 0 and"
             raise ValueError(
-                f"cutoff={cutoff:g} rad/s {where} the Nyquist frequency {nyquist:.0f} rad/s; {remedy}"
+                f"cutoff={cutoff:g} rad/s {where} the Nyquist frequency {nyquist:.0f} rad/s; "
+                "change model.cutoff or data.dt"
             )
         if stages < 1:
             raise ValueError(f"stages={stages} must be at least 1")

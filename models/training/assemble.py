@@ -1,0 +1,92 @@
+"""Config → data and estimators. A `_target_` may name a class of this project, nothing else.
+
+A run's config may come from somebody else; building from it must not run code of their choice.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import inspect
+import re
+from typing import Any
+
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate
+from omegaconf import DictConfig, ListConfig, OmegaConf
+
+from data.datamodule import SimulatedData
+from models.estimator import Estimator
+
+OURS = ("data", "models")
+
+
+def _class_of(target: Any) -> type:
+    """The class that a `_target_` names. Raises ValueError unless this project defines it."""
+    if isinstance(target, str) and re.fullmatch(r"(data|models)(\.[a-z_]+)+\.[A-Z]\w*", target):
+        module, _, name = target.rpartition(".")
+        try:
+            found = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError):
+            raise ValueError(f"_target_={target}: there is no such class") from None
+        if inspect.isclass(found) and found.__module__.split(".")[0] in OURS:
+            return found
+    raise ValueError(f"_target_={target!r} is not a class of this project's data or models")
+
+
+def _check(node: Any) -> None:
+    """Check every `_target_` and the arguments beside it, before anything is built."""
+    if isinstance(node, list):
+        for value in node:
+            _check(value)
+    if isinstance(node, dict):
+        for value in node.values():
+            _check(value)
+        if "_target_" in node:
+            known = inspect.signature(_class_of(node["_target_"])).parameters
+            for key in node:
+                if key.startswith("_") and key != "_target_":
+                    raise ValueError(f"{node['_target_']}: the key {key!r} is not allowed")
+                if key not in known and key not in ("_target_", "name"):
+                    near = difflib.get_close_matches(key, known, n=1)
+                    hint = f"; did you mean {near[0]!r}?" if near else ""
+                    raise ValueError(f"{node['_target_']} has no argument {key!r}{hint}")
+
+
+def build(node: DictConfig | ListConfig, **more: Any) -> Any:
+    """The object that a config node describes; `name` is a label, not an argument."""
+    plain: Any = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
+    _check(plain)
+    plain.pop("name", None)
+    try:
+        # called here, not by Hydra, which would turn dataclasses among `more` into dicts
+        return instantiate(plain, _convert_="all", _partial_=True)(**more)
+    except InstantiationException as error:
+        if isinstance(error.__cause__, ValueError):
+            where = re.search(r"full_key: (\S+)", str(error))
+            raise ValueError(f"{where[1] + ': ' if where else ''}{error.__cause__}") from None
+        raise
+
+
+def changed(cfg: DictConfig, changes: dict[str, Any]) -> DictConfig:
+    """A copy of a config with some values changed."""
+    merged = OmegaConf.merge(cfg, changes)
+    assert isinstance(merged, DictConfig)
+    return merged
+
+
+def data_from(cfg: DictConfig) -> SimulatedData:
+    """Training and test records of a run."""
+    return build(
+        cfg.data,
+        structure=build(cfg.system.structure),
+        excitation=build(cfg.excitation),
+        scenario=build(cfg.scenario),
+        seed=cfg.seed,
+        name=cfg.system.name,
+    )
+
+
+def estimator_from(model: DictConfig, data: SimulatedData) -> Estimator:
+    """An estimator of the size of the data, not yet identified."""
+    return build(model, dofs=data.dofs, inputs=data.inputs, dt=data.simulation.dt)

@@ -1,0 +1,126 @@
+"""What a person reads in the terminal besides tables: help, and errors in one line."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from hydra import compose
+from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import (
+    ConfigCompositionException,
+    HydraException,
+    MissingConfigException,
+    OverrideParseException,
+)
+from hydra.utils import to_absolute_path
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+CONF = Path(__file__).parent.parent / "conf"
+GROUPS = ("system", "excitation", "scenario", "data", "model", "baselines", "trainer", "experiment")
+EXAMPLES = {
+    "train": """Identify a structure: simulate it, fit a model, score it on unseen motion.
+
+    python train.py model=vwnn system=bilinear
+    python train.py model=vwnn system=polynomial scenario=noisy scenario.level=0.2 seed=3
+    python train.py -m model=vwnn,linear system=bilinear,polynomial,bouc_wen seed=0,1
+
+Common keys: seed, data.dt [s], data.duration [s], data.train_records, data.test_records,
+model.cutoff [rad/s], trainer.accelerator, hydra.run.dir. All of them: python train.py --cfg job""",
+    "evaluate": """Score a finished run again, from its own config and checkpoint alone.
+
+    python evaluate.py run=FOLDER
+    python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
+    python evaluate.py run=FOLDER data.duration=100""",
+}
+
+
+def help_text(program: str) -> str:
+    """Examples, then each group with its choices, a line each (the config's first comment)."""
+    groups = GROUPS if program == "train" else ("scenario",)
+    lines = [EXAMPLES[program], ""]
+    for group in groups:
+        lines.append(f"{group}=")
+        for path in sorted((CONF / group).glob("*.yaml")):
+            comments = [s for s in path.read_text(encoding="utf-8").splitlines() if s[:1] == "#"]
+            described = [s[1:].strip() for s in comments if "@package" not in s]
+            lines.append(f"    {path.stem:<24}{described[0] if described else ''}".rstrip())
+    return "\n".join(lines)
+
+
+def prepare_hydra() -> None:
+    """Let Hydra raise what it finds instead of printing it, and give it our help."""
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    if not OmegaConf.has_resolver("help"):
+        OmegaConf.register_new_resolver("help", help_text)
+
+
+def fail(message: str) -> None:
+    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+
+
+@contextmanager
+def one_line_errors(config: str) -> Iterator[None]:
+    """Bad input ends with one line and exit status 1; a traceback is for bugs."""
+    try:
+        yield
+    except (MissingConfigException, ConfigCompositionException, OverrideParseException) as error:
+        fail(_explain(error, config))
+    except (HydraException, OmegaConfBaseException, ValueError) as error:
+        fail(str(error))
+    except OSError as error:
+        fail(f"{error.strerror or error}: {error.filename or ''}; choose another hydra.run.dir")
+    except KeyboardInterrupt:
+        fail("interrupted; nothing was finished")
+        sys.exit(130)
+    else:
+        return
+    sys.exit(1)
+
+
+def _explain(error: Exception, config: str) -> str:
+    """A misspelt choice or key, with the nearest ones that exist."""
+    if isinstance(error, MissingConfigException) and error.options is not None:
+        group, _, choice = (error.missing_cfg_file or "").rpartition("/")
+        return (
+            f"{group}={choice} does not exist{_nearest(choice, error.options)}; "
+            f"choices: {', '.join(error.options)}"
+        )
+    cause = getattr(error.__cause__, "full_key", None) or getattr(error.__cause__, "key", None)
+    first = str(error).splitlines()[0].removesuffix(".")
+    if first.startswith("Could not override"):
+        key = first.split("'")[1] if "'" in first else str(cause)
+        return f"there is no setting {key!r}{_nearest(key, _keys(config))}; see --help"
+    return first
+
+
+def _nearest(word: str, choices: Sequence[str]) -> str:
+    near = difflib.get_close_matches(word, choices, n=3, cutoff=0.5)
+    return f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
+
+
+def _keys(config: str) -> list[str]:
+    """All settings of a program, dotted."""
+    from hydra import initialize_config_dir
+
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return [*GROUPS, *_dotted(compose(config))]
+
+
+def _dotted(node: DictConfig, prefix: str = "") -> Iterator[str]:
+    for key in node:
+        name = f"{prefix}{key!s}"
+        yield name
+        if not OmegaConf.is_missing(node, key) and isinstance(node._get_node(key), DictConfig):
+            yield from _dotted(node[key], f"{name}.")
+
+
+def absolute(folder: str) -> Path:
+    """A folder as typed, from where the command was typed."""
+    return Path(to_absolute_path(folder))

@@ -1,0 +1,69 @@
+"""A run's folder: what is written, in which order, and how it is read back.
+
+config.yaml        every choice, resolved; with the code, all that is needed to repeat the run
+model.safetensors  the identified estimator
+tensorboard/       scalars and figures
+metrics.json       the numbers; written last and at once, so a run that has it is finished
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
+CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    aside = path.with_name(path.name + ".part")
+    aside.write_text(text, encoding="utf-8")
+    os.replace(aside, path)
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def begin_run(folder: Path, cfg: DictConfig) -> None:
+    """Start a run in a folder: a config, no results yet. Raises ValueError if that fails."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / METRICS).unlink(missing_ok=True)
+        (folder / CHECKPOINT).unlink(missing_ok=True)
+        write_text(folder / CONFIG, OmegaConf.to_yaml(cfg, resolve=True))
+    except OSError as error:
+        raise ValueError(
+            f"cannot write to {folder} ({error.strerror}); choose another hydra.run.dir"
+        ) from None
+
+
+def finish_run(folder: Path, metrics: dict[str, Any]) -> None:
+    """Write the numbers, which makes the run a finished one."""
+    write_json(folder / METRICS, metrics)
+
+
+def read_run(folder: Path) -> tuple[DictConfig, dict[str, Any]]:
+    """Config and metrics of a finished run. Raises ValueError where there is none."""
+    for name in (CONFIG, CHECKPOINT, METRICS):
+        if not (folder / name).is_file():
+            raise ValueError(
+                f"{folder} is not a finished run: it has no {name}; "
+                "give the folder that train.py wrote (hydra.run.dir)"
+            )
+    try:
+        cfg = OmegaConf.load(folder / CONFIG)
+        metrics = json.loads((folder / METRICS).read_text(encoding="utf-8"))
+    except (YAMLError, OmegaConfBaseException, ValueError) as error:
+        first = str(error).splitlines()[0]
+        raise ValueError(f"{folder} is damaged: {first}; repeat the run") from None
+    missing = {"system", "scenario", "model", "data", "excitation", "seed"} - set(cfg)
+    if not isinstance(cfg, DictConfig) or missing:
+        raise ValueError(f"{folder / CONFIG} lacks {', '.join(sorted(missing))}; repeat the run")
+    return cfg, metrics

@@ -1,0 +1,116 @@
+"""What a run leaves behind besides its checkpoint: numbers, TensorBoard logs, the final table."""
+
+from __future__ import annotations
+
+import platform
+from pathlib import Path
+from typing import Any
+
+import lightning
+import numpy
+import torch
+from lightning.pytorch.loggers import TensorBoardLogger
+from omegaconf import DictConfig
+from rich.console import Console
+
+from data.datamodule import SimulatedData
+from models.estimator import Estimator
+from models.training.identification import SPLITS, Identification
+from models.training.metrics import score
+from report.figures import run_figures
+from report.paper import paper_values
+from report.tables import error_table
+
+
+def compare_baselines(baselines: dict[str, Estimator], data: SimulatedData) -> dict[str, Any]:
+    """Errors of each baseline on the same records; one that cannot be identified says why."""
+    results: dict[str, Any] = {}
+    for name, baseline in baselines.items():
+        try:
+            baseline.identify(data.loader("train"))
+            results[name] = {split: score(baseline, data.loader(split)) for split in SPLITS}
+        except ValueError as error:
+            results[name] = {"failed": str(error)}
+    return results
+
+
+def metrics_of(
+    cfg: DictConfig, module: Identification, data: SimulatedData, baselines: dict[str, Any]
+) -> dict[str, Any]:
+    """What `metrics.json` holds; errors in percent, times in seconds."""
+    estimator = module.estimator
+    return {
+        "model": cfg.model.name,
+        "system": cfg.system.name,
+        "scenario": cfg.scenario.name,
+        "seed": cfg.seed,
+        "fit_seconds": module.fit_seconds,
+        "parameters": estimator.identified_parameters,
+        "identification": module.solution,
+        **module.results(),
+        "peak_acceleration": {
+            split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
+        },
+        "escaped": [vars(escape) for escape in data.escapes],
+        "baselines": baselines,
+        "paper": paper_values(cfg.model.name, cfg.system.name, cfg.scenario.name),
+        "versions": {
+            "python": platform.python_version(),
+            "torch": torch.__version__,
+            "numpy": numpy.__version__,
+            "lightning": lightning.__version__,
+        },
+    }
+
+
+def log_run(
+    logger: TensorBoardLogger, module: Identification, data: SimulatedData, metrics: dict[str, Any]
+) -> None:
+    """Scalars, error over time and figures for TensorBoard."""
+    board = logger.experiment
+    final = {
+        f"{split}/{key}": value
+        for split in SPLITS
+        for key, value in metrics[split].items()
+        if isinstance(value, float)
+    }
+    chosen = {key: metrics[key] for key in ("model", "system", "scenario", "seed")}
+    logger.log_hyperparams(chosen, final)
+    for split in SPLITS:
+        for i, percent in enumerate(metrics[split]["per_dof_percent"], start=1):
+            board.add_scalar(f"{split}/per_dof_percent/x{i}", percent, 0)
+        over_time = 100.0 * module.scores[split].over_time()
+        for step in range(0, len(over_time), max(1, len(over_time) // 200)):
+            board.add_scalar(f"{split}/relative_rms_percent_over_time", over_time[step], step)
+    errors = {split: module.scores[split].over_time() for split in SPLITS}
+    names = list(data.simulation.structure.elements)
+    for name, figure in run_figures(*module.examples["test"], errors, names).items():
+        board.add_figure(name, figure, close=False)
+    logger.save()
+
+
+def print_run(metrics: dict[str, Any], folder: Path) -> None:
+    """The table that a run ends with."""
+    rows = {metrics["model"]: {split: metrics[split] for split in SPLITS}}
+    if metrics["paper"]:
+        rows["  paper"] = metrics["paper"]
+    rows |= metrics["baselines"]
+    dofs = len(metrics["test"]["per_dof_percent"])
+    title = (
+        f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}, seed {metrics['seed']}"
+    )
+    console = Console(width=None if Console().is_terminal else 110)
+    console.print(error_table(title, rows, dofs))
+    solution = ", ".join(f"{key} {value:.6g}" for key, value in metrics["identification"].items())
+    console.print(
+        f"{metrics['parameters']} parameters identified in {metrics['fit_seconds']:.2f} s"
+        + (f" ({solution})" if solution else "")
+    )
+    for name, scores in metrics["baselines"].items():
+        if "failed" in scores:
+            console.print(f"{name} failed: {scores['failed']}")
+    if metrics["escaped"]:
+        console.print(
+            f"{len(metrics['escaped'])} motions escaped and are left out, see metrics.json"
+        )
+    console.print(f"saved in {folder}", soft_wrap=True)
