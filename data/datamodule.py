@@ -19,7 +19,7 @@ class SimulatedData(LightningDataModule):
     """Training and test motions of one structure, each `duration` [s] long, sampled every `dt` [s].
 
     `window`, `stride` and `warmup` are in samples; whole records by default. `batch` windows are
-    handed out at a time, all by default.
+    handed out at a time, all by default. `tolerance` is the integrator's (data/simulate.py).
     """
 
     def __init__(
@@ -33,13 +33,14 @@ class SimulatedData(LightningDataModule):
         duration: float = 50.0,
         train_records: int = 1,
         test_records: int = 1,
+        tolerance: float = 1e-7,
         window: int | None = None,
         stride: int | None = None,
         warmup: int = 0,
         batch: int | None = None,
     ) -> None:
         super().__init__()
-        self.simulation = Simulation(structure, excitation, scenario, dt, duration, name)
+        self.simulation = Simulation(structure, excitation, scenario, dt, duration, name, tolerance)
         self.seed, self.train_records, self.test_records = seed, train_records, test_records
         self.cut: dict[str, Any] = {"length": window, "stride": stride, "warmup": warmup}
         self.batch = batch

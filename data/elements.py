@@ -6,7 +6,7 @@ functions and a dataclass of its parameters:
 
     force(p, e, branch, y, ẏ, z, work) → (r, ż)   work = ∫ r ẏ dt, the energy element e took up [J]
     margin(p, e, branch, y, ẏ, z)                 ≥ 0 while the branch holds, < 0 past its end
-    next_branch(p, e, branch, y, ẏ, z)            the branch that holds past that end
+    next_branch(p, e, branch, y, ẏ, z) → (branch, z)   what holds past that end
 
 Brewick & Masri (2016), Sect. 3.1, Table 1, Eqs. 19–20. Branch 0 is the branch at rest.
 """
@@ -36,11 +36,12 @@ def _slider_margin(sliding, yield_displacement, ydot, z):
 
 @inlined
 def _slider_next(sliding, yield_displacement, ydot, z):
+    """Side after the end of a branch, and z set exactly on the yield surface where it reached it."""
     if _slider_margin(sliding, yield_displacement, ydot, z) >= 0.0:
-        return sliding
+        return sliding, z
     if sliding != 0:
-        return 0
-    return 1 if z > 0.0 else -1
+        return 0, z
+    return (1, yield_displacement) if z > 0.0 else (-1, -yield_displacement)
 
 
 # A side is stored in two bits: 00 neither, 01 the positive, 10 the negative. Limited slip keeps the
@@ -96,13 +97,14 @@ def margin(law, p, e, branch, y, ydot, z):
 @compiled
 def next_branch(law, p, e, branch, y, ydot, z):
     if law == POLYNOMIAL:
-        return 0
+        return 0, z
     if law == BOUC_WEN:
-        return (1 if ydot < 0.0 else 0) + (2 if z < 0.0 else 0)
+        return (1 if ydot < 0.0 else 0) + (2 if z < 0.0 else 0), z
+    slider, z = _slider_next(_side(branch), p[e, 0], ydot, z)
     if law == BILINEAR:
-        return _bits(_slider_next(_side(branch), p[e, 0], ydot, z))
+        return _bits(slider), z
     gap = 0.0 if abs(y) < p[e, 5] else y
-    return _bits(_slider_next(_side(branch), p[e, 0], ydot, z)) | _bits(gap) << 2
+    return _bits(slider) | _bits(gap) << 2, z
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ import torch
 from data.excitation import Excitation
 from data.record import Record, Truth
 from data.scenario import Scenario
-from data.simulate import EscapedMotionError, Motion, simulate_many
+from data.simulate import EscapedMotionError, Motion, simulate, simulate_many
 from data.structure import Structure
 
 SPLITS = {"train": 0, "test": 1}
@@ -48,6 +48,7 @@ class Simulation:
     dt: float  # [s]
     duration: float  # [s]
     name: str = "structure"  # as the user knows it, for messages
+    tolerance: float = 1e-7  # of the integrator, see data/simulate.py
 
     def __post_init__(self) -> None:
         if not 0.0 < self.dt < np.inf:
@@ -72,14 +73,11 @@ class Simulation:
         """
         if count < 1:
             raise ValueError(f"data.{split}_records={count} must be at least 1")
-        drawn = [
-            self.excitation.draw(
-                self.structure, self.samples, self.dt, first + i, stream(seed, split, i, EXCITATION)
-            )
-            for i in range(count)
-        ]
+        drawn = [self._draw(split, seed, i, first) for i in range(count)]
         forces, supports, velocities = zip(*drawn, strict=True)
-        motions = simulate_many(self.structure, forces, self.dt, supports, velocities)
+        motions = simulate_many(
+            self.structure, forces, self.dt, supports, velocities, self.tolerance
+        )
         records, escapes = [], []
         for i, motion in enumerate(motions):
             if motion.escape_time is not None:
@@ -95,6 +93,22 @@ class Simulation:
                 escapes[0].time,
             )
         return records, escapes
+
+    def error(self, split: str, seed: int, first: int = 0) -> float:
+        """The simulation's own error: relative RMS change of the acceleration of the first record
+        when the tolerance is a hundred times tighter."""
+        force, support, velocity = self._draw(split, seed, 0, first)
+        coarse, fine = (
+            simulate(self.structure, force, self.dt, support, velocity, tolerance).a
+            for tolerance in (self.tolerance, 0.01 * self.tolerance)
+        )
+        return float(np.linalg.norm(coarse - fine) / np.linalg.norm(fine))
+
+    def _draw(
+        self, split: str, seed: int, record: int, first: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        rng = stream(seed, split, record, EXCITATION)
+        return self.excitation.draw(self.structure, self.samples, self.dt, first + record, rng)
 
     def _record(
         self, motion: Motion, force: np.ndarray, support: np.ndarray, velocity: np.ndarray

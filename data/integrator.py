@@ -186,7 +186,7 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work)
     scale = np.full(2 * n + elements, 1e-9 * tolerance)
     h = dt
     for sample in range(f.shape[0]):
-        start, t = max(sample - 1, 0) * dt, 0.0
+        start, t, stalled = max(sample - 1, 0) * dt, 0.0, 0
         if sample == 0:
             t = dt
             _slope(q, branch, masses, ends, law, p, f, s, w, 0, dt, 1.0, place, k[0], forces)
@@ -205,7 +205,9 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work)
             cut = _first_corner(q, place, trial, place_trial, k, step, branch, n, ends, law, p,
                                 s, w, sample, dt, tau, place_between, between)  # fmt: skip
             if cut < 1.0:
-                step = min(max(cut * step, SMALLEST_STEP * dt), left)
+                # corners that follow at once take ever longer steps, so that none can stall the motion
+                stalled = stalled + 1 if cut * step <= SMALLEST_STEP * dt else 0
+                step = min(max(cut * step, SMALLEST_STEP * dt * 2.0**stalled), left)
                 _step(q, step, branch, masses, ends, law, p, f, s, w, sample, dt, tau,
                       place_trial, k, trial, forces)  # fmt: skip
             t = dt if step == left else t + step
@@ -215,7 +217,8 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work)
                 if _margin(e, q, branch, n, ends, law, p, place) < 0.0:
                     ye = place[0, ends[e, 1]] - place[0, ends[e, 0]]
                     ydot = place[1, ends[e, 1]] - place[1, ends[e, 0]]
-                    branch[e] = next_branch(law[e], p, e, branch[e], ye, ydot, q[2 * n + e])
+                    z = 2 * n + e
+                    branch[e], q[z] = next_branch(law[e], p, e, branch[e], ye, ydot, q[z])
                     changed = True
             if changed:
                 _slope(q, branch, masses, ends, law, p, f, s, w, sample, dt, t / dt,

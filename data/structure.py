@@ -59,8 +59,8 @@ class Structure:
     def _check_held(self) -> None:
         held = np.arange(self.dofs + self.supports + 1) >= self.dofs
         for _ in range(self.dofs):
-            held[self.ends[:, 0]] |= held[self.ends[:, 1]]
-            held[self.ends[:, 1]] |= held[self.ends[:, 0]]
+            for start, end in self.ends:
+                held[start] = held[end] = held[start] or held[end]
         loose = [f"x{i + 1}" for i in np.flatnonzero(~held)]
         if loose:
             raise ValueError(

@@ -29,7 +29,8 @@ def acceleration(record: Record, estimate: Tensor, seconds: float = 10.0) -> Fig
         axes.set_ylabel(f"ẍ{i + 1} [m/s²]")
         axes.margins(x=0.0)
     axes.set_xlabel("time [s]")
-    figure.axes[0].legend(loc="upper right", ncols=2, frameon=False)
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=2, frameon=False)
     return figure
 
 

@@ -51,6 +51,7 @@ def metrics_of(
         "peak_acceleration": {
             split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
         },
+        "simulation_error": data.simulation.error("test", cfg.seed, data.train_records),
         "escaped": [vars(escape) for escape in data.escapes],
         "baselines": baselines,
         "paper": paper_values(cfg.model.name, cfg.system.name, cfg.scenario.name),
@@ -109,6 +110,11 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     for name, scores in metrics["baselines"].items():
         if "failed" in scores:
             console.print(f"{name} failed: {scores['failed']}")
+    if metrics["simulation_error"] > 1e-5:
+        console.print(
+            f"the simulation itself is off by {metrics['simulation_error']:.1e} (relative RMS); "
+            "lower data.tolerance"
+        )
     if metrics["escaped"]:
         console.print(
             f"{len(metrics['escaped'])} motions escaped and are left out, see metrics.json"
