@@ -13,6 +13,7 @@ from pathlib import Path
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from lightning.pytorch import Trainer, seed_everything
 from lightning.pytorch.loggers import TensorBoardLogger
 from omegaconf import DictConfig
@@ -20,9 +21,9 @@ from omegaconf import DictConfig
 from models.checkpoint import save_estimator
 from models.training.assemble import data_from, estimator_from
 from models.training.identification import Identification
-from report.console import one_line_errors, prepare_hydra
+from report.console import job_errors, one_line_errors, prepare_hydra
 from report.runs import CHECKPOINT, begin_run, finish_run
-from report.summary import compare_baselines, log_run, metrics_of, print_run
+from report.summary import compare_baselines, log_run, metrics_of, print_line, print_run
 
 logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
 warnings.filterwarnings("ignore", message=".*does not have many workers.*")
@@ -31,7 +32,7 @@ prepare_hydra()
 
 
 def identify(cfg: DictConfig, folder: Path) -> dict:
-    """One run: data, fit, test, files, table; returns what `metrics.json` holds."""
+    """One run: data, fit, test, files; returns what `metrics.json` holds."""
     data = data_from(cfg)
     module = Identification(estimator_from(cfg.model, data))
     baselines = {name: estimator_from(node, data) for name, node in cfg.baselines.items()}
@@ -54,13 +55,16 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
     save_estimator(module.estimator, folder / CHECKPOINT, cfg.model.name)
     log_run(logger, module, data, metrics)
     finish_run(folder, metrics)
-    print_run(metrics, folder)
     return metrics
 
 
 @hydra.main(version_base="1.3", config_path="conf", config_name="train")
 def main(cfg: DictConfig) -> None:
-    identify(cfg, Path(HydraConfig.get().runtime.output_dir))
+    hydra_cfg = HydraConfig.get()
+    folder, in_sweep = Path(hydra_cfg.runtime.output_dir), hydra_cfg.mode == RunMode.MULTIRUN
+    with job_errors(folder, in_sweep):
+        metrics = identify(cfg, folder)
+        (print_line if in_sweep else print_run)(metrics, folder)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ def _slider_margin(sliding, yield_displacement, ydot, z):
 
 @inlined
 def _slider_next(sliding, yield_displacement, ydot, z):
-    """Side after the end of a branch, and z set exactly on the yield surface where it reached it."""
+    """Side after the end of a branch, and z exactly on the yield surface if it got there."""
     if _slider_margin(sliding, yield_displacement, ydot, z) >= 0.0:
         return sliding, z
     if sliding != 0:

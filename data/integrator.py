@@ -205,7 +205,7 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work)
             cut = _first_corner(q, place, trial, place_trial, k, step, branch, n, ends, law, p,
                                 s, w, sample, dt, tau, place_between, between)  # fmt: skip
             if cut < 1.0:
-                # corners that follow at once take ever longer steps, so that none can stall the motion
+                # corners that follow at once get ever longer steps: none can stall the motion
                 stalled = stalled + 1 if cut * step <= SMALLEST_STEP * dt else 0
                 step = min(max(cut * step, SMALLEST_STEP * dt * 2.0**stalled), left)
                 _step(q, step, branch, masses, ends, law, p, f, s, w, sample, dt, tau,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import os
 import sys
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,8 +19,11 @@ from hydra.errors import (
     OverrideParseException,
 )
 from hydra.utils import to_absolute_path
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+
+from report.runs import FAILED, write_text
 
 CONF = Path(__file__).parent.parent / "conf"
 GROUPS = ("system", "excitation", "scenario", "data", "model", "baselines", "trainer", "experiment")
@@ -64,6 +68,15 @@ def fail(message: str) -> None:
     print(f"error: {' '.join(message.split())}", file=sys.stderr)
 
 
+EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException, MisconfigurationException)
+
+
+def _reason(error: BaseException) -> str:
+    if isinstance(error, OSError):
+        return f"{error.strerror or error}: {error.filename or ''}; choose another hydra.run.dir"
+    return str(error)
+
+
 @contextmanager
 def one_line_errors(config: str) -> Iterator[None]:
     """Bad input ends with one line and exit status 1; a traceback is for bugs."""
@@ -71,16 +84,30 @@ def one_line_errors(config: str) -> Iterator[None]:
         yield
     except (MissingConfigException, ConfigCompositionException, OverrideParseException) as error:
         fail(_explain(error, config))
-    except (HydraException, OmegaConfBaseException, ValueError) as error:
-        fail(str(error))
-    except OSError as error:
-        fail(f"{error.strerror or error}: {error.filename or ''}; choose another hydra.run.dir")
+    except EXPECTED as error:
+        fail(_reason(error))
     except KeyboardInterrupt:
-        fail("interrupted; nothing was finished")
+        fail("interrupted; the unfinished run has no metrics.json")
         sys.exit(130)
     else:
         return
     sys.exit(1)
+
+
+@contextmanager
+def job_errors(folder: Path, in_sweep: bool) -> Iterator[None]:
+    """A run that fails ends the program, but not a sweep: there the reason goes to its folder."""
+    try:
+        yield
+    except Exception as error:
+        expected = isinstance(error, EXPECTED)
+        if not in_sweep and not expected:
+            raise
+        fail(f"{folder.name}: {_reason(error)}" if in_sweep else _reason(error))
+        if not in_sweep:
+            sys.exit(1)
+        trace = "" if expected else traceback.format_exc() + "\n"
+        write_text(folder / FAILED, trace + _reason(error) + "\n")
 
 
 def _explain(error: Exception, config: str) -> str:
@@ -88,8 +115,8 @@ def _explain(error: Exception, config: str) -> str:
     if isinstance(error, MissingConfigException) and error.options is not None:
         group, _, choice = (error.missing_cfg_file or "").rpartition("/")
         return (
-            f"{group}={choice} does not exist{_nearest(choice, error.options)}; "
-            f"choices: {', '.join(error.options)}"
+            f"{group}={choice} does not exist{_nearest(choice, error.options)} "
+            f"(choices: {', '.join(error.options)})"
         )
     cause = getattr(error.__cause__, "full_key", None) or getattr(error.__cause__, "key", None)
     first = str(error).splitlines()[0].removesuffix(".")
@@ -100,8 +127,8 @@ def _explain(error: Exception, config: str) -> str:
 
 
 def _nearest(word: str, choices: Sequence[str]) -> str:
-    near = difflib.get_close_matches(word, choices, n=3, cutoff=0.5)
-    return f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
+    near = difflib.get_close_matches(word, choices, n=2, cutoff=0.6)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
 
 
 def _keys(config: str) -> list[str]:
@@ -110,7 +137,7 @@ def _keys(config: str) -> list[str]:
 
     GlobalHydra.instance().clear()
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        return [*GROUPS, *_dotted(compose(config))]
+        return sorted({*GROUPS, *_dotted(compose(config))})
 
 
 def _dotted(node: DictConfig, prefix: str = "") -> Iterator[str]:

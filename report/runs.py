@@ -18,6 +18,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
+FAILED = "failed.txt"  # why a run of a sweep has no metrics.json
 
 
 def write_text(path: Path, text: str) -> None:
@@ -35,8 +36,8 @@ def begin_run(folder: Path, cfg: DictConfig) -> None:
     """Start a run in a folder: a config, no results yet. Raises ValueError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / METRICS).unlink(missing_ok=True)
-        (folder / CHECKPOINT).unlink(missing_ok=True)
+        for name in (METRICS, CHECKPOINT, FAILED):
+            (folder / name).unlink(missing_ok=True)
         write_text(folder / CONFIG, OmegaConf.to_yaml(cfg, resolve=True))
     except OSError as error:
         raise ValueError(

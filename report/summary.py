@@ -90,6 +90,12 @@ def log_run(
     logger.save()
 
 
+def print_line(metrics: dict[str, Any], folder: Path) -> None:
+    """One run of a sweep."""
+    train, test = (metrics[split]["relative_rms_percent"] for split in SPLITS)
+    print(f"{folder.name:<60} train {train:8.2f} %   test {test:8.2f} %", flush=True)
+
+
 def print_run(metrics: dict[str, Any], folder: Path) -> None:
     """The table that a run ends with."""
     rows = {metrics["model"]: {split: metrics[split] for split in SPLITS}}
