@@ -16,7 +16,7 @@ import hydra
 from omegaconf import DictConfig
 
 from models.training.assemble import changed, data_from
-from report.console import absolute, one_line_errors, prepare_hydra
+from report.console import CONF, absolute, job_errors, one_line_errors, prepare_hydra
 from report.evaluation import draw_figures, print_evaluation, restore, score_seeds
 from report.runs import read_run, write_json
 
@@ -44,14 +44,19 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict:
     return results
 
 
-@hydra.main(version_base="1.3", config_path="conf", config_name="evaluate")
+@hydra.main(version_base="1.3", config_path=str(CONF), config_name="evaluate")
 def main(cfg: DictConfig) -> None:
-    if cfg.run is None:
-        raise ValueError("give the folder of a finished run: python evaluate.py run=FOLDER")
-    label = cfg.label or "as_trained"
-    evaluate(cfg, absolute(cfg.run), label)
+    with job_errors():
+        if cfg.run is None:
+            raise ValueError("give the folder of a finished run: python evaluate.py run=FOLDER")
+        evaluate(cfg, absolute(cfg.run), cfg.label or "as_trained")
+
+
+def cli() -> None:
+    """What the command line runs: bad input ends in one line and exit status 1."""
+    with one_line_errors("evaluate"):
+        main()
 
 
 if __name__ == "__main__":
-    with one_line_errors("evaluate"):
-        main()
+    cli()

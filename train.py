@@ -21,7 +21,7 @@ from omegaconf import DictConfig
 from models.checkpoint import save_estimator
 from models.training.assemble import data_from, estimator_from
 from models.training.identification import Identification
-from report.console import job_errors, one_line_errors, prepare_hydra
+from report.console import CONF, job_errors, one_line_errors, prepare_hydra
 from report.runs import CHECKPOINT, begin_run, finish_run
 from report.summary import compare_baselines, log_run, metrics_of, print_line, print_run
 
@@ -53,20 +53,25 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
 
     metrics = metrics_of(cfg, module, data, compare_baselines(baselines, data))
     save_estimator(module.estimator, folder / CHECKPOINT, cfg.model.name)
-    log_run(logger, module, data, metrics)
+    log_run(logger, module, data, metrics, cfg.figures)
     finish_run(folder, metrics)
     return metrics
 
 
-@hydra.main(version_base="1.3", config_path="conf", config_name="train")
+@hydra.main(version_base="1.3", config_path=str(CONF), config_name="train")
 def main(cfg: DictConfig) -> None:
     hydra_cfg = HydraConfig.get()
     folder, in_sweep = Path(hydra_cfg.runtime.output_dir), hydra_cfg.mode == RunMode.MULTIRUN
-    with job_errors(folder, in_sweep):
+    with job_errors(folder if in_sweep else None):
         metrics = identify(cfg, folder)
         (print_line if in_sweep else print_run)(metrics, folder)
 
 
-if __name__ == "__main__":
+def cli() -> None:
+    """What the command line runs: bad input ends in one line and exit status 1."""
     with one_line_errors("train"):
         main()
+
+
+if __name__ == "__main__":
+    cli()

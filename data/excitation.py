@@ -30,8 +30,8 @@ class Waveform(ABC):
         """One record: `record` is its number among all, training before testing."""
 
 
-def _lines(band: Sequence[float], samples: int, dt: float) -> np.ndarray:
-    """Angular frequencies [rad/s] of the harmonics of the record that lie in the band [Hz]."""
+def _harmonics(band: Sequence[float], samples: int, dt: float) -> np.ndarray:
+    """Numbers of the harmonics of the record that lie in the band [Hz], below Nyquist's."""
     low, high = band
     duration, nyquist = samples * dt, 0.5 / dt
     if not 0.0 <= low < high:
@@ -41,22 +41,28 @@ def _lines(band: Sequence[float], samples: int, dt: float) -> np.ndarray:
             f"band={list(band)} Hz reaches above the Nyquist frequency {nyquist:g} Hz; "
             "lower its upper end or data.dt"
         )
-    harmonics = np.arange(
-        max(1, np.ceil(low * duration - 1e-9)), np.floor(high * duration + 1e-9) + 1
-    )
+    first, last = max(1, np.ceil(low * duration - 1e-9)), np.floor(high * duration + 1e-9)
+    harmonics = np.arange(first, min(last, (samples - 1) // 2) + 1, dtype=int)
     if harmonics.size == 0:
         raise ValueError(
             f"band={list(band)} Hz holds no harmonic of a record of {duration:g} s; "
             "widen it or lengthen data.duration"
         )
-    return 2.0 * np.pi * harmonics / duration
+    return harmonics
 
 
-def _sum_of_lines(lines: np.ndarray, cosine: np.ndarray, sine: np.ndarray, t: np.ndarray) -> Signal:
-    """Σ cosine cos(ωt) + sine sin(ωt) and its rate; lines (L,), amplitudes (L, c), t (T,)."""
-    phase = t[:, None] * lines  # (T, L)
-    c, s = np.cos(phase), np.sin(phase)
-    return c @ cosine + s @ sine, c @ (lines[:, None] * sine) - s @ (lines[:, None] * cosine)
+def _sum_of_harmonics(
+    harmonics: np.ndarray, cosine: np.ndarray, sine: np.ndarray, samples: int, dt: float
+) -> Signal:
+    """Σ cosine cos(ωt) + sine sin(ωt), ω = 2π harmonic/(samples dt), and its rate.
+
+    harmonics (L,), amplitudes (L, c) → (T, c) each, by inverse FFT.
+    """
+    spectrum = np.zeros((samples // 2 + 1, cosine.shape[1]), dtype=complex)
+    spectrum[harmonics] = 0.5 * samples * (cosine - 1j * sine)
+    omega = 2.0 * np.pi / (samples * dt) * np.arange(len(spectrum))[:, None]
+    value, rate = (np.fft.irfft(u, n=samples, axis=0) for u in (spectrum, 1j * omega * spectrum))
+    return value, rate
 
 
 @dataclass(frozen=True)
@@ -69,10 +75,10 @@ class BandLimitedGaussian(Waveform):
     def draw(
         self, samples: int, dt: float, channels: int, record: int, rng: np.random.Generator
     ) -> Signal:
-        lines = _lines(self.band, samples, dt)
-        scale = _positive("std", self.std) / np.sqrt(lines.size)
-        cosine, sine = scale * rng.standard_normal((2, lines.size, channels))
-        return _sum_of_lines(lines, cosine, sine, dt * np.arange(samples))
+        harmonics = _harmonics(self.band, samples, dt)
+        scale = _positive("std", self.std) / np.sqrt(harmonics.size)
+        cosine, sine = scale * rng.standard_normal((2, harmonics.size, channels))
+        return _sum_of_harmonics(harmonics, cosine, sine, samples, dt)
 
 
 @dataclass(frozen=True)
@@ -85,11 +91,11 @@ class Multisine(Waveform):
     def draw(
         self, samples: int, dt: float, channels: int, record: int, rng: np.random.Generator
     ) -> Signal:
-        lines = _lines(self.band, samples, dt)
-        amplitude = _positive("std", self.std) * np.sqrt(2.0 / lines.size)
-        phase = rng.uniform(0.0, 2.0 * np.pi, (lines.size, channels))
+        harmonics = _harmonics(self.band, samples, dt)
+        amplitude = _positive("std", self.std) * np.sqrt(2.0 / harmonics.size)
+        phase = rng.uniform(0.0, 2.0 * np.pi, (harmonics.size, channels))
         cosine, sine = amplitude * np.cos(phase), amplitude * np.sin(phase)
-        return _sum_of_lines(lines, cosine, sine, dt * np.arange(samples))
+        return _sum_of_harmonics(harmonics, cosine, sine, samples, dt)
 
 
 @dataclass(frozen=True)
@@ -102,7 +108,7 @@ class SineSweep(Waveform):
     def draw(
         self, samples: int, dt: float, channels: int, record: int, rng: np.random.Generator
     ) -> Signal:
-        _lines(self.band, samples, dt)
+        _harmonics(self.band, samples, dt)  # checks the band
         low, high = 2.0 * np.pi * np.asarray(self.band)
         t = dt * np.arange(samples)[:, None]
         pace = (high - low) / (samples * dt)

@@ -95,19 +95,20 @@ def one_line_errors(config: str) -> Iterator[None]:
 
 
 @contextmanager
-def job_errors(folder: Path, in_sweep: bool) -> Iterator[None]:
-    """A run that fails ends the program, but not a sweep: there the reason goes to its folder."""
+def job_errors(sweep_folder: Path | None = None) -> Iterator[None]:
+    """A run that fails ends the program; a run of a sweep leaves the reason in its folder."""
     try:
         yield
     except Exception as error:
         expected = isinstance(error, EXPECTED)
-        if not in_sweep and not expected:
-            raise
-        fail(f"{folder.name}: {_reason(error)}" if in_sweep else _reason(error))
-        if not in_sweep:
+        if sweep_folder is None:
+            if not expected:
+                raise
+            fail(_reason(error))
             sys.exit(1)
+        fail(f"{sweep_folder.name}: {_reason(error)}")
         trace = "" if expected else traceback.format_exc() + "\n"
-        write_text(folder / FAILED, trace + _reason(error) + "\n")
+        write_text(sweep_folder / FAILED, trace + _reason(error) + "\n")
 
 
 def _explain(error: Exception, config: str) -> str:

@@ -65,9 +65,13 @@ def metrics_of(
 
 
 def log_run(
-    logger: TensorBoardLogger, module: Identification, data: SimulatedData, metrics: dict[str, Any]
+    logger: TensorBoardLogger,
+    module: Identification,
+    data: SimulatedData,
+    metrics: dict[str, Any],
+    figures: bool,
 ) -> None:
-    """Scalars, error over time and figures for TensorBoard."""
+    """Scalars, error over time and, where asked for, figures for TensorBoard."""
     board = logger.experiment
     final = {
         f"{split}/{key}": value
@@ -85,8 +89,9 @@ def log_run(
             board.add_scalar(f"{split}/relative_rms_percent_over_time", over_time[step], step)
     errors = {split: module.scores[split].over_time() for split in SPLITS}
     names = list(data.simulation.structure.elements)
-    for name, figure in run_figures(*module.examples["test"], errors, names).items():
-        board.add_figure(name, figure, close=False)
+    if figures:
+        for name, figure in run_figures(*module.examples["test"], errors, names).items():
+            board.add_figure(name, figure, close=False)
     logger.save()
 
 

@@ -83,7 +83,9 @@ class Score:
         for name, metric in self.against.items():
             errors = metric.compute()
             result[f"relative_rms_percent{name}"] = 100.0 * float(errors["total"])
-            result[f"per_dof_percent{name}"] = [100.0 * e for e in errors["per_dof"].tolist()]
+            result[f"per_dof_percent{name}"] = (
+                100.0 * errors["per_dof"].reshape(-1)  # torchmetrics makes a scalar of one DOF
+            ).tolist()
         return result
 
     def over_time(self) -> Tensor:
