@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from data.structure import Structure
 
@@ -139,6 +138,8 @@ class Given(Waveform):
     def draw(
         self, samples: int, dt: float, channels: int, record: int, rng: np.random.Generator
     ) -> Signal:
+        from scipy.interpolate import CubicSpline  # slow to import, seldom needed
+
         rows, columns = self.values.shape
         if columns != channels or rows < (record + 1) * samples:
             raise ValueError(
@@ -185,6 +186,8 @@ class Excitation:
         for dof in dofs:
             if not 1 <= dof <= structure.dofs:
                 raise ValueError(f"excitation.dofs holds {dof}; the DOFs are 1 … {structure.dofs}")
+        if len(set(dofs)) != len(dofs):
+            raise ValueError(f"excitation.dofs={list(dofs)} names a DOF twice")
         return [dof - 1 for dof in dofs]
 
     def draw(
@@ -210,7 +213,9 @@ class Excitation:
 
     def _growth(self, t: np.ndarray) -> Signal:
         """A half cosine from 0 to 1 over the ramp, and its rate."""
-        if self.ramp <= 0.0:
+        if self.ramp < 0.0:
+            raise ValueError(f"excitation.ramp={self.ramp} s must not be negative")
+        if self.ramp == 0.0:
             return np.ones_like(t), np.zeros_like(t)
         angle = np.pi * np.minimum(t / self.ramp, 1.0)
         return 0.5 - 0.5 * np.cos(angle), 0.5 * np.pi / self.ramp * np.sin(angle)

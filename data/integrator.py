@@ -93,7 +93,10 @@ def _error(k, h, scale):
         estimate = ERROR[0] * k[0, i]
         for j in range(2, 7):
             estimate += ERROR[j] * k[j, i]
-        worst = max(worst, abs(h * estimate) / scale[i])
+        error = abs(h * estimate) / scale[i]
+        if not error < np.inf:  # max() would drop a NaN
+            return np.inf
+        worst = max(worst, error)
     return worst
 
 
@@ -171,17 +174,26 @@ def _allow(q, n, tolerance, scale):
 
 
 @compiled
+def _change_branches(q, branch, n, ends, law, p, place):
+    """Move every element that is past the end of its branch to the next; True if one was."""
+    changed = False
+    for e in range(law.size):
+        if _margin(e, q, branch, n, ends, law, p, place) < 0.0:
+            start, end, z = ends[e, 0], ends[e, 1], 2 * n + e
+            y, ydot = place[0, end] - place[0, start], place[1, end] - place[1, start]
+            branch[e], q[z] = next_branch(law[e], p, e, branch[e], y, ydot, q[z])
+            changed = True
+    return changed
+
+
+@compiled
 def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work):
     """Fill the record sample by sample from rest; returns the time of escape, or −1."""
     n, elements = masses.size, law.size
     size = 2 * (n + elements)
     q, trial, between, k = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros((7, size))
     nodes = n + s.shape[1] + 1  # the last is ground, which stays where it is
-    place, place_trial, place_between = (
-        np.zeros((2, nodes)),
-        np.zeros((2, nodes)),
-        np.zeros((2, nodes)),
-    )
+    place, place_trial, place_between = np.zeros((3, 2, nodes))
     forces, branch = np.zeros(elements), np.zeros(elements, np.int64)
     scale = np.full(2 * n + elements, 1e-9 * tolerance)
     h = dt
@@ -189,6 +201,8 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work)
         start, t, stalled = max(sample - 1, 0) * dt, 0.0, 0
         if sample == 0:
             t = dt
+            _locate(q, n, s, w, 0, dt, 1.0, place)
+            _change_branches(q, branch, n, ends, law, p, place)  # a support may start displaced
             _slope(q, branch, masses, ends, law, p, f, s, w, 0, dt, 1.0, place, k[0], forces)
         while t < dt:
             left, tau = dt - t, t / dt
@@ -196,7 +210,7 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work)
             _step(q, step, branch, masses, ends, law, p, f, s, w, sample, dt, tau,
                   place_trial, k, trial, forces)  # fmt: skip
             error = _error(k, step, scale)
-            if not error <= 1.0:  # NaN too, where a stage overflowed
+            if error > 1.0:
                 h = step * (max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2)
                 if h < SMALLEST_STEP * dt:
                     return start + t
@@ -212,14 +226,7 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work)
                       place_trial, k, trial, forces)  # fmt: skip
             t = dt if step == left else t + step
             q[:], place[:], k[0] = trial, place_trial, k[6]
-            changed = False
-            for e in range(elements):
-                if _margin(e, q, branch, n, ends, law, p, place) < 0.0:
-                    ye = place[0, ends[e, 1]] - place[0, ends[e, 0]]
-                    ydot = place[1, ends[e, 1]] - place[1, ends[e, 0]]
-                    z = 2 * n + e
-                    branch[e], q[z] = next_branch(law[e], p, e, branch[e], ye, ydot, q[z])
-                    changed = True
+            changed = _change_branches(q, branch, n, ends, law, p, place)
             if changed:
                 _slope(q, branch, masses, ends, law, p, f, s, w, sample, dt, t / dt,
                        place, k[0], forces)  # fmt: skip

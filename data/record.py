@@ -115,11 +115,15 @@ class Record:
 
 def stack(records: Sequence[Record]) -> Record:
     """Records of equal length and warm-up as one batch, signals (B, T, c)."""
-    lengths = {(r.samples, r.dofs, r.warmup, r.dt) for r in records}
-    if len(lengths) != 1:
+    kinds = {
+        (r.dt, r.warmup, r.truth is None, *((k, tuple(u.shape)) for k, u in r.signals().items()))
+        for r in records
+    }
+    if len(kinds) != 1:
         raise ValueError(
-            f"records differ in (samples, DOFs, warm-up, dt): {sorted(lengths)}; "
-            "cut them into windows of equal length first"
+            "records differ in (dt, warm-up, truth missing, signals): "
+            f"{' and '.join(map(str, sorted(kinds, key=str)[:2]))}; "
+            "give all the same signals and cut them into windows of equal length"
         )
     rest = iter(zip(*(_tensors(r) for r in records), strict=True))
     return records[0].map(lambda _: torch.stack(next(rest)))

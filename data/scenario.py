@@ -49,6 +49,8 @@ class Noisy(Scenario):
         noisy = {}
         for name in self.signals:
             signal = getattr(record, name)
+            if signal is None:
+                raise ValueError(f"scenario.signals holds {name!r}, which the record lacks")
             noise = torch.from_numpy(rng.standard_normal(signal.shape))
             noisy[name] = signal + self.level * signal.std(dim=-2, keepdim=True) * noise
         return replace(record, **noisy)
@@ -64,7 +66,7 @@ class Integrated(Scenario):
     is usual off line; v[k] and x[k] then depend on a[k] and on what follows.
     """
 
-    cutoff: float = 0.05  # of the high-pass filters [Hz]
+    cutoff: float = 0.02  # of the high-pass filters [Hz]
     order: int = 2
     causal: bool = True
 
@@ -81,7 +83,7 @@ class Integrated(Scenario):
         return replace(record, x=torch.from_numpy(x), v=torch.from_numpy(v))
 
     def _high_pass(self, signal: np.ndarray, dt: float) -> np.ndarray:
-        from scipy.signal import butter, sosfilt, sosfiltfilt  # slow to import, seldom needed
+        from scipy.signal import butter, sosfilt  # slow to import, seldom needed
 
         nyquist = 0.5 / dt
         if not 0.0 < self.cutoff < nyquist:
@@ -92,7 +94,10 @@ class Integrated(Scenario):
         if self.order < 1:
             raise ValueError(f"scenario.order={self.order} must be at least 1")
         sos = butter(self.order, self.cutoff, "highpass", fs=1.0 / dt, output="sos")
-        return np.ascontiguousarray((sosfilt if self.causal else sosfiltfilt)(sos, signal, axis=0))
+        filtered = sosfilt(sos, signal, axis=0)
+        if not self.causal:  # from rest both ways: padded ends would be integrated into a drift
+            filtered = sosfilt(sos, filtered[::-1], axis=0)[::-1]
+        return np.ascontiguousarray(filtered)
 
 
 def _trapezoid(rate: np.ndarray, dt: float) -> np.ndarray:

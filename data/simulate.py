@@ -54,6 +54,8 @@ def simulate(
     A motion that escapes is returned with its `escape_time`.
     """
     T, n, E = len(force), structure.dofs, len(structure.elements)
+    if (support is None) != (support_velocity is None):
+        raise ValueError("give support and support_velocity together, or neither")
     if support is None or support_velocity is None:
         support = support_velocity = np.zeros((T, structure.supports))
     for name, array, width in (

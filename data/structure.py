@@ -12,7 +12,6 @@ import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import scipy.linalg
 
 from data.elements import Element
 
@@ -98,5 +97,10 @@ class Structure:
 
     def natural_frequencies(self) -> np.ndarray:
         """Undamped natural frequencies [Hz] of the linearised structure, ascending (n,)."""
+        from scipy.linalg import eigh  # slow to import, seldom needed
+
         M, _, K = self.linearised()
-        return np.sqrt(np.abs(scipy.linalg.eigh(K, M, eigvals_only=True))) / (2.0 * np.pi)
+        squares = eigh(K, M, eigvals_only=True)
+        if squares[0] < -1e-9 * abs(squares[-1]):
+            raise ValueError("the structure is unstable at rest: its stiffness has a negative mode")
+        return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)

@@ -4,10 +4,10 @@
     python -m report.calibration --confirm  only confirm the values in conf/system
 
 For each system a grid is searched on its own seeds. A setting is better if more of the paper's two
-VWNN cells (training and testing, Tables 3–5) lie inside the range over seeds; among equals, if the
-medians and the peak acceleration (±10, ±100, ±10, Sect. 3.3.1) are nearer on a logarithmic scale.
-Settings at which motions escape are passed over. The choice is then confirmed on seeds 0 … 19,
-which took no part in it.
+VWNN cells (training and testing, Tables 3–5) lie between the 5th and 95th percentile over seeds;
+among equals, if the medians and the peak acceleration (±10, ±100, ±10, Sect. 3.3.1) are nearer on a
+logarithmic scale. Settings at which more motions escape are passed over. The choice is then
+confirmed on fresh seeds, which took no part in it, by the full range over them.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from statistics import median
 
+import numpy as np
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 from rich.console import Console
@@ -30,12 +31,12 @@ from models.training.metrics import score
 from report.console import CONF, prepare_hydra
 from report.paper import paper_values
 
-SEARCH_SEEDS, FRESH_SEEDS = range(1000, 1040), range(20)
+SEARCH_SEEDS, FRESH_SEEDS = range(1000, 1040), range(2000, 2020)
 PEAKS = {"bilinear": 10.0, "polynomial": 100.0, "bouc_wen": 10.0}  # [m/s²]
 GRID = {  # upper end of the band [Hz], standard deviation [N]
-    "bilinear": ([4.0, 4.25, 4.5, 4.75], [1.3, 1.5, 1.7]),
-    "polynomial": ([3.0, 3.2, 3.4, 3.6], [11.0, 12.0, 13.0, 14.0]),
-    "bouc_wen": ([2.8, 3.0, 3.2, 3.4], [1.1, 1.2, 1.3]),
+    "bilinear": ([4.25, 4.5, 4.75], [1.3, 1.5, 1.7]),
+    "polynomial": ([3.0, 3.2, 3.4, 3.6], [11.0, 12.0, 13.0]),
+    "bouc_wen": ([3.0, 3.2, 3.4], [1.1, 1.2, 1.3]),
 }
 
 
@@ -73,10 +74,14 @@ def printed(system: str) -> dict[str, float]:
     return {split: values[split]["relative_rms_percent"] for split in ("train", "test")}
 
 
-def inside(cells: Cells, system: str) -> list[str]:
-    """The splits whose printed value lies inside our range."""
-    paper = printed(system)
-    return [s for s in paper if min(getattr(cells, s)) <= paper[s] <= max(getattr(cells, s))]
+def inside(cells: Cells, system: str, tail: float = 0.0) -> list[str]:
+    """The splits whose printed value lies in our range, less a fraction `tail` at either end."""
+    paper, hits = printed(system), []
+    for split in paper:
+        low, high = np.quantile(getattr(cells, split), [tail, 1.0 - tail])
+        if low <= paper[split] <= high:
+            hits.append(split)
+    return hits
 
 
 def distance(cells: Cells, system: str) -> float:
@@ -105,7 +110,7 @@ def search(base: DictConfig, system: str, console: Console) -> tuple[float, floa
     for high, std in track(list(product(*GRID[system])), system, console=console, transient=True):
         excitation = {"band": [0.0, high], "std": std}
         cells = run_seeds(changed(base, {"system": {"excitation": excitation}}), SEARCH_SEEDS)
-        count, far = len(inside(cells, system)), distance(cells, system)
+        count, far = len(inside(cells, system, tail=0.05)), distance(cells, system)
         ranked.append((cells.escaped, -count, far, high, std))
         row = [f"0–{high:g}", f"{std:g}", _range(cells.train), _range(cells.test)]
         table.add_row(*row, _range(cells.peak), f"{count}/2", f"{far:.4f}", str(cells.escaped))

@@ -110,10 +110,12 @@ def test_readme_and_docs_commands_compose():
         for program, rest in re.findall(
             r"python (train|evaluate)\.py([^\n`]*)", page.read_text("utf-8")
         ):
+            if "my_" in rest:  # about files that the reader makes
+                continue
             words = [w for w in shlex.split(rest, comments=True) if "=" in w]
             words = [w for w in words if not w.startswith(("hydra.", "hydra/"))]
-            # a sweep's lists are tried by their first value; files the reader makes are skipped
-            words = [re.sub(r",(?![^\[]*\]).*", "", w) for w in words if "my_" not in w]
+            # a sweep's lists are tried by their first value
+            words = [re.sub(r",(?![^\[]*\]).*", "", w) for w in words]
             composed(*words, config=program)
             seen += 1
     assert seen >= 5

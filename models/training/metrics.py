@@ -90,7 +90,7 @@ class Score:
 
     def over_time(self) -> Tensor:
         """Eq. 21 up to each sample, against the measured signal, as a fraction (T,)."""
-        return self.against[""].compute()["over_time"]
+        return self.against[""].compute()["over_time"].reshape(-1)
 
 
 def score(estimator: Estimator, batches: Iterable[Record]) -> dict[str, Any]:

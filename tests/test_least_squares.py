@@ -1,0 +1,147 @@
+"""Closed-form solutions: planted weights, rank, condition and scale."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from models.layers.least_squares import LeastSquares, RankDeficientError
+
+RNG = np.random.default_rng(0)
+PHI = torch.from_numpy(RNG.standard_normal((200, 7)))
+Y = torch.from_numpy(RNG.standard_normal((200, 3)))
+
+
+def solve(phi, y, ridge=0.0):
+    fit = LeastSquares(ridge)
+    fit.add(phi, y)
+    return fit.solve()
+
+
+def ill_conditioned(condition: float) -> torch.Tensor:
+    """Features of unit length and about this condition, (300, 6)."""
+    rng = np.random.default_rng(1)
+    left = np.linalg.qr(rng.standard_normal((300, 6)))[0]
+    right = np.linalg.qr(rng.standard_normal((6, 6)))[0]
+    features = left * np.geomspace(1.0, 1.0 / condition, 6) @ right
+    return torch.from_numpy(features / np.linalg.norm(features, axis=0))
+
+
+def test_the_solution_is_that_of_numpy():
+    weights, _, rank, _ = np.linalg.lstsq(PHI.numpy(), Y.numpy())
+    solution = solve(PHI, Y)
+    assert np.abs(solution.weights.numpy() - weights).max() < 1e-13
+    assert solution.rank == rank
+    assert 1.0 < solution.condition < 3.0
+
+
+def test_planted_weights_are_recovered():
+    planted = torch.from_numpy(RNG.standard_normal((7, 3)))
+    assert torch.allclose(solve(PHI, PHI @ planted).weights, planted, rtol=1e-12)
+
+
+def test_the_residual_is_orthogonal_to_the_features():
+    residual = Y - PHI @ solve(PHI, Y).weights
+    assert (PHI.T @ residual).abs().max() < 1e-12
+
+
+@pytest.mark.parametrize("cuts", [[1], [3, 5, 100], list(range(1, 30))])
+def test_chunks_of_any_length_equal_the_whole(cuts):
+    fit = LeastSquares()
+    for phi, y in zip(torch.tensor_split(PHI, cuts), torch.tensor_split(Y, cuts), strict=True):
+        fit.add(phi, y)
+    solution, whole = fit.solve(), solve(PHI, Y)
+    assert torch.allclose(solution.weights, whole.weights, rtol=0, atol=1e-13)
+    assert solution.condition == pytest.approx(whole.condition, rel=1e-10)
+    assert fit.samples == 200
+
+
+def test_a_batch_of_records_counts_all_their_samples():
+    batch = solve(PHI.reshape(4, 50, 7), Y.reshape(4, 50, 3))
+    assert torch.allclose(batch.weights, solve(PHI, Y).weights, rtol=0, atol=1e-13)
+
+
+def test_ill_conditioned_features_lose_their_condition_and_not_its_square():
+    phi, planted = ill_conditioned(1e10), torch.ones(6, 2).double()
+    solution = solve(phi, phi @ planted)
+    assert 1e9 < solution.condition < 1e11
+    assert solution.rank == 6
+    assert (solution.weights - planted).abs().max() < 1e-4
+    normal = torch.linalg.pinv(phi.T @ phi, rtol=0.0) @ (phi.T @ (phi @ planted))
+    assert (normal - planted).abs().max() > 100 * (solution.weights - planted).abs().max()
+
+
+@pytest.mark.parametrize("power", [9, 12])
+def test_weights_follow_the_units_of_the_features(power):
+    scale = torch.logspace(-power, power, 7, dtype=torch.float64)
+    one, scaled = solve(PHI, Y), solve(PHI * scale, Y)
+    assert torch.allclose(scaled.weights * scale[:, None], one.weights, rtol=1e-10)
+    assert scaled.condition == pytest.approx(one.condition, rel=1e-6)
+    assert scaled.rank == 7
+
+
+def test_a_ridge_does_not_depend_on_units_and_on_how_often_data_repeat():
+    scale = torch.logspace(-6, 6, 7, dtype=torch.float64)
+    one, scaled = solve(PHI, Y, 0.1), solve(PHI * scale, Y, 0.1)
+    assert torch.allclose(scaled.weights * scale[:, None], one.weights, rtol=1e-8)
+    twice = solve(torch.cat([PHI, PHI]), torch.cat([Y, Y]), 0.1)
+    assert torch.allclose(twice.weights, one.weights, rtol=1e-10)
+
+
+def test_a_ridge_penalises_the_weights_of_unit_columns():
+    length = torch.linalg.vector_norm(PHI, dim=0)
+    unit = PHI / length
+    by_hand = torch.linalg.solve(unit.T @ unit + 0.1 * torch.eye(7).double(), unit.T @ Y)
+    assert torch.allclose(solve(PHI, Y, 0.1).weights, by_hand / length[:, None], rtol=1e-10)
+
+
+def test_a_duplicated_channel_is_named_as_rank_deficiency():
+    with pytest.raises(RankDeficientError, match=r"7 of 8 are independent in 200 samples") as error:
+        solve(torch.cat([PHI, 2.0 * PHI[:, :1]], dim=1), Y)
+    assert "duplicate or silent channel" in str(error.value)
+    assert "model.ridge=1e-8" in str(error.value)
+
+
+def test_a_silent_channel_is_rank_deficiency():
+    with pytest.raises(RankDeficientError, match="7 of 8"):
+        solve(torch.cat([PHI, torch.zeros(200, 1).double()], dim=1), Y)
+
+
+def test_fewer_samples_than_features_are_rank_deficiency():
+    with pytest.raises(RankDeficientError, match=r"5 of 7 .* in 5 samples \(condition inf\)"):
+        solve(PHI[:5], Y[:5])
+
+
+def test_a_ridge_solves_what_is_rank_deficient_and_shares_between_duplicates():
+    planted = torch.ones(8, 1).double()
+    phi = torch.cat([PHI, PHI[:, :1]], dim=1)
+    solution = solve(phi, phi @ planted, 1e-10)
+    assert solution.rank == 7
+    assert torch.allclose(solution.weights, planted, atol=1e-6)
+    silent = solve(torch.cat([PHI, torch.zeros(200, 1).double()], dim=1), Y, 1e-10)
+    assert silent.weights[7].abs().max() == 0.0
+    assert torch.allclose(silent.weights[:7], solve(PHI, Y).weights, atol=1e-8)
+
+
+@pytest.mark.parametrize("ridge", [-1e-8, float("nan"), float("inf")])
+def test_a_ridge_that_is_no_penalty_is_refused(ridge):
+    with pytest.raises(ValueError, match=r"model\.ridge="):
+        LeastSquares(ridge)
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_broken_signals_are_refused(bad):
+    broken = PHI.clone()
+    broken[3, 2] = bad
+    with pytest.raises(ValueError, match="NaN or infinite"):
+        solve(broken, Y)
+    with pytest.raises(ValueError, match="NaN or infinite"):
+        solve(Y, broken)
+
+
+def test_unequal_samples_and_no_samples_are_refused():
+    with pytest.raises(ValueError, match="200 samples of features, 199 of targets"):
+        solve(PHI, Y[1:])
+    with pytest.raises(ValueError, match="no samples"):
+        LeastSquares().solve()
