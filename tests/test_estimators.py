@@ -15,6 +15,7 @@ from data.record import Record, Truth, stack
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
 from models.estimator import Estimator
 from models.linear import EquivalentLinear
+from models.polynomial import ModalPolynomial
 from models.training.metrics import score
 from models.vwnn import VWNN
 
@@ -25,12 +26,16 @@ ESTIMATORS = {
     "vwnn_order_3": partial(VWNN, order=3),
     "vwnn_unfiltered": partial(VWNN, order=2, unfiltered_excitation=True),
     "equivalent_linear": EquivalentLinear,
+    "power_series_residual": partial(ModalPolynomial, fits="residual", order=3),
+    "power_series_restoring_force": partial(ModalPolynomial, fits="restoring_force", order=3),
+    "chebyshev_restoring_force": partial(ModalPolynomial, basis="chebyshev", order=3),
     "last_value": LastValue,
     "two_point": TwoPoint,
     "filtered_extrapolation": FilteredExtrapolation,
 }
-SOLVED = [name for name in ESTIMATORS if "vwnn" in name or name == "equivalent_linear"]
-SEE_ACCELERATION = [name for name in ESTIMATORS if name != "equivalent_linear"]
+SEE_STATE = [name for name in ESTIMATORS if "linear" in name or "_r" in name]
+SEE_ACCELERATION = [name for name in ESTIMATORS if name not in SEE_STATE]
+SOLVED = [name for name in ESTIMATORS if "vwnn" in name or name in SEE_STATE]
 SEE_FORCE = SOLVED
 
 
@@ -145,7 +150,9 @@ def test_an_estimator_that_was_not_identified_says_so(bilinear_record, name):
 @pytest.mark.parametrize("name", SOLVED)
 def test_identification_is_solved_and_leaves_nothing_to_a_solver(identified, name):
     assert not any(p.requires_grad for p in identified[name].parameters())
-    assert identified[name].identified_parameters == identified[name].weights.numel()
+    heads = dict(identified[name].named_parameters())
+    assert identified[name].identified_parameters == sum(w.numel() for w in heads.values())
+    assert heads
 
 
 def test_a_record_of_another_time_step_is_refused(estimator, bilinear_record):

@@ -1,0 +1,154 @@
+"""Polynomial restoring forces in modal coordinates, on top of the equivalent linear system.
+
+u = Φ⁻¹ x,  h_i = Σ C_kl T_k(u_i') T_l(u̇_i')    Brewick & Masri (2016), Sect. 2.2, Eqs. 8–17
+    on the residual:         h = Φᵀ M⁻¹ f_NL,   ẍ̂ = linear − Φ⁻ᵀ h      (Eqs. 9, 11a)
+    on the restoring force:  h = Φᵀ r,          ẍ̂ = M⁻¹ (f − Φ⁻ᵀ h)     (Eqs. 10, 11b)
+
+n DOFs, T samples, P = (order + 1)² terms per mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor, nn
+
+from data.record import Record
+from models.estimator import weight_matrix
+from models.layers.least_squares import LeastSquares
+from models.layers.series import BASES, double_series
+from models.linear import EquivalentLinear
+
+
+class ModalPolynomial(EquivalentLinear):
+    """A double series per mode, fitted to the residual or to the whole restoring force.
+
+    fits: "residual" or "restoring_force"; basis: "power" or "chebyshev"; order: highest power of
+    the modal displacement and of the modal velocity. The identified M⁻¹K is not symmetric and may
+    have complex modes; a complex pair is replaced by its real and imaginary part, which span the
+    same motion.  Coordinates are normalised by their extents in training (Eq. 23), which unseen
+    motion may exceed.  Raises ValueError unless every DOF has its force, and where the identified
+    mass matrix or the modes are singular.
+    """
+
+    modes: Tensor
+    centre: Tensor
+    reach: Tensor
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        fits: str = "restoring_force",
+        basis: str = "power",
+        order: int = 5,
+        ridge: float = 0.0,
+    ) -> None:
+        super().__init__(dofs, inputs, dt, ridge)
+        if inputs != dofs:
+            raise ValueError(
+                f"polynomial methods need one force per DOF to identify the mass matrix; there are "
+                f"{inputs} channels of excitation for {dofs} DOFs"
+            )
+        if fits not in ("residual", "restoring_force") or basis not in BASES or order < 1:
+            raise ValueError(
+                f"fits={fits!r}, basis={basis!r}, order={order}: expected residual or "
+                "restoring_force, power or chebyshev, and at least 1"
+            )
+        self.fits, self.basis, self.order = fits, basis, order
+        self.register_buffer("modes", torch.eye(dofs, dtype=torch.float64))  # Φ
+        self.register_buffer("centre", torch.zeros(2, dofs, dtype=torch.float64))
+        self.register_buffer("reach", torch.ones(2, dofs, dtype=torch.float64))
+        terms = (order + 1) ** 2
+        self.coefficients = nn.ParameterList([weight_matrix(terms, 1) for _ in range(dofs)])
+
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        super().identify(batches)
+        self.modes.copy_(real_modes(self.matrices()[1]))
+        self._require_regular()
+        self._set_extents(batches)
+        fits = [LeastSquares(self.ridge) for _ in range(self.dofs)]
+        for record in batches:
+            counted = slice(record.warmup, None)
+            h = self._target(record)[..., counted, :]
+            for i, terms in enumerate(self._terms(record)):
+                fits[i].add(terms[..., counted, :], h[..., i : i + 1])
+        solutions = [fit.solve() for fit in fits]
+        for weights, solution in zip(self.coefficients, solutions, strict=True):
+            weights.copy_(solution.weights)
+        return {
+            "rank": min(s.rank for s in solutions),
+            "condition": max(s.condition for s in solutions),
+        }
+
+    def forward(self, record: Record) -> Tensor:
+        self.require_identified(self.coefficients[0])
+        pairs = zip(self._terms(record), self.coefficients, strict=True)
+        h = torch.cat([terms @ weights for terms, weights in pairs], dim=-1)  # (…, T, n)
+        force = torch.linalg.solve(self.modes.T, h.transpose(-1, -2)).transpose(-1, -2)  # Φ⁻ᵀ h
+        if self.fits == "residual":
+            return super().forward(record) - force
+        return (record.f - force) @ self.matrices()[2].T
+
+    def _target(self, record: Record) -> Tensor:
+        """h (…, T, n), from the measured acceleration of the training motion."""
+        if (
+            self.fits == "residual"
+        ):  # M⁻¹ f_NL is the linear estimate less the measured acceleration
+            return (super().forward(record) - record.a) @ self.modes
+        inverse_mass = self.matrices()[2]
+        inertia = torch.linalg.solve(inverse_mass, record.a.transpose(-1, -2)).transpose(-1, -2)
+        return (record.f - inertia) @ self.modes
+
+    def _modal(self, record: Record) -> Tensor:
+        """u and u̇ (…, T, 2, n)."""
+        self.check(record)
+        x, v = record.x, record.v
+        assert x is not None
+        assert v is not None
+        return torch.linalg.solve(self.modes, torch.stack([x, v], dim=-1)).transpose(-1, -2)
+
+    def _terms(self, record: Record) -> list[Tensor]:
+        """For each mode the terms of its series (…, T, P)."""
+        scaled = (self._modal(record) - self.centre) / self.reach
+        q, q_dot = scaled[..., 0, :], scaled[..., 1, :]
+        return [
+            double_series(self.basis, self.order, q[..., i], q_dot[..., i])
+            for i in range(self.dofs)
+        ]
+
+    def _set_extents(self, batches: Iterable[Record]) -> None:
+        """Eq. 23: middle and half range of each modal coordinate and rate in training."""
+        modal = [self._modal(record).flatten(0, -3) for record in batches]
+        low = torch.stack([u.amin(dim=0) for u in modal]).amin(dim=0)
+        high = torch.stack([u.amax(dim=0) for u in modal]).amax(dim=0)
+        self.centre.copy_(0.5 * (high + low))
+        self.reach.copy_(0.5 * (high - low))
+
+    def _require_regular(self) -> None:
+        named = {"inverse mass matrix": self.matrices()[2], "mode matrix": self.modes}
+        for name, matrix in named.items():
+            condition = float(torch.linalg.cond(matrix))
+            if not condition < 1e10:
+                raise ValueError(
+                    f"the identified {name} is singular (condition {condition:.1e}); the motion "
+                    "does not determine it: use more or stronger data"
+                )
+
+
+def real_modes(matrix: Tensor) -> Tensor:
+    """Real basis Φ (n, n) of the eigenvectors of a real matrix, columns of unit length.
+
+    Ordered by the eigenvalues' real part. A complex pair gives its real and imaginary part.
+    """
+    values, vectors = torch.linalg.eig(matrix)
+    columns, order = [], torch.argsort(values.real)
+    for i in order.tolist():
+        if values[i].imag == 0.0:
+            columns.append(vectors[:, i].real)
+        elif values[i].imag > 0.0:
+            columns += [vectors[:, i].real, vectors[:, i].imag]
+    modes = torch.stack(columns, dim=1)
+    return modes / torch.linalg.vector_norm(modes, dim=0)

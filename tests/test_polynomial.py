@@ -1,0 +1,152 @@
+"""Polynomial methods: planted restoring forces, equal spans, extents, modes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from numpy.polynomial import chebyshev as numpy_chebyshev
+
+from data.elements import Polynomial
+from data.excitation import BandLimitedGaussian, Excitation
+from data.record import Record
+from data.structure import Structure
+from models.layers.series import chebyshev, double_series, powers
+from models.linear import EquivalentLinear
+from models.polynomial import ModalPolynomial, real_modes
+from models.training.metrics import score
+
+FORCE = Excitation(force=BandLimitedGaussian(std=12.0, band=(0.0, 3.4)))
+METHODS = {
+    "power_series_residual": {"fits": "residual", "basis": "power"},
+    "power_series_restoring_force": {"fits": "restoring_force", "basis": "power"},
+    "chebyshev_restoring_force": {"fits": "restoring_force", "basis": "chebyshev"},
+}
+
+
+def identified(records: list[Record], **choices) -> ModalPolynomial:
+    estimator = ModalPolynomial(records[0].dofs, records[0].dofs, records[0].dt, **choices)
+    estimator.identify(records)
+    return estimator
+
+
+@pytest.fixture(scope="module")
+def duffing_record(record_of):
+    """A mass on a cubic spring: its force is in the space of the series."""
+    spring = Polynomial(between=("ground", "x1"), stiffness=40.0, damping=0.5, cubic_stiffness=30.0)
+    return record_of(Structure([1.0], {"spring": spring}), FORCE, 20.0)
+
+
+@pytest.fixture(scope="module")
+def polynomial_record(polynomial_structure, record_of):
+    return record_of(polynomial_structure, FORCE, 20.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_planted_cubic_spring_is_recovered_to_rounding(duffing_record, method, monkeypatch):
+    def true_linear_part(self, batches):
+        self.weights.copy_(torch.tensor([[-0.5], [-40.0], [1.0]]).double())
+
+    monkeypatch.setattr(EquivalentLinear, "identify", true_linear_part)
+    estimator = identified([duffing_record], **METHODS[method])
+    assert score(estimator, [duffing_record])["relative_rms_percent"] < 1e-9
+    u, u_dot = duffing_record.x[:, 0], duffing_record.v[:, 0]
+    larger = replace(duffing_record.map(lambda signal: 1.2 * signal), truth=None)  # unseen motion
+    wanted = larger.f[:, 0] - 40.0 * 1.2 * u - 0.5 * 1.2 * u_dot - 30.0 * (1.2 * u) ** 3
+    assert torch.allclose(estimator(larger)[:, 0], wanted, rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_least_squares_mass_is_what_a_cubic_spring_is_missed_by(duffing_record, method):
+    """Eq. 8 takes part of the cubic force for mass, so that the series cannot be exact."""
+    estimator = identified([duffing_record], **METHODS[method])
+    assert abs(float(estimator.matrices()[2]) - 1.0) > 1e-4
+    assert 1e-3 < score(estimator, [duffing_record])["relative_rms_percent"] < 20.0
+
+
+@pytest.mark.parametrize("fits", ["residual", "restoring_force"])
+def test_powers_and_chebyshev_polynomials_agree(polynomial_record, fits):
+    power = identified([polynomial_record], fits=fits, basis="power")
+    cheb = identified([polynomial_record], fits=fits, basis="chebyshev")
+    scale = polynomial_record.a.abs().max()
+    assert (power(polynomial_record) - cheb(polynomial_record)).abs().max() < 1e-10 * scale
+
+
+def test_series_hold_all_products_and_know_numpy_chebyshev():
+    q, q_dot = torch.linspace(-1.3, 1.3, 9, dtype=torch.float64), torch.full((9,), 0.4).double()
+    assert double_series("power", 5, q, q_dot).shape == (9, 36)
+    assert torch.allclose(powers(q, 5)[:, 4], q**4)
+    for k in range(6):
+        wanted = numpy_chebyshev.chebval(q.numpy(), np.eye(6)[k])
+        assert np.allclose(chebyshev(q, 5)[:, k].numpy(), wanted, atol=1e-13)
+    product = powers(q, 2)[:, 2] * powers(q_dot, 2)[:, 1]
+    assert torch.allclose(double_series("power", 2, q, q_dot)[:, 2 * 3 + 1], product)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_extents_are_those_of_training_alone(polynomial_record, method):
+    estimator = identified([polynomial_record], **METHODS[method])
+    before = estimator.reach.clone()
+    larger = polynomial_record.map(lambda u: 3.0 * u)
+    estimator(larger)
+    assert torch.equal(estimator.reach, before)
+    scaled = (estimator._modal(polynomial_record) - estimator.centre) / estimator.reach
+    assert torch.allclose(scaled.amax(dim=0), torch.ones(2, 3).double())
+    assert torch.allclose(scaled.amin(dim=0), -torch.ones(2, 3).double())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_renumbered_masses_give_renumbered_estimates(polynomial_record, method):
+    order = [2, 0, 1]
+    renumbered = replace(polynomial_record.map(lambda u: u[..., order]), truth=None)
+    one = identified([polynomial_record], **METHODS[method])(polynomial_record)
+    other = identified([renumbered], **METHODS[method])(renumbered)
+    assert torch.allclose(other, one[..., order], rtol=0.0, atol=1e-8 * float(one.abs().max()))
+
+
+def test_more_terms_never_fit_training_worse(polynomial_record):
+    errors = [
+        score(identified([polynomial_record], fits="residual", order=order), [polynomial_record])
+        for order in (1, 3, 5)
+    ]
+    totals = [error["relative_rms_percent"] for error in errors]
+    assert totals[0] > totals[1] > totals[2]
+
+
+def test_complex_modes_become_a_real_basis_of_the_same_motion():
+    turning = torch.tensor([[2.0, -1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 5.0]]).double()
+    modes = real_modes(turning)
+    assert torch.linalg.cond(modes) < 10.0
+    block = torch.linalg.solve(modes, turning @ modes)
+    assert torch.allclose(block[2, :2], torch.zeros(2).double(), atol=1e-12)
+    assert torch.allclose(block[:2, 2], torch.zeros(2).double(), atol=1e-12)
+
+
+def test_real_modes_of_a_frame_are_its_modes(linear_structure):
+    M, _, K = linear_structure.linearised()
+    matrix = torch.from_numpy(np.linalg.solve(M, K))
+    modes = real_modes(matrix)
+    values = torch.linalg.solve(modes, matrix @ modes)
+    frequencies = np.sqrt(np.diag(values.numpy())) / (2.0 * np.pi)
+    assert np.allclose(frequencies, linear_structure.natural_frequencies())
+
+
+def test_a_mass_matrix_that_the_motion_does_not_determine_is_named(polynomial_record):
+    estimator = ModalPolynomial(3, 3, 0.01)
+    estimator.identify([polynomial_record])
+    estimator.weights[-3:, 1] = 0.0
+    with pytest.raises(ValueError, match="inverse mass matrix is singular"):
+        estimator._require_regular()
+
+
+def test_fewer_forces_than_masses_are_refused():
+    with pytest.raises(ValueError, match="one force per DOF"):
+        ModalPolynomial(3, 1, 0.01)
+
+
+@pytest.mark.parametrize("wrong", [{"fits": "mass"}, {"basis": "fourier"}, {"order": 0}])
+def test_unknown_choices_are_refused(wrong):
+    with pytest.raises(ValueError, match="expected residual or restoring_force"):
+        ModalPolynomial(3, 3, 0.01, **wrong)
