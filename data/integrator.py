@@ -72,7 +72,7 @@ def _slope(q, branch, masses, ends, law, p, f, s, w, sample, dt, tau, place, dq,
         dq[n + i] /= masses[i]
 
 
-@compiled
+@inlined
 def _step(q0, h, branch, masses, ends, law, p, f, s, w, sample, dt, tau0, place, k, q1, r):
     """One Dormand–Prince step from q0, whose slope is k[0]; leaves q1, its slope k[6] and its r."""
     for stage in range(6):
@@ -85,7 +85,7 @@ def _step(q0, h, branch, masses, ends, law, p, f, s, w, sample, dt, tau0, place,
         _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau, place, k[stage + 1], r)
 
 
-@compiled
+@inlined
 def _error(k, h, scale):
     """Largest estimated error of x, v and z, in units of what is allowed for each."""
     worst = 0.0
@@ -140,7 +140,7 @@ def _crossing(e, start, high, at_end, q0, q1, k, h, branch, n, ends, law, p, s, 
     return high
 
 
-@compiled
+@inlined
 def _first_corner(q0, place0, q1, place1, k, h, branch, n, ends, law, p, s, w, sample, dt, tau0,
                   place, q):  # fmt: skip
     """Fraction of a step at which the first element leaves its branch; 1 where none does."""
@@ -161,7 +161,7 @@ def _first_corner(q0, place0, q1, place1, k, h, branch, n, ends, law, p, s, w, s
     return cut
 
 
-@compiled
+@inlined
 def _allow(q, n, tolerance, scale):
     """Allowed errors: tolerance × size so far, one size for all x, one for all v, one per z."""
     for i in range(n):
@@ -173,7 +173,7 @@ def _allow(q, n, tolerance, scale):
         scale[i] = max(scale[i], tolerance * abs(q[i]))
 
 
-@compiled
+@inlined
 def _change_branches(q, branch, n, ends, law, p, place):
     """Move every element that is past the end of its branch to the next; True if one was."""
     changed = False

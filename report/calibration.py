@@ -6,8 +6,9 @@
 For each system a grid is searched on its own seeds. The best setting has the most of the paper's
 cells of the closed-form methods (Tables 3–5: VWNN and the polynomial methods, training and testing)
 inside the range over these seeds; among equals, the medians and the peak acceleration (±10, ±100,
-±10, Sect. 3.3.1) that are nearest to the paper's on a logarithmic scale. Settings at which motions
-escape are passed over. The choice is then confirmed on fresh seeds, which took no part in it.
+±10, Sect. 3.3.1) that are nearest to the paper's on a logarithmic scale. A setting at which a
+motion of any of 200 further seeds escapes is no default for anybody and is passed over.
+The choice is then confirmed on fresh seeds, which took no part in it.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from report.console import CONF, prepare_hydra
 from report.paper import paper_values
 
 SEARCH_SEEDS, FRESH_SEEDS = range(1000, 1024), range(3000, 3020)
+ESCAPE_SEEDS = range(4000, 4200)
 METHODS = (
     "vwnn",
     "power_series_residual",
@@ -111,7 +113,7 @@ def search(
         )
         count = sum(inside(draws.errors[cell], v) for cell, v in printed(system).items())
         far = distance(draws, system)
-        ranked.append((draws.escaped, -count, far, high, std))
+        ranked.append((-count, far, high, std))
         pairs = [
             " / ".join(f"{median(draws.errors[method, s]):.2f}" for s in ("train", "test"))
             for method in (METHODS[0], METHODS[1], METHODS[3])
@@ -119,9 +121,28 @@ def search(
         last = [f"{median(draws.peaks):.1f}", f"{count}/8", f"{far:.3f}", str(draws.escaped)]
         table.add_row(f"0–{high:g}", f"{std:g}", *pairs, *last)
     console.print(table)
-    *_, high, std = min(ranked)
-    console.print(f"chosen: band 0–{high:g} Hz, std {std:g} N\n")
-    return high, std
+    for *_, high, std in sorted(ranked):
+        setting = changed(base, {"system": {"excitation": {"band": [0.0, high], "std": std}}})
+        escapes = count_escapes(setting)
+        chosen = escapes == 0
+        console.print(
+            f"{'chosen' if chosen else 'passed over'}: band 0–{high:g} Hz, std {std:g} N; "
+            f"{escapes} of {len(ESCAPE_SEEDS)} seeds escape"
+        )
+        if chosen:
+            return high, std
+    raise ValueError(f"{system}: motions escape at every setting of the grid")
+
+
+def count_escapes(cfg: DictConfig) -> int:
+    """Seeds of which the training or the test motion escapes."""
+    count = 0
+    for seed in ESCAPE_SEEDS:
+        try:
+            data_from(changed(cfg, {"seed": seed})).setup()
+        except EscapedMotionError:
+            count += 1
+    return count
 
 
 def confirm(configs: dict[str, DictConfig], models: dict, console: Console) -> None:
