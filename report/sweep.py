@@ -23,7 +23,7 @@ class SweepSummary(Callback):
         folder = Path(config.hydra.sweep.dir)
         done = [json.loads(path.read_text("utf-8")) for path in sorted(folder.glob(f"*/{METRICS}"))]
         failed = sorted(folder.glob(f"*/{FAILED}"))
-        console = Console(width=None if Console().is_terminal else 110)
+        console = Console(width=None if Console().is_terminal else 130)
         if done:
             console.print(sweep_table(done))
         for path in failed:
