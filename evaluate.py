@@ -15,7 +15,7 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig
 
-from models.training.assemble import changed, data_from
+from models.training.assemble import changed
 from report.console import CONF, absolute, job_errors, one_line_errors, prepare_hydra
 from report.evaluation import draw_figures, print_evaluation, restore, score_seeds
 from report.runs import read_run, write_json
@@ -26,16 +26,15 @@ prepare_hydra()
 def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict:
     """Scores of a run under the changes in `cfg`, saved with figures in its `evaluation/`."""
     run, metrics = read_run(folder)
+    estimator = restore(run, folder)
     changes = {key: value for key, value in cfg.data.items() if value is not None}
     run = changed(run, {"data": changes})
     if cfg.get("scenario") is not None:
         run.scenario = cfg.scenario
-    data = data_from(run)
-    estimator = restore(run, data, folder)
     seeds = [run.seed] if cfg.seeds is None else list(cfg.seeds)
     altered = cfg.get("scenario") is not None or bool(changes) or cfg.seeds is not None
 
-    results = score_seeds(estimator, run, seeds)
+    results = score_seeds(estimator, run, seeds, same_motions=not changes)
     print_evaluation(results, metrics, altered)
     output = folder / "evaluation" / label
     draw_figures(estimator, run, seeds[0], output)

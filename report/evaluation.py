@@ -22,9 +22,9 @@ from report.tables import error_table
 SPLITS = ("train", "test")
 
 
-def restore(run: DictConfig, data: SimulatedData, folder: Path) -> Estimator:
-    """The identified estimator of a run."""
-    estimator = estimator_from(run.model, data)
+def restore(run: DictConfig, folder: Path) -> Estimator:
+    """The identified estimator of a run, of the size and time step it was identified with."""
+    estimator = estimator_from(run.model, data_from(run))
     load_estimator(estimator, folder / CHECKPOINT, run.model.name)
     return estimator.eval()
 
@@ -41,8 +41,10 @@ def score_split(
     return score, example
 
 
-def score_seeds(estimator: Estimator, run: DictConfig, seeds: list[int]) -> dict[str, Any]:
-    """{seed: {split: scores}}; both splits for the run's own seed, unseen test motions for others.
+def score_seeds(
+    estimator: Estimator, run: DictConfig, seeds: list[int], same_motions: bool
+) -> dict[str, Any]:
+    """{seed: {split: scores}}: the test motions; for the run's own, the training motions too.
 
     A seed whose motion escapes is kept, with the reason under `failed`.
     """
@@ -51,7 +53,7 @@ def score_seeds(estimator: Estimator, run: DictConfig, seeds: list[int]) -> dict
         data = data_from(changed(run, {"seed": seed}))
         try:
             data.setup()
-            splits = SPLITS if seed == run.seed else ("test",)
+            splits = SPLITS if same_motions and seed == run.seed else ("test",)
             results[str(seed)] = {s: score_split(estimator, data, s)[0].percent() for s in splits}
         except EscapedMotionError as error:
             if len(seeds) == 1:

@@ -127,6 +127,17 @@ def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
         assert splits["test"]["relative_rms_percent_true"] < splits["test"]["relative_rms_percent"]
 
 
+def test_a_longer_record_is_no_training_motion(finished, monkeypatch, capsys):
+    assert run(evaluate, monkeypatch, f"run={finished}", "data.duration=30", "label=long") == 0
+    scores = json.loads((finished / "evaluation/long/scores.json").read_text())
+    assert list(scores["0"]) == ["test"]
+
+
+def test_a_model_is_not_used_at_another_time_step(finished, monkeypatch, capsys):
+    assert run(evaluate, monkeypatch, f"run={finished}", "data.dt=0.005", "label=fine") == 1
+    assert "built for dt=0.01 s" in capsys.readouterr().err
+
+
 def test_a_checkpoint_restores_the_estimator_completely(finished):
     cfg, _ = read_run(finished)
     data = data_from(cfg)
