@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from data.excitation import BandLimitedGaussian, Excitation, Given, Multisine, SineSweep
+from tests.bits import same_bits_elsewhere
 
 DT, T = 0.01, 5000
-HERE = Path(__file__).parent
 RANDOM = {
     "gaussian": BandLimitedGaussian(1.7, (0.5, 3.0)),
     "multisine": Multisine(1.7, (0.5, 3.0)),
@@ -90,25 +85,16 @@ def test_the_same_seed_gives_the_same_bits(waveform):
         assert_array_equal(one, again)
 
 
-FINGERPRINT = """
-import hashlib, sys
+PROGRAM = """
 import numpy as np
-sys.path.insert(0, {root!r})
 from data.excitation import BandLimitedGaussian
 drawn = BandLimitedGaussian(1.7, (0.0, 4.5)).draw(500, 0.01, 3, 0, np.random.default_rng(11))
-fingerprint = hashlib.sha256(drawn[0].tobytes() + drawn[1].tobytes()).hexdigest()
+result = np.concatenate(drawn)
 """
 
 
 def test_another_process_draws_the_same_bits():
-    program, here = FINGERPRINT.format(root=str(HERE.parent)), {}
-    exec(program, here)
-    elsewhere = subprocess.run(
-        [sys.executable, "-c", program + "print(fingerprint)"],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert elsewhere.stdout.strip() == here["fingerprint"]
-    assert here["fingerprint"] != hashlib.sha256(b"").hexdigest()
+    assert same_bits_elsewhere(PROGRAM)
 
 
 def test_the_rate_is_the_derivative(waveform):
