@@ -1,0 +1,1 @@
+"""Peers and scaling, run by hand; never imported by the project."""
