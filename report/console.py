@@ -53,7 +53,7 @@ def help_text(program: str) -> str:
         for path in sorted((CONF / group).glob("*.yaml")):
             comments = [s for s in path.read_text(encoding="utf-8").splitlines() if s[:1] == "#"]
             described = [s[1:].strip() for s in comments if "@package" not in s]
-            lines.append(f"    {path.stem:<24}{described[0] if described else ''}".rstrip())
+            lines.append(f"    {path.stem:<30}{described[0] if described else ''}".rstrip())
     return "\n".join(lines)
 
 
