@@ -62,7 +62,8 @@ class Identification(LightningModule):
         measured = record.a[..., counted, :]
         error = self.estimator(record.measured())[..., counted, :] - measured
         loss = (error**2).sum() / (measured**2).sum()
-        self.log("loss", loss, on_step=True, on_epoch=False, prog_bar=True)
+        batch = record.a.shape[0]
+        self.log("loss", loss, on_step=True, on_epoch=False, prog_bar=True, batch_size=batch)
         return loss
 
     def on_fit_end(self) -> None:
