@@ -12,6 +12,7 @@ import warnings
 from pathlib import Path
 
 import hydra
+import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from lightning.pytorch import Trainer, seed_everything
@@ -33,6 +34,8 @@ prepare_hydra()
 
 def identify(cfg: DictConfig, folder: Path) -> dict:
     """One run: data, fit, test, files; returns what `metrics.json` holds."""
+    if cfg.threads < 1:
+        raise ValueError(f"threads={cfg.threads} must be at least 1")
     data = data_from(cfg)
     module = Identification(estimator_from(cfg.model, data))
     baselines = {name: estimator_from(node, data) for name, node in cfg.baselines.items()}
@@ -40,6 +43,7 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
     data.setup()
 
     seed_everything(cfg.seed, verbose=False)
+    torch.set_num_threads(cfg.threads)
     logger = TensorBoardLogger(folder, name="", version="tensorboard")
     trainer = Trainer(
         logger=logger,

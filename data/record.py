@@ -73,7 +73,7 @@ class Record:
     def excitation(self) -> Tensor:
         """All that drives the structure: forces, then support motions where there are any."""
         parts = [u for u in (self.f, self.s, self.s_dot) if u is not None]
-        return torch.cat(parts, dim=-1)
+        return parts[0] if len(parts) == 1 else torch.cat(parts, dim=-1)
 
     def signals(self) -> dict[str, Tensor]:
         """The measured signals that this record has, by name."""

@@ -6,6 +6,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import torch
 from omegaconf import DictConfig
 from rich.console import Console
 
@@ -24,6 +25,7 @@ SPLITS = ("train", "test")
 
 def restore(run: DictConfig, folder: Path) -> Estimator:
     """The identified estimator of a run, of the size and time step it was identified with."""
+    torch.set_num_threads(run.threads)  # the same threads, the same bits
     estimator = estimator_from(run.model, data_from(run))
     load_estimator(estimator, folder / CHECKPOINT, run.model.name)
     return estimator.eval()

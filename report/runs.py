@@ -64,7 +64,7 @@ def read_run(folder: Path) -> tuple[DictConfig, dict[str, Any]]:
     except (YAMLError, OmegaConfBaseException, ValueError) as error:
         first = str(error).splitlines()[0]
         raise ValueError(f"{folder} is damaged: {first}; repeat the run") from None
-    missing = {"system", "scenario", "model", "data", "excitation", "seed"} - set(cfg)
+    missing = {"system", "scenario", "model", "data", "excitation", "seed", "threads"} - set(cfg)
     if not isinstance(cfg, DictConfig) or missing:
         raise ValueError(f"{folder / CONFIG} lacks {', '.join(sorted(missing))}; repeat the run")
     return cfg, metrics

@@ -246,6 +246,7 @@ MISTAKES = {
     "data.tolerance=0": "tolerance=0",
     "data.duration=0.5": "rank-deficient",
     "seed=-1": "seed=-1",
+    "threads=0": "threads=0",
     "scenario=integrated scenario.cutoff=60": "Nyquist frequency 50 Hz",
     "scenario=noisy scenario.level=-1": "scenario.level=-1",
     "data.window=100 data.warmup=100": "data.warmup=100",
