@@ -105,7 +105,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     """The table that a run ends with."""
     rows = {metrics["model"]: {split: metrics[split] for split in SPLITS}}
     if metrics["paper"]:
-        rows["  paper"] = metrics["paper"]
+        rows["  paper, its settings"] = metrics["paper"]
     rows |= metrics["baselines"]
     dofs = len(metrics["test"]["per_dof_percent"])
     title = (

@@ -347,3 +347,21 @@ def test_input_that_fits_no_structure_is_refused(bilinear_structure, change, mes
 def test_half_a_support_motion_is_refused_and_not_ignored(bilinear_structure, given):
     with pytest.raises(ValueError, match="support"):
         simulate(bilinear_structure, np.zeros((50, 3)), DT, **{given: np.ones((50, 3))})
+
+
+def test_a_slider_never_carries_more_than_its_yield_force():
+    """z is put exactly on the yield surface; a slider left beyond it would yield when unloading."""
+    slider = LimitedSlip(
+        between=("ground", "x1"),
+        yield_displacement=0.02,
+        stiffness=40.0,
+        gap_stiffness=40.0,
+        gap=100.0,
+    )
+    spring = Polynomial(between=("ground", "x1"), stiffness=20.0, damping=0.2)
+    structure = Structure([1.0], {"slider": slider, "spring": spring})
+    force = 2.0 * np.random.default_rng(5).standard_normal((2000, 1)).cumsum(axis=0) / 5.0
+    friction = simulate(structure, force, 0.01).r[:, 0]
+    limit = 40.0 * 0.02
+    assert (np.abs(friction) == limit).mean() > 0.2
+    assert np.abs(friction).max() == limit
