@@ -18,9 +18,10 @@ from hydra.types import RunMode
 from lightning.pytorch import Trainer, seed_everything
 from lightning.pytorch.loggers import TensorBoardLogger
 from omegaconf import DictConfig
+from threadpoolctl import threadpool_limits
 
 from models.checkpoint import save_estimator
-from models.training.assemble import data_from, estimator_from
+from models.training.assemble import data_from, estimator_from, solver_from
 from models.training.identification import Identification
 from report.console import CONF, job_errors, one_line_errors, prepare_hydra
 from report.runs import CHECKPOINT, begin_run, finish_run
@@ -36,20 +37,25 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
     """One run: data, fit, test, files; returns what `metrics.json` holds."""
     if cfg.threads < 1:
         raise ValueError(f"threads={cfg.threads} must be at least 1")
+    if cfg.seed < 0:
+        raise ValueError(f"seed={cfg.seed} must not be negative")
     data = data_from(cfg)
-    module = Identification(estimator_from(cfg.model, data))
+    seed_everything(cfg.seed, verbose=False)
+    estimator = estimator_from(cfg.model, data)
+    module = Identification(estimator, solver_from(cfg.solver), cfg.max_fail)
     baselines = {name: estimator_from(node, data) for name, node in cfg.baselines.items()}
     begin_run(folder, cfg)
     data.setup()
 
-    seed_everything(cfg.seed, verbose=False)
     torch.set_num_threads(cfg.threads)
+    threadpool_limits(cfg.threads)
     logger = TensorBoardLogger(folder, name="", version="tensorboard")
     trainer = Trainer(
         logger=logger,
         default_root_dir=folder,
         enable_checkpointing=False,
         enable_model_summary=False,
+        limit_val_batches=None if data.validation else 0,
         **cfg.trainer,
     )
     trainer.fit(module, datamodule=data)

@@ -19,7 +19,9 @@ class SimulatedData(LightningDataModule):
     """Training and test motions of one structure, each `duration` [s] long, sampled every `dt` [s].
 
     `window`, `stride` and `warmup` are in samples; whole records by default. `batch` windows are
-    handed out at a time, all by default. `tolerance` is the integrator's (data/simulate.py).
+    handed out at a time, all by default; smaller batches are shuffled for training. `validation` is
+    the last fraction of each training record, held back from the fit. `tolerance` is the
+    integrator's (data/simulate.py).
     """
 
     def __init__(
@@ -38,12 +40,15 @@ class SimulatedData(LightningDataModule):
         stride: int | None = None,
         warmup: int = 0,
         batch: int | None = None,
+        validation: float = 0.0,
     ) -> None:
         super().__init__()
+        if not 0.0 <= validation < 1.0:
+            raise ValueError(f"data.validation={validation} must be a fraction in [0, 1)")
         self.simulation = Simulation(structure, excitation, scenario, dt, duration, name, tolerance)
         self.seed, self.train_records, self.test_records = seed, train_records, test_records
         self.cut: dict[str, Any] = {"length": window, "stride": stride, "warmup": warmup}
-        self.batch = batch
+        self.batch, self.validation = batch, validation
         self.escapes: list[Escape] = []
         self.records: dict[str, list[Record]] = {}
 
@@ -65,17 +70,29 @@ class SimulatedData(LightningDataModule):
             records, escapes = self.simulation.records(split, counts[split], self.seed, first)
             self.records[split] = records
             self.escapes += escapes
+        if self.validation > 0.0:
+            whole = self.records["train"]
+            first = round((1.0 - self.validation) * whole[0].samples)
+            self.records["train"] = [r.window(0, first) for r in whole]
+            self.records["validation"] = [r.window(first, r.samples - first) for r in whole]
 
     def windows(self, split: str) -> WindowDataset:
         return WindowDataset(self.records[split], **self.cut)
 
-    def loader(self, split: str) -> DataLoader[Any]:
+    def loader(self, split: str, shuffle: bool = False) -> DataLoader[Any]:
         windows = self.windows(split)
         batch = len(windows) if self.batch is None else self.batch
-        return DataLoader(windows, batch_size=batch, collate_fn=stack)
+        return DataLoader(windows, batch_size=batch, shuffle=shuffle, collate_fn=stack)
 
     def train_dataloader(self) -> DataLoader[Any]:
-        return self.loader("train")
+        return self.loader("train", shuffle=self.batch is not None)
+
+    def val_dataloader(self) -> DataLoader[Any] | list[Any]:
+        """All of the validation part at once, or nothing."""
+        if self.validation == 0.0:
+            return []
+        windows = self.windows("validation")
+        return DataLoader(windows, batch_size=len(windows), collate_fn=stack)
 
     def test_dataloader(self) -> list[DataLoader[Any]]:
         """Training and test motions, in this order: both are scored."""

@@ -8,7 +8,7 @@ B records, T samples, n DOFs, m channels of excitation.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -39,6 +39,18 @@ class Estimator(nn.Module):
     def forward(self, record: Record) -> Tensor:
         """Estimated acceleration (…, T, n) [m/s²] of a record or a batch of records."""
         raise NotImplementedError
+
+    def estimates(self, record: Record) -> dict[str, Tensor]:
+        """Every way in which this estimator is scored: "" is `forward`, others have a name."""
+        return {"": self(record)}
+
+    def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
+        """(g, u, y): training the free parameters means g(u) ≈ y (…, T, n) [m/s²].
+
+        g(u) − y is the error of the estimate, up to its sign. Where a sample of g(u) depends on the
+        same sample of u alone, u is a tensor (…, T, channels), and solvers may take samples singly.
+        """
+        return self, record, record.a
 
     def check(self, record: Record) -> None:
         """Raise ValueError where a record does not fit this estimator."""

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -21,7 +22,7 @@ class EquivalentLinear(Estimator):
     `ridge` ≥ 0, without unit, penalises weights of scaled columns.
     """
 
-    reads = ("x", "v", "f")
+    reads: ClassVar[tuple[str, ...]] = ("x", "v", "f")
 
     def __init__(self, dofs: int, inputs: int, dt: float, ridge: float = 0.0) -> None:
         super().__init__(dofs, inputs, dt)

@@ -26,7 +26,17 @@ from omegaconf.errors import OmegaConfBaseException
 from report.runs import FAILED, write_text
 
 CONF = Path(__file__).parent.parent / "conf"
-GROUPS = ("system", "excitation", "scenario", "data", "model", "baselines", "trainer", "experiment")
+GROUPS = (
+    "system",
+    "excitation",
+    "scenario",
+    "data",
+    "model",
+    "solver",
+    "baselines",
+    "trainer",
+    "experiment",
+)
 EXAMPLES = {
     "train": """Identify a structure: simulate it, fit a model, score it on unseen motion.
 

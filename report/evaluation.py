@@ -15,10 +15,10 @@ from data.simulate import EscapedMotionError
 from models.checkpoint import load_estimator
 from models.estimator import Estimator
 from models.training.assemble import changed, data_from, estimator_from
-from models.training.metrics import Score
+from models.training.metrics import Scores
 from report.figures import run_figures, save_figure
 from report.runs import CHECKPOINT
-from report.tables import error_table
+from report.tables import error_table, ways_of
 
 SPLITS = ("train", "test")
 
@@ -33,12 +33,12 @@ def restore(run: DictConfig, folder: Path) -> Estimator:
 
 def score_split(
     estimator: Estimator, data: SimulatedData, split: str
-) -> tuple[Score, tuple[Any, Any]]:
+) -> tuple[Scores, tuple[Any, Any]]:
     """Score of a split, and its first batch with the estimate of it."""
-    score, example = Score(), None
+    score, example = Scores(), None
     for record in data.loader(split):
-        estimate = score.update(estimator, record)
-        example = example or (record, estimate)
+        estimates = score.update(estimator, record)
+        example = example or (record, estimates[""])
     assert example is not None
     return score, example
 
@@ -66,7 +66,9 @@ def score_seeds(
 
 def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: bool) -> None:
     """Table of the scores beside the run's own, or the statement that they are equal."""
-    rows = {f"seed {seed}": scores for seed, scores in results.items()}
+    rows: dict[str, Any] = {}
+    for seed, scores in results.items():
+        rows |= {f"seed {seed}": scores} if len(results) > 1 else ways_of(f"seed {seed}", scores)
     if altered:
         rows["as trained"] = {split: metrics[split] for split in SPLITS}
     dofs = len(metrics["test"]["per_dof_percent"])

@@ -19,7 +19,7 @@ from models.training.identification import SPLITS, Identification
 from models.training.metrics import score
 from report.figures import run_figures
 from report.paper import paper_values
-from report.tables import error_table
+from report.tables import error_table, ways_of
 
 
 def compare_baselines(baselines: dict[str, Estimator], data: SimulatedData) -> dict[str, Any]:
@@ -47,6 +47,7 @@ def metrics_of(
         "fit_seconds": module.fit_seconds,
         "parameters": estimator.identified_parameters,
         "identification": module.solution,
+        "training": module.how_trained(),
         **module.results(),
         "peak_acceleration": {
             split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
@@ -90,7 +91,8 @@ def log_run(
     errors = {split: module.scores[split].over_time() for split in SPLITS}
     names = list(data.simulation.structure.elements)
     if figures:
-        for name, figure in run_figures(*module.examples["test"], errors, names).items():
+        record, estimates = module.examples["test"]
+        for name, figure in run_figures(record, estimates[""], errors, names).items():
             board.add_figure(name, figure, close=False)
     logger.save()
 
@@ -103,10 +105,11 @@ def print_line(metrics: dict[str, Any], folder: Path) -> None:
 
 def print_run(metrics: dict[str, Any], folder: Path) -> None:
     """The table that a run ends with."""
-    rows = {metrics["model"]: {split: metrics[split] for split in SPLITS}}
+    rows = ways_of(metrics["model"], {split: metrics[split] for split in SPLITS})
     if metrics["paper"]:
         rows["  paper, its settings"] = metrics["paper"]
-    rows |= metrics["baselines"]
+    for name, scores in metrics["baselines"].items():
+        rows |= ways_of(name, scores)
     dofs = len(metrics["test"]["per_dof_percent"])
     title = (
         f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}, seed {metrics['seed']}"
@@ -118,6 +121,12 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
         f"{metrics['parameters']} parameters identified in {metrics['fit_seconds']:.2f} s"
         + (f" ({solution})" if solution else "")
     )
+    if metrics["training"]:
+        console.print(
+            "{solver}: {iterations} iterations, stopped at {stopped}".format_map(
+                metrics["training"]
+            )
+        )
     for name, scores in metrics["baselines"].items():
         if "failed" in scores:
             console.print(f"{name} failed: {scores['failed']}")

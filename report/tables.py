@@ -39,6 +39,16 @@ def error_table(title: str, rows: Mapping[str, Mapping[str, Any]], dofs: int) ->
     return table
 
 
+def ways_of(name: str, scores: Mapping[str, Any]) -> dict[str, Any]:
+    """Rows of a method: its estimate, then the other ways in which it estimates."""
+    ways = {way for split in scores.values() if isinstance(split, dict) for way in split}
+    named = [way for way in sorted(ways) if isinstance(next(iter(scores.values())).get(way), dict)]
+    rows: dict[str, Any] = {name: scores}
+    for way in named:
+        rows[f"  {way.replace('_', ' ')}"] = {split: scores[split][way] for split in scores}
+    return rows
+
+
 def _true(scores: Mapping[str, Any]) -> dict[str, Any]:
     return {key.removesuffix("_true"): v for key, v in scores.items() if key.endswith("_true")}
 

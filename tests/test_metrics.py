@@ -10,7 +10,7 @@ import torch
 from data.record import Record, Truth, stack
 from models.baselines import LastValue
 from models.estimator import Estimator
-from models.training.metrics import RelativeRMSError, Score, score
+from models.training.metrics import RelativeRMSError, Scores, score
 
 MEASURED = torch.tensor([[3.0, 0.0], [0.0, 4.0], [5.0, 0.0]], dtype=torch.float64)
 ERROR = torch.tensor([[0.3, 0.0], [0.0, 0.8], [0.0, 1.2]], dtype=torch.float64)
@@ -111,7 +111,7 @@ def test_a_single_mass_is_scored_like_any_other():
 
 
 def test_a_single_counted_sample_still_has_an_error_over_time():
-    result = Score()
+    result = Scores()
     result.update(Fixed(MEASURED + ERROR), record_of(MEASURED + 1.0, warmup=2))
     assert result.over_time().shape == (1,)
 
@@ -153,7 +153,7 @@ def test_warm_up_samples_are_not_counted():
     wild = ERROR.clone()
     wild[0] = 1e6
     estimator = Fixed(MEASURED + wild)
-    result = Score()
+    result = Scores()
     result.update(estimator, record_of(MEASURED, true=MEASURED, warmup=1))
     by_hand = 100.0 * ((0.64 + 1.44) / 41.0) ** 0.5
     assert result.percent()["relative_rms_percent"] == pytest.approx(by_hand, rel=1e-12)
@@ -184,4 +184,4 @@ def test_a_batch_scores_as_its_records(bilinear_records):
 
 def test_update_hands_back_the_estimate(bilinear_record):
     estimator = LastValue(3, 3, 0.01)
-    assert torch.equal(Score().update(estimator, bilinear_record), estimator(bilinear_record))
+    assert torch.equal(Scores().update(estimator, bilinear_record)[""], estimator(bilinear_record))

@@ -9,14 +9,18 @@ import difflib
 import importlib
 import inspect
 import re
+from collections.abc import Callable, Iterable
 from typing import Any
 
+import torch
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, ListConfig, OmegaConf
+from torch import nn
 
 from data.datamodule import SimulatedData
 from models.estimator import Estimator
+from models.training.solvers.solver import Solver
 
 OURS = ("data", "models")
 
@@ -90,3 +94,9 @@ def data_from(cfg: DictConfig) -> SimulatedData:
 def estimator_from(model: DictConfig, data: SimulatedData) -> Estimator:
     """An estimator of the size of the data, not yet identified."""
     return build(model, dofs=data.dofs, inputs=data.inputs, dt=data.simulation.dt)
+
+
+def solver_from(solver: DictConfig) -> Callable[[Iterable[nn.Parameter]], Solver]:
+    """What makes the chosen solver once the free parameters are known."""
+    build(solver, parameters=[nn.Parameter(torch.zeros(1))])  # a wrong setting is found now
+    return lambda parameters: build(solver, parameters=parameters)

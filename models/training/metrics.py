@@ -57,15 +57,13 @@ class RelativeRMSError(Metric):
 
 
 class Score:
-    """Errors of one estimator on one split: against the measured and against the true signals."""
+    """Errors of one way of estimating: against the measured and against the true signals."""
 
     def __init__(self) -> None:
         self.against: dict[str, RelativeRMSError] = {}
 
-    @torch.no_grad()
-    def update(self, estimator: Estimator, record: Record) -> Tensor:
-        """Score a batch; returns its estimate (…, T, n). The estimator never sees the truth."""
-        estimate = estimator(record.measured())
+    def update(self, estimate: Tensor, record: Record) -> None:
+        """Add a batch and the estimate (…, T, n) of it."""
         counted = slice(record.warmup, None)
         references = {"": record.a}
         if record.truth is not None:
@@ -75,7 +73,6 @@ class Score:
                 samples = record.samples - record.warmup
                 self.against[name] = RelativeRMSError(samples, record.dofs).to(reference.device)
             self.against[name].update(estimate[..., counted, :], reference[..., counted, :])
-        return estimate
 
     def percent(self) -> dict[str, Any]:
         """For `metrics.json`: `relative_rms_percent`, `per_dof_percent`, and both with `_true`."""
@@ -93,9 +90,32 @@ class Score:
         return self.against[""].compute()["over_time"].reshape(-1)
 
 
+class Scores:
+    """Errors of an estimator on one split, in every way in which it estimates."""
+
+    def __init__(self) -> None:
+        self.ways: dict[str, Score] = {}
+
+    @torch.no_grad()
+    def update(self, estimator: Estimator, record: Record) -> dict[str, Tensor]:
+        """Score a batch; returns its estimates by way. The estimator never sees the truth."""
+        estimates = estimator.estimates(record.measured())
+        for way, estimate in estimates.items():
+            self.ways.setdefault(way, Score()).update(estimate, record)
+        return estimates
+
+    def percent(self) -> dict[str, Any]:
+        """Errors of `forward`, and those of other ways under their names."""
+        others = {way: score.percent() for way, score in self.ways.items() if way}
+        return {**self.ways[""].percent(), **others}
+
+    def over_time(self) -> Tensor:
+        return self.ways[""].over_time()
+
+
 def score(estimator: Estimator, batches: Iterable[Record]) -> dict[str, Any]:
     """Errors in percent of an estimator over batches of records."""
-    result = Score()
+    result = Scores()
     for record in batches:
         result.update(estimator, record)
     return result.percent()

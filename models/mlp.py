@@ -1,0 +1,152 @@
+"""Multilayer perceptrons on the state and the forces: of the whole system, or of its residual.
+
+global:    ẍ̂[k] = N(x[k], ẋ[k], f[k])                                       9-10-10-3 for 3 DOFs
+residual:  ẍ̂[k] = linear[k] − N(x[k], ẋ[k], f[k], ε[k−1]),  ε = linear − ẍ   12-15-3 for 3 DOFs
+Brewick & Masri (2016), Sects. 2.3 and 3.3.3.   B records, T samples, n DOFs, m excitations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import pad
+
+from data.record import Record
+from models.estimator import Estimator
+from models.layers.scaling import Extents
+from models.linear import EquivalentLinear
+
+ACTIVATIONS = {"tanh": nn.Tanh, "sigmoid": nn.Sigmoid, "relu": nn.ReLU, "silu": nn.SiLU}
+
+
+class Perceptron(nn.Module):
+    """Layers of `hidden` neurons between inputs and outputs that are scaled to [−1, 1].
+
+    Sigmoidal hidden layers, a linear output layer; weights start random (Glorot & Bengio 2010).
+    """
+
+    def __init__(
+        self, inputs: int, hidden: Sequence[int], outputs: int, activation: str = "tanh"
+    ) -> None:
+        super().__init__()
+        if activation not in ACTIVATIONS or not hidden or min(hidden) < 1:
+            raise ValueError(
+                f"hidden={list(hidden)}, activation={activation!r}: expected numbers of neurons "
+                f"and one of {', '.join(ACTIVATIONS)}"
+            )
+        sizes = [inputs, *hidden, outputs]
+        layers: list[nn.Module] = []
+        for columns, rows in pairwise(sizes):
+            layer = nn.Linear(columns, rows, dtype=torch.float64)
+            nn.init.xavier_uniform_(layer.weight)
+            nn.init.zeros_(layer.bias)
+            layers += [layer, ACTIVATIONS[activation]()]
+        self.layers = nn.Sequential(*layers[:-1])
+        self.input_scale, self.output_scale = Extents(inputs), Extents(outputs)
+
+    def forward(self, u: Tensor) -> Tensor:
+        return self.output_scale.inverse(self.layers(self.input_scale(u)))
+
+
+class GlobalMLP(Estimator):
+    """The acceleration as one network of displacements, velocities and excitation.
+
+    hidden: neurons of each hidden layer; activation: tanh, sigmoid, relu or silu.
+    """
+
+    reads = ("x", "v", "f")
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        hidden: Sequence[int] = (10, 10),
+        activation: str = "tanh",
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        self.network = Perceptron(2 * dofs + inputs, hidden, dofs, activation)
+
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        """The scaling; the weights are the solver's."""
+        self.network.input_scale.fit(_counted(self.state(r), r) for r in batches)
+        self.network.output_scale.fit(_counted(r.a, r) for r in batches)
+        return {}
+
+    def state(self, record: Record) -> Tensor:
+        """[x, ẋ, f] (…, T, 2n + m)."""
+        self.check(record)
+        assert record.x is not None
+        assert record.v is not None
+        return torch.cat([record.x, record.v, record.excitation], dim=-1)
+
+    def regression(self, record: Record) -> tuple[nn.Module, Tensor, Tensor]:
+        return self.network, self.state(record), record.a
+
+    def forward(self, record: Record) -> Tensor:
+        return self.network(self.state(record))
+
+
+class ResidualMLP(EquivalentLinear):
+    """What the equivalent linear system (Eq. 8) leaves, as a network with its own delayed output.
+
+    The residual ε = M⁻¹ f_NL [m/s²] is that of Eq. 9, as an acceleration: so it needs no inverse of
+    the identified mass matrix. `forward` feeds back the measured residual of the sample before;
+    the estimate "own_residual" feeds back the network's own. Before the record it is zero.
+    """
+
+    reads = ("x", "v", "a", "f")
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        hidden: Sequence[int] = (15,),
+        activation: str = "tanh",
+        ridge: float = 0.0,
+    ) -> None:
+        super().__init__(dofs, inputs, dt, ridge)
+        self.network = Perceptron(3 * dofs + inputs, hidden, dofs, activation)
+
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        """The linear system and the scaling; the network's weights are the solver's."""
+        solution = super().identify(batches)
+        self.network.input_scale.fit(_counted(self.regressors(r), r) for r in batches)
+        self.network.output_scale.fit(_counted(self.residual(r), r) for r in batches)
+        return solution
+
+    def residual(self, record: Record) -> Tensor:
+        """ε = linear − ẍ (…, T, n), from the measured acceleration."""
+        return super().forward(record) - record.a
+
+    def regressors(self, record: Record) -> Tensor:
+        """[ẋ, x, f, ε delayed by a sample] (…, T, 3n + m)."""
+        delayed = pad(self.residual(record), (0, 0, 1, 0))[..., :-1, :]
+        return torch.cat([self.state(record), delayed], dim=-1)
+
+    def regression(self, record: Record) -> tuple[nn.Module, Tensor, Tensor]:
+        return self.network, self.regressors(record), self.residual(record)
+
+    def forward(self, record: Record) -> Tensor:
+        return super().forward(record) - self.network(self.regressors(record))
+
+    def estimates(self, record: Record) -> dict[str, Tensor]:
+        return {**super().estimates(record), "own_residual": self.with_own_residual(record)}
+
+    def with_own_residual(self, record: Record) -> Tensor:
+        """Estimate (…, T, n) that never sees a measured acceleration."""
+        state = self.state(record)
+        residual = torch.zeros_like(record.a[..., 0, :])
+        history = []
+        for k in range(record.samples):
+            residual = self.network(torch.cat([state[..., k, :], residual], dim=-1))
+            history.append(residual)
+        return super().forward(record) - torch.stack(history, dim=-2)
+
+
+def _counted(signal: Tensor, record: Record) -> Tensor:
+    return signal[..., record.warmup :, :]

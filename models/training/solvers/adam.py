@@ -1,0 +1,46 @@
+"""Adam on mini-batches of windows, its step length falling to zero along half a cosine.
+
+Kingma & Ba (2015); Loshchilov & Hutter (2017) for the cosine. Choose it for data that do not fit
+in one batch; on full batches the second-order solvers come closer, sooner.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import torch
+from torch import nn
+
+from models.training.problem import Problem
+
+
+class Adam(torch.optim.Adam):
+    """iterations: steps in all, one for every mini-batch; rate: the first step length."""
+
+    full_batch = False
+
+    def __init__(
+        self, parameters: Iterable[nn.Parameter], iterations: int = 5000, rate: float = 0.01
+    ) -> None:
+        if iterations < 1 or not rate > 0.0:
+            raise ValueError(
+                f"solver.iterations={iterations}, solver.rate={rate}: must be positive"
+            )
+        super().__init__(parameters, lr=rate)
+        self.iterations, self.rate, self.done = iterations, rate, 0
+        self.finished, self.why = False, ""
+
+    def solve(self, problem: Problem) -> list[float]:
+        """One step. The loss is that of the mini-batch before the step."""
+        for group in self.param_groups:
+            group["lr"] = 0.5 * self.rate * (1.0 + math.cos(math.pi * self.done / self.iterations))
+        self.zero_grad()
+        with torch.enable_grad():
+            loss = problem.loss()
+            loss.backward()
+        self.step()
+        self.done += 1
+        if self.done >= self.iterations:
+            self.finished, self.why = True, f"{self.iterations} iterations"
+        return [float(loss.detach())]

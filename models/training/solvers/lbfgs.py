@@ -1,0 +1,100 @@
+"""Limited-memory BFGS with a strong-Wolfe line search, full batch.
+
+Nocedal & Wright, Numerical Optimization (2006), Algorithms 7.5 and 3.5; the recursion is PyTorch's.
+Choose it by default: cheap iterations, memory for a few gradients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor, nn
+
+from models.training.problem import Problem
+
+
+class LBFGS(torch.optim.LBFGS):
+    """iterations: at most; history: pairs of steps and gradients that make the inverse Hessian.
+
+    Stops when the largest component of the gradient falls below `gradient`, or when `patience`
+    iterations lower the loss by less than the fraction `change`.
+    """
+
+    full_batch = True
+
+    def __init__(
+        self,
+        parameters: Iterable[nn.Parameter],
+        iterations: int = 1000,
+        history: int = 50,
+        gradient: float = 1e-10,
+        change: float = 1e-6,
+        patience: int = 20,
+    ) -> None:
+        super().__init__(
+            parameters,
+            max_iter=1,
+            max_eval=26,  # 25 of them in the line search
+            history_size=history,
+            line_search_fn="strong_wolfe",
+            tolerance_grad=0.0,
+            tolerance_change=0.0,
+        )
+        self.iterations, self.gradient, self.change = iterations, gradient, change
+        self.patience, self.done = patience, 0
+        self.finished, self.why = False, ""
+
+    def solve(self, problem: Problem) -> list[float]:
+        """Up to `patience` iterations."""
+        recall = _Recall(self, problem)
+        accepted = [recall()]
+        for _ in range(min(self.patience, self.iterations - self.done)):
+            self.step(recall)
+            accepted.append(recall())
+            self.done += 1
+            if self._steepest() <= self.gradient:
+                self._finish(f"gradient below {self.gradient:g}")
+                break
+        if accepted[0] - accepted[-1] <= self.change * accepted[0]:
+            self._finish(f"loss falls by less than {self.change:g}")
+        if self.done >= self.iterations:
+            self._finish(f"{self.iterations} iterations")
+        return [a / recall.scale for a in accepted[1:]]
+
+    def _steepest(self) -> float:
+        slopes = [p.grad.abs().max() for g in self.param_groups for p in g["params"]]
+        return float(torch.stack(slopes).max())
+
+    def _finish(self, why: str) -> None:
+        self.finished, self.why = True, self.why or why
+
+
+class _Recall:
+    """Loss and gradients at the present parameters, remembered for the last points.
+
+    PyTorch's step begins by evaluating the point that the step before it ended with: remembered,
+    one iteration at a time costs no more than many at once.
+    """
+
+    def __init__(self, solver: LBFGS, problem: Problem) -> None:
+        self.solver, self.problem = solver, problem
+        self.parameters = [p for group in solver.param_groups for p in group["params"]]
+        self.scale = problem.y.numel()
+        self.points: list[tuple[Tensor, float, list[Tensor]]] = []
+
+    def __call__(self) -> float:
+        here = torch.cat([p.detach().reshape(-1) for p in self.parameters])
+        for point, loss, slopes in self.points:
+            if torch.equal(point, here):
+                for p, slope in zip(self.parameters, slopes, strict=True):
+                    p.grad = slope.clone()
+                return loss
+        with torch.enable_grad():
+            value = self.problem.loss()
+            gradients = torch.autograd.grad(self.scale * value, self.parameters)
+        for p, slope in zip(self.parameters, gradients, strict=True):
+            p.grad = slope
+        loss = self.scale * float(value.detach())
+        self.points = [*self.points[-7:], (here, loss, [g.clone() for g in gradients])]
+        return loss
