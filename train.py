@@ -7,8 +7,6 @@ python train.py --help
 
 from __future__ import annotations
 
-import logging
-import warnings
 from pathlib import Path
 
 import hydra
@@ -23,13 +21,10 @@ from threadpoolctl import threadpool_limits
 from models.checkpoint import save_estimator
 from models.training.assemble import data_from, estimator_from, solver_from
 from models.training.identification import Identification
-from report.console import CONF, job_errors, one_line_errors, prepare_hydra
+from report.console import CONF, job_errors, one_line_errors, prepare_hydra, quiet_lightning
 from report.runs import CHECKPOINT, begin_run, finish_run
-from report.summary import compare_baselines, log_run, metrics_of, print_line, print_run
+from report.summary import compare_baselines, log_run, metrics_of, print_run
 
-logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-warnings.filterwarnings("ignore", message=".*does not have many workers.*")
-warnings.filterwarnings("ignore", message=".*LeafSpec.*deprecated.*")
 prepare_hydra()
 
 
@@ -37,6 +32,7 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
     """One run: data, fit, test, files; returns what `metrics.json` holds."""
     if cfg.threads < 1:
         raise ValueError(f"threads={cfg.threads} must be at least 1")
+    quiet_lightning()
     if cfg.seed < 0:
         raise ValueError(f"seed={cfg.seed} must not be negative")
     data = data_from(cfg)
@@ -74,7 +70,8 @@ def main(cfg: DictConfig) -> None:
     folder, in_sweep = Path(hydra_cfg.runtime.output_dir), hydra_cfg.mode == RunMode.MULTIRUN
     with job_errors(folder if in_sweep else None):
         metrics = identify(cfg, folder)
-        (print_line if in_sweep else print_run)(metrics, folder)
+        if not in_sweep:
+            print_run(metrics, folder)
 
 
 def cli() -> None:

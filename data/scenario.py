@@ -67,7 +67,7 @@ class Integrated(Scenario):
     """
 
     cutoff: float = 0.02  # of the high-pass filters [Hz]
-    order: int = 2
+    order: int = 1
     causal: bool = True
 
     def __call__(self, record: Record, rng: np.random.Generator) -> Record:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import logging
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,7 +25,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from report.runs import FAILED, write_text
+from report.runs import FAILED, run_name, write_text
 
 CONF = Path(__file__).parent.parent / "conf"
 GROUPS = (
@@ -72,6 +74,15 @@ def prepare_hydra() -> None:
     os.environ["HYDRA_FULL_ERROR"] = "1"
     if not OmegaConf.has_resolver("help"):
         OmegaConf.register_new_resolver("help", help_text)
+        OmegaConf.register_new_resolver("run_name", lambda _root_: run_name(_root_))
+
+
+def quiet_lightning() -> None:
+    """Silence what Lightning says to everybody; here, because processes of a sweep start afresh."""
+    for name in ("lightning.pytorch", "lightning.fabric"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+    warnings.filterwarnings("ignore", message=".*does not have many workers.*")
+    warnings.filterwarnings("ignore", message=".*LeafSpec.*deprecated.*")
 
 
 def fail(message: str) -> None:
@@ -97,7 +108,7 @@ def one_line_errors(config: str) -> Iterator[None]:
     except EXPECTED as error:
         fail(_reason(error))
     except KeyboardInterrupt:
-        fail("interrupted; the unfinished run has no metrics.json")
+        fail("interrupted; the unfinished run has no metrics.json, a sweep goes on from here")
         sys.exit(130)
     else:
         return
@@ -116,7 +127,6 @@ def job_errors(sweep_folder: Path | None = None) -> Iterator[None]:
                 raise
             fail(_reason(error))
             sys.exit(1)
-        fail(f"{sweep_folder.name}: {_reason(error)}")
         trace = "" if expected else traceback.format_exc() + "\n"
         write_text(sweep_folder / FAILED, trace + _reason(error) + "\n")
 

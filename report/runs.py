@@ -8,8 +8,10 @@ metrics.json       the numbers; written last and at once, so a run that has it i
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,39 @@ from yaml import YAMLError
 
 CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
 FAILED = "failed.txt"  # why a run of a sweep has no metrics.json
+WITHOUT_EFFECT = ("figures", "threads", "trainer")  # settings that change no number
+ROOT = Path(__file__).parent.parent
+
+
+def plain(cfg: DictConfig) -> dict[str, Any]:
+    """A config's values, resolved, without Hydra's own."""
+    keys = [str(key) for key in cfg if key != "hydra"]
+    masked: Any = OmegaConf.masked_copy(cfg, keys)
+    content: dict[str, Any] = OmegaConf.to_container(masked, resolve=True)  # type: ignore[assignment]
+    return content
+
+
+def config_digest(cfg: DictConfig) -> str:
+    """Ten characters that tell runs apart: a hash of every choice that can change a number."""
+    content = {key: value for key, value in plain(cfg).items() if key not in WITHOUT_EFFECT}
+    text = json.dumps(content, sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:10]
+
+
+@cache
+def code_version() -> str:
+    """Ten characters that change with the code of data and models."""
+    digest = hashlib.sha256()
+    for folder in ("data", "models"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:10]
+
+
+def run_name(cfg: DictConfig) -> str:
+    """Folder of a run within a sweep."""
+    names = (cfg.model.name, cfg.system.name, cfg.scenario.name)
+    return "-".join((*names, f"seed{cfg.seed}", config_digest(cfg)))
 
 
 def write_text(path: Path, text: str) -> None:

@@ -19,6 +19,7 @@ from models.training.identification import SPLITS, Identification
 from models.training.metrics import score
 from report.figures import run_figures
 from report.paper import paper_values
+from report.runs import code_version, config_digest, plain
 from report.tables import error_table, ways_of
 
 
@@ -43,7 +44,9 @@ def metrics_of(
         "model": cfg.model.name,
         "system": cfg.system.name,
         "scenario": cfg.scenario.name,
+        "scenario_settings": settings_of(cfg.scenario),
         "seed": cfg.seed,
+        "identity": {"config": config_digest(cfg), "code": code_version()},
         "fit_seconds": module.fit_seconds,
         "parameters": estimator.identified_parameters,
         "identification": module.solution,
@@ -63,6 +66,11 @@ def metrics_of(
             "lightning": lightning.__version__,
         },
     }
+
+
+def settings_of(node: DictConfig) -> dict[str, Any]:
+    """A choice's values without its name."""
+    return {str(k): v for k, v in plain(node).items() if k not in ("name", "_target_")}
 
 
 def log_run(
@@ -95,12 +103,6 @@ def log_run(
         for name, figure in run_figures(record, estimates[""], errors, names).items():
             board.add_figure(name, figure, close=False)
     logger.save()
-
-
-def print_line(metrics: dict[str, Any], folder: Path) -> None:
-    """One run of a sweep."""
-    train, test = (metrics[split]["relative_rms_percent"] for split in SPLITS)
-    print(f"{folder.name:<60} train {train:8.2f} %   test {test:8.2f} %", flush=True)
 
 
 def print_run(metrics: dict[str, Any], folder: Path) -> None:

@@ -1,37 +1,118 @@
-"""The end of a sweep: how many runs were done, which failed and why, errors over the seeds."""
+"""A sweep as a person sees it: live progress, then what was done, what failed and why."""
 
 from __future__ import annotations
 
 import json
-import sys
+import threading
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from hydra.experimental.callback import Callback
-from omegaconf import DictConfig
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from report.runs import FAILED, METRICS
+from report.runs import FAILED, METRICS, code_version
 
 
-class SweepSummary(Callback):
-    """Hydra calls it once, after the last run of a sweep; a failed run fails the sweep."""
+def read_metrics(folder: Path) -> dict[str, Any]:
+    metrics: dict[str, Any] = json.loads((folder / METRICS).read_text("utf-8"))
+    return metrics
 
-    def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
-        folder = Path(config.hydra.sweep.dir)
-        done = [json.loads(path.read_text("utf-8")) for path in sorted(folder.glob(f"*/{METRICS}"))]
-        failed = sorted(folder.glob(f"*/{FAILED}"))
-        console = Console(width=None if Console().is_terminal else 130)
-        if done:
-            console.print(sweep_table(done))
-        for path in failed:
-            reason = path.read_text("utf-8").splitlines()[-1]
-            console.print(f"failed: {path.parent.name}: {reason}", soft_wrap=True)
-        console.print(f"{len(done)} done, {len(failed)} failed, in {folder}", soft_wrap=True)
-        if failed:
-            sys.exit(1)
+
+def is_finished(folder: Path) -> bool:
+    """Whether a run is complete and was made by this code. The folder's name tells its config."""
+    if not (folder / METRICS).is_file():
+        return False
+    return read_metrics(folder).get("identity", {}).get("code") == code_version()
+
+
+class Watch:
+    """Progress over the folders of a sweep, whoever works on them."""
+
+    def __init__(self, folders: list[Path], total: int) -> None:
+        for folder in folders:
+            for name in (FAILED, METRICS):
+                (folder / name).unlink(missing_ok=True)
+        self.left, self.total, self.done = set(folders), total, total - len(folders)
+        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[failed]} failed"))
+        self.console = Console(width=None if Console().is_terminal else 130)
+        self.progress = Progress(*columns, TimeRemainingColumn(), console=self.console)
+        self.ended, self.failed = threading.Event(), 0
+
+    def __enter__(self) -> Watch:
+        if self.done:
+            self.console.print(f"{self.done} of {self.total} runs were finished before")
+        self.task = self.progress.add_task("", total=self.total, completed=self.done, failed=0)
+        if self.console.is_terminal:
+            self.progress.start()
+        self.thread = threading.Thread(target=self._watch, daemon=True)
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ended.set()
+        self.thread.join()
+        self.progress.stop()
+
+    def _watch(self) -> None:
+        last_look = False
+        while not last_look:
+            last_look = self.ended.wait(0.5)
+            self._look()
+
+    def _look(self) -> None:
+        new = [f for f in self.left if (f / METRICS).exists() or (f / FAILED).exists()]
+        for folder in sorted(new, key=lambda f: f.stat().st_mtime):
+            self.left.discard(folder)
+            self.done += 1
+            failed = not (folder / METRICS).exists()
+            self.failed += failed
+            count = f"[{self.done:>{len(str(self.total))}}/{self.total}]"
+            self.console.print(count, _line(folder, failed), highlight=False, markup=False)
+            self.progress.update(self.task, completed=self.done, failed=self.failed)
+
+
+def _line(folder: Path, failed: bool) -> str:
+    if failed:
+        return f"{folder.name}: failed: {_reason(folder)}"
+    metrics = read_metrics(folder)
+    train, test = (metrics[split]["relative_rms_percent"] for split in ("train", "test"))
+    return f"{folder.name:<70} train {train:8.2f} %   test {test:8.2f} %"
+
+
+def _reason(folder: Path) -> str:
+    return (folder / FAILED).read_text("utf-8").splitlines()[-1]
+
+
+def print_summary(folders: list[Path], skipped: int) -> bool:
+    """Errors over the seeds, the failures and their reasons; whether all runs are done."""
+    console = Console(width=None if Console().is_terminal else 130)
+    done = [folder for folder in folders if (folder / METRICS).is_file()]
+    failed = [folder for folder in folders if (folder / FAILED).is_file()]
+    if done:
+        console.print(sweep_table([read_metrics(folder) for folder in done]))
+    for folder in failed:
+        console.print(f"failed: {folder.name}: {_reason(folder)}", soft_wrap=True, markup=False)
+    before = f" ({skipped} of them before)" if skipped else ""
+    lost = len(folders) - len(done) - len(failed)
+    unknown = f", {lost} without any result" if lost else ""
+    place = f"in {folders[0].parent}" if folders else ""
+    console.print(
+        f"{len(done)} done{before}, {len(failed)} failed{unknown}, {place}", soft_wrap=True
+    )
+    return len(done) == len(folders)
+
+
+def _scenario(run: dict[str, Any], runs: list[dict[str, Any]]) -> str:
+    """A scenario's name with the numbers that differ among the runs."""
+    same = [other for other in runs if other["scenario"] == run["scenario"]]
+    varied = [
+        f" {key} {value:g}"
+        for key, value in run["scenario_settings"].items()
+        if isinstance(value, float) and any(o["scenario_settings"][key] != value for o in same)
+    ]
+    return run["scenario"] + ",".join(varied)
 
 
 def sweep_table(runs: list[dict[str, Any]]) -> Table:
@@ -41,7 +122,7 @@ def sweep_table(runs: list[dict[str, Any]]) -> Table:
         table.add_column(name, justify="right" if name in ("runs", "train", "test") else "left")
     cases: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
     for run in runs:
-        cases.setdefault((run["system"], run["scenario"], run["model"]), []).append(run)
+        cases.setdefault((run["system"], _scenario(run, runs), run["model"]), []).append(run)
     for (system, scenario, model), group in sorted(cases.items()):
         cells = []
         for split in ("train", "test"):

@@ -31,7 +31,7 @@ def composed(*overrides: str, config: str = "train") -> DictConfig:
 
 def fits(*overrides: str) -> dict:
     """Errors of a short run with these choices."""
-    cfg = composed(*overrides, "data.duration=15")
+    cfg = composed(*overrides, "data.duration=40")
     data = data_from(cfg)
     data.setup()
     estimator = estimator_from(cfg.model, data)
@@ -62,7 +62,7 @@ def test_every_excitation(excitation):
 
 def test_given_forces_drive_the_structure(tmp_path):
     rng = torch.Generator().manual_seed(0)
-    force = torch.cumsum(torch.randn(3000, 3, generator=rng), 0) / 10.0
+    force = torch.cumsum(torch.randn(8000, 3, generator=rng), 0) / 10.0
     path = tmp_path / "forces.csv"
     path.write_text("\n".join(",".join(f"{u:.6f}" for u in row) for row in force.tolist()))
     choices = ["excitation=given", f"excitation.force.path={path}", "model=two_point"]

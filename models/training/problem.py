@@ -39,59 +39,63 @@ class Problem:
 
     def errors(self) -> Tensor:
         """e (N,) at the present parameters."""
-        return self._error(self.module(self.u), self.y)
+        estimate = self.module(self.u)
+        if not self.pointwise:
+            estimate = estimate[..., self.warmup :, :]
+        return ((estimate - self.y) * self.weight).reshape(-1)
 
     def loss(self) -> Tensor:
         """Mean square of e."""
         return (self.errors() ** 2).mean()
 
-    def normal_equations(self) -> tuple[Tensor, Tensor]:
-        """JᵀJ (P, P) and Jᵀe (P,) with J = ∂e/∂θ, a block of J at a time."""
+    def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
+        """JᵀJ (P, P) and Jᵀe (P,) with J = ∂e/∂θ, a block of J at a time.
+
+        JᵀJ is summed over every `every`-th sample (or window, where samples hang together) and
+        multiplied by `every`: motions are sampled far more densely than they change. Jᵀe is exact.
+        """
         theta = {name: self.module.get_parameter(name).detach() for name in self.names}
         count = sum(p.numel() for p in theta.values())
-        matrix, vector = self.y.new_zeros(count, count), self.y.new_zeros(count)
-        for jacobian, errors in self._blocks(theta):
+        matrix = self.y.new_zeros(count, count)
+        for jacobian in self._blocks(theta, every):
             matrix += _gram(jacobian)
-            vector += jacobian.T @ errors
-        return self.weight**2 * matrix, self.weight * vector
+        with torch.enable_grad():
+            free = [self.module.get_parameter(name) for name in self.names]
+            slopes = torch.autograd.grad(self.loss(), free)
+        vector = torch.cat([slope.reshape(-1) for slope in slopes])
+        return every * self.weight**2 * matrix, 0.5 * self.y.numel() * vector
 
-    def _error(self, estimate: Tensor, y: Tensor) -> Tensor:
-        if not self.pointwise:
-            estimate = estimate[..., self.warmup :, :]
-        return ((estimate - y) * self.weight).reshape(-1)
-
-    def _blocks(self, theta: dict[str, Tensor]) -> Iterator[tuple[Tensor, Tensor]]:
-        """(J/weight, e) of some samples at a time, or of a window where samples hang together."""
+    def _blocks(self, theta: dict[str, Tensor], every: int) -> Iterator[Tensor]:
+        """J/weight of some samples at a time, or of a window where samples hang together."""
         if self.pointwise:
-            return self._sample_blocks(theta)
-        return self._window_blocks(theta)
+            return self._sample_blocks(theta, every)
+        return self._window_blocks(theta, every)
 
-    def _sample_blocks(self, theta: dict[str, Tensor]) -> Iterator[tuple[Tensor, Tensor]]:
+    def _sample_blocks(self, theta: dict[str, Tensor], every: int) -> Iterator[Tensor]:
         """By reverse differentiation of every sample: n gradients each."""
         count = sum(p.numel() for p in theta.values())
         rows = max(1, BLOCK_ELEMENTS // (count * self.y.shape[-1]))
-        for u, y in zip(self.u.split(rows), self.y.split(rows), strict=True):
+        for u in self.u[::every].split(rows):
             by_name = vmap(jacrev(self._estimate), in_dims=(None, 0))(theta, u)
-            jacobian = torch.cat([j.flatten(2) for j in by_name.values()], dim=2).flatten(0, 1)
-            yield jacobian, self._error(self.module(u).detach(), y)
+            yield torch.cat([j.flatten(2) for j in by_name.values()], dim=2).flatten(0, 1)
 
-    def _window_blocks(self, theta: dict[str, Tensor]) -> Iterator[tuple[Tensor, Tensor]]:
+    def _window_blocks(self, theta: dict[str, Tensor], every: int) -> Iterator[Tensor]:
         """By forward differentiation of every window, some parameters at a time."""
         flat = torch.cat([p.reshape(-1) for p in theta.values()])
         unit = torch.eye(flat.numel(), dtype=flat.dtype, device=flat.device)
         sizes = [p.numel() for p in theta.values()]
-        windows = range(self.y.shape[0]) if self.y.ndim == 3 else [slice(None)]
-        for i in windows:
-            window, y = self.u.map(lambda signal, i=i: signal[i]), self.y[i]
+        columns = max(1, BLOCK_ELEMENTS // self.y[0].numel())
+        windows = self.u.a.shape[0] if self.u.a.ndim == 3 else 1
+        for i in range(0, windows, every):
+            window = self.u.map(lambda signal, i=i: signal[i]) if self.u.a.ndim == 3 else self.u
 
-            def errors(flat: Tensor, window: Record = window, y: Tensor = y) -> Tensor:
+            def estimate(flat: Tensor, window: Record = window) -> Tensor:
                 parts = zip(theta.items(), flat.split(sizes), strict=True)
                 named = {name: part.view(p.shape) for (name, p), part in parts}
-                return self._error(self._estimate(named, window), y)
+                return self._estimate(named, window)[self.warmup :].reshape(-1)
 
-            columns = max(1, BLOCK_ELEMENTS // y.numel())
-            along = vmap(lambda t, f=errors: jvp(f, (flat,), (t,))[1], chunk_size=columns)
-            yield along(unit).T / self.weight, errors(flat)
+            along = vmap(lambda t, f=estimate: jvp(f, (flat,), (t,))[1], chunk_size=columns)
+            yield along(unit).T
 
     def _estimate(self, theta: dict[str, Tensor], u: Tensor | Record) -> Tensor:
         return functional_call(self.module, theta, (u,))

@@ -19,7 +19,9 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     """iterations: at most (trainlm's epochs); damping: μ at the start.
 
     μ is multiplied by `decrease` after a step that lowered the loss and by `increase` before
-    another try. Stops where μ exceeds `largest` or the gradient's norm falls below `gradient`.
+    another try. Stops where μ exceeds `largest`, the gradient's norm falls below `gradient`, or
+    `patience` iterations lower the loss by less than the fraction `change`.
+    every: JᵀJ is summed over every so-many-th sample; the gradient takes all of them.
     """
 
     full_batch = True
@@ -33,11 +35,20 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         increase: float = 10.0,
         largest: float = 1e10,
         gradient: float = 1e-7,
+        change: float = 0.0,
+        patience: int = 20,
+        every: int = 1,
     ) -> None:
+        if iterations < 1 or every < 1 or not damping > 0.0 or not 0.0 < decrease < 1.0 < increase:
+            raise ValueError(
+                f"solver.iterations={iterations}, every={every}, damping={damping}, decrease="
+                f"{decrease}, increase={increase}: expected at least 1, 1, above 0, 0–1, above 1"
+            )
         super().__init__(parameters, {})
         self.iterations, self.damping, self.done = iterations, damping, 0
         self.decrease, self.increase, self.largest = decrease, increase, largest
-        self.gradient = gradient
+        self.gradient, self.change, self.patience, self.every = gradient, change, patience, every
+        self.recent: list[float] = []
         self.finished, self.why = False, ""
 
     @torch.no_grad()
@@ -45,7 +56,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         """One iteration."""
         free = [p for group in self.param_groups for p in group["params"]]
         here, loss = parameters_to_vector(free), float(problem.loss())
-        matrix, vector = problem.normal_equations()
+        matrix, vector = problem.normal_equations(self.every)
         if 2.0 * float(torch.linalg.vector_norm(vector)) / problem.y.numel() < self.gradient:
             return self._finish(f"gradient below {self.gradient:g}")
         while self.damping <= self.largest:
@@ -58,13 +69,20 @@ class LevenbergMarquardt(torch.optim.Optimizer):
                 tried = float(problem.loss())
                 if tried < loss:
                     self.damping *= self.decrease
-                    self.done += 1
-                    if self.done >= self.iterations:
-                        self._finish(f"{self.iterations} iterations")
-                    return [tried]
+                    return self._accept(tried)
             self.damping *= self.increase
         vector_to_parameters(here, free)
         return self._finish(f"damping above {self.largest:g}")
+
+    def _accept(self, loss: float) -> list[float]:
+        self.done += 1
+        self.recent = [*self.recent[-self.patience :], loss]
+        gain = 1.0 - loss / self.recent[0]
+        if len(self.recent) > self.patience and gain < self.change:
+            self._finish(f"{self.patience} iterations lower the loss by less than {self.change:g}")
+        if self.done >= self.iterations:
+            self._finish(f"{self.iterations} iterations")
+        return [loss]
 
     def _finish(self, why: str) -> list[float]:
         self.finished, self.why = True, why
