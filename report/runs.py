@@ -33,6 +33,11 @@ def plain(cfg: DictConfig) -> dict[str, Any]:
     return content
 
 
+def settings_of(node: DictConfig) -> dict[str, Any]:
+    """A choice's values without its name."""
+    return {key: value for key, value in plain(node).items() if key not in ("name", "_target_")}
+
+
 def config_digest(cfg: DictConfig) -> str:
     """Ten characters that tell runs apart: a hash of every choice that can change a number."""
     content = {key: value for key, value in plain(cfg).items() if key not in WITHOUT_EFFECT}

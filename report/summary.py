@@ -19,7 +19,7 @@ from models.training.identification import SPLITS, Identification
 from models.training.metrics import score
 from report.figures import run_figures
 from report.paper import paper_values
-from report.runs import code_version, config_digest, plain
+from report.runs import code_version, config_digest, settings_of
 from report.tables import error_table, ways_of
 
 
@@ -66,11 +66,6 @@ def metrics_of(
             "lightning": lightning.__version__,
         },
     }
-
-
-def settings_of(node: DictConfig) -> dict[str, Any]:
-    """A choice's values without its name."""
-    return {str(k): v for k, v in plain(node).items() if k not in ("name", "_target_")}
 
 
 def log_run(
