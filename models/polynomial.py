@@ -4,12 +4,12 @@ u = Φ⁻¹ x,  h_i = Σ C_kl T_k(u_i') T_l(u̇_i')    Brewick & Masri (2016), S
     on the residual:         h = Φᵀ M⁻¹ f_NL,   ẍ̂ = linear − Φ⁻ᵀ h      (Eqs. 9, 11a)
     on the restoring force:  h = Φᵀ r,          ẍ̂ = M⁻¹ (f − Φ⁻ᵀ h)     (Eqs. 10, 11b)
 
-n DOFs, T samples, P = (order + 1)² terms per mode.
+n DOFs, T samples, P terms per mode: (order + 1)² for one pair of coordinates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -17,7 +17,8 @@ from torch import Tensor, nn
 from data.record import Record
 from models.estimator import weight_matrix
 from models.layers.least_squares import LeastSquares
-from models.layers.series import BASES, double_series
+from models.layers.scaling import Extents
+from models.layers.series import BASES, double_series, double_series_terms
 from models.linear import EquivalentLinear
 
 
@@ -25,16 +26,15 @@ class ModalPolynomial(EquivalentLinear):
     """A double series per mode, fitted to the residual or to the whole restoring force.
 
     fits: "residual" or "restoring_force"; basis: "power" or "chebyshev"; order: highest power of
-    the modal displacement and of the modal velocity. The identified M⁻¹K is not symmetric and may
-    have complex modes; a complex pair is replaced by its real and imaginary part, which span the
-    same motion.  Coordinates are normalised by their extents in training (Eq. 23), which unseen
-    motion may exceed.  Raises ValueError unless every DOF has its force, and where the identified
-    mass matrix or the modes are singular.
+    each coordinate.  pairs: None, each h_i on its own mode's (u_i, u̇_i); or a list of pairs such as
+    [["u1", "u1_dot"], ["u1", "u2"]], every h_i on the sum of their series (Eq. 13).
+    The identified M⁻¹K is not symmetric and may have complex modes; a complex pair is replaced by
+    its real and imaginary part, which span the same motion.  Coordinates are normalised by their
+    extents in training (Eq. 23), which unseen motion may exceed.  Raises ValueError unless every
+    DOF has its force, and where the identified mass matrix or the modes are singular.
     """
 
     modes: Tensor
-    centre: Tensor
-    reach: Tensor
 
     def __init__(
         self,
@@ -44,6 +44,7 @@ class ModalPolynomial(EquivalentLinear):
         fits: str = "restoring_force",
         basis: str = "power",
         order: int = 5,
+        pairs: Sequence[Sequence[str]] | None = None,
         ridge: float = 0.0,
     ) -> None:
         super().__init__(dofs, inputs, dt, ridge)
@@ -59,16 +60,17 @@ class ModalPolynomial(EquivalentLinear):
             )
         self.fits, self.basis, self.order = fits, basis, order
         self.register_buffer("modes", torch.eye(dofs, dtype=torch.float64))  # Φ
-        self.register_buffer("centre", torch.zeros(2, dofs, dtype=torch.float64))
-        self.register_buffer("reach", torch.ones(2, dofs, dtype=torch.float64))
-        terms = (order + 1) ** 2
-        self.coefficients = nn.ParameterList([weight_matrix(terms, 1) for _ in range(dofs)])
+        self.scale = Extents(2 * dofs)
+        own = [[(i, dofs + i)] for i in range(dofs)]
+        chosen = own if pairs is None else [[self._pair(pair) for pair in pairs]] * dofs
+        self.terms = [double_series_terms(of_mode, order) for of_mode in chosen]
+        self.coefficients = nn.ParameterList([weight_matrix(len(t), 1) for t in self.terms])
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         super().identify(batches)
         self.modes.copy_(real_modes(self.matrices()[1]))
         self._require_regular()
-        self._set_extents(batches)
+        self.scale.fit(self._modal(r)[..., r.warmup :, :] for r in batches)
         fits = [LeastSquares(self.ridge) for _ in range(self.dofs)]
         for record in batches:
             counted = slice(record.warmup, None)
@@ -103,29 +105,29 @@ class ModalPolynomial(EquivalentLinear):
         return (record.f - inertia) @ self.modes
 
     def _modal(self, record: Record) -> Tensor:
-        """u and u̇ (…, T, 2, n)."""
+        """[u, u̇] (…, T, 2n)."""
         self.check(record)
         x, v = record.x, record.v
         assert x is not None
         assert v is not None
-        return torch.linalg.solve(self.modes, torch.stack([x, v], dim=-1)).transpose(-1, -2)
+        modal = torch.linalg.solve(self.modes, torch.stack([x, v], dim=-1))  # (…, T, n, 2)
+        return torch.cat([modal[..., 0], modal[..., 1]], dim=-1)
 
-    def _terms(self, record: Record) -> list[Tensor]:
+    def _terms(self, record: Record) -> Iterator[Tensor]:
         """For each mode the terms of its series (…, T, P)."""
-        scaled = (self._modal(record) - self.centre) / self.reach
-        q, q_dot = scaled[..., 0, :], scaled[..., 1, :]
-        return [
-            double_series(self.basis, self.order, q[..., i], q_dot[..., i])
-            for i in range(self.dofs)
-        ]
+        scaled = self.scale(self._modal(record))
+        for terms in self.terms:
+            yield double_series(self.basis, self.order, terms, scaled)
 
-    def _set_extents(self, batches: Iterable[Record]) -> None:
-        """Eq. 23: middle and half range of each modal coordinate and rate in training."""
-        modal = [self._modal(record).flatten(0, -3) for record in batches]
-        low = torch.stack([u.amin(dim=0) for u in modal]).amin(dim=0)
-        high = torch.stack([u.amax(dim=0) for u in modal]).amax(dim=0)
-        self.centre.copy_(0.5 * (high + low))
-        self.reach.copy_(0.5 * (high - low))
+    def _pair(self, pair: Sequence[str]) -> tuple[int, int]:
+        """Places of two coordinates, named u1, u2, … and u1_dot, u2_dot, …"""
+        names = [f"u{i + 1}" for i in range(self.dofs)]
+        names += [f"{name}_dot" for name in names]
+        if len(pair) != 2 or pair[0] == pair[1] or not set(pair) <= set(names):
+            raise ValueError(
+                f"pairs holds {list(pair)}: expected two different ones of {', '.join(names)}"
+            )
+        return names.index(pair[0]), names.index(pair[1])
 
     def _require_regular(self) -> None:
         named = {"inverse mass matrix": self.matrices()[2], "mode matrix": self.modes}

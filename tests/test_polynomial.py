@@ -13,7 +13,7 @@ from data.elements import Polynomial
 from data.excitation import BandLimitedGaussian, Excitation
 from data.record import Record
 from data.structure import Structure
-from models.layers.series import chebyshev, double_series, powers
+from models.layers.series import chebyshev, double_series, double_series_terms, powers
 from models.linear import EquivalentLinear
 from models.polynomial import ModalPolynomial, real_modes
 from models.training.metrics import score
@@ -76,25 +76,54 @@ def test_powers_and_chebyshev_polynomials_agree(polynomial_record, fits):
 
 def test_series_hold_all_products_and_know_numpy_chebyshev():
     q, q_dot = torch.linspace(-1.3, 1.3, 9, dtype=torch.float64), torch.full((9,), 0.4).double()
-    assert double_series("power", 5, q, q_dot).shape == (9, 36)
+    both = torch.stack([q, q_dot], dim=-1)
+    terms = double_series_terms([(0, 1)], 5)
+    assert double_series("power", 5, terms, both).shape == (9, 36)
     assert torch.allclose(powers(q, 5)[:, 4], q**4)
     for k in range(6):
         wanted = numpy_chebyshev.chebval(q.numpy(), np.eye(6)[k])
         assert np.allclose(chebyshev(q, 5)[:, k].numpy(), wanted, atol=1e-13)
     product = powers(q, 2)[:, 2] * powers(q_dot, 2)[:, 1]
-    assert torch.allclose(double_series("power", 2, q, q_dot)[:, 2 * 3 + 1], product)
+    column = double_series_terms([(0, 1)], 2).index((0, 2, 1, 1))
+    series = double_series("power", 2, double_series_terms([(0, 1)], 2), both)
+    assert torch.allclose(series[:, column], product)
+
+
+def test_pairs_that_share_a_coordinate_share_its_terms():
+    """Three powers of each of three coordinates, nine products of each pair, one constant."""
+    terms = double_series_terms([(0, 1), (0, 2)], 3)
+    assert len(terms) == len(set(terms)) == 3 * 3 + 2 * 9 + 1
+
+
+def test_a_pair_of_coordinates_that_a_coupled_force_needs_is_what_finds_it(polynomial_record):
+    """Forces that couple two modes are out of reach of own modes and within reach of the pair."""
+    own = identified([polynomial_record], fits="residual", order=3)
+    u = own._modal(polynomial_record)
+    coupled = 3.0 * (u[:, :1] * u[:, 1:2]) @ torch.linalg.inv(own.modes)[:1]  # on h_1 alone
+    record = replace(polynomial_record, a=polynomial_record.a + coupled, truth=None)
+    pairs = [["u1", "u1_dot"], ["u2", "u2_dot"], ["u3", "u3_dot"], ["u1", "u2"]]
+    with_pair = identified([record], fits="residual", order=3, pairs=pairs)
+    alone = identified([record], fits="residual", order=3)
+    better = score(with_pair, [record])["relative_rms_percent"]
+    assert better < 0.7 * score(alone, [record])["relative_rms_percent"]
+
+
+@pytest.mark.parametrize("pair", [["u1", "u4"], ["u1", "u1"], ["u1"], ["x1", "u1"]])
+def test_pairs_of_unknown_coordinates_are_refused(pair):
+    with pytest.raises(ValueError, match="expected two different ones of u1, u2, u3, u1_dot"):
+        ModalPolynomial(3, 3, 0.01, pairs=[pair])
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_extents_are_those_of_training_alone(polynomial_record, method):
     estimator = identified([polynomial_record], **METHODS[method])
-    before = estimator.reach.clone()
+    before = estimator.scale.reach.clone()
     larger = polynomial_record.map(lambda u: 3.0 * u)
     estimator(larger)
-    assert torch.equal(estimator.reach, before)
-    scaled = (estimator._modal(polynomial_record) - estimator.centre) / estimator.reach
-    assert torch.allclose(scaled.amax(dim=0), torch.ones(2, 3).double())
-    assert torch.allclose(scaled.amin(dim=0), -torch.ones(2, 3).double())
+    assert torch.equal(estimator.scale.reach, before)
+    scaled = estimator.scale(estimator._modal(polynomial_record))
+    assert torch.allclose(scaled.amax(dim=0), torch.ones(6).double())
+    assert torch.allclose(scaled.amin(dim=0), -torch.ones(6).double())
 
 
 @pytest.mark.parametrize("method", METHODS)

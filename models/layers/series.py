@@ -6,6 +6,8 @@ used, so that powers and Chebyshev polynomials span the same space.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -26,7 +28,25 @@ def chebyshev(q: Tensor, order: int) -> Tensor:
 BASES = {"power": powers, "chebyshev": chebyshev}
 
 
-def double_series(basis: str, order: int, q: Tensor, q_dot: Tensor) -> Tensor:
-    """All products T_k(q) T_l(q̇), k, l = 0 … order: (…,) → (…, (order + 1)²)."""
-    first, second = BASES[basis](q, order), BASES[basis](q_dot, order)
-    return (first[..., :, None] * second[..., None, :]).flatten(-2)
+Term = tuple[int, int, int, int]  # T_k of coordinate a times T_l of coordinate b, as a, k, b, l
+
+
+def double_series_terms(pairs: Sequence[tuple[int, int]], order: int) -> list[Term]:
+    """The different products T_k(q_a) T_l(q_b), k, l = 0 … order, of all pairs (a, b).
+
+    Pairs that share a coordinate share its pure terms, and all share the constant.
+    """
+    unique: dict[frozenset[tuple[int, int]], Term] = {}
+    for a, b in pairs:
+        for k in range(order + 1):
+            for ell in range(order + 1):
+                factors = frozenset((q, power) for q, power in ((a, k), (b, ell)) if power > 0)
+                unique.setdefault(factors, (a, k, b, ell))
+    return list(unique.values())
+
+
+def double_series(basis: str, order: int, terms: Sequence[Term], q: Tensor) -> Tensor:
+    """Values of the terms: coordinates (…, C) → (…, P)."""
+    table = BASES[basis](q, order)  # (…, C, order + 1)
+    a, k, b, ell = (list(index) for index in zip(*terms, strict=True))
+    return table[..., a, k] * table[..., b, ell]
