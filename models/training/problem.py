@@ -15,7 +15,7 @@ from torch.func import functional_call, jacrev, jvp, vmap
 from data.record import Record
 from models.estimator import Estimator
 
-BLOCK_ELEMENTS = 1 << 22  # of the Jacobian that are held in memory at a time (32 MiB)
+BLOCK_ELEMENTS = 1 << 22  # of derivatives that are computed at a time (32 MiB)
 
 
 class Problem:
@@ -52,7 +52,7 @@ class Problem:
         """JᵀJ (P, P) and Jᵀe (P,) with J = ∂e/∂θ, a block of J at a time.
 
         JᵀJ is summed over every `every`-th sample (or window, where samples hang together) and
-        multiplied by `every`: motions are sampled far more densely than they change. Jᵀe is exact.
+        scaled up: motions are sampled far more densely than they change. Jᵀe is exact.
         """
         theta = {name: self.module.get_parameter(name).detach() for name in self.names}
         count = sum(p.numel() for p in theta.values())
@@ -63,7 +63,13 @@ class Problem:
             free = [self.module.get_parameter(name) for name in self.names]
             slopes = torch.autograd.grad(self.loss(), free)
         vector = torch.cat([slope.reshape(-1) for slope in slopes])
-        return every * self.weight**2 * matrix, 0.5 * self.y.numel() * vector
+        left_out = self.parts / len(range(0, self.parts, every))
+        return left_out * self.weight**2 * matrix, 0.5 * self.y.numel() * vector
+
+    @property
+    def parts(self) -> int:
+        """Samples, where each stands alone; else windows."""
+        return self.y.shape[0] if self.pointwise or self.y.ndim == 3 else 1
 
     def _blocks(self, theta: dict[str, Tensor], every: int) -> Iterator[Tensor]:
         """J/weight of some samples at a time, or of a window where samples hang together."""
@@ -77,17 +83,18 @@ class Problem:
         rows = max(1, BLOCK_ELEMENTS // (count * self.y.shape[-1]))
         for u in self.u[::every].split(rows):
             by_name = vmap(jacrev(self._estimate), in_dims=(None, 0))(theta, u)
-            yield torch.cat([j.flatten(2) for j in by_name.values()], dim=2).flatten(0, 1)
+            columns = [j.reshape(*j.shape[:2], -1) for j in by_name.values()]
+            yield torch.cat(columns, dim=2).flatten(0, 1)
 
     def _window_blocks(self, theta: dict[str, Tensor], every: int) -> Iterator[Tensor]:
         """By forward differentiation of every window, some parameters at a time."""
         flat = torch.cat([p.reshape(-1) for p in theta.values()])
         unit = torch.eye(flat.numel(), dtype=flat.dtype, device=flat.device)
         sizes = [p.numel() for p in theta.values()]
-        columns = max(1, BLOCK_ELEMENTS // self.y[0].numel())
-        windows = self.u.a.shape[0] if self.u.a.ndim == 3 else 1
-        for i in range(0, windows, every):
-            window = self.u.map(lambda signal, i=i: signal[i]) if self.u.a.ndim == 3 else self.u
+        batched = self.y.ndim == 3
+        columns = max(1, BLOCK_ELEMENTS * self.parts // self.y.numel())
+        for i in range(0, self.parts, every):
+            window = self.u.map(lambda signal, i=i: signal[i]) if batched else self.u
 
             def estimate(flat: Tensor, window: Record = window) -> Tensor:
                 parts = zip(theta.items(), flat.split(sizes), strict=True)

@@ -17,7 +17,7 @@ from models.training.problem import Problem
 class LBFGS(torch.optim.LBFGS):
     """iterations: at most; history: pairs of steps and gradients that make the inverse Hessian.
 
-    Stops when the largest component of the gradient falls below `gradient`, or when `patience`
+    Stops when the norm of the loss's gradient falls below `gradient`, or when `patience`
     iterations lower the loss by less than the fraction `change`.
     """
 
@@ -28,10 +28,15 @@ class LBFGS(torch.optim.LBFGS):
         parameters: Iterable[nn.Parameter],
         iterations: int = 1000,
         history: int = 50,
-        gradient: float = 1e-10,
+        gradient: float = 1e-12,
         change: float = 1e-6,
         patience: int = 20,
     ) -> None:
+        if iterations < 1 or patience < 1 or history < 1:
+            raise ValueError(
+                f"solver.iterations={iterations}, patience={patience}, history={history}: "
+                "expected at least 1"
+            )
         super().__init__(
             parameters,
             max_iter=1,
@@ -53,7 +58,7 @@ class LBFGS(torch.optim.LBFGS):
             self.step(recall)
             accepted.append(recall())
             self.done += 1
-            if self._steepest() <= self.gradient:
+            if self._slope() <= self.gradient * recall.scale:
                 self._finish(f"gradient below {self.gradient:g}")
                 break
         if accepted[0] - accepted[-1] <= self.change * accepted[0]:
@@ -62,9 +67,9 @@ class LBFGS(torch.optim.LBFGS):
             self._finish(f"{self.iterations} iterations")
         return [a / recall.scale for a in accepted[1:]]
 
-    def _steepest(self) -> float:
-        slopes = [p.grad.abs().max() for g in self.param_groups for p in g["params"]]
-        return float(torch.stack(slopes).max())
+    def _slope(self) -> float:
+        slopes = [p.grad.reshape(-1) for group in self.param_groups for p in group["params"]]
+        return float(torch.linalg.vector_norm(torch.cat(slopes)))
 
     def _finish(self, why: str) -> None:
         self.finished, self.why = True, self.why or why

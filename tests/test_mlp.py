@@ -1,0 +1,321 @@
+"""Multilayer perceptrons: sizes, formulas, what an estimate may see, a planted network."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from data.record import Record
+from models.mlp import GlobalMLP, Perceptron, ResidualMLP
+from models.training.problem import Problem
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+
+MODELS = {"global": GlobalMLP, "residual": ResidualMLP}
+NUMPY = {
+    "tanh": np.tanh,
+    "sigmoid": lambda z: 1.0 / (1.0 + np.exp(-z)),
+    "relu": lambda z: np.maximum(z, 0.0),
+    "silu": lambda z: z / (1.0 + np.exp(-z)),
+}
+
+
+def motion(dofs: int, forces: int | None = None, samples: int = 120, seed: int = 0) -> Record:
+    """Random motion of masses on cubic springs to the ground; f drives the first masses."""
+    rng = np.random.default_rng(seed)
+    forces = dofs if forces is None else forces
+    x, v = 0.3 * rng.standard_normal((2, samples, dofs))
+    f = rng.standard_normal((samples, forces))
+    a = -(4.0 + np.arange(dofs)) * x - 0.2 * v - 9.0 * x**3
+    a[:, : min(dofs, forces)] += f[:, :dofs]
+    a, f, x, v = map(torch.from_numpy, (a, f, x, v))
+    return Record(dt=0.01, a=a, f=f, x=x, v=v)
+
+
+def identified(model: str, record: Record, seed: int = 0, **choices) -> GlobalMLP | ResidualMLP:
+    """Closed form done, weights as they start."""
+    torch.manual_seed(seed)
+    estimator = MODELS[model](record.dofs, record.excitation.shape[-1], record.dt, **choices)
+    estimator.identify([record])
+    return estimator
+
+
+def scale_by(u: np.ndarray, of: np.ndarray) -> np.ndarray:
+    low, high = of.min(axis=0), of.max(axis=0)
+    return 2.0 * (u - low) / (high - low) - 1.0
+
+
+def numpy_network(net: Perceptron, activation: str, u: np.ndarray) -> np.ndarray:
+    """The layers alone: scaled inputs → scaled outputs."""
+    weights = [p.detach().numpy() for p in net.parameters()]
+    *hidden, (W_out, b_out) = list(zip(weights[::2], weights[1::2], strict=True))
+    for W, b in hidden:
+        u = NUMPY[activation](u @ W.T + b)
+    return u @ W_out.T + b_out
+
+
+def numpy_linear(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Columns [ẋ, x, f] and the acceleration that least squares makes of them."""
+    state = np.concatenate([record.v, record.x, record.f], axis=1)
+    return state, state @ np.linalg.lstsq(state, record.a.numpy(), rcond=None)[0]
+
+
+def unscale(u: np.ndarray, of: np.ndarray) -> np.ndarray:
+    low, high = of.min(axis=0), of.max(axis=0)
+    return low + (high - low) * (u + 1.0) / 2.0
+
+
+# sizes
+
+
+def test_the_papers_networks_have_243_weights_and_27_of_the_linear_system():
+    """12-15-3: 12·15 + 15 + 15·3 + 3; 9-10-10-3: 9·10 + 10 + 10·10 + 10 + 10·3 + 3."""
+    residual, whole = ResidualMLP(3, 3, 0.01), GlobalMLP(3, 3, 0.01)
+    assert residual.identified_parameters == 243 + 27
+    assert whole.identified_parameters == 243
+    for estimator in residual, whole:
+        assert sum(p.numel() for p in estimator.parameters() if p.requires_grad) == 243
+
+
+@pytest.mark.parametrize(
+    ("model", "dofs", "forces", "hidden", "free"),
+    [
+        ("residual", 1, 1, (15,), 91),
+        ("residual", 2, 2, (15,), 167),
+        ("residual", 5, 5, (15,), 395),
+        ("residual", 2, 1, (4, 3), 7 * 4 + 4 + 4 * 3 + 3 + 3 * 2 + 2),
+        ("global", 1, 1, (10, 10), 161),
+        ("global", 2, 2, (10, 10), 202),
+        ("global", 5, 5, (10, 10), 325),
+        ("global", 2, 1, (4,), 5 * 4 + 4 + 4 * 2 + 2),
+    ],
+)
+def test_any_number_of_masses_forces_and_layers(model, dofs, forces, hidden, free):
+    record = motion(dofs, forces)
+    estimator = identified(model, record, hidden=hidden)
+    problem = Problem(estimator, record)
+    assert sum(estimator.get_parameter(f"network.{name}").numel() for name in problem.names) == free
+    assert len(list(estimator.network.parameters())) == 2 * (len(hidden) + 1)
+    assert {way: e.shape for way, e in estimator.estimates(record).items()} == dict.fromkeys(
+        ["", "own_residual"] if model == "residual" else [""], (120, dofs)
+    )
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_windows_in_a_batch_are_estimated_one_by_one(model):
+    record = motion(2)
+    estimator = identified(model, record)
+    batch = record.map(lambda u: u.reshape(3, 40, -1))
+    for way, together in estimator.estimates(batch).items():
+        alone = [estimator.estimates(record.window(40 * i, 40))[way] for i in range(3)]
+        assert torch.allclose(together, torch.stack(alone), rtol=0.0, atol=1e-12)
+
+
+def test_weights_start_random_within_glorots_bound_and_biases_at_zero():
+    torch.manual_seed(0)
+    one, other = Perceptron(40, [60], 50), Perceptron(40, [60], 50)
+    assert not torch.equal(one.layers[0].weight, other.layers[0].weight)
+    for layer in one.layers[0], one.layers[2]:
+        bound = (6.0 / sum(layer.weight.shape)) ** 0.5
+        assert 0.98 * bound < float(layer.weight.detach().abs().max()) <= bound
+        assert not layer.bias.detach().any()
+
+
+# formulas
+
+
+@pytest.mark.parametrize("activation", NUMPY)
+@pytest.mark.parametrize("hidden", [(4,), (5, 3, 2)])
+def test_the_global_network_is_its_formula(activation, hidden):
+    record, unseen = motion(2), motion(2, seed=9)
+    estimator = identified("global", record, hidden=hidden, activation=activation)
+    columns = [np.concatenate([r.x, r.v, r.f], axis=1) for r in (record, unseen)]
+    scaled = numpy_network(estimator.network, activation, scale_by(columns[1], of=columns[0]))
+    wanted = unscale(scaled, of=record.a.numpy())
+    assert np.allclose(estimator(unseen).detach(), wanted, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("activation", NUMPY)
+@pytest.mark.parametrize("hidden", [(4,), (5, 3)])
+def test_the_residual_network_is_its_formula(activation, hidden):
+    record = motion(2)
+    estimator = identified("residual", record, hidden=hidden, activation=activation)
+    state, linear = numpy_linear(record)
+    residual = linear - record.a.numpy()
+    delayed = np.concatenate([np.zeros((1, 2)), residual[:-1]])
+    columns = np.concatenate([state, delayed], axis=1)
+    scaled = numpy_network(estimator.network, activation, scale_by(columns, of=columns))
+    wanted = linear - unscale(scaled, of=residual)
+    assert np.allclose(estimator(record).detach(), wanted, rtol=0.0, atol=1e-11)
+
+
+def test_its_own_residual_is_fed_back_sample_by_sample():
+    record = motion(2)
+    estimator = identified("residual", record)
+    state, linear = numpy_linear(record)
+    residual = linear - record.a.numpy()
+    columns = np.concatenate([state, [[0.0, 0.0], *residual[:-1]]], axis=1)
+    own, wanted = np.zeros(2), []
+    for k in range(record.samples):
+        u = scale_by(np.concatenate([state[k], own]), of=columns)
+        own = unscale(numpy_network(estimator.network, "tanh", u), of=residual)
+        wanted.append(linear[k] - own)
+    estimates = estimator.estimates(record)
+    assert np.allclose(estimates["own_residual"].detach(), wanted, rtol=0.0, atol=1e-11)
+    assert not np.allclose(estimates[""].detach(), wanted, rtol=0.0, atol=1e-3)
+
+
+def test_the_target_of_training_is_the_error_of_the_estimate():
+    """g(u) − y is the estimate less the acceleration, up to its sign."""
+    record = motion(3)
+    for model, sign in ("global", 1.0), ("residual", -1.0):
+        estimator = identified(model, record)
+        network, u, y = estimator.regression(record)
+        assert torch.allclose(
+            sign * (network(u) - y), estimator(record) - record.a, rtol=0.0, atol=1e-12
+        )
+
+
+# what an estimate may see
+
+
+def changed_samples(estimator: nn.Module, record: Record, way: str, name: str) -> list[int]:
+    """Samples of an estimate that change with sample 50 of a signal."""
+    other = record.map(lambda u: u.clone())
+    getattr(other, name)[50] += torch.tensor([0.4, -0.7])
+    difference = estimator.estimates(other)[way] - estimator.estimates(record)[way]
+    return torch.nonzero(difference.abs().amax(dim=-1)).flatten().tolist()
+
+
+def test_the_global_network_sees_the_present_state_and_no_acceleration():
+    estimator = identified("global", motion(2))
+    seen = {name: changed_samples(estimator, motion(2), "", name) for name in "axvf"}
+    assert seen == {"a": [], "x": [50], "v": [50], "f": [50]}
+
+
+def test_the_residual_network_sees_the_acceleration_of_the_sample_before_alone():
+    estimator = identified("residual", motion(2))
+    seen = {name: changed_samples(estimator, motion(2), "", name) for name in "axvf"}
+    assert seen == {"a": [51], "x": [50, 51], "v": [50, 51], "f": [50, 51]}
+
+
+def test_its_own_residual_remembers_the_past_and_never_sees_an_acceleration():
+    record = motion(2)
+    estimator = identified("residual", record)
+    assert changed_samples(estimator, record, "own_residual", "a") == []
+    remembered = changed_samples(estimator, record, "own_residual", "f")
+    assert remembered[0] == 50
+    assert len(remembered) > 5
+    unknown = replace(record, a=torch.full_like(record.a, torch.nan))
+    assert torch.equal(estimator.with_own_residual(unknown), estimator.with_own_residual(record))
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_excitation_may_be_a_support_motion(model):
+    record = motion(2, forces=2)
+    moved = replace(record, f=record.f[:, :0], s=record.f[:, :1], s_dot=record.f[:, 1:])
+    estimates = [identified(model, r)(r).detach() for r in (record, moved)]
+    assert torch.allclose(*estimates, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_record_without_velocity_is_refused(model):
+    with pytest.raises(ValueError, match="which the record lacks"):
+        MODELS[model](2, 2, 0.01).identify([replace(motion(2), v=None)])
+
+
+# permutation
+
+
+def renumber(estimator: nn.Module, other: nn.Module, order: list[int]) -> None:
+    """Weights of `estimator` for masses that are renumbered, to `other`."""
+    weights = [p.detach().clone() for p in estimator.network.parameters()]
+    blocks = weights[0].shape[1] // len(order)
+    columns = [len(order) * block + i for block in range(blocks) for i in order]
+    weights[0] = weights[0][:, columns]
+    weights[-2:] = [u[order] for u in weights[-2:]]
+    with torch.no_grad():
+        for p, u in zip(other.network.parameters(), weights, strict=True):
+            p.copy_(u)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_renumbered_masses_give_renumbered_estimates_and_the_same_loss(model):
+    order, record = [2, 0, 1], motion(3)
+    renumbered = record.map(lambda u: u[..., order])
+    one, other = identified(model, record), identified(model, renumbered, seed=1)
+    assert torch.allclose(one.network.output_scale.reach[order], other.network.output_scale.reach)
+    renumber(one, other, order)
+    for way, estimate in one.estimates(record).items():
+        again = other.estimates(renumbered)[way]
+        assert torch.allclose(again, estimate[..., order], rtol=0.0, atol=1e-10)
+    losses = [float(Problem(e, r).loss().detach()) for e, r in
+              ((one, record), (other, renumbered))]  # fmt: skip
+    assert losses[0] == pytest.approx(losses[1], rel=1e-10)
+
+
+def test_renumbered_masses_have_renumbered_matrices():
+    order, record = [2, 0, 1], motion(3)
+    renumbered = record.map(lambda u: u[..., order])
+    matrices = [identified("residual", r).matrices() for r in (record, renumbered)]
+    for one, other in zip(*matrices, strict=True):
+        assert torch.allclose(one[order][:, order], other, rtol=0.0, atol=1e-10)
+
+
+# choices
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    "wrong", [{"activation": "softmax"}, {"hidden": ()}, {"hidden": (5, 0)}, {"hidden": (-2,)}]
+)
+def test_unknown_networks_are_refused(model, wrong):
+    with pytest.raises(ValueError, match="expected numbers of neurons and one of tanh, sigmoid"):
+        MODELS[model](3, 3, 0.01, **wrong)
+
+
+# planting
+
+
+def planted(record: Record) -> tuple[GlobalMLP, Record]:
+    """A network with random weights, and the record whose acceleration it is."""
+    truth = identified("global", record, hidden=(4,))
+    with torch.no_grad():
+        for p in truth.network.parameters():
+            p.copy_(torch.randn_like(p))
+    return truth, replace(record, a=truth(record).detach())
+
+
+def equivalent(truth: GlobalMLP, record: Record) -> GlobalMLP:
+    """The same function, its last layer in the scale of the planted acceleration."""
+    estimator = identified("global", record, hidden=(4,))
+    estimator.network.layers.load_state_dict(truth.network.layers.state_dict())
+    old, new = truth.network.output_scale, estimator.network.output_scale
+    layer = estimator.network.layers[-1]
+    with torch.no_grad():
+        layer.weight *= (old.reach / new.reach)[:, None]
+        layer.bias.copy_((old.inverse(layer.bias) - new.centre) / new.reach)
+    return estimator
+
+
+def relative_error(estimate: Tensor, wanted: Tensor) -> float:
+    return float((estimate.detach() - wanted).norm() / wanted.norm())
+
+
+def test_a_planted_network_is_found_from_a_start_nearby():
+    truth, record = planted(motion(2, samples=200))
+    estimator = equivalent(truth, record)
+    with torch.no_grad():
+        for p in estimator.network.parameters():
+            p.add_(0.05 * torch.randn_like(p))
+    assert relative_error(estimator(record), record.a) > 1e-2
+    free = estimator.network.parameters()
+    solver = LevenbergMarquardt(free, iterations=200, gradient=0.0)
+    while not solver.finished and relative_error(estimator(record), record.a) > 1e-10:
+        solver.solve(Problem(estimator, record))
+    assert relative_error(estimator(record), record.a) < 1e-8
+    unseen = motion(2, seed=5)
+    assert relative_error(estimator(unseen), truth(unseen).detach()) < 1e-6

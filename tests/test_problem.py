@@ -1,0 +1,260 @@
+"""What a solver minimises: Eq. 21 squared, and normal equations against finite differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
+
+import models.training.problem
+from data.record import Record, Truth, stack
+from data.windows import WindowDataset
+from models.estimator import Estimator
+from models.mlp import GlobalMLP, ResidualMLP
+from models.training.metrics import score
+from models.training.problem import Problem
+
+# PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
+pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated")
+
+
+class OnePole(Estimator):
+    """y[k] = p y[k−1] + g f[k] for every mass: an estimate that remembers the whole past."""
+
+    reads = ("f",)
+
+    def __init__(self, dofs: int, inputs: int, dt: float) -> None:
+        super().__init__(dofs, inputs, dt)
+        self.pole = nn.Parameter(torch.tensor(0.6, dtype=torch.float64))
+        self.frozen = nn.Parameter(torch.tensor(1.1, dtype=torch.float64), requires_grad=False)
+        self.gain = nn.Parameter(torch.tensor([[0.5], [0.8]], dtype=torch.float64))
+
+    def forward(self, record: Record) -> Tensor:
+        assert record.truth is None
+        y, history = torch.zeros_like(record.f[..., 0, :]), []
+        for k in range(record.samples):
+            y = self.pole * y + self.frozen * self.gain[:, 0] * record.f[..., k, :]
+            history.append(y)
+        return torch.stack(history, dim=-2)
+
+
+class GainOfForce(Estimator):
+    """ẍ̂ = g f with a single number g, taken sample by sample."""
+
+    reads = ("f",)
+
+    def __init__(self, dofs: int, inputs: int, dt: float) -> None:
+        super().__init__(dofs, inputs, dt)
+        self.gain = nn.Parameter(torch.tensor(0.5, dtype=torch.float64))
+        self.scaled = _Gain(self.gain)
+
+    def forward(self, record: Record) -> Tensor:
+        return self.scaled(record.f)
+
+    def regression(self, record: Record) -> tuple[nn.Module, Tensor, Tensor]:
+        return self.scaled, record.f, record.a
+
+
+class _Gain(nn.Module):
+    def __init__(self, gain: nn.Parameter) -> None:
+        super().__init__()
+        self.gain = gain
+
+    def forward(self, u: Tensor) -> Tensor:
+        return self.gain * u
+
+
+MODELS = {
+    "global": lambda: GlobalMLP(2, 2, 0.01, hidden=(3, 2)),
+    "residual": lambda: ResidualMLP(2, 2, 0.01, hidden=(3,)),
+    "one_pole": lambda: OnePole(2, 2, 0.01),
+}
+
+
+def motion(samples: int = 30, seed: int = 0) -> Record:
+    """Random motion of two masses on cubic springs."""
+    x, v, f = torch.from_numpy(np.random.default_rng(seed).standard_normal((3, samples, 2)))
+    a = f - 4.0 * x - 0.3 * v - 2.0 * x**3
+    return Record(dt=0.01, a=a, f=f, x=x, v=v, truth=Truth(x, v, a, x, x))
+
+
+def windows(length: int = 12, warmup: int = 4) -> Record:
+    """A batch of windows that warm up for some samples."""
+    return stack(list(WindowDataset([motion(), motion(seed=1)], length, warmup=warmup)))
+
+
+RECORDS = {
+    "record": motion,
+    "warming_up": lambda: replace(motion(), warmup=7),
+    "windows": windows,
+    "single_window": lambda: motion().map(lambda u: u[None]),
+}
+
+
+def identified(model: str, record: Record) -> Estimator:
+    torch.manual_seed(3)
+    estimator = MODELS[model]()
+    estimator.identify([record])
+    return estimator
+
+
+def free_of(estimator: Estimator) -> list[nn.Parameter]:
+    return [p for p in estimator.parameters() if p.requires_grad]
+
+
+def jacobian(estimator: Estimator, problem: Problem, step: float = 1e-6) -> np.ndarray:
+    """∂e/∂θ (N, P) by central differences."""
+    free, columns = free_of(estimator), []
+    here = parameters_to_vector(free).detach().clone()
+    with torch.no_grad():
+        for unit in torch.eye(here.numel(), dtype=here.dtype):
+            sides = []
+            for sign in (1.0, -1.0):
+                vector_to_parameters(here + sign * step * unit, free)
+                sides.append(problem.errors().numpy())
+            columns.append((sides[0] - sides[1]) / (2.0 * step))
+        vector_to_parameters(here, free)
+    return np.stack(columns, axis=1)
+
+
+@pytest.mark.parametrize("kind", RECORDS)
+@pytest.mark.parametrize("model", MODELS)
+def test_the_loss_is_the_squared_relative_error_of_the_counted_samples(model, kind):
+    record = RECORDS[kind]()
+    estimator = identified(model, record)
+    estimate = estimator(record.measured()).detach().numpy()[..., record.warmup :, :]
+    measured = record.a.numpy()[..., record.warmup :, :]
+    wanted = np.sum((measured - estimate) ** 2) / np.sum(measured**2)
+    problem = Problem(estimator, record)
+    assert float(problem.loss().detach()) == pytest.approx(wanted, rel=1e-12)
+    assert 100.0 * wanted**0.5 == pytest.approx(
+        score(estimator, [replace(record, truth=None)])["relative_rms_percent"], rel=1e-12
+    )
+
+
+@pytest.mark.parametrize("kind", RECORDS)
+@pytest.mark.parametrize("model", MODELS)
+def test_the_loss_is_the_mean_square_of_one_error_per_counted_value(model, kind):
+    record = RECORDS[kind]()
+    problem = Problem(identified(model, record), record)
+    errors = problem.errors().detach().numpy()
+    assert errors.shape == (record.a[..., record.warmup :, :].numel(),)
+    assert float(problem.loss().detach()) == pytest.approx(np.mean(errors**2), rel=1e-13)
+
+
+@pytest.mark.parametrize("block", [1, 60, 1 << 22])
+@pytest.mark.parametrize("kind", RECORDS)
+@pytest.mark.parametrize("model", MODELS)
+def test_normal_equations_are_those_of_finite_differences(model, kind, block, monkeypatch):
+    """In blocks of one sample or parameter, of some, and of all."""
+    monkeypatch.setattr(models.training.problem, "BLOCK_ELEMENTS", block)
+    record = RECORDS[kind]()
+    estimator = identified(model, record)
+    problem = Problem(estimator, record)
+    J, e = jacobian(estimator, problem), problem.errors().detach().numpy()
+    matrix, vector = problem.normal_equations()
+    assert matrix.shape == (J.shape[1], J.shape[1])
+    assert np.allclose(matrix, J.T @ J, rtol=0.0, atol=1e-7 * np.abs(J.T @ J).max())
+    assert np.allclose(vector, J.T @ e, rtol=0.0, atol=1e-7 * np.abs(J.T @ e).max())
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_normal_equations_do_not_depend_on_the_size_of_a_block(model, monkeypatch):
+    record = windows()
+    problem = Problem(identified(model, record), record)
+    whole = problem.normal_equations()
+    for block in (1, 37, 500):
+        monkeypatch.setattr(models.training.problem, "BLOCK_ELEMENTS", block)
+        for one, other in zip(problem.normal_equations(), whole, strict=True):
+            assert torch.allclose(one, other, rtol=0.0, atol=1e-12 * float(other.abs().max()))
+
+
+def test_a_block_of_samples_holds_no_more_of_the_jacobian_than_it_should(monkeypatch):
+    """35 parameters and 2 masses: 70 elements a sample, three samples in 220."""
+    sizes, gram = [], models.training.problem._gram
+    monkeypatch.setattr(models.training.problem, "BLOCK_ELEMENTS", 220)
+    monkeypatch.setattr(
+        models.training.problem, "_gram", lambda j: sizes.append(tuple(j.shape)) or gram(j)
+    )
+    record = motion(10)
+    estimator = GlobalMLP(2, 2, 0.01, hidden=(3, 2))
+    estimator.identify([record])
+    Problem(estimator, record).normal_equations()
+    assert sizes == [(6, 35)] * 3 + [(2, 35)]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_gradient_of_the_loss_is_that_of_the_normal_equations(model):
+    """∂ mean(e²)/∂θ = 2 Jᵀe/N, from reverse differentiation of the loss."""
+    record = windows()
+    estimator = identified(model, record)
+    problem = Problem(estimator, record)
+    gradient = torch.autograd.grad(problem.loss(), free_of(estimator))
+    flat = parameters_to_vector(gradient)
+    vector = problem.normal_equations()[1]
+    assert torch.allclose(2.0 * vector / problem.y.numel(), flat, rtol=1e-10, atol=1e-14)
+
+
+@pytest.mark.parametrize("every", [2, 3, 5])
+@pytest.mark.parametrize("kind", ["record", "warming_up"])
+@pytest.mark.parametrize("model", ["global", "residual"])
+def test_thinned_normal_equations_are_those_of_every_so_many_samples(model, kind, every):
+    record = RECORDS[kind]()
+    estimator = identified(model, record)
+    problem = Problem(estimator, record)
+    J, e = jacobian(estimator, problem), problem.errors().detach().numpy()
+    thinned = J.reshape(-1, 2, J.shape[1])[::every].reshape(-1, J.shape[1])
+    wanted = len(J) / len(thinned) * thinned.T @ thinned
+    matrix, vector = problem.normal_equations(every)
+    assert np.allclose(matrix, wanted, rtol=0.0, atol=1e-7 * np.abs(wanted).max())
+    assert np.allclose(vector, J.T @ e, rtol=0.0, atol=1e-7 * np.abs(J.T @ e).max())
+
+
+def test_thinned_normal_equations_take_every_second_window_where_samples_hang_together():
+    record = windows()
+    estimator, count = OnePole(2, 2, 0.01), record.a.shape[0]
+    problem = Problem(estimator, record)
+    J = jacobian(estimator, problem).reshape(count, -1, 3)[::2].reshape(-1, 3)
+    assert count >= 4
+    share = len(range(0, count, 2)) / count
+    assert np.allclose(problem.normal_equations(2)[0], J.T @ J / share, rtol=1e-6)
+
+
+def test_a_single_number_can_be_fitted_sample_by_sample():
+    record = motion()
+    estimator = GainOfForce(2, 2, 0.01)
+    problem = Problem(estimator, record)
+    J = jacobian(estimator, problem)
+    assert np.allclose(problem.normal_equations()[0], J.T @ J, rtol=1e-6)
+
+
+def test_the_loss_does_not_depend_on_the_unit_of_the_acceleration():
+    record = replace(motion(), truth=None)
+    larger = replace(record, a=1e6 * record.a)
+    losses = [Problem(identified("global", r), r).loss() for r in (record, larger)]
+    assert float(losses[0].detach()) == pytest.approx(float(losses[1].detach()), rel=1e-9)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_truth_of_a_simulation_is_not_looked_at(model):
+    record = motion()
+    estimator = identified(model, record)
+    lies = replace(record, truth=Truth(*(torch.full_like(record.a, torch.nan) for _ in range(5))))
+    losses = [float(Problem(estimator, r).loss().detach()) for r in (record, lies)]
+    assert losses[0] == losses[1]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_structure_at_rest_has_nothing_to_fit(model):
+    """Also where it moves only in samples that are not counted."""
+    estimator = identified(model, motion())
+    record = replace(motion(), warmup=5)
+    for moving in (0, 5):
+        a = record.a.clone()
+        a[moving:] = 0.0
+        with pytest.raises(ValueError, match="measured acceleration is zero"):
+            Problem(estimator, replace(record, a=a))

@@ -1,0 +1,131 @@
+"""Scaling to [−1, 1]: extents of the training motion, its inverse, constant channels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Record
+from models.layers.scaling import Extents
+from models.mlp import GlobalMLP, ResidualMLP
+from models.training.metrics import score
+
+
+def signal(*shape: int, seed: int = 0) -> torch.Tensor:
+    """Noise whose channels differ in size and mean; never symmetric about zero."""
+    rng = np.random.default_rng(seed)
+    size = 10.0 ** np.arange(-2, shape[-1] - 2)
+    return torch.from_numpy(size * (0.7 + rng.standard_normal(shape)))
+
+
+def motion(samples: int = 80, seed: int = 1) -> Record:
+    """Two masses that move at random; nothing here solves an equation of motion."""
+    rng = np.random.default_rng(seed)
+    x, v, f, a = torch.from_numpy(0.7 + rng.standard_normal((4, samples, 2)))
+    return Record(dt=0.01, a=a, f=3.0 * f, x=0.1 * x, v=v)
+
+
+def scale_of(u: torch.Tensor, *shape: int) -> Extents:
+    scale = Extents(*(shape or u.shape[-1:]))
+    scale.fit([u])
+    return scale
+
+
+def test_training_data_reach_both_ends_of_the_interval_and_no_further():
+    u = signal(200, 4)
+    scaled = scale_of(u)(u).numpy()
+    assert np.allclose(scaled.max(axis=0), 1.0, rtol=0.0, atol=1e-14)
+    assert np.allclose(scaled.min(axis=0), -1.0, rtol=0.0, atol=1e-14)
+
+
+def test_a_signal_of_known_extents_is_scaled_as_by_hand():
+    u = torch.tensor([[2.0, -3.0], [6.0, -1.0], [5.0, -2.5]]).double()
+    wanted = torch.tensor([[-1.0, -1.0], [1.0, 1.0], [0.5, -0.5]]).double()
+    assert torch.allclose(scale_of(u)(u), wanted, rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [2, 0, 1], [1, 2, 0]])
+def test_extents_do_not_depend_on_the_pieces_they_were_taken_from(order):
+    """Pieces of unequal length and number of axes; extremes lie in any of them."""
+    u = signal(60, 3)
+    pieces = [u[:7], u[7:47].reshape(4, 10, 3), u[47:]]
+    scale = Extents(3)
+    scale.fit(pieces[i] for i in order)
+    assert np.allclose(scale.centre, (u.numpy().max(0) + u.numpy().min(0)) / 2.0, rtol=1e-14)
+    assert np.allclose(scale.reach, np.ptp(u.numpy(), axis=0) / 2.0, rtol=1e-14)
+
+
+def test_fitting_again_forgets_the_motion_before():
+    scale = scale_of(1e3 * signal(50, 3))
+    scale.fit([signal(50, 3, seed=4)])
+    assert torch.equal(scale.reach, scale_of(signal(50, 3, seed=4)).reach)
+
+
+def test_channels_of_two_axes_are_scaled_one_by_one():
+    u = signal(4, 25, 2, 3)
+    scaled = scale_of(u, 2, 3)(u).reshape(-1, 2, 3)
+    assert torch.allclose(scaled.amax(dim=0), torch.ones(2, 3).double())
+    assert torch.allclose(scaled.amin(dim=0), -torch.ones(2, 3).double())
+
+
+def test_the_inverse_undoes_the_scaling_both_ways():
+    u = signal(30, 4)
+    scale, other = scale_of(u), 2.0 * signal(30, 4, seed=3)
+    assert torch.allclose(scale.inverse(scale(other)), other, rtol=1e-13, atol=1e-15)
+    assert torch.allclose(scale(scale.inverse(other)), other, rtol=1e-12, atol=1e-12)
+    assert not torch.allclose(scale(other), other)
+
+
+def test_a_constant_channel_keeps_its_unit_and_loses_its_mean():
+    u = signal(20, 3)
+    u[:, 1] = -4.25
+    scale = scale_of(u)
+    assert float(scale.reach[1]) == 1.0
+    assert torch.equal(scale(u)[:, 1], torch.zeros(20).double())
+    assert torch.allclose(scale(u + 0.5)[:, 1], torch.full((20,), 0.5).double())
+
+
+def test_unseen_motion_exceeds_the_interval_in_proportion():
+    u = torch.linspace(-2.0, 4.0, 7, dtype=torch.float64)[:, None]
+    scale = scale_of(u)
+    assert torch.allclose(scale(torch.tensor([[7.0], [-5.0]]).double()).T.squeeze(),
+                          torch.tensor([2.0, -2.0]).double())  # fmt: skip
+
+
+def test_a_scale_that_was_never_fitted_changes_nothing():
+    assert torch.equal(Extents(3)(signal(9, 3)), signal(9, 3))
+
+
+@pytest.mark.parametrize("model", [GlobalMLP, ResidualMLP])
+def test_scoring_another_motion_leaves_the_scaling_alone(model):
+    estimator = model(2, 2, 0.01)
+    estimator.identify([motion()])
+    before = {name: u.clone() for name, u in estimator.state_dict().items()}
+    score(estimator, [motion(seed=2).map(lambda u: 5.0 * u)])
+    assert all(torch.equal(u, before[name]) for name, u in estimator.state_dict().items())
+    assert (estimator.network.input_scale.reach != 1.0).all()
+
+
+def test_the_scales_of_a_global_network_are_those_of_its_training_signals():
+    record, estimator = motion(), GlobalMLP(2, 2, 0.01)
+    estimator.identify([record.window(0, 30), record.window(30, 50)])
+    inputs = np.concatenate([record.x, record.v, record.f], axis=1)
+    for scale, u in ("input_scale", inputs), ("output_scale", record.a.numpy()):
+        assert np.allclose(getattr(estimator.network, scale).reach, np.ptp(u, axis=0) / 2.0)
+
+
+@pytest.mark.parametrize("model", [GlobalMLP, ResidualMLP])
+def test_samples_that_only_warm_up_are_not_scaled_by(model):
+    """Wild first samples; the delayed residual of the last of them is a counted input."""
+    calm, wild = motion(), motion().map(lambda u: u.clone())
+    for u in wild.signals().values():
+        u[:5] *= 50.0
+    estimators = [model(2, 2, 0.01) for _ in range(2)]
+    estimators[0].identify([replace(calm, warmup=6)])
+    wild.a[5], wild.x[5], wild.v[5], wild.f[5] = calm.a[5], calm.x[5], calm.v[5], calm.f[5]
+    estimators[1].identify([replace(wild, warmup=6)])
+    for one, other in zip(*(e.network.buffers() for e in estimators), strict=True):
+        assert torch.allclose(one, other, rtol=1e-9, atol=1e-12)
