@@ -1,10 +1,13 @@
-"""Score a finished run again, from its own config and checkpoint alone. No training.
+"""Finished runs → the paper's tables and figures; or one run scored again. No training.
 
-    python evaluate.py run=FOLDER
+    python evaluate.py                              tables and figures of the runs in runs/study
+    python evaluate.py runs=FOLDER output=FOLDER
+    python evaluate.py page=docs/results.md         the whole page
+    python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
     python evaluate.py run=FOLDER data.duration=100
 
-As it was trained, it prints the numbers of `metrics.json`, to the last digit. Under another
+As it was trained, a run prints the numbers of `metrics.json`, to the last digit. Under another
 scenario, other seeds or another record the structure, excitation and model stay what they were.
 """
 
@@ -18,6 +21,7 @@ from omegaconf import DictConfig
 from models.training.assemble import changed
 from report.console import CONF, absolute, job_errors, one_line_errors, prepare_hydra
 from report.evaluation import draw_figures, print_evaluation, restore, score_seeds
+from report.results import report_study
 from report.runs import read_run, write_json
 
 prepare_hydra()
@@ -46,9 +50,12 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict:
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="evaluate")
 def main(cfg: DictConfig) -> None:
     with job_errors():
-        if cfg.run is None:
-            raise ValueError("give the folder of a finished run: python evaluate.py run=FOLDER")
-        evaluate(cfg, absolute(cfg.run), cfg.label or "as_trained")
+        if cfg.run is not None:
+            evaluate(cfg, absolute(cfg.run), cfg.label or "as_trained")
+            return
+        folder = absolute(cfg.runs)
+        output = absolute(cfg.output) if cfg.output else folder / "results"
+        report_study(folder, output, absolute(cfg.page) if cfg.page else None)
 
 
 def cli() -> None:

@@ -48,9 +48,12 @@ EXAMPLES = {
 
 Common keys: seed, data.dt [s], data.duration [s], data.train_records, data.test_records,
 model.cutoff [rad/s], trainer.accelerator, hydra.run.dir. All of them: python train.py --cfg job""",
-    "evaluate": """Score a finished run again, from its own config and checkpoint alone.
+    "evaluate": """Finished runs → the paper's tables and figures; or one run scored again.
 
-    python evaluate.py run=FOLDER
+    python evaluate.py                              of the runs in runs/study
+    python evaluate.py runs=FOLDER output=FOLDER
+    python evaluate.py page=docs/results.md         the whole page
+    python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
     python evaluate.py run=FOLDER data.duration=100""",
 }
@@ -140,7 +143,7 @@ def _explain(error: Exception, config: str) -> str:
             f"(choices: {', '.join(error.options)})"
         )
     cause = getattr(error.__cause__, "full_key", None) or getattr(error.__cause__, "key", None)
-    first = str(error).splitlines()[0].removesuffix(".")
+    first = " ".join(str(error).splitlines()[:2]).removesuffix(".")
     if first.startswith("Could not override"):
         key = first.split("'")[1] if "'" in first else str(cause)
         return f"there is no setting {key!r}{_nearest(key, _keys(config))}; see --help"

@@ -7,7 +7,7 @@ seeds; a run that failed or whose motion escaped is counted, not left out.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -186,16 +186,3 @@ def _cell(
     inside = None if value is None else low <= value <= high
     counts = (len(errors), len(runs) - len(errors))
     return Cell(*head, middle, q25, q75, low, high, *counts, inside)
-
-
-def varied(
-    runs: Sequence[Run], method: str, scenario: str, setting: str, split: str = "test"
-) -> Iterator[tuple[float, list[float]]]:
-    """(value of a scenario's setting, errors over seeds), for the values that the runs have."""
-    values = sorted({run.settings[setting] for run in runs if run.scenario == scenario})
-    for value in values:
-        same = [r for r in runs if r.scenario == scenario and r.settings[setting] == value]
-        found = [run for run in same if run.model == method]
-        errors = [e for run in found if (e := run.error(method, split)) is not None]
-        if errors:
-            yield value, errors

@@ -13,6 +13,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from models.training.assemble import build, changed, data_from, estimator_from
 from models.training.metrics import score
+from models.training.problem import Problem
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from report.console import CONF, GROUPS, help_text, prepare_hydra
 from report.paper import paper_values
 
@@ -34,8 +36,14 @@ def fits(*overrides: str) -> dict:
     cfg = composed(*overrides, "data.duration=40")
     data = data_from(cfg)
     data.setup()
+    torch.manual_seed(0)
     estimator = estimator_from(cfg.model, data)
     estimator.identify(data.loader("train"))
+    free = [p for p in estimator.parameters() if p.requires_grad]
+    if free:
+        solver = LevenbergMarquardt(free, iterations=5, every=8)
+        while not solver.finished:
+            solver.solve(Problem(estimator, next(iter(data.loader("train")))))
     return score(estimator, data.loader("test"))
 
 

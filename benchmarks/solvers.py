@@ -1,0 +1,249 @@
+"""How long do our solvers and their peers take to reach a given training error?
+
+    python -m benchmarks.solvers            # 60 s at most for each solver, network and start
+    python -m benchmarks.solvers --quick    # 3 s, one start
+
+The same network, training motion and starting weights for all, full batch, float64, one thread, one
+run at a time. All minimise mean(e²) of models/training/problem.py, whose root is Eq. 21. A solver
+stops at the smallest error that is asked for, where it finds no lower one, or at the limit of time:
+limits of iterations are lifted. The clock stands while an error is noted. An error is reached when
+a point with it has been evaluated, whether the solver then goes on from there (an iterate of
+Levenberg–Marquardt) or not (a trial of a line search).
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import math
+import os
+import platform
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from importlib import import_module
+from statistics import median
+
+import numpy as np
+import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from scipy.optimize import least_squares
+from threadpoolctl import threadpool_limits
+from torch import Tensor, nn
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
+
+from data.record import Record
+from models.estimator import Estimator
+from models.training.assemble import build, data_from, estimator_from
+from models.training.problem import Problem
+from report.console import CONF, prepare_hydra, quiet_lightning
+
+NETWORKS = {  # choices; errors [%], the paper's among them: 2.4, 0.12
+    "residual MLP 12-15-3, bilinear": ("residual_mlp", "bilinear", (4.0, 3.0, 2.4, 2.2)),
+    "global MLP 9-10-10-3, polynomial": ("global_mlp", "polynomial", (3.0, 1.0, 0.5, 0.12)),
+}
+INSTALL = "pip install 'structural-model-zoo[bench]'"
+OURS = "our LM, every=4"  # what the others are compared with
+UNLIMITED = 10**9  # iterations
+WARM_UP = 0.5  # s of every solver before the first measurement: imports, first calls
+
+
+class Done(Exception):  # noqa: N818
+    """The smallest error is reached, or the time is over."""
+
+
+class Watch:
+    """Error [%] against seconds: every point evaluated that is better than all before."""
+
+    def __init__(self, limit: float, goal: float) -> None:
+        self.limit, self.goal, self.start, self.ran = limit, goal, time.perf_counter(), 0.0
+        self.points: list[tuple[float, float]] = [(0.0, math.inf)]
+
+    def note(self, loss: float) -> None:
+        now = time.perf_counter()
+        self.ran, percent = now - self.start, 100.0 * math.sqrt(loss)
+        if self.ran <= self.limit and percent < self.best:
+            self.points.append((self.ran, percent))
+        if self.ran > self.limit or percent <= self.goal:
+            raise Done
+        self.start += time.perf_counter() - now
+
+    @property
+    def best(self) -> float:
+        return self.points[-1][1]
+
+    def reached(self, percent: float) -> float:
+        """Seconds until the error was `percent`; infinite where it never was."""
+        return next((seconds for seconds, error in self.points if error <= percent), math.inf)
+
+
+class WatchedProblem(Problem):
+    """Our problem, whose every loss the watch sees."""
+
+    def __init__(self, estimator: Estimator, record: Record, watch: Watch) -> None:
+        super().__init__(estimator, record)
+        self.watch = watch
+        self.free = [self.module.get_parameter(name) for name in self.names]
+
+    def loss(self) -> Tensor:
+        value = super().loss()
+        self.watch.note(float(value.detach()))
+        return value
+
+
+def composed(*choices: str) -> DictConfig:
+    prepare_hydra()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("train", [*choices, "seed=0"])
+
+
+def ours(problem: WatchedProblem, *choices: str) -> None:
+    """A solver of conf/solver with its defaults, bar the limits of iterations and of progress."""
+    unlimited = [f"solver.iterations={UNLIMITED}", "solver.change=0"]
+    solver = build(composed(*choices, *unlimited).solver, parameters=problem.free)
+    problem.watch.start = time.perf_counter()
+    while not solver.finished:
+        solver.solve(problem)
+
+
+def torch_lbfgs(problem: WatchedProblem) -> None:
+    """PyTorch's own, in one call, on N mean(e²) with our length of history."""
+    # step length, iterations, evaluations, tolerances of gradient and change, history
+    settings = (1.0, UNLIMITED, UNLIMITED, 0.0, 0.0, 50)
+    solver = torch.optim.LBFGS(problem.free, *settings, line_search_fn="strong_wolfe")
+
+    def closure() -> Tensor:
+        solver.zero_grad()
+        loss = problem.y.numel() * problem.loss()
+        loss.backward()
+        return loss
+
+    problem.watch.start = time.perf_counter()
+    solver.step(closure)
+
+
+@torch.no_grad()
+def scipy_least_squares(problem: WatchedProblem, method: str) -> None:
+    """x_scale=1; errors and Jacobian are ours, so that it need not take finite differences."""
+
+    def errors(theta: np.ndarray) -> np.ndarray:
+        vector_to_parameters(torch.tensor(theta), problem.free)
+        e = problem.errors()
+        problem.watch.note(float(e @ e) / e.numel())
+        return e.numpy()
+
+    def jacobian(theta: np.ndarray) -> np.ndarray:
+        vector_to_parameters(torch.tensor(theta), problem.free)
+        named: dict[str, Tensor] = dict(zip(problem.names, problem.free, strict=True))
+        return problem.weight * torch.cat(list(problem._blocks(named, 1))).numpy()
+
+    start = parameters_to_vector(problem.free).numpy()
+    options = {"x_scale": 1.0, "max_nfev": UNLIMITED, "ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15}
+    problem.watch.start = time.perf_counter()
+    least_squares(errors, start, jacobian, method=method, **options)
+
+
+class Weighted(nn.Module):
+    """A network whose outputs are so scaled that the mean of their squared errors is ours."""
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__()
+        self.network, self.weight = problem.module, problem.weight
+
+    def forward(self, u: Tensor) -> Tensor:
+        return self.weight * self.network(u)
+
+
+def torch_levenberg_marquardt(problem: WatchedProblem) -> None:
+    """The package of that name with the settings of its README, the whole record as one batch."""
+    tlm = import_module("torch_levenberg_marquardt")
+    settings = {"learning_rate": 1.0, "attempts_per_step": 10, "solve_method": "qr"}
+    solver = tlm.training.LevenbergMarquardtModule(Weighted(problem), **settings)  # loss: MSELoss
+    u, y, stop = problem.u, problem.weight * problem.y, False
+    problem.watch.start = time.perf_counter()
+    while not stop:
+        _, loss, stop, _ = solver.training_step(u, y)
+        problem.watch.note(float(loss))
+
+
+SOLVERS: dict[str, tuple[Callable[..., None], tuple[str, ...]]] = {
+    OURS: (ours, ("solver=levenberg_marquardt", "solver.every=4")),
+    "our LM, every=1": (ours, ("solver=levenberg_marquardt", "solver.every=1")),
+    "our LBFGS": (ours, ("solver=lbfgs",)),
+    "torch.optim.LBFGS": (torch_lbfgs, ()),
+    "scipy least_squares, trf": (scipy_least_squares, ("trf",)),
+    "scipy least_squares, lm": (scipy_least_squares, ("lm",)),
+    "torch-levenberg-marquardt": (torch_levenberg_marquardt, ()),
+}
+
+
+def identified(model: str, system: str, seed: int) -> tuple[Estimator, Record]:
+    """The study's first motion; weights as `python train.py` draws them with this seed."""
+    cfg = composed(f"model={model}", f"system={system}")
+    data = data_from(cfg)
+    data.setup()
+    torch.manual_seed(seed)
+    estimator = estimator_from(cfg.model, data)
+    estimator.identify(data.loader("train"))
+    return estimator, next(iter(data.loader("train")))
+
+
+def measure(name: str, start: tuple[Estimator, Record], limit: float, goal: float) -> Watch:
+    """One run of a solver on a copy of the estimator."""
+    watch, (solve, settings) = Watch(limit, goal), SOLVERS[name]
+    with suppress(Done):
+        solve(WatchedProblem(copy.deepcopy(start[0]), start[1], watch), *settings)
+    return watch
+
+
+def cells(watches: list[Watch], errors: Iterable[float], peers: list[Watch]) -> list[str]:
+    """Median times to each error, as multiples of the median of `peers`; what was reached, when."""
+    row = []
+    for error in errors:
+        taken, base = (median(w.reached(error) for w in side) for side in (watches, peers))
+        ratio = f" ×{taken / base:.1f}" if math.isfinite(base) else ""
+        row.append(f"{taken:.2f} s{ratio}" if math.isfinite(taken) else "not reached")
+    got, ran = median(w.best for w in watches), median(w.ran for w in watches)
+    return [*row, f"{got:.3g} % in {ran:.1f} s"]
+
+
+def compare(title: str, console: Console, seeds: range, limit: float) -> None:
+    """The table of one network."""
+    model, system, errors = NETWORKS[title]
+    starts = [identified(model, system, seed) for seed in seeds]
+    table = Table(title=f"{title}: s to an error, × {OURS}; {len(seeds)} start(s)")
+    for name in ("solver", *(f"{error:g} %" for error in errors), "got"):
+        table.add_column(name, justify="left" if name == "solver" else "right", no_wrap=True)
+    peers: list[Watch] = []
+    for name in SOLVERS:
+        try:
+            measure(name, starts[0], WARM_UP, 0.0)
+        except ModuleNotFoundError:
+            table.add_row(f"{name}:\n{escape(INSTALL)}")
+            continue
+        with console.status(f"{title}: {name}"):
+            watches = [measure(name, start, limit, min(errors)) for start in starts]
+        peers = peers or watches
+        table.add_row(name, *cells(watches, errors, peers))
+    console.print(table)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="3 s for each solver, one start")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    threadpool_limits(1)
+    quiet_lightning()
+    print(f"{platform.platform()}, {os.cpu_count()} cores, 1 thread; torch {torch.__version__}")
+    seeds, limit = (range(1), 3.0) if options.quick else (range(3), 60.0)
+    for title in NETWORKS:
+        compare(title, Console(width=130), seeds, limit)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""A study's runs → tables, figures, and the page that says what they mean."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from report.runs import write_text
+from report.study import Cell, read_runs, study_cells
+from report.study_figures import draw_study
+from report.study_tables import SPLITS, as_csv, by_label, percent, write_tables
+
+
+def report_study(folder: Path, output: Path, page: Path | None) -> None:
+    """Write and print everything that the runs in a folder allow."""
+    runs = read_runs(folder)
+    cells = study_cells(runs)
+    if not cells:
+        raise ValueError(f"no run in {folder} belongs to a table of the paper; see --help")
+    console = Console(width=None if Console().is_terminal else 130)
+    console.print(*cell_tables(cells))
+    console.print(count(cells))
+    paths = write_tables(cells, output)
+    write_text(output / "cells.csv", as_csv(cells))
+    paths += draw_study(runs, output)
+    console.print(f"{len(paths) + 1} files in {output}", soft_wrap=True)
+    failed = [run for run in runs if run.metrics is None]
+    for run in failed:
+        console.print(f"failed: {run.folder.name}: {run.reason}", soft_wrap=True)
+    if page is not None:
+        from report.page import write_page
+
+        write_page(page, runs, cells, output)
+        console.print(f"page in {page}", soft_wrap=True)
+
+
+def cell_tables(cells: list[Cell]) -> list[Table]:
+    """What is printed: medians and ranges, a table for each of the paper's."""
+    tables = []
+    for number in sorted({cell.table for cell in cells}):
+        title = f"Table {number}: relative RMS error in %, median (min – max) over the runs"
+        table = Table(title=title, title_justify="left")
+        table.add_column("method")
+        for name in (*(f"{s} {c}" for s in SPLITS for c in ("paper", "ours", "in")), "runs"):
+            table.add_column(name, justify="right")
+        for label, splits in by_label([c for c in cells if c.table == number]).items():
+            figures = (text for split in SPLITS for text in _short(splits[split]))
+            test = splits["test"]
+            runs = f"{test.seeds}" + (f", {test.failed} failed" if test.failed else "")
+            table.add_row(label, *figures, runs)
+        tables.append(table)
+    return tables
+
+
+def _short(cell: Cell) -> tuple[str, str, str]:
+    ours = f"{percent(cell.min_percent)} – {percent(cell.max_percent)}"
+    inside = {None: "", True: "yes", False: "no"}[cell.inside]
+    return percent(cell.paper_percent), f"{percent(cell.median_percent)} ({ours})", inside
+
+
+def count(cells: list[Cell]) -> str:
+    """How many of the paper's values lie inside our ranges, by the way of feeding back."""
+    lines = []
+    for way, left_out in (("measured", "residual_mlp_own_residual"), ("own", "residual_mlp")):
+        chosen = [c for c in cells if c.inside is not None and c.method != left_out]
+        hits = sum(bool(c.inside) for c in chosen)
+        lines.append(
+            f"{hits} of {len(chosen)} of the paper's values lie inside our range over the seeds, "
+            f"residual network with its {way} residual"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,123 @@
+"""Sweeps: several grids, each run once, finished ones skipped, unfinished ones done again."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+import train
+from report import runs as runs_module
+from report.console import CONF, prepare_hydra
+from report.runs import config_digest
+from report.sweep import is_finished
+from tests.test_train import run
+
+ROOT = Path(__file__).parent.parent
+QUICK = ["data.duration=10", "trainer.enable_progress_bar=false", "figures=false", "baselines=none"]
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+
+
+def config(*words: str):
+    prepare_hydra()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("train", list(words))
+
+
+def results(folder: Path) -> dict[str, dict]:
+    """Metrics of a sweep by run, without times."""
+    found = {}
+    for path in folder.glob("*/metrics.json"):
+        found[path.parent.name] = json.loads(path.read_text())
+        found[path.parent.name].pop("fit_seconds")
+    return found
+
+
+def test_the_digest_tells_choices_that_change_numbers_and_no_others():
+    usual = config_digest(config())
+    assert usual == config_digest(config("figures=false", "threads=2", "trainer.devices=2"))
+    for word in ("seed=1", "model.cutoff=51", "system.excitation.std=1.8", "data.tolerance=1e-8"):
+        assert config_digest(config(word)) != usual
+
+
+def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):
+    words = ["-m", *QUICK, "model=linear", "seed=0,1", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/metrics.json")}
+    assert len(before) == 2
+    words[words.index("seed=0,1")] = "seed=0,1,2"
+    assert run(train, monkeypatch, *words) == 0
+    out = capsys.readouterr().out
+    assert "2 of 3 runs were finished before" in out
+    assert "3 done (2 of them before), 0 failed" in out
+    after = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/metrics.json")}
+    assert len(after) == 3
+    assert all(after[path] == made for path, made in before.items())
+
+
+def test_results_of_other_code_are_made_again(tmp_path, monkeypatch):
+    words = ["-m", *QUICK, "model=linear", "seed=0", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    (folder,) = (path.parent for path in tmp_path.glob("*/metrics.json"))
+    assert is_finished(folder)
+    runs_module.code_version.cache_clear()
+    monkeypatch.setattr(runs_module, "ROOT", tmp_path)
+    assert not is_finished(folder)
+    runs_module.code_version.cache_clear()
+
+
+def test_a_failed_run_is_tried_again(tmp_path, monkeypatch, capsys):
+    words = ["-m", *QUICK, "model=linear", "seed=-1,0", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 1
+    assert run(train, monkeypatch, *words) == 1
+    assert "2 done" not in capsys.readouterr().out
+    assert len(list(tmp_path.glob("*/failed.txt"))) == 1
+
+
+def test_grids_are_added_up_and_the_command_line_has_the_last_word(tmp_path, monkeypatch, capsys):
+    """Tables 5 and 6 are the same runs."""
+    words = ["-m", "experiment=table6", *QUICK, "seed=0", "model=linear,two_point"]
+    words += [f"hydra.sweep.dir={tmp_path}", "hydra/launcher=basic"]
+    assert run(train, monkeypatch, *words) == 0
+    words[1] = "experiment=table5"
+    assert run(train, monkeypatch, *words) == 0
+    assert "2 done (2 of them before)" in capsys.readouterr().out
+    grids = config("experiment=paper")
+    assert grids.system.name == "bilinear"
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = compose("train", ["experiment=paper"], return_hydra_config=True)
+    tables = {"bilinear", "polynomial", "bouc_wen", "integrated", "noisy"}
+    assert set(cfg.hydra.sweeper.grids) == tables | {"noise_levels", "cutoffs"}
+    assert OmegaConf.select(cfg, "hydra.launcher._target_").endswith("JoblibLauncher")
+
+
+def test_a_killed_sweep_goes_on_and_ends_like_an_undisturbed_one(tmp_path):
+    """Killed outright with some runs done; the second call does the rest, with the same numbers."""
+    words = [sys.executable, "train.py", "-m", *QUICK, "model=linear,vwnn", "seed=range(0,6)"]
+    disturbed = [*words, f"hydra.sweep.dir={tmp_path / 'disturbed'}"]
+    quiet = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen(disturbed, **quiet, start_new_session=True)
+    until = time.monotonic() + 120.0
+    while len(results(tmp_path / "disturbed")) < 2 and time.monotonic() < until:
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    half = set(results(tmp_path / "disturbed"))
+    assert 2 <= len(half) < 12
+    assert subprocess.run(disturbed, **quiet, check=False).returncode == 0
+    undisturbed = [*words, f"hydra.sweep.dir={tmp_path / 'undisturbed'}"]
+    assert subprocess.run(undisturbed, **quiet, check=False).returncode == 0
+    assert results(tmp_path / "disturbed") == results(tmp_path / "undisturbed")
+    assert len(results(tmp_path / "undisturbed")) == 12
