@@ -35,6 +35,7 @@ POLYNOMIAL = (
 )
 SIX = ("vwnn", *POLYNOMIAL, "residual_mlp", "global_mlp")
 OUTSIDE = Path("runs/outside")  # where experiment=outside leaves its runs
+CLOSE = Path("runs/close_fit")  # and experiment=close_fit
 OWN = "residual_mlp_own_residual"
 CLAIMS: dict[str, Callable[[dict[str, float]], bool]] = {  # on the test errors of one seed
     "vwnn_best_own": lambda e: e["vwnn"] < min(e[m] for m in (*POLYNOMIAL, "global_mlp", OWN)),
@@ -57,7 +58,7 @@ def write_page(page: Path, runs: Sequence[Run], cells: Sequence[Cell], drawn: Pa
     except KeyError as error:
         raise ValueError(
             f"the page needs {error}, which these runs do not tell; "
-            "make them all: python train.py -m experiment=paper and experiment=outside"
+            "make them all: python train.py -m experiment=paper, then outside and close_fit"
         ) from None
     figures = page.parent / "figures"
     figures.mkdir(parents=True, exist_ok=True)
@@ -70,7 +71,9 @@ def _facts(runs: Sequence[Run], cells: Sequence[Cell]) -> Iterator[tuple[str, st
     usual = as_configured(runs)
     yield from _of_cells(cells)
     yield from _of_seeds(usual)
-    yield from _of_training(usual)
+    yield from _of_training(usual, "study")
+    if CLOSE.is_dir():
+        yield from _of_training(read_runs(CLOSE), "close")
     yield from _of_feedthrough()
     seeds = {run.seed for run in usual}
     yield "seeds", f"{min(seeds)} … {max(seeds)}"
@@ -166,14 +169,18 @@ def _largest_difference_of_bases(runs: Sequence[Run]) -> float:
     return max(differences)
 
 
-def _of_training(runs: Sequence[Run]) -> Iterator[tuple[str, str]]:
-    """Median iterations and seconds of the networks' training."""
-    for table, (system, scenario) in SETTINGS.items():
+def _of_training(runs: Sequence[Run], prefix: str) -> Iterator[tuple[str, str]]:
+    """Median iterations, seconds and training errors of the networks, full state."""
+    for table in (3, 4, 5):
         for method in ("residual_mlp", "global_mlp"):
-            done = [r.metrics for r in of(runs, method, system, scenario) if r.metrics]
-            iterations = median(m["training"]["iterations"] for m in done)
-            yield f"iterations_{table}_{method}", f"{iterations:.0f}"
-            yield f"seconds_{table}_{method}", f"{median(m['fit_seconds'] for m in done):.1f}"
+            done = [r.metrics for r in of(runs, method, *SETTINGS[table]) if r.metrics]
+            if done:
+                name = f"{table}_{method}"
+                iterations = median(m["training"]["iterations"] for m in done)
+                yield f"{prefix}_iterations_{name}", f"{iterations:.0f}"
+                yield f"{prefix}_seconds_{name}", f"{median(m['fit_seconds'] for m in done):.1f}"
+                errors = (m["train"]["relative_rms_percent"] for m in done)
+                yield f"{prefix}_train_{name}", f"{median(errors):.2f}"
 
 
 def _of_feedthrough() -> Iterator[tuple[str, str]]:

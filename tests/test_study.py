@@ -23,7 +23,7 @@ COLUMNS = (
 def add_run(folder: Path, error: float | None, **choices) -> Path:
     """A run as train.py leaves it; failed where there is no error."""
     case = {"model": "vwnn", "system": "bilinear", "scenario": "full_state", "seed": 0} | choices
-    settings = case.pop("scenario_settings", {})
+    settings, extra = case.pop("scenario_settings", {}), case.pop("extra", {})
     run = folder / "-".join(str(value) for value in (*case.values(), *settings.values()))
     run.mkdir()
     if error is None:
@@ -35,7 +35,8 @@ def add_run(folder: Path, error: float | None, **choices) -> Path:
     scores = {"relative_rms_percent": error, "per_dof_percent": [error, 2 * error, 3 * error]}
     if case["model"] == "residual_mlp":
         scores["own_residual"] = {"relative_rms_percent": 10 * error}
-    metrics = {**case, "scenario_settings": settings, "train": scores, "test": scores}
+    splits = {"train": scores, "test": scores}
+    metrics = {**case, "scenario_settings": settings, **splits, **extra}
     (run / "metrics.json").write_text(json.dumps(metrics))
     return run
 
