@@ -14,15 +14,12 @@ import math
 from itertools import product
 from statistics import median
 
-from hydra import compose, initialize_config_dir
 from joblib import Parallel, delayed
-from omegaconf import DictConfig
 from rich.console import Console
 from rich.table import Table
 
 from models.training.assemble import changed
-from report.calibration import Cell, Draws, inside, run_seeds
-from report.console import CONF, prepare_hydra
+from report.calibration import Cell, Draws, composed, inside, run_seeds
 from report.paper import paper_values
 
 SEARCH_SEEDS, FRESH_SEEDS = range(1000, 1020), range(3000, 3020)
@@ -36,9 +33,11 @@ ORDERS = (1, 2, 4)
 
 
 def printed() -> dict[Cell, float]:
-    values = {method: paper_values(method, "polynomial", "integrated") for method in METHODS}
-    splits = ("train", "test")
-    return {(m, s): values[m][s]["relative_rms_percent"] for m in METHODS for s in splits}
+    return {
+        ("integrated", method, split): values["relative_rms_percent"]
+        for method in METHODS
+        for split, values in paper_values(method, "polynomial", "integrated").items()
+    }
 
 
 def hits(draws: Draws) -> int:
@@ -55,27 +54,23 @@ def row(name: str, draws: Draws) -> tuple[str, ...]:
     cells = []
     for method in METHODS:
         for split in ("train", "test"):
-            errors = draws.errors[method, split]
+            errors = draws.errors["integrated", method, split]
             cells.append(f"{median(errors):.1f} ({min(errors):.1f}–{max(errors):.1f})")
     return name, *cells, f"{hits(draws)}/6", f"{distance(draws):.3f}"
 
 
 def main() -> None:
-    prepare_hydra()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        words = ["system=polynomial", "scenario=integrated"]
-        chosen = {m: compose("train", [*words, f"model={m}"]) for m in METHODS}
-    models = {method: cfg.model for method, cfg in chosen.items()}
-    base = chosen[METHODS[0]]
+    base, models, scenarios = composed("polynomial")
+    models = {method: models[method] for method in METHODS}
 
-    def at(causal: bool, order: int, cutoff: float) -> DictConfig:
+    def drawn(setting: tuple[bool, int, float], seeds: range) -> Draws:
+        causal, order, cutoff = setting
         filters = {"causal": causal, "order": order, "cutoff": cutoff}
-        return changed(base, {"scenario": filters})
+        changed_scenario = changed(scenarios["integrated"], filters)
+        return run_seeds(base, models, {"integrated": changed_scenario}, seeds)
 
     grid = list(product((True, False), ORDERS, CUTOFFS))
-    found = Parallel(n_jobs=-1)(
-        delayed(run_seeds)(at(*setting), models, SEARCH_SEEDS) for setting in grid
-    )
+    found = Parallel(n_jobs=-1)(delayed(drawn)(setting, SEARCH_SEEDS) for setting in grid)
     table = Table(title=f"search seeds {SEARCH_SEEDS}, then {FRESH_SEEDS}", title_justify="left")
     for name in ("filter", *(f"{m} {s}" for m in METHODS for s in ("train", "test"))):
         table.add_column(name)
@@ -91,7 +86,7 @@ def main() -> None:
             if setting[0] is causal
         ]
         best = min(ranked)[2]
-        draws = run_seeds(at(*best), models, FRESH_SEEDS)
+        draws = drawn(best, FRESH_SEEDS)
         table.add_row(*row(f"fresh: {named[best]}", draws))
     Console(width=190).print(table)
 
