@@ -73,7 +73,9 @@ def run_seeds(
     """Every method on the motions of each seed, as every scenario lets it see them."""
     draws = Draws()
     for seed, (name, scenario) in product(seeds, scenarios.items()):
-        data = data_from(changed(cfg, {"seed": seed, "scenario": scenario}))
+        run = changed(cfg, {"seed": seed})
+        run.scenario = scenario
+        data = data_from(run)
         try:
             data.setup()
         except EscapedMotionError:

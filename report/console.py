@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from hydra import compose
+from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import (
     ConfigCompositionException,
@@ -78,6 +78,14 @@ def prepare_hydra() -> None:
     if not OmegaConf.has_resolver("help"):
         OmegaConf.register_new_resolver("help", help_text)
         OmegaConf.register_new_resolver("run_name", lambda _root_: run_name(_root_))
+
+
+def composed(*words: str, config: str = "train") -> DictConfig:
+    """The config that a command line with these words would have."""
+    prepare_hydra()
+    GlobalHydra.instance().clear()  # a program that is run by Hydra has one already
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose(config, list(words))
 
 
 def quiet_lightning() -> None:
@@ -157,11 +165,7 @@ def _nearest(word: str, choices: Sequence[str]) -> str:
 
 def _keys(config: str) -> list[str]:
     """All settings of a program, dotted."""
-    from hydra import initialize_config_dir
-
-    GlobalHydra.instance().clear()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return sorted({*GROUPS, *_dotted(compose(config))})
+    return sorted({*GROUPS, *_dotted(composed(config=config))})
 
 
 def _dotted(node: DictConfig, prefix: str = "") -> Iterator[str]:

@@ -11,17 +11,17 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
 
-from report.console import CONF, prepare_hydra
-from report.paper import paper_values
+from report.console import composed
+from report.paper import paper_cells
 from report.runs import CONFIG, plain
 from report.study import OWN_RESIDUAL, Run, read_runs
 from report.study_tables import percent
@@ -57,7 +57,6 @@ class Row:
 
 def rows_of(runs: list[Run]) -> list[Row]:
     """A row for each change, method, split and way of scoring that the paper has a value for."""
-    prepare_hydra()
     usual: dict[tuple[str, str, str], dict[str, Any]] = {}
     groups: dict[tuple[str, str, str, str], list[Run]] = {}
     for run in runs:
@@ -70,13 +69,18 @@ def rows_of(runs: list[Run]) -> list[Row]:
 
 
 def _rows(changed: str, model: str, system: str, scenario: str, runs: list[Run]) -> Iterator[Row]:
-    paper = paper_values(model, system, scenario)
-    for method in (model, f"{model}_{OWN_RESIDUAL}"):
-        for split, values in paper.items():
-            errors = [e for run in runs if (e := run.error(method, split)) is not None]
-            if errors:
-                value, failed = values["relative_rms_percent"], len(runs) - len(errors)
-                yield Row(changed, f"{system}, {scenario}", method, split, value, errors, failed)
+    case = f"{system}, {scenario}"
+    printed = [
+        c for c in paper_cells() if (c.method, c.system, c.scenario) == (model, system, scenario)
+    ]
+    for cell, way in product(printed, ("", f"_{OWN_RESIDUAL}")):
+        errors = [
+            e for run in runs if (e := run.error(model + way, cell.split, cell.dof)) is not None
+        ]
+        if errors:
+            method = model + way + ("" if cell.dof == "total" else f" x{cell.dof}")
+            failed = len(runs) - len(errors)
+            yield Row(changed, case, method, cell.split, cell.percent, errors, failed)
 
 
 def changes(config: dict[str, Any], usual: dict[str, Any]) -> str:
@@ -86,9 +90,7 @@ def changes(config: dict[str, Any], usual: dict[str, Any]) -> str:
 
 
 def _default(model: str, system: str, scenario: str) -> DictConfig:
-    words = [f"model={model}", f"system={system}", f"scenario={scenario}"]
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("train", words)
+    return composed(f"model={model}", f"system={system}", f"scenario={scenario}")
 
 
 def _stored(run: Run) -> DictConfig:
@@ -110,7 +112,10 @@ def _flat(cfg: DictConfig) -> dict[str, Any]:
 
 
 def as_markdown(rows: list[Row]) -> str:
-    lines = [list(COLUMNS), ["---"] * len(COLUMNS), *(row.texts() for row in rows)]
+    lines = [list(COLUMNS), ["---"] * len(COLUMNS)]
+    for row in rows:
+        changed, *rest = row.texts()
+        lines.append([f"`{changed}`", *rest])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 

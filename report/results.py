@@ -11,6 +11,10 @@ from report.runs import write_text
 from report.study import Cell, read_runs, study_cells
 from report.study_figures import draw_study
 from report.study_tables import SPLITS, as_csv, by_label, percent, write_tables
+from report.sweep import reasons
+
+OWN, MEASURED = "residual_mlp_own_residual", "residual_mlp"
+NOT_PAIRED = {(OWN, "train"), (MEASURED, "test")}  # measured in training, own in testing
 
 
 def report_study(folder: Path, output: Path, page: Path | None) -> None:
@@ -26,9 +30,9 @@ def report_study(folder: Path, output: Path, page: Path | None) -> None:
     write_text(output / "cells.csv", as_csv(cells))
     paths += draw_study(runs, output)
     console.print(f"{len(paths) + 1} files in {output}", soft_wrap=True)
-    failed = [run for run in runs if run.metrics is None]
-    for run in failed:
-        console.print(f"failed: {run.folder.name}: {run.reason}", soft_wrap=True)
+    failed = {run.folder.name: run.reason for run in runs if run.metrics is None}
+    for line in reasons(failed):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
     if page is not None:
         from report.page import write_page
 
@@ -62,14 +66,10 @@ def _short(cell: Cell) -> tuple[str, str, str]:
 
 def count(cells: list[Cell]) -> str:
     """How many of the paper's values lie inside our ranges, by what the residual network is fed."""
-    own, measured = "residual_mlp_own_residual", "residual_mlp"
     left_out = {
-        "the measured residual": {(own, "train"), (own, "test")},
-        "its own residual": {(measured, "train"), (measured, "test")},
-        "the measured residual in training and its own in testing": {
-            (own, "train"),
-            (measured, "test"),
-        },
+        "the measured residual": {(OWN, "train"), (OWN, "test")},
+        "its own residual": {(MEASURED, "train"), (MEASURED, "test")},
+        "the measured residual in training and its own in testing": NOT_PAIRED,
     }
     lines = []
     for way, without in left_out.items():

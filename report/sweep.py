@@ -92,8 +92,8 @@ def print_summary(folders: list[Path], skipped: int) -> bool:
     failed = [folder for folder in folders if (folder / FAILED).is_file()]
     if done:
         console.print(sweep_table([read_metrics(folder) for folder in done]))
-    for folder in failed:
-        console.print(f"failed: {folder.name}: {_reason(folder)}", soft_wrap=True, markup=False)
+    for line in reasons({folder.name: _reason(folder) for folder in failed}):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
     before = f" ({skipped} of them before)" if skipped else ""
     lost = len(folders) - len(done) - len(failed)
     unknown = f", {lost} without any result" if lost else ""
@@ -113,6 +113,19 @@ def _scenario(run: dict[str, Any], runs: list[dict[str, Any]]) -> str:
         if isinstance(value, float) and any(o["scenario_settings"][key] != value for o in same)
     ]
     return run["scenario"] + ",".join(varied)
+
+
+def reasons(failed: dict[str, str]) -> list[str]:
+    """Why runs failed, a line for each reason: how many runs, and the first of them."""
+    by_reason: dict[str, list[str]] = {}
+    for name, reason in failed.items():
+        by_reason.setdefault(reason, []).append(name)
+    return [
+        f"failed: {reason} ({len(names)} runs, such as {names[0]})"
+        if len(names) > 1
+        else f"failed: {names[0]}: {reason}"
+        for reason, names in by_reason.items()
+    ]
 
 
 def sweep_table(runs: list[dict[str, Any]]) -> Table:

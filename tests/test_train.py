@@ -288,7 +288,7 @@ def test_a_failing_run_does_not_stop_a_sweep(tmp_path, monkeypatch, capsys):
     assert run(train, monkeypatch, *words) == 1
     out = capsys.readouterr().out
     assert "2 done, 1 failed" in out
-    assert "failed: seed=-1 must not be negative" in out
+    assert "seed=-1 must not be negative" in out
     assert len(list(tmp_path.glob("*/metrics.json"))) == 2
     assert len(list(tmp_path.glob("*/failed.txt"))) == 1
 
