@@ -20,7 +20,6 @@ from dataclasses import dataclass, field
 from itertools import product
 from statistics import median
 
-from hydra import compose, initialize_config_dir
 from joblib import Parallel, delayed
 from omegaconf import DictConfig
 from rich.console import Console
@@ -30,7 +29,7 @@ from rich.table import Table
 from data.simulate import EscapedMotionError
 from models.training.assemble import changed, data_from, estimator_from
 from models.training.metrics import score
-from report.console import CONF, prepare_hydra
+from report.console import composed
 from report.paper import paper_values
 
 SEARCH_SEEDS, FRESH_SEEDS = range(1000, 1024), range(3000, 3020)
@@ -127,7 +126,7 @@ def named(setting: Setting) -> str:
 
 def search(system: str, console: Console) -> Setting:
     """The best setting of the grid; prints all."""
-    cfg, models, scenarios = composed(system)
+    cfg, models, scenarios = configs_of(system)
     count = len(printed(system))
     table = Table(title=f"{system}: medians over seeds {SEARCH_SEEDS}", title_justify="left")
     table.add_column("band, std")
@@ -169,14 +168,11 @@ def count_escapes(cfg: DictConfig) -> int:
     return count
 
 
-def composed(system: str) -> tuple[DictConfig, Models, dict[str, DictConfig]]:
+def configs_of(system: str) -> tuple[DictConfig, Models, dict[str, DictConfig]]:
     """The config of a system, of each method and of each scenario."""
-    prepare_hydra()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        chosen = {m: compose("train", [f"system={system}", f"model={m}"]) for m in METHODS}
-        scenarios = {s: compose("train", [f"scenario={s}"]).scenario for s in SCENARIOS[system]}
-    models = {method: cfg.model for method, cfg in chosen.items()}
-    return chosen["vwnn"], models, scenarios
+    chosen = {m: composed(f"system={system}", f"model={m}") for m in METHODS}
+    scenarios = {s: composed(f"scenario={s}").scenario for s in SCENARIOS[system]}
+    return chosen["vwnn"], {method: cfg.model for method, cfg in chosen.items()}, scenarios
 
 
 def confirm(settings: dict[str, Setting | None], console: Console) -> None:
@@ -188,7 +184,7 @@ def confirm(settings: dict[str, Setting | None], console: Console) -> None:
     verdicts: list[tuple[str, bool]] = []
     notes = []
     for system, setting in settings.items():
-        cfg, models, scenarios = composed(system)
+        cfg, models, scenarios = configs_of(system)
         cfg = cfg if setting is None else at(cfg, setting)
         draws, excitation = run_seeds(cfg, models, scenarios, FRESH_SEEDS), cfg.system.excitation
         for (scenario, method, split), value in printed(system).items():

@@ -43,7 +43,7 @@ EXAMPLES = {
     "train": """Identify a structure: simulate it, fit a model, score it on unseen motion.
 
     python train.py model=vwnn system=bilinear
-    python train.py model=vwnn system=polynomial scenario=noisy scenario.level=0.2 seed=3
+    python train.py model=vwnn system=polynomial scenario=noisy scenario.level=0.2 seed=4
     python train.py -m model=vwnn,linear system=bilinear,polynomial,bouc_wen seed=0,1
 
 Common keys: seed, data.dt [s], data.duration [s], data.train_records, data.test_records,

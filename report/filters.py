@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from models.training.assemble import changed
-from report.calibration import Cell, Draws, composed, inside, run_seeds
+from report.calibration import Cell, Draws, configs_of, inside, run_seeds
 from report.paper import paper_values
 
 SEARCH_SEEDS, FRESH_SEEDS = range(1000, 1020), range(3000, 3020)
@@ -60,7 +60,7 @@ def row(name: str, draws: Draws) -> tuple[str, ...]:
 
 
 def main() -> None:
-    base, models, scenarios = composed("polynomial")
+    base, models, scenarios = configs_of("polynomial")
     models = {method: models[method] for method in METHODS}
 
     def drawn(setting: tuple[bool, int, float], seeds: range) -> Draws:

@@ -1,6 +1,6 @@
 """When the networks stop training: what the paper leaves open ("performance criteria", Sect. 4).
 
-    python -m report.stopping            12 seeds that no result uses: some minutes on two cores
+    python -m report.stopping            12 seeds that no result uses: 10 minutes on two cores
 
 Levenberg–Marquardt runs until 20 iterations lower the loss by less than a fraction, for a ladder of
 fractions, on the five settings of Tables 3–5, 7 and 8; L-BFGS runs its default 1,000 iterations.
@@ -14,7 +14,6 @@ import time
 from statistics import median
 
 import torch
-from hydra import compose, initialize_config_dir
 from joblib import Parallel, delayed
 from omegaconf import DictConfig
 from rich.console import Console
@@ -27,7 +26,7 @@ from models.training.metrics import score
 from models.training.problem import Problem
 from models.training.solvers.lbfgs import LBFGS
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
-from report.console import CONF, prepare_hydra
+from report.console import composed
 from report.paper import paper_values
 
 SEEDS = range(1000, 1012)
@@ -88,7 +87,6 @@ def _gain(losses: list[float]) -> float:
 
 
 def main() -> None:
-    prepare_hydra()
     console = Console(width=None if Console().is_terminal else 130)
     hits = dict.fromkeys([*(f"{fraction:g}" for fraction in FRACTIONS), "lbfgs"], 0)
     for system, scenario in CASES:
@@ -99,9 +97,7 @@ def main() -> None:
         for column in ("iterations", "seconds"):
             table.add_column(column, justify="right")
         for network in NETWORKS:
-            with initialize_config_dir(str(CONF), version_base="1.3"):
-                words = [f"system={system}", f"scenario={scenario}", f"model={network}"]
-                cfg = compose("train", words)
+            cfg = composed(f"system={system}", f"scenario={scenario}", f"model={network}")
             runs = Parallel(n_jobs=-1)(delayed(ladder)(cfg, seed) for seed in SEEDS)
             paper = paper_values(network, system, scenario)
             printed = [paper[split]["relative_rms_percent"] for split in ("train", "test")]
