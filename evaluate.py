@@ -50,12 +50,17 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict:
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="evaluate")
 def main(cfg: DictConfig) -> None:
     with job_errors():
+        if cfg.run is not None and (cfg.output or cfg.page):
+            raise ValueError(
+                "output and page are for tables of many runs; leave them out with run="
+            )
         if cfg.run is not None:
             evaluate(cfg, absolute(cfg.run), cfg.label or "as_trained")
             return
         folder = absolute(cfg.runs)
         output = absolute(cfg.output) if cfg.output else folder / "results"
-        report_study(folder, output, absolute(cfg.page) if cfg.page else None)
+        page = absolute(cfg.page) if cfg.page else None
+        report_study(folder, output, page, absolute(cfg.outside), absolute(cfg.close_fit))
 
 
 def cli() -> None:

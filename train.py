@@ -33,8 +33,8 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
     if cfg.threads < 1:
         raise ValueError(f"threads={cfg.threads} must be at least 1")
     quiet_lightning()
-    if cfg.seed < 0:
-        raise ValueError(f"seed={cfg.seed} must not be negative")
+    if not isinstance(cfg.seed, int) or cfg.seed < 0:
+        raise ValueError(f"seed={cfg.seed} must be a whole number, not negative")
     data = data_from(cfg)
     seed_everything(cfg.seed, verbose=False)
     estimator = estimator_from(cfg.model, data)
@@ -54,8 +54,11 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
         limit_val_batches=None if data.validation else 0,
         **cfg.trainer,
     )
-    trainer.fit(module, datamodule=data)
-    trainer.test(module, datamodule=data, verbose=False)
+    try:
+        trainer.fit(module, datamodule=data)
+        trainer.test(module, datamodule=data, verbose=False)
+    except SystemExit:  # what Lightning makes of Ctrl-C
+        raise KeyboardInterrupt from None
 
     metrics = metrics_of(cfg, module, data, compare_baselines(baselines, data))
     save_estimator(module.estimator, folder / CHECKPOINT, cfg.model.name)
@@ -68,7 +71,7 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
 def main(cfg: DictConfig) -> None:
     hydra_cfg = HydraConfig.get()
     folder, in_sweep = Path(hydra_cfg.runtime.output_dir), hydra_cfg.mode == RunMode.MULTIRUN
-    with job_errors(folder if in_sweep else None):
+    with job_errors(folder if in_sweep else None, cfg):
         metrics = identify(cfg, folder)
         if not in_sweep:
             print_run(metrics, folder)

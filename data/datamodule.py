@@ -18,8 +18,9 @@ from data.windows import WindowDataset
 class SimulatedData(LightningDataModule):
     """Training and test motions of one structure, each `duration` [s] long, sampled every `dt` [s].
 
-    `window`, `stride` and `warmup` are in samples; whole records by default. `batch` windows are
-    handed out at a time, all by default; smaller batches are shuffled for training. `validation` is
+    `window`, `stride` and `warmup` are in samples. Models are fitted to windows, whole records by
+    default, and scored on whole records less their warm-up. `batch` windows are handed out at a
+    time, shuffled; all at once by default. `validation` is
     the last fraction of each training record, held back from the fit. `tolerance` is the
     integrator's (data/simulate.py).
     """
@@ -79,20 +80,22 @@ class SimulatedData(LightningDataModule):
     def windows(self, split: str) -> WindowDataset:
         return WindowDataset(self.records[split], **self.cut)
 
-    def loader(self, split: str, shuffle: bool = False) -> DataLoader[Any]:
-        windows = self.windows(split)
-        batch = len(windows) if self.batch is None else self.batch
-        return DataLoader(windows, batch_size=batch, shuffle=shuffle, collate_fn=stack)
+    def loader(self, split: str) -> DataLoader[Any]:
+        """Whole records, to score and to solve closed forms on."""
+        whole = WindowDataset(self.records[split], warmup=self.cut["warmup"])
+        return DataLoader(
+            whole, batch_size=len(whole) if self.batch is None else 1, collate_fn=stack
+        )
 
     def train_dataloader(self) -> DataLoader[Any]:
-        return self.loader("train", shuffle=self.batch is not None)
+        """Windows of the training motions."""
+        windows = self.windows("train")
+        batch, shuffle = self.batch or len(windows), self.batch is not None
+        return DataLoader(windows, batch_size=batch, shuffle=shuffle, collate_fn=stack)
 
     def val_dataloader(self) -> DataLoader[Any] | list[Any]:
-        """All of the validation part at once, or nothing."""
-        if self.validation == 0.0:
-            return []
-        windows = self.windows("validation")
-        return DataLoader(windows, batch_size=len(windows), collate_fn=stack)
+        """The part held back for validation, or nothing."""
+        return self.loader("validation") if self.validation > 0.0 else []
 
     def test_dataloader(self) -> list[DataLoader[Any]]:
         """Training and test motions, in this order: both are scored."""

@@ -58,6 +58,8 @@ class ModalPolynomial(EquivalentLinear):
                 f"fits={fits!r}, basis={basis!r}, order={order}: expected residual or "
                 "restoring_force, power or chebyshev, and at least 1"
             )
+        if pairs is not None and not pairs:
+            raise ValueError("pairs is empty; give null for each mode's own pair")
         self.fits, self.basis, self.order = fits, basis, order
         self.register_buffer("modes", torch.eye(dofs, dtype=torch.float64))  # Φ
         self.scale = Extents(2 * dofs)
@@ -93,6 +95,15 @@ class ModalPolynomial(EquivalentLinear):
         if self.fits == "residual":
             return super().forward(record) - force
         return (record.f - force) @ self.matrices()[2].T
+
+    def check(self, record: Record) -> None:
+        super().check(record)
+        if record.s is not None or record.f.shape[-1] != self.dofs:
+            raise ValueError(
+                f"polynomial methods need one force per DOF and supports at rest; the record has "
+                f"{record.f.shape[-1]} forces for {self.dofs} DOFs"
+                f"{' and moving supports' if record.s is not None else ''}"
+            )
 
     def _target(self, record: Record) -> Tensor:
         """h (…, T, n), from the measured acceleration of the training motion."""

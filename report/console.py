@@ -25,7 +25,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from report.runs import FAILED, run_name, write_text
+from report.runs import CONFIG, FAILED, run_name, write_text
 
 CONF = Path(__file__).parent.parent / "conf"
 GROUPS = (
@@ -105,7 +105,8 @@ EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException, Misconf
 
 def _reason(error: BaseException) -> str:
     if isinstance(error, OSError):
-        return f"{error.strerror or error}: {error.filename or ''}; choose another hydra.run.dir"
+        hint = "" if isinstance(error, FileNotFoundError) else "; choose another hydra.run.dir"
+        return f"{error.strerror or error}: {error.filename or ''}{hint}"
     return str(error)
 
 
@@ -127,8 +128,8 @@ def one_line_errors(config: str) -> Iterator[None]:
 
 
 @contextmanager
-def job_errors(sweep_folder: Path | None = None) -> Iterator[None]:
-    """A run that fails ends the program; a run of a sweep leaves the reason in its folder."""
+def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) -> Iterator[None]:
+    """A failing run ends the program; in a sweep it leaves config and reason in its folder."""
     try:
         yield
     except Exception as error:
@@ -139,7 +140,12 @@ def job_errors(sweep_folder: Path | None = None) -> Iterator[None]:
             fail(_reason(error))
             sys.exit(1)
         trace = "" if expected else traceback.format_exc() + "\n"
-        write_text(sweep_folder / FAILED, trace + _reason(error) + "\n")
+        reason = " ".join(
+            f"{'' if expected else type(error).__name__ + ': '}{_reason(error)}".split()
+        )
+        if cfg is not None:
+            write_text(sweep_folder / CONFIG, OmegaConf.to_yaml(cfg, resolve=True))
+        write_text(sweep_folder / FAILED, f"{trace}{reason}\n")
 
 
 def _explain(error: Exception, config: str) -> str:

@@ -4,8 +4,9 @@
 
 The polynomial system with the excitation of conf/system; for every filter of a grid, the six cells
 of the polynomial methods in Table 7 against the range over search seeds. The best strictly causal
-filter and the best zero-phase one, by cells inside and then by the distance of the medians, are
-confirmed on fresh seeds. The scenario's default is the causal one.
+filter and the best zero-phase one, by cells inside and then by the distance of the medians, and the
+filter of conf/scenario are confirmed on fresh seeds. (Chebyshev polynomials give what the power
+series on the restoring force gives, and are not printed.)
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def distance(draws: Draws) -> float:
 
 def row(name: str, draws: Draws) -> tuple[str, ...]:
     cells = []
-    for method in METHODS:
+    for method in METHODS[:2]:
         for split in ("train", "test"):
             errors = draws.errors["integrated", method, split]
             cells.append(f"{median(errors):.1f} ({min(errors):.1f}–{max(errors):.1f})")
@@ -72,7 +73,7 @@ def main() -> None:
     grid = list(product((True, False), ORDERS, CUTOFFS))
     found = Parallel(n_jobs=-1)(delayed(drawn)(setting, SEARCH_SEEDS) for setting in grid)
     table = Table(title=f"search seeds {SEARCH_SEEDS}, then {FRESH_SEEDS}", title_justify="left")
-    for name in ("filter", *(f"{m} {s}" for m in METHODS for s in ("train", "test"))):
+    for name in ("filter", *(f"{m} {s} %" for m in METHODS[:2] for s in ("train", "test"))):
         table.add_column(name)
     table.add_column("inside")
     table.add_column("distance")
@@ -88,7 +89,10 @@ def main() -> None:
         best = min(ranked)[2]
         draws = drawn(best, FRESH_SEEDS)
         table.add_row(*row(f"fresh: {named[best]}", draws))
-    Console(width=190).print(table)
+    own = scenarios["integrated"]
+    setting = (own.causal, own.order, own.cutoff)
+    table.add_row(*row(f"conf, fresh: {named[setting]}", drawn(setting, FRESH_SEEDS)))
+    Console(width=150).print(table)
 
 
 if __name__ == "__main__":

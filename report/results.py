@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from report.runs import write_text
+from report.runs import code_version, write_text
 from report.study import Cell, read_runs, study_cells
 from report.study_figures import draw_study
 from report.study_tables import SPLITS, as_csv, by_label, percent, write_tables
@@ -17,7 +17,9 @@ OWN, MEASURED = "residual_mlp_own_residual", "residual_mlp"
 NOT_PAIRED = {(OWN, "train"), (MEASURED, "test")}  # measured in training, own in testing
 
 
-def report_study(folder: Path, output: Path, page: Path | None) -> None:
+def report_study(
+    folder: Path, output: Path, page: Path | None, outside: Path, close_fit: Path
+) -> None:
     """Write and print everything that the runs in a folder allow."""
     runs = read_runs(folder)
     cells = study_cells(runs)
@@ -26,6 +28,9 @@ def report_study(folder: Path, output: Path, page: Path | None) -> None:
     console = Console(width=None if Console().is_terminal else 145)
     console.print(*cell_tables(cells))
     console.print("the paper's values inside our ranges over the seeds:", count(cells), sep="\n")
+    codes = {r.metrics.get("identity", {}).get("code") for r in runs if r.metrics is not None}
+    if codes != {code_version()}:
+        console.print("some of these runs were made by other code than this; repeat the sweep")
     paths = write_tables(cells, output)
     write_text(output / "cells.csv", as_csv(cells))
     paths += draw_study(runs, output)
@@ -36,7 +41,7 @@ def report_study(folder: Path, output: Path, page: Path | None) -> None:
     if page is not None:
         from report.page import write_page
 
-        write_page(page, runs, cells, output)
+        write_page(page, runs, cells, output, outside, close_fit)
         console.print(f"page in {page}", soft_wrap=True)
 
 

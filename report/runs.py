@@ -21,7 +21,7 @@ from yaml import YAMLError
 
 CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
 FAILED = "failed.txt"  # why a run of a sweep has no metrics.json
-WITHOUT_EFFECT = ("figures", "threads", "trainer")  # settings that change no number
+INERT = ("enable_progress_bar", "log_every_n_steps")  # of the trainer: they change no number
 ROOT = Path(__file__).parent.parent
 
 
@@ -40,7 +40,9 @@ def settings_of(node: DictConfig) -> dict[str, Any]:
 
 def config_digest(cfg: DictConfig) -> str:
     """Ten characters that tell runs apart: a hash of every choice that can change a number."""
-    content = {key: value for key, value in plain(cfg).items() if key not in WITHOUT_EFFECT}
+    content = plain(cfg)
+    content.pop("figures")
+    content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT}
     text = json.dumps(content, sort_keys=True, ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()[:10]
 

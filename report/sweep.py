@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -77,21 +78,27 @@ def _line(folder: Path, failed: bool) -> str:
     if failed:
         return f"{folder.name}: failed: {_reason(folder)}"
     metrics = read_metrics(folder)
-    train, test = (metrics[split]["relative_rms_percent"] for split in ("train", "test"))
-    return f"{folder.name:<70} train {train:8.2f} %   test {test:8.2f} %"
+    errors = (metrics[split]["relative_rms_percent"] for split in ("train", "test"))
+    train, test = ("   –   " if e is None else f"{e:8.2f} %" for e in errors)
+    return f"{folder.name:<70} train {train}   test {test}"
 
 
 def _reason(folder: Path) -> str:
     return (folder / FAILED).read_text("utf-8").splitlines()[-1]
 
 
-def print_summary(folders: list[Path], skipped: int) -> bool:
-    """Errors over the seeds, the failures and their reasons; whether all runs are done."""
+def print_summary(jobs: Mapping[Path, Sequence[str]], skipped: int) -> bool:
+    """Errors over the seeds, the failures and their reasons; whether all runs are done.
+
+    `jobs` maps the folder of each run to what was typed for it.
+    """
+    folders = list(jobs)
     console = Console(width=None if Console().is_terminal else 130)
     done = [folder for folder in folders if (folder / METRICS).is_file()]
     failed = [folder for folder in folders if (folder / FAILED).is_file()]
     if done:
-        console.print(sweep_table([read_metrics(folder) for folder in done]))
+        told = told_apart(jobs)
+        console.print(sweep_table([(told[folder], read_metrics(folder)) for folder in done]))
     for line in reasons({folder.name: _reason(folder) for folder in failed}):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     before = f" ({skipped} of them before)" if skipped else ""
@@ -102,17 +109,6 @@ def print_summary(folders: list[Path], skipped: int) -> bool:
         f"{len(done)} done{before}, {len(failed)} failed{unknown}, {place}", soft_wrap=True
     )
     return len(done) == len(folders)
-
-
-def _scenario(run: dict[str, Any], runs: list[dict[str, Any]]) -> str:
-    """A scenario's name with the numbers that differ among the runs."""
-    same = [other for other in runs if other["scenario"] == run["scenario"]]
-    varied = [
-        f" {key} {value:g}"
-        for key, value in run["scenario_settings"].items()
-        if isinstance(value, float) and any(o["scenario_settings"][key] != value for o in same)
-    ]
-    return run["scenario"] + ",".join(varied)
 
 
 def reasons(failed: dict[str, str]) -> list[str]:
@@ -128,18 +124,35 @@ def reasons(failed: dict[str, str]) -> list[str]:
     ]
 
 
-def sweep_table(runs: list[dict[str, Any]]) -> Table:
-    """Median and range over the runs of each model on each system and scenario."""
+def told_apart(jobs: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
+    """For each run the settings that vary in the sweep, but for what has a column of its own."""
+    own = ("model=", "system=", "scenario=", "seed=")
+    kept = {f: {word for word in job if not word.startswith(own)} for f, job in jobs.items()}
+    common = set.intersection(*kept.values())
+    return {folder: " ".join(sorted(words - common)) for folder, words in kept.items()}
+
+
+def sweep_table(runs: Sequence[tuple[str, dict[str, Any]]]) -> Table:
+    """Median and range over the seeds of each case: (varied settings, metrics) of every run."""
     table = Table(title="relative RMS error in %: median (min – max)", title_justify="left")
-    for name in ("model", "system", "scenario", "runs", "train", "test"):
-        table.add_column(name, justify="right" if name in ("runs", "train", "test") else "left")
-    cases: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
-    for run in runs:
-        cases.setdefault((run["system"], _scenario(run, runs), run["model"]), []).append(run)
-    for (system, scenario, model), group in sorted(cases.items()):
-        cells = []
-        for split in ("train", "test"):
-            errors = [run[split]["relative_rms_percent"] for run in group]
-            cells.append(f"{median(errors):.2f} ({min(errors):.2f} – {max(errors):.2f})")
-        table.add_row(model, system, scenario, str(len(group)), *cells)
+    varied = any(settings for settings, _ in runs)
+    for name in ("model", "system", "scenario", *(["varied"] if varied else [])):
+        table.add_column(name)
+    for name in ("runs", "train", "test"):
+        table.add_column(name, justify="right")
+    cases: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for settings, run in runs:
+        case = (run["system"], run["scenario"], settings, run["model"])
+        cases.setdefault(case, []).append(run)
+    for (system, scenario, settings, model), group in sorted(cases.items()):
+        cells = [_median_and_range(group, split) for split in ("train", "test")]
+        head = (model, system, scenario, *([settings] if varied else []))
+        table.add_row(*head, str(len(group)), *cells)
     return table
+
+
+def _median_and_range(runs: Sequence[dict[str, Any]], split: str) -> str:
+    errors = [e for run in runs if (e := run[split]["relative_rms_percent"]) is not None]
+    if not errors:
+        return "–"
+    return f"{median(errors):.2f} ({min(errors):.2f} – {max(errors):.2f})"

@@ -51,6 +51,15 @@ def test_links_lead_somewhere(page):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
 
 
+@pytest.mark.parametrize("page", sorted([README, *(ROOT / "docs").glob("*.md")]))
+def test_anchors_are_headings(page):
+    for target, anchor in re.findall(r"\]\(([^)#:]*)#([^)]+)\)", page.read_text("utf-8")):
+        text = (page.parent / target).read_text("utf-8") if target else page.read_text("utf-8")
+        headings = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)
+        slugs = {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in headings}
+        assert anchor in slugs, f"{page.name} links to {target}#{anchor}"
+
+
 def test_set_up_commands_are_one_line_each():
     lines = [s for s in README.read_text("utf-8").splitlines() if s.startswith("python3 -m venv")]
     assert len(lines) == 2

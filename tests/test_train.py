@@ -260,6 +260,17 @@ MISTAKES = {
     "system=polynomial excitation.force.std=60": "escaped at t =",
     "excitation=given excitation.force.path=none.csv": "no file none.csv",
     "trainer.accelerator=abacus": "abacus",
+    "solver=levenberg": "did you mean levenberg_marquardt",
+    "model=global_mlp solver.iterations=0": "solver.iterations=0",
+    "model=global_mlp solver=levenberg_marquardt solver.patience=0": "patience=0",
+    "model=global_mlp model.hidden=20": "GlobalMLP",
+    "model=global_mlp model.activation=step": "activation='step'",
+    "model=power_series_residual model.pairs=[[u1,u9]]": "u1_dot",
+    "model=power_series_residual model.pairs=[]": "pairs is empty",
+    "model=power_series_residual excitation=support_motion": "one force per DOF",
+    "data.validation=1.5": "data.validation=1.5",
+    "max_fail=0": "max_fail=0",
+    "seed=many": "seed=many",
 }
 
 
@@ -288,7 +299,7 @@ def test_a_failing_run_does_not_stop_a_sweep(tmp_path, monkeypatch, capsys):
     assert run(train, monkeypatch, *words) == 1
     out = capsys.readouterr().out
     assert "2 done, 1 failed" in out
-    assert "seed=-1 must not be negative" in out
+    assert "seed=-1 must be a whole number" in out
     assert len(list(tmp_path.glob("*/metrics.json"))) == 2
     assert len(list(tmp_path.glob("*/failed.txt"))) == 1
 

@@ -39,7 +39,7 @@ class GridSweeper(BasicSweeper):
         if pending:
             with Watch(list(pending), len(jobs)):
                 self.launcher.launch(list(pending.values()), initial_job_idx=0)
-        if not print_summary(list(jobs), len(jobs) - len(pending)):
+        if not print_summary(jobs, len(jobs) - len(pending)):
             sys.exit(1)
 
     def jobs(self, arguments: list[str]) -> dict[Path, list[str]]:

@@ -70,6 +70,8 @@ def build(node: DictConfig | ListConfig, **more: Any) -> Any:
             where = re.search(r"full_key: (\S+)", str(error))
             raise ValueError(f"{where[1] + ': ' if where else ''}{error.__cause__}") from None
         raise
+    except TypeError as error:  # a number for a list, a word for a number
+        raise ValueError(f"{plain['_target_']}: {error}; see its comments in conf/") from None
 
 
 def changed(cfg: DictConfig, changes: dict[str, Any]) -> DictConfig:

@@ -27,7 +27,9 @@ class Identification(LightningModule):
     """`solver` makes a solver from the parameters that the closed form leaves free.
 
     Where the datamodule holds back a part of the training motion for validation, training stops
-    after `max_fail` checks without a better one, and the best parameters are kept.
+    after `max_fail` checks without a better one, and the best parameters are kept. A check follows
+    each call of the solver: an iteration of Levenberg–Marquardt, some twenty of L-BFGS, an epoch
+    of Adam.
     """
 
     def __init__(
@@ -37,6 +39,8 @@ class Identification(LightningModule):
         max_fail: int = 6,
     ) -> None:
         super().__init__()
+        if max_fail < 1:
+            raise ValueError(f"max_fail={max_fail} must be at least 1")
         self.automatic_optimization = False
         self.estimator, self.make_solver, self.max_fail = estimator, solver, max_fail
         self.solver: Solver | None = None

@@ -5,6 +5,7 @@ RMS(t_N) = √Σ‖ẍ − ẍ̂‖² / √Σ‖ẍ‖² over the samples up to 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -79,15 +80,19 @@ class Score:
         result: dict[str, Any] = {}
         for name, metric in self.against.items():
             errors = metric.compute()
-            result[f"relative_rms_percent{name}"] = 100.0 * float(errors["total"])
-            result[f"per_dof_percent{name}"] = (
-                100.0 * errors["per_dof"].reshape(-1)  # torchmetrics makes a scalar of one DOF
-            ).tolist()
+            per_dof = errors["per_dof"].reshape(-1)  # torchmetrics makes a scalar of one DOF
+            result[f"relative_rms_percent{name}"] = _percent(float(errors["total"]))
+            result[f"per_dof_percent{name}"] = [_percent(e) for e in per_dof.tolist()]
         return result
 
     def over_time(self) -> Tensor:
         """Eq. 21 up to each sample, against the measured signal, as a fraction (T,)."""
         return self.against[""].compute()["over_time"].reshape(-1)
+
+
+def _percent(error: float) -> float | None:
+    """None for an estimate that overflowed."""
+    return 100.0 * error if math.isfinite(error) else None
 
 
 class Scores:

@@ -1,5 +1,5 @@
 """Optimizers that fit the free parameters of any estimator: one method a file.
 
-`step(problem)` improves the parameters on one batch and returns the loss after every accepted
-iteration; `finished` says that going on is of no use.
+`solve(problem)` improves the parameters on one batch and returns the loss after every accepted
+iteration (Adam: before each step); `finished` says that going on is of no use.
 """

@@ -39,10 +39,15 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         patience: int = 20,
         every: int = 1,
     ) -> None:
-        if iterations < 1 or every < 1 or not damping > 0.0 or not 0.0 < decrease < 1.0 < increase:
+        if min(iterations, every, patience) < 1:
             raise ValueError(
-                f"solver.iterations={iterations}, every={every}, damping={damping}, decrease="
-                f"{decrease}, increase={increase}: expected at least 1, 1, above 0, 0–1, above 1"
+                f"solver.iterations={iterations}, every={every}, patience={patience}: "
+                "expected at least 1"
+            )
+        if not damping > 0.0 or not 0.0 < decrease < 1.0 < increase:
+            raise ValueError(
+                f"solver.damping={damping}, decrease={decrease}, increase={increase}: "
+                "expected above 0, between 0 and 1, above 1"
             )
         super().__init__(parameters, {})
         self.iterations, self.damping, self.done = iterations, damping, 0
