@@ -10,7 +10,7 @@ import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from statistics import median
+from statistics import median, quantiles
 from string import Template
 
 from report.feedthrough import feedthrough_errors
@@ -142,7 +142,8 @@ def _of_seeds(runs: Sequence[Run]) -> Iterator[tuple[str, str]]:
                 math.hypot(b, 10.0) for _, b in pairs
             )  # 10 % on the acceleration, nothing else
             yield f"{scenario}_quadrature_{method}", f"{median(alone):.2f}"
-            yield f"{scenario}_ratio_{method}", f"{median(a / b for a, b in pairs):.2f}"
+            low, middle, high = quantiles((a / b for a, b in pairs), n=4)
+            yield f"{scenario}_ratio_{method}", f"{middle:.2f} ({low:.2f} – {high:.2f})"
             yield f"{scenario}_rise_{method}", f"{median(a - b for a, b in pairs):.2f}"
 
 

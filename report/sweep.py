@@ -70,7 +70,8 @@ class Watch:
             failed = not (folder / METRICS).exists()
             self.failed += failed
             count = f"[{self.done:>{len(str(self.total))}}/{self.total}]"
-            self.console.print(count, _line(folder, failed), highlight=False, markup=False)
+            line = f"{count} {_line(folder, failed)}"
+            self.console.print(line, highlight=False, markup=False, soft_wrap=True)
             self.progress.update(self.task, completed=self.done, failed=self.failed)
 
 
@@ -80,7 +81,8 @@ def _line(folder: Path, failed: bool) -> str:
     metrics = read_metrics(folder)
     errors = (metrics[split]["relative_rms_percent"] for split in ("train", "test"))
     train, test = ("   –   " if e is None else f"{e:8.2f} %" for e in errors)
-    return f"{folder.name:<70} train {train}   test {test}"
+    name = folder.name.rpartition("-")[0]  # without the hash
+    return f"{name:<50} train {train} test {test}"
 
 
 def _reason(folder: Path) -> str:
