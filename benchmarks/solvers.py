@@ -1,6 +1,6 @@
 """How long do our solvers and their peers take to reach a given training error?
 
-    python -m benchmarks.solvers            # 12 s at most for each solver, network and start
+    python -m benchmarks.solvers            # 8 s at most for each solver, network and start
     python -m benchmarks.solvers --quick    # 3 s, one start
 
 The same network, training motion and starting weights for all, full batch, float64, one thread, one
@@ -240,7 +240,7 @@ def main() -> None:
     threadpool_limits(1)
     quiet_lightning()
     print(f"{platform.platform()}, {os.cpu_count()} cores, 1 thread; torch {torch.__version__}")
-    seeds, limit = (range(1), 3.0) if options.quick else (range(3), 12.0)
+    seeds, limit = (range(1), 3.0) if options.quick else (range(2), 8.0)
     for title in NETWORKS:
         compare(title, Console(width=130), seeds, limit)
 
