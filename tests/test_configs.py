@@ -56,6 +56,12 @@ def test_every_model_on_every_system(model, system):
     assert len(errors["per_dof_percent"]) == len(masses)
 
 
+def test_a_solver_does_not_change_how_another_model_is_scored():
+    """Adam is fitted on windows; whole records are scored."""
+    warm = ("model=two_point", "data.warmup=1")
+    assert fits(*warm, "solver=adam") == fits(*warm)
+
+
 @pytest.mark.parametrize("scenario", choices("scenario"))
 @pytest.mark.parametrize("model", ["vwnn_first_order", "linear"])
 def test_every_scenario(model, scenario):

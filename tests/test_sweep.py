@@ -18,6 +18,7 @@ import train
 from report import runs as runs_module
 from report.console import CONF, prepare_hydra
 from report.runs import config_digest
+from report.study import read_runs
 from report.sweep import is_finished
 from tests.test_train import run
 
@@ -84,7 +85,11 @@ def test_a_failed_run_is_tried_again(tmp_path, monkeypatch, capsys):
     assert run(train, monkeypatch, *words) == 1
     assert run(train, monkeypatch, *words) == 1
     assert "2 done" not in capsys.readouterr().out
-    assert len(list(tmp_path.glob("*/failed.txt"))) == 1
+    (failed,) = tmp_path.glob("*/failed.txt")
+    assert (failed.parent / "config.yaml").is_file()
+    assert {run.reason for run in read_runs(tmp_path) if run.metrics is None} == {
+        "seed=-1 must be a whole number, not negative"
+    }
 
 
 def test_grids_are_added_up_and_the_command_line_has_the_last_word(tmp_path, monkeypatch, capsys):
