@@ -239,7 +239,8 @@ def main() -> None:
     torch.set_num_threads(1)
     threadpool_limits(1)
     quiet_lightning()
-    print(f"{f"{platform.system()} {platform.machine()}"}, {os.cpu_count()} cores, 1 thread; torch {torch.__version__}")
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, 1 thread"
+    print(f"{machine}; torch {torch.__version__}")
     seeds, limit = (range(1), 3.0) if options.quick else (range(2), 8.0)
     for title in NETWORKS:
         compare(title, Console(width=130), seeds, limit)
