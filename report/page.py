@@ -1,7 +1,7 @@
 """The page of results: report/page.md with every figure filled in from the runs.
 
-A placeholder of the template is `$name` or `${name}`; each is computed here, so no number of the
-page is written by hand. Where a comparison could turn out either way, the sentence holds counts.
+A placeholder of the template is `$name` or `${name}`; each is computed here, so none of our errors
+is written by hand. Where a comparison could turn out either way, the sentence holds counts.
 """
 
 from __future__ import annotations
@@ -16,19 +16,12 @@ from string import Template
 from report.feedthrough import feedthrough_errors
 from report.outside import as_markdown as as_rows
 from report.outside import rows_of
-from report.results import NOT_PAIRED, OWN, count
+from report.results import NOT_PAIRED, count
 from report.runs import write_text
-from report.study import Cell, Run, as_configured, of, read_runs
+from report.study import OWN, SETTINGS, Cell, Run, as_configured, of, read_runs
 from report.study_tables import as_markdown, by_label, percent
 
 TEMPLATE = Path(__file__).with_name("page.md")
-SETTINGS = {  # table: system and scenario of its runs
-    3: ("bilinear", "full_state"),
-    4: ("polynomial", "full_state"),
-    5: ("bouc_wen", "full_state"),
-    7: ("polynomial", "integrated"),
-    8: ("polynomial", "noisy"),
-}
 POLYNOMIAL = (
     "power_series_residual",
     "power_series_restoring_force",
@@ -138,9 +131,8 @@ def _of_seeds(runs: Sequence[Run]) -> Iterator[tuple[str, str]]:
         for method in SIX:
             both = sorted(changed[method].keys() & full[method].keys())
             pairs = [(changed[method][s], full[method][s]) for s in both]
-            alone = (
-                math.hypot(b, 10.0) for _, b in pairs
-            )  # 10 % on the acceleration, nothing else
+            # 10 % of noise on the acceleration, nothing else
+            alone = (math.hypot(b, 10.0) for _, b in pairs)
             yield f"{scenario}_quadrature_{method}", f"{median(alone):.2f}"
             low, middle, high = quantiles((a / b for a, b in pairs), n=4)
             yield f"{scenario}_ratio_{method}", f"{middle:.2f} ({low:.2f} – {high:.2f})"

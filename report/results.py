@@ -8,12 +8,12 @@ from rich.console import Console
 from rich.table import Table
 
 from report.runs import code_version, write_text
-from report.study import Cell, read_runs, study_cells
+from report.study import OWN, Cell, read_runs, study_cells
 from report.study_figures import draw_study
 from report.study_tables import SPLITS, as_csv, by_label, percent, write_tables
 from report.sweep import reasons
 
-OWN, MEASURED = "residual_mlp_own_residual", "residual_mlp"
+MEASURED = "residual_mlp"
 NOT_PAIRED = {(OWN, "train"), (MEASURED, "test")}  # measured in training, own in testing
 
 

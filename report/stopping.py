@@ -28,17 +28,11 @@ from models.training.solvers.lbfgs import LBFGS
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from report.console import composed
 from report.paper import paper_values
+from report.study import SETTINGS
 
 SEEDS = range(1000, 1012)
 FRACTIONS = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03)
 PATIENCE = 20
-CASES = [
-    ("bilinear", "full_state"),
-    ("polynomial", "full_state"),
-    ("bouc_wen", "full_state"),
-    ("polynomial", "integrated"),
-    ("polynomial", "noisy"),
-]
 NETWORKS = ("residual_mlp", "global_mlp")
 Snapshot = tuple[float, float, int, float]  # train %, test %, iterations, seconds
 
@@ -89,7 +83,7 @@ def _gain(losses: list[float]) -> float:
 def main() -> None:
     console = Console(width=None if Console().is_terminal else 130)
     hits = dict.fromkeys([*(f"{fraction:g}" for fraction in FRACTIONS), "lbfgs"], 0)
-    for system, scenario in CASES:
+    for system, scenario in SETTINGS.values():
         title = f"{system}, {scenario}: medians over seeds {SEEDS}"
         table = Table(title=title, title_justify="left")
         for column in ("network", "stops at", "train %", "paper", "test %", "paper", "inside"):
@@ -114,7 +108,7 @@ def main() -> None:
                 table.add_row(network, rule, *row, *last)
         console.print(table)
     for rule, count in hits.items():
-        console.print(f"{rule}: {count} of {4 * len(CASES)} cells inside")
+        console.print(f"{rule}: {count} of {4 * len(SETTINGS)} cells inside")
 
 
 if __name__ == "__main__":

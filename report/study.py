@@ -20,13 +20,21 @@ from report.paper import PaperCell, paper_cells
 from report.runs import CONFIG, FAILED, METRICS, settings_of
 
 OWN_RESIDUAL = "own_residual"
+OWN = f"residual_mlp_{OWN_RESIDUAL}"
+SETTINGS = {  # table: system and scenario of its runs; Table 6 is Table 5 by DOF
+    3: ("bilinear", "full_state"),
+    4: ("polynomial", "full_state"),
+    5: ("bouc_wen", "full_state"),
+    7: ("polynomial", "integrated"),
+    8: ("polynomial", "noisy"),
+}
 METHODS = (  # in the paper's order; then the other way of scoring, and what the paper lacks
     "vwnn",
     "power_series_residual",
     "power_series_restoring_force",
     "chebyshev_restoring_force",
     "residual_mlp",
-    f"residual_mlp_{OWN_RESIDUAL}",
+    OWN,
     "global_mlp",
     "linear",
     "vwnn_first_order",

@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from report.console import CONF
 from report.figures import save_figure
 from report.paper import paper_values
-from report.study import METHODS, OWN_RESIDUAL, Run, as_configured, of
+from report.study import METHODS, OWN_RESIDUAL, SETTINGS, Run, as_configured, of
 from report.study_signals import (
     COLOURS,
     LABELS,
@@ -28,11 +28,6 @@ from report.study_signals import (
 )
 
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")  # Figs. 6–8 and 9–11 in this order
-SETTINGS = (
-    *((system, "full_state") for system in SYSTEMS),
-    ("polynomial", "integrated"),
-    ("polynomial", "noisy"),
-)
 SWEPT = "polynomial"  # the system whose noise level and cutoff are varied
 UNIT = {"level": 100.0, "cutoff": 1.0}
 AXIS = {
@@ -62,7 +57,7 @@ def study_figures(runs: Sequence[Run]) -> Iterator[tuple[str, Figure]]:
     for number, system in enumerate(SYSTEMS, start=9):
         if compared := of_one_seed(usual, system, "full_state"):
             yield f"fig{number:02}_acceleration_{system}", accelerations(compared)
-    if any(_errors(usual, method, *setting) for method in METHODS for setting in SETTINGS):
+    if any(_errors(usual, method, *setting) for method in METHODS for setting in SETTINGS.values()):
         yield "test_error_over_seeds", errors_over_seeds(usual)
     for scenario, setting, name in (
         ("noisy", "level", "error_against_noise_level"),
@@ -83,7 +78,7 @@ def _errors(runs: Sequence[Run], method: str, system: str, scenario: str) -> dic
 
 def errors_over_seeds(runs: Sequence[Run]) -> Figure:
     """Test error of every method over the seeds, the paper's value beside it; a panel per table."""
-    drawn = [s for s in SETTINGS if any(_errors(runs, m, *s) for m in METHODS)]
+    drawn = [s for s in SETTINGS.values() if any(_errors(runs, m, *s) for m in METHODS)]
     columns = min(3, len(drawn))
     rows = -(-len(drawn) // columns)
     figure = Figure(figsize=(1.8 + 2.6 * columns, 0.6 + 3.3 * rows), layout="constrained")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from report import page as page_module
-from report.page import CLAIMS, SETTINGS, write_page
+from report.page import CLAIMS, write_page
 from report.runs import settings_of
-from report.study import METHODS, read_runs, study_cells
+from report.study import METHODS, SETTINGS, read_runs, study_cells
 from tests.test_configs import composed
 from tests.test_study import add_run
 

@@ -83,7 +83,7 @@ class _Recall:
     """
 
     def __init__(self, solver: LBFGS, problem: Problem) -> None:
-        self.solver, self.problem = solver, problem
+        self.problem = problem
         self.parameters = [p for group in solver.param_groups for p in group["params"]]
         self.scale = problem.y.numel()
         self.points: list[tuple[Tensor, float, list[Tensor]]] = []
