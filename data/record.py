@@ -26,8 +26,42 @@ class Truth:
 
 
 @dataclass(frozen=True)
+class Drive:
+    """All that a free run is given: the excitation and the state at its first sample."""
+
+    dt: float  # time step [s]
+    u: Tensor  # excitation (…, T, m): forces [N], then support motions [m], [m/s]
+    x0: Tensor  # displacement (…, n) [m]
+    v0: Tensor  # velocity (…, n) [m/s]
+    hold: str = "linear"  # of u between samples, see HOLDS
+
+    @property
+    def samples(self) -> int:
+        return self.u.shape[-2]
+
+
+@dataclass(frozen=True)
+class Response:
+    """What a free run returns: the motion that a model says the excitation causes."""
+
+    x: Tensor  # displacement (…, T, n) [m]
+    v: Tensor  # velocity (…, T, n) [m/s]
+    a: Tensor  # acceleration (…, T, n) [m/s²]
+
+
+HOLDS = ("linear", "zero_order", "band_limited")
+INITIAL_STATES = ("rest", "given", "periodic")
+
+
+@dataclass(frozen=True)
 class Record:
-    """A record, or a batch of records of equal length. Raises ValueError for unequal shapes."""
+    """A record, or a batch of records of equal length. Raises ValueError for unequal shapes.
+
+    `initial_state` says how the motion begins: at rest, with the first x and v as given, or in the
+    periodic steady state of an excitation that repeats itself. `hold` says what the excitation does
+    between samples: "linear" and "zero_order" as digital-to-analogue converters do, or
+    "band_limited", which looks ahead and so is not causal.
+    """
 
     dt: float  # time step [s]
     a: Tensor  # acceleration (…, T, n) [m/s²]
@@ -38,10 +72,15 @@ class Record:
     s_dot: Tensor | None = None  # support velocity (…, T, p) [m/s]
     truth: Truth | None = None
     warmup: int = 0  # first samples: filters may use them, metrics do not count them
+    initial_state: str = "rest"
+    hold: str = "linear"
 
     def __post_init__(self) -> None:
         if not 0.0 < self.dt < float("inf"):
             raise ValueError(f"dt={self.dt} s must be positive")
+        for name, choices in (("initial_state", INITIAL_STATES), ("hold", HOLDS)):
+            if getattr(self, name) not in choices:
+                raise ValueError(f"{name}={getattr(self, name)!r}: choose {', '.join(choices)}")
         if self.a.ndim < 2 or self.a.shape[-2] < 2:
             raise ValueError(
                 f"a record of shape {tuple(self.a.shape)} has too few samples; expected "
@@ -75,6 +114,18 @@ class Record:
         parts = [u for u in (self.f, self.s, self.s_dot) if u is not None]
         return parts[0] if len(parts) == 1 else torch.cat(parts, dim=-1)
 
+    def drive(self) -> Drive:
+        """What a free run of this record may see. Raises ValueError where a state is missing."""
+        if self.initial_state != "given":
+            rest = torch.zeros_like(self.a[..., 0, :])
+            return Drive(self.dt, self.excitation, rest, rest, self.hold)
+        if self.x is None or self.v is None:
+            raise ValueError(
+                "the record begins in motion but has no x and v; integrate (scenario=integrated), "
+                "or start at rest and count the first samples as warm-up (data.warmup)"
+            )
+        return Drive(self.dt, self.excitation, self.x[..., 0, :], self.v[..., 0, :], self.hold)
+
     def signals(self) -> dict[str, Tensor]:
         """The measured signals that this record has, by name."""
         named = {name: getattr(self, name) for name in ("a", "f", "x", "v", "s", "s_dot")}
@@ -107,7 +158,9 @@ class Record:
 
     def window(self, start: int, length: int, warmup: int = 0) -> Record:
         """Samples `start` … `start + length − 1`, the first `warmup` of them for warming up."""
-        return replace(self.map(lambda u: u[..., start : start + length, :]), warmup=warmup)
+        begins = self.initial_state if start == 0 else "given"
+        cut = self.map(lambda u: u[..., start : start + length, :])
+        return replace(cut, warmup=warmup, initial_state=begins)
 
     def to(self, device: torch.device | str) -> Record:
         return self.map(lambda u: u.to(device))

@@ -13,7 +13,11 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor, nn
 
-from data.record import Record
+from data.record import Drive, Record, Response
+
+
+class NoFreeRunError(ValueError):
+    """This estimator cannot simulate; the message says why."""
 
 
 class Estimator(nn.Module):
@@ -44,6 +48,14 @@ class Estimator(nn.Module):
         """Every way in which this estimator is scored: "" is `forward`, others have a name."""
         return {"": self(record)}
 
+    def free_run(self, drive: Drive) -> Response:
+        """The motion from the excitation and the initial state alone, on its own estimates.
+
+        Differentiable in the parameters, where there are any. A run that diverges is returned as it
+        is, with huge or non-finite values. Raises NoFreeRunError where there is none.
+        """
+        raise NoFreeRunError(f"{type(self).__name__} has no free run")
+
     def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
         """(g, u, y): training the free parameters means g(u) ≈ y (…, T, n) [m/s²].
 
@@ -69,6 +81,19 @@ class Estimator(nn.Module):
             raise ValueError(
                 f"the record has {record.dofs} DOFs and {record.excitation.shape[-1]} channels of "
                 f"excitation; {type(self).__name__} was built for {self.dofs} and {self.inputs}"
+            )
+
+    def check_drive(self, drive: Drive) -> None:
+        """Raise ValueError where an excitation does not fit this estimator."""
+        if abs(drive.dt - self.dt) > 1e-9 * self.dt:
+            raise ValueError(
+                f"the excitation has dt={drive.dt} s, the estimator was built for dt={self.dt} s; "
+                "resample it or identify a new model"
+            )
+        if drive.u.shape[-1] != self.inputs or drive.x0.shape[-1] != self.dofs:
+            raise ValueError(
+                f"there are {drive.u.shape[-1]} channels of excitation and {drive.x0.shape[-1]} "
+                f"DOFs; {type(self).__name__} was built for {self.inputs} and {self.dofs}"
             )
 
     def require_identified(self, weights: Tensor) -> None:

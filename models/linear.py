@@ -11,8 +11,9 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from data.record import Record
+from data.record import Drive, Record, Response
 from models.estimator import Estimator, weight_matrix
+from models.layers.integrate import runge_kutta
 from models.layers.least_squares import LeastSquares
 
 
@@ -49,6 +50,41 @@ class EquivalentLinear(Estimator):
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
         return self.state(record) @ self.weights
+
+    def acceleration(self, x: Tensor, v: Tensor, u: Tensor) -> Tensor:
+        """ẍ (…, n) of a state and an excitation (…, m)."""
+        return torch.cat([v, x, u], dim=-1) @ self.weights
+
+    def free_run(self, drive: Drive) -> Response:
+        """Exact for an excitation that is linear or constant between samples."""
+        self.check_drive(drive)
+        self.require_identified(self.weights)
+        if drive.hold == "band_limited":
+            return runge_kutta(self.acceleration, drive)
+        step, first, last = self._exact_step(drive.hold)
+        driven = drive.u[..., :-1, :] @ first + drive.u[..., 1:, :] @ last
+        state, states = torch.cat([drive.x0, drive.v0], dim=-1), []
+        for added in driven.unbind(dim=-2):
+            states.append(state)
+            state = state @ step + added
+        x, v = torch.stack([*states, state], dim=-2).chunk(2, dim=-1)
+        return Response(x, v, self.acceleration(x, v, drive.u))
+
+    def _exact_step(self, hold: str) -> tuple[Tensor, Tensor, Tensor]:
+        """S (2n, 2n), F and L (m, 2n) of [x v][k+1] = [x v][k] S + u[k] F + u[k+1] L.
+
+        By one matrix exponential, u and its slope being further states (Van Loan 1978).
+        """
+        n, m, dt = self.dofs, self.inputs, self.dt
+        damping, stiffness, inputs = self.matrices()
+        A = self.weights.new_zeros(2 * (n + m), 2 * (n + m))  # of [x, v, u, Δu]
+        A[:n, n : 2 * n] = torch.eye(n, dtype=A.dtype, device=A.device)
+        A[n : 2 * n] = torch.cat([-stiffness, -damping, inputs, torch.zeros_like(inputs)], dim=1)
+        A[2 * n : 2 * n + m, 2 * n + m :] = torch.eye(m, dtype=A.dtype, device=A.device) / dt
+        step, held, risen = torch.linalg.matrix_exp(A * dt)[: 2 * n].T.split([2 * n, m, m])
+        if hold == "zero_order":
+            return step, held, torch.zeros_like(held)
+        return step, held - risen, risen
 
     def matrices(self) -> tuple[Tensor, Tensor, Tensor]:
         """M⁻¹C (n, n) [1/s], M⁻¹K (n, n) [1/s²] and the input matrix (n, m), M⁻¹ for forces."""

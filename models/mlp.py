@@ -14,8 +14,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
-from data.record import Record
+from data.record import Drive, Record, Response
 from models.estimator import Estimator
+from models.layers.integrate import runge_kutta, runge_kutta_delayed
 from models.layers.scaling import Extents
 from models.linear import EquivalentLinear
 
@@ -89,6 +90,14 @@ class GlobalMLP(Estimator):
     def forward(self, record: Record) -> Tensor:
         return self.network(self.state(record))
 
+    def acceleration(self, x: Tensor, v: Tensor, u: Tensor) -> Tensor:
+        """ẍ (…, n) of a state and an excitation (…, m)."""
+        return self.network(torch.cat([x, v, u], dim=-1))
+
+    def free_run(self, drive: Drive) -> Response:
+        self.check_drive(drive)
+        return runge_kutta(self.acceleration, drive)
+
 
 class ResidualMLP(EquivalentLinear):
     """What the equivalent linear system (Eq. 8) leaves, as a network with its own delayed output.
@@ -146,6 +155,17 @@ class ResidualMLP(EquivalentLinear):
             residual = self.network(torch.cat([state[..., k, :], residual], dim=-1))
             history.append(residual)
         return super().forward(record) - torch.stack(history, dim=-2)
+
+    def free_run(self, drive: Drive) -> Response:
+        """With its own residual of the sample before."""
+        self.check_drive(drive)
+        self.require_identified(self.weights)
+
+        def law(x: Tensor, v: Tensor, u: Tensor, past: Tensor) -> tuple[Tensor, Tensor]:
+            residual = self.network(torch.cat([v, x, u, past], dim=-1))
+            return self.acceleration(x, v, u) - residual, residual
+
+        return runge_kutta_delayed(law, drive, torch.zeros_like(drive.x0))
 
 
 def _counted(signal: Tensor, record: Record) -> Tensor:

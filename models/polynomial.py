@@ -14,8 +14,9 @@ from collections.abc import Iterable, Iterator, Sequence
 import torch
 from torch import Tensor, nn
 
-from data.record import Record
+from data.record import Drive, Record, Response
 from models.estimator import weight_matrix
+from models.layers.integrate import runge_kutta
 from models.layers.least_squares import LeastSquares
 from models.layers.scaling import Extents
 from models.layers.series import BASES, double_series, double_series_terms
@@ -72,12 +73,12 @@ class ModalPolynomial(EquivalentLinear):
         super().identify(batches)
         self.modes.copy_(real_modes(self.matrices()[1]))
         self._require_regular()
-        self.scale.fit(self._modal(r)[..., r.warmup :, :] for r in batches)
+        self.scale.fit(self._modal(r.x, r.v)[..., r.warmup :, :] for r in batches)
         fits = [LeastSquares(self.ridge) for _ in range(self.dofs)]
         for record in batches:
             counted = slice(record.warmup, None)
             h = self._target(record)[..., counted, :]
-            for i, terms in enumerate(self._terms(record)):
+            for i, terms in enumerate(self._terms(record.x, record.v)):
                 fits[i].add(terms[..., counted, :], h[..., i : i + 1])
         solutions = [fit.solve() for fit in fits]
         for weights, solution in zip(self.coefficients, solutions, strict=True):
@@ -89,12 +90,23 @@ class ModalPolynomial(EquivalentLinear):
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.coefficients[0])
-        pairs = zip(self._terms(record), self.coefficients, strict=True)
-        h = torch.cat([terms @ weights for terms, weights in pairs], dim=-1)  # (…, T, n)
-        force = torch.linalg.solve(self.modes.T, h.transpose(-1, -2)).transpose(-1, -2)  # Φ⁻ᵀ h
+        self.check(record)
+        assert record.x is not None
+        assert record.v is not None
+        return self.acceleration(record.x, record.v, record.f)
+
+    def acceleration(self, x: Tensor, v: Tensor, u: Tensor) -> Tensor:
+        pairs = zip(self._terms(x, v), self.coefficients, strict=True)
+        h = torch.cat([terms @ weights for terms, weights in pairs], dim=-1)  # (…, n)
+        force = torch.linalg.solve(self.modes.T, h[..., None])[..., 0]  # Φ⁻ᵀ h
         if self.fits == "residual":
-            return super().forward(record) - force
-        return (record.f - force) @ self.matrices()[2].T
+            return super().acceleration(x, v, u) - force
+        return (u - force) @ self.matrices()[2].T
+
+    def free_run(self, drive: Drive) -> Response:
+        self.check_drive(drive)
+        self.require_identified(self.coefficients[0])
+        return runge_kutta(self.acceleration, drive)
 
     def check(self, record: Record) -> None:
         super().check(record)
@@ -115,18 +127,16 @@ class ModalPolynomial(EquivalentLinear):
         inertia = torch.linalg.solve(inverse_mass, record.a.transpose(-1, -2)).transpose(-1, -2)
         return (record.f - inertia) @ self.modes
 
-    def _modal(self, record: Record) -> Tensor:
-        """[u, u̇] (…, T, 2n)."""
-        self.check(record)
-        x, v = record.x, record.v
+    def _modal(self, x: Tensor | None, v: Tensor | None) -> Tensor:
+        """[u, u̇] (…, 2n)."""
         assert x is not None
         assert v is not None
-        modal = torch.linalg.solve(self.modes, torch.stack([x, v], dim=-1))  # (…, T, n, 2)
+        modal = torch.linalg.solve(self.modes, torch.stack([x, v], dim=-1))  # (…, n, 2)
         return torch.cat([modal[..., 0], modal[..., 1]], dim=-1)
 
-    def _terms(self, record: Record) -> Iterator[Tensor]:
-        """For each mode the terms of its series (…, T, P)."""
-        scaled = self.scale(self._modal(record))
+    def _terms(self, x: Tensor | None, v: Tensor | None) -> Iterator[Tensor]:
+        """For each mode the terms of its series (…, P)."""
+        scaled = self.scale(self._modal(x, v))
         for terms in self.terms:
             yield double_series(self.basis, self.order, terms, scaled)
 

@@ -111,7 +111,7 @@ def test_pairs_that_share_a_coordinate_share_its_terms():
 def test_a_pair_of_coordinates_that_a_coupled_force_needs_is_what_finds_it(polynomial_record):
     """Forces that couple two modes are out of reach of own modes and within reach of the pair."""
     own = identified([polynomial_record], fits="residual", order=3)
-    u = own._modal(polynomial_record)
+    u = own._modal(polynomial_record.x, polynomial_record.v)
     coupled = 3.0 * (u[:, :1] * u[:, 1:2]) @ torch.linalg.inv(own.modes)[:1]  # on h_1 alone
     record = replace(polynomial_record, a=polynomial_record.a + coupled, truth=None)
     pairs = [["u1", "u1_dot"], ["u2", "u2_dot"], ["u3", "u3_dot"], ["u1", "u2"]]
@@ -134,7 +134,7 @@ def test_extents_are_those_of_training_alone(polynomial_record, method):
     larger = polynomial_record.map(lambda u: 3.0 * u)
     estimator(larger)
     assert torch.equal(estimator.scale.reach, before)
-    scaled = estimator.scale(estimator._modal(polynomial_record))
+    scaled = estimator.scale(estimator._modal(polynomial_record.x, polynomial_record.v))
     assert torch.allclose(scaled.amax(dim=0), torch.ones(6).double())
     assert torch.allclose(scaled.amin(dim=0), -torch.ones(6).double())
 
