@@ -1,8 +1,9 @@
-"""Finished runs → the paper's tables and figures; or one run scored again. No training.
+"""Finished runs → tables and figures; or one run scored again. No training.
 
-    python evaluate.py                              tables and figures of the runs in runs/study
-    python evaluate.py runs=FOLDER output=FOLDER
-    python evaluate.py page=docs/results.md         the whole page
+    python evaluate.py                              the paper's tables of the runs in runs/study,
+                                                    the leaderboard of those in runs/free_run
+    python evaluate.py runs=FOLDER output=FOLDER    both, as far as the runs of a folder allow
+    python evaluate.py page=docs/results.md         the whole page of the study
     python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
     python evaluate.py run=FOLDER data.duration=100
@@ -21,7 +22,7 @@ from omegaconf import DictConfig
 from models.training.assemble import changed
 from report.console import CONF, absolute, job_errors, one_line_errors, prepare_hydra
 from report.evaluation import draw_figures, print_evaluation, restore, score_seeds
-from report.results import report_study
+from report.results import report_folder, report_study, report_usual
 from report.runs import read_run, write_json
 
 prepare_hydra()
@@ -47,6 +48,19 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict:
     return results
 
 
+def report_runs(cfg: DictConfig) -> None:
+    """Tables and figures of many runs, as the config says."""
+    output = absolute(cfg.output) if cfg.output else None
+    study = absolute(cfg.study if cfg.runs is None else cfg.runs)
+    if cfg.page:
+        others = absolute(cfg.outside), absolute(cfg.close_fit)
+        report_study(study, output, absolute(cfg.page), *others)
+    elif cfg.runs is not None:
+        report_folder(study, output)
+    else:
+        report_usual(study, absolute(cfg.free_run), absolute(cfg.questions), output)
+
+
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="evaluate")
 def main(cfg: DictConfig) -> None:
     with job_errors():
@@ -57,10 +71,7 @@ def main(cfg: DictConfig) -> None:
         if cfg.run is not None:
             evaluate(cfg, absolute(cfg.run), cfg.label or "as_trained")
             return
-        folder = absolute(cfg.runs)
-        output = absolute(cfg.output) if cfg.output else folder / "results"
-        page = absolute(cfg.page) if cfg.page else None
-        report_study(folder, output, page, absolute(cfg.outside), absolute(cfg.close_fit))
+        report_runs(cfg)
 
 
 def cli() -> None:

@@ -19,7 +19,7 @@ from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
 from models.checkpoint import save_estimator
-from models.training.assemble import data_from, estimator_from, solver_from
+from models.training.assemble import data_from, estimator_from, objective_from, solver_from
 from models.training.identification import Identification
 from report.console import CONF, job_errors, one_line_errors, prepare_hydra, quiet_lightning
 from report.runs import CHECKPOINT, begin_run, finish_run
@@ -38,7 +38,9 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
     data = data_from(cfg)
     seed_everything(cfg.seed, verbose=False)
     estimator = estimator_from(cfg.model, data)
-    module = Identification(estimator, solver_from(cfg.solver), cfg.max_fail)
+    module = Identification(
+        estimator, solver_from(cfg.solver), cfg.max_fail, objective_from(cfg.objective)
+    )
     baselines = {name: estimator_from(node, data) for name, node in cfg.baselines.items()}
     begin_run(folder, cfg)
     data.setup()

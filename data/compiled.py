@@ -10,40 +10,52 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numba
 
 HERE = Path(__file__).parent
+Compiler = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
-def _cache_folder() -> str:
-    text = b"".join((HERE / name).read_bytes() for name in ("elements.py", "integrator.py"))
-    base = HERE / "__pycache__"
-    if not os.access(base if base.exists() else HERE, os.W_OK):
+def _cache_folder(sources: Sequence[Path]) -> str:
+    text = b"".join(path.read_bytes() for path in sources)
+    base = sources[0].parent / "__pycache__"
+    if not os.access(base if base.exists() else base.parent, os.W_OK):
         base = Path(tempfile.gettempdir()) / f"numba-cache-{os.getuid()}"
     return str(base / f"numba-{numba.__version__}-{hashlib.sha256(text).hexdigest()[:16]}")
 
 
-CACHE_FOLDER = _cache_folder()
+def compilers(*sources: Path, contract: bool = False) -> tuple[Compiler, Compiler]:
+    """Two decorators for functions that stand in `sources` and call each other.
+
+    The first compiles at the first call in a fresh clone, later ones read the cache; the second
+    compiles into its callers, for functions whose call costs more than they do. `contract` lets
+    a product and a sum round once. No other fast mathematics: the same inputs give the same bits
+    in every process, and NaN is found.
+    """
+    folder = _cache_folder(sources)
+
+    def compiler(inline: bool) -> Compiler:
+        def compile_one(function: Callable[..., Any]) -> Callable[..., Any]:
+            before = numba.config.CACHE_DIR
+            numba.config.CACHE_DIR = folder
+            try:
+                return numba.njit(
+                    cache=True,
+                    nogil=True,
+                    error_model="numpy",
+                    forceinline=inline,
+                    fastmath={"contract"} if contract else False,
+                )(function)
+            finally:
+                numba.config.CACHE_DIR = before
+
+        return compile_one
+
+    return compiler(False), compiler(True)
 
 
-def _compile(function: Callable[..., Any], inline: bool) -> Callable[..., Any]:
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = CACHE_FOLDER
-    try:  # no fastmath: the same inputs give the same bits in every process
-        return numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=inline)(function)
-    finally:
-        numba.config.CACHE_DIR = before
-
-
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function compiled at its first call in a fresh clone, read from the cache afterwards."""
-    return _compile(function, inline=False)
-
-
-def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compiled into its callers: for functions whose call costs more than they do."""
-    return _compile(function, inline=True)
+compiled, inlined = compilers(HERE / "elements.py", HERE / "integrator.py")

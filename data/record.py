@@ -23,6 +23,7 @@ class Truth:
     a: Tensor  # acceleration (…, T, n) [m/s²]
     y: Tensor  # element deformation (…, T, E) [m]
     r: Tensor  # element restoring force (…, T, E) [N]
+    f: Tensor | None = None  # force (…, T, m) [N], where its sensor errs
 
 
 @dataclass(frozen=True)
@@ -142,6 +143,12 @@ class Record:
                     "mend or cut the record"
                 )
 
+    def truly_driven(self) -> Record:
+        """This record with the force that acted, where its sensor erred."""
+        if self.truth is None or self.truth.f is None:
+            return self
+        return replace(self, f=self.truth.f)
+
     def measured(self) -> Record:
         """This record without what only a simulation knows."""
         return replace(self, truth=None)
@@ -150,9 +157,8 @@ class Record:
         """This record with `change` applied to every signal, measured and true."""
         changed: dict[str, Any] = {name: change(signal) for name, signal in self.signals().items()}
         if self.truth is not None:
-            true: dict[str, Any] = {
-                f.name: change(getattr(self.truth, f.name)) for f in fields(Truth)
-            }
+            named = {field.name: getattr(self.truth, field.name) for field in fields(Truth)}
+            true = {name: change(u) for name, u in named.items() if u is not None}
             return replace(self, **changed, truth=Truth(**true))
         return replace(self, **changed)
 
@@ -167,19 +173,27 @@ class Record:
 
 
 def stack(records: Sequence[Record]) -> Record:
-    """Records of equal length and warm-up as one batch, signals (B, T, c)."""
+    """Records of equal length and warm-up as one batch, signals (B, T, c).
+
+    Where some begin in motion and others do not, all begin as measured.
+    """
     kinds = {
-        (r.dt, r.warmup, r.truth is None, *((k, tuple(u.shape)) for k, u in r.signals().items()))
+        (
+            *(r.dt, r.warmup, r.hold, r.truth is None),
+            *((name, tuple(u.shape)) for name, u in r.signals().items()),
+        )
         for r in records
     }
     if len(kinds) != 1:
         raise ValueError(
-            "records differ in (dt, warm-up, truth missing, signals): "
+            "records differ in (dt, warm-up, hold, truth missing, signals): "
             f"{' and '.join(map(str, sorted(kinds, key=str)[:2]))}; "
             "give all the same signals and cut them into windows of equal length"
         )
     rest = iter(zip(*(_tensors(r) for r in records), strict=True))
-    return records[0].map(lambda _: torch.stack(next(rest)))
+    begins = {r.initial_state for r in records}
+    batch = records[0].map(lambda _: torch.stack(next(rest)))
+    return replace(batch, initial_state=begins.pop() if len(begins) == 1 else "given")
 
 
 def _tensors(record: Record) -> list[Tensor]:

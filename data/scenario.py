@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -46,13 +47,15 @@ class Noisy(Scenario):
                 raise ValueError(f"scenario.signals holds {name!r}; choose from x, v, a, f")
 
     def __call__(self, record: Record, rng: np.random.Generator) -> Record:
-        noisy = {}
+        noisy: dict[str, Any] = {}
         for name in self.signals:
             signal = getattr(record, name)
             if signal is None:
                 raise ValueError(f"scenario.signals holds {name!r}, which the record lacks")
             noise = torch.from_numpy(rng.standard_normal(signal.shape))
             noisy[name] = signal + self.level * signal.std(dim=-2, keepdim=True) * noise
+        if "f" in noisy and record.truth is not None:
+            noisy["truth"] = replace(record.truth, f=record.f)
         return replace(record, **noisy)
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from torch import Tensor
 from torch.nn.functional import pad
 
-from data.record import Record
-from models.estimator import Estimator
+from data.record import Drive, Record, Response
+from models.estimator import Estimator, NoFreeRunError
 from models.layers.filters import LowPassCascade
 
 
@@ -17,30 +17,36 @@ def _delayed(a: Tensor, samples: int) -> Tensor:
     return pad(a, (0, 0, samples, 0))[..., : a.shape[-2], :]
 
 
-class LastValue(Estimator):
-    """ẍ̂[k] = ẍ[k−1]."""
+class Extrapolation(Estimator):
+    """An estimate from past accelerations alone, which therefore has no free run."""
 
     reads = ("a",)
+
+    def free_run(self, drive: Drive) -> Response:
+        raise NoFreeRunError(
+            "an extrapolation of measured accelerations knows no excitation; "
+            "from rest it would stay at zero for ever"
+        )
+
+
+class LastValue(Extrapolation):
+    """ẍ̂[k] = ẍ[k−1]."""
 
     def forward(self, record: Record) -> Tensor:
         self.check(record)
         return _delayed(record.a, 1)
 
 
-class TwoPoint(Estimator):
+class TwoPoint(Extrapolation):
     """ẍ̂[k] = 2 ẍ[k−1] − ẍ[k−2], the straight line through the last two values."""
-
-    reads = ("a",)
 
     def forward(self, record: Record) -> Tensor:
         self.check(record)
         return 2.0 * _delayed(record.a, 1) - _delayed(record.a, 2)
 
 
-class FilteredExtrapolation(Estimator):
+class FilteredExtrapolation(Extrapolation):
     """ẍ̂ = 2Hẍ − H²ẍ, which misses ẍ by (s/(s + ω_c))²: what the VWNN's filters do by themselves."""
-
-    reads = ("a",)
 
     def __init__(self, dofs: int, inputs: int, dt: float, cutoff: float = 50.0) -> None:
         super().__init__(dofs, inputs, dt)

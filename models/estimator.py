@@ -56,6 +56,50 @@ class Estimator(nn.Module):
         """
         raise NoFreeRunError(f"{type(self).__name__} has no free run")
 
+    def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
+        """Acceleration (…, T, n) of free runs that begin anew every `horizon` samples.
+
+        Each begins at the measured x and v, `warmup` samples before it counts; the first at the
+        record's own initial state. None for the horizon: a single free run.
+        """
+        if horizon is None or horizon >= record.samples:
+            return self.free_run(record.drive()).a
+        drive, which, place = windows_of(record, horizon, warmup)
+        return self.free_run(drive).a[..., which, place, :]
+
+    def restarted_jacobian(
+        self, record: Record, horizon: int | None, warmup: int = 0
+    ) -> Tensor | None:
+        """Derivatives (…, T, n, P) of `restarted_run` by the free parameters, in their order.
+
+        None where PyTorch shall differentiate; for estimators that do it faster themselves.
+        """
+        return None
+
+    def pull(self, last: bool) -> tuple[float, Tensor]:
+        """Weight of Σ d² beside the squared relative error of a free run, and d (P,).
+
+        d says how far the free parameters are from where they would stay without data, in the
+        `last` stage of training or before.
+        """
+        return 0.0, torch.zeros(0)
+
+    def restart(self, generator: torch.Generator) -> None:
+        """Draw the starting weights of all layers anew (Glorot & Bengio 2010).
+
+        Raises ValueError where nothing starts at random.
+        """
+        layers = [layer for layer in self.modules() if isinstance(layer, nn.Linear)]
+        if not layers:
+            raise ValueError(f"{type(self).__name__} has no random start; set objective.starts=1")
+        for layer in layers:
+            drawn = torch.empty(layer.weight.shape, dtype=layer.weight.dtype)
+            nn.init.xavier_uniform_(drawn, generator=generator)
+            with torch.no_grad():
+                layer.weight.copy_(drawn)
+                if layer.bias is not None:
+                    layer.bias.zero_()
+
     def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
         """(g, u, y): training the free parameters means g(u) ≈ y (…, T, n) [m/s²].
 
@@ -107,6 +151,36 @@ class Estimator(nn.Module):
     def identified_parameters(self) -> int:
         """Number of parameters that the data determine."""
         return sum(p.numel() for p in self.parameters())
+
+
+def windows_of(record: Record, horizon: int, warmup: int) -> tuple[Drive, Tensor, Tensor]:
+    """Drives (…, windows, ·) of runs that begin anew, and where each sample is found in them.
+
+    Returns the window (T,) and the place in it (T,) of every sample. Windows are of equal length:
+    the last goes on under its last excitation. What a band-limited excitation does between samples
+    needs the whole record; in windows it is taken as linear.
+    """
+    if horizon < 1 or warmup < 0:
+        raise ValueError(f"horizon={horizon}, warmup={warmup}: expected at least 1 and 0 samples")
+    if record.x is None or record.v is None:
+        raise ValueError(
+            "runs begin anew at measured x and v, which the record lacks; integrate "
+            "(scenario=integrated), or set objective.horizons=[null]"
+        )
+    device, last = record.a.device, record.samples - 1
+    begins = torch.arange(0, record.samples, horizon, device=device)
+    starts = (begins - warmup).clamp_min(0)
+    samples = (starts[:, None] + torch.arange(horizon + warmup, device=device)).clamp_max(last)
+    whole = record.drive()
+    x0, v0 = record.x[..., starts, :].clone(), record.v[..., starts, :].clone()
+    x0[..., starts == 0, :], v0[..., starts == 0, :] = (
+        whole.x0[..., None, :],
+        whole.v0[..., None, :],
+    )
+    hold = "linear" if whole.hold == "band_limited" else whole.hold
+    times = torch.arange(record.samples, device=device)
+    which = times // horizon
+    return Drive(whole.dt, whole.u[..., samples, :], x0, v0, hold), which, times - starts[which]
 
 
 def weight_matrix(rows: int, columns: int) -> nn.Parameter:

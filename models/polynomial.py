@@ -13,10 +13,11 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import linear
 
 from data.record import Drive, Record, Response
 from models.estimator import weight_matrix
-from models.layers.integrate import runge_kutta
+from models.layers.integrate import Acceleration, runge_kutta
 from models.layers.least_squares import LeastSquares
 from models.layers.scaling import Extents
 from models.layers.series import BASES, double_series, double_series_terms
@@ -96,17 +97,50 @@ class ModalPolynomial(EquivalentLinear):
         return self.acceleration(record.x, record.v, record.f)
 
     def acceleration(self, x: Tensor, v: Tensor, u: Tensor) -> Tensor:
-        pairs = zip(self._terms(x, v), self.coefficients, strict=True)
-        h = torch.cat([terms @ weights for terms, weights in pairs], dim=-1)  # (…, n)
-        force = torch.linalg.solve(self.modes.T, h[..., None])[..., 0]  # Φ⁻ᵀ h
-        if self.fits == "residual":
-            return super().acceleration(x, v, u) - force
-        return (u - force) @ self.matrices()[2].T
+        """ẍ (…, n) of a state and an excitation (…, n)."""
+        return self.law()(x, v, u)
+
+    def law(self) -> Acceleration:
+        """ẍ = [ẋ, x, u] L + [T_k T_l] H, all modes at once, of what has been identified.
+
+        The modal transform and its scaling are one affine map S; all that does not depend on the
+        state is computed here, once.
+        """
+        inverse = torch.linalg.inv(self.modes)
+        apart = torch.zeros_like(inverse)
+        both = torch.cat([torch.cat([inverse, apart]), torch.cat([apart, inverse])], dim=1)
+        S, offset = both / self.scale.reach[:, None], -self.scale.centre / self.scale.reach
+        columns = [weights[:, 0] for weights in self.coefficients]
+        H = -torch.block_diag(*(c[:, None] for c in columns)) @ inverse  # −h Φ⁻¹ (P of all, n)
+        L: Tensor = self.weights
+        if self.fits == "restoring_force":
+            inverse_mass = self.matrices()[2].T
+            L = torch.cat([torch.zeros_like(L[: 2 * self.dofs]), inverse_mass])
+            H = H @ inverse_mass
+        first, second = self._places(L.device)
+
+        def acceleration(x: Tensor, v: Tensor, u: Tensor) -> Tensor:
+            scaled = linear(torch.cat([x, v], dim=-1), S, offset)  # (…, 2n)
+            table = BASES[self.basis](scaled, self.order).flatten(-2)
+            products = table.index_select(-1, first) * table.index_select(-1, second)
+            return torch.cat([v, x, u], dim=-1) @ L + products @ H
+
+        return acceleration
+
+    def _places(self, device: torch.device) -> list[Tensor]:
+        """Where the two factors of every term of every mode stand in T_k(q_a), a after a."""
+        columns = self.order + 1
+        terms = [term for of_mode in self.terms for term in of_mode]
+        places = (
+            [a * columns + k for a, k, _, _ in terms],
+            [b * columns + ell for _, _, b, ell in terms],
+        )
+        return [torch.tensor(place, device=device) for place in places]
 
     def free_run(self, drive: Drive) -> Response:
         self.check_drive(drive)
         self.require_identified(self.coefficients[0])
-        return runge_kutta(self.acceleration, drive)
+        return runge_kutta(self.law(), drive)
 
     def check(self, record: Record) -> None:
         super().check(record)

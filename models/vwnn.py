@@ -6,12 +6,13 @@ B records, T samples, n DOFs, m channels of excitation, P features.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
-from data.record import Record
+from data.record import Drive, Record, Response
 from models.estimator import Estimator, weight_matrix
 from models.layers.features import SigmoidProducts
 from models.layers.filters import LowPassCascade
@@ -24,7 +25,8 @@ class VWNN(Estimator):
     """Estimates acceleration from past accelerations and forces alone.
 
     cutoff: of H(s) = ω_c/(s + ω_c) [rad/s]; stages: filters in series, every one an output of ξ.
-    sigmoid_weight: λ of Eq. 6 [1/(unit of ζ)]; order: of the products, 1 to 3.
+    sigmoid_weight: λ of Eq. 6 [1/(unit of ζ)]; order: of the products, 1 to 3, or a
+    list of orders.
     squares, bias: repeated factors and a constant among the features.
     ridge: ≥ 0, without unit, on scaled columns.
     unfiltered_excitation: adds f itself to ξ. The paper's ξ has only filtered signals; with f a
@@ -41,7 +43,7 @@ class VWNN(Estimator):
         cutoff: float = 50.0,
         stages: int = 2,
         sigmoid_weight: float = 0.05,
-        order: int = 2,
+        order: int | Sequence[int] = 2,
         squares: bool = True,
         bias: bool = True,
         ridge: float = 0.0,
@@ -81,3 +83,30 @@ class VWNN(Estimator):
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
         return torch.cat([phi @ self.weights for _, phi in self.features(record)], dim=-2)
+
+    def free_run(self, drive: Drive) -> Response:
+        """The filters start at rest; initial state and excitation between samples do not matter."""
+        self.check_drive(drive)
+        self.require_identified(self.weights)
+        driven, _ = self.filters(drive.u)  # (…, T, m·stages)
+        forces = torch.stack(driven.chunk(self.filters.stages, dim=-1), dim=-2).unbind(dim=-3)
+        state, history = torch.zeros_like(drive.x0).unsqueeze(-2), []
+        state = state.expand(*drive.x0.shape[:-1], self.filters.stages, self.dofs)
+        for filtered, u in zip(forces, drive.u.unbind(dim=-2), strict=True):
+            xi = torch.cat([state, filtered], dim=-1).flatten(-2)  # stage by stage, [ẍ, f]
+            if self.unfiltered_excitation:
+                xi = torch.cat([xi, u], dim=-1)
+            a = self.activation(xi) @ self.weights
+            history.append(a)
+            state = self.filters.step(a, state)
+        return integrated(torch.stack(history, dim=-2), drive)
+
+
+def integrated(a: Tensor, drive: Drive) -> Response:
+    """x, ẋ, ẍ of an acceleration (…, T, n) that is linear between samples."""
+    dt, first, last = drive.dt, a[..., :-1, :], a[..., 1:, :]
+    gained = pad(0.5 * dt * (first + last), (0, 0, 1, 0)).cumsum(dim=-2)
+    v = drive.v0.unsqueeze(-2) + gained
+    moved = dt * v[..., :-1, :] + dt**2 * (first / 3.0 + last / 6.0)
+    x = drive.x0.unsqueeze(-2) + pad(moved, (0, 0, 1, 0)).cumsum(dim=-2)
+    return Response(x, v, a)

@@ -35,6 +35,7 @@ GROUPS = (
     "data",
     "model",
     "solver",
+    "objective",
     "baselines",
     "trainer",
     "experiment",

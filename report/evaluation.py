@@ -15,10 +15,10 @@ from data.simulate import EscapedMotionError
 from models.checkpoint import load_estimator
 from models.estimator import Estimator
 from models.training.assemble import changed, data_from, estimator_from
-from models.training.metrics import Scores
+from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from report.figures import run_figures, save_figure
 from report.runs import CHECKPOINT
-from report.tables import error_table, ways_of
+from report.tables import error_table, rows_of, why_no_free_run
 
 SPLITS = ("train", "test")
 
@@ -33,14 +33,15 @@ def restore(run: DictConfig, folder: Path) -> Estimator:
 
 def score_split(
     estimator: Estimator, data: SimulatedData, split: str
-) -> tuple[Scores, tuple[Any, Any]]:
-    """Score of a split, and its first batch with the estimate of it."""
-    score, example = Scores(), None
+) -> tuple[Scores, FreeRunScore, tuple[Any, Any]]:
+    """Scores of a split one step ahead and in free run, and its first batch with the estimate."""
+    score, free_run, example = Scores(), FreeRunScore(), None
     for record in data.loader(split):
         estimates = score.update(estimator, record)
+        free_run.update(estimator, record)
         example = example or (record, estimates[""])
     assert example is not None
-    return score, example
+    return score, free_run, example
 
 
 def score_seeds(
@@ -56,7 +57,7 @@ def score_seeds(
         try:
             data.setup()
             splits = SPLITS if same_motions and seed == run.seed else ("test",)
-            results[str(seed)] = {s: score_split(estimator, data, s)[0].percent() for s in splits}
+            results[str(seed)] = scores_of(estimator, data, splits)
         except EscapedMotionError as error:
             if len(seeds) == 1:
                 raise
@@ -64,38 +65,64 @@ def score_seeds(
     return results
 
 
+def scores_of(estimator: Estimator, data: SimulatedData, splits: tuple[str, ...]) -> dict[str, Any]:
+    """Errors in percent under the keys of `metrics.json`."""
+    results: dict[str, Any] = {}
+    for split in splits:
+        one_step, free_run, _ = score_split(estimator, data, split)
+        results |= {split: one_step.percent(), FREE_RUNS[split]: free_run.percent()}
+    return results
+
+
 def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: bool) -> None:
     """Table of the scores beside the run's own, or the statement that they are equal."""
-    rows: dict[str, Any] = {}
-    for seed, scores in results.items():
-        rows |= {f"seed {seed}": scores} if len(results) > 1 else ways_of(f"seed {seed}", scores)
+    rows = [row for seed, scores in results.items() for row in rows_of(f"seed {seed}", scores)]
     if altered:
-        rows["as trained"] = {split: metrics[split] for split in SPLITS}
+        rows += rows_of("as trained", metrics)
     dofs = len(metrics["test"]["per_dof_percent"])
     title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
-    console = Console(width=None if Console().is_terminal else 110)
+    console = Console(width=None if Console().is_terminal else 120)
     console.print(error_table(title, rows, dofs))
-    if altered:
-        scored = [r["test"]["relative_rms_percent"] for r in results.values() if "test" in r]
-        failed = len(results) - len(scored)
-        if len(results) > 1:
-            console.print(f"test: median {median(scored):.2f} % of {len(scored)}, {failed} failed")
-        return
-    (scores,) = results.values()
-    if all(scores[split] == metrics[split] for split in SPLITS):
-        console.print("equal to metrics.json to the last digit")
-    else:
+    for line in why_no_free_run({metrics["model"]: next(iter(results.values()))}):
+        console.print(line, markup=False)
+    if not altered:
+        (scores,) = results.values()
+        _print_equality(scores, metrics, console)
+    elif len(results) > 1:
+        _print_medians(results, console)
+
+
+def _print_medians(results: dict[str, Any], console: Console) -> None:
+    """Over the seeds, a diverged free run counting as failed."""
+    for key, name in (("test", "test"), (FREE_RUNS["test"], "free run")):
+        scored = [r[key] for r in results.values() if key in r and "none" not in r[key]]
+        told = [e for s in scored if (e := s["relative_rms_percent"]) is not None]
+        if scored:
+            middle = f"{median(told):.2f} %" if told else "–"
+            failed = len(results) - len(told)
+            console.print(f"{name}: median {middle} of {len(told)}, {failed} failed")
+
+
+def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Console) -> None:
+    """Raises ValueError unless the scores are those of the run, to the last digit."""
+    told = [key for key in scores if key in metrics]  # runs of older code have no free run
+    if not all(scores[key] == metrics[key] for key in told):
         raise ValueError(
             "the scores differ from metrics.json; the code or the libraries changed since the run "
             f"(made with {metrics.get('versions')})"
         )
+    console.print("equal to metrics.json to the last digit")
+    if len(told) < len(scores):
+        console.print("metrics.json has no free run to compare with; repeat the run to add it")
 
 
 def draw_figures(estimator: Estimator, run: DictConfig, seed: int, folder: Path) -> None:
     """The run's figures for one seed, as PNG and PDF."""
     data = data_from(changed(run, {"seed": seed}))
     data.setup()
-    score, example = score_split(estimator, data, "test")
+    score, free_run, example = score_split(estimator, data, "test")
     names = list(data.simulation.structure.elements)
-    for name, figure in run_figures(*example, {"test": score.over_time()}, names).items():
+    own_motion = None if free_run.example is None else free_run.example[1]
+    drawn = run_figures(*example, {"test": score.over_time()}, names, own_motion)
+    for name, figure in drawn.items():
         save_figure(figure, folder, name)

@@ -1,14 +1,19 @@
-"""A study's runs → tables, figures, and the page that says what they mean."""
+"""Runs → tables and figures: the paper's of a study, the leaderboard of free runs; and the page."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from report.runs import code_version, write_text
-from report.study import OWN, Cell, read_runs, study_cells
+from report.leaderboard import Entry, entries_of, leaderboard
+from report.leaderboard_figures import draw_leaderboard
+from report.leaderboard_tables import CAPTION, as_printed, sections, write_rows
+from report.questions import QUESTION_COLUMNS, question_of, question_rows
+from report.runs import FAILED, METRICS, code_version, write_text
+from report.study import OWN, Cell, Run, read_runs, study_cells
 from report.study_figures import draw_study
 from report.study_tables import SPLITS, as_csv, by_label, percent, write_tables
 from report.sweep import reasons
@@ -17,32 +22,119 @@ MEASURED = "residual_mlp"
 NOT_PAIRED = {(OWN, "train"), (MEASURED, "test")}  # measured in training, own in testing
 
 
-def report_study(
-    folder: Path, output: Path, page: Path | None, outside: Path, close_fit: Path
+def report_usual(study: Path, free_run: Path, questions: Path, output: Path | None) -> None:
+    """Both, each from its own folder. Raises ValueError where neither has runs."""
+    console = _console()
+    made = False
+    for name, folder, experiment in (
+        ("the paper's tables", study, "paper"),
+        ("the leaderboard", free_run, "free_run"),
+    ):
+        if not _has_runs(folder):
+            make = f"make them: python train.py -m experiment={experiment}"
+            console.print(f"{name} skipped: no runs in {folder}; {make}", soft_wrap=True)
+            continue
+        made = True
+        if folder == study:
+            report_study(folder, output)
+        else:
+            report_leaderboard(folder, questions if _has_runs(questions) else None, output)
+    if not made:
+        raise ValueError(
+            f"no runs in {study} or {free_run}; make some (python train.py -m "
+            "experiment=free_run) or say where they are (runs=FOLDER)"
+        )
+
+
+def report_folder(folder: Path, output: Path | None) -> None:
+    """Both from one folder, as far as its runs allow. Raises ValueError where neither can be."""
+    read_runs(folder)
+    skipped: dict[str, str] = {}
+    for name, report in (
+        ("the paper's tables", report_study),
+        ("the leaderboard", report_leaderboard),
+    ):
+        try:
+            report(folder, output=output)
+        except ValueError as error:
+            skipped[name] = str(error)
+    if len(skipped) == 2:
+        raise ValueError("; ".join(f"{name}: {why}" for name, why in skipped.items()))
+    for name, why in skipped.items():
+        _console().print(f"{name} skipped: {why}", soft_wrap=True, markup=False)
+
+
+def report_leaderboard(
+    folder: Path, questions: Path | None = None, output: Path | None = None
 ) -> None:
-    """Write and print everything that the runs in a folder allow."""
+    """Write and print the leaderboard of the runs in a folder, and what the questions' answer."""
+    output = output or folder / "results"
+    runs = read_runs(folder)
+    entries = entries_of(runs)
+    rows = leaderboard(entries)
+    parts = sections(rows)
+    paths = write_rows("leaderboard", rows, parts, output)
+    asked: list[Entry] = []
+    if questions is not None:
+        asked = entries_of(read_runs(questions))
+        rows = question_rows(asked, entries)
+        answered = sections(rows, QUESTION_COLUMNS, question_of)
+        paths += write_rows("questions", rows, answered, output)
+        parts += answered
+    console = _console(165)
+    console.print(*as_printed(parts))
+    console.print(CAPTION)
+    for note in dict.fromkeys(note for part in parts for note in part.notes):
+        console.print(note, soft_wrap=True, markup=False)
+    paths += draw_leaderboard(entries, asked, output)
+    _finish(console, [*runs, *(entry.run for entry in asked)], paths, output)
+
+
+def report_study(
+    folder: Path,
+    output: Path | None = None,
+    page: Path | None = None,
+    outside: Path = Path("runs/outside"),
+    close_fit: Path = Path("runs/close_fit"),
+) -> None:
+    """Write and print the paper's tables and figures, as far as the runs in a folder allow."""
+    output = output or folder / "results"
     runs = read_runs(folder)
     cells = study_cells(runs)
     if not cells:
         raise ValueError(f"no run in {folder} belongs to a table of the paper; see --help")
-    console = Console(width=None if Console().is_terminal else 145)
+    console = _console()
     console.print(*cell_tables(cells))
     console.print("the paper's values inside our ranges over the seeds:", count(cells), sep="\n")
-    codes = {r.metrics.get("identity", {}).get("code") for r in runs if r.metrics is not None}
-    if codes != {code_version()}:
-        console.print("some of these runs were made by other code than this; repeat the sweep")
     paths = write_tables(cells, output)
-    write_text(output / "cells.csv", as_csv(cells))
+    paths.append(output / "cells.csv")
+    write_text(paths[-1], as_csv(cells))
     paths += draw_study(runs, output)
-    console.print(f"{len(paths) + 1} files in {output}", soft_wrap=True)
-    failed = {run.folder.name: run.reason for run in runs if run.metrics is None}
-    for line in reasons(failed):
-        console.print(line, soft_wrap=True, markup=False, highlight=False)
+    _finish(console, runs, paths, output)
     if page is not None:
         from report.page import write_page
 
         write_page(page, runs, cells, output, outside, close_fit)
         console.print(f"page in {page}", soft_wrap=True)
+
+
+def _console(width: int = 145) -> Console:
+    return Console(width=None if Console().is_terminal else width)
+
+
+def _has_runs(folder: Path) -> bool:
+    return any(folder.rglob(METRICS)) or any(folder.rglob(FAILED))
+
+
+def _finish(console: Console, runs: Sequence[Run], paths: list[Path], output: Path) -> None:
+    """What was written, which runs are of other code, which failed and why."""
+    codes = {r.metrics.get("identity", {}).get("code") for r in runs if r.metrics is not None}
+    if codes != {code_version()}:
+        console.print("some of these runs were made by other code than this; repeat the sweep")
+    console.print(f"{len(paths)} files in {output}", soft_wrap=True)
+    failed = {run.folder.name: run.reason for run in runs if run.metrics is None}
+    for line in reasons(failed):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
 
 
 def cell_tables(cells: list[Cell]) -> list[Table]:

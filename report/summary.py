@@ -12,24 +12,30 @@ import torch
 from lightning.pytorch.loggers import TensorBoardLogger
 from omegaconf import DictConfig
 from rich.console import Console
+from torch import Tensor
 
 from data.datamodule import SimulatedData
 from models.estimator import Estimator
 from models.training.identification import SPLITS, Identification
-from models.training.metrics import score
+from models.training.metrics import FREE_RUNS, free_run_score, score
 from report.figures import run_figures
 from report.paper import paper_values
 from report.runs import code_version, config_digest, settings_of
-from report.tables import error_table, ways_of
+from report.tables import error_table, rows_of, why_no_free_run
 
 
 def compare_baselines(baselines: dict[str, Estimator], data: SimulatedData) -> dict[str, Any]:
-    """Errors of each baseline on the same records; one that cannot be identified says why."""
+    """Errors of each baseline on the same records, one step ahead and in free run.
+
+    One that cannot be identified says why.
+    """
     results: dict[str, Any] = {}
     for name, baseline in baselines.items():
         try:
             baseline.identify(data.loader("train"))
-            results[name] = {split: score(baseline, data.loader(split)) for split in SPLITS}
+            one_step = {split: score(baseline, data.loader(split)) for split in SPLITS}
+            free = {key: free_run_score(baseline, data.loader(s)) for s, key in FREE_RUNS.items()}
+            results[name] = {**one_step, **free}
         except ValueError as error:
             results[name] = {"failed": str(error)}
     return results
@@ -77,42 +83,57 @@ def log_run(
 ) -> None:
     """Scalars, error over time and, where asked for, figures for TensorBoard."""
     board = logger.experiment
+    over_time = errors_over_time(module)
     final = {
-        f"{split}/{key}": value
-        for split in SPLITS
-        for key, value in metrics[split].items()
-        if isinstance(value, float)
+        f"{key}/{name}": value
+        for key in over_time
+        for name, value in metrics[key].items()
+        if isinstance(value, float | int)
     }
     chosen = {key: metrics[key] for key in ("model", "system", "scenario", "seed")}
     logger.log_hyperparams(chosen, final)
-    for split in SPLITS:
-        for i, percent in enumerate(metrics[split]["per_dof_percent"], start=1):
-            board.add_scalar(f"{split}/per_dof_percent/x{i}", percent, 0)
-        over_time = 100.0 * module.scores[split].over_time()
-        for step in range(0, len(over_time), max(1, len(over_time) // 200)):
-            board.add_scalar(f"{split}/relative_rms_percent_over_time", over_time[step], step)
-    errors = {split: module.scores[split].over_time() for split in SPLITS}
+    for key, error in over_time.items():
+        for i, percent in enumerate(metrics[key]["per_dof_percent"], start=1):
+            if percent is not None:
+                board.add_scalar(f"{key}/per_dof_percent/x{i}", percent, 0)
+        for step in range(0, len(error), max(1, len(error) // 200)):
+            if torch.isfinite(error[step]):
+                board.add_scalar(f"{key}/relative_rms_percent_over_time", 100.0 * error[step], step)
     names = list(data.simulation.structure.elements)
     if figures:
         record, estimates = module.examples["test"]
-        for name, figure in run_figures(record, estimates[""], errors, names).items():
+        errors = {split: over_time[split] for split in SPLITS}
+        example = module.free_runs["test"].example
+        free_run = None if example is None else example[1]
+        drawn = run_figures(record, estimates[""], errors, names, free_run)
+        for name, figure in drawn.items():
             board.add_figure(name, figure, close=False)
     logger.save()
 
 
+def errors_over_time(module: Identification) -> dict[str, Tensor]:
+    """Eq. 21 up to each sample, by key of `metrics.json`; free runs only where there are any."""
+    one_step = {split: scores.over_time() for split, scores in module.scores.items()}
+    free = {FREE_RUNS[split]: scores.over_time() for split, scores in module.free_runs.items()}
+    return one_step | {key: error for key, error in free.items() if error is not None}
+
+
 def print_run(metrics: dict[str, Any], folder: Path) -> None:
     """The table that a run ends with."""
-    rows = ways_of(metrics["model"], {split: metrics[split] for split in SPLITS})
-    if metrics["paper"]:
-        rows["  paper, its settings"] = metrics["paper"]
+    methods = {metrics["model"]: metrics, **metrics["baselines"]}
+    rows = rows_of(metrics["model"], metrics)
+    if metrics["paper"]:  # one step ahead, so it stands above the free run
+        rows.insert(len(rows) - 1, ("  paper, its settings", metrics["paper"]))
     for name, scores in metrics["baselines"].items():
-        rows |= ways_of(name, scores)
+        rows += rows_of(name, scores)
     dofs = len(metrics["test"]["per_dof_percent"])
     title = (
         f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}, seed {metrics['seed']}"
     )
-    console = Console(width=None if Console().is_terminal else 110)
+    console = Console(width=None if Console().is_terminal else 120)
     console.print(error_table(title, rows, dofs))
+    for line in why_no_free_run(methods):
+        console.print(line, markup=False)
     solution = ", ".join(f"{key} {value:.6g}" for key, value in metrics["identification"].items())
     console.print(
         f"{metrics['parameters']} parameters identified in {metrics['fit_seconds']:.2f} s"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,8 +13,11 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
+from report.leaderboard import free_run_error, quantile
 from report.runs import FAILED, METRICS, code_version
+from report.study_tables import percent
 
 
 def read_metrics(folder: Path) -> dict[str, Any]:
@@ -82,7 +86,14 @@ def _line(folder: Path, failed: bool) -> str:
     errors = (metrics[split]["relative_rms_percent"] for split in ("train", "test"))
     train, test = ("   –   " if e is None else f"{e:8.2f} %" for e in errors)
     name = folder.name.rpartition("-")[0]  # without the hash
-    return f"{name:<50} train {train} test {test}"
+    free = free_run_error(metrics)
+    simulated = "" if free is None else f" free run {_free(free, 8)}"
+    return f"{name:<50} train {train} test {test}{simulated}"
+
+
+def _free(error: float, width: int = 0) -> str:
+    """Of a free run, in percent."""
+    return "diverged" if math.isinf(error) else f"{percent(error):>{width}} %"
 
 
 def _reason(folder: Path) -> str:
@@ -95,7 +106,7 @@ def print_summary(jobs: Mapping[Path, Sequence[str]], skipped: int) -> bool:
     `jobs` maps the folder of each run to what was typed for it.
     """
     folders = list(jobs)
-    console = Console(width=None if Console().is_terminal else 130)
+    console = Console(width=None if Console().is_terminal else 160)
     done = [folder for folder in folders if (folder / METRICS).is_file()]
     failed = [folder for folder in folders if (folder / FAILED).is_file()]
     if done:
@@ -139,17 +150,17 @@ def sweep_table(runs: Sequence[tuple[str, dict[str, Any]]]) -> Table:
     table = Table(title="relative RMS error in %: median (min – max)", title_justify="left")
     varied = any(settings for settings, _ in runs)
     for name in ("model", "system", "scenario", *(["varied"] if varied else [])):
-        table.add_column(name)
-    for name in ("runs", "train", "test"):
-        table.add_column(name, justify="right")
+        table.add_column(name, overflow="fold")
+    for name in ("runs", "train", "test", "free run"):
+        table.add_column(name, justify="right", no_wrap=True)
     cases: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for settings, run in runs:
         case = (run["system"], run["scenario"], settings, run["model"])
         cases.setdefault(case, []).append(run)
     for (system, scenario, settings, model), group in sorted(cases.items()):
         cells = [_median_and_range(group, split) for split in ("train", "test")]
-        head = (model, system, scenario, *([settings] if varied else []))
-        table.add_row(*head, str(len(group)), *cells)
+        head = (Text(t) for t in (model, system, scenario, *([settings] if varied else [])))
+        table.add_row(*head, str(len(group)), *cells, _free_runs(group))
     return table
 
 
@@ -158,3 +169,14 @@ def _median_and_range(runs: Sequence[dict[str, Any]], split: str) -> str:
     if not errors:
         return "–"
     return f"{median(errors):.2f} ({min(errors):.2f} – {max(errors):.2f})"
+
+
+def _free_runs(runs: Sequence[dict[str, Any]]) -> str:
+    """Of the test motions; a run that diverged is the worst of all."""
+    errors = [e for run in runs if (e := free_run_error(run)) is not None]
+    middle = quantile(errors, 0.5)
+    if middle is None:
+        return "–"
+    told = "diverged" if math.isinf(middle) else percent(middle)
+    low, high = ("diverged" if math.isinf(e) else percent(e) for e in (min(errors), max(errors)))
+    return told if told == low == high == "diverged" else f"{told} ({low} – {high})"

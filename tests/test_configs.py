@@ -11,10 +11,15 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from models.training.assemble import build, changed, data_from, estimator_from
+from models.training.assemble import (
+    build,
+    changed,
+    data_from,
+    estimator_from,
+    objective_from,
+    solver_from,
+)
 from models.training.metrics import score
-from models.training.problem import Problem
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from report.console import CONF, GROUPS, help_text, prepare_hydra
 from report.paper import paper_values
 
@@ -32,18 +37,25 @@ def composed(*overrides: str, config: str = "train") -> DictConfig:
 
 
 def fits(*overrides: str) -> dict:
-    """Errors of a short run with these choices."""
+    """Errors of a short run with these choices, of the stages the last, for a few iterations."""
     cfg = composed(*overrides, "data.duration=40")
+    cfg = changed(cfg, {"solver": {"iterations": 3}})
+    if "horizons" in cfg.objective:
+        cfg = changed(cfg, {"objective": {"horizons": [None]}, "data": {"duration": 10.0}})
+    if "refinements" in cfg.model:
+        cfg = changed(cfg, {"model": {"refinements": 1}})
     data = data_from(cfg)
     data.setup()
     torch.manual_seed(0)
     estimator = estimator_from(cfg.model, data)
     estimator.identify(data.loader("train"))
     free = [p for p in estimator.parameters() if p.requires_grad]
-    if free:
-        solver = LevenbergMarquardt(free, iterations=5, every=8)
+    objective, make_solver = objective_from(cfg.objective), solver_from(cfg.solver)
+    for stage in range(len(objective.stages) if free else 0):
+        solver = make_solver(free)
         while not solver.finished:
-            solver.solve(Problem(estimator, next(iter(data.loader("train")))))
+            batch = next(iter(data.train_dataloader()))
+            solver.solve(objective.problem(estimator, batch, stage))
     return score(estimator, data.loader("test"))
 
 
@@ -105,7 +117,7 @@ def test_every_set_of_baselines_builds(baselines):
 def test_name_of_a_config_is_its_file_name():
     for group in ("system", "scenario", "model"):
         for choice in choices(group):
-            assert OmegaConf.load(CONF / group / f"{choice}.yaml").name == choice
+            assert composed(f"{group}={choice}")[group].name == choice
 
 
 def test_help_describes_every_choice_in_a_line():

@@ -13,11 +13,16 @@ import models.vwnn
 from data.excitation import BandLimitedGaussian, Excitation
 from data.record import Record, Truth, stack
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
+from models.element_network import ElementNetwork
 from models.estimator import Estimator
+from models.latent_hysteresis_network import LatentHysteresisNetwork
 from models.linear import EquivalentLinear
+from models.neural_state_space import NeuralStateSpace
 from models.polynomial import ModalPolynomial
+from models.recurrent import Recurrent
 from models.training.metrics import score
 from models.vwnn import VWNN
+from models.vwnn_forward import ForwardVWNN
 
 DT = 0.01
 ESTIMATORS = {
@@ -33,16 +38,26 @@ ESTIMATORS = {
     "two_point": TwoPoint,
     "filtered_extrapolation": FilteredExtrapolation,
 }
+SIMULATORS = {  # what they estimate is a simulation, or needs no acceleration at all
+    "gru": partial(Recurrent, cell="gru", hidden=4),
+    "lstm": partial(Recurrent, cell="lstm", hidden=4),
+    "neural_state_space": partial(NeuralStateSpace, memory=2, hidden=4, past=3),
+    "vwnn_forward": partial(ForwardVWNN, refinements=1),
+    "element_network": partial(ElementNetwork, hinges=1, units=1),
+    "latent_hysteresis_network": partial(LatentHysteresisNetwork, elements=3, hinges=1, units=1),
+}
+ZOO = {**ESTIMATORS, **SIMULATORS}
 SEE_STATE = [name for name in ESTIMATORS if "linear" in name or "_r" in name]
 SEE_ACCELERATION = [name for name in ESTIMATORS if name not in SEE_STATE]
 SOLVED = [name for name in ESTIMATORS if "vwnn" in name or name in SEE_STATE]
-SEE_FORCE = SOLVED
+SEE_FORCE = [*SOLVED, *SIMULATORS]
 
 
 @pytest.fixture(scope="module")
 def identified(bilinear_records):
     """Every estimator of the zoo, identified from two records of the yielding structure."""
-    zoo = {name: build(3, 3, DT) for name, build in ESTIMATORS.items()}
+    torch.manual_seed(0)
+    zoo = {name: build(3, 3, DT) for name, build in ZOO.items()}
     for estimator in zoo.values():
         estimator.identify(bilinear_records[:2])
     return zoo
@@ -53,6 +68,11 @@ def estimator(request, identified) -> Estimator:
     return identified[request.param]
 
 
+@pytest.fixture(params=ZOO)
+def anyone(request, identified) -> Estimator:
+    return identified[request.param]
+
+
 def changed_from(record: Record, name: str, k: int, end: int | None = None) -> Record:
     signal = getattr(record, name).clone()
     signal[k:end] += 1.0
@@ -60,7 +80,8 @@ def changed_from(record: Record, name: str, k: int, end: int | None = None) -> R
 
 
 def difference(estimator: Estimator, one: Record, other: Record) -> torch.Tensor:
-    return (estimator(one) - estimator(other)).abs().amax(dim=-1)  # (T,)
+    with torch.no_grad():
+        return (estimator(one) - estimator(other)).abs().amax(dim=-1)  # (T,)
 
 
 def permuted(record: Record, order: list[int]) -> Record:
@@ -69,9 +90,9 @@ def permuted(record: Record, order: list[int]) -> Record:
 
 
 @pytest.mark.parametrize("k", [0, 1, 500, 999])
-def test_an_estimate_does_not_see_the_acceleration_it_estimates(estimator, bilinear_record, k):
+def test_an_estimate_does_not_see_the_acceleration_it_estimates(anyone, bilinear_record, k):
     changed = changed_from(bilinear_record, "a", k)
-    assert difference(estimator, bilinear_record, changed)[: k + 1].max() == 0.0
+    assert difference(anyone, bilinear_record, changed)[: k + 1].max() == 0.0
 
 
 @pytest.mark.parametrize("name", SEE_ACCELERATION)
@@ -81,9 +102,9 @@ def test_an_estimate_sees_the_acceleration_just_before(identified, bilinear_reco
 
 
 @pytest.mark.parametrize("signal", ["f", "x", "v"])
-def test_an_estimate_does_not_see_what_is_to_come(estimator, bilinear_record, signal):
+def test_an_estimate_does_not_see_what_is_to_come(anyone, bilinear_record, signal):
     changed = changed_from(bilinear_record, signal, 501)
-    assert difference(estimator, bilinear_record, changed)[:501].max() == 0.0
+    assert difference(anyone, bilinear_record, changed)[:501].max() == 0.0
 
 
 @pytest.mark.parametrize("name", SEE_FORCE)
@@ -103,40 +124,40 @@ def test_gradients_reach_the_past_of_the_acceleration_and_nothing_else(estimator
     assert record.truth.a.grad is None
 
 
-def test_a_batch_is_estimated_record_by_record(estimator, bilinear_records):
-    together = estimator(stack(bilinear_records))
+def test_a_batch_is_estimated_record_by_record(anyone, bilinear_records):
+    together = anyone(stack(bilinear_records))
     assert together.shape == (3, 1000, 3)
     for estimate, record in zip(together, bilinear_records, strict=True):
-        assert torch.allclose(estimate, estimator(record), rtol=0, atol=1e-8)
+        assert torch.allclose(estimate, anyone(record), rtol=0, atol=1e-8)
 
 
-def test_estimates_are_finite_and_in_double_precision(estimator, bilinear_record):
-    estimate = estimator(bilinear_record)
+def test_estimates_are_finite_and_in_double_precision(anyone, bilinear_record):
+    estimate = anyone(bilinear_record)
     assert estimate.dtype == torch.float64
     assert estimate.shape == bilinear_record.a.shape
     assert torch.isfinite(estimate).all()
 
 
-def test_the_truth_is_never_read(estimator, bilinear_records):
+def test_the_truth_is_never_read(anyone, bilinear_records):
     unknown = Truth(*(torch.full((1000, 1), torch.nan) for _ in fields(Truth)))
     records = [replace(record, truth=unknown) for record in bilinear_records[:2]]
-    fresh = type(estimator)(3, 3, DT)
+    fresh = type(anyone)(3, 3, DT)
     fresh.identify(records)
     assert torch.isfinite(fresh(records[0])).all()
-    assert torch.equal(estimator(records[0]), estimator(bilinear_records[0]))
+    assert torch.equal(anyone(records[0]), anyone(bilinear_records[0]))
 
 
-def test_a_record_is_left_as_it_was(estimator, bilinear_record):
+def test_a_record_is_left_as_it_was(anyone, bilinear_record):
     before = bilinear_record.map(torch.clone)
-    type(estimator)(3, 3, DT).identify([bilinear_record])
-    estimator(bilinear_record)
+    type(anyone)(3, 3, DT).identify([bilinear_record])
+    anyone(bilinear_record)
     for name, signal in bilinear_record.signals().items():
         assert torch.equal(signal, getattr(before, name))
 
 
-@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize("name", ZOO)
 def test_a_saved_state_restores_the_estimates_exactly(identified, bilinear_record, name):
-    fresh = ESTIMATORS[name](3, 3, DT)
+    fresh = ZOO[name](3, 3, DT)
     fresh.load_state_dict(identified[name].state_dict())
     assert torch.equal(fresh(bilinear_record), identified[name](bilinear_record))
 
@@ -160,12 +181,12 @@ def test_a_record_of_another_time_step_is_refused(estimator, bilinear_record):
         estimator(replace(bilinear_record, dt=0.02))
 
 
-def test_a_record_of_another_structure_is_refused(estimator, bilinear_record):
+def test_a_record_of_another_structure_is_refused(anyone, bilinear_record):
     smaller = {name: getattr(bilinear_record, name)[:, :2] for name in "xva"}
     with pytest.raises(ValueError, match="has 2 DOFs and 3 channels"):
-        estimator(replace(bilinear_record.measured(), **smaller))
+        anyone(replace(bilinear_record.measured(), **smaller))
     with pytest.raises(ValueError, match="has 3 DOFs and 2 channels"):
-        estimator(replace(bilinear_record, f=bilinear_record.f[:, :2]))
+        anyone(replace(bilinear_record, f=bilinear_record.f[:, :2]))
 
 
 @pytest.mark.parametrize("missing", ["x", "v"])
@@ -401,13 +422,27 @@ def test_filtered_extrapolation_misses_a_sinusoid_by_one_less_h_squared(hertz):
     assert float(missed.abs().max()) == pytest.approx(gain, rel=1e-2)
 
 
+@pytest.mark.parametrize("name", SIMULATORS)
+def test_a_simulation_from_the_drive_alone_is_finite_and_causal(identified, bilinear_record, name):
+    calm = bilinear_record.map(lambda u: 0.2 * u)
+    pushed = changed_from(calm, "f", 501)
+    with torch.no_grad():
+        run, other = (identified[name].free_run(r.drive()) for r in (calm, pushed))
+    for signal in ("x", "v", "a"):
+        one, two = getattr(run, signal), getattr(other, signal)
+        assert one.shape == calm.a.shape
+        assert torch.isfinite(one).all()
+        assert torch.equal(one[:501], two[:501])
+    assert (run.a[501:] != other.a[501:]).any()
+
+
 def test_baselines_have_nothing_to_identify(identified, bilinear_record):
     for name in ("last_value", "two_point", "filtered_extrapolation"):
         assert identified[name].identified_parameters == 0
         assert identified[name].identify([bilinear_record]) == {}
 
 
-@pytest.mark.parametrize("build", ESTIMATORS.values(), ids=ESTIMATORS)
+@pytest.mark.parametrize("build", ZOO.values(), ids=ZOO)
 @pytest.mark.parametrize(("dofs", "inputs", "dt"), [(0, 3, DT), (3, -1, DT), (3, 3, 0.0)])
 def test_an_estimator_of_nothing_is_refused(build, dofs, inputs, dt):
     with pytest.raises(ValueError, match=r"dofs=|dt="):

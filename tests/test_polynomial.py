@@ -68,6 +68,22 @@ def test_the_least_squares_mass_is_what_a_cubic_spring_is_missed_by(duffing_reco
     assert 1e-3 < score(estimator, [duffing_record])["relative_rms_percent"] < 20.0
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("pairs", [None, [["u1", "u1_dot"], ["u1", "u2"]]])
+def test_all_modes_at_once_are_the_modes_one_by_one(polynomial_record, method, pairs):
+    estimator = identified([polynomial_record], **METHODS[method], order=3, pairs=pairs)
+    x, v, f = polynomial_record.x, polynomial_record.v, polynomial_record.f
+    series = zip(estimator._terms(x, v), estimator.coefficients, strict=True)
+    h = torch.cat([terms @ weights for terms, weights in series], dim=-1)
+    force = torch.linalg.solve(estimator.modes.T, h.T).T  # Φ⁻ᵀ h
+    if METHODS[method]["fits"] == "residual":
+        wanted = torch.cat([v, x, f], dim=-1) @ estimator.weights - force  # Eq. 9
+    else:
+        wanted = (f - force) @ estimator.matrices()[2].T  # Eq. 10
+    estimate = estimator(polynomial_record)
+    assert (estimate - wanted).abs().max() < 1e-11 * wanted.abs().max()
+
+
 @pytest.mark.parametrize("fits", ["residual", "restoring_force"])
 def test_powers_and_chebyshev_polynomials_agree(polynomial_record, fits):
     power = identified([polynomial_record], fits=fits, basis="power")

@@ -71,6 +71,11 @@ def test_a_run_leaves_everything_behind(finished):
         assert metrics[split]["relative_rms_percent"] == metrics[split]["relative_rms_percent_true"]
     assert metrics["baselines"].keys() >= {"two_point", "linear", "vwnn_first_order"}
     assert metrics["simulation_error"] < 1e-5
+    assert metrics["baselines"]["linear"].keys() == {"train", "test", "free_run_train", "free_run"}
+    for scores in (metrics, metrics["baselines"]["linear"]):
+        for split, free in (("train", "free_run_train"), ("test", "free_run")):
+            assert "none" in scores[free] or scores[free].keys() > scores[split].keys()
+    assert "none" in metrics["baselines"]["two_point"]["free_run"]
     assert (finished / "model.safetensors").is_file()
     assert not list(finished.glob("*.part"))
 
@@ -115,6 +120,42 @@ def test_evaluate_gives_the_same_numbers_to_the_last_digit(finished, monkeypatch
             assert picture.read_bytes().startswith(magic)
 
 
+def test_the_free_run_stands_in_everything_a_run_leaves(tmp_path, monkeypatch, capsys):
+    words = [*QUICK, "model=linear", "baselines=none", f"hydra.run.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    printed = capsys.readouterr().out
+    free = json.loads((tmp_path / "metrics.json").read_text())["free_run"]
+    assert f"{free['relative_rms_percent']:.2f}" in printed
+    assert "free run" in printed
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    tags: set[str] = set()
+    for folder in {path.parent for path in tmp_path.rglob("events.*")}:
+        events = EventAccumulator(str(folder)).Reload().Tags()
+        tags |= {*events["scalars"], *events["images"]}
+    for key in ("free_run", "free_run_train"):
+        errors = ("relative_rms_percent", "displacement_percent", "per_dof_percent/x3")
+        assert {f"{key}/{error}" for error in errors} <= tags
+        assert f"{key}/relative_rms_percent_over_time" in tags
+    assert {"free_run_acceleration", "free_run_displacement"} <= tags
+    assert run(evaluate, monkeypatch, f"run={tmp_path}") == 0
+    assert "equal to metrics.json to the last digit" in capsys.readouterr().out
+    assert (tmp_path / "evaluation/as_trained/free_run_displacement.pdf").is_file()
+
+
+def test_evaluate_sees_a_free_run_that_has_changed(copy, monkeypatch, capsys):
+    metrics = json.loads((copy / "metrics.json").read_text())
+    metrics["free_run"] = {"none": "of another code"}
+    (copy / "metrics.json").write_text(json.dumps(metrics))
+    assert run(evaluate, monkeypatch, f"run={copy}") == 1
+    assert "the scores differ from metrics.json" in capsys.readouterr().err
+    for key in ("free_run", "free_run_train"):
+        metrics.pop(key)
+    (copy / "metrics.json").write_text(json.dumps(metrics))
+    assert run(evaluate, monkeypatch, f"run={copy}") == 0
+    assert "no free run to compare with" in capsys.readouterr().out
+
+
 def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
     words = [f"run={finished}", "scenario=noisy", "seeds=[5,6]", "data.duration=25", "label=noise"]
     assert run(evaluate, monkeypatch, *words) == 0
@@ -122,7 +163,10 @@ def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
     assert list(scores) == ["5", "6"]
     clean = numbers(finished)["test"]["relative_rms_percent"]
     for splits in scores.values():
-        assert list(splits) == ["test"]  # the seeds' training motions were seen by nobody here
+        assert list(splits) == [
+            "test",
+            "free_run",
+        ]  # the seeds' training motions were seen by nobody here
         assert splits["test"]["relative_rms_percent"] > clean
         assert splits["test"]["relative_rms_percent_true"] < splits["test"]["relative_rms_percent"]
 
@@ -130,7 +174,7 @@ def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
 def test_a_longer_record_is_no_training_motion(finished, monkeypatch, capsys):
     assert run(evaluate, monkeypatch, f"run={finished}", "data.duration=30", "label=long") == 0
     scores = json.loads((finished / "evaluation/long/scores.json").read_text())
-    assert list(scores["0"]) == ["test"]
+    assert list(scores["0"]) == ["test", "free_run"]
 
 
 def test_a_model_is_not_used_at_another_time_step(finished, monkeypatch, capsys):

@@ -108,6 +108,21 @@ def test_stacked_windows_are_a_batch_in_order():
         assert torch.equal(batch.truth.r[i], windows[i].truth.r)
 
 
+@pytest.mark.parametrize("begins", ["rest", "given", "periodic"])
+def test_a_batch_begins_as_its_records_do(begins):
+    record = replace(counted_record(), initial_state=begins)
+    assert stack([record, record]).initial_state == begins
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_windows_from_the_start_and_from_the_middle_all_begin_as_measured(order):
+    record = counted_record()
+    windows = [record.window(0, 20), record.window(40, 20)]
+    batch = stack([windows[i] for i in order])
+    assert batch.initial_state == "given"
+    assert torch.equal(batch.drive().x0[order.index(1)], record.x[40])
+
+
 @pytest.mark.parametrize(
     "other",
     [
@@ -115,8 +130,9 @@ def test_stacked_windows_are_a_batch_in_order():
         counted_record(dofs=3),
         replace(counted_record(), dt=0.02),
         replace(counted_record(), warmup=1),
+        replace(counted_record(), hold="zero_order"),
     ],
-    ids=["length", "dofs", "dt", "warmup"],
+    ids=["length", "dofs", "dt", "warmup", "hold"],
 )
 def test_unlike_records_make_no_batch(other):
     with pytest.raises(ValueError, match="records differ in"):

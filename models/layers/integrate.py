@@ -18,27 +18,30 @@ Acceleration = Callable[[Tensor, Tensor, Tensor], Tensor]  # (x, ẋ, u) (…, n
 DelayedAcceleration = Callable[[Tensor, Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
 
 
-def held(drive: Drive) -> tuple[Tensor, Tensor, Tensor]:
-    """u at the beginning, the middle and the end of every interval, each (…, T − 1, m).
+def between(u: Tensor, hold: str, substeps: int) -> Tensor:
+    """u (…, T, m) at the end of each of `substeps` parts of every interval, (…, T − 1, S, m).
 
-    `band_limited` takes the middle from the Fourier series of the record, which looks ahead.
+    A zero-order hold ends with the value it began with. `band_limited` takes the values from the
+    Fourier series of the record, which looks ahead.
     """
-    first, last = drive.u[..., :-1, :], drive.u[..., 1:, :]
-    if drive.hold == "zero_order":
-        return first, first, first
-    if drive.hold == "linear":
-        return first, 0.5 * (first + last), last
-    return first, _doubled(drive.u)[..., 1:-1:2, :], last
+    first, last = u[..., :-1, None, :], u[..., 1:, None, :]
+    if hold == "zero_order":
+        return first.expand(*first.shape[:-2], substeps, -1)
+    if hold == "linear":
+        part = torch.arange(1, substeps + 1, dtype=u.dtype, device=u.device)[:, None] / substeps
+        return first + part * (last - first)
+    fine = _upsampled(u, substeps)[..., 1 : (u.shape[-2] - 1) * substeps + 1, :]
+    return fine.unflatten(-2, (u.shape[-2] - 1, substeps))
 
 
-def _doubled(u: Tensor) -> Tensor:
-    """u (…, T, m) at twice the rate (…, 2T, m), by zeros above its spectrum."""
+def _upsampled(u: Tensor, factor: int) -> Tensor:
+    """u (…, T, m) at `factor` times the rate (…, T·factor, m), by zeros above its spectrum."""
     samples = u.shape[-2]
     spectrum = torch.fft.rfft(u, dim=-2)
-    if samples % 2 == 0:  # the Nyquist line is split between both its sides
+    if samples % 2 == 0 and factor > 1:  # the Nyquist line is split between both its sides
         spectrum = torch.cat([spectrum[..., :-1, :], 0.5 * spectrum[..., -1:, :]], dim=-2)
-    wider = pad(spectrum, (0, 0, 0, samples + 1 - spectrum.shape[-2]))
-    return 2.0 * torch.fft.irfft(wider, n=2 * samples, dim=-2)
+    wider = pad(spectrum, (0, 0, 0, samples * factor // 2 + 1 - spectrum.shape[-2]))
+    return factor * torch.fft.irfft(wider, n=samples * factor, dim=-2)
 
 
 def runge_kutta(acceleration: Acceleration, drive: Drive) -> Response:
@@ -53,24 +56,35 @@ def runge_kutta(acceleration: Acceleration, drive: Drive) -> Response:
 def runge_kutta_delayed(law: DelayedAcceleration, drive: Drive, past: Tensor) -> Response:
     """The same for ẍ = g(x, ẋ, u, p), p a signal of the sample before, which `law` returns too.
 
-    Between samples p is linear; `past` is its value before the record.
+    Between samples p is linear; `past` is its value before the record. A step's velocities are its
+    first one and accelerations, which leaves x[k+1] = x + h v + h²/6 (a + a₂ + a₃).
     """
-    _, middle, end = (u.unbind(dim=-2) for u in held(drive))
+    halves = between(drive.u, drive.hold, 2)
+    middle, end = (u.unbind(dim=-2) for u in halves.unbind(dim=-2))
     at_samples = drive.u.unbind(dim=-2)
     h, x, v = drive.dt, drive.x0, drive.v0
     a, now = law(x, v, at_samples[0], past)
     history = [(x, v, a)]
     for k in range(drive.samples - 1):  # a step begins after any jump of u at its sample
-        between = 0.5 * (past + now)
-        v2 = v + 0.5 * h * a
-        a2 = law(x + 0.5 * h * v, v2, middle[k], between)[0]
-        v3 = v + 0.5 * h * a2
-        a3 = law(x + 0.5 * h * v2, v3, middle[k], between)[0]
-        v4 = v + h * a3
-        a4 = law(x + h * v3, v4, end[k], now)[0]
-        x = x + h / 6.0 * (v + 2.0 * (v2 + v3) + v4)
-        v = v + h / 6.0 * (a + 2.0 * (a2 + a3) + a4)
+        delayed = 0.5 * (past + now)
+        v2 = torch.add(v, a, alpha=0.5 * h)
+        a2 = law(torch.add(x, v, alpha=0.5 * h), v2, middle[k], delayed)[0]
+        v3 = torch.add(v, a2, alpha=0.5 * h)
+        a3 = law(torch.add(x, v2, alpha=0.5 * h), v3, middle[k], delayed)[0]
+        a4 = law(torch.add(x, v3, alpha=h), torch.add(v, a3, alpha=h), end[k], now)[0]
+        halfway = a2 + a3
+        x = torch.add(torch.add(x, v, alpha=h), a + halfway, alpha=h * h / 6.0)
+        v = torch.add(v, torch.add(a + a4, halfway, alpha=2.0), alpha=h / 6.0)
         past = now
         a, now = law(x, v, at_samples[k + 1], past)
         history.append((x, v, a))
-    return Response(*(torch.stack(signal, dim=-2) for signal in zip(*history, strict=True)))
+        if k % 100 == 99 and _all_lost(a):
+            break
+    x, v, a = (torch.stack(signal, dim=-2) for signal in zip(*history, strict=True))
+    lost = drive.samples - len(history)
+    return Response(*(pad(signal, (0, 0, 0, lost), value=torch.nan) for signal in (x, v, a)))
+
+
+def _all_lost(a: Tensor) -> bool:
+    """No run of the batch is finite any more. Not asked where derivatives are taken."""
+    return torch.is_inference_mode_enabled() and not bool(torch.isfinite(a).all(dim=-1).any())

@@ -20,6 +20,7 @@ from torch import nn
 
 from data.datamodule import SimulatedData
 from models.estimator import Estimator
+from models.training.objective import Objective
 from models.training.solvers.solver import Solver
 
 OURS = ("data", "models")
@@ -102,3 +103,8 @@ def solver_from(solver: DictConfig) -> Callable[[Iterable[nn.Parameter]], Solver
     """What makes the chosen solver once the free parameters are known."""
     build(solver, parameters=[nn.Parameter(torch.zeros(1))])  # a wrong setting is found now
     return lambda parameters: build(solver, parameters=parameters)
+
+
+def objective_from(objective: DictConfig) -> Objective:
+    """What the solver minimises."""
+    return build(objective)

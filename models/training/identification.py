@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -16,8 +17,8 @@ from torch import Tensor, nn
 
 from data.record import Record
 from models.estimator import Estimator
-from models.training.metrics import Scores
-from models.training.problem import Problem
+from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
+from models.training.objective import Objective, OneStep
 from models.training.solvers.solver import Solver
 
 SPLITS = ("train", "test")  # order of the datamodule's test loaders
@@ -30,6 +31,9 @@ class Identification(LightningModule):
     after `max_fail` checks without a better one, and the best parameters are kept. A check follows
     each call of the solver: an iteration of Levenberg–Marquardt, some twenty of L-BFGS, an epoch
     of Adam.
+
+    `objective` says what is minimised, in how many stages; each stage has a solver of its own. Of
+    several stages, the parameters are kept that simulate the whole training motion best.
     """
 
     def __init__(
@@ -37,19 +41,25 @@ class Identification(LightningModule):
         estimator: Estimator,
         solver: Callable[[Iterable[nn.Parameter]], Solver] | None = None,
         max_fail: int = 6,
+        objective: Objective | None = None,
     ) -> None:
         super().__init__()
         if max_fail < 1:
             raise ValueError(f"max_fail={max_fail} must be at least 1")
         self.automatic_optimization = False
         self.estimator, self.make_solver, self.max_fail = estimator, solver, max_fail
+        self.objective: Objective = OneStep() if objective is None else objective
         self.solver: Solver | None = None
+        self.stage, self.tried = 0, 0  # iterations that random starts took
+        self.ended: list[dict[str, Any]] = []  # stages: name, iterations, why they stopped
+        self.chosen: tuple[float, dict[str, Tensor]] = (float("inf"), {})  # of the stages' ends
         self.losses: list[float] = []  # Eq. 21 squared, after every accepted iteration
         self.solution: dict[str, float] = {}  # what the closed form says of itself
         self.fit_seconds = 0.0
         self.best: tuple[float, dict[str, Tensor]] = (float("inf"), {})
         self.fails = 0
         self.scores: dict[str, Scores] = {}
+        self.free_runs: dict[str, FreeRunScore] = {}
         self.examples: dict[str, tuple[Record, dict[str, Tensor]]] = {}  # first batch, estimates
 
     def free_parameters(self) -> dict[str, nn.Parameter]:
@@ -76,23 +86,73 @@ class Identification(LightningModule):
                 f"the solver needs all windows in one batch, there are {len(loader)} batches; "
                 "set data.batch=null, or choose solver=adam"
             )
+        else:
+            batches = OnDevice(loader, self.device)
+            self.objective.begin(self.estimator, batches, self._new_solver, self._note)
+            self.tried = len(self.losses)
 
     def training_step(self, record: Record, index: int) -> None:
         """Some iterations of the solver on a batch."""
         assert self.solver is not None
-        for loss in self.solver.solve(Problem(self.estimator, record)):
-            self.losses.append(loss)
-            if self.logger is not None:
-                values = {"fit/loss": loss, "fit/relative_rms_percent": 100.0 * loss**0.5}
-                self.logger.log_metrics(values, step=len(self.losses))
+        if self.solver.finished:
+            self._next_stage()
+        if self.trainer.datamodule.cut["length"] is not None:  # type: ignore[attr-defined]
+            record = _from_measured_states(record)
+        self._note(self.solver.solve(self.objective.problem(self.estimator, record, self.stage)))
         if self.losses:
             self.log("error_percent", 100.0 * self.losses[-1] ** 0.5, prog_bar=True, logger=False)
         if self.solver.finished:
+            self._stop_after_last_stage()
+
+    def _new_solver(self, parameters: Iterable[nn.Parameter]) -> Solver:
+        assert self.make_solver is not None
+        return self.make_solver(parameters)
+
+    def _note(self, accepted: list[float]) -> None:
+        for loss in accepted:
+            self.losses.append(loss)
+            if self.logger is not None:
+                percent = 100.0 * loss**0.5
+                values = {"loss": loss, "relative_rms_percent": percent, "stage": self.stage + 1.0}
+                named = {f"fit/{name}": value for name, value in values.items()}
+                self.logger.log_metrics(named, step=len(self.losses))
+
+    def _stop_after_last_stage(self) -> None:
+        if self.stage + 1 == len(self.objective.stages):
             self.trainer.should_stop = True
+
+    def _next_stage(self) -> None:
+        """After the last validation of the stage before, which may have been its best."""
+        self._end_stage()
+        self.stage, self.fails, self.best = self.stage + 1, 0, (float("inf"), {})
+        self.solver = self._new_solver(self.free_parameters().values())
+
+    def _end_stage(self) -> None:
+        assert self.solver is not None
+        self._keep_best()
+        before = self.tried + sum(stage["iterations"] for stage in self.ended)
+        name, count = self.objective.stages[self.stage], len(self.losses) - before
+        self.ended.append({"stage": name, "iterations": count, "stopped": self.solver.why})
+        if len(self.objective.stages) > 1:
+            self._compare_end()
+
+    def _compare_end(self) -> None:
+        whole = self.trainer.datamodule.loader("train")  # type: ignore[attr-defined]
+        loss = self.objective.final_loss(self.estimator, OnDevice(whole, self.device))
+        if loss < self.chosen[0]:
+            free = self.free_parameters()
+            self.chosen = loss, {name: p.detach().clone() for name, p in free.items()}
+
+    @torch.no_grad()
+    def _keep_best(self) -> None:
+        """The parameters that did best in validation."""
+        for name, value in self.best[1].items():
+            self.free_parameters()[name].copy_(value)
 
     def validation_step(self, record: Record, index: int) -> None:
         assert self.solver is not None
-        loss = float(Problem(self.estimator, record).loss().detach())
+        problem = self.objective.problem(self.estimator, record, self.stage)
+        loss = float(problem.loss().detach())
         if self.logger is not None:
             percent = {"validation/relative_rms_percent": 100.0 * loss**0.5}
             self.logger.log_metrics(percent, step=len(self.losses))
@@ -103,33 +163,46 @@ class Identification(LightningModule):
             self.fails = 0
         if self.fails >= self.max_fail:
             self.solver.finished, self.solver.why = True, f"{self.fails} validations without gain"
-            self.trainer.should_stop = True
+            self._stop_after_last_stage()
 
     @torch.no_grad()
     def on_fit_end(self) -> None:
-        for name, value in self.best[1].items():
+        if self.solver is not None:
+            self._end_stage()
+        for name, value in self.chosen[1].items():
             self.free_parameters()[name].copy_(value)
         self.fit_seconds = time.perf_counter() - self.start
 
     def on_test_start(self) -> None:
         self.scores = {split: Scores() for split in SPLITS}
+        self.free_runs = {split: FreeRunScore() for split in SPLITS}
         self.examples = {}
 
     def test_step(self, record: Record, index: int, dataloader_idx: int = 0) -> None:
         split = SPLITS[dataloader_idx]
         estimates = self.scores[split].update(self.estimator, record)
+        self.free_runs[split].update(self.estimator, record)
         self.examples.setdefault(split, (record, estimates))
 
     def results(self) -> dict[str, Any]:
-        """Errors in percent of both splits."""
-        return {split: scores.percent() for split, scores in self.scores.items()}
+        """Errors in percent of both splits, one step ahead and in free run."""
+        one_step = {split: scores.percent() for split, scores in self.scores.items()}
+        free = {FREE_RUNS[split]: scores.percent() for split, scores in self.free_runs.items()}
+        return {**one_step, **free}
 
     def how_trained(self) -> dict[str, Any]:
         """How the solver ended; empty where the closed form was all."""
         if self.solver is None:
             return {}
         name, iterations = type(self.solver).__name__, len(self.losses)
-        return {"solver": name, "iterations": iterations, "stopped": self.solver.why}
+        trained = {"solver": name, "iterations": iterations, "stopped": self.solver.why}
+        return trained if len(self.ended) < 2 else {**trained, "stages": self.ended}
+
+
+def _from_measured_states(windows: Record) -> Record:
+    """A batch of windows begins as its first one says, which may be the beginning of a record."""
+    measured = windows.x is not None and windows.v is not None
+    return replace(windows, initial_state="given") if measured else windows
 
 
 class OnDevice(Iterable[Record]):

@@ -1,4 +1,4 @@
-"""Relative root-mean-square error, the study's one metric.
+"""Relative root-mean-square error, the study's one metric: one step ahead, and in free run.
 
 RMS(t_N) = √Σ‖ẍ − ẍ̂‖² / √Σ‖ẍ‖² over the samples up to t_N      Brewick & Masri (2016), Eq. 21
 """
@@ -13,8 +13,12 @@ import torch
 from torch import Tensor
 from torchmetrics import Metric
 
-from data.record import Record
-from models.estimator import Estimator
+from data.record import Record, Response
+from models.estimator import Estimator, NoFreeRunError
+from models.training.simulate import simulate
+
+FREE_RUNS = {"train": "free_run_train", "test": "free_run"}  # where `metrics.json` has them
+LEFT = 100.0  # times the largest measured |ẍ| of a record: a free run beyond that has diverged
 
 
 class RelativeRMSError(Metric):
@@ -63,8 +67,11 @@ class Score:
     def __init__(self) -> None:
         self.against: dict[str, RelativeRMSError] = {}
 
-    def update(self, estimate: Tensor, record: Record) -> None:
-        """Add a batch and the estimate (…, T, n) of it."""
+    def update(self, estimate: Tensor, record: Record, true_estimate: Tensor | None = None) -> None:
+        """Add a batch and the estimate (…, T, n) of it.
+
+        `true_estimate` is compared with the true signals instead, if given.
+        """
         counted = slice(record.warmup, None)
         references = {"": record.a}
         if record.truth is not None:
@@ -73,7 +80,8 @@ class Score:
             if name not in self.against:
                 samples = record.samples - record.warmup
                 self.against[name] = RelativeRMSError(samples, record.dofs).to(reference.device)
-            self.against[name].update(estimate[..., counted, :], reference[..., counted, :])
+            compared = true_estimate if name and true_estimate is not None else estimate
+            self.against[name].update(compared[..., counted, :], reference[..., counted, :])
 
     def percent(self) -> dict[str, Any]:
         """For `metrics.json`: `relative_rms_percent`, `per_dof_percent`, and both with `_true`."""
@@ -121,6 +129,81 @@ class Scores:
 def score(estimator: Estimator, batches: Iterable[Record]) -> dict[str, Any]:
     """Errors in percent of an estimator over batches of records."""
     result = Scores()
+    for record in batches:
+        result.update(estimator, record)
+    return result.percent()
+
+
+class FreeRunScore:
+    """Errors of an estimator's free runs on one split. No diverged run is ever left out.
+
+    Against true signals it is compared under the force that acted, where the force's sensor erred.
+    A run has diverged where it is not finite or |ẍ| exceeds LEFT times the record's largest, and
+    has left at the first such sample. An estimator that cannot simulate says why.
+    """
+
+    def __init__(self) -> None:
+        self.motion = Score()
+        self.displacement: RelativeRMSError | None = None
+        self.left: list[float] = []  # times [s] at which runs left
+        self.none: str | None = None
+        self.example: tuple[Record, Response] | None = None  # first batch
+
+    @torch.inference_mode()
+    def update(self, estimator: Estimator, record: Record) -> None:
+        """Simulate a batch, all its records at once. The estimator sees no measured motion."""
+        try:
+            response = simulate(estimator, record)
+        except NoFreeRunError as reason:
+            self.none = str(reason)
+            return
+        truly_driven = record.truly_driven()
+        true = response if truly_driven is record else simulate(estimator, truly_driven)
+        self.left += left_at(response.a, record)
+        self.motion.update(response.a, record, true.a)
+        displacement = displacement_of(record)
+        if displacement is not None:
+            counted = slice(record.warmup, None)
+            if self.displacement is None:
+                samples = record.samples - record.warmup
+                self.displacement = RelativeRMSError(samples, record.dofs).to(displacement.device)
+            self.displacement.update(true.x[..., counted, :], displacement[..., counted, :])
+        self.example = self.example or (record, response)
+
+    def percent(self) -> dict[str, Any]:
+        """For `metrics.json`: the keys of a one-step score, `displacement_percent`, and how many
+        runs left the motion and when. Errors are None where any run did. Or {"none": reason}.
+        """
+        if self.none is not None:
+            return {"none": self.none}
+        result = self.motion.percent()
+        if self.displacement is not None:
+            result["displacement_percent"] = _percent(float(self.displacement.compute()["total"]))
+        if self.left:
+            result = {k: [None] * len(v) if "per_dof" in k else None for k, v in result.items()}
+        return {**result, "diverged": len(self.left), "left_after_s": self.left}
+
+    def over_time(self) -> Tensor | None:
+        """Eq. 21 of the acceleration up to each sample, as a fraction (T,)."""
+        return None if self.none is not None else self.motion.over_time()
+
+
+def displacement_of(record: Record) -> Tensor | None:
+    """The true displacement (…, T, n) where it is known, else the measured one."""
+    return record.x if record.truth is None else record.truth.x
+
+
+def left_at(a: Tensor, record: Record) -> list[float]:
+    """Times [s] at which diverged runs (…, T, n) of a batch left the measured motion."""
+    largest = record.a.abs().amax(dim=(-2, -1), keepdim=True)
+    gone = ~(a.abs() <= LEFT * largest).all(dim=-1).reshape(-1, record.samples)  # NaN is gone too
+    first = gone.int().argmax(dim=-1)[gone.any(dim=-1)]
+    return [record.dt * k for k in first.tolist()]
+
+
+def free_run_score(estimator: Estimator, batches: Iterable[Record]) -> dict[str, Any]:
+    """Errors in percent of the free runs of an estimator over batches of records."""
+    result = FreeRunScore()
     for record in batches:
         result.update(estimator, record)
     return result.percent()

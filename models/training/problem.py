@@ -1,15 +1,17 @@
 """What a solver minimises: the squared relative error of an estimator over one batch.
 
 e = √N (g(u; θ) − y)/‖ẍ‖, so that mean(e²) is Eq. 21 squared.   Brewick & Masri (2016), Eq. 21
+`Problem` takes estimates from measured states, `FreeRunProblem` the simulation.
 N errors, P free parameters θ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.func import functional_call, jacrev, jvp, vmap
 
 from data.record import Record
@@ -21,16 +23,15 @@ BLOCK_ELEMENTS = 1 << 22  # of derivatives that are computed at a time (32 MiB)
 class Problem:
     """Errors, loss and normal equations of an estimator's free parameters on a batch of windows."""
 
+    steepest = float("inf")
+
     def __init__(self, estimator: Estimator, record: Record) -> None:
         record = record.measured()
         with torch.no_grad():
             self.module, self.u, y = estimator.regression(record)
         self.warmup = record.warmup
         self.y = y[..., record.warmup :, :]
-        size = torch.linalg.vector_norm(record.a[..., record.warmup :, :])
-        if not float(size) > 0.0:
-            raise ValueError("the measured acceleration is zero; there is nothing to fit")
-        self.weight = float(self.y.numel() ** 0.5 / size)
+        self.weight = _weight(record)
         self.pointwise = isinstance(self.u, Tensor)
         if self.pointwise:
             self.u = self.u[..., record.warmup :, :].flatten(0, -2)  # (N/n, channels)
@@ -106,6 +107,101 @@ class Problem:
 
     def _estimate(self, theta: dict[str, Tensor], u: Tensor | Record) -> Tensor:
         return functional_call(self.module, theta, (u,))
+
+
+class FreeRunProblem:
+    """The same for a simulation that begins anew every `horizon` samples (None: never).
+
+    `warmup`: samples that each restarted run takes before it counts.
+    """
+
+    steepest = 1.0  # a run on the verge of divergence has a gradient without measure
+
+    def __init__(
+        self,
+        estimator: Estimator,
+        record: Record,
+        horizon: int | None,
+        warmup: int = 0,
+        last: bool = True,
+    ) -> None:
+        self.record = record.measured()
+        if record.initial_state == "periodic":  # the steady state is as measured, not one's own
+            self.record = replace(self.record, initial_state="given")
+        self.estimator, self.horizon, self.warmup = estimator, horizon, warmup
+        self.last = last
+        self.counted = slice(record.warmup, None)
+        self.y = record.a[..., self.counted, :]
+        self.weight = _weight(record)
+
+    def errors(self) -> Tensor:
+        """e (N,) at the present parameters."""
+        return self._errors(self.estimator.restarted_run(self.record, self.horizon, self.warmup))
+
+    def loss(self) -> Tensor:
+        """Mean square of e, and the pull; not finite where the run diverges."""
+        prior, deviation = self.estimator.pull(self.last)
+        return (self.errors() ** 2).mean() + prior * (deviation**2).sum()
+
+    def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
+        """JᵀJ (P, P) and Jᵀe (P,) with J = ∂e/∂θ, and the pull.
+
+        JᵀJ is summed over every `every`-th error and scaled up; Jᵀe is exact.
+        """
+        with torch.no_grad():
+            errors = self.errors()
+            jacobian = self.estimator.restarted_jacobian(self.record, self.horizon, self.warmup)
+            if jacobian is None:
+                rows = self._differentiated(errors.numel())
+            else:
+                rows = self.weight * jacobian[..., self.counted, :, :].flatten(0, -2)
+            prior, deviation = self.estimator.pull(self.last)
+            some, pull = rows[::every], len(rows) * prior
+            matrix, vector = len(rows) / len(some) * _gram(some), rows.T @ errors
+            if prior > 0.0:
+                matrix.diagonal().add_(pull)
+                vector = vector + pull * deviation
+            return matrix, vector
+
+    def _errors(self, run: Tensor) -> Tensor:
+        return ((run[..., self.counted, :] - self.y) * self.weight).reshape(-1)
+
+    def _differentiated(self, count: int) -> Tensor:
+        """J (N, P) by forward differentiation, all windows at once, some parameters at a time."""
+        module = _RestartedRun(self.estimator)
+        theta = {name: p.detach() for name, p in module.named_parameters() if p.requires_grad}
+        flat = torch.cat([p.reshape(-1) for p in theta.values()])
+        sizes = [p.numel() for p in theta.values()]
+
+        def errors(flat: Tensor) -> Tensor:
+            parts = zip(theta.items(), flat.split(sizes), strict=True)
+            named = {name: part.view(p.shape) for (name, p), part in parts}
+            run = functional_call(module, named, (self.record, self.horizon, self.warmup))
+            return self._errors(run)
+
+        unit = torch.eye(flat.numel(), dtype=flat.dtype, device=flat.device)
+        columns = max(1, BLOCK_ELEMENTS // count)
+        return vmap(lambda t: jvp(errors, (flat,), (t,))[1], chunk_size=columns)(unit).T
+
+
+class _RestartedRun(nn.Module):
+    """`restarted_run` as the `forward` that PyTorch's function transforms call."""
+
+    def __init__(self, estimator: Estimator) -> None:
+        super().__init__()
+        self.estimator = estimator
+
+    def forward(self, record: Record, horizon: int | None, warmup: int) -> Tensor:
+        return self.estimator.restarted_run(record, horizon, warmup)
+
+
+def _weight(record: Record) -> float:
+    """√N/‖ẍ‖ over the counted samples."""
+    measured = record.a[..., record.warmup :, :]
+    size = float(torch.linalg.vector_norm(measured))
+    if not size > 0.0:
+        raise ValueError("the measured acceleration is zero; there is nothing to fit")
+    return measured.numel() ** 0.5 / size
 
 
 def _gram(jacobian: Tensor) -> Tensor:

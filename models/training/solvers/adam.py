@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import torch
 from torch import nn
 
-from models.training.problem import Problem
+from models.training.solvers.solver import Minimised
 
 
 class Adam(torch.optim.Adam):
@@ -31,16 +31,24 @@ class Adam(torch.optim.Adam):
         self.iterations, self.rate, self.done = iterations, rate, 0
         self.finished, self.why = False, ""
 
-    def solve(self, problem: Problem) -> list[float]:
-        """One step. The loss is that of the mini-batch before the step."""
+    def solve(self, problem: Minimised) -> list[float]:
+        """One step. The loss is that of the mini-batch before the step.
+
+        A mini-batch whose loss or gradient is not finite is left out; a gradient longer than the
+        problem's `steepest` is shortened.
+        """
         for group in self.param_groups:
             group["lr"] = 0.5 * self.rate * (1.0 + math.cos(math.pi * self.done / self.iterations))
         self.zero_grad()
         with torch.enable_grad():
             loss = problem.loss()
             loss.backward()
-        self.step()
+        free = [p for group in self.param_groups for p in group["params"]]
+        slope = torch.nn.utils.clip_grad_norm_(free, problem.steepest)
+        usable = bool(torch.isfinite(loss) and torch.isfinite(slope))
+        if usable:
+            self.step()
         self.done += 1
         if self.done >= self.iterations:
             self.finished, self.why = True, f"{self.iterations} iterations"
-        return [float(loss.detach())]
+        return [float(loss.detach())] if usable else []

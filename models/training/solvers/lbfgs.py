@@ -6,12 +6,15 @@ Choose it by default: cheap iterations, memory for a few gradients.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import torch
 from torch import Tensor, nn
 
-from models.training.problem import Problem
+from models.training.solvers.solver import Minimised
+
+WALL = 1e6  # of the largest loss that is remembered
 
 
 class LBFGS(torch.optim.LBFGS):
@@ -50,10 +53,13 @@ class LBFGS(torch.optim.LBFGS):
         self.patience, self.done = patience, 0
         self.finished, self.why = False, ""
 
-    def solve(self, problem: Problem) -> list[float]:
+    def solve(self, problem: Minimised) -> list[float]:
         """Up to `patience` iterations."""
         recall = _Recall(self, problem)
         accepted = [recall()]
+        if not recall.points:
+            self._finish("the loss is not finite at the start")
+            return []
         for _ in range(min(self.patience, self.iterations - self.done)):
             self.step(recall)
             accepted.append(recall())
@@ -82,11 +88,11 @@ class _Recall:
     one iteration at a time costs no more than many at once.
     """
 
-    def __init__(self, solver: LBFGS, problem: Problem) -> None:
+    def __init__(self, solver: LBFGS, problem: Minimised) -> None:
         self.problem = problem
         self.parameters = [p for group in solver.param_groups for p in group["params"]]
         self.scale = problem.y.numel()
-        self.points: list[tuple[Tensor, float, list[Tensor]]] = []
+        self.points: list[tuple[Tensor, float, list[Tensor]]] = []  # finite ones
 
     def __call__(self) -> float:
         here = torch.cat([p.detach().reshape(-1) for p in self.parameters])
@@ -98,8 +104,19 @@ class _Recall:
         with torch.enable_grad():
             value = self.problem.loss()
             gradients = torch.autograd.grad(self.scale * value, self.parameters)
+        loss = self.scale * float(value.detach())
+        if not (math.isfinite(loss) and all(torch.isfinite(g).all() for g in gradients)):
+            return self._wall()
         for p, slope in zip(self.parameters, gradients, strict=True):
             p.grad = slope
-        loss = self.scale * float(value.detach())
         self.points = [*self.points[-7:], (here, loss, [g.clone() for g in gradients])]
         return loss
+
+    def _wall(self) -> float:
+        """For the line search, a point without finite loss is high and flat: it turns back there.
+
+        Its interpolation would make NaN of NaN.
+        """
+        for p in self.parameters:
+            p.grad = torch.zeros_like(p)
+        return WALL * max((loss for _, loss, _ in self.points), default=1.0)

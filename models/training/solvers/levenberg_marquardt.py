@@ -6,13 +6,16 @@ Choose it for small networks that have to fit closely; an iteration costs N P² 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import torch
 from torch import nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from models.training.problem import Problem
+from models.training.solvers.solver import Minimised
+
+SMALLEST_SHARE = 1e-9  # of the largest diagonal element, for parameters without any effect
 
 
 class LevenbergMarquardt(torch.optim.Optimizer):
@@ -21,6 +24,8 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     μ is multiplied by `decrease` after a step that lowered the loss and by `increase` before
     another try. Stops where μ exceeds `largest`, the gradient's norm falls below `gradient`, or
     `patience` iterations lower the loss by less than the fraction `change`.
+    scaled: μ multiplies the diagonal of JᵀJ instead of I (Marquardt 1963), for parameters that
+    differ in their effect by orders of magnitude.
     every: JᵀJ is summed over every so-many-th sample; the gradient takes all of them.
     """
 
@@ -38,6 +43,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         change: float = 0.0,
         patience: int = 20,
         every: int = 1,
+        scaled: bool = False,
     ) -> None:
         if min(iterations, every, patience) < 1:
             raise ValueError(
@@ -53,26 +59,34 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         self.iterations, self.damping, self.done = iterations, damping, 0
         self.decrease, self.increase, self.largest = decrease, increase, largest
         self.gradient, self.change, self.patience, self.every = gradient, change, patience, every
+        self.scaled = scaled
         self.recent: list[float] = []
         self.finished, self.why = False, ""
 
     @torch.no_grad()
-    def solve(self, problem: Problem) -> list[float]:
+    def solve(self, problem: Minimised) -> list[float]:
         """One iteration."""
         free = [p for group in self.param_groups for p in group["params"]]
         here, loss = parameters_to_vector(free), float(problem.loss())
+        if not math.isfinite(loss):
+            return self._finish("the loss is not finite at the start")
         matrix, vector = problem.normal_equations(self.every)
+        if not (torch.isfinite(matrix).all() and torch.isfinite(vector).all()):
+            return self._finish("the derivatives are not finite")
         if 2.0 * float(torch.linalg.vector_norm(vector)) / problem.y.numel() < self.gradient:
             return self._finish(f"gradient below {self.gradient:g}")
+        scale = torch.ones_like(vector)
+        if self.scaled:
+            scale = matrix.diagonal() + SMALLEST_SHARE * matrix.diagonal().max()
         while self.damping <= self.largest:
             damped = matrix.clone()
-            damped.diagonal().add_(self.damping)
+            damped.diagonal().add_(self.damping * scale)
             factor, failed = torch.linalg.cholesky_ex(damped)
             if not failed:
                 step = torch.cholesky_solve(vector[:, None], factor)[:, 0]
                 vector_to_parameters(here - step, free)
                 tried = float(problem.loss())
-                if tried < loss:
+                if tried < loss:  # which a loss that is NaN never is
                     self.damping *= self.decrease
                     return self._accept(tried)
             self.damping *= self.increase

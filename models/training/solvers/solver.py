@@ -1,10 +1,25 @@
-"""What every solver has."""
+"""What every solver has, and what it is handed."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
-from models.training.problem import Problem
+from torch import Tensor
+
+
+class Minimised(Protocol):
+    """A mean square of N errors, with the normal equations of P parameters."""
+
+    y: Tensor  # what is fitted, N numbers
+    steepest: float  # largest gradient that first-order solvers follow; longer ones are clipped
+
+    def loss(self) -> Tensor:
+        """Mean square of the errors."""
+        ...
+
+    def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
+        """JᵀJ (P, P) and Jᵀe (P,)."""
+        ...
 
 
 class Solver(Protocol):
@@ -14,6 +29,6 @@ class Solver(Protocol):
     finished: bool  # converged, or out of iterations
     why: str  # in words, once finished
 
-    def solve(self, problem: Problem) -> list[float]:
+    def solve(self, problem: Minimised) -> list[float]:
         """Improve the parameters; the loss after each accepted iteration."""
         ...

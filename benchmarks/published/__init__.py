@@ -1,0 +1,1 @@
+"""Published packages on the records of the zoo; `python -m benchmarks.published`."""

@@ -1,0 +1,112 @@
+"""How do published packages do on the zoo's records, in the free run that the zoo is scored by?
+
+    python -m benchmarks.published            # seeds 40–47, 8 records and 1; some hours
+    python -m benchmarks.published --packages sindy --seeds 0 1 --models linear global_mlp
+    python -m benchmarks.published --quick    # 10 s of motion, one record and seed
+
+Every package gets the forces and the measured motion of the same training records, with the
+settings in its file here, and simulates the acceleration of the unseen record from rest. Results
+lie in --output, a file for each fit; a fit that is there is not repeated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from functools import partial
+from itertools import product
+from pathlib import Path
+
+import torch
+from rich.console import Console
+from threadpoolctl import threadpool_limits
+
+from benchmarks.published.measure import (
+    PACKAGES,
+    Case,
+    Result,
+    measure_package,
+    measure_zoo,
+    require,
+    version,
+)
+from benchmarks.published.table import report
+from report.console import composed, one_line_errors, quiet_lightning
+from report.runs import write_json
+
+SYSTEMS = ("bilinear", "polynomial", "bouc_wen")
+
+
+def arguments(given: list[str] | None = None) -> argparse.Namespace:
+    """The command line. Raises ValueError for what would else be found wrong after hours."""
+    about = (__doc__ or "").splitlines()[0]
+    parser = argparse.ArgumentParser("python -m benchmarks.published", description=about)
+    add = parser.add_argument
+    add("--output", type=Path, default=Path("runs/published"), help="folder of the results")
+    add("--packages", nargs="*", default=list(PACKAGES), choices=list(PACKAGES))
+    add("--models", nargs="*", default=["linear"], help="estimators of the zoo, see conf/model")
+    add("--systems", nargs="+", default=list(SYSTEMS), choices=SYSTEMS)
+    add("--records", nargs="+", type=int, default=[8, 1], help="training motions")
+    add("--seeds", nargs="+", type=int, default=list(range(40, 48)))
+    add("--seconds", type=float, default=120.0, help="for the fit of a package")
+    add("--quick", action="store_true", help="10 s of motion, one record, seed 0, 5 s for a fit")
+    options = parser.parse_args(given)
+    options.duration = 50.0  # s, of conf/data/simulated.yaml
+    if options.quick:
+        options.records, options.seeds, options.duration, options.seconds = [1], [0], 10.0, 5.0
+    if not 0.0 < options.seconds < float("inf"):
+        raise ValueError(f"--seconds={options.seconds} must be positive")
+    require(options.packages)
+    for model in options.models:
+        composed(f"model={model}")  # a misspelt one is found now
+    return options
+
+
+def stored(path: Path, settings: Result, measure: Callable[[], Result]) -> Result:
+    """The result in a file, or a new one put there. Raises ValueError for other settings."""
+    if not path.exists():
+        write_json(path, {**settings, **measure()})
+    result: Result = json.loads(path.read_text(encoding="utf-8"))
+    for name, value in settings.items():
+        if result.get(name) != value:
+            raise ValueError(
+                f"{path} was measured with {name}={result.get(name)}, now it is {value}; "
+                "choose another --output"
+            )
+    return result
+
+
+def measured(options: argparse.Namespace, console: Console) -> list[Result]:
+    """All results asked for, case by case."""
+    results = []
+    for chosen in product(options.systems, options.records, options.seeds):
+        case = Case(*chosen, options.duration)
+        for name in (*options.packages, *options.models):
+            label = f"{name}-{case.system}-{case.records}-seed{case.seed}"
+            if name in PACKAGES:
+                of, seconds = version(name), options.seconds
+                measure = partial(measure_package, name, case, seconds)
+            else:
+                of, seconds = "zoo", None
+                measure = partial(measure_zoo, name, case, options.output / "zoo" / label)
+            settings = {"model": name, "version": of, **vars(case), "seconds": seconds}
+            with console.status(label):
+                path = options.output / "results" / f"{label}.json"
+                results.append(stored(path, settings, measure))
+    return results
+
+
+def main() -> None:
+    with one_line_errors("train"):
+        options = arguments()
+        torch.set_num_threads(1)
+        threadpool_limits(1)
+        quiet_lightning()
+        (options.output / "results").mkdir(parents=True, exist_ok=True)
+        console = Console(width=120)
+        report(measured(options, console), options.output, console)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,207 @@
+"""Estimators that are a composition of a linear core and elements, simulated as a whole.
+
+The free run is models/layers/composition.py's: compiled on the processor, with its derivatives;
+in PyTorch where autograd or another device asks for it. It holds at any time step.
+B records, T samples, n DOFs, E elements, P free parameters.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.record import Drive, Record, Response
+from models.estimator import Estimator
+from models.layers.composition import PART, Coefficients, Composition, Part, simulate
+from models.layers.composition_compiled import run
+from models.layers.integrate import between
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A compiled run (…, T, ·): the motion, the elements' forces and deformations, ∂a/∂θ."""
+
+    response: Response
+    forces: Tensor  # (…, T, E) [N]
+    deformations: Tensor  # (…, T, E) [m]
+    jacobian: Tensor  # (…, T, n, P), or P = 0
+
+
+class Composite(Estimator):
+    """Base of the networks of elements. `substeps` divide a sample interval of `dt`.
+
+    prior: weight of Σ θ² beside the squared relative error: what the data do not determine stays
+    where it started, without effect.
+    """
+
+    reads = ("f",)
+    identified: Tensor  # 1 once the parameters have their units, until then NaN
+
+    def __init__(
+        self, dofs: int, inputs: int, dt: float, substeps: int = 2, prior: float = 1e-10
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        if not prior >= 0.0:
+            raise ValueError(f"model.prior={prior} must not be negative")
+        self.prior = prior
+        self.register_buffer("identified", torch.tensor(torch.nan, dtype=torch.float64))
+        if substeps < 1:
+            raise ValueError(f"model.substeps={substeps} must be at least 1")
+        self.substeps = substeps
+
+    def pull(self, last: bool) -> tuple[float, Tensor]:
+        """Weight and deviation (P,) of the free parameters from where they stay without data."""
+        learned = [
+            c for c in self.modules() if isinstance(c, Coefficients) and c.theta.requires_grad
+        ]
+        return self.prior, torch.cat([c.deviation(last).reshape(-1) for c in learned])
+
+    def composition(self) -> Composition:
+        """Coefficients at the present parameters."""
+        raise NotImplementedError
+
+    def forward(self, record: Record) -> Tensor:
+        """One step ahead of the measured x and v; where there are none, a free run.
+
+        The memory of hysteretic units follows the measured deformation.
+        """
+        self.check(record)
+        return self.restarted_run(record, 1 if record.x is not None else None)
+
+    def free_run(self, drive: Drive) -> Response:
+        self.check_drive(drive)
+        self.require_identified(self.identified)
+        differentiated = torch.is_grad_enabled() and any(p.requires_grad for p in self.parameters())
+        if drive.u.device.type != "cpu" or differentiated:
+            return simulate(self.composition(), drive, self._substeps(drive.dt))
+        return self.trace(drive).response
+
+    def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
+        """Begun anew from x and v only: the units' memory goes on, so it needs no warm-up."""
+        if record.a.device.type != "cpu":
+            return super().restarted_run(record, horizon, warmup)
+        free = [p for p in self.parameters() if p.requires_grad]
+        if torch.is_grad_enabled() and free:
+            return _Restarted.apply(self, record, horizon, *free)
+        return self.trace(record.drive(), _anchors(record, horizon), horizon or 0).response.a
+
+    def restarted_jacobian(
+        self, record: Record, horizon: int | None, warmup: int = 0
+    ) -> Tensor | None:
+        if record.a.device.type != "cpu":
+            return None
+        anchors = _anchors(record, horizon)
+        return self.trace(record.drive(), anchors, horizon or 0, derivatives=True).jacobian
+
+    def element_loops(self, drive: Drive) -> tuple[Tensor, Tensor]:
+        """Deformations [m] and restoring forces [N] (…, T, E) of the elements in a free run."""
+        trace = self.trace(drive)
+        return trace.deformations, trace.forces
+
+    @torch.no_grad()
+    def trace(
+        self,
+        drive: Drive,
+        anchors: Tensor | None = None,
+        every: int = 0,
+        derivatives: bool = False,
+    ) -> Trace:
+        """A compiled run, begun anew from `anchors` (…, 2, T, n) every so many samples."""
+        self.require_identified(self.identified)
+        it = self.composition()
+        lead = drive.u.shape[:-2]
+        u = drive.u.reshape(-1, *drive.u.shape[-2:])
+        fine = between(drive.u, drive.hold, self._substeps(drive.dt)).reshape(len(u), *_fine(drive))
+        starts = torch.stack([drive.x0, drive.v0], dim=-2).expand(*lead, 2, -1)
+        starts = starts.reshape(len(u), 2, -1)
+        measured = (
+            starts[:, :, None, :] if anchors is None else anchors.reshape(-1, *anchors.shape[-3:])
+        )
+        P = it.parameters if derivatives else 0
+        shapes = [(self.dofs,)] * 3 + [(it.laws.value.shape[0],)] * 2 + [(self.dofs, P)]
+        out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
+        arrays = _arrays(it)
+        back = np.ascontiguousarray(np.linalg.pinv(arrays["outputs"][0]))
+
+        def one(i: int) -> None:
+            run(
+                *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
+                drive.dt, every, np.ascontiguousarray(measured[i].numpy()), back,
+                *arrays["core"], *arrays["inputs"], *arrays["G"], *arrays["D"],
+                np.ascontiguousarray(it.supports.numpy()), *arrays["laws"], it.counts,
+                *arrays["outputs"], P, *(signal[i].numpy() for signal in out),
+            )  # fmt: skip
+
+        if len(u) > 1 and torch.get_num_threads() > 1:
+            with ThreadPoolExecutor(torch.get_num_threads()) as pool:
+                list(pool.map(one, range(len(u))))
+        else:
+            for i in range(len(u)):
+                one(i)
+        out = [signal.reshape(*lead, *signal.shape[1:]) for signal in out]
+        return Trace(Response(*out[:3]), *out[3:])
+
+    def check(self, record: Record) -> None:
+        super().check(replace(record, dt=self.dt))  # any time step will do
+
+    def check_drive(self, drive: Drive) -> None:
+        super().check_drive(replace(drive, dt=self.dt))
+
+    def _substeps(self, dt: float) -> int:
+        """As many as keep their length."""
+        return max(1, round(self.substeps * dt / self.dt))
+
+
+class _Restarted(torch.autograd.Function):
+    """The compiled run and its derivatives, as autograd wants them."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, model: Composite, record: Record, horizon: int | None, *free: Tensor
+    ) -> Tensor:
+        anchors = _anchors(record, horizon)
+        trace = model.trace(record.drive(), anchors, horizon or 0, derivatives=True)
+        ctx.save_for_backward(trace.jacobian)
+        ctx.shapes = [p.shape for p in free]
+        return trace.response.a
+
+    @staticmethod
+    def backward(ctx: Any, slope: Tensor) -> Any:
+        (jacobian,) = ctx.saved_tensors
+        flat = slope.reshape(-1) @ jacobian.flatten(0, -2)
+        parts = flat.split([shape.numel() for shape in ctx.shapes])
+        return (None, None, None, *(p.view(s) for p, s in zip(parts, ctx.shapes, strict=True)))
+
+
+def _fine(drive: Drive) -> tuple[int, int, int]:
+    return drive.samples - 1, -1, drive.u.shape[-1]
+
+
+def _anchors(record: Record, horizon: int | None) -> Tensor | None:
+    """Measured x and v (…, 2, T, n); the first is where the record begins."""
+    if horizon is None:
+        return None
+    if record.x is None or record.v is None:
+        raise ValueError(
+            "runs begin anew at measured x and v, which the record lacks; integrate "
+            "(scenario=integrated), or set objective.horizons=[null]"
+        )
+    drive, anchors = record.drive(), torch.stack([record.x, record.v], dim=-3).clone()
+    anchors[..., 0, 0, :], anchors[..., 1, 0, :] = drive.x0, drive.v0
+    return anchors
+
+
+def _arrays(it: Composition) -> dict[str, tuple[np.ndarray, ...]]:
+    """Values, numbers and slopes of every part, as the compiled run takes them."""
+    parts: dict[str, Part] = {
+        name: getattr(it, name) for name in ("core", "inputs", "G", "D", "laws", "outputs")
+    }
+    return {
+        name: tuple(np.ascontiguousarray(getattr(p, key).numpy()) for key in PART)
+        for name, p in parts.items()
+    }

@@ -1,0 +1,201 @@
+"""Element network: a learned element between every two DOFs and from every DOF to ground.
+
+M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law(y_e, ẏ_e, z_e)        (models/layers/composition.py)
+
+The laws hold a linear spring and damper, a cubic spring, hinges (or odd tanhs), hysteretic units.
+With hinges they contain bilinear, limited-slip, cubic and Bouc–Wen elements: on structures made of
+those the identification is parametric. The tanhs contain none of the springs with corners.
+B records, T samples, n DOFs, E elements, m excitations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+
+import torch
+from torch import Tensor
+
+from data.record import Record
+from models.composite import Composite
+from models.layers.composition import Coefficients, Composition, ElementLaws, Numbering, Part
+from models.layers.state_variables import corner_frequency, state_variables
+
+SOFTEST = 0.05  # of the median stiffness: what an element starts with at least
+
+
+class ElementNetwork(Composite):
+    """Masses and elements from the motion; from accelerations and forces alone where need be.
+
+    elements: None for all n(n + 1)/2 pairs of DOFs and ground, or the pairs where the topology is
+    known, such as [[ground, x1], [x1, x2]].  masses [kg]: None learns them.  forced: numbers of the
+    DOFs that carry the forces, None for all of them.  Where supports move (as many as there are
+    pairs of channels left), every DOF has an element to each instead of to ground.
+    hinges, tanhs, units: in each law; cubic: a cubic spring too.
+    from_accelerations: x and v are not looked at, even where they are there.
+    """
+
+    mass_known: bool
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        elements: Sequence[Sequence[str]] | None = None,
+        masses: Sequence[float] | None = None,
+        forced: Sequence[int] | None = None,
+        hinges: int = 2,
+        tanhs: int = 0,
+        units: int = 2,
+        cubic: bool = True,
+        substeps: int = 2,
+        from_accelerations: bool = False,
+        prior: float = 1e-10,
+    ) -> None:
+        super().__init__(dofs, inputs, dt, substeps, prior)
+        if forced is None:
+            forced = range(1, min(dofs, inputs) + 1) if inputs >= dofs else []
+        self.forced = [number - 1 for number in forced]
+        supports, rest = divmod(inputs - len(self.forced), 2)
+        if rest or supports < 0 or not all(0 <= dof < dofs for dof in self.forced):
+            raise ValueError(
+                f"model.forced={list(forced)} does not fit {dofs} DOFs and {inputs} channels of "
+                "excitation: forces first, then displacement and velocity of every support; list "
+                "the DOFs that carry the forces"
+            )
+        if masses is not None and (len(masses) != dofs or min(masses) <= 0.0):
+            raise ValueError(f"model.masses={list(masses)}: expected {dofs} positive masses in kg")
+        self.supports, self.from_accelerations = supports, from_accelerations
+        self.elements = self._pairs() if elements is None else [list(pair) for pair in elements]
+        B, B_s = self._incidence()
+        self.register_buffer("B", B, persistent=False)  # (E, n)
+        self.register_buffer("B_s", B_s, persistent=False)  # (E, p)
+        self.mass = Coefficients(dofs, positive=True, learned=masses is None)
+        self.known_masses = None if masses is None else torch.tensor(masses).double()
+        self.laws = ElementLaws(len(self.elements), hinges, tanhs, units, cubic)
+
+    B: Tensor
+    B_s: Tensor
+
+    def composition(self) -> Composition:
+        numbering, device = Numbering(self), self.B.device
+        mass = numbering.part(self.mass)
+        inverse, number = 1.0 / mass.value, mass.index
+        slope = -mass.slope / mass.value.detach() ** 2
+        G = Part(  # M⁻¹ Bᵀ (n, E)
+            self.B.T * inverse[:, None],
+            torch.where(self.B.T != 0.0, number[:, None], -1),
+            self.B.T * slope[:, None],
+        )
+        place = torch.zeros(self.dofs, self.inputs, dtype=self.B.dtype, device=device)
+        place[self.forced, torch.arange(len(self.forced))] = 1.0
+        inputs = Part(
+            place * inverse[:, None],
+            torch.where(place != 0.0, number[:, None], -1),
+            place * slope[:, None],
+        )
+        supports = self.B.new_zeros(2, len(self.elements), self.inputs)
+        first = len(self.forced)
+        supports[0, :, first : first + self.supports] = self.B_s
+        supports[1, :, first + self.supports :] = self.B_s
+        return Composition(
+            core=Part.fixed(self.B.new_zeros(2, self.dofs)),
+            inputs=inputs,
+            G=G,
+            D=Part.fixed(self.B),
+            laws=self.laws.table(numbering),
+            outputs=Part.fixed(torch.eye(self.dofs, dtype=self.B.dtype, device=device)),
+            supports=supports,
+            counts=self.laws.counts,
+            parameters=numbering.count,
+        )
+
+    @torch.no_grad()
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        """Masses, springs and dampers of the linear structure by least squares; units of θ.
+
+        Without x and v the equation of motion is solved for filtered signals (Young 1981).
+        """
+        n, E = self.dofs, len(self.elements)
+        rows, targets, largest = [], [], []
+        for record in batches:
+            self.check(record)
+            for x, v, a, u in self._states(record):
+                force = torch.zeros_like(a)
+                force[:, self.forced] = u[:, : len(self.forced)]
+                s, s_dot = u[:, len(self.forced) :].chunk(2, dim=1)
+                y, rate = x @ self.B.T + s @ self.B_s.T, v @ self.B.T + s_dot @ self.B_s.T
+                inertia = torch.diag_embed(a)  # (T, n, n)
+                springs, dampers = self.B.T * y[:, None, :], self.B.T * rate[:, None, :]
+                rows.append(torch.cat([inertia, springs, dampers], dim=2).flatten(0, 1))
+                targets.append(force.flatten())
+                largest.append(y.abs().amax(dim=0))
+        unknown, target = torch.cat(rows), torch.cat(targets)
+        known = self.known_masses
+        if known is None and not self.forced:
+            known = target.new_ones(1)  # of x1: support motion leaves the scale open
+        count = 0 if known is None else len(known)
+        if known is not None:
+            target = target - unknown[:, :count] @ known
+        found = torch.linalg.lstsq(unknown[:, count:], target[:, None], driver="gelsd").solution
+        solution = found[:, 0] if known is None else torch.cat([known, found[:, 0]])
+        mass, stiffness, damping = solution.split([n, E, E])
+        if not (mass > 0.0).all() or not (stiffness > 0.0).any():
+            raise ValueError(
+                f"the motion gives masses {mass.tolist()} kg and stiffnesses {stiffness.tolist()} "
+                "N/m; positive ones are expected: check the signs and units of the signals"
+            )
+        typical = stiffness[stiffness > 0.0].median()
+        self.mass.start(mass)
+        self.linear = (
+            stiffness.clamp_min(SOFTEST * typical),
+            damping.clamp_min(0.1 * damping.abs().median()),
+            torch.stack(largest).amax(dim=0),
+        )
+        self.laws.start(*self.linear, (0.5, 0.5))
+        self.identified.fill_(1.0)
+        return {"linear_stiffness": float(typical)}
+
+    def restart(self, generator: torch.Generator) -> None:
+        """Springs and dampers as identified, hinges and limits spread anew."""
+        self.require_identified(self.identified)
+        places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
+        self.laws.start(*self.linear, places)
+
+    def _states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
+        """x, v, a, u (T, ·) of each record, filtered alike where they come from a alone."""
+        counted = slice(record.warmup, None)
+        a = record.a.reshape(-1, *record.a.shape[-2:])
+        u = record.excitation.reshape(len(a), record.samples, -1)
+        for i in range(len(a)):
+            if not self.from_accelerations and record.x is not None and record.v is not None:
+                x, v = record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i]
+                yield x[counted], v[counted], a[i][counted], u[i][counted]
+            else:
+                corner = corner_frequency(a[i], record.dt)
+                x, v, filtered = state_variables(a[i], corner, record.dt)
+                yield x, v, filtered, state_variables(u[i], corner, record.dt)[2]
+
+    def _pairs(self) -> list[list[str]]:
+        """Every DOF with ground or each moving support, then every two DOFs."""
+        names = [f"x{i + 1}" for i in range(self.dofs)]
+        fixed = [f"s{j + 1}" for j in range(self.supports)] or ["ground"]
+        pairs = [[node, name] for name in names for node in fixed]
+        return pairs + [list(pair) for pair in combinations(names, 2)]
+
+    def _incidence(self) -> tuple[Tensor, ...]:
+        """B (E, n) and B_s (E, p) of y = B x + B_s s."""
+        names = [f"x{i + 1}" for i in range(self.dofs)]
+        names += [f"s{j + 1}" for j in range(self.supports)]
+        full = torch.zeros(len(self.elements), len(names), dtype=torch.float64)
+        for e, pair in enumerate(self.elements):
+            if len(pair) != 2 or pair[0] == pair[1] or not set(pair) <= {*names, "ground"}:
+                raise ValueError(
+                    f"model.elements holds {list(pair)}: expected two different ones of "
+                    f"{', '.join(names)} and ground"
+                )
+            for node, sign in zip(pair, (-1.0, 1.0), strict=True):
+                if node != "ground":
+                    full[e, names.index(node)] += sign
+        return full.split([self.dofs, self.supports], dim=1)

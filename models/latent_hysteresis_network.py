@@ -1,0 +1,132 @@
+"""Latent hysteresis network: no topology; directions of deformation and their laws are learned.
+
+q̈ = −ω² q − 2ζω q̇ + Γ u − Dᵀ r(y, ẏ, z),   y = D q,   x = Φ q       (models/layers/composition.py)
+
+The linear core is modal, its damping positive by construction. Elements act along the directions
+along which they are deformed (reciprocity), so that units with positive stiffness take up energy.
+B records, T samples, n DOFs and modes, E elements, m excitations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+
+from data.record import Record
+from models.composite import Composite
+from models.layers.composition import Coefficients, Composition, ElementLaws, Numbering, Part
+from models.linear import EquivalentLinear
+
+SMALLEST_DAMPING = 1e-3  # 2ζ of a mode at the start
+SHARE = 0.5  # of the modal damping that elements have at the start, where it is least
+
+
+class LatentHysteresisNetwork(Composite):
+    """Modes from the equivalent linear system, then `elements` laws in directions of their own.
+
+    hinges, tanhs, units: in each law; cubic: a cubic spring too. Needs x and v in training.
+    """
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        elements: int = 8,
+        hinges: int = 2,
+        tanhs: int = 0,
+        units: int = 2,
+        cubic: bool = True,
+        substeps: int = 2,
+        prior: float = 1e-10,
+    ) -> None:
+        super().__init__(dofs, inputs, dt, substeps, prior)
+        if elements < 1:
+            raise ValueError(f"model.elements={elements} must be at least 1")
+        self.stiffness = Coefficients(dofs, positive=True)  # ω²
+        self.damping = Coefficients(dofs, positive=True)  # 2ζω
+        self.inputs_to = Coefficients(dofs, inputs)  # Γ
+        self.directions = Coefficients(elements, dofs)  # D
+        self.shapes = Coefficients(dofs, dofs)  # Φ
+        self.laws = ElementLaws(elements, hinges, tanhs, units, cubic, springs=False)
+
+    def composition(self) -> Composition:
+        numbering = Numbering(self)
+        D = numbering.part(self.directions)
+        E = D.value.shape[0]
+        return Composition(
+            core=Part.stack([numbering.part(self.stiffness), numbering.part(self.damping)], dim=0),
+            inputs=numbering.part(self.inputs_to),
+            G=D.map(lambda t: t.T),
+            D=D,
+            laws=self.laws.table(numbering),
+            outputs=numbering.part(self.shapes),
+            supports=D.value.new_zeros(2, E, self.inputs),
+            counts=self.laws.counts,
+            parameters=numbering.count,
+        )
+
+    @torch.no_grad()
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        """Modes, damping and inputs of the equivalent linear system (Eq. 8); units of θ."""
+        linear = EquivalentLinear(self.dofs, self.inputs, self.dt)
+        found = linear.identify(batches)
+        damping, stiffness, inputs = linear.matrices()
+        mass = self._mass(inputs)
+        spring = _symmetric(mass @ stiffness)
+        root = torch.linalg.cholesky(mass)
+        half = torch.linalg.solve(root, torch.linalg.solve(root, spring).T)
+        squares, turned = torch.linalg.eigh(_symmetric(half))
+        if not squares[0] > 0.0:
+            raise ValueError(
+                f"the equivalent linear system has ω² = {squares.tolist()} 1/s²; positive ones are "
+                "expected: check the signs and units of the signals"
+            )
+        shapes = torch.linalg.solve(root.T, turned)  # Φᵀ M Φ = I
+        modal_damping = (shapes.T @ mass @ damping @ shapes).diagonal()
+        self.stiffness.start(squares)
+        self.modal_damping = modal_damping.clamp_min(SMALLEST_DAMPING * squares.sqrt())
+        _start_at(self.inputs_to, torch.linalg.solve(shapes, inputs))
+        _start_at(self.shapes, shapes)
+        self.typical = spring.diagonal().mean() / self.dofs  # of an element's stiffness [N/m]
+        self.moved = torch.cat([r.x.reshape(-1, self.dofs) for r in batches if r.x is not None])
+        self.identified.fill_(1.0)
+        self.restart(torch.Generator().manual_seed(0))
+        return found
+
+    @torch.no_grad()
+    def restart(self, generator: torch.Generator) -> None:
+        """Directions anew, as differences of displacements: random and of unit length."""
+        self.require_identified(self.identified)
+        E, shapes = self.directions.theta.shape[0], self.shapes()
+        drawn = torch.randn(E, self.dofs, generator=generator, dtype=torch.float64)
+        drawn = (drawn / torch.linalg.vector_norm(drawn, dim=1, keepdim=True)).to(shapes.device)
+        _start_at(self.directions, drawn @ shapes)
+        largest = (self.moved @ drawn.T).abs().amax(dim=0)
+        places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
+        each = self.typical.expand(E)
+        turned = (self.directions() ** 2).sum(dim=0)  # of a unit damper in each element
+        damper = SHARE * float((self.modal_damping / turned).min())
+        self.damping.start(self.modal_damping - damper * turned)
+        self.laws.start(each, torch.full_like(each, damper), largest, places)
+        self.laws.stiffness.start(torch.zeros_like(each))
+
+    def _mass(self, inputs: Tensor) -> Tensor:
+        """Mass matrix (n, n) where every DOF has its force; else a unit one."""
+        if self.inputs == self.dofs:
+            mass = _symmetric(torch.linalg.inv(inputs))
+            if (torch.linalg.eigvalsh(mass) > 0.0).all():
+                return mass
+        return torch.eye(self.dofs, dtype=inputs.dtype, device=inputs.device)
+
+
+def _symmetric(matrix: Tensor) -> Tensor:
+    return 0.5 * (matrix + matrix.T)
+
+
+def _start_at(coefficients: Coefficients, value: Tensor) -> None:
+    """θ of the order of one: the unit is the typical size of all values."""
+    size = value.square().mean().sqrt()
+    coefficients.start(size.expand_as(value), value / size)

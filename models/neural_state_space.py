@@ -1,0 +1,211 @@
+"""Neural state space: a linear system with a small network beside it, in a latent state.
+
+z[k+1] = A z[k] + B w[k] + W₂ tanh(W₁ [z[k], w[k]] + b₁),    w[k] = [u[k], u[k+1]]
+ẍ[k]   = C z[k] + D u[k] + V₂ tanh(V₁ [z[k], u[k]] + c₁)
+z = [x, ẋ, q] in units of their RMS; the memory q begins as an encoder makes it of the last measured
+samples, or of nothing at rest. Suykens et al. (1995); encoder: Beintema et al. (2021).
+T samples, n DOFs, m excitations, r memory states.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor, nn
+
+from data.record import Drive, Record, Response
+from models.estimator import Estimator, windows_of
+from models.layers.integrate import between
+from models.layers.sensitivity import trajectory
+from models.linear import EquivalentLinear
+
+START = 0.01  # of a Glorot start: the network begins as a small addition to the linear system
+SLOWEST, FASTEST = 5.0, 0.05  # time constants of the memory at the start [s]
+
+
+class LinearWithNetwork(nn.Module):
+    """L [z, w] + W₂ tanh(W₁ [z, w] + b₁) + b₂; θ = (L, W₁, b₁, W₂, b₂)."""
+
+    def __init__(self, inputs: int, hidden: int, outputs: int) -> None:
+        super().__init__()
+        double = torch.float64
+        self.linear = nn.Linear(inputs, outputs, bias=False, dtype=double)
+        self.inner = nn.Linear(inputs, hidden, dtype=double)
+        self.outer = nn.Linear(hidden, outputs, dtype=double)
+        self.draw(None)
+
+    @torch.no_grad()
+    def draw(self, generator: torch.Generator | None) -> None:
+        for layer, size in (self.inner, 1.0), (self.outer, START):
+            drawn = torch.empty(layer.weight.shape, dtype=torch.float64)
+            layer.weight.copy_(size * nn.init.xavier_uniform_(drawn, generator=generator))
+            layer.bias.zero_()
+
+    def theta(self) -> tuple[Tensor, ...]:
+        inner, outer = self.inner, self.outer
+        return self.linear.weight, inner.weight, inner.bias, outer.weight, outer.bias
+
+    def forward(self, z: Tensor, w: Tensor) -> Tensor:
+        return LatentStep()(z, w, *self.theta())
+
+
+class LatentStep:
+    """The same as a step in time."""
+
+    def __call__(self, z: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
+        linear, inner, bias, outer, shift = theta
+        both = torch.cat([z, w], dim=-1)
+        return both @ linear.T + torch.tanh(both @ inner.T + bias) @ outer.T + shift
+
+    def run(self, first: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
+        """What w contributes is added up for all samples at once."""
+        linear, inner, bias, outer, shift = theta
+        q = first.shape[-1]
+        A, B = linear.T[:q], linear.T[q:]
+        W, driven = inner.T[:q], inner.T[q:]
+        z, history = first, [first]
+        for moved, sum_in in zip(
+            (w @ B + shift).unbind(), (w @ driven + bias).unbind(), strict=True
+        ):
+            z = torch.addmm(torch.addmm(moved, z, A), torch.addmm(sum_in, z, W).tanh(), outer.T)
+            history.append(z)
+        return torch.stack(history)
+
+
+class NeuralStateSpace(Estimator):
+    """Starts as the equivalent linear system; its one-step estimate is its free run.
+
+    memory: r states beyond x and ẋ; hidden: neurons of each of the two networks; past: samples
+    that the encoder reads. Train it on objective=free_run.
+    """
+
+    reads = ("f",)
+    sizes: Tensor
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        memory: int = 3,
+        hidden: int = 10,
+        past: int = 20,
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        if min(memory, hidden, past) < 1:
+            raise ValueError(f"memory={memory}, hidden={hidden}, past={past}: expected at least 1")
+        states = 2 * dofs + memory
+        self.memory, self.past = memory, past
+        self.step = LinearWithNetwork(states + 2 * inputs, hidden, states)
+        self.output = LinearWithNetwork(states + inputs, hidden, dofs)
+        self.encoder = nn.Linear(
+            past * (2 * dofs + inputs), memory, bias=False, dtype=torch.float64
+        )
+        nn.init.zeros_(self.encoder.weight)
+        empty = torch.full((3 * dofs + inputs,), torch.nan, dtype=torch.float64)
+        self.register_buffer("sizes", empty)  # RMS of x, ẋ, u, ẍ
+
+    @torch.no_grad()
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        """Scaling, and the equivalent linear system as the start of A, B, C and D."""
+        n, m = self.dofs, self.inputs
+        linear = EquivalentLinear(n, m, self.dt).to(self.sizes.device)
+        solution = linear.identify(batches)
+        squares, count = torch.zeros_like(self.sizes), 0
+        for record in batches:
+            all_signals = torch.cat([_state(record), record.excitation, record.a], dim=-1)
+            squares += all_signals.flatten(0, -2).square().sum(dim=0)
+            count += all_signals[..., 0].numel()
+        size = (squares / count).sqrt()
+        self.sizes.copy_(torch.where(size > 0.0, size, 1.0))
+        of_state, of_u, of_a = self.sizes.split([2 * n, m, n])
+        hold = "zero_order" if record.hold == "zero_order" else "linear"
+        exact = torch.cat(linear._exact_step(hold))  # rows: x, ẋ, u[k], u[k+1]
+        rows = torch.cat([of_state, of_u, of_u])[:, None]
+        self._start_step(rows * exact / of_state)
+        velocity, displacement, force = linear.weights.split([n, n, m])
+        rows = torch.cat([of_state, of_u])[:, None]
+        weights = rows * torch.cat([displacement, velocity, force]) / of_a
+        self.output.linear.weight.zero_()
+        self.output.linear.weight[:, : 2 * n] = weights[: 2 * n].T
+        self.output.linear.weight[:, 2 * n + self.memory :] = weights[2 * n :].T
+        return solution
+
+    def _start_step(self, exact: Tensor) -> None:
+        """The memory starts as low-pass filters of the motion, fast and slow, that nobody reads."""
+        n = self.dofs
+        weight = self.step.linear.weight  # (2n + r, 2n + r + 2m)
+        mixture = weight[2 * n :, : 2 * n].sign() / (2.0 * n) ** 0.5
+        weight.zero_()
+        weight[: 2 * n, : 2 * n] = exact[: 2 * n].T
+        weight[: 2 * n, 2 * n + self.memory :] = exact[2 * n :].T
+        for i, share in enumerate(torch.linspace(0.0, 1.0, self.memory).tolist()):
+            constant = SLOWEST * (FASTEST / SLOWEST) ** share
+            kept = math.exp(-self.dt / constant)
+            weight[2 * n + i, 2 * n + i] = kept
+            weight[2 * n + i, : 2 * n] = (1.0 - kept) * mixture[i]
+
+    def restart(self, generator: torch.Generator) -> None:
+        """Draw the networks anew; the linear system stays."""
+        self.step.draw(generator)
+        self.output.draw(generator)
+
+    def forward(self, record: Record) -> Tensor:
+        self.check(record)
+        return self.free_run(record.drive()).a
+
+    def free_run(self, drive: Drive) -> Response:
+        """Before the first sample there was rest, as far as the encoder knows."""
+        self.check_drive(drive)
+        now = torch.cat([drive.x0, drive.v0, drive.u[..., 0, :]], dim=-1)[..., None, :]
+        before = now.new_zeros(*now.shape[:-2], self.past - 1, now.shape[-1])
+        return self._simulated(drive, torch.cat([before, now], dim=-2))
+
+    def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
+        """The encoder reads the measured samples before each window."""
+        if horizon is None or horizon >= record.samples:
+            return self.free_run(record.drive()).a
+        drive, which, place = windows_of(record, horizon, warmup)
+        past = self._past(record, horizon, warmup)
+        return self._simulated(drive, past).a[..., which, place, :]
+
+    def _past(self, record: Record, horizon: int, warmup: int) -> Tensor:
+        """[x, ẋ, u] (…, windows, past, 2n + m) up to the first sample of every window."""
+        starts = torch.arange(0, record.samples, horizon, device=record.a.device) - warmup
+        signals = torch.cat([_state(record), record.excitation], dim=-1)
+        padded = torch.nn.functional.pad(signals, (0, 0, self.past - 1, 0))
+        reach = torch.arange(self.past, device=record.a.device)
+        return padded[..., starts.clamp_min(0)[:, None] + reach, :]
+
+    def _simulated(self, drive: Drive, past: Tensor) -> Response:
+        z0, w, u = self._scaled(drive, past)
+        z = trajectory(LatentStep(), z0, w, *self.step.theta())  # (T, B, q)
+        a = self.output(z, u) * self.sizes[-self.dofs :]
+        state = z[..., : 2 * self.dofs] * self.sizes[: 2 * self.dofs]
+        shape = drive.u.shape[:-1]
+        x, v = state.transpose(0, 1).reshape(*shape, -1).chunk(2, dim=-1)
+        return Response(x, v, a.transpose(0, 1).reshape(*shape, -1))
+
+    def _scaled(self, drive: Drive, past: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """z[0] (B, q), w (T − 1, B, 2m) and u (T, B, m) of B runs."""
+        self.require_identified(self.sizes)
+        of_state, of_u, _ = self.sizes.split([2 * self.dofs, self.inputs, self.dofs])
+        state = torch.cat([drive.x0, drive.v0], dim=-1).reshape(-1, 2 * self.dofs) / of_state
+        past = past / torch.cat([of_state, of_u])
+        q = self.encoder(past.flatten(-2)).reshape(len(state), self.memory)
+        last = between(drive.u, drive.hold, 1).squeeze(-2)
+        w = torch.cat([drive.u[..., :-1, :] / of_u, last / of_u], dim=-1)
+        w = w.reshape(len(q), drive.samples - 1, 2 * self.inputs)
+        u = (drive.u / of_u).reshape(len(q), -1, self.inputs)
+        return torch.cat([state, q], dim=-1), w.transpose(0, 1), u.transpose(0, 1)
+
+
+def _state(record: Record) -> Tensor:
+    if record.x is None or record.v is None:
+        raise ValueError(
+            "a neural state space is identified from x and v, which the record lacks; measure them "
+            "or integrate (scenario=integrated)"
+        )
+    return torch.cat([record.x, record.v], dim=-1)

@@ -1,0 +1,127 @@
+"""Recurrent networks from excitation to motion: gated recurrent units and long short-term memory.
+
+h[0−] = W₀ [x₀, v₀] + b₀,   h[k] = cell(h[k−1], u[k]),   [ẍ, x, ẋ][k] = W [h[k], u[k]] + b
+Cho et al. (2014), Hochreiter & Schmidhuber (1997).  T samples, n DOFs, m excitations, H neurons.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor, nn
+
+from data.record import Drive, Record, Response
+from models.estimator import Estimator
+from models.layers.scaling import Extents
+
+CELLS = {"gru": nn.GRU, "lstm": nn.LSTM}
+
+
+class Recurrent(Estimator):
+    """A simulation and nothing else: its one-step estimate is its free run.
+
+    It never reads a measured acceleration, and of x and v only the initial state; the measured
+    motion is what it is trained on: ẍ, and x and ẋ where there are any. Otherwise the free run
+    integrates ẍ. cell: gru or lstm; hidden: H; layers: cells on top of each other.
+    """
+
+    reads = ("f",)
+    signals: Tensor
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        cell: str = "gru",
+        hidden: int = 32,
+        layers: int = 1,
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        if cell not in CELLS or hidden < 1 or layers < 1:
+            raise ValueError(
+                f"cell={cell!r}, hidden={hidden}, layers={layers}: expected "
+                f"{' or '.join(CELLS)}, and at least 1"
+            )
+        double = torch.float64
+        self.cells = CELLS[cell](inputs, hidden, layers, batch_first=True, dtype=double)
+        self.states = 2 if cell == "lstm" else 1
+        self.begin = nn.Linear(2 * dofs, self.states * layers * hidden, dtype=double)
+        self.head = nn.Linear(hidden + inputs, 3 * dofs, dtype=double)
+        self.input_scale, self.state_scale = Extents(inputs), Extents(2 * dofs)
+        self.register_buffer("signals", torch.full((3, dofs), torch.nan, dtype=double))  # RMS
+
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        """The scaling; the weights are the solver's."""
+        records = list(batches)
+        self.input_scale.fit(r.excitation for r in records)
+        motions = [_motion(r) for r in records]
+        if motions[0].shape[-1] == 3 * self.dofs:
+            self.state_scale.fit(motion[..., self.dofs :] for motion in motions)
+        flat = torch.cat([motion.flatten(0, -2) for motion in motions])
+        size = flat.square().mean(dim=0).sqrt().view(-1, self.dofs)
+        self.signals.copy_(torch.where(size > 0.0, size, 1.0).new_zeros(3, self.dofs))
+        self.signals[: len(size)] = torch.where(size > 0.0, size, 1.0)
+        return {}
+
+    def forward(self, record: Record) -> Tensor:
+        self.check(record)
+        return self._motion(record.drive())[..., : self.dofs]
+
+    def regression(self, record: Record) -> tuple[nn.Module, Record, Tensor]:
+        """All measured signals together, each in the acceleration's measure of its DOF."""
+        self.check(record)
+        module = _AllSignals(self)
+        return module, record, module.alike(_motion(record))
+
+    def free_run(self, drive: Drive) -> Response:
+        self.check_drive(drive)
+        a, x, v = self._motion(drive).split(self.dofs, dim=-1)
+        if not self.signals[1:].any():  # trained on accelerations alone
+            v = _integral(a, drive.v0, drive.dt)
+            x = _integral(v, drive.x0, drive.dt)
+        return Response(x, v, a)
+
+    def _motion(self, drive: Drive) -> Tensor:
+        """[ẍ, x, ẋ] (…, T, 3n)."""
+        self.require_identified(self.signals)
+        shape = drive.u.shape[:-2]
+        u = self.input_scale(drive.u).reshape(-1, *drive.u.shape[-2:])  # (B, T, m)
+        first = self.state_scale(torch.cat([drive.x0, drive.v0], dim=-1)).reshape(len(u), -1)
+        h = self.begin(first).view(len(u), self.states, -1, self.cells.hidden_size)
+        parts = tuple(h.permute(1, 2, 0, 3).contiguous())  # each (layers, B, H)
+        hidden, _ = self.cells(u, parts if self.states == 2 else parts[0])
+        motion = self.head(torch.cat([hidden, u], dim=-1)) * self.signals.flatten()
+        return motion.view(*shape, *motion.shape[-2:])
+
+
+class _AllSignals(nn.Module):
+    """Record → [ẍ, x, ẋ] (…, T, 3n) [m/s²], or ẍ alone where x and v are not measured."""
+
+    def __init__(self, estimator: Recurrent) -> None:
+        super().__init__()
+        self.estimator = estimator
+
+    def forward(self, record: Record) -> Tensor:
+        return self.alike(self.estimator._motion(record.drive()))
+
+    def alike(self, motion: Tensor) -> Tensor:
+        """Signals in the acceleration's measure of their DOF: mean(e²) is the mean over them."""
+        sizes = self.estimator.signals
+        counted = sizes[sizes.any(dim=1)]
+        scale = (counted[0] / counted).flatten()
+        return motion[..., : len(scale)] * scale
+
+
+def _motion(record: Record) -> Tensor:
+    """The measured [ẍ, x, ẋ] (…, T, 3n), or ẍ alone."""
+    if record.x is None or record.v is None:
+        return record.a
+    return torch.cat([record.a, record.x, record.v], dim=-1)
+
+
+def _integral(u: Tensor, first: Tensor, dt: float) -> Tensor:
+    """∫ u dt (…, T, n) by trapezoids, from `first` (…, n)."""
+    rise = torch.cumsum(0.5 * dt * (u[..., 1:, :] + u[..., :-1, :]), dim=-2)
+    return first[..., None, :] + torch.nn.functional.pad(rise, (0, 0, 1, 0))

@@ -1,0 +1,154 @@
+"""What a solver minimises, stage by stage: the error of estimates, or of a simulation.
+
+`OneStep` trains on estimates from measured states, `FreeRun` on a run that lives on its own. A free
+run of a start far from the truth drifts apart, and its error tells nothing: so the run is begun
+anew from measured states, at first often, then seldom, at last never (multiple shooting, as
+Ribeiro et al. 2020, On the smoothness of nonlinear system identification).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Protocol
+
+import torch
+from torch import Tensor, nn
+
+from data.record import Record
+from models.estimator import Estimator
+from models.training.problem import FreeRunProblem, Problem
+from models.training.solvers.solver import Minimised, Solver
+
+MakeSolver = Callable[[Iterable[nn.Parameter]], Solver]
+Note = Callable[[list[float]], None]
+
+
+class Objective(Protocol):
+    """Each stage gets a solver of its own, which starts where the one before ended."""
+
+    stages: Sequence[str]  # in words
+
+    def problem(self, estimator: Estimator, record: Record, stage: int) -> Minimised:
+        """What the solver of a stage minimises on a batch."""
+        ...
+
+    def begin(
+        self, estimator: Estimator, batches: Iterable[Record], make_solver: MakeSolver, note: Note
+    ) -> None:
+        """Choose the start of the first stage; `note` is handed the accepted losses."""
+        ...
+
+    def final_loss(self, estimator: Estimator, batches: Iterable[Record]) -> float:
+        """What the ends of stages are compared by: whole records in the last stage's terms."""
+        ...
+
+
+class OneStep:
+    """The error of each estimate, in a single stage."""
+
+    stages: Sequence[str] = ("one step",)
+
+    def problem(self, estimator: Estimator, record: Record, stage: int) -> Problem:
+        return Problem(estimator, record)
+
+    def begin(
+        self, estimator: Estimator, batches: Iterable[Record], make_solver: MakeSolver, note: Note
+    ) -> None:
+        """The start is that of the estimator."""
+
+    def final_loss(self, estimator: Estimator, batches: Iterable[Record]) -> float:
+        return _mean_loss([Problem(estimator, record) for record in batches])
+
+
+class FreeRun:
+    """The error of a simulation that begins anew every so many samples, a horizon for each stage.
+
+    horizons: in samples, rising; None for the whole record. restart: False takes the first samples
+    of each record instead, from its own initial state, where x and v are not to be trusted.
+    records: how many of them the stages before the last look at, None for all. warmup: samples that
+    each run takes before it counts. starts: random starts, each trained for `start_iterations`
+    calls of the solver on the first stage; the one with the lowest finite training loss goes on.
+    `seed` draws them.
+    """
+
+    def __init__(
+        self,
+        horizons: Sequence[int | None] = (50, 500, None),
+        restart: bool = True,
+        records: int | None = None,
+        warmup: int = 0,
+        starts: int = 1,
+        start_iterations: int = 10,
+        seed: int = 0,
+    ) -> None:
+        lengths = [math.inf if h is None else h for h in horizons]
+        if not lengths or min(lengths) < 1 or sorted(lengths) != lengths:
+            raise ValueError(
+                f"objective.horizons={list(horizons)}: expected numbers of samples that rise, "
+                "null at the end for the whole record"
+            )
+        if warmup < 0 or min(starts, start_iterations) < 1:
+            raise ValueError(
+                f"objective.warmup={warmup}, starts={starts}, start_iterations={start_iterations}: "
+                "expected at least 0, 1 and 1"
+            )
+        if records is not None and records < 1:
+            raise ValueError(f"objective.records={records} must be at least 1, or null for all")
+        self.horizons, self.warmup = list(horizons), warmup
+        self.restart, self.records = restart, records
+        self.starts, self.start_iterations, self.seed = starts, start_iterations, seed
+        self.stages: Sequence[str] = [
+            f"horizon {'whole record' if h is None else h}" for h in horizons
+        ]
+
+    def problem(self, estimator: Estimator, record: Record, stage: int) -> FreeRunProblem:
+        horizon, last = self.horizons[stage], stage + 1 == len(self.horizons)
+        if not last and record.a.ndim == 3:
+            record = record.map(lambda u: u[: self.records])
+        if not self.restart and horizon is not None:
+            record, horizon = record.window(0, min(horizon, record.samples), record.warmup), None
+        return FreeRunProblem(estimator, record, horizon, self.warmup, last)
+
+    def begin(
+        self, estimator: Estimator, batches: Iterable[Record], make_solver: MakeSolver, note: Note
+    ) -> None:
+        """Keep the best of the starts; the first is that of the estimator itself."""
+        if self.starts == 1:
+            return
+        generator = torch.Generator().manual_seed(self.seed)
+        free = [p for p in estimator.parameters() if p.requires_grad]
+        best, chosen = math.inf, [p.detach().clone() for p in free]
+        for start in range(self.starts):
+            if start > 0:
+                estimator.restart(generator)
+            self._first_steps(estimator, batches, make_solver(free), note)
+            loss = _mean_loss([self.problem(estimator, record, 0) for record in batches])
+            if loss < best:
+                best, chosen = loss, [p.detach().clone() for p in free]
+        with torch.no_grad():
+            for p, value in zip(free, chosen, strict=True):
+                p.copy_(value)
+
+    def _first_steps(
+        self, estimator: Estimator, batches: Iterable[Record], solver: Solver, note: Note
+    ) -> None:
+        done = 0
+        while True:
+            for record in batches:
+                note(solver.solve(self.problem(estimator, record, 0)))
+                done += 1
+                if solver.finished or done == self.start_iterations:
+                    return
+
+    def final_loss(self, estimator: Estimator, batches: Iterable[Record]) -> float:
+        """Of the plain free run, which is what counts in the end."""
+        return _mean_loss([FreeRunProblem(estimator, record, None) for record in batches])
+
+
+@torch.no_grad()
+def _mean_loss(problems: Sequence[Minimised]) -> float:
+    """Infinite where a run diverges."""
+    losses: list[Tensor] = [problem.loss() for problem in problems]
+    mean = float(torch.stack(losses).mean())
+    return mean if math.isfinite(mean) else math.inf

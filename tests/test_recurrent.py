@@ -1,0 +1,127 @@
+"""Recurrent networks: what they read, their initial state, both signals and integrals, training."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Record, stack
+from models.checkpoint import load_estimator, save_estimator
+from models.recurrent import Recurrent
+from models.training.problem import Problem
+from models.training.solvers.adam import Adam
+
+DT = 0.01
+
+
+def motion(samples: int = 120, seed: int = 0, begins: str = "rest") -> Record:
+    """Two masses on linear springs under smooth random forces."""
+    rng = np.random.default_rng(seed)
+    f = np.cumsum(rng.standard_normal((samples, 2)), axis=0)
+    x, v, history = np.zeros(2), np.zeros(2), []
+    for u in f:
+        a = u - 90.0 * x - 1.5 * v
+        history.append((x, v, a))
+        v = v + DT * a
+        x = x + DT * v
+    x, v, a = (torch.from_numpy(np.stack(s)) for s in zip(*history, strict=True))
+    return Record(DT, a, torch.from_numpy(f), x, v, initial_state=begins)
+
+
+def identified(cell: str, record: Record, **choices) -> Recurrent:
+    torch.manual_seed(0)
+    estimator = Recurrent(2, 2, DT, cell=cell, hidden=6, **choices)
+    estimator.identify([record])
+    return estimator
+
+
+@pytest.fixture(params=["gru", "lstm"])
+def cell(request) -> str:
+    return request.param
+
+
+def test_it_reads_the_force_and_the_initial_state_alone(cell):
+    record = motion(begins="given")
+    estimator = identified(cell, record, layers=2)
+    lies = replace(record, a=record.a + 1.0, x=record.x.clone(), v=record.v.clone())
+    lies.x[1:] += 1.0
+    lies.v[1:] += 1.0
+    assert torch.equal(estimator(lies), estimator(record))
+    for name in ("x", "v"):
+        moved = getattr(record, name).clone()
+        moved[0] += 1.0
+        assert (estimator(replace(record, **{name: moved})) != estimator(record))[0].all()
+
+
+def test_it_sees_no_force_to_come(cell):
+    record = motion()
+    estimator = identified(cell, record)
+    f = record.f.clone()
+    f[60:] += 1.0
+    changed = (estimator(replace(record, f=f)) - estimator(record)).abs().amax(dim=-1)
+    assert (changed[:60] == 0.0).all()
+    assert (changed[60:] > 0.0).all()
+
+
+def test_its_estimate_is_its_free_run_record_by_record(cell):
+    records = [motion(begins="given"), motion(seed=1, begins="given")]
+    estimator = identified(cell, stack(records))
+    together = estimator.free_run(stack(records).drive())
+    for i, record in enumerate(records):
+        run = estimator.free_run(record.drive())
+        assert torch.equal(run.a, estimator(record))
+        for name in ("x", "v", "a"):
+            assert torch.allclose(getattr(together, name)[i], getattr(run, name), atol=1e-12)
+
+
+def test_without_measured_motion_the_acceleration_is_integrated(cell):
+    record = replace(motion(), x=None, v=None)
+    run = identified(cell, record).free_run(record.drive())
+    rise = (run.v[1:] - run.v[:-1]) - 0.5 * DT * (run.a[1:] + run.a[:-1])
+    assert rise.abs().max() < 1e-12
+    assert (run.x[0] == 0.0).all()
+
+
+def test_training_counts_every_measured_signal_alike(cell):
+    """The loss is the mean of the squared relative errors of ẍ, x and ẋ, for equal DOFs."""
+    record = motion()
+    one = record.map(lambda u: u[..., :1])
+    estimator = Recurrent(1, 1, DT, cell=cell, hidden=4)
+    estimator.identify([one])
+    with torch.no_grad():
+        run = estimator.free_run(one.drive())
+    errors = [
+        float(((getattr(run, s) - getattr(one, s)) ** 2).sum() / (getattr(one, s) ** 2).sum())
+        for s in "axv"
+    ]
+    loss = float(Problem(estimator, one).loss().detach())
+    assert loss == pytest.approx(np.mean(errors), rel=1e-9)
+
+
+def test_adam_trains_it(cell):
+    record = stack([motion(begins="given"), motion(seed=1, begins="given")])
+    estimator = identified(cell, record)
+    solver, losses = Adam(estimator.parameters(), iterations=300, rate=0.02), []
+    while not solver.finished:
+        losses += solver.solve(Problem(estimator, record))
+    assert losses[-1] < 0.25 * losses[0]
+
+
+def test_a_checkpoint_holds_it_completely(cell, tmp_path):
+    record = motion()
+    estimator = identified(cell, record)
+    save_estimator(estimator, tmp_path / "it.safetensors", cell)
+    other = Recurrent(2, 2, DT, cell=cell, hidden=6)
+    with pytest.raises(ValueError, match="not identified"):
+        other(record)
+    load_estimator(other, tmp_path / "it.safetensors", cell)
+    assert torch.equal(other(record), estimator(record))
+
+
+@pytest.mark.parametrize("wrong", [{"cell": "rnn"}, {"hidden": 0}, {"layers": 0}])
+def test_a_network_that_cannot_be_built_is_refused(wrong):
+    with pytest.raises(ValueError, match="cell="):
+        Recurrent(2, 2, DT, **wrong)
