@@ -4,6 +4,7 @@
                                                     the leaderboard of those in runs/free_run
     python evaluate.py runs=FOLDER output=FOLDER    both, as far as the runs of a folder allow
     python evaluate.py page=docs/results.md         the whole page of the study
+    python evaluate.py free_run_page=docs/free_run.md   that of the leaderboard
     python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
     python evaluate.py run=FOLDER data.duration=100
@@ -22,7 +23,7 @@ from omegaconf import DictConfig
 from models.training.assemble import changed
 from report.console import CONF, absolute, job_errors, one_line_errors, prepare_hydra
 from report.evaluation import draw_figures, print_evaluation, restore, score_seeds
-from report.results import report_folder, report_study, report_usual
+from report.results import report_folder, report_leaderboard, report_study, report_usual
 from report.runs import read_run, write_json
 
 prepare_hydra()
@@ -55,7 +56,12 @@ def report_runs(cfg: DictConfig) -> None:
     if cfg.page:
         others = absolute(cfg.outside), absolute(cfg.close_fit)
         report_study(study, output, absolute(cfg.page), *others)
-    elif cfg.runs is not None:
+    if cfg.free_run_page:
+        free_runs = absolute(cfg.free_run if cfg.runs is None else cfg.runs)
+        report_leaderboard(free_runs, absolute(cfg.questions), output, absolute(cfg.free_run_page))
+    if cfg.page or cfg.free_run_page:
+        return
+    if cfg.runs is not None:
         report_folder(study, output)
     else:
         report_usual(study, absolute(cfg.free_run), absolute(cfg.questions), output)
@@ -64,9 +70,9 @@ def report_runs(cfg: DictConfig) -> None:
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="evaluate")
 def main(cfg: DictConfig) -> None:
     with job_errors():
-        if cfg.run is not None and (cfg.output or cfg.page):
+        if cfg.run is not None and (cfg.output or cfg.page or cfg.free_run_page):
             raise ValueError(
-                "output and page are for tables of many runs; leave them out with run="
+                "output and pages are for tables of many runs; leave them out with run="
             )
         if cfg.run is not None:
             evaluate(cfg, absolute(cfg.run), cfg.label or "as_trained")

@@ -1,7 +1,7 @@
 """Estimators that are a composition of a linear core and elements, simulated as a whole.
 
-The free run is models/layers/composition.py's: compiled on the processor, with its derivatives;
-in PyTorch where autograd or another device asks for it. It holds at any time step.
+The free run is models/layers/composition.py's: compiled, on the processor wherever the data are,
+with its derivatives; in PyTorch where autograd asks for it. It holds at any time step.
 B records, T samples, n DOFs, E elements, P free parameters.
 """
 
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from models.estimator import Estimator
@@ -35,6 +35,7 @@ class Trace:
 class Composite(Estimator):
     """Base of the networks of elements. `substeps` divide a sample interval of `dt`.
 
+    from_accelerations: x and v are not looked at, even where they are there.
     prior: weight of Σ θ² beside the squared relative error: what the data do not determine stays
     where it started, without effect.
     """
@@ -43,15 +44,22 @@ class Composite(Estimator):
     identified: Tensor  # 1 once the parameters have their units, until then NaN
 
     def __init__(
-        self, dofs: int, inputs: int, dt: float, substeps: int = 2, prior: float = 1e-10
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        substeps: int = 2,
+        prior: float = 1e-10,
+        from_accelerations: bool = False,
     ) -> None:
         super().__init__(dofs, inputs, dt)
+        self.from_accelerations = from_accelerations
         if not prior >= 0.0:
             raise ValueError(f"model.prior={prior} must not be negative")
         self.prior = prior
         self.register_buffer("identified", torch.tensor(torch.nan, dtype=torch.float64))
-        if substeps < 1:
-            raise ValueError(f"model.substeps={substeps} must be at least 1")
+        if not isinstance(substeps, int) or substeps < 1:
+            raise ValueError(f"model.substeps={substeps} must be a whole number, at least 1")
         self.substeps = substeps
 
     def pull(self, last: bool) -> tuple[float, Tensor]:
@@ -68,34 +76,41 @@ class Composite(Estimator):
     def forward(self, record: Record) -> Tensor:
         """One step ahead of the measured x and v; where there are none, a free run.
 
-        The memory of hysteretic units follows the measured deformation.
+        The memory of hysteretic units follows the increments of these steps.
         """
         self.check(record)
-        return self.restarted_run(record, 1 if record.x is not None else None)
+        stateless = self.from_accelerations or record.x is None or record.v is None
+        return self.restarted_run(record, None if stateless else 1)
+
+    def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
+        raise ValueError(
+            f"{type(self).__name__} is trained on its free run; set objective=free_run"
+        )
+
+    @property
+    def identified_parameters(self) -> int:
+        return sum(p.numel() for p in self.parameters() if p.requires_grad)
 
     def free_run(self, drive: Drive) -> Response:
         self.check_drive(drive)
         self.require_identified(self.identified)
         differentiated = torch.is_grad_enabled() and any(p.requires_grad for p in self.parameters())
-        if drive.u.device.type != "cpu" or differentiated:
+        if differentiated:
             return simulate(self.composition(), drive, self._substeps(drive.dt))
         return self.trace(drive).response
 
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
         """Begun anew from x and v only: the units' memory goes on, so it needs no warm-up."""
-        if record.a.device.type != "cpu":
-            return super().restarted_run(record, horizon, warmup)
         free = [p for p in self.parameters() if p.requires_grad]
         if torch.is_grad_enabled() and free:
             return _Restarted.apply(self, record, horizon, *free)
-        return self.trace(record.drive(), _anchors(record, horizon), horizon or 0).response.a
+        anchors = self._anchors(record, horizon)
+        return self.trace(record.drive(), anchors, horizon or 0).response.a
 
     def restarted_jacobian(
         self, record: Record, horizon: int | None, warmup: int = 0
     ) -> Tensor | None:
-        if record.a.device.type != "cpu":
-            return None
-        anchors = _anchors(record, horizon)
+        anchors = self._anchors(record, horizon)
         return self.trace(record.drive(), anchors, horizon or 0, derivatives=True).jacobian
 
     def element_loops(self, drive: Drive) -> tuple[Tensor, Tensor]:
@@ -113,8 +128,8 @@ class Composite(Estimator):
     ) -> Trace:
         """A compiled run, begun anew from `anchors` (…, 2, T, n) every so many samples."""
         self.require_identified(self.identified)
-        it = self.composition()
-        lead = drive.u.shape[:-2]
+        it, device, lead = self.composition(), drive.u.device, drive.u.shape[:-2]
+        drive = Drive(drive.dt, drive.u.cpu(), drive.x0.cpu(), drive.v0.cpu(), drive.hold)
         u = drive.u.reshape(-1, *drive.u.shape[-2:])
         fine = between(drive.u, drive.hold, self._substeps(drive.dt)).reshape(len(u), *_fine(drive))
         starts = torch.stack([drive.x0, drive.v0], dim=-2).expand(*lead, 2, -1)
@@ -133,7 +148,7 @@ class Composite(Estimator):
                 *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
                 drive.dt, every, np.ascontiguousarray(measured[i].numpy()), back,
                 *arrays["core"], *arrays["inputs"], *arrays["G"], *arrays["D"],
-                np.ascontiguousarray(it.supports.numpy()), *arrays["laws"], it.counts,
+                np.ascontiguousarray(it.supports.cpu().numpy()), *arrays["laws"], it.counts,
                 *arrays["outputs"], P, *(signal[i].numpy() for signal in out),
             )  # fmt: skip
 
@@ -143,8 +158,21 @@ class Composite(Estimator):
         else:
             for i in range(len(u)):
                 one(i)
-        out = [signal.reshape(*lead, *signal.shape[1:]) for signal in out]
+        out = [signal.reshape(*lead, *signal.shape[1:]).to(device) for signal in out]
         return Trace(Response(*out[:3]), *out[3:])
+
+    def _anchors(self, record: Record, horizon: int | None) -> Tensor | None:
+        """Measured x and v (…, 2, T, n); the first is where the record begins."""
+        if horizon is None:
+            return None
+        if self.from_accelerations or record.x is None or record.v is None:
+            raise ValueError(
+                "runs begin anew at measured x and v, which this record or model lacks; set "
+                "objective.restart=false, or integrate (scenario=integrated)"
+            )
+        drive, anchors = record.drive(), torch.stack([record.x, record.v], dim=-3).clone()
+        anchors[..., 0, 0, :], anchors[..., 1, 0, :] = drive.x0, drive.v0
+        return anchors
 
     def check(self, record: Record) -> None:
         super().check(replace(record, dt=self.dt))  # any time step will do
@@ -164,7 +192,7 @@ class _Restarted(torch.autograd.Function):
     def forward(
         ctx: Any, model: Composite, record: Record, horizon: int | None, *free: Tensor
     ) -> Tensor:
-        anchors = _anchors(record, horizon)
+        anchors = model._anchors(record, horizon)
         trace = model.trace(record.drive(), anchors, horizon or 0, derivatives=True)
         ctx.save_for_backward(trace.jacobian)
         ctx.shapes = [p.shape for p in free]
@@ -182,26 +210,12 @@ def _fine(drive: Drive) -> tuple[int, int, int]:
     return drive.samples - 1, -1, drive.u.shape[-1]
 
 
-def _anchors(record: Record, horizon: int | None) -> Tensor | None:
-    """Measured x and v (…, 2, T, n); the first is where the record begins."""
-    if horizon is None:
-        return None
-    if record.x is None or record.v is None:
-        raise ValueError(
-            "runs begin anew at measured x and v, which the record lacks; integrate "
-            "(scenario=integrated), or set objective.horizons=[null]"
-        )
-    drive, anchors = record.drive(), torch.stack([record.x, record.v], dim=-3).clone()
-    anchors[..., 0, 0, :], anchors[..., 1, 0, :] = drive.x0, drive.v0
-    return anchors
-
-
 def _arrays(it: Composition) -> dict[str, tuple[np.ndarray, ...]]:
     """Values, numbers and slopes of every part, as the compiled run takes them."""
     parts: dict[str, Part] = {
         name: getattr(it, name) for name in ("core", "inputs", "G", "D", "laws", "outputs")
     }
     return {
-        name: tuple(np.ascontiguousarray(getattr(p, key).numpy()) for key in PART)
+        name: tuple(np.ascontiguousarray(getattr(p, key).cpu().numpy()) for key in PART)
         for name, p in parts.items()
     }

@@ -53,21 +53,27 @@ class ElementNetwork(Composite):
         from_accelerations: bool = False,
         prior: float = 1e-10,
     ) -> None:
-        super().__init__(dofs, inputs, dt, substeps, prior)
+        super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations)
         if forced is None:
             forced = range(1, min(dofs, inputs) + 1) if inputs >= dofs else []
         self.forced = [number - 1 for number in forced]
         supports, rest = divmod(inputs - len(self.forced), 2)
-        if rest or supports < 0 or not all(0 <= dof < dofs for dof in self.forced):
+        known = set(range(dofs)) >= set(self.forced) and len(set(self.forced)) == len(self.forced)
+        if rest or supports < 0 or not known:
             raise ValueError(
                 f"model.forced={list(forced)} does not fit {dofs} DOFs and {inputs} channels of "
                 "excitation: forces first, then displacement and velocity of every support; list "
                 "the DOFs that carry the forces"
             )
-        if masses is not None and (len(masses) != dofs or min(masses) <= 0.0):
+        if masses is not None and (len(masses) != dofs or not all(m > 0.0 for m in masses)):
             raise ValueError(f"model.masses={list(masses)}: expected {dofs} positive masses in kg")
-        self.supports, self.from_accelerations = supports, from_accelerations
+        self.supports = supports
         self.elements = self._pairs() if elements is None else [list(pair) for pair in elements]
+        if not self.elements:
+            raise ValueError(
+                "model.elements is empty; give pairs of nodes, or null for all of them"
+            )
+        self.linear: tuple[Tensor, Tensor, Tensor] | None = None
         B, B_s = self._incidence()
         self.register_buffer("B", B, persistent=False)  # (E, n)
         self.register_buffer("B_s", B_s, persistent=False)  # (E, p)
@@ -117,21 +123,28 @@ class ElementNetwork(Composite):
 
         Without x and v the equation of motion is solved for filtered signals (Young 1981).
         """
-        n, E = self.dofs, len(self.elements)
+        n, E, B, B_s = self.dofs, len(self.elements), self.B.cpu(), self.B_s.cpu()
         rows, targets, largest = [], [], []
         for record in batches:
             self.check(record)
-            for x, v, a, u in self._states(record):
+            if record.f.shape[-1] != len(self.forced):
+                raise ValueError(
+                    f"the record has {record.f.shape[-1]} forces, model.forced names "
+                    f"{len(self.forced)}; list the DOFs that carry them"
+                )
+            for x, v, a, u in self._states(record.to("cpu")):
                 force = torch.zeros_like(a)
                 force[:, self.forced] = u[:, : len(self.forced)]
                 s, s_dot = u[:, len(self.forced) :].chunk(2, dim=1)
-                y, rate = x @ self.B.T + s @ self.B_s.T, v @ self.B.T + s_dot @ self.B_s.T
+                y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
                 inertia = torch.diag_embed(a)  # (T, n, n)
-                springs, dampers = self.B.T * y[:, None, :], self.B.T * rate[:, None, :]
+                springs, dampers = B.T * y[:, None, :], B.T * rate[:, None, :]
                 rows.append(torch.cat([inertia, springs, dampers], dim=2).flatten(0, 1))
                 targets.append(force.flatten())
                 largest.append(y.abs().amax(dim=0))
         unknown, target = torch.cat(rows), torch.cat(targets)
+        if not torch.isfinite(unknown).all() or not torch.isfinite(target).all():
+            raise ValueError("the signals hold NaN or infinite values; mend the record first")
         known = self.known_masses
         if known is None and not self.forced:
             known = target.new_ones(1)  # of x1: support motion leaves the scale open
@@ -159,7 +172,10 @@ class ElementNetwork(Composite):
 
     def restart(self, generator: torch.Generator) -> None:
         """Springs and dampers as identified, hinges and limits spread anew."""
-        self.require_identified(self.identified)
+        if self.linear is None:
+            raise ValueError(
+                "ElementNetwork starts anew from its identification; identify it first"
+            )
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         self.laws.start(*self.linear, places)
 

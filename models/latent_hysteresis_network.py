@@ -43,7 +43,7 @@ class LatentHysteresisNetwork(Composite):
         prior: float = 1e-10,
     ) -> None:
         super().__init__(dofs, inputs, dt, substeps, prior)
-        if elements < 1:
+        if not isinstance(elements, int) or elements < 1:
             raise ValueError(f"model.elements={elements} must be at least 1")
         self.stiffness = Coefficients(dofs, positive=True)  # ω²
         self.damping = Coefficients(dofs, positive=True)  # 2ζω
@@ -72,6 +72,7 @@ class LatentHysteresisNetwork(Composite):
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         """Modes, damping and inputs of the equivalent linear system (Eq. 8); units of θ."""
         linear = EquivalentLinear(self.dofs, self.inputs, self.dt)
+        batches = [record.to("cpu") for record in batches]
         found = linear.identify(batches)
         damping, stiffness, inputs = linear.matrices()
         mass = self._mass(inputs)
@@ -100,14 +101,14 @@ class LatentHysteresisNetwork(Composite):
     def restart(self, generator: torch.Generator) -> None:
         """Directions anew, as differences of displacements: random and of unit length."""
         self.require_identified(self.identified)
-        E, shapes = self.directions.theta.shape[0], self.shapes()
+        E, shapes = self.directions.theta.shape[0], self.shapes().cpu()
         drawn = torch.randn(E, self.dofs, generator=generator, dtype=torch.float64)
-        drawn = (drawn / torch.linalg.vector_norm(drawn, dim=1, keepdim=True)).to(shapes.device)
+        drawn = drawn / torch.linalg.vector_norm(drawn, dim=1, keepdim=True)
         _start_at(self.directions, drawn @ shapes)
         largest = (self.moved @ drawn.T).abs().amax(dim=0)
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         each = self.typical.expand(E)
-        turned = (self.directions() ** 2).sum(dim=0)  # of a unit damper in each element
+        turned = (self.directions().cpu() ** 2).sum(dim=0)  # of a unit damper in each element
         damper = SHARE * float((self.modal_damping / turned).min())
         self.damping.start(self.modal_damping - damper * turned)
         self.laws.start(each, torch.full_like(each, damper), largest, places)

@@ -65,6 +65,15 @@ class Recurrent(Estimator):
         self.signals[: len(size)] = torch.where(size > 0.0, size, 1.0)
         return {}
 
+    def restart(self, generator: torch.Generator) -> None:
+        """Cells uniform in ±1/√hidden, as at construction, and the linear layers anew."""
+        super().restart(generator)
+        reach = self.cells.hidden_size**-0.5
+        with torch.no_grad():
+            for weights in self.cells.parameters():
+                drawn = torch.rand(weights.shape, generator=generator, dtype=weights.dtype)
+                weights.copy_(reach * (2.0 * drawn - 1.0))
+
     def forward(self, record: Record) -> Tensor:
         self.check(record)
         return self._motion(record.drive())[..., : self.dofs]

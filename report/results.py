@@ -38,7 +38,7 @@ def report_usual(study: Path, free_run: Path, questions: Path, output: Path | No
         if folder == study:
             report_study(folder, output)
         else:
-            report_leaderboard(folder, questions if _has_runs(questions) else None, output)
+            report_leaderboard(folder, questions, output)
     if not made:
         raise ValueError(
             f"no runs in {study} or {free_run}; make some (python train.py -m "
@@ -65,7 +65,10 @@ def report_folder(folder: Path, output: Path | None) -> None:
 
 
 def report_leaderboard(
-    folder: Path, questions: Path | None = None, output: Path | None = None
+    folder: Path,
+    questions: Path | None = None,
+    output: Path | None = None,
+    page: Path | None = None,
 ) -> None:
     """Write and print the leaderboard of the runs in a folder, and what the questions' answer."""
     output = output or folder / "results"
@@ -75,7 +78,7 @@ def report_leaderboard(
     parts = sections(rows)
     paths = write_rows("leaderboard", rows, parts, output)
     asked: list[Entry] = []
-    if questions is not None:
+    if questions is not None and _has_runs(questions):
         asked = entries_of(read_runs(questions))
         rows = question_rows(asked, entries)
         answered = sections(rows, QUESTION_COLUMNS, question_of)
@@ -88,6 +91,11 @@ def report_leaderboard(
         console.print(note, soft_wrap=True, markup=False)
     paths += draw_leaderboard(entries, asked, output)
     _finish(console, [*runs, *(entry.run for entry in asked)], paths, output)
+    if page is not None:
+        from report.free_run_page import write_free_run_page
+
+        write_free_run_page(page, entries, asked, paths)
+        console.print(f"page in {page}", soft_wrap=True)
 
 
 def report_study(

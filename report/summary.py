@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,9 @@ def metrics_of(
         "identity": {"config": config_digest(cfg), "code": code_version()},
         "fit_seconds": module.fit_seconds,
         "parameters": estimator.identified_parameters,
-        "identification": module.solution,
+        "identification": {
+            key: value if math.isfinite(value) else None for key, value in module.solution.items()
+        },
         "training": module.how_trained(),
         **module.results(),
         "peak_acceleration": {
@@ -134,7 +137,10 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     console.print(error_table(title, rows, dofs))
     for line in why_no_free_run(methods):
         console.print(line, markup=False)
-    solution = ", ".join(f"{key} {value:.6g}" for key, value in metrics["identification"].items())
+    solution = ", ".join(
+        f"{key} {'infinite' if value is None else f'{value:.6g}'}"
+        for key, value in metrics["identification"].items()
+    )
     console.print(
         f"{metrics['parameters']} parameters identified in {metrics['fit_seconds']:.2f} s"
         + (f" ({solution})" if solution else "")

@@ -270,7 +270,7 @@ def test_the_memory_goes_on_where_a_run_begins_anew():
 
 def test_a_restart_without_states_says_what_to_do():
     record = replace(begun_in_motion(), x=None, v=None, initial_state="rest")
-    with pytest.raises(ValueError, match=r"objective\.horizons"):
+    with pytest.raises(ValueError, match=r"objective\.restart"):
         Everything().restarted_run(record, 7)
     with torch.no_grad():
         assert torch.isfinite(Everything()(record)).all()
@@ -287,6 +287,7 @@ class Prescribed(Composite):
         self.laws = ElementLaws(1, 0, 0, 1)
         each = torch.tensor([stiffness]).double()
         self.laws.start(each, 0.0 * each, torch.ones(1).double(), (0.5, 0.5))
+        self.identified.fill_(1.0)
         self.laws.unit_stiffness.theta.data.fill_(1.0)
         self.laws.unit_limit.start(torch.tensor([[limit]]))
 

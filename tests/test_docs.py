@@ -13,7 +13,7 @@ from data.generate import Simulation
 from data.record import stack
 from data.scenario import FullState
 from models.training.assemble import build
-from models.training.metrics import score
+from models.training.metrics import free_run_score, score
 
 ROOT = Path(__file__).parent.parent
 README, ADDING = ROOT / "README.md", ROOT / "docs" / "adding.md"
@@ -42,6 +42,7 @@ def test_the_structure_and_the_estimator_of_the_docs_work_together():
     estimator = scope["QuadraticDamping"](structure.dofs, 2, 0.005)
     assert estimator.identify([stack(records)])["rank"] == 8
     assert score(estimator, [stack(records)])["relative_rms_percent"] < 60.0
+    assert free_run_score(estimator, [stack(records)])["diverged"] == 0
 
 
 @pytest.mark.parametrize("page", sorted([README, *(ROOT / "docs").glob("*.md")]))

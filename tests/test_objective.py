@@ -15,6 +15,7 @@ from data.datamodule import SimulatedData
 from data.excitation import BandLimitedGaussian, Excitation
 from data.record import Drive, Record, Response, stack
 from data.scenario import FullState
+from models.element_network import ElementNetwork
 from models.estimator import Estimator, NoFreeRunError
 from models.mlp import GlobalMLP, ResidualMLP
 from models.neural_state_space import NeuralStateSpace
@@ -456,6 +457,19 @@ def test_the_best_of_several_starts_goes_on(data, tmp_path):
     kept = float(objective.problem(estimator, record, 0).loss().detach())
     assert kept == pytest.approx(min(ends), rel=1e-9)
     assert len({round(e, 12) for e in ends}) == 4
+
+
+def test_the_best_start_keeps_the_units_it_was_drawn_with(data):
+    """An element network draws gaps and limits, which are units of its parameters."""
+    data.setup()
+    (record,) = data.loader("train")
+    objective, noted = FreeRun([1], starts=4, start_iterations=3, seed=5), []
+    estimator = ElementNetwork(record.dofs, record.f.shape[-1], record.dt, hinges=1, units=1)
+    estimator.identify([record])
+    make = lambda p: LevenbergMarquardt(p, iterations=5, scaled=True)
+    objective.begin(estimator, [record], make, noted.extend)
+    kept = float(objective.problem(estimator, record, 0).loss().detach())
+    assert kept == pytest.approx(min(noted[2::3]), rel=1e-9)
 
 
 def test_starts_are_those_of_the_seed(data):

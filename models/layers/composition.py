@@ -83,7 +83,7 @@ class Part:
 
     @staticmethod
     def fixed(value: Tensor) -> Part:
-        return Part(value, torch.full(value.shape, -1), torch.zeros_like(value))
+        return Part(value, torch.full_like(value, -1, dtype=torch.int64), torch.zeros_like(value))
 
     @staticmethod
     def stack(parts: list[Part], dim: int) -> Part:
@@ -115,8 +115,8 @@ class Numbering:
         theta, value = coefficients.theta, coefficients()
         if id(theta) not in self.first:
             return Part.fixed(value)
-        numbers = torch.arange(theta.numel()).reshape(theta.shape) + self.first[id(theta)]
-        return Part(value, numbers, coefficients.slope())
+        numbers = torch.arange(theta.numel(), device=theta.device).reshape(theta.shape)
+        return Part(value, numbers + self.first[id(theta)], coefficients.slope())
 
 
 class ElementLaws(nn.Module):
@@ -139,9 +139,10 @@ class ElementLaws(nn.Module):
         springs: bool = True,
     ) -> None:
         super().__init__()
-        if min(hinges, tanhs, units) < 0:
+        if not all(isinstance(count, int) and count >= 0 for count in (hinges, tanhs, units)):
             raise ValueError(
-                f"model.hinges={hinges}, tanhs={tanhs}, units={units}: must not be negative"
+                f"model.hinges={hinges}, tanhs={tanhs}, units={units}: expected whole numbers, not "
+                "negative"
             )
         self.counts = (hinges, tanhs, units)
         self.stiffness = Coefficients(elements, positive=True, learned=springs)

@@ -83,7 +83,8 @@ class FreeRun:
         seed: int = 0,
     ) -> None:
         lengths = [math.inf if h is None else h for h in horizons]
-        if not lengths or min(lengths) < 1 or sorted(lengths) != lengths:
+        whole = all(h is None or isinstance(h, int) for h in horizons)
+        if not whole or not lengths or min(lengths) < 1 or sorted(lengths) != lengths:
             raise ValueError(
                 f"objective.horizons={list(horizons)}: expected numbers of samples that rise, "
                 "null at the end for the whole record"
@@ -118,17 +119,17 @@ class FreeRun:
             return
         generator = torch.Generator().manual_seed(self.seed)
         free = [p for p in estimator.parameters() if p.requires_grad]
-        best, chosen = math.inf, [p.detach().clone() for p in free]
+        identified = _state_of(estimator)
+        best, chosen = math.inf, identified
         for start in range(self.starts):
             if start > 0:
+                _restore(estimator, identified)
                 estimator.restart(generator)
             self._first_steps(estimator, batches, make_solver(free), note)
             loss = _mean_loss([self.problem(estimator, record, 0) for record in batches])
             if loss < best:
-                best, chosen = loss, [p.detach().clone() for p in free]
-        with torch.no_grad():
-            for p, value in zip(free, chosen, strict=True):
-                p.copy_(value)
+                best, chosen = loss, _state_of(estimator)
+        _restore(estimator, chosen)
 
     def _first_steps(
         self, estimator: Estimator, batches: Iterable[Record], solver: Solver, note: Note
@@ -144,6 +145,17 @@ class FreeRun:
     def final_loss(self, estimator: Estimator, batches: Iterable[Record]) -> float:
         """Of the plain free run, which is what counts in the end."""
         return _mean_loss([FreeRunProblem(estimator, record, None) for record in batches])
+
+
+def _state_of(estimator: Estimator) -> list[Tensor]:
+    """Parameters and buffers: a start may choose units as well as weights."""
+    return [t.detach().clone() for t in (*estimator.parameters(), *estimator.buffers())]
+
+
+@torch.no_grad()
+def _restore(estimator: Estimator, state: list[Tensor]) -> None:
+    for tensor, value in zip((*estimator.parameters(), *estimator.buffers()), state, strict=True):
+        tensor.copy_(value)
 
 
 @torch.no_grad()

@@ -146,7 +146,7 @@ class FreeRunProblem:
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
         """JᵀJ (P, P) and Jᵀe (P,) with J = ∂e/∂θ, and the pull.
 
-        JᵀJ is summed over every `every`-th error and scaled up; Jᵀe is exact.
+        JᵀJ is summed over every `every`-th sample and scaled up; Jᵀe is exact.
         """
         with torch.no_grad():
             errors = self.errors()
@@ -155,8 +155,9 @@ class FreeRunProblem:
                 rows = self._differentiated(errors.numel())
             else:
                 rows = self.weight * jacobian[..., self.counted, :, :].flatten(0, -2)
+            samples = rows.view(*self.y.shape, -1)  # (…, T, n, P)
             prior, deviation = self.estimator.pull(self.last)
-            some, pull = rows[::every], len(rows) * prior
+            some, pull = samples[..., ::every, :, :].flatten(0, -2), len(rows) * prior
             matrix, vector = len(rows) / len(some) * _gram(some), rows.T @ errors
             if prior > 0.0:
                 matrix.diagonal().add_(pull)

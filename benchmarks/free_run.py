@@ -1,0 +1,142 @@
+"""How fast is the simulation of a composed model, and how fast are its derivatives?
+
+    python -m benchmarks.free_run            # one record of 50 s, a thousand of them, one Jacobian
+    python -m benchmarks.free_run --quick    # short records, a few of them, for CI
+
+An element network of 3 DOFs and 6 elements, 5,000 samples with 2 substeps. Compiled beside the same
+equations in PyTorch (models/layers/composition.py), to which the tests hold it, and beside the
+zoo's integrator of the true structure (data/simulate.py). Derivatives: forward sensitivities by all
+parameters at once, beside as many runs as finite differences would take, and beside PyTorch's
+forward mode along as many directions, over the first samples only and scaled up (its time is one
+of calls, a sample's being the same). Best of three where it is short; one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import torch
+from rich.console import Console
+from rich.table import Table
+from torch.func import functional_call, jvp
+
+from data.elements import Bilinear
+from data.excitation import BandLimitedGaussian, Excitation
+from data.generate import Simulation
+from data.record import Drive, Record
+from data.scenario import FullState
+from data.simulate import simulate as simulate_structure
+from data.structure import Structure
+from models.element_network import ElementNetwork
+from models.layers.composition import simulate
+
+PAIRS = (("s1", "x1"), ("x1", "x2"), ("x1", "x3"), ("x2", "x3"), ("x3", "s3"), ("s2", "x2"))
+FIRST = 100  # samples over which PyTorch differentiates
+
+
+def frame() -> Simulation:
+    """Three masses, six bilinear elements."""
+    elements = {
+        f"r{i}": Bilinear(
+            between=pair,
+            yield_displacement=0.02,
+            stiffness=40.0,
+            post_yield_stiffness=20.0,
+            damping=0.1,
+            post_yield_damping=0.1,
+        )
+        for i, pair in enumerate(PAIRS, start=1)
+    }
+    excitation = Excitation(force=BandLimitedGaussian(std=1.7, band=(0.0, 3.0)))
+    structure = Structure([0.8, 2.0, 1.2], elements)
+    return Simulation(structure, excitation, FullState(), dt=0.01, duration=50.0)
+
+
+def seconds(work: Callable[[], object], repeats: int = 3) -> float:
+    """The shortest of some times, after a first call that compiles."""
+    work()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+class Run(torch.nn.Module):
+    """The reference in PyTorch as a module's forward."""
+
+    def __init__(self, network: ElementNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, drive: Drive) -> torch.Tensor:
+        return simulate(self.network.composition(), drive, self.network.substeps).a
+
+
+def by_pytorch(network: ElementNetwork, drive: Drive, count: int) -> Callable[[], object]:
+    """Derivatives along `count` directions by forward mode."""
+    module = Run(network)
+    name = "network.laws.stiffness.theta"
+    theta = module.get_parameter(name).detach()
+    along = torch.randn(count, theta.numel(), dtype=theta.dtype)
+
+    def acceleration(value: torch.Tensor) -> torch.Tensor:
+        return functional_call(module, {name: value}, (drive,))
+
+    return lambda: torch.vmap(lambda t: jvp(acceleration, (theta,), (t,))[1])(along)
+
+
+def many(drive: Drive, count: int) -> Drive:
+    """The same excitation, `count` times."""
+    rest = drive.x0.expand(count, -1)
+    return Drive(drive.dt, drive.u.expand(count, -1, -1).contiguous(), rest, rest)
+
+
+def measure(quick: bool) -> Table:
+    simulation = frame()
+    record: Record = simulation.records("train", 1, seed=0)[0][0]
+    if quick:
+        record = record.window(0, 500)
+    network = ElementNetwork(3, 3, record.dt)
+    network.identify([record])
+    drive, count = record.drive(), 50 if quick else 1000
+    parameters = sum(p.numel() for p in network.parameters() if p.requires_grad)
+    with torch.no_grad():
+        one = seconds(lambda: network.free_run(drive))
+        batch = seconds(lambda: network.free_run(many(drive, count)), repeats=1)
+        torch_one = seconds(lambda: simulate(network.composition(), drive, 2), repeats=1)
+        torch_batch = seconds(lambda: simulate(network.composition(), many(drive, count), 2), 1)
+        truth = seconds(lambda: simulate_structure(simulation.structure, record.f.numpy(), 0.01))
+        jacobian = seconds(lambda: network.trace(drive, derivatives=True))
+        start = record.window(0, FIRST).drive()
+        torch_some = seconds(by_pytorch(network, start, parameters), repeats=1)
+    table = Table(title=f"{record.samples} samples, {parameters} parameters", title_justify="left")
+    for column in ("what", "seconds", "of the compiled"):
+        table.add_column(column, justify="left" if column == "what" else "right")
+    rows = [
+        ("free run of a record, compiled", one, one),
+        ("  in PyTorch", torch_one, one),
+        ("  the true structure, adaptive integrator", truth, one),
+        (f"free runs of {count} records, compiled", batch, batch),
+        ("  in PyTorch, one batch", torch_batch, batch),
+        ("derivatives by all parameters, compiled", jacobian, jacobian),
+        ("  by finite differences, as many runs", parameters * one, jacobian),
+        ("  by PyTorch's forward mode, scaled up", torch_some * record.samples / FIRST, jacobian),
+    ]
+    for what, time_taken, reference in rows:
+        table.add_row(what, f"{time_taken:.4g}", f"{time_taken / reference:.3g}")
+    return table
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--quick", action="store_true", help="short records, a few of them")
+    torch.set_num_threads(1)
+    Console(width=100).print(measure(parser.parse_args().quick))
+
+
+if __name__ == "__main__":
+    main()
