@@ -13,9 +13,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from string import Template
 
+from omegaconf import OmegaConf
+
 from models.training.metrics import FREE_RUNS
 from report.beyond import AS_TRAINED, FILE, LARGER, STD, STEPS, beyond_rows, chosen
 from report.beyond import BEYOND_COLUMNS as BEYOND
+from report.console import CONF
 from report.free_run_models import contains, told
 from report.leaderboard import (
     RECORDS,
@@ -40,7 +43,7 @@ from report.leaderboard_tables import (
     sections,
 )
 from report.questions import QUESTION_COLUMNS, question_of, question_rows
-from report.runs import write_text
+from report.runs import code_version, write_text
 from report.study_tables import percent
 
 TEMPLATE = Path(__file__).with_name("free_run_page.md")
@@ -69,7 +72,11 @@ def write_free_run_page(
     pictures = [path for path in drawn if path.suffix == ".png"]
     facts = dict(_of_leaderboard(rows)) | dict(_of_costs(rows, entries, asked))
     seeds = {entry.run.seed for entry in entries}
-    facts |= {"caught": _caught(entries), "seeds": f"{min(seeds)} … {max(seeds)}"}
+    facts |= {
+        "missing": _missing(rows, entries),
+        "caught": _caught(entries),
+        "seeds": f"{min(seeds)} … {max(seeds)}",
+    }
     facts |= dict(_of_questions(question_rows(asked, entries), _beyond(entries)))
     facts |= dict(_of_figures([path.stem for path in pictures]))
     text = Template(TEMPLATE.read_text("utf-8")).substitute(facts)
@@ -79,6 +86,25 @@ def write_free_run_page(
         shutil.copyfile(path, figures / path.name)
     write_text(page, text)
     _paste(page.absolute().parent.parent / "README.md", facts["overview"])
+
+
+def _missing(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
+    """What the experiment names and these runs lack, and whether they are of this code."""
+    lines = []
+    systems = [PRINTED.get(s, s) for s in SYSTEMS if s not in {row.system for row in rows}]
+    if systems:
+        lines.append(f"no runs of {', '.join(systems)} yet")
+    grids = OmegaConf.load(CONF / "experiment" / "free_run.yaml").hydra.sweeper.grids.values()
+    planned = [model for grid in grids for model in str(grid.model).split(",")]
+    lacking = [m for m in dict.fromkeys(planned) if m not in {row.model for row in rows}]
+    if lacking:
+        names = ", ".join(f"`{model}`" for model in lacking)
+        lines.append(f"the experiment names {names} too, which were not run yet")
+    codes = [e.run.metrics.get("identity", {}).get("code") for e in entries if e.run.metrics]
+    older = sum(code != code_version() for code in codes)
+    if older:
+        lines.append(f"{older} runs were made by earlier code of `data/` or `models/`")
+    return f"\n**Incomplete:** {'; '.join(lines)}.\n" if lines else ""
 
 
 def _paste(readme: Path, table: str) -> None:
@@ -109,8 +135,6 @@ def _of_leaderboard(rows: Sequence[Row]) -> Iterator[tuple[str, str]]:
     lines = [f"| `{model}` | {told(model)} |" for model in models]
     yield "known", "\n".join(["| model | what it is told |", "| --- | --- |", *lines])
     yield "lost", _lost(rows)
-    missing = [PRINTED.get(s, s) for s in SYSTEMS if s not in {row.system for row in rows}]
-    yield "missing", f"\n**Incomplete:** no runs of {', '.join(missing)} yet.\n" if missing else ""
 
 
 def settings(rows: Sequence[Row]) -> dict[str, list[Row]]:

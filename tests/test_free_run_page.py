@@ -53,7 +53,8 @@ def test_all_is_filled_in_and_the_figures_are_beside_it(runs, tmp_path):
     assert "of the 20 runs 1 diverged and 0\nfailed" in text
     assert "| `element_network` | 0.75 (0.25 – 1.25) † | 0.75 (0.25 – 1.25) † |" in text
     assert "| `vwnn_forward` | 12.50 (12.50 – 12.50) | diverged (12.50 – diverged) |" in text
-    assert "**Incomplete:** no runs of polynomial yet." in text
+    assert "**Incomplete:** no runs of polynomial yet; the experiment names `element" in text
+    assert "20 runs were made by earlier code" in text
     assert "There is none among these." in text
     assert "| `linear` | 3.00 → 33.00 | 3.00 → 33.00 |" in text
     assert "| `element_network`, 1 record | 1.75 (1.75 – 1.75) † |" in text
