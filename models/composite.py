@@ -109,9 +109,10 @@ class Composite(Estimator):
 
     def restarted_jacobian(
         self, record: Record, horizon: int | None, warmup: int = 0
-    ) -> Tensor | None:
+    ) -> tuple[Tensor, Tensor]:
         anchors = self._anchors(record, horizon)
-        return self.trace(record.drive(), anchors, horizon or 0, derivatives=True).jacobian
+        trace = self.trace(record.drive(), anchors, horizon or 0, derivatives=True)
+        return trace.response.a, trace.jacobian
 
     def element_loops(self, drive: Drive) -> tuple[Tensor, Tensor]:
         """Deformations [m] and restoring forces [N] (…, T, E) of the elements in a free run."""
@@ -134,9 +135,9 @@ class Composite(Estimator):
         fine = between(drive.u, drive.hold, self._substeps(drive.dt)).reshape(len(u), *_fine(drive))
         starts = torch.stack([drive.x0, drive.v0], dim=-2).expand(*lead, 2, -1)
         starts = starts.reshape(len(u), 2, -1)
-        measured = (
-            starts[:, :, None, :] if anchors is None else anchors.reshape(-1, *anchors.shape[-3:])
-        )
+        measured = starts[:, :, None, :]
+        if anchors is not None:
+            measured = anchors.cpu().reshape(len(u), *anchors.shape[-3:])
         P = it.parameters if derivatives else 0
         shapes = [(self.dofs,)] * 3 + [(it.laws.value.shape[0],)] * 2 + [(self.dofs, P)]
         out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]

@@ -69,8 +69,8 @@ class Estimator(nn.Module):
 
     def restarted_jacobian(
         self, record: Record, horizon: int | None, warmup: int = 0
-    ) -> Tensor | None:
-        """Derivatives (…, T, n, P) of `restarted_run` by the free parameters, in their order.
+    ) -> tuple[Tensor, Tensor] | None:
+        """`restarted_run` and its derivatives (…, T, n, P) by the free parameters, in their order.
 
         None where PyTorch shall differentiate; for estimators that do it faster themselves.
         """

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from models.estimator import Estimator
+from models.layers.integrate import integrated
 from models.layers.scaling import Extents
 
 CELLS = {"gru": nn.GRU, "lstm": nn.LSTM}
@@ -88,8 +89,7 @@ class Recurrent(Estimator):
         self.check_drive(drive)
         a, x, v = self._motion(drive).split(self.dofs, dim=-1)
         if not self.signals[1:].any():  # trained on accelerations alone
-            v = _integral(a, drive.v0, drive.dt)
-            x = _integral(v, drive.x0, drive.dt)
+            return integrated(a, drive)
         return Response(x, v, a)
 
     def _motion(self, drive: Drive) -> Tensor:
@@ -128,9 +128,3 @@ def _motion(record: Record) -> Tensor:
     if record.x is None or record.v is None:
         return record.a
     return torch.cat([record.a, record.x, record.v], dim=-1)
-
-
-def _integral(u: Tensor, first: Tensor, dt: float) -> Tensor:
-    """∫ u dt (…, T, n) by trapezoids, from `first` (…, n)."""
-    rise = torch.cumsum(0.5 * dt * (u[..., 1:, :] + u[..., :-1, :]), dim=-2)
-    return first[..., None, :] + torch.nn.functional.pad(rise, (0, 0, 1, 0))

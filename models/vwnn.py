@@ -10,12 +10,12 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from data.record import Drive, Record, Response
 from models.estimator import Estimator, weight_matrix
 from models.layers.features import SigmoidProducts
 from models.layers.filters import LowPassCascade
+from models.layers.integrate import integrated
 from models.layers.least_squares import LeastSquares
 
 CHUNK = 1 << 15  # samples whose features are held in memory at a time
@@ -100,13 +100,3 @@ class VWNN(Estimator):
             history.append(a)
             state = self.filters.step(a, state)
         return integrated(torch.stack(history, dim=-2), drive)
-
-
-def integrated(a: Tensor, drive: Drive) -> Response:
-    """x, ẋ, ẍ of an acceleration (…, T, n) that is linear between samples."""
-    dt, first, last = drive.dt, a[..., :-1, :], a[..., 1:, :]
-    gained = pad(0.5 * dt * (first + last), (0, 0, 1, 0)).cumsum(dim=-2)
-    v = drive.v0.unsqueeze(-2) + gained
-    moved = dt * v[..., :-1, :] + dt**2 * (first / 3.0 + last / 6.0)
-    x = drive.x0.unsqueeze(-2) + pad(moved, (0, 0, 1, 0)).cumsum(dim=-2)
-    return Response(x, v, a)

@@ -21,8 +21,8 @@ from data.record import Drive, Record, Response
 from models.estimator import Estimator, weight_matrix
 from models.layers.features import SigmoidProducts
 from models.layers.filters import SlowCascades
+from models.layers.integrate import integrated
 from models.layers.least_squares import LeastSquares
-from models.vwnn import integrated
 
 CHUNK = 1 << 14  # samples whose features are held in memory at a time
 DAMPING = (1e-1, 1e-3, 1e-5, 1e-7, 1e-9)  # of a Gauss–Newton step, on scaled columns

@@ -98,8 +98,10 @@ def chosen(entries: Sequence[Entry]) -> list[Entry]:
     """Finished runs of MODELS, those of the most training records of each, without noise."""
     mine = [e for e in entries if e.run.model in MODELS and not e.failed and e.no_free_run is None]
     mine = [entry for entry in mine if entry.run.scenario == "full_state"]
-    most = max((entry.train_records or 0 for entry in mine), default=0)
-    return [entry for entry in mine if (entry.train_records or 0) == most]
+    most: dict[str, int] = {}
+    for entry in mine:
+        most[entry.run.model] = max(most.get(entry.run.model, 0), entry.train_records or 0)
+    return [entry for entry in mine if (entry.train_records or 0) == most[entry.run.model]]
 
 
 def under(entry: Entry, change: str) -> Entry | None:

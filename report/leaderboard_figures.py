@@ -17,6 +17,7 @@ from report.leaderboard import SYSTEMS, Entry, Row, quantile, rank, row_of, rows
 from report.leaderboard_signals import colour_of, loops_of_model, motions
 from report.leaderboard_tables import case, records_of
 from report.questions import Answers, answers
+from report.study_figures import percent_ticks
 
 BEST = 3  # models drawn against truth, and the linear system
 AXIS = {  # label of the setting that is varied, and its unit in that of the config
@@ -158,12 +159,7 @@ def _finish_errors(axes: Axes, models: Sequence[str]) -> None:
     high = max(high, 1.5 * low)
     decades = np.log10(high / low)
     axes.set_xlim(low, high * 10.0 ** (0.12 * decades))
-    multiples = [1.0] if decades > 2.0 else [1.0, 2.0, 5.0]
-    if decades < 1.0:
-        multiples = [1.0, 2.0, 3.0, 4.0, 6.0]
-    axes.xaxis.set_major_locator(LogLocator(subs=multiples))
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    percent_ticks(axes)
     axes.grid(axis="x", alpha=0.3)
     axes.set_ylim(len(models) - 0.5, -0.5)
     axes.set_yticks(range(len(models)), models, fontsize="small")

@@ -117,7 +117,7 @@ def _spread(axes: Axes, place: int, method: str, errors: list[float]) -> None:
     axes.plot(errors, places, "|", color="#555555", markersize=4, label="one seed")
 
 
-def _percent_ticks(axes: Axes) -> None:
+def percent_ticks(axes: Axes) -> None:
     """Ticks that fit in beside each other: more of them within a decade."""
     low, high = axes.get_xlim()
     decades = np.log10(high / low)
@@ -137,7 +137,7 @@ def _finish_methods(figure: Figure, panels: Sequence[Axes]) -> None:
         axes.grid(axis="x", alpha=0.3)
         axes.set_ylim(len(METHODS) - 0.5, -0.5)
         axes.set_yticks(range(len(METHODS)), METHODS, fontsize="small")
-        _percent_ticks(axes)
+        percent_ticks(axes)
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     figure.legend(
         handles.values(), handles.keys(), loc="outside upper right", ncols=2, frameon=False

@@ -243,3 +243,42 @@ def test_signals_of_the_wrong_sign_give_no_masses(record_of):
     record = record_of(linear(), FORCES, 5.0)
     with pytest.raises(ValueError, match="check the signs and units"):
         ElementNetwork(2, 2, DT, CHAIN).identify([replace(record, f=-record.f)])
+
+
+def test_from_accelerations_alone_x_and_v_change_nothing(record_of):
+    record = record_of(linear(), FORCES, 10.0)
+    model = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=1, from_accelerations=True)
+    model.identify([record])
+    lies = replace(record, x=record.a, v=record.a)
+    with torch.no_grad():
+        assert torch.equal(model(lies), model(record))
+    other = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=1, from_accelerations=True)
+    other.identify([lies])
+    assert torch.equal(other.laws.stiffness(), model.laws.stiffness())
+    with pytest.raises(ValueError, match=r"objective\.restart=false"):
+        model.restarted_run(record, 1)
+
+
+def test_limits_are_pulled_outwards_in_the_last_stage_only(record_of):
+    """A limit that no motion has reached is no limit; before, the spread of limits is the start."""
+    model = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=2)
+    model.identify([record_of(linear(), FORCES, 10.0)])
+    before, last = model.pull(False), model.pull(True)
+    assert before[0] == last[0] == model.prior
+    assert (before[1] == 0.0).all()
+    limits = model.laws.unit_limit
+    ten_times = 10.0 * model.linear[2][:, None]  # the largest deformations
+    pulled_to = limits.unit * (limits.theta.detach() - limits.deviation(True).detach()).exp()
+    assert torch.allclose(pulled_to, ten_times.expand_as(pulled_to))
+    assert int((last[1] != 0.0).sum()) == limits.theta.numel()
+
+
+def test_only_what_is_learned_is_counted():
+    model = ElementNetwork(2, 2, DT, CHAIN, [1.0, 1.0], hinges=1, units=1, cubic=False)
+    assert model.identified_parameters == len(CHAIN) * (2 + 2 + 4)
+
+
+def test_what_is_not_identified_says_so(record_of):
+    model = ElementNetwork(2, 2, DT, CHAIN)
+    with pytest.raises(ValueError, match="not identified yet"):
+        model.free_run(record_of(linear(), FORCES, 10.0).drive())

@@ -10,7 +10,10 @@ import torch
 from scipy.signal import lsim
 from torch.nn.functional import pad
 
+from data.excitation import BandLimitedGaussian, Excitation
+from data.generate import Simulation
 from data.record import Drive, Record, Response, Truth, stack
+from data.scenario import Noisy
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
 from models.estimator import Estimator, NoFreeRunError
 from models.layers.integrate import between, runge_kutta
@@ -352,3 +355,19 @@ def oscillator_of(record: Record) -> EquivalentLinear:
     estimator.identify([record])
     estimator.weights[:3] += 8.0 * torch.eye(3, dtype=torch.float64)
     return estimator
+
+
+def test_a_model_is_judged_under_the_force_that_acted_where_its_sensor_erred(linear_chain):
+    """The exact model: no error against the truth, the sensor's against what was measured."""
+    excitation = Excitation(force=BandLimitedGaussian(std=2.0, band=(0.0, 3.0)))
+    scenario = Noisy(level=0.1, signals=["f"])
+    simulation = Simulation(linear_chain(3), excitation, scenario, DT, 20.0)
+    (noisy,), _ = simulation.records("train", 1, seed=0)
+    clean = noisy.truly_driven()
+    assert not torch.equal(clean.f, noisy.f)
+    model = EquivalentLinear(noisy.dofs, noisy.f.shape[-1], DT)
+    model.identify([clean])
+    scores = free_run_score(model, [noisy])
+    assert scores["relative_rms_percent_true"] < 0.1
+    assert scores["displacement_percent"] < 0.1
+    assert scores["relative_rms_percent"] > 3.0

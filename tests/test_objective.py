@@ -212,7 +212,8 @@ def test_an_estimators_own_jacobian_is_taken(monkeypatch):
     J = problem._differentiated(problem.y.numel()) / problem.weight
     whole = torch.full((*record.a.shape, J.shape[1]), torch.nan, dtype=J.dtype)
     whole[record.warmup :] = J.view(*problem.y.shape, -1)
-    monkeypatch.setattr(GlobalMLP, "restarted_jacobian", lambda self, *how: whole)
+    run = estimator.restarted_run(record, 7)
+    monkeypatch.setattr(GlobalMLP, "restarted_jacobian", lambda self, *how: (run, whole))
     monkeypatch.delattr(FreeRunProblem, "_differentiated")
     for one, other in zip(problem.normal_equations(), wanted, strict=True):
         assert torch.allclose(one, other, rtol=1e-10, atol=1e-12)
@@ -262,8 +263,9 @@ def test_a_start_that_overflows_leaves_the_parameters_alone(solver):
 
 def test_levenberg_marquardt_stops_where_derivatives_overflow():
     class Steep(Growth):
-        def restarted_jacobian(self, *how) -> Tensor:
-            return torch.full((400, 2, 1), torch.inf, dtype=torch.float64)
+        def restarted_jacobian(self, record, *how) -> tuple[Tensor, Tensor]:
+            derivatives = torch.full((400, 2, 1), torch.inf, dtype=torch.float64)
+            return self.restarted_run(record, None), derivatives
 
     estimator, record = Steep(-1.0), falling(0.0, 400)[1]
     solver = LevenbergMarquardt(estimator.parameters())
@@ -495,3 +497,27 @@ def test_what_has_no_random_start_says_so():
 def test_an_objective_that_makes_no_sense_is_refused(wrong):
     with pytest.raises(ValueError, match=r"objective\."):
         FreeRun(**wrong)
+
+
+def test_without_restarts_a_stage_is_the_first_samples_of_the_first_records():
+    """Where x and v are not to be trusted, they are not looked at."""
+    batch = stack([motion(), motion(seed=1), motion(seed=2)])
+    estimator = identified("global", batch)
+    objective = FreeRun([10, None], restart=False, records=2)
+    first, last = (objective.problem(estimator, batch, stage) for stage in (0, 1))
+    assert first.y.shape == (2, 10, 2)
+    assert last.y.shape == batch.a.shape
+    lies = replace(batch, x=torch.full_like(batch.a, 7.0), v=torch.full_like(batch.a, 7.0))
+    for stage, problem in enumerate((first, last)):
+        told = objective.problem(estimator, lies, stage)
+        assert float(told.loss().detach()) == float(problem.loss().detach())
+
+
+def test_normal_equations_of_every_second_sample_take_all_dofs():
+    """Two DOFs: every second row would be one DOF alone."""
+    record = motion()
+    problem = FreeRunProblem(identified("global", record), record, 20)
+    J = problem._differentiated(problem.y.numel()).view(*problem.y.shape, -1)
+    some = J[::2].flatten(0, 1)
+    matrix, _ = problem.normal_equations(every=2)
+    assert torch.allclose(matrix, J.numel() / some.numel() * some.T @ some, rtol=1e-9)

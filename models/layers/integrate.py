@@ -88,3 +88,13 @@ def runge_kutta_delayed(law: DelayedAcceleration, drive: Drive, past: Tensor) ->
 def _all_lost(a: Tensor) -> bool:
     """No run of the batch is finite any more. Not asked where derivatives are taken."""
     return torch.is_inference_mode_enabled() and not bool(torch.isfinite(a).all(dim=-1).any())
+
+
+def integrated(a: Tensor, drive: Drive) -> Response:
+    """x, ẋ, ẍ of an acceleration (…, T, n) that is linear between samples."""
+    dt, first, last = drive.dt, a[..., :-1, :], a[..., 1:, :]
+    gained = pad(0.5 * dt * (first + last), (0, 0, 1, 0)).cumsum(dim=-2)
+    v = drive.v0.unsqueeze(-2) + gained
+    moved = dt * v[..., :-1, :] + dt**2 * (first / 3.0 + last / 6.0)
+    x = drive.x0.unsqueeze(-2) + pad(moved, (0, 0, 1, 0)).cumsum(dim=-2)
+    return Response(x, v, a)

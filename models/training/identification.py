@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import torch
@@ -96,8 +95,6 @@ class Identification(LightningModule):
         assert self.solver is not None
         if self.solver.finished:
             self._next_stage()
-        if self.trainer.datamodule.cut["length"] is not None:  # type: ignore[attr-defined]
-            record = _from_measured_states(record)
         self._note(self.solver.solve(self.objective.problem(self.estimator, record, self.stage)))
         if self.losses:
             self.log("error_percent", 100.0 * self.losses[-1] ** 0.5, prog_bar=True, logger=False)
@@ -197,12 +194,6 @@ class Identification(LightningModule):
         name, iterations = type(self.solver).__name__, len(self.losses)
         trained = {"solver": name, "iterations": iterations, "stopped": self.solver.why}
         return trained if len(self.ended) < 2 else {**trained, "stages": self.ended}
-
-
-def _from_measured_states(windows: Record) -> Record:
-    """A batch of windows begins as its first one says, which may be the beginning of a record."""
-    measured = windows.x is not None and windows.v is not None
-    return replace(windows, initial_state="given") if measured else windows
 
 
 class OnDevice(Iterable[Record]):

@@ -149,11 +149,13 @@ class FreeRunProblem:
         JᵀJ is summed over every `every`-th sample and scaled up; Jᵀe is exact.
         """
         with torch.no_grad():
-            errors = self.errors()
-            jacobian = self.estimator.restarted_jacobian(self.record, self.horizon, self.warmup)
-            if jacobian is None:
+            both = self.estimator.restarted_jacobian(self.record, self.horizon, self.warmup)
+            if both is None:
+                errors = self.errors()
                 rows = self._differentiated(errors.numel())
             else:
+                run, jacobian = both
+                errors = self._errors(run)
                 rows = self.weight * jacobian[..., self.counted, :, :].flatten(0, -2)
             samples = rows.view(*self.y.shape, -1)  # (…, T, n, P)
             prior, deviation = self.estimator.pull(self.last)
