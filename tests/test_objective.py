@@ -492,7 +492,8 @@ def test_what_has_no_random_start_says_so():
 
 @pytest.mark.parametrize(
     "wrong", [{"horizons": []}, {"horizons": [50, 5]}, {"horizons": [None, 5]}, {"horizons": [0]},
-              {"starts": 0}, {"warmup": -1}, {"start_iterations": 0}],
+              {"starts": 0}, {"warmup": -1}, {"start_iterations": 0},
+              {"starts": 2, "finalists": 3}, {"finalists": 0}],
 )  # fmt: skip
 def test_an_objective_that_makes_no_sense_is_refused(wrong):
     with pytest.raises(ValueError, match=r"objective\."):
@@ -521,3 +522,27 @@ def test_normal_equations_of_every_second_sample_take_all_dofs():
     some = J[::2].flatten(0, 1)
     matrix, _ = problem.normal_equations(every=2)
     assert torch.allclose(matrix, J.numel() / some.numel() * some.T @ some, rtol=1e-9)
+
+
+def test_the_best_of_the_finalists_in_the_end_stays(data, tmp_path, monkeypatch):
+    """All three go through both stages; parameters and units of the best end are kept."""
+    ends, compared = [], FreeRun.final_loss
+
+    def noted(objective, estimator, batches):
+        ends.append(compared(objective, estimator, batches))
+        return ends[-1]
+
+    monkeypatch.setattr(FreeRun, "final_loss", noted)
+    objective = FreeRun([1, None], starts=3, start_iterations=1, finalists=3, seed=2)
+    module = Identification(
+        ElementNetwork(2, 2, DT, hinges=1, units=1),
+        lambda p: LevenbergMarquardt(p, iterations=2, scaled=True),
+        objective=objective,
+    )
+    fit(module, data, tmp_path)
+    names = ["horizon 1", "horizon whole record"]
+    assert [stage["stage"] for stage in module.ended] == [
+        *names, *(f"{name}, start {n}" for n in (2, 3) for name in names)
+    ]  # fmt: skip
+    assert len({round(end, 14) for end in ends}) == 6
+    assert free_run_loss(module.estimator, data) == pytest.approx(min(ends), rel=1e-9)

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from data.record import Record
 from models.estimator import Estimator
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
-from models.training.objective import Objective, OneStep
+from models.training.objective import Objective, OneStep, restore, state_of
 from models.training.solvers.solver import Solver
 
 SPLITS = ("train", "test")  # order of the datamodule's test loaders
@@ -51,7 +51,7 @@ class Identification(LightningModule):
         self.solver: Solver | None = None
         self.stage, self.tried = 0, 0  # iterations that random starts took
         self.ended: list[dict[str, Any]] = []  # stages: name, iterations, why they stopped
-        self.chosen: tuple[float, dict[str, Tensor]] = (float("inf"), {})  # of the stages' ends
+        self.chosen: tuple[float, list[Tensor]] = (float("inf"), [])  # of the stages' ends
         self.losses: list[float] = []  # Eq. 21 squared, after every accepted iteration
         self.solution: dict[str, float] = {}  # what the closed form says of itself
         self.fit_seconds = 0.0
@@ -122,6 +122,7 @@ class Identification(LightningModule):
         """After the last validation of the stage before, which may have been its best."""
         self._end_stage()
         self.stage, self.fails, self.best = self.stage + 1, 0, (float("inf"), {})
+        self.objective.enter(self.estimator, self.stage)
         self.solver = self._new_solver(self.free_parameters().values())
 
     def _end_stage(self) -> None:
@@ -136,9 +137,8 @@ class Identification(LightningModule):
     def _compare_end(self) -> None:
         whole = self.trainer.datamodule.loader("train")  # type: ignore[attr-defined]
         loss = self.objective.final_loss(self.estimator, OnDevice(whole, self.device))
-        if loss < self.chosen[0]:
-            free = self.free_parameters()
-            self.chosen = loss, {name: p.detach().clone() for name, p in free.items()}
+        if loss < self.chosen[0]:  # with buffers: each start has units of its own
+            self.chosen = loss, state_of(self.estimator)
 
     @torch.no_grad()
     def _keep_best(self) -> None:
@@ -166,8 +166,8 @@ class Identification(LightningModule):
     def on_fit_end(self) -> None:
         if self.solver is not None:
             self._end_stage()
-        for name, value in self.chosen[1].items():
-            self.free_parameters()[name].copy_(value)
+        if self.chosen[1]:
+            restore(self.estimator, self.chosen[1])
         self.fit_seconds = time.perf_counter() - self.start
 
     def on_test_start(self) -> None:

@@ -39,6 +39,10 @@ class Objective(Protocol):
         """Choose the start of the first stage; `note` is handed the accepted losses."""
         ...
 
+    def enter(self, estimator: Estimator, stage: int) -> None:
+        """Called before every stage but the first."""
+        ...
+
     def final_loss(self, estimator: Estimator, batches: Iterable[Record]) -> float:
         """What the ends of stages are compared by: whole records in the last stage's terms."""
         ...
@@ -57,6 +61,9 @@ class OneStep:
     ) -> None:
         """The start is that of the estimator."""
 
+    def enter(self, estimator: Estimator, stage: int) -> None:
+        """There is no other stage."""
+
     def final_loss(self, estimator: Estimator, batches: Iterable[Record]) -> float:
         return _mean_loss([Problem(estimator, record) for record in batches])
 
@@ -68,8 +75,8 @@ class FreeRun:
     of each record instead, from its own initial state, where x and v are not to be trusted.
     records: how many of them the stages before the last look at, None for all. warmup: samples that
     each run takes before it counts. starts: random starts, each trained for `start_iterations`
-    calls of the solver on the first stage; the one with the lowest finite training loss goes on.
-    `seed` draws them.
+    calls of the solver on the first stage; as many as there are `finalists`, those with the lowest
+    training losses, go through all stages one after the other. `seed` draws them.
     """
 
     def __init__(
@@ -80,6 +87,7 @@ class FreeRun:
         warmup: int = 0,
         starts: int = 1,
         start_iterations: int = 10,
+        finalists: int = 1,
         seed: int = 0,
     ) -> None:
         lengths = [math.inf if h is None else h for h in horizons]
@@ -94,16 +102,22 @@ class FreeRun:
                 f"objective.warmup={warmup}, starts={starts}, start_iterations={start_iterations}: "
                 "expected at least 0, 1 and 1"
             )
+        if not 1 <= finalists <= starts:
+            raise ValueError(
+                f"objective.finalists={finalists} must lie between 1 and objective.starts={starts}"
+            )
         if records is not None and records < 1:
             raise ValueError(f"objective.records={records} must be at least 1, or null for all")
         self.horizons, self.warmup = list(horizons), warmup
         self.restart, self.records = restart, records
         self.starts, self.start_iterations, self.seed = starts, start_iterations, seed
-        self.stages: Sequence[str] = [
-            f"horizon {'whole record' if h is None else h}" for h in horizons
-        ]
+        self.ranked: list[list[Tensor]] = []  # states of the finalists, the best first
+        each = [f"horizon {'whole record' if h is None else h}" for h in horizons]
+        later = [f"{stage}, start {n}" for n in range(2, finalists + 1) for stage in each]
+        self.stages: Sequence[str] = each + later
 
     def problem(self, estimator: Estimator, record: Record, stage: int) -> FreeRunProblem:
+        stage %= len(self.horizons)
         horizon, last = self.horizons[stage], stage + 1 == len(self.horizons)
         if not last and record.a.ndim == 3:
             record = record.map(lambda u: u[: self.records])
@@ -114,22 +128,29 @@ class FreeRun:
     def begin(
         self, estimator: Estimator, batches: Iterable[Record], make_solver: MakeSolver, note: Note
     ) -> None:
-        """Keep the best of the starts; the first is that of the estimator itself."""
+        """Rank the starts; the first is that of the estimator itself."""
         if self.starts == 1:
             return
         generator = torch.Generator().manual_seed(self.seed)
         free = [p for p in estimator.parameters() if p.requires_grad]
-        identified = _state_of(estimator)
-        best, chosen = math.inf, identified
+        identified = state_of(estimator)
+        ends: list[tuple[float, list[Tensor]]] = []
         for start in range(self.starts):
             if start > 0:
-                _restore(estimator, identified)
+                restore(estimator, identified)
                 estimator.restart(generator)
             self._first_steps(estimator, batches, make_solver(free), note)
             loss = _mean_loss([self.problem(estimator, record, 0) for record in batches])
-            if loss < best:
-                best, chosen = loss, _state_of(estimator)
-        _restore(estimator, chosen)
+            ends.append((loss, state_of(estimator)))
+        ends.sort(key=lambda end: end[0])
+        self.ranked = [state for _, state in ends]
+        restore(estimator, self.ranked[0])
+
+    def enter(self, estimator: Estimator, stage: int) -> None:
+        """The next finalist, where the one before has been through all horizons."""
+        finalist, first = divmod(stage, len(self.horizons))
+        if first == 0:
+            restore(estimator, self.ranked[finalist])
 
     def _first_steps(
         self, estimator: Estimator, batches: Iterable[Record], solver: Solver, note: Note
@@ -147,13 +168,14 @@ class FreeRun:
         return _mean_loss([FreeRunProblem(estimator, record, None) for record in batches])
 
 
-def _state_of(estimator: Estimator) -> list[Tensor]:
+def state_of(estimator: Estimator) -> list[Tensor]:
     """Parameters and buffers: a start may choose units as well as weights."""
     return [t.detach().clone() for t in (*estimator.parameters(), *estimator.buffers())]
 
 
 @torch.no_grad()
-def _restore(estimator: Estimator, state: list[Tensor]) -> None:
+def restore(estimator: Estimator, state: list[Tensor]) -> None:
+    """Back to what `state_of` returned."""
     for tensor, value in zip((*estimator.parameters(), *estimator.buffers()), state, strict=True):
         tensor.copy_(value)
 
