@@ -50,6 +50,13 @@ class Response:
     a: Tensor  # acceleration (…, T, n) [m/s²]
 
 
+QUANTITIES = {  # that `a` may be, with symbol and unit
+    "acceleration": ("ẍ", "m/s²"),
+    "velocity": ("ẋ", "m/s"),
+    "displacement": ("x", "m"),
+    "force": ("r", "N"),
+    "output": ("y", "–"),
+}
 HOLDS = ("linear", "zero_order", "band_limited")
 INITIAL_STATES = ("rest", "given", "periodic")
 
@@ -58,6 +65,10 @@ INITIAL_STATES = ("rest", "given", "periodic")
 class Record:
     """A record, or a batch of records of equal length. Raises ValueError for unequal shapes.
 
+    `a` is what is estimated and scored: accelerations, unless `quantity` names what else the
+    sensors measured: a displacement, say, the force of an element under an imposed motion s and
+    s_dot, or an output of whatever unit.
+
     `initial_state` says how the motion begins: at rest, with the first x and v as given, or in the
     periodic steady state of an excitation that repeats itself. `hold` says what the excitation does
     between samples: "linear" and "zero_order" as digital-to-analogue converters do, or
@@ -65,7 +76,7 @@ class Record:
     """
 
     dt: float  # time step [s]
-    a: Tensor  # acceleration (…, T, n) [m/s²]
+    a: Tensor  # acceleration (…, T, n) [m/s²], or `quantity`
     f: Tensor  # force (…, T, m) [N]
     x: Tensor | None = None  # displacement (…, T, n) [m]
     v: Tensor | None = None  # velocity (…, T, n) [m/s]
@@ -75,11 +86,16 @@ class Record:
     warmup: int = 0  # first samples: filters may use them, metrics do not count them
     initial_state: str = "rest"
     hold: str = "linear"
+    quantity: str = "acceleration"
 
     def __post_init__(self) -> None:
         if not 0.0 < self.dt < float("inf"):
             raise ValueError(f"dt={self.dt} s must be positive")
-        for name, choices in (("initial_state", INITIAL_STATES), ("hold", HOLDS)):
+        for name, choices in (
+            ("initial_state", INITIAL_STATES),
+            ("hold", HOLDS),
+            ("quantity", QUANTITIES),
+        ):
             if getattr(self, name) not in choices:
                 raise ValueError(f"{name}={getattr(self, name)!r}: choose {', '.join(choices)}")
         if self.a.ndim < 2 or self.a.shape[-2] < 2:
@@ -179,14 +195,14 @@ def stack(records: Sequence[Record]) -> Record:
     """
     kinds = {
         (
-            *(r.dt, r.warmup, r.hold, r.truth is None),
+            *(r.dt, r.warmup, r.hold, r.quantity, r.truth is None),
             *((name, tuple(u.shape)) for name, u in r.signals().items()),
         )
         for r in records
     }
     if len(kinds) != 1:
         raise ValueError(
-            "records differ in (dt, warm-up, hold, truth missing, signals): "
+            "records differ in (dt, warm-up, hold, quantity, truth missing, signals): "
             f"{' and '.join(map(str, sorted(kinds, key=str)[:2]))}; "
             "give all the same signals and cut them into windows of equal length"
         )

@@ -23,6 +23,7 @@ class WindowDataset(Dataset[Record]):
         length: int | None = None,  # samples; None takes whole records
         stride: int | None = None,  # samples; None takes length − warmup
         warmup: int = 0,  # samples
+        whole: bool = False,  # each record in its own length
     ) -> None:
         if not records:
             raise ValueError("no records to cut into windows")
@@ -44,14 +45,16 @@ class WindowDataset(Dataset[Record]):
             record.require_finite()
         self.records, self.length, self.warmup = list(records), length, warmup
         self.places = [
-            (i, start)
+            (i, start, record.samples if whole else length)
             for i, record in enumerate(records)
-            for start in range(0, record.samples - length + 1, stride)
+            for start in ([0] if whole else range(0, record.samples - length + 1, stride))
+            if record.warmup - start < length
         ]
 
     def __len__(self) -> int:
         return len(self.places)
 
     def __getitem__(self, index: int) -> Record:
-        i, start = self.places[index]
-        return self.records[i].window(start, self.length, self.warmup)
+        i, start, length = self.places[index]
+        record = self.records[i]
+        return record.window(start, length, max(self.warmup, record.warmup - start))

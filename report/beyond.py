@@ -24,7 +24,7 @@ from rich.console import Console
 
 from data.record import stack
 from data.simulate import EscapedMotionError
-from models.training.assemble import changed, data_from
+from models.training.assemble import changed, simulated_from
 from models.training.metrics import FreeRunScore
 from report.console import one_line_errors, quiet_lightning
 from report.evaluation import restore
@@ -78,7 +78,7 @@ def _score(run: Run, change: str) -> dict[str, Any]:
     cfg, _ = read_run(run.folder)
     estimator = restore(cfg, run.folder)
     try:
-        data = data_from(beyond_config(cfg, change))
+        data = simulated_from(beyond_config(cfg, change))
         records, escapes = data.simulation.records(
             "test", data.test_records, data.seed, data.train_records
         )

@@ -10,7 +10,7 @@ import torch
 from omegaconf import DictConfig
 from rich.console import Console
 
-from data.datamodule import SimulatedData
+from data.datamodule import Data
 from data.simulate import EscapedMotionError
 from models.checkpoint import load_estimator
 from models.estimator import Estimator
@@ -32,7 +32,7 @@ def restore(run: DictConfig, folder: Path) -> Estimator:
 
 
 def score_split(
-    estimator: Estimator, data: SimulatedData, split: str
+    estimator: Estimator, data: Data, split: str
 ) -> tuple[Scores, FreeRunScore, tuple[Any, Any]]:
     """Scores of a split one step ahead and in free run, and its first batch with the estimate."""
     score, free_run, example = Scores(), FreeRunScore(), None
@@ -65,7 +65,7 @@ def score_seeds(
     return results
 
 
-def scores_of(estimator: Estimator, data: SimulatedData, splits: tuple[str, ...]) -> dict[str, Any]:
+def scores_of(estimator: Estimator, data: Data, splits: tuple[str, ...]) -> dict[str, Any]:
     """Errors in percent under the keys of `metrics.json`."""
     results: dict[str, Any] = {}
     for split in splits:
@@ -121,7 +121,7 @@ def draw_figures(estimator: Estimator, run: DictConfig, seed: int, folder: Path)
     data = data_from(changed(run, {"seed": seed}))
     data.setup()
     score, free_run, example = score_split(estimator, data, "test")
-    names = list(data.simulation.structure.elements)
+    names = list(data.elements)
     own_motion = None if free_run.example is None else free_run.example[1]
     drawn = run_figures(*example, {"test": score.over_time()}, names, own_motion)
     for name, figure in drawn.items():

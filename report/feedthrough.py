@@ -52,7 +52,7 @@ def feedthrough_errors(seeds: range = SEEDS) -> dict[str, dict[str, list[float]]
             leaky = SeesTheSample(
                 data.dofs,
                 data.inputs,
-                data.simulation.dt,
+                data.dt,
                 sigmoid_weight=cfg.model.sigmoid_weight,
             )
             for name, estimator in (("causal", causal), ("leaky", leaky)):

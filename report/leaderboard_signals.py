@@ -17,10 +17,10 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from data.datamodule import SimulatedData
 from data.record import Record, Response
+from data.simulated import SimulatedData
 from models.estimator import Estimator
-from models.training.assemble import data_from
+from models.training.assemble import simulated_from
 from models.training.metrics import displacement_of
 from models.training.simulate import simulate
 from report.evaluation import restore
@@ -57,7 +57,7 @@ def restored(entry: Entry) -> tuple[Estimator, SimulatedData]:
 
 @cache
 def _motions(folder: Path) -> SimulatedData:
-    data = data_from(read_run(folder)[0])
+    data = simulated_from(read_run(folder)[0])
     data.setup()
     return data
 

@@ -19,7 +19,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 from rich.table import Table
 
-from data.datamodule import SimulatedData
+from data.datamodule import Data
 from models.estimator import Estimator
 from models.training.assemble import changed, data_from, estimator_from
 from models.training.metrics import score
@@ -37,7 +37,7 @@ NETWORKS = ("residual_mlp", "global_mlp")
 Snapshot = tuple[float, float, int, float]  # train %, test %, iterations, seconds
 
 
-def errors_of(estimator: Estimator, data: SimulatedData) -> tuple[float, float]:
+def errors_of(estimator: Estimator, data: Data) -> tuple[float, float]:
     """Training error, and test error with the network's own residual where it has one."""
     with torch.no_grad():
         train, test = (score(estimator, data.loader(split)) for split in ("train", "test"))

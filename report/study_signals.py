@@ -16,12 +16,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 
-from data.datamodule import SimulatedData
 from data.elements import Bilinear, BoucWen, Element, LimitedSlip, Polynomial
 from data.record import Record
 from data.simulate import Motion, simulate
+from data.simulated import SimulatedData
 from data.structure import Structure
-from models.training.assemble import build, data_from
+from models.training.assemble import build, simulated_from
 from report.console import CONF
 from report.evaluation import restore
 from report.figures import MEASURED, element_loops
@@ -162,7 +162,7 @@ def behaviour(element: Element) -> str:
 
 
 def _motions(run: Run) -> SimulatedData:
-    data = data_from(read_run(run.folder)[0])
+    data = simulated_from(read_run(run.folder)[0])
     data.setup()
     return data
 

@@ -15,7 +15,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 from torch import Tensor
 
-from data.datamodule import SimulatedData
+from data.datamodule import Data
 from models.estimator import Estimator
 from models.training.identification import SPLITS, Identification
 from models.training.metrics import FREE_RUNS, free_run_score, score
@@ -25,7 +25,7 @@ from report.runs import code_version, config_digest, settings_of
 from report.tables import error_table, rows_of, why_no_free_run
 
 
-def compare_baselines(baselines: dict[str, Estimator], data: SimulatedData) -> dict[str, Any]:
+def compare_baselines(baselines: dict[str, Estimator], data: Data) -> dict[str, Any]:
     """Errors of each baseline on the same records, one step ahead and in free run.
 
     One that cannot be identified says why.
@@ -43,7 +43,7 @@ def compare_baselines(baselines: dict[str, Estimator], data: SimulatedData) -> d
 
 
 def metrics_of(
-    cfg: DictConfig, module: Identification, data: SimulatedData, baselines: dict[str, Any]
+    cfg: DictConfig, module: Identification, data: Data, baselines: dict[str, Any]
 ) -> dict[str, Any]:
     """What `metrics.json` holds; errors in percent, times in seconds."""
     estimator = module.estimator
@@ -64,7 +64,7 @@ def metrics_of(
         "peak_acceleration": {
             split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
         },
-        "simulation_error": data.simulation.error("test", cfg.seed, data.train_records),
+        "simulation_error": data.own_error(),
         "escaped": [vars(escape) for escape in data.escapes],
         "baselines": baselines,
         "paper": paper_values(cfg.model.name, cfg.system.name, cfg.scenario.name),
@@ -80,7 +80,7 @@ def metrics_of(
 def log_run(
     logger: TensorBoardLogger,
     module: Identification,
-    data: SimulatedData,
+    data: Data,
     metrics: dict[str, Any],
     figures: bool,
 ) -> None:
@@ -102,7 +102,7 @@ def log_run(
         for step in range(0, len(error), max(1, len(error) // 200)):
             if torch.isfinite(error[step]):
                 board.add_scalar(f"{key}/relative_rms_percent_over_time", 100.0 * error[step], step)
-    names = list(data.simulation.structure.elements)
+    names = list(data.elements)
     if figures:
         record, estimates = module.examples["test"]
         errors = {split: over_time[split] for split in SPLITS}
@@ -154,7 +154,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     for name, scores in metrics["baselines"].items():
         if "failed" in scores:
             console.print(f"{name} failed: {scores['failed']}")
-    if metrics["simulation_error"] > 1e-5:
+    if (metrics["simulation_error"] or 0.0) > 1e-5:
         console.print(
             f"the simulation itself is off by {metrics['simulation_error']:.1e} (relative RMS); "
             "lower data.tolerance"

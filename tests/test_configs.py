@@ -41,7 +41,7 @@ def fits(*overrides: str) -> dict:
     cfg = composed(*overrides, "data.duration=40")
     cfg = changed(cfg, {"solver": {"iterations": 3}})
     if "horizons" in cfg.objective:
-        cfg = changed(cfg, {"objective": {"horizons": [None]}, "data": {"duration": 10.0}})
+        cfg = changed(cfg, {"objective": {"horizons": [None], "finalists": 1}, "data": {"duration": 10.0}})
     if "refinements" in cfg.model:
         cfg = changed(cfg, {"model": {"refinements": 1}})
     data = data_from(cfg)
@@ -59,7 +59,7 @@ def fits(*overrides: str) -> dict:
     return score(estimator, data.loader("test"))
 
 
-@pytest.mark.parametrize("system", choices("system"))
+@pytest.mark.parametrize("system", sorted(set(choices("system")) - {"measured"}))
 @pytest.mark.parametrize("model", choices("model"))
 def test_every_model_on_every_system(model, system):
     errors = fits(f"model={model}", f"system={system}")
@@ -80,7 +80,7 @@ def test_every_scenario(model, scenario):
     assert 0.0 < fits(f"model={model}", f"scenario={scenario}")["relative_rms_percent"] < 200.0
 
 
-@pytest.mark.parametrize("excitation", sorted(set(choices("excitation")) - {"given"}))
+@pytest.mark.parametrize("excitation", sorted(set(choices("excitation")) - {"given", "earthquake", "none"}))
 def test_every_excitation(excitation):
     errors = fits("model=two_point", f"excitation={excitation}")
     assert 0.0 < errors["relative_rms_percent"] < 10.0

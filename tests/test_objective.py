@@ -11,10 +11,10 @@ from lightning.pytorch import Trainer
 from torch import Tensor, nn
 from torch.nn.utils import parameters_to_vector
 
-from data.datamodule import SimulatedData
 from data.excitation import BandLimitedGaussian, Excitation
 from data.record import Drive, Record, Response, stack
 from data.scenario import FullState
+from data.simulated import SimulatedData
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, NoFreeRunError
 from models.mlp import GlobalMLP, ResidualMLP

@@ -18,8 +18,8 @@ import numpy as np
 import torch
 
 from benchmarks.published import narx, sindy, subnet
-from data.datamodule import SimulatedData
 from data.record import Drive, Record
+from data.simulated import SimulatedData
 from models.checkpoint import load_estimator
 from models.estimator import NoFreeRunError
 from models.training.assemble import data_from, estimator_from

@@ -18,7 +18,8 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from torch import nn
 
-from data.datamodule import SimulatedData
+from data.datamodule import Data
+from data.simulated import SimulatedData
 from models.estimator import Estimator
 from models.training.objective import Objective
 from models.training.solvers.solver import Solver
@@ -82,21 +83,31 @@ def changed(cfg: DictConfig, changes: dict[str, Any]) -> DictConfig:
     return merged
 
 
-def data_from(cfg: DictConfig) -> SimulatedData:
+def data_from(cfg: DictConfig) -> Data:
     """Training and test records of a run."""
-    return build(
-        cfg.data,
-        structure=build(cfg.system.structure),
-        excitation=build(cfg.excitation),
-        scenario=build(cfg.scenario),
-        seed=cfg.seed,
-        name=cfg.system.name,
-    )
+    more: dict[str, Any] = {"scenario": build(cfg.scenario), "seed": cfg.seed}
+    if cfg.system.structure is not None:  # measured ones come without
+        more.update(structure=build(cfg.system.structure), excitation=build(cfg.excitation))
+    elif cfg.data._target_.endswith(".SimulatedData"):
+        raise ValueError(
+            f"system={cfg.system.name} has no structure to simulate; choose data=measured and "
+            "data.path, or another system"
+        )
+    return build(cfg.data, name=cfg.system.name, **more)
 
 
-def estimator_from(model: DictConfig, data: SimulatedData) -> Estimator:
+def simulated_from(cfg: DictConfig) -> SimulatedData:
+    """The same, where the structure behind them is known."""
+    data = data_from(cfg)
+    if not isinstance(data, SimulatedData):
+        raise ValueError(f"{cfg.system.name} was measured, not simulated: its laws are not known")
+    return data
+
+
+def estimator_from(model: DictConfig, data: Data) -> Estimator:
     """An estimator of the size of the data, not yet identified."""
-    return build(model, dofs=data.dofs, inputs=data.inputs, dt=data.simulation.dt)
+    more = {"forced": data.forced} if "forced" in model and model.forced is None else {}
+    return build(model, dofs=data.dofs, inputs=data.inputs, dt=data.dt, **more)
 
 
 def solver_from(solver: DictConfig) -> Callable[[Iterable[nn.Parameter]], Solver]:
