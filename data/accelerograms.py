@@ -89,8 +89,8 @@ def far_field_file() -> Path:
 
 def _read_far_field(record: str, component: str) -> Accelerogram:
     path = far_field_file()
-    import h5py  # type: ignore[import]  # has no types, and need not be installed
-    import hdf5plugin  # noqa: F401  the file is compressed by Blosc, which this makes h5py know
+    import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
+    import hdf5plugin  # noqa: F401 - the file is compressed by Blosc, which this makes h5py know
 
     try:
         with h5py.File(path, "r") as file:
@@ -123,10 +123,11 @@ def read_at2(path: Path) -> Accelerogram:
 
 def read_csv(path: Path) -> Accelerogram:
     """Two columns, time [s] at equal steps and acceleration [g]; lines with # are comments."""
-    if not path.read_text(encoding="utf-8", errors="replace").strip():
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    if not any(line.partition("#")[0].strip() for line in lines):
         raise ValueError(f"{path} is empty; expected two columns, time [s] and acceleration [g]")
     try:
-        table = np.loadtxt(path, delimiter=",", comments="#", ndmin=2)
+        table = np.loadtxt(lines, delimiter=",", comments="#", ndmin=2)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     if table.shape[1] != 2 or len(table) < 2:

@@ -47,6 +47,7 @@ class Data(LightningDataModule):
         self.cut: dict[str, Any] = {"length": window, "stride": stride, "warmup": warmup}
         self.batch, self.validation = batch, validation
         self.escapes: list[Escape] = []  # motions that were left out
+        self.notes: dict[str, list[str]] = {}  # by record, what was noticed and done
         self.records: dict[str, list[Record]] = {}
 
     @abstractmethod

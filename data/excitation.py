@@ -28,6 +28,9 @@ class Waveform(ABC):
     ) -> Signal:
         """One record: `record` is its number among all, training before testing."""
 
+    def check(self, train_records: int) -> None:  # noqa: B027 - most have nothing to say
+        """Raise ValueError where this number of training records would test what was trained on."""
+
 
 def _harmonics(band: Sequence[float], samples: int, dt: float) -> np.ndarray:
     """Numbers of the harmonics of the record that lie in the band [Hz], below Nyquist's."""

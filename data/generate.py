@@ -89,7 +89,7 @@ class Simulation:
             raise EscapedMotionError(
                 f"{self.name}, seed {seed}: the {split} motion escaped at "
                 f"t = {escapes[0].time:.2f} s{'' if count == 1 else f', and so did all {count}'}; "
-                "take another seed or a smaller excitation.force.std",
+                "take another seed or a smaller excitation",
                 escapes[0].time,
             )
         return records, escapes

@@ -181,7 +181,9 @@ class Record:
     def window(self, start: int, length: int, warmup: int = 0) -> Record:
         """Samples `start` … `start + length − 1`, the first `warmup` of them for warming up."""
         begins = self.initial_state if start == 0 else "given"
-        cut = self.map(lambda u: u[..., start : start + length, :])
+        if begins == "periodic" and length < self.samples:  # a part of a period is none
+            begins = "given"
+        cut = replace(self, warmup=0).map(lambda u: u[..., start : start + length, :])
         return replace(cut, warmup=warmup, initial_state=begins)
 
     def to(self, device: torch.device | str) -> Record:

@@ -36,6 +36,9 @@ class SimulatedData(Data):
     ) -> None:
         super().__init__(window, stride, warmup, batch, validation)
         self.simulation = Simulation(structure, excitation, scenario, dt, duration, name, tolerance)
+        for waveform in (excitation.force, excitation.support):
+            if waveform is not None:
+                waveform.check(train_records)
         self.seed, self.train_records, self.test_records = seed, train_records, test_records
         self.name, self.dt, self.dofs = name, dt, structure.dofs
         self.elements = tuple(structure.elements)

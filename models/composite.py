@@ -7,6 +7,7 @@ B records, T samples, n DOFs, E elements, P free parameters.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,14 +18,27 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from models.estimator import Estimator
-from models.layers.composition import PART, Coefficients, Composition, Part, simulate
+from models.layers.composition import (
+    ACCELERATION,
+    DISPLACEMENT,
+    PART,
+    VELOCITY,
+    Coefficients,
+    Composition,
+    Part,
+    simulate,
+)
 from models.layers.composition_compiled import run
 from models.layers.integrate import between
+from models.layers.state_variables import corner_frequency, state_variables
+
+MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
+BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities
 
 
 @dataclass(frozen=True)
 class Trace:
-    """A compiled run (…, T, ·): the motion, the elements' forces and deformations, ∂a/∂θ."""
+    """A compiled run (…, T, ·): the motion, the elements' forces and deformations, ∂output/∂θ."""
 
     response: Response
     forces: Tensor  # (…, T, E) [N]
@@ -41,6 +55,7 @@ class Composite(Estimator):
     """
 
     reads = ("f",)
+    measures: Tensor  # (n,): what the sensors say, displacement 0, velocity 1, acceleration 2
     identified: Tensor  # 1 once the parameters have their units, until then NaN
 
     def __init__(
@@ -58,6 +73,7 @@ class Composite(Estimator):
             raise ValueError(f"model.prior={prior} must not be negative")
         self.prior = prior
         self.register_buffer("identified", torch.tensor(torch.nan, dtype=torch.float64))
+        self.register_buffer("measures", torch.full((dofs,), ACCELERATION))
         if not isinstance(substeps, int) or substeps < 1:
             raise ValueError(f"model.substeps={substeps} must be a whole number, at least 1")
         self.substeps = substeps
@@ -150,7 +166,8 @@ class Composite(Estimator):
                 drive.dt, every, np.ascontiguousarray(measured[i].numpy()), back,
                 *arrays["core"], *arrays["inputs"], *arrays["G"], *arrays["D"],
                 np.ascontiguousarray(it.supports.cpu().numpy()), *arrays["laws"], it.counts,
-                *arrays["outputs"], P, *(signal[i].numpy() for signal in out),
+                *arrays["outputs"], it.measures.cpu().numpy(), P,
+                *(signal[i].numpy() for signal in out),
             )  # fmt: skip
 
         if len(u) > 1 and torch.get_num_threads() > 1:
@@ -159,8 +176,39 @@ class Composite(Estimator):
         else:
             for i in range(len(u)):
                 one(i)
-        out = [signal.reshape(*lead, *signal.shape[1:]).to(device) for signal in out]
-        return Trace(Response(*out[:3]), *out[3:])
+        x, v, a, *rest = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
+        return Trace(Response(x, v, it.output(x, v, a)), *rest)
+
+    def look(self, batches: Iterable[Record]) -> list[Record]:
+        """The records on the processor, once it is known what their sensors say."""
+        records = [record.to("cpu") for record in batches]
+        for record in records:
+            if record.quantity not in MEASURES:
+                raise ValueError(
+                    f"{type(self).__name__} describes motions; the record holds "
+                    f"{record.quantity}: choose another model"
+                )
+            self.measures.fill_(MEASURES[record.quantity])
+        return records
+
+    def states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
+        """x, v, a, u (T, ·) of each record as measured, or filtered alike from what there is."""
+        counted = slice(record.warmup, None)
+        a = record.a.reshape(-1, *record.a.shape[-2:])
+        u = record.excitation.reshape(len(a), record.samples, -1)
+        measured = MEASURES[record.quantity]
+        whole = measured == ACCELERATION and not self.from_accelerations
+        for i in range(len(a)):
+            if whole and record.x is not None and record.v is not None:
+                x, v = record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i]
+                yield x[counted], v[counted], a[i][counted], u[i][counted]
+                continue
+            corner = corner_frequency(a[i], record.dt)
+            if measured != ACCELERATION:
+                corner *= BEYOND  # the filters' own share is then flat below it
+            size = corner ** (ACCELERATION - measured)
+            x, v, filtered = (size * s for s in state_variables(a[i], corner, record.dt))
+            yield x, v, filtered, size * state_variables(u[i], corner, record.dt)[measured]
 
     def _anchors(self, record: Record, horizon: int | None) -> Tensor | None:
         """Measured x and v (…, 2, T, n); the first is where the record begins."""

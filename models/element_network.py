@@ -19,7 +19,6 @@ from torch import Tensor
 from data.record import Record
 from models.composite import Composite
 from models.layers.composition import Coefficients, Composition, ElementLaws, Numbering, Part
-from models.layers.state_variables import corner_frequency, state_variables
 
 SOFTEST = 0.05  # of the median stiffness: what an element starts with at least
 
@@ -29,7 +28,8 @@ class ElementNetwork(Composite):
 
     elements: None for all n(n + 1)/2 pairs of DOFs and ground, or the pairs where the topology is
     known, such as [[ground, x1], [x1, x2]].  masses [kg]: None learns them.  forced: numbers of the
-    DOFs that carry the forces, None for all of them.  Where supports move (as many as there are
+    DOFs that carry the forces, None for all of them, "base" where f = −s̈ of a common support moves
+    all of them by M ι f.  Where supports move (as many as there are
     pairs of channels left), every DOF has an element to each instead of to ground.
     hinges, tanhs, units: in each law; cubic: a cubic spring too.
     from_accelerations: x and v are not looked at, even where they are there.
@@ -44,7 +44,7 @@ class ElementNetwork(Composite):
         dt: float,
         elements: Sequence[Sequence[str]] | None = None,
         masses: Sequence[float] | None = None,
-        forced: Sequence[int] | None = None,
+        forced: Sequence[int] | str | None = None,
         hinges: int = 2,
         tanhs: int = 0,
         units: int = 2,
@@ -56,12 +56,14 @@ class ElementNetwork(Composite):
         super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations)
         if forced is None:
             forced = range(1, min(dofs, inputs) + 1) if inputs >= dofs else []
-        self.forced = [number - 1 for number in forced]
-        supports, rest = divmod(inputs - len(self.forced), 2)
+        self.base = forced == "base"
+        self.forced = [] if isinstance(forced, str) else [number - 1 for number in forced]
+        self.forces = 1 if self.base else len(self.forced)  # channels
+        supports, rest = divmod(inputs - self.forces, 2)
         known = set(range(dofs)) >= set(self.forced) and len(set(self.forced)) == len(self.forced)
         if rest or supports < 0 or not known:
             raise ValueError(
-                f"model.forced={list(forced)} does not fit {dofs} DOFs and {inputs} channels of "
+                f"model.forced={forced} does not fit {dofs} DOFs and {inputs} channels of "
                 "excitation: forces first, then displacement and velocity of every support; list "
                 "the DOFs that carry the forces"
             )
@@ -101,8 +103,10 @@ class ElementNetwork(Composite):
             torch.where(place != 0.0, number[:, None], -1),
             place * slope[:, None],
         )
+        if self.base:
+            inputs = Part.fixed(torch.ones_like(place))
         supports = self.B.new_zeros(2, len(self.elements), self.inputs)
-        first = len(self.forced)
+        first = self.forces
         supports[0, :, first : first + self.supports] = self.B_s
         supports[1, :, first + self.supports :] = self.B_s
         return Composition(
@@ -115,6 +119,7 @@ class ElementNetwork(Composite):
             supports=supports,
             counts=self.laws.counts,
             parameters=numbering.count,
+            measures=self.measures,
         )
 
     @torch.no_grad()
@@ -125,19 +130,20 @@ class ElementNetwork(Composite):
         """
         n, E, B, B_s = self.dofs, len(self.elements), self.B.cpu(), self.B_s.cpu()
         rows, targets, largest = [], [], []
-        for record in batches:
+        for record in self.look(batches):
             self.check(record)
-            if record.f.shape[-1] != len(self.forced):
+            if record.f.shape[-1] != self.forces:
                 raise ValueError(
                     f"the record has {record.f.shape[-1]} forces, model.forced names "
-                    f"{len(self.forced)}; list the DOFs that carry them"
+                    f"{self.forces}; list the DOFs that carry them"
                 )
-            for x, v, a, u in self._states(record.to("cpu")):
+            for x, v, a, u in self.states(record):
                 force = torch.zeros_like(a)
                 force[:, self.forced] = u[:, : len(self.forced)]
-                s, s_dot = u[:, len(self.forced) :].chunk(2, dim=1)
+                s, s_dot = u[:, self.forces :].chunk(2, dim=1)
                 y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
-                inertia = torch.diag_embed(a)  # (T, n, n)
+                absolute = a - u[:, :1] if self.base else a
+                inertia = torch.diag_embed(absolute)  # (T, n, n)
                 springs, dampers = B.T * y[:, None, :], B.T * rate[:, None, :]
                 rows.append(torch.cat([inertia, springs, dampers], dim=2).flatten(0, 1))
                 targets.append(force.flatten())
@@ -178,20 +184,6 @@ class ElementNetwork(Composite):
             )
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         self.laws.start(*self.linear, places)
-
-    def _states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
-        """x, v, a, u (T, ·) of each record, filtered alike where they come from a alone."""
-        counted = slice(record.warmup, None)
-        a = record.a.reshape(-1, *record.a.shape[-2:])
-        u = record.excitation.reshape(len(a), record.samples, -1)
-        for i in range(len(a)):
-            if not self.from_accelerations and record.x is not None and record.v is not None:
-                x, v = record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i]
-                yield x[counted], v[counted], a[i][counted], u[i][counted]
-            else:
-                corner = corner_frequency(a[i], record.dt)
-                x, v, filtered = state_variables(a[i], corner, record.dt)
-                yield x, v, filtered, state_variables(u[i], corner, record.dt)[2]
 
     def _pairs(self) -> list[list[str]]:
         """Every DOF with ground or each moving support, then every two DOFs."""

@@ -26,7 +26,8 @@ SHARE = 0.5  # of the modal damping that elements have at the start, where it is
 class LatentHysteresisNetwork(Composite):
     """Modes from the equivalent linear system, then `elements` laws in directions of their own.
 
-    hinges, tanhs, units: in each law; cubic: a cubic spring too. Needs x and v in training.
+    hinges, tanhs, units: in each law; cubic: a cubic spring too.
+    from_accelerations: x and v are not looked at, even where they are there.
     """
 
     def __init__(
@@ -41,8 +42,9 @@ class LatentHysteresisNetwork(Composite):
         cubic: bool = True,
         substeps: int = 2,
         prior: float = 1e-10,
+        from_accelerations: bool = False,
     ) -> None:
-        super().__init__(dofs, inputs, dt, substeps, prior)
+        super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations)
         if not isinstance(elements, int) or elements < 1:
             raise ValueError(f"model.elements={elements} must be at least 1")
         self.stiffness = Coefficients(dofs, positive=True)  # ω²
@@ -66,14 +68,18 @@ class LatentHysteresisNetwork(Composite):
             supports=D.value.new_zeros(2, E, self.inputs),
             counts=self.laws.counts,
             parameters=numbering.count,
+            measures=self.measures,
         )
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         """Modes, damping and inputs of the equivalent linear system (Eq. 8); units of θ."""
         linear = EquivalentLinear(self.dofs, self.inputs, self.dt)
-        batches = [record.to("cpu") for record in batches]
-        found = linear.identify(batches)
+        records = self.look(batches)
+        for record in records:
+            self.check(record)
+        seen = [(record.dt, *states) for record in records for states in self.states(record)]
+        found = linear.identify([Record(dt, a, u, x, v) for dt, x, v, a, u in seen])
         damping, stiffness, inputs = linear.matrices()
         mass = self._mass(inputs)
         spring = _symmetric(mass @ stiffness)
@@ -92,7 +98,7 @@ class LatentHysteresisNetwork(Composite):
         _start_at(self.inputs_to, torch.linalg.solve(shapes, inputs))
         _start_at(self.shapes, shapes)
         self.typical = spring.diagonal().mean() / self.dofs  # of an element's stiffness [N/m]
-        self.moved = torch.cat([r.x.reshape(-1, self.dofs) for r in batches if r.x is not None])
+        self.moved = torch.cat([x for _, x, *_ in seen])
         self.identified.fill_(1.0)
         self.restart(torch.Generator().manual_seed(0))
         return found

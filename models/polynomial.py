@@ -32,8 +32,10 @@ class ModalPolynomial(EquivalentLinear):
     [["u1", "u1_dot"], ["u1", "u2"]], every h_i on the sum of their series (Eq. 13).
     The identified M⁻¹K is not symmetric and may have complex modes; a complex pair is replaced by
     its real and imaginary part, which span the same motion.  Coordinates are normalised by their
-    extents in training (Eq. 23), which unseen motion may exceed.  Raises ValueError unless every
-    DOF has its force, and where the identified mass matrix or the modes are singular.
+    extents in training (Eq. 23), which unseen motion may exceed.  forced: "base" where f = −s̈ of a
+    common support is the one excitation: masses are then unknown and h = Φᵀ M⁻¹ r, by unit mass.
+    Raises ValueError unless every DOF has its force or all have that one, and where the identified
+    mass matrix or the modes are singular.
     """
 
     modes: Tensor
@@ -48,9 +50,11 @@ class ModalPolynomial(EquivalentLinear):
         order: int = 5,
         pairs: Sequence[Sequence[str]] | None = None,
         ridge: float = 0.0,
+        forced: Sequence[int] | str | None = None,
     ) -> None:
         super().__init__(dofs, inputs, dt, ridge)
-        if inputs != dofs:
+        self.base = forced == "base"
+        if inputs != (1 if self.base else dofs):
             raise ValueError(
                 f"polynomial methods need one force per DOF to identify the mass matrix; there are "
                 f"{inputs} channels of excitation for {dofs} DOFs"
@@ -114,9 +118,9 @@ class ModalPolynomial(EquivalentLinear):
         H = -torch.block_diag(*(c[:, None] for c in columns)) @ inverse  # −h Φ⁻¹ (P of all, n)
         L: Tensor = self.weights
         if self.fits == "restoring_force":
-            inverse_mass = self.matrices()[2].T
-            L = torch.cat([torch.zeros_like(L[: 2 * self.dofs]), inverse_mass])
-            H = H @ inverse_mass
+            driven, inverse_mass = self._inertia()
+            L = torch.cat([torch.zeros_like(L[: 2 * self.dofs]), driven.T])
+            H = H @ inverse_mass.T
         first, second = self._places(L.device)
 
         def acceleration(x: Tensor, v: Tensor, u: Tensor) -> Tensor:
@@ -144,7 +148,7 @@ class ModalPolynomial(EquivalentLinear):
 
     def check(self, record: Record) -> None:
         super().check(record)
-        if record.s is not None or record.f.shape[-1] != self.dofs:
+        if record.s is not None or record.f.shape[-1] != self.inputs:
             raise ValueError(
                 f"polynomial methods need one force per DOF and supports at rest; the record has "
                 f"{record.f.shape[-1]} forces for {self.dofs} DOFs"
@@ -157,9 +161,19 @@ class ModalPolynomial(EquivalentLinear):
             self.fits == "residual"
         ):  # M⁻¹ f_NL is the linear estimate less the measured acceleration
             return (super().forward(record) - record.a) @ self.modes
+        driven, inverse_mass = self._inertia()
+        missing = record.f @ driven.T - record.a  # M⁻¹ r
+        return (
+            torch.linalg.solve(inverse_mass, missing.transpose(-1, -2)).transpose(-1, -2)
+            @ self.modes
+        )
+
+    def _inertia(self) -> tuple[Tensor, Tensor]:
+        """What excitations do to accelerations (n, m), and M⁻¹ (n, n) or, by unit mass, 1."""
         inverse_mass = self.matrices()[2]
-        inertia = torch.linalg.solve(inverse_mass, record.a.transpose(-1, -2)).transpose(-1, -2)
-        return (record.f - inertia) @ self.modes
+        if not self.base:
+            return inverse_mass, inverse_mass
+        return torch.ones_like(inverse_mass), torch.eye(self.dofs).to(inverse_mass)
 
     def _modal(self, x: Tensor | None, v: Tensor | None) -> Tensor:
         """[u, u̇] (…, 2n)."""
@@ -185,7 +199,7 @@ class ModalPolynomial(EquivalentLinear):
         return names.index(pair[0]), names.index(pair[1])
 
     def _require_regular(self) -> None:
-        named = {"inverse mass matrix": self.matrices()[2], "mode matrix": self.modes}
+        named = {"inverse mass matrix": self._inertia()[1], "mode matrix": self.modes}
         for name, matrix in named.items():
             condition = float(torch.linalg.cond(matrix))
             if not condition < 1e10:

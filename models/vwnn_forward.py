@@ -233,7 +233,7 @@ class ForwardVWNN(Estimator):
         size = self.weights.numel()
         normal, gradient = self.weights.new_zeros(size, size), self.weights.new_zeros(size)
         for record in batches:
-            batch = record.map(lambda u: u.reshape(-1, *u.shape[-2:]))
+            batch = record if record.a.ndim == 3 else record.map(lambda u: u[None])
             own, states = self._run(batch.excitation)
             local = self._slopes(states)
             driven = self.driven_features(batch.excitation)

@@ -6,33 +6,40 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from data.record import Record, Response
+from data.record import QUANTITIES, Record, Response
 from models.training.metrics import displacement_of
 
 MEASURED, ESTIMATED = "#222222", "#d1495b"
 
 
 def acceleration(record: Record, estimate: Tensor, seconds: float = 10.0) -> Figure:
-    """Measured and estimated acceleration of each DOF, `seconds` from the middle (Figs. 9–11)."""
-    return _compared(record, {"measured": record.a, "estimated": estimate}, "ẍ{} [m/s²]", seconds)
+    """Measured and estimated output of each DOF, `seconds` from the middle (Figs. 9–11)."""
+    signals = {"measured": record.a, "estimated": estimate}
+    return _compared(record, signals, _label(record), seconds)
 
 
 def free_run_acceleration(record: Record, response: Response, seconds: float = 10.0) -> Figure:
-    """Acceleration of each DOF against that of the free run, as in `acceleration`."""
+    """Output of each DOF against that of the free run, as in `acceleration`."""
     true = {"measured": record.a} if record.truth is None else {"true": record.truth.a}
-    return _compared(record, {**true, "free run": response.a}, "ẍ{} [m/s²]", seconds)
+    return _compared(record, {**true, "free run": response.a}, _label(record), seconds)
+
+
+def _label(record: Record) -> str:
+    symbol, unit = QUANTITIES[record.quantity]
+    return f"{symbol}{{}} [{unit}]"
 
 
 def free_run_displacement(record: Record, response: Response, seconds: float = 10.0) -> Figure:
-    """The same for the displacement, where the record has one."""
-    signals = {"free run": response.x}
+    """The same for the displacement of a record that has one."""
     displacement = displacement_of(record)
-    if displacement is not None:
-        signals = {"measured" if record.truth is None else "true": displacement, **signals}
+    assert displacement is not None
+    known = "measured" if record.truth is None else "true"
+    signals = {known: displacement, "free run": response.x}
     return _compared(record, signals, "x{} [m]", seconds)
 
 
@@ -77,8 +84,10 @@ def error_over_time(errors: dict[str, Tensor], dt: float, warmup: int = 0) -> Fi
     for (split, error), color in zip(errors.items(), (MEASURED, ESTIMATED), strict=False):
         t = dt * (warmup + np.arange(len(error)))
         axes.plot(t, 100.0 * error.cpu().numpy(), color=color, label=split)
-    settled = max(float(error[len(error) // 10 :].max()) for error in errors.values())
-    axes.set_ylim(0.0, 130.0 * settled)  # the first instants divide by next to nothing
+    later = torch.cat([error[len(error) // 10 :].cpu() for error in errors.values()])
+    later = later[torch.isfinite(later)]
+    if later.numel() > 0:  # the first instants divide by next to nothing
+        axes.set_ylim(0.0, 130.0 * float(later.max()))
     axes.set_xlabel("time [s]")
     axes.set_ylabel("relative RMS error [%]")
     axes.margins(x=0.0)
@@ -103,6 +112,22 @@ def element_loops(record: Record, names: list[str]) -> Figure:
     return figure
 
 
+def imposed_loops(record: Record, estimate: Tensor) -> Figure:
+    """Force against imposed deformation of an element test, measured and by the model."""
+    assert record.s is not None
+    s, measured, own = (_first(u[..., record.warmup :, :]) for u in (record.s, record.a, estimate))
+    figure = Figure(figsize=(4.6 * record.dofs, 3.8), layout="constrained")
+    for i in range(record.dofs):
+        axes = figure.add_subplot(1, record.dofs, i + 1)
+        axes.plot(s[:, i], measured[:, i], color=MEASURED, linewidth=0.8, label="measured")
+        axes.plot(s[:, i], own[:, i], color=ESTIMATED, linewidth=0.6, label="model")
+        axes.set_xlabel(f"s{i + 1} [m]")
+        axes.set_ylabel(f"r{i + 1} [N]")
+        axes.grid(alpha=0.25)
+        axes.legend(frameon=False)
+    return figure
+
+
 def run_figures(
     record: Record,
     estimate: Tensor,
@@ -115,8 +140,13 @@ def run_figures(
         "acceleration": acceleration(record, estimate),
         "error_over_time": error_over_time(errors, record.dt, record.warmup),
     }
+    if record.quantity == "force" and record.s is not None:
+        best = estimate if free_run is None else free_run.a
+        figures["element_loops"] = imposed_loops(record, best)
     if free_run is not None:
         figures["free_run_acceleration"] = free_run_acceleration(record, free_run)
+    moved = record.quantity == "acceleration" and displacement_of(record) is not None
+    if free_run is not None and moved:
         figures["free_run_displacement"] = free_run_displacement(record, free_run)
     if record.truth is not None:
         figures["element_loops"] = element_loops(record, elements)

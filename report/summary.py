@@ -16,6 +16,7 @@ from rich.console import Console
 from torch import Tensor
 
 from data.datamodule import Data
+from data.record import QUANTITIES
 from models.estimator import Estimator
 from models.training.identification import SPLITS, Identification
 from models.training.metrics import FREE_RUNS, free_run_score, score
@@ -46,7 +47,7 @@ def metrics_of(
     cfg: DictConfig, module: Identification, data: Data, baselines: dict[str, Any]
 ) -> dict[str, Any]:
     """What `metrics.json` holds; errors in percent, times in seconds."""
-    estimator = module.estimator
+    estimator, names = module.estimator, (cfg.model.name, cfg.system.name, cfg.scenario.name)
     return {
         "model": cfg.model.name,
         "system": cfg.system.name,
@@ -61,13 +62,15 @@ def metrics_of(
         },
         "training": module.how_trained(),
         **module.results(),
-        "peak_acceleration": {
+        "quantity": data.records["test"][0].quantity,
+        "peak": {  # in the unit of the quantity
             split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
         },
+        "records": data.notes,
         "simulation_error": data.own_error(),
         "escaped": [vars(escape) for escape in data.escapes],
         "baselines": baselines,
-        "paper": paper_values(cfg.model.name, cfg.system.name, cfg.scenario.name),
+        "paper": paper_values(*names) if data.forced not in ([], "base") else {},
         "versions": {
             "python": platform.python_version(),
             "torch": torch.__version__,
@@ -121,6 +124,18 @@ def errors_over_time(module: Identification) -> dict[str, Tensor]:
     return one_step | {key: error for key, error in free.items() if error is not None}
 
 
+def rms_line(metrics: dict[str, Any]) -> str:
+    """Test errors in the unit of what was measured."""
+    _, unit = QUANTITIES[metrics["quantity"]]
+    told = {"one step": metrics["test"], "free run": metrics[FREE_RUNS["test"]]}
+    parts = []
+    for name, scores in told.items():
+        each = scores.get("per_dof_rms")
+        if each and None not in each:
+            parts.append(f"{name} {', '.join(f'{value:.3g}' for value in each)} {unit}")
+    return "RMS error of the test motion: " + ("; ".join(parts) or "–")
+
+
 def print_run(metrics: dict[str, Any], folder: Path) -> None:
     """The table that a run ends with."""
     methods = {metrics["model"]: metrics, **metrics["baselines"]}
@@ -134,7 +149,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
         f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}, seed {metrics['seed']}"
     )
     console = Console(width=None if Console().is_terminal else 120)
-    console.print(error_table(title, rows, dofs))
+    console.print(error_table(title, rows, dofs, metrics["quantity"]))
     for line in why_no_free_run(methods):
         console.print(line, markup=False)
     solution = ", ".join(
@@ -154,7 +169,11 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     for name, scores in metrics["baselines"].items():
         if "failed" in scores:
             console.print(f"{name} failed: {scores['failed']}")
-    if (metrics["simulation_error"] or 0.0) > 1e-5:
+    if metrics["simulation_error"] is None:  # measured: what counts is the error in its unit
+        console.print(rms_line(metrics))
+        for record, notes in metrics["records"].items():
+            console.print(f"{record}: {'; '.join(notes) or 'as it is'}", markup=False)
+    elif metrics["simulation_error"] > 1e-5:
         console.print(
             f"the simulation itself is off by {metrics['simulation_error']:.1e} (relative RMS); "
             "lower data.tolerance"

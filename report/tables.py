@@ -11,19 +11,29 @@ from models.training.metrics import FREE_RUNS
 
 SPLITS = tuple(FREE_RUNS)
 CAPTION = (
-    "relative RMS error of the acceleration in % (Eq. 21). Rows “free run”: a method's own motion, "
+    "relative RMS error of the {quantity} in % (Eq. 21). Rows “free run”: a method's own motion, "
     "from the excitation and the initial state alone. All other rows: one step ahead, from the "
     "measured motion"
 )
 
 
-def error_table(title: str, rows: Iterable[tuple[str, Mapping[str, Any]]], dofs: int) -> Table:
+def error_table(
+    title: str,
+    rows: Iterable[tuple[str, Mapping[str, Any]]],
+    dofs: int,
+    quantity: str = "acceleration",
+) -> Table:
     """Relative RMS error in percent: one row per method, train and test, total and per DOF.
 
     A row is a name and {split: scores}, or {"failed": reason}. Where the sensors erred, a second
     row gives the error against the true signals.
     """
-    table = Table(title=title, title_justify="left", caption=CAPTION, caption_justify="left")
+    table = Table(
+        title=title,
+        title_justify="left",
+        caption=CAPTION.format(quantity=quantity),
+        caption_justify="left",
+    )
     table.add_column("")
     for split in SPLITS:
         for column in ("total", *(f"x{i + 1}" for i in range(dofs))):

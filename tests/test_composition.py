@@ -82,6 +82,7 @@ class Everything(Composite):
             supports=supports,
             counts=self.laws.counts,
             parameters=numbering.count,
+            measures=self.measures,
         )
 
 
@@ -110,6 +111,23 @@ def assert_close(one: torch.Tensor, other: torch.Tensor, tolerance: float) -> No
 
 
 # The compiled run is the one in PyTorch
+
+
+def test_outputs_are_what_sensors_measure_with_its_derivatives():
+    """The first a displacement, the second a velocity: against PyTorch's own derivatives."""
+    model, drive = Everything(), excited(40)
+    motion = model.trace(drive).response
+    model.measures.copy_(torch.tensor([0, 1]))
+    trace = model.trace(drive, derivatives=True)
+    assert torch.equal(trace.response.a[:, 0], motion.x[:, 0])
+    assert torch.equal(trace.response.a[:, 1], motion.v[:, 1])
+    free = list(model.parameters())
+    for sample, output in ((39, 0), (39, 1), (17, 0)):
+        plain = simulate(model.composition(), drive, 2).a[sample, output]
+        slopes = torch.autograd.grad(plain, free, allow_unused=True)
+        pairs = zip(free, slopes, strict=True)
+        flat = torch.cat([(torch.zeros_like(p) if s is None else s).reshape(-1) for p, s in pairs])
+        assert_close(trace.jacobian[sample, output], flat, 1e-8)
 
 
 @pytest.mark.parametrize("substeps", [1, 3])
@@ -304,6 +322,7 @@ class Prescribed(Composite):
             supports=supports,
             counts=self.laws.counts,
             parameters=numbering.count,
+            measures=self.measures,
         )
 
 

@@ -26,6 +26,11 @@ from report.paper import paper_values
 ROOT = Path(__file__).parent.parent
 
 
+NEED_MORE = {"given", "earthquake", "none"}  # a file, an extra, measured records
+NEED_RECORDS = {"bouc_wen_benchmark", "shake_table", "earthquakes"}  # experiments on them
+ELEMENT_TESTS = {"hysteretic_element", "restoring_force_surface"}  # models of an imposed motion
+
+
 def choices(group: str) -> list[str]:
     return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
 
@@ -41,7 +46,8 @@ def fits(*overrides: str) -> dict:
     cfg = composed(*overrides, "data.duration=40")
     cfg = changed(cfg, {"solver": {"iterations": 3}})
     if "horizons" in cfg.objective:
-        cfg = changed(cfg, {"objective": {"horizons": [None], "finalists": 1}, "data": {"duration": 10.0}})
+        cfg = changed(cfg, {"objective": {"horizons": [None], "finalists": 1}})
+        cfg = changed(cfg, {"data": {"duration": 10.0}})
     if "refinements" in cfg.model:
         cfg = changed(cfg, {"model": {"refinements": 1}})
     data = data_from(cfg)
@@ -60,7 +66,7 @@ def fits(*overrides: str) -> dict:
 
 
 @pytest.mark.parametrize("system", sorted(set(choices("system")) - {"measured"}))
-@pytest.mark.parametrize("model", choices("model"))
+@pytest.mark.parametrize("model", sorted(set(choices("model")) - ELEMENT_TESTS))
 def test_every_model_on_every_system(model, system):
     errors = fits(f"model={model}", f"system={system}")
     assert 0.0 < errors["relative_rms_percent"] < 200.0
@@ -80,7 +86,7 @@ def test_every_scenario(model, scenario):
     assert 0.0 < fits(f"model={model}", f"scenario={scenario}")["relative_rms_percent"] < 200.0
 
 
-@pytest.mark.parametrize("excitation", sorted(set(choices("excitation")) - {"given", "earthquake", "none"}))
+@pytest.mark.parametrize("excitation", sorted(set(choices("excitation")) - NEED_MORE))
 def test_every_excitation(excitation):
     errors = fits("model=two_point", f"excitation={excitation}")
     assert 0.0 < errors["relative_rms_percent"] < 10.0
@@ -95,7 +101,7 @@ def test_given_forces_drive_the_structure(tmp_path):
     assert 0.0 < fits(*choices)["relative_rms_percent"] < 50.0
 
 
-@pytest.mark.parametrize("experiment", choices("experiment"))
+@pytest.mark.parametrize("experiment", sorted(set(choices("experiment")) - NEED_RECORDS))
 def test_every_experiment_composes(experiment):
     cfg = composed(f"experiment={experiment}")
     data_from(cfg)

@@ -119,6 +119,13 @@ def test_a_network_that_cannot_be_built_is_refused(wrong):
         LatentHysteresisNetwork(2, 2, DT, **wrong)
 
 
-def test_training_without_displacements_says_what_is_missing(linear_motion):
-    with pytest.raises(ValueError, match="reads x, v"):
-        identified(replace(linear_motion, x=None, v=None))
+@pytest.mark.parametrize("quantity", ["acceleration", "displacement", "velocity"])
+def test_one_kind_of_sensor_is_enough_to_start_from(linear_motion, quantity):
+    """Modes from filtered signals alone; the free run is close before any training."""
+    signal = {"acceleration": "a", "displacement": "x", "velocity": "v"}[quantity]
+    seen = getattr(linear_motion, signal)
+    model = identified(replace(linear_motion, a=seen, x=None, v=None, quantity=quantity))
+    with torch.no_grad():
+        run = model.free_run(linear_motion.drive())
+    assert (run.a - seen).norm() < 0.05 * seen.norm()
+    assert (run.x - linear_motion.x).norm() < 0.05 * linear_motion.x.norm()

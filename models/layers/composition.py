@@ -98,6 +98,7 @@ class Part:
 
 
 PART = ("value", "index", "slope")
+DISPLACEMENT, VELOCITY, ACCELERATION = range(3)
 
 
 class Numbering:
@@ -226,6 +227,14 @@ class Composition:
     supports: Tensor  # (2, E, m): what excitations add to y and to ẏ
     counts: tuple[int, int, int]  # hinges, tanhs, units of an element
     parameters: int  # P
+    measures: Tensor  # (o,): what each output is: displacement 0, velocity 1, acceleration 2
+
+    def output(self, x: Tensor, v: Tensor, a: Tensor) -> Tensor:
+        """What sensors would say (…, T, o) of the motion of the outputs."""
+        if bool((self.measures == ACCELERATION).all()):
+            return a
+        which = self.measures.to(a.device).expand(a.shape)[..., None]
+        return torch.stack([x, v, a], dim=-1).gather(-1, which)[..., 0]
 
 
 def law(laws: Tensor, counts: tuple[int, int, int], y: Tensor, rate: Tensor, z: Tensor) -> Tensor:
@@ -289,4 +298,5 @@ def simulate(it: Composition, drive: Drive, substeps: int) -> Response:
             rate, a = rate + 0.5 * h * (a + new), new
         a = a + (u[..., k, :] - fine[..., k - 1, -1, :]) @ inputs.T  # a held excitation jumps
         history.append((q, rate, a))
-    return Response(*(torch.stack(s, dim=-2) @ outputs.T for s in zip(*history, strict=True)))
+    x, v, a = (torch.stack(s, dim=-2) @ outputs.T for s in zip(*history, strict=True))
+    return Response(x, v, it.output(x, v, a))

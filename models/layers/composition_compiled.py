@@ -183,11 +183,12 @@ def _accelerations(q, rate, dq, drate, u_at, core, icore, score, inputs, iinputs
 @compiled
 def run(u, between, dt, every, measured, back, core, icore, score, inputs, iinputs,
         sinputs, G, iG, sG, D, iD, sD, supports, laws, ilaws, slaws, counts, outputs, ioutputs,
-        soutputs, P, x, v, a, forces, deformations, jacobian):  # fmt: skip
+        soutputs, measures, P, x, v, a, forces, deformations, jacobian):  # fmt: skip
     """A free run from the first of `measured` (2, T, o), begun anew every `every` samples (0: not).
 
     u (T, m); between (T − 1, S, m), u at the end of each substep. Fills x, v, a (T, o), forces and
-    deformations (T, E) and, for P > 0, jacobian (T, o, P) of a. The units' memory goes on where a
+    deformations (T, E) and, for P > 0, jacobian (T, o, P) of what each output `measures` (o,): the
+    displacement (0), velocity (1) or acceleration (2). The units' memory goes on where a
     run begins anew. A run that is lost is NaN from there on.
     """
     (T, m), S = u.shape, between.shape[1]
@@ -243,9 +244,15 @@ def run(u, between, dt, every, measured, back, core, icore, score, inputs, iinpu
                 a[k, c] += weight * acc[i]
                 if weight != 0.0:
                     for p in range(P):
-                        jacobian[k, c, p] += weight * dacc[i, p]
+                        if measures[c] == 2:
+                            jacobian[k, c, p] += weight * dacc[i, p]
+                        elif measures[c] == 1:
+                            jacobian[k, c, p] += weight * drate[i, p]
+                        else:
+                            jacobian[k, c, p] += weight * dq[i, p]
                 if P > 0:
-                    _add(jacobian[k, c], ioutputs[c, i], soutputs[c, i] * acc[i])
+                    seen = (q[i], rate[i], acc[i])[measures[c]]
+                    _add(jacobian[k, c], ioutputs[c, i], soutputs[c, i] * seen)
             lost = lost or not abs(x[k, c]) < LOST
         for e in range(E):
             forces[k, e], deformations[k, e] = r[e], y[e]

@@ -11,6 +11,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 from torchmetrics import Metric
 
 from data.record import Record, Response
@@ -22,31 +23,37 @@ LEFT = 100.0  # times the largest measured |ẍ| of a record: a free run beyond 
 
 
 class RelativeRMSError(Metric):
-    """Eq. 21 over any number of batches of windows, T counted samples × n DOFs each.
+    """Eq. 21 over any number of batches of windows, up to T counted samples × n DOFs each.
 
     `compute` gives fractions: `total` (), `per_dof` (n,), and `over_time` (T,), the total up to
-    each sample of the windows.
+    each sample of the windows; and `rms` (n,), the error itself in the unit of the signal.
     """
 
     full_state_update = False
     error: Tensor
     size: Tensor
+    count: Tensor
 
     def __init__(self, samples: int, dofs: int, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         for name in ("error", "size"):
             zeros = torch.zeros(samples, dofs, dtype=torch.float64)
             self.add_state(name, zeros, dist_reduce_fx="sum")
+        self.add_state("count", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
 
     def update(self, estimate: Tensor, measured: Tensor) -> None:
         """Estimated and measured acceleration, both (…, T, n)."""
-        if estimate.shape != measured.shape or estimate.shape[-2:] != self.error.shape:
+        if estimate.shape != measured.shape or estimate.shape[-1] != self.error.shape[-1]:
             raise ValueError(
                 f"estimate {tuple(estimate.shape)} and measured {tuple(measured.shape)} must both "
-                f"end in {tuple(self.error.shape)}"
+                f"be (…, samples, {self.error.shape[-1]})"
             )
-        self.error += ((estimate - measured) ** 2).reshape(-1, *self.error.shape).sum(dim=0)
-        self.size += (measured**2).reshape(-1, *self.size.shape).sum(dim=0)
+        T, n = estimate.shape[-2:]
+        longer = max(0, T - len(self.error))  # records may differ in length
+        self.error, self.size = (pad(s, (0, 0, 0, longer)) for s in (self.error, self.size))
+        self.error[:T] += ((estimate - measured) ** 2).reshape(-1, T, n).sum(dim=0)
+        self.size[:T] += (measured**2).reshape(-1, T, n).sum(dim=0)
+        self.count += estimate[..., 0].numel()
 
     def compute(self) -> dict[str, Tensor]:
         if not (self.size.sum(dim=0) > 0.0).all():
@@ -57,6 +64,7 @@ class RelativeRMSError(Metric):
         return {
             "total": torch.sqrt(self.error.sum() / self.size.sum()),
             "per_dof": torch.sqrt(self.error.sum(dim=0) / self.size.sum(dim=0)),
+            "rms": torch.sqrt(self.error.sum(dim=0) / self.count),
             "over_time": torch.sqrt(error / size.clamp_min(torch.finfo(size.dtype).tiny)),
         }
 
@@ -84,13 +92,17 @@ class Score:
             self.against[name].update(compared[..., counted, :], reference[..., counted, :])
 
     def percent(self) -> dict[str, Any]:
-        """For `metrics.json`: `relative_rms_percent`, `per_dof_percent`, and both with `_true`."""
+        """For `metrics.json`: `relative_rms_percent`, `per_dof_percent`, `per_dof_rms` in the unit
+        of the signal, and all three with `_true`.
+        """
         result: dict[str, Any] = {}
         for name, metric in self.against.items():
             errors = metric.compute()
             per_dof = errors["per_dof"].reshape(-1)  # torchmetrics makes a scalar of one DOF
             result[f"relative_rms_percent{name}"] = _percent(float(errors["total"]))
             result[f"per_dof_percent{name}"] = [_percent(e) for e in per_dof.tolist()]
+            rms = errors["rms"].reshape(-1).tolist()
+            result[f"per_dof_rms{name}"] = [e if math.isfinite(e) else None for e in rms]
         return result
 
     def over_time(self) -> Tensor:

@@ -121,7 +121,9 @@ class FreeRun:
         horizon, last = self.horizons[stage], stage + 1 == len(self.horizons)
         if not last and record.a.ndim == 3:
             record = record.map(lambda u: u[: self.records])
-        if not self.restart and horizon is not None:
+        if not self.restart and record.initial_state == "periodic":
+            horizon = None  # there is no shorter part that begins in the steady state
+        elif not self.restart and horizon is not None:
             record, horizon = record.window(0, min(horizon, record.samples), record.warmup), None
         return FreeRunProblem(estimator, record, horizon, self.warmup, last)
 

@@ -125,9 +125,10 @@ class FreeRunProblem:
         warmup: int = 0,
         last: bool = True,
     ) -> None:
-        self.record = record.measured()
-        if record.initial_state == "periodic":  # the steady state is as measured, not one's own
-            self.record = replace(self.record, initial_state="given")
+        record = record.measured()
+        if record.initial_state == "periodic":
+            record = _in_steady_state(record)
+        self.record = record
         self.estimator, self.horizon, self.warmup = estimator, horizon, warmup
         self.last = last
         self.counted = slice(record.warmup, None)
@@ -196,6 +197,14 @@ class _RestartedRun(nn.Module):
 
     def forward(self, record: Record, horizon: int | None, warmup: int) -> Tensor:
         return self.estimator.restarted_run(record, horizon, warmup)
+
+
+def _in_steady_state(record: Record) -> Record:
+    """Begun as measured, where x and v are; else from rest one period before it counts."""
+    if record.x is not None and record.v is not None:
+        return replace(record, initial_state="given")
+    twice = replace(record, warmup=0).map(lambda u: torch.cat([u, u], dim=-2))
+    return replace(twice, warmup=record.samples + record.warmup, initial_state="rest")
 
 
 def _weight(record: Record) -> float:

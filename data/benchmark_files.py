@@ -1,0 +1,96 @@
+"""Where the files of a public benchmark are, how they get there, and what a MAT file holds.
+
+Files lie as the package `nonlinear-benchmarks` keeps them, with or without its outer folders, or
+all in one folder. What is there is read without the package and without a network.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+CACHES = {  # of the package, by platform; where none is given
+    "darwin": "~/Library/Application Support/nonlinear_benchmarks",
+    "win32": "%LOCALAPPDATA%/nonlinear_benchmarks",
+}
+
+
+def cache() -> Path:
+    """The folder that the package downloads to, on this platform."""
+    usual = CACHES.get(sys.platform, "~/.nonlinear_benchmarks")
+    return Path(os.path.expandvars(usual)).expanduser()
+
+
+class Files:
+    """The files of one benchmark under `folder`. Raises ValueError for one that is damaged."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def find(self, path: str) -> Path | None:
+        """A file named by its path in the package's cache, or None; outer folders may be absent."""
+        parts = Path(path).parts
+        places = (self.folder.joinpath(*parts[k:]) for k in range(len(parts)))
+        return next((place for place in places if place.is_file()), None)
+
+    def missing(self, paths: Sequence[str]) -> list[str]:
+        return [path for path in paths if self.find(path) is None]
+
+    def load(self, path: str, *variables: str) -> list[np.ndarray]:
+        """Variables of a MAT file as float64 arrays, shaped as there (rows, columns).
+
+        Reading runs no code: MAT files hold numbers, and what else they hold is refused.
+        """
+        place = self.find(path)
+        assert place is not None, f"{path} was not looked for"
+        held = _read_mat(place, variables)
+        for name in variables:
+            if name not in held:
+                raise ValueError(f"{place} has no variable {name!r}; is it the benchmark's own?")
+            if not isinstance(held[name], np.ndarray) or held[name].dtype.kind not in "iuf":
+                raise ValueError(f"{place}: {name!r} does not hold real numbers")
+        return [np.asarray(held[name], dtype=np.float64) for name in variables]
+
+
+def _read_mat(place: Path, variables: Sequence[str]) -> dict[str, Any]:
+    from scipy.io import loadmat  # slow to import
+
+    try:
+        return loadmat(str(place), variable_names=list(variables), appendmat=False)
+    except Exception as error:  # SciPy raises whatever a damaged byte leads to
+        what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ValueError(
+            f"{place} is damaged or no MAT file of version 4 to 7.2 ({what}); fetch it again"
+        ) from None
+
+
+def download(loader: str, folder: Path) -> None:
+    """Let the package fetch a benchmark into `folder`, by `loader`, its function's dotted name.
+
+    Raises ValueError where the package is absent or nothing arrives. The package does not check
+    the server's certificate.
+    """
+    module, _, name = f"nonlinear_benchmarks.{loader}".rpartition(".")
+    try:
+        fetch: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    except ImportError:
+        raise ValueError(
+            "data.download=true needs the package nonlinear-benchmarks: "
+            "pip install structural-model-zoo[benchmarks]"
+        ) from None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # anew, for the package takes what an interrupted download left for whole
+        fetch(data_file_locations=True, dir_placement=str(folder), force_download=True)
+    except Exception as error:  # the package raises bare Exception too
+        what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ValueError(
+            f"{name} could not be downloaded to {folder}: {what}; "
+            "check the network, or put the files there by hand"
+        ) from None

@@ -1,0 +1,77 @@
+"""Restoring-force surface: the force of an element as a double power series of its motion.
+
+r = Σ_i Σ_j C_ij s̄ⁱ ṡ̄ʲ, motions normalised to [−1, 1]           Masri & Caughey (1979)
+T samples, one element.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from torch import Tensor
+
+from data.record import Drive, Record, Response
+from models.estimator import Estimator, weight_matrix
+from models.layers.least_squares import LeastSquares
+from models.layers.scaling import Extents
+from models.layers.series import powers
+
+
+class RestoringForceSurface(Estimator):
+    """Force (T, 1) from the imposed deformation s and rate ṡ of an element test: no memory.
+
+    order: of the series in each of both; 1 with ridge=0 is a spring, a damper and their product.
+    ridge: ≥ 0, without unit, on scaled columns.
+    """
+
+    reads = ("f",)
+
+    def __init__(
+        self, dofs: int, inputs: int, dt: float, order: int = 5, ridge: float = 0.0
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        if (dofs, inputs) != (1, 2):
+            raise ValueError(
+                f"a restoring-force surface takes the deformation s1 and rate s_dot1 of one force "
+                f"r1; there are {inputs} channels and {dofs} forces"
+            )
+        if not isinstance(order, int) or order < 1:
+            raise ValueError(f"model.order={order} must be a whole number, at least 1")
+        self.order, self.ridge = order, ridge
+        self.scale = Extents(inputs)
+        self.weights = weight_matrix((order + 1) ** 2, 1)
+
+    def terms(self, excitation: Tensor) -> Tensor:
+        """s̄ⁱ ṡ̄ʲ (…, T, P) of [s, ṡ] (…, T, 2)."""
+        table = powers(self.scale(excitation), self.order)  # (…, T, 2, order + 1)
+        return (table[..., 0, :, None] * table[..., 1, None, :]).flatten(-2)
+
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        records = list(batches)
+        for record in records:
+            self.check(record)
+            if record.quantity != "force":
+                raise ValueError(
+                    "RestoringForceSurface describes the force of an element test; the record "
+                    f"holds {record.quantity}: choose a power series or another model"
+                )
+        self.scale.fit(r.excitation[..., r.warmup :, :] for r in records)
+        fit = LeastSquares(self.ridge)
+        for record in records:
+            counted = slice(record.warmup, None)
+            fit.add(self.terms(record.excitation)[..., counted, :], record.a[..., counted, :])
+        solution = fit.solve()
+        self.weights.copy_(solution.weights)
+        return {"rank": solution.rank, "condition": solution.condition}
+
+    def forward(self, record: Record) -> Tensor:
+        self.check(record)
+        self.require_identified(self.weights)
+        return self.terms(record.excitation) @ self.weights
+
+    def free_run(self, drive: Drive) -> Response:
+        """The same: a surface has no state. x and v of an element test are imposed."""
+        self.check_drive(drive)
+        self.require_identified(self.weights)
+        s, rate = drive.u.split(1, dim=-1)
+        return Response(s, rate, self.terms(drive.u) @ self.weights)
