@@ -7,7 +7,7 @@ of x1; s1, s_dot1, s_ddot1 those of a support; r1 the force of an element.   T s
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -40,8 +40,8 @@ class RawRecord:
             return self.time
         if self.dt is None:
             raise ValueError(
-                f"{self.name} has no clock; name its column (time in data.channels) or give data.dt "
-                "in seconds"
+                f"{self.name} has no clock; name its column (time in data.channels) or say "
+                "data.dt in seconds"
             )
         return self.dt * np.arange(len(next(iter(self.channels.values()))))
 
@@ -65,7 +65,7 @@ def read_record(
     said, here or in the file. `reader` goes to data.files.table.read_table.
     Raises ValueError for channels and columns that do not exist.
     """
-    units = {key: unit for key, unit in (units or {}).items() if unit is not None}
+    said = {key: unit for key, unit in (units or {}).items() if unit is not None}
     if path.is_dir():
         if not channels:
             files = sorted(p.name for p in path.iterdir() if p.is_file())
@@ -74,12 +74,17 @@ def read_record(
                 "each channel: \"data.channels={time: t, a1: 'floor_1.csv:Acc_X', …}\""
             )
         tables, places = _tables_of_folder(path, channels, reader)
-    else:
-        table = read_table(path, **reader)
-        tables = {"": table}
-        places = {c: ("", name) for c, name in (channels or by_name(table)).items()}
-    _check_names(path, places, units)
-    return _assembled(path, tables, places, units)
+        return assembled(path, tables, places, said)
+    wanted = None if channels is None else list(dict.fromkeys(channels.values()))
+    table = read_table(path, **{"columns": wanted, **reader})
+    return record_of(path, table, channels or by_name(table), said)
+
+
+def record_of(
+    path: Path, table: Table, channels: Mapping[str, str], units: Mapping[str, str]
+) -> RawRecord:
+    """A table that was read already, as a record: see `read_record`."""
+    return assembled(path, {"": table}, {c: ("", name) for c, name in channels.items()}, units)
 
 
 def by_name(table: Table) -> dict[str, str]:
@@ -88,8 +93,8 @@ def by_name(table: Table) -> dict[str, str]:
     if not found:
         raise ValueError(
             f"{table.path} has the columns {', '.join(list(table.columns)[:12])}; say which is "
-            "what, for example \"data.channels={time: t, f1: Force, a1: Acc_X}\", or call them time, "
-            "f1, a1, … in the file"
+            'what, as in "data.channels={time: t, f1: Force, a1: Acc_X}", or call them time, f1, '
+            "a1, … in the file"
         )
     clock = next((name for name in CLOCKS if name in table.columns), None)
     return found | ({} if clock is None else {"time": clock})
@@ -123,7 +128,7 @@ def _check_names(
     for channel in places:
         if not channel.startswith("time") and not CHANNEL.fullmatch(channel):
             raise ValueError(
-                f"data.channels names {channel}: there is no such channel; expected time, or one of "
+                f"data.channels names {channel}: there is no such channel; expected time, or "
                 f"{', '.join(SIGNALS)} with a number, such as a1"
             )
     for key in units:
@@ -134,14 +139,16 @@ def _check_names(
             )
 
 
-def _assembled(
+def assembled(
     path: Path,
     tables: Mapping[str, Table],
     places: Mapping[str, tuple[str, str]],
     units: Mapping[str, str],
 ) -> RawRecord:
+    """Columns in their `places` (file, column) of tables by file, in SI units on one clock."""
+    _check_names(path, places, units)
     found: dict[str, np.ndarray] = {}
-    notes = [f"{file}: {n}" if file else n for file, t in tables.items() for n in t.notes]
+    notes = list(dict.fromkeys(note for table in tables.values() for note in table.notes))
     for channel, (file, column) in places.items():
         table = tables[file]
         if column not in table.columns:
@@ -156,10 +163,10 @@ def _assembled(
         values = table.columns[column]
         if unit is not None:
             values = values * to_si(unit, signal)
-            notes.append(f"{channel}: {unit}")
+            notes.append(f"{signal} in {unit}")
         found[channel] = values
     clocks = {c.removeprefix("time of "): found.pop(c) for c in list(found) if c.startswith("time")}
-    return _on_one_clock(path, found, clocks, places, tables, tuple(notes))
+    return _on_one_clock(path, found, clocks, places, tables, tuple(dict.fromkeys(notes)))
 
 
 def _on_one_clock(
@@ -171,7 +178,13 @@ def _on_one_clock(
     notes: tuple[str, ...],
 ) -> RawRecord:
     """One time for all where the clocks agree; else they are kept, for mending to resample."""
-    dt = _stated_dt(tables.values())
+    lengths = {channel: len(values) for channel, values in channels.items()}
+    if len(set(lengths.values())) > 1 and len(clocks) < 2:
+        raise ValueError(
+            f"{path.name}: the channels differ in length ({lengths}); name the clock of each file "
+            "as time in data.channels, without a file, and set data.mend.resample"
+        )
+    dt = stated_dt(tables.values())
     if not clocks:
         return RawRecord(path.name, None, dt, channels, notes=notes)
     first = next(iter(clocks.values()))
@@ -187,10 +200,12 @@ def _on_one_clock(
     return RawRecord(path.name, None, dt, channels, of_channel, notes)
 
 
-def _stated_dt(tables: Sequence[Table] | Any) -> float | None:
+def stated_dt(tables: Iterable[Table]) -> float | None:
     """dt or 1/fs that files hold beside their columns."""
     for table in tables:
         for key, value in table.facts.items():
+            if not value > 0.0:
+                continue
             name = key.lower().replace(" ", "_").replace("_", "")
             if name in ("dt", "ts", "timestep", "samplingtime", "sampleperiod"):
                 return float(value)
@@ -206,6 +221,11 @@ def between(raw: RawRecord, start: float, stop: float | None, closed: bool = Tru
     end = np.inf if stop is None else stop
 
     def part(time: np.ndarray) -> slice:
+        if not np.isfinite(time).all() or not (np.diff(time) >= 0.0).all():
+            raise ValueError(
+                f"{raw.name}: its clock runs backwards or has gaps without a time, so it cannot be "
+                "cut; mend the file, or leave time out of data.channels and say data.dt"
+            )
         first = int(np.searchsorted(time, start - 1e-9))
         side: Any = "right" if closed else "left"
         last = int(np.searchsorted(time, end + (1e-9 if closed else -1e-9), side=side))

@@ -47,9 +47,10 @@ def leaderboard_figures(
         by_setting.setdefault((entry.train_records, entry.scenario), []).append(entry)
     for (records, scenario), same in by_setting.items():
         plural = "" if records == 1 else "s"
+        counted = "" if records is None else f"{records}_record{plural}_"
         name = "_".join(scenario.replace("=", "_").split())
         name = "".join(sign for sign in name if sign.isalnum() or sign in "_.")
-        yield f"free_run_errors_{records}_record{plural}_{name}", errors_over_seeds(same)
+        yield f"free_run_errors_{counted}{name}", errors_over_seeds(same)
     for system in _systems(scored):
         if compared := best_of(scored, system):
             yield f"free_run_{system}", motions(compared)

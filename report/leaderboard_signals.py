@@ -17,10 +17,11 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from data.record import Record, Response
+from data.datamodule import Data
+from data.record import QUANTITIES, Record, Response
 from data.simulated import SimulatedData
 from models.estimator import Estimator
-from models.training.assemble import simulated_from
+from models.training.assemble import data_from
 from models.training.metrics import displacement_of
 from models.training.simulate import simulate
 from report.evaluation import restore
@@ -49,15 +50,15 @@ def colour_of(model: str) -> str:
     return NEW.get(model) or COLOURS.get(model) or other
 
 
-def restored(entry: Entry) -> tuple[Estimator, SimulatedData]:
+def restored(entry: Entry) -> tuple[Estimator, Data]:
     """The identified estimator of a run and its motions."""
     cfg, _ = read_run(entry.run.folder)
     return restore(cfg, entry.run.folder), _motions(entry.run.folder)
 
 
 @cache
-def _motions(folder: Path) -> SimulatedData:
-    data = simulated_from(read_run(folder)[0])
+def _motions(folder: Path) -> Data:
+    data = data_from(read_run(folder)[0])
     data.setup()
     return data
 
@@ -65,16 +66,24 @@ def _motions(folder: Path) -> SimulatedData:
 def motions(entries: Sequence[Entry], seconds: float = 10.0) -> Figure:
     """Acceleration and displacement of free runs against truth, `seconds` before the end.
 
-    There a drift shows. `entries`: one run of each model, all of one system and seed.
+    There a drift shows; a measured motion is shown about its peak, for it may end at rest.
+    `entries`: one run of each model, all of one system and seed.
     """
     record, responses = _simulated(entries)
     count = min(record.samples, max(2, round(seconds / record.dt)))
-    span = slice(record.samples - count, record.samples)
+    last = record.samples
+    if record.truth is None:
+        peak = record.warmup + int(record.a[record.warmup :].abs().amax(dim=1).argmax())
+        last = min(last, max(count, peak + count // 2))
+    span = slice(last - count, last)
     t = record.dt * np.arange(record.samples)[span]
     true = {"a": record.a if record.truth is None else record.truth.a, "x": displacement_of(record)}
+    symbol, unit = QUANTITIES[record.quantity]
+    shown = [("a", f"{symbol}{{}} [{unit}]"), ("x", "x{} [m]")]
+    shown = shown if record.quantity == "acceleration" and true["x"] is not None else shown[:1]
     figure = Figure(figsize=(12.0, 1.9 * record.dofs + 1.2), layout="constrained")
-    panels = figure.subplots(record.dofs, 2, sharex=True, squeeze=False)
-    for column, (name, label) in enumerate((("a", "ẍ{} [m/s²]"), ("x", "x{} [m]"))):
+    panels = figure.subplots(record.dofs, len(shown), sharex=True, squeeze=False)
+    for column, (name, label) in enumerate(shown):
         reference = true[name]
         for i, axes in enumerate(panels[:, column]):
             curves = {
@@ -142,6 +151,7 @@ def loops_of_model(entry: Entry) -> Figure | None:
     with torch.inference_mode():
         y, r = (signal.numpy() for signal in simulated.element_loops(record.drive()))
     found = {_nodes(pair): i for i, pair in enumerate(simulated.elements)}
+    assert isinstance(data, SimulatedData)  # only those know the truth
     elements = data.simulation.structure.elements
     columns = min(3, len(elements))
     rows = -(-len(elements) // columns)
