@@ -91,7 +91,7 @@ def motions(entries: Sequence[Entry], seconds: float = 10.0) -> Figure:
                 for model, response in responses.items()
             }
             known = None if reference is None else reference[span, i].numpy()
-            _motion(axes, t, known, curves)
+            _motion(axes, t, known, curves, "measured" if record.truth is None else "true")
             axes.set_ylabel(label.format(i + 1))
         panels[-1, column].set_xlabel(f"time [s] of the test motion, seed {entries[0].run.seed}")
     handles, labels = panels[0, 0].get_legend_handles_labels()
@@ -111,13 +111,18 @@ def _simulated(entries: Sequence[Entry]) -> tuple[Record, dict[str, Response]]:
 
 
 def _motion(
-    axes: Axes, t: np.ndarray, true: np.ndarray | None, curves: dict[str, np.ndarray]
+    axes: Axes,
+    t: np.ndarray,
+    true: np.ndarray | None,
+    curves: dict[str, np.ndarray],
+    label: str = "true",
 ) -> None:
     """Truth (T,) and what each model makes of it; a curve that leaves the picture is named."""
     if true is not None:
-        axes.plot(t, true, color="black", linewidth=3.0, label="true")
-    for model, curve in curves.items():
-        axes.plot(t, curve, color=colour_of(model), linewidth=1.1, label=model)
+        axes.plot(t, true, color="black", linewidth=3.0, label=label)
+    for place, (model, curve) in enumerate(curves.items()):  # the first, the best, on top
+        colour, above = colour_of(model), 3.0 - 0.01 * place
+        axes.plot(t, curve, color=colour, linewidth=1.1, label=model, zorder=above)
     if true is not None:
         beyond = ROOM * (true.max() - true.min())
         low, high = true.min() - beyond, true.max() + beyond

@@ -13,6 +13,7 @@ from data.channels import read_record
 from data.elements import Element, Polynomial
 from data.measured import MeasuredData
 from data.mend import Mending
+from data.record import Record
 from data.scenario import FullState, Integrated
 from data.simulate import simulate
 from data.structure import Structure
@@ -218,6 +219,25 @@ def test_a_base_excited_frame_is_found_from_accelerations_alone(tmp_path):
     stiffness, damping = (float((c()[0] / model.mass()[0]).detach()) for c in of_mass)
     assert stiffness == pytest.approx(200.0, rel=0.01)
     assert damping == pytest.approx(0.6, rel=0.05)
+
+
+def test_a_periodic_record_is_trained_on_in_its_steady_state():
+    """Begun at rest, an oscillator misses its own steady state; a period later it does not."""
+    samples = 400
+    f = torch.sin(2.0 * torch.pi * 5.0 * torch.arange(samples).double() / samples)[:, None]
+    planted = ElementNetwork(1, 1, DT, hinges=0, units=0, cubic=False)
+    planted.mass.start(torch.tensor([2.0]))
+    planted.laws.start(torch.tensor([900.0]), torch.tensor([9.0]), torch.tensor([0.01]), (0.5, 0.5))
+    planted.identified.fill_(1.0)
+    with torch.no_grad():
+        twice = Record(DT, torch.zeros(3 * samples, 1), torch.cat([f, f, f]).double()).drive()
+        steady = planted.free_run(twice).x[-samples:]
+    record = Record(DT, steady, f, initial_state="periodic", quantity="displacement")
+    planted.measures.fill_(0)
+    with torch.no_grad():
+        settled = float(FreeRunProblem(planted, record, None).loss())
+        at_rest = float(FreeRunProblem(planted, replace(record, initial_state="rest"), None).loss())
+    assert settled < 1e-4 * at_rest
 
 
 @pytest.fixture
