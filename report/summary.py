@@ -20,6 +20,7 @@ from data.record import QUANTITIES
 from models.estimator import Estimator
 from models.training.identification import SPLITS, Identification
 from models.training.metrics import FREE_RUNS, free_run_score, score
+from report.benchmark import benchmark_lines, benchmark_scores
 from report.figures import run_figures
 from report.paper import paper_values
 from report.runs import code_version, config_digest, settings_of
@@ -67,6 +68,7 @@ def metrics_of(
             split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
         },
         "records": data.notes,
+        "benchmark": benchmark_scores(data, module),
         "simulation_error": data.own_error(),
         "escaped": [vars(escape) for escape in data.escapes],
         "baselines": baselines,
@@ -126,7 +128,7 @@ def errors_over_time(module: Identification) -> dict[str, Tensor]:
 
 def rms_line(metrics: dict[str, Any]) -> str:
     """Test errors in the unit of what was measured."""
-    _, unit = QUANTITIES[metrics["quantity"]]
+    unit = metrics["benchmark"].get("unit", QUANTITIES[metrics["quantity"]][1])
     told = {"one step": metrics["test"], "free run": metrics[FREE_RUNS["test"]]}
     parts = []
     for name, scores in told.items():
@@ -171,6 +173,8 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
             console.print(f"{name} failed: {scores['failed']}")
     if metrics["simulation_error"] is None:  # measured: what counts is the error in its unit
         console.print(rms_line(metrics))
+        for line in benchmark_lines(metrics["benchmark"]) if metrics["benchmark"] else []:
+            console.print(line)
         for record, notes in metrics["records"].items():
             console.print(f"{record}: {'; '.join(notes) or 'as it is'}", markup=False)
     elif metrics["simulation_error"] > 1e-5:

@@ -17,6 +17,7 @@ from data.benchmark import BenchmarkData, in_band_rms, noise_floor, official_rms
 from data.benchmark_splits import BENCHMARKS, BOUC_WEN_TESTS, F16
 from data.scenario import FullState, Noisy
 from models.training.assemble import data_from
+from report.benchmark import benchmark_lines
 from tests.test_configs import composed
 from train import identify
 
@@ -343,6 +344,10 @@ def test_the_command_line_names_the_benchmark(folder, tmp_path):
     data = data_from(cfg)
     assert (data.name, data.dofs, len(data.series["train"])) == ("f16_benchmark", 3, 8)
     metrics = identify(cfg, tmp_path)
+    of_it, whole = metrics["benchmark"]["in_band_rms"]["one step"], metrics["test"]["per_dof_rms"]
+    assert metrics["benchmark"]["unit"] == "m/s²"
+    assert all(0.0 < band < 1.01 * all_of_it for band, all_of_it in zip(of_it, whole, strict=True))
+    assert any(line.startswith("of it between") for line in benchmark_lines(metrics["benchmark"]))
     assert metrics["system"] == "f16_benchmark"
     assert len(metrics["test"]["per_dof_percent"]) == 3
     assert metrics["paper"] == {}
