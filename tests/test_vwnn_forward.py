@@ -279,3 +279,16 @@ def test_an_excitation_that_does_not_fit_is_refused(paper, forward, bilinear_rec
             estimator.free_run(replace(drive, dt=0.02))
         with pytest.raises(ValueError, match="there are 2 channels of excitation"):
             estimator.free_run(replace(drive, u=drive.u[:, :2]))
+
+
+def test_support_motion_without_forces_is_refined_too(bilinear_record):
+    """No channel of force: the first record as a batch of one, and as it is."""
+    moved = 0.01 * bilinear_record.f[:, :1]
+    record = replace(bilinear_record, f=bilinear_record.f[:, :0], s=moved, s_dot=moved, truth=None)
+    found = []
+    for batch in (record, stack([record])):
+        model = ForwardVWNN(3, 2, DT, cutoffs=CUTOFFS, factors=3, refinements=1)
+        model.identify([batch])
+        found.append(model.weights)
+    assert torch.isfinite(found[0]).all()
+    assert torch.allclose(*found, rtol=1e-6, atol=1e-9)
