@@ -132,7 +132,8 @@ class MeasuredData(Data):
         if ground is not None:
             output, f = self._relative(output, f, ground, channels)
         empty = output.new_zeros(len(output), 0)
-        x, v = (matrix(channels, s) if quantity != "force" else None for s in ("x", "v"))
+        # beside accelerations only: an estimate of x must not see x
+        x, v = (matrix(channels, s) if quantity == "acceleration" else None for s in ("x", "v"))
         x, v = (u if u is not None and u.shape == output.shape else None for u in (x, v))
         known = x is not None and v is not None
         record = Record(

@@ -74,6 +74,11 @@ class Integrated(Scenario):
     causal: bool = True
 
     def __call__(self, record: Record, rng: np.random.Generator) -> Record:
+        if record.quantity != "acceleration":
+            raise ValueError(
+                f"scenario=integrated integrates accelerations; the record holds "
+                f"{record.quantity}: choose scenario=full_state"
+            )
         a, dt = record.a.numpy(), record.dt
         filtered = self._high_pass(a, dt)
         if self.causal:

@@ -186,6 +186,17 @@ def test_training_motions_never_see_the_rest_of_their_record(tmp_path, mend, sce
     assert not torch.equal(one["test"][0].a, other["test"][0].a)
 
 
+def test_an_estimated_displacement_is_not_among_what_models_read(tmp_path):
+    t = DT * np.arange(40)
+    write_csv(tmp_path / "r.csv", time=t, f1=np.sin(t), x1=np.cos(t), v1=-np.sin(t))
+    record = measured(tmp_path / "r.csv").records["train"][0]
+    assert record.quantity == "displacement"
+    assert record.x is None
+    assert record.v is None
+    with pytest.raises(ValueError, match="integrates accelerations"):
+        measured(tmp_path / "r.csv", scenario=Integrated())
+
+
 # Physics
 
 
