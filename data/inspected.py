@@ -64,7 +64,7 @@ def inspected(
     table = read_table(path, **reader)
     if any(CHANNEL.fullmatch(name) for name in table.columns):
         return _mapped(path, record_of(path, table, by_name(table), units))
-    return _unmapped(path, table)
+    return _unmapped(path, table, units)
 
 
 def _mapped(path: Path, raw: RawRecord) -> Inspected:
@@ -72,13 +72,13 @@ def _mapped(path: Path, raw: RawRecord) -> Inspected:
     return Inspected(path, raw, units)
 
 
-def _unmapped(path: Path, table: Table) -> Inspected:
+def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspected:
     """All columns by their own names; a clock is only taken for one where it surely runs."""
     guesses = suggest(list(table.columns), table.units)
     clock = next((c for c, channel in guesses.items() if channel == "time"), None)
     time, notes = None, list(table.notes)
     if clock is not None and (np.diff(table.columns[clock]) > 0.0).all():
-        unit = table.units.get(clock, "s")
+        unit = units.get("time") or table.units.get(clock, "s")
         time = (table.columns[clock] - table.columns[clock][0]) * to_si(unit, "time")
         notes.append(f"{clock!r} is taken for the clock, in {unit}, by its name")
     columns = {c: x for c, x in table.columns.items() if time is None or c != clock}

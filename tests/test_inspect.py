@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -201,6 +202,13 @@ def test_guesses_stand_in_the_config_as_comments(run, strange):
     text = Path("configs/data/test_7.yaml").read_text()
     assert "# a1: Acc_X" in text
     assert OmegaConf.create(text).data.channels is None
+
+
+def test_the_unit_of_a_guessed_clock_is_heard(run, tmp_path):
+    rows = "\n".join(f"{8333 * k},{math.sin(0.3 * k):.5f}" for k in range(300))
+    Path("raw.csv").write_text("SampleTime,Acc_X\n" + rows)
+    assert "dt = 8333 s" in run("raw.csv")[1]
+    assert "dt = 0.008333 s" in run("raw.csv", "--units", "time=us")[1]
 
 
 @pytest.mark.skipif(not MEASURED, reason="conf/data/measured.yaml is not here")
