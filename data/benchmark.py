@@ -142,7 +142,7 @@ class WindowsFromRest(WindowDataset):
         record = self.records[i]
         if length == record.samples:
             return super().__getitem__(index)
-        return from_rest(replace(record, warmup=0).window(start, length, self.warmup))
+        return from_rest(record.window(start, length, self.warmup))
 
 
 def benchmark_called(name: str, scenario: Scenario) -> Benchmark:

@@ -33,6 +33,7 @@ class RawRecord:
     channels: dict[str, np.ndarray]  # {"a1": (T,), …} [SI]
     clocks: dict[str, np.ndarray] = field(default_factory=dict)  # of sensors that differ: (T_c,)
     notes: tuple[str, ...] = ()
+    whole: bool = True  # False: the rest of a record that was cut in motion
 
     def own_time(self) -> np.ndarray:
         """Times (T,) [s] of the samples. Raises ValueError where nothing tells them."""

@@ -101,7 +101,7 @@ class MeasuredData(Data):
             for i, (name, raw) in enumerate(self.parts[split].items()):
                 dt, channels, done = self.mend(raw)
                 self.notes[f"{split}: {name}"] = [*raw.notes, *done]
-                record = self._record(dt, channels, begins=not name.endswith(" (rest)"))
+                record = self._record(dt, channels, raw.whole)
                 rng = np.random.default_rng((self.seed, number, i))
                 made[split].append(self.scenario(record, rng))
         self.parts = {}
@@ -112,15 +112,10 @@ class MeasuredData(Data):
             return raw
         return replace(raw, time=None, clocks={}, dt=self.stated_dt)
 
-    def _record(self, dt: float, channels: dict[str, np.ndarray], begins: bool) -> Record:
-        quantity = self.quantity or next(
-            (
-                q
-                for q in ("acceleration", "force", "displacement")
-                if numbered(channels, OUTPUTS[q])
-            ),
-            None,
-        )
+    def _record(self, dt: float, channels: dict[str, np.ndarray], whole: bool) -> Record:
+        usual = ("acceleration", "force", "displacement")
+        held = [q for q in usual if numbered(channels, OUTPUTS[q])]
+        quantity = self.quantity or next(iter(held), None)
         output = None if quantity is None else matrix(channels, OUTPUTS[quantity])
         if quantity is None or output is None:
             raise ValueError(
@@ -144,7 +139,7 @@ class MeasuredData(Data):
             v=v,
             s=matrix(channels, "s"),
             s_dot=matrix(channels, "s_dot"),
-            initial_state=self.initial_state or ("given" if known or not begins else "rest"),
+            initial_state=self.initial_state or ("given" if known or not whole else "rest"),
             hold=self.hold,
             quantity=quantity,
         )
@@ -220,7 +215,7 @@ def _splits(
         middle = first + split * (last - first)
         return {
             "train": {f"{name} (first part)": between(raw, 0.0, middle, closed=False)},
-            "test": {f"{name} (rest)": between(raw, middle, None)},
+            "test": {f"{name} (rest)": replace(between(raw, middle, None), whole=False)},
         }
     chosen = {"train": _matching(names, train, "train"), "test": _matching(names, test, "test")}
     for split_, other in (("train", "test"), ("test", "train")):

@@ -48,7 +48,6 @@ class WindowDataset(Dataset[Record]):
             (i, start, record.samples if whole else length)
             for i, record in enumerate(records)
             for start in ([0] if whole else range(0, record.samples - length + 1, stride))
-            if record.warmup - start < length
         ]
 
     def __len__(self) -> int:

@@ -305,3 +305,13 @@ def test_the_earthquakes_are_those_of_the_file():
         table = file["records/table"][()]
     names = [row["values_block_2"][0].decode().split(",")[0] for row in table]
     assert names == list(EARTHQUAKES)
+
+
+def test_a_finished_deal_is_not_scored_with_another_number_of_training_events(tmp_path):
+    """Else `evaluate.py run=… data.train_records=…` would test events that were trained on."""
+    path = tmp_path / "one.csv"
+    path.write_text("0.0,0.0\n")
+    dealt = RecordedEarthquake([str(path), str(tmp_path / "two.csv")], train_records=1)
+    dealt.check(1)
+    with pytest.raises(ValueError, match="dealt out for 1"):
+        dealt.check(2)

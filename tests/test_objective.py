@@ -20,7 +20,7 @@ from models.estimator import Estimator, NoFreeRunError
 from models.mlp import GlobalMLP, ResidualMLP
 from models.neural_state_space import NeuralStateSpace
 from models.training.identification import Identification
-from models.training.objective import FreeRun, OneStep
+from models.training.objective import FreeRun, OneStep, state_of
 from models.training.problem import FreeRunProblem, Problem
 from models.training.solvers.adam import Adam
 from models.training.solvers.lbfgs import LBFGS
@@ -526,13 +526,20 @@ def test_normal_equations_of_every_second_sample_take_all_dofs():
 
 def test_the_best_of_the_finalists_in_the_end_stays(data, tmp_path, monkeypatch):
     """All three go through both stages; parameters and units of the best end are kept."""
-    ends, compared = [], FreeRun.final_loss
+    ends, compared, begun, enter = [], FreeRun.final_loss, [], FreeRun.enter
 
     def noted(objective, estimator, batches):
         ends.append(compared(objective, estimator, batches))
         return ends[-1]
 
+    def entered(objective, estimator, stage):
+        enter(objective, estimator, stage)
+        if stage % 2 == 0:
+            pairs = zip(state_of(estimator), objective.ranked[stage // 2], strict=True)
+            begun.append(all(torch.equal(now, ranked) for now, ranked in pairs))
+
     monkeypatch.setattr(FreeRun, "final_loss", noted)
+    monkeypatch.setattr(FreeRun, "enter", entered)
     objective = FreeRun([1, None], starts=3, start_iterations=1, finalists=3, seed=2)
     module = Identification(
         ElementNetwork(2, 2, DT, hinges=1, units=1),
@@ -544,5 +551,6 @@ def test_the_best_of_the_finalists_in_the_end_stays(data, tmp_path, monkeypatch)
     assert [stage["stage"] for stage in module.ended] == [
         *names, *(f"{name}, start {n}" for n in (2, 3) for name in names)
     ]  # fmt: skip
+    assert begun == [True, True]
     assert len({round(end, 14) for end in ends}) == 6
     assert free_run_loss(module.estimator, data) == pytest.approx(min(ends), rel=1e-9)

@@ -208,3 +208,16 @@ def test_fewer_forces_than_masses_are_refused():
 def test_unknown_choices_are_refused(wrong):
     with pytest.raises(ValueError, match="expected residual or restoring_force"):
         ModalPolynomial(3, 3, 0.01, **wrong)
+
+
+@pytest.mark.parametrize("fits", ["residual", "restoring_force"])
+def test_under_base_excitation_no_mass_need_be_known(fits):
+    """ẍ = f ι − M⁻¹(K x + C ẋ), M⁻¹K symmetric so that ΦᵀM⁻¹r decouples: exact on any signals."""
+    rng = np.random.default_rng(0)
+    x, v, f = (torch.from_numpy(rng.standard_normal((400, c))) for c in (2, 2, 1))
+    stiffness = torch.tensor([[50.0, -20.0], [-20.0, 30.0]]).double()
+    damping = 0.01 * stiffness
+    record = Record(0.01, f - x @ stiffness.T - v @ damping.T, f, x, v)
+    model = ModalPolynomial(2, 1, 0.01, fits=fits, order=1, forced="base")
+    model.identify([record])
+    assert torch.allclose(model(record), record.a, rtol=0.0, atol=1e-8)
