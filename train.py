@@ -15,6 +15,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from lightning.pytorch import Trainer, seed_everything
 from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.plugins.environments import LightningEnvironment
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
@@ -54,6 +55,7 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
         enable_checkpointing=False,
         enable_model_summary=False,
         limit_val_batches=None if data.validation else 0,
+        plugins=LightningEnvironment(),  # under Slurm too: the launcher deals with it
         **cfg.trainer,
     )
     try:
