@@ -23,7 +23,7 @@ from models.training.metrics import FREE_RUNS, free_run_score, score
 from report.benchmark import benchmark_lines, benchmark_scores
 from report.figures import run_figures
 from report.paper import paper_values
-from report.runs import code_version, config_digest, settings_of
+from report.runs import settings_of
 from report.tables import error_table, rows_of, why_no_free_run
 
 
@@ -45,7 +45,11 @@ def compare_baselines(baselines: dict[str, Estimator], data: Data) -> dict[str, 
 
 
 def metrics_of(
-    cfg: DictConfig, module: Identification, data: Data, baselines: dict[str, Any]
+    cfg: DictConfig,
+    identity: dict[str, str],
+    module: Identification,
+    data: Data,
+    baselines: dict[str, Any],
 ) -> dict[str, Any]:
     """What `metrics.json` holds; errors in percent, times in seconds."""
     estimator, names = module.estimator, (cfg.model.name, cfg.system.name, cfg.scenario.name)
@@ -55,7 +59,7 @@ def metrics_of(
         "scenario": cfg.scenario.name,
         "scenario_settings": settings_of(cfg.scenario),
         "seed": cfg.seed,
-        "identity": {"config": config_digest(cfg), "code": code_version()},
+        "identity": identity,
         "fit_seconds": module.fit_seconds,
         "parameters": estimator.identified_parameters,
         "identification": {

@@ -10,6 +10,9 @@ from itertools import combinations, combinations_with_replacement
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import pad
+
+from models.layers.features_compiled import feature_products
 
 
 class SigmoidProducts(nn.Module):
@@ -39,7 +42,7 @@ class SigmoidProducts(nn.Module):
         orders = list(range(1, order + 1)) if isinstance(order, int) else list(order)
         if not orders or not set(orders) <= {1, 2, 3} or sorted(set(orders)) != orders:
             raise ValueError(f"model.order={order}: choose 1, 2 or 3, or a list as [1, 3]")
-        self.orders = orders
+        self.channels, self.orders = channels, orders
         self.register_buffer("weight", torch.tensor(weight, dtype=torch.float64))
         choose = combinations_with_replacement if squares else combinations
         self.factors = {n: list(choose(range(channels), n)) for n in orders if n > 1}
@@ -48,6 +51,28 @@ class SigmoidProducts(nn.Module):
         for count, products in self.factors.items():
             index = torch.tensor(products, dtype=torch.int64).reshape(len(products), count)
             self.register_buffer(f"factors_{count}", index.T.contiguous(), persistent=False)
+
+    def places(self) -> Tensor:
+        """The three factors of every feature, by channel (features, 3); `channels` stands for 1."""
+        one = self.channels
+        rows: list[tuple[int, ...]] = []
+        if 1 in self.orders:
+            rows += [(i, one, one) for i in range(self.channels)]
+        for products in self.factors.values():
+            rows += [(*product, *[one] * (3 - len(product))) for product in products]
+        if self.bias:
+            rows.append((one, one, one))
+        return torch.tensor(rows, dtype=torch.int64)
+
+    def without_derivatives(self, xi: Tensor) -> Tensor:
+        """`forward`, to the bit; on the processor compiled and some times faster."""
+        if xi.device.type != "cpu":
+            return self(xi)
+        h = pad(torch.tanh(self.weight * xi), (0, 1), value=1.0)
+        phi = h.new_empty(*h.shape[:-1], self.features)
+        flat = h.reshape(-1, self.channels + 1).numpy()
+        feature_products(flat, self.places().numpy(), phi.view(-1, self.features).numpy())
+        return phi
 
     def forward(self, xi: Tensor) -> Tensor:
         """ξ (…, channels) → φ (…, features): first order, products, bias last."""
