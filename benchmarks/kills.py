@@ -37,6 +37,7 @@ WORDS = [
     "model=linear,vwnn,residual_mlp",  # two closed forms; a network that trains for some seconds
     "solver=levenberg_marquardt",
     "solver.iterations=10",
+    "checkpoint_seconds=0.5",  # of half-done training
     "data.duration=10",
     "figures=false",
     "baselines=none",

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import sys
 from abc import abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
@@ -56,8 +55,8 @@ class Worker:
                 return None  # done by a worker that was lost before it could say so
             done = run_job(self._task, cfg, "hydra.sweep.dir", "hydra.sweep.subdir", self.context)
         except Exception as error:
-            return _reason(error)
-        return _reason(done._return_value) if done.status == JobStatus.FAILED else None
+            return reason_of(error)
+        return reason_of(done._return_value) if done.status == JobStatus.FAILED else None
 
     @cached_property
     def _task(self) -> TaskFunction:
@@ -65,11 +64,12 @@ class Worker:
         return task
 
 
-def _reason(error: Exception) -> str:
+def reason_of(error: Exception) -> str:
     """In one line, the same for all runs that a full disk stopped."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
-    return " ".join(f"{type(error).__name__}: {error}".split())
+    name = "" if type(error) is RuntimeError else f"{type(error).__name__}: "
+    return " ".join(f"{name}{error}".split())
 
 
 class SweepLauncher(Launcher):
@@ -83,13 +83,12 @@ class SweepLauncher(Launcher):
     def launch(
         self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int
     ) -> Sequence[JobReturn]:
-        from report.sweep import reasons
-
         worker = Worker(self.context, self.config, self.task_function)
         lost = self.work(worker, [list(words) for words in job_overrides])
-        for line in reasons(lost):
-            print(line.replace("failed:", "lost:", 1), file=sys.stderr)
-        return []
+        return [
+            JobReturn(words.split(), status=JobStatus.FAILED, _return_value=RuntimeError(reason))
+            for words, reason in lost.items()
+        ]
 
     @abstractmethod
     def work(self, worker: Worker, jobs: list[list[str]]) -> dict[str, str]:
