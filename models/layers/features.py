@@ -39,7 +39,7 @@ class SigmoidProducts(nn.Module):
         orders = list(range(1, order + 1)) if isinstance(order, int) else list(order)
         if not orders or not set(orders) <= {1, 2, 3} or sorted(set(orders)) != orders:
             raise ValueError(f"model.order={order}: choose 1, 2 or 3, or a list as [1, 3]")
-        self.orders = orders
+        self.orders, self.channels = orders, channels
         self.register_buffer("weight", torch.tensor(weight, dtype=torch.float64))
         choose = combinations_with_replacement if squares else combinations
         self.factors = {n: list(choose(range(channels), n)) for n in orders if n > 1}
