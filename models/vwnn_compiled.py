@@ -20,7 +20,7 @@ compiled, _ = compilers(Path(__file__), HERE, contract=True, reassociate=True)
 def estimate(xi, f, unfiltered, sigmoid_weight, factors, W, h, phi, made):
     """φ (P,) and the estimate (n,) from the filters' state ξ (S, C) and the excitation f (m,).
 
-    factors (P, 3): the sigmoids whose product a feature is, −1 for none.
+    factors (P, 3): the sigmoids whose product a feature is; the last of h is 1.
     """
     S, C = xi.shape
     P, n = W.shape
@@ -32,10 +32,7 @@ def estimate(xi, f, unfiltered, sigmoid_weight, factors, W, h, phi, made):
             h[S * C + j] = np.tanh(sigmoid_weight * f[j])
     made[:] = 0.0
     for p in range(P):
-        product = 1.0
-        for place in factors[p]:
-            if place >= 0:
-                product *= h[place]
+        product = h[factors[p, 0]] * h[factors[p, 1]] * h[factors[p, 2]]
         phi[p] = product
         for j in range(n):
             made[j] += product * W[p, j]

@@ -11,7 +11,6 @@ from torch import Tensor
 from data.sample import Sample
 from models import vwnn_compiled
 from models.adaptation.law import Adapted, Law, work_for
-from models.layers.features import SigmoidProducts
 from models.stream import Stream
 from models.stream_guard import Guard
 from models.vwnn import VWNN
@@ -33,14 +32,14 @@ class VWNNStream(Stream):
             u.detach().cpu().numpy().copy() for u in (state.weights, state.memory)
         )
         self._settings, self._work = law.settings(), work_for(self._weights)
-        self._factors = factors_of(estimator.activation)
+        self._factors = estimator.activation.places().numpy()
         self._unfiltered = estimator.unfiltered_excitation
         self._sigmoid_weight = float(estimator.activation.weight)
         self._decay = float(estimator.filters.decay)
         self._xi = self.memory.numpy().copy()
         P, n = self._weights.shape
         self._phi_now, self._error = np.zeros(P), np.zeros(n)
-        self._sigmoids = np.zeros(int(self._factors.max()) + 1)
+        self._sigmoids = np.ones(estimator.activation.channels + 1)
 
     @property
     def weights(self) -> list[Tensor]:
@@ -63,14 +62,3 @@ class VWNNStream(Stream):
             *(self.law.number, self._settings, self._phi_now, self.made.numpy()),
             *(self._weights, self._law_memory, self._error, self._work),
         )
-
-
-def factors_of(activation: SigmoidProducts) -> np.ndarray:
-    """Sigmoids whose product each feature is (P, 3), −1 for none, in the order of `activation`."""
-    rows: list[tuple[int, ...]] = []
-    if 1 in activation.orders:
-        rows += [(i,) for i in range(activation.channels)]
-    for products in activation.factors.values():
-        rows += products
-    rows += [()] * activation.bias
-    return np.array([(*row, -1, -1, -1)[:3] for row in rows])

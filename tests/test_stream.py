@@ -19,7 +19,7 @@ from models.polynomial import ModalPolynomial
 from models.stream import Stream
 from models.stream_guard import Guard
 from models.vwnn import VWNN
-from models.vwnn_stream import VWNNStream, factors_of
+from models.vwnn_stream import VWNNStream
 
 DT = 0.01
 ESTIMATORS = {
@@ -112,14 +112,6 @@ def test_an_estimator_is_left_as_it_was(identified, record):
         run(kind(identified[name], RecursiveLeastSquares(0.99)), record.window(0, 50))
         for key, u in identified[name].state_dict().items():
             assert torch.equal(u, before[key])
-
-
-def test_the_table_of_factors_gives_the_features(identified):
-    activation = identified["vwnn_third_order"].activation
-    h = torch.randn(activation.channels, dtype=torch.float64)
-    sigmoids = torch.cat([torch.tanh(activation.weight * h), torch.ones(1, dtype=torch.float64)])
-    table = torch.from_numpy(factors_of(activation))  # −1 is the last, a one
-    assert torch.allclose(sigmoids[table].prod(dim=1), activation(h), rtol=1e-14)
 
 
 @pytest.mark.parametrize(("value", "kind"), [(torch.nan, "not_finite"), (99.0, "saturated")])
