@@ -116,8 +116,7 @@ def test_a_run_tells_when_it_settled_and_what_it_learnt(finished):
     assert online["learnt_percent"]["20"] == pytest.approx(frozen, rel=1e-6)
     assert json.loads((finished / "batch" / "metrics.json").read_text())["online"] == {}
     tags = EventAccumulator(str(finished / "online" / "tensorboard")).Reload().Tags()
-    images = {tag for tag in tags["images"]}
-    assert {"running_error", "weights_over_time"} <= images
+    assert {"running_error", "weights_over_time"} <= set(tags["images"])
 
 
 def test_an_on_line_run_is_evaluated_to_the_last_digit(finished, monkeypatch, capsys):
