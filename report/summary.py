@@ -25,7 +25,7 @@ from report.figures import run_figures
 from report.online import online_scores
 from report.online_figures import online_figures
 from report.paper import paper_values
-from report.runs import code_version, config_digest, settings_of
+from report.runs import identity_of, settings_of
 from report.tables import error_table, rows_of, why_no_free_run
 
 
@@ -57,7 +57,7 @@ def metrics_of(
         "scenario": cfg.scenario.name,
         "scenario_settings": settings_of(cfg.scenario),
         "seed": cfg.seed,
-        "identity": {"config": config_digest(cfg), "code": code_version()},
+        "identity": identity_of(cfg),
         "fit_seconds": module.fit_seconds,
         "parameters": estimator.identified_parameters,
         "identification": {

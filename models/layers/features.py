@@ -51,7 +51,8 @@ class SigmoidProducts(nn.Module):
 
     def places(self) -> Tensor:
         """The three factors of every feature, by channel (features, 3); `channels` stands for 1."""
-        one, rows = self.channels, []
+        one = self.channels
+        rows: list[tuple[int, ...]] = []
         if 1 in self.orders:
             rows += [(i, one, one) for i in range(self.channels)]
         for products in self.factors.values():
