@@ -36,6 +36,7 @@ GROUPS = (
     "model",
     "solver",
     "objective",
+    "adaptation",
     "baselines",
     "trainer",
     "experiment",
