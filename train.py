@@ -64,7 +64,7 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
 
     metrics = metrics_of(cfg, module, data, compare_baselines(baselines, data))
     save_estimator(module.estimator, folder / CHECKPOINT, cfg.model.name)
-    log_run(logger, module, data, metrics, cfg.figures)
+    log_run(logger, module, data, metrics, cfg)
     finish_run(folder, metrics)
     return metrics
 
