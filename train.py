@@ -15,14 +15,16 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from lightning.pytorch import Trainer, seed_everything
 from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.plugins.environments import LightningEnvironment
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
 from models.checkpoint import save_estimator
 from models.training.assemble import data_from, estimator_from, objective_from, solver_from
+from models.training.continuation import SaveProgress
 from models.training.identification import Identification
 from report.console import CONF, job_errors, one_line_errors, prepare_hydra, quiet_lightning
-from report.runs import CHECKPOINT, begin_run, finish_run
+from report.runs import CHECKPOINT, PROGRESS, begin_run, finish_run, identity_of
 from report.summary import compare_baselines, log_run, metrics_of, print_run
 
 prepare_hydra()
@@ -42,7 +44,7 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
         estimator, solver_from(cfg.solver), cfg.max_fail, objective_from(cfg.objective)
     )
     baselines = {name: estimator_from(node, data) for name, node in cfg.baselines.items()}
-    begin_run(folder, cfg)
+    unfinished = begin_run(folder, cfg)
     data.setup()
 
     torch.set_num_threads(cfg.threads)
@@ -50,14 +52,16 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
     logger = TensorBoardLogger(folder, name="", version="tensorboard")
     trainer = Trainer(
         logger=logger,
+        plugins=LightningEnvironment(),  # a run is one process, in a Slurm job too
         default_root_dir=folder,
+        callbacks=SaveProgress(folder / PROGRESS, identity_of(cfg), cfg.checkpoint_seconds),
         enable_checkpointing=False,
         enable_model_summary=False,
         limit_val_batches=None if data.validation else 0,
         **cfg.trainer,
     )
     try:
-        trainer.fit(module, datamodule=data)
+        trainer.fit(module, datamodule=data, ckpt_path=unfinished, weights_only=True)
         trainer.test(module, datamodule=data, verbose=False)
     except SystemExit:  # what Lightning makes of Ctrl-C
         raise KeyboardInterrupt from None

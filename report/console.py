@@ -25,7 +25,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from report.runs import CONFIG, FAILED, run_name, write_text
+from report.runs import run_name, write_failure
 
 CONF = Path(__file__).parent.parent / "conf"
 GROUPS = (
@@ -145,9 +145,8 @@ def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) 
         reason = " ".join(
             f"{'' if expected else type(error).__name__ + ': '}{_reason(error)}".split()
         )
-        if cfg is not None:
-            write_text(sweep_folder / CONFIG, OmegaConf.to_yaml(cfg, resolve=True))
-        write_text(sweep_folder / FAILED, f"{trace}{reason}\n")
+        own = expected and not isinstance(error, OSError)  # not that of a disk or a machine
+        write_failure(sweep_folder, cfg, reason, trace, own)
 
 
 def _explain(error: Exception, config: str) -> str:

@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from report.console import CONF
 from report.paper import PaperCell, paper_cells
-from report.runs import CONFIG, FAILED, METRICS, settings_of
+from report.runs import CONFIG, FAILED, METRICS, read_failure, settings_of
 
 OWN_RESIDUAL = "own_residual"
 OWN = f"residual_mlp_{OWN_RESIDUAL}"
@@ -106,7 +106,7 @@ def _finished(folder: Path) -> Run:
 
 
 def _failed(folder: Path) -> Run:
-    reason = (folder / FAILED).read_text("utf-8").splitlines()[-1]
+    reason = read_failure(folder)["reason"]
     if not (folder / CONFIG).is_file():
         raise ValueError(f"{folder} failed before it had begun: {reason}; remove it")
     cfg = OmegaConf.load(folder / CONFIG)

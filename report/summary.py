@@ -24,7 +24,7 @@ from report.benchmark import benchmark_lines, benchmark_scores
 from report.figures import run_figures
 from report.hparams import numbers, swept
 from report.paper import paper_values
-from report.runs import code_version, config_digest, settings_of
+from report.runs import identity_of, settings_of
 from report.tables import error_table, rows_of, why_no_free_run
 
 
@@ -56,7 +56,7 @@ def metrics_of(
         "scenario": cfg.scenario.name,
         "scenario_settings": settings_of(cfg.scenario),
         "seed": cfg.seed,
-        "identity": {"config": config_digest(cfg), "code": code_version()},
+        "identity": identity_of(cfg),
         "fit_seconds": module.fit_seconds,
         "parameters": estimator.identified_parameters,
         "identification": {

@@ -54,7 +54,7 @@ def add_run(folder: Path, free_run: float | dict | None, failed: bool = False, *
     cfg = {**names, "seed": case["seed"], "data": {"train_records": records}}
     OmegaConf.save(OmegaConf.create(cfg), path / "config.yaml")
     if failed:
-        (path / "failed.txt").write_text("the motion escaped\n")
+        (path / "failed.json").write_text('{"reason": "the motion escaped"}')
         return path
     scores = free_run
     if not isinstance(free_run, dict):
