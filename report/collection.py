@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml
 
-from report.runs import CONFIG, FAILED, METRICS
+from report.runs import CONFIG, FAILED, METRICS, read_failure
 
 Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 FINISHED, UNFINISHED, DAMAGED = "finished", "unfinished", "damaged"
@@ -85,20 +85,18 @@ def collected(folder: Path) -> Collected:
             if not isinstance(metrics, dict):
                 raise ValueError(f"{METRICS} holds no numbers of a run")
             return Collected(folder, FINISHED, "", choices, metrics)
-    except (ValueError, yaml.YAMLError) as error:
+        why = why_failed(folder)
+    except (ValueError, KeyError, yaml.YAMLError) as error:
         first = str(error).splitlines()[0]
         return Collected(folder, DAMAGED, f"{first}; repeat the run", {}, {})
-    if (why := why_failed(folder)) is not None:
+    if why is not None:
         return Collected(folder, "failed", why, choices, {})
     return Collected(folder, UNFINISHED, f"it has no {METRICS} yet", choices, {})
 
 
 def why_failed(folder: Path) -> str | None:
     """The reason that a failed run left; None where it has not failed."""
-    path = folder / FAILED
-    if not path.is_file():
-        return None
-    return (path.read_text("utf-8").splitlines() or ["it does not say why"])[-1]
+    return str(read_failure(folder)["reason"]) if (folder / FAILED).is_file() else None
 
 
 def read_choices(path: Path) -> dict[str, Any]:
