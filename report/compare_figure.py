@@ -23,7 +23,7 @@ from report.study_signals import COLOURS
 
 WORDS = {"relative_rms_percent": "relative RMS error [%]", "fit_seconds": "time of the fit [s]"}
 MARKERS = "osD^vP*X"
-DECADES = 1.3  # of values: from here on the axis is logarithmic
+DECADES = 1.0  # of values: from here on the axis is logarithmic
 BEYOND = 10.0  # times the largest median: the end of the axis
 TICKS = 8  # values that fit beside each other
 PANELS = ("system", "scenario")
@@ -115,15 +115,15 @@ def _draw_lines(
         high = [max(values, default=math.nan) for values in finite]
         colour, marker = names[name], MARKERS[list(names).index(name) % len(MARKERS)]
         axes.plot(places, middle, marker=marker, markersize=4, color=colour, label=name or None)
-        axes.fill_between(places, low, high, color=colour, alpha=0.15, linewidth=0.0)
+        axes.fill_between(places, low, high, color=colour, alpha=0.25, linewidth=0.0)
         lost = [p for p, group in zip(places, of_name, strict=True) if group.diverged]
         if lost:
             edge = axes.get_xaxis_transform()
             axes.plot(lost, [1.0] * len(lost), "x", color=colour, transform=edge, clip_on=False)
-    _scale(axes, "y", [v for group in comparison.groups for v in group.values])
+    scale(axes, "y", [v for group in comparison.groups for v in group.values])
     _limit(axes, comparison.groups)
     values = sorted({float(group.labels[x]) for group in comparison.groups})
-    _scale(axes, "x", values)
+    scale(axes, "x", values)
     if len(values) <= TICKS:
         axes.set_xticks(values, [f"{value:g}" for value in values])
         axes.set_xticks([], minor=True)
@@ -148,7 +148,7 @@ def _draw_strips(
         told = [(group.diverged, "diverged"), (group.failed, "failed")]
         if text := ", ".join(f"{count} {what}" for count, what in told if count):
             lost.append((place, text))
-    _scale(axes, "x", [v for group in comparison.groups for v in group.values])
+    scale(axes, "x", [v for group in comparison.groups for v in group.values])
     for place, text in lost:
         axes.text(
             0.99, place, text, transform=axes.get_yaxis_transform(), ha="right", va="center",
@@ -171,7 +171,7 @@ def _finite(value: Any) -> float:
     return value if value is not None and math.isfinite(value) else math.nan
 
 
-def _scale(axes: Axes, which: str, values: Sequence[float]) -> None:
+def scale(axes: Axes, which: str, values: Sequence[float]) -> None:
     """Logarithmic where positive values span decades, with ticks that can be read."""
     finite = [v for v in values if math.isfinite(v)]
     if not finite or min(finite) <= 0.0 or max(finite) < 10.0**DECADES * min(finite):

@@ -16,6 +16,7 @@ from report.collection import collect, dotted, folders_of, read_choices
 from report.long_form import long_table, write_long
 from report.runs import plain
 from tests.test_configs import choices, composed
+from tests.test_docs import ROOT, blocks
 from tests.test_leaderboard import LOST, NO_FREE_RUN, add_run
 from tests.test_train import run
 
@@ -211,3 +212,15 @@ def test_runs_that_make_no_table_of_the_paper_still_make_the_long_one(tmp_path, 
     (path / "metrics.json").write_text(json.dumps(metrics))
     assert run(evaluate, monkeypatch, f"runs={tmp_path}") == 0
     assert len(pd.read_csv(tmp_path / "results" / "results.csv")) > 3
+
+
+def test_the_example_of_the_docs_reads_the_table(tmp_path, monkeypatch, capsys):
+    (example,) = blocks(ROOT / "docs" / "comparing.md", "python")
+    for seed, cutoff in enumerate((20.0, 50.0)):
+        add_run(tmp_path / "runs" / "cutoffs", 5.0, seed=seed, cutoff=cutoff)
+    monkeypatch.chdir(tmp_path)
+    write_long(long_table(collect([Path("runs/cutoffs")])), Path("runs/cutoffs/results"))
+    exec(compile(example, "comparing.md", "exec"), {})
+    printed = capsys.readouterr().out
+    assert "bilinear 20.0              1     3.0  3.0" in printed
+    assert "finished    2" in printed
