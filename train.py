@@ -46,7 +46,8 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
         estimator, solver_from(cfg.solver), cfg.max_fail, objective_from(cfg.objective)
     )
     baselines = {name: estimator_from(node, data) for name, node in cfg.baselines.items()}
-    unfinished = begin_run(folder, cfg)
+    identity = identity_of(cfg)
+    unfinished = begin_run(folder, cfg, identity)
     data.setup()
 
     torch.set_num_threads(cfg.threads)
@@ -56,7 +57,7 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
         logger=logger,
         plugins=LightningEnvironment(),  # a run is one process, in a Slurm job too
         default_root_dir=folder,
-        callbacks=SaveProgress(folder / PROGRESS, identity_of(cfg), cfg.checkpoint_seconds),
+        callbacks=SaveProgress(folder / PROGRESS, identity, cfg.checkpoint_seconds),
         enable_checkpointing=False,
         enable_model_summary=False,
         limit_val_batches=None if data.validation else 0,
@@ -68,7 +69,7 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
     except SystemExit:  # what Lightning makes of Ctrl-C
         raise KeyboardInterrupt from None
 
-    metrics = metrics_of(cfg, module, data, compare_baselines(baselines, data))
+    metrics = metrics_of(cfg, identity, module, data, compare_baselines(baselines, data))
     save_estimator(module.estimator, folder / CHECKPOINT, cfg.model.name)
     log_run(logger, module, data, metrics, cfg)
     finish_run(folder, metrics)

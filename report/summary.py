@@ -24,7 +24,7 @@ from report.benchmark import benchmark_lines, benchmark_scores
 from report.figures import run_figures
 from report.hparams import numbers, swept
 from report.paper import paper_values
-from report.runs import identity_of, settings_of
+from report.runs import settings_of
 from report.tables import error_table, rows_of, why_no_free_run
 
 
@@ -46,7 +46,11 @@ def compare_baselines(baselines: dict[str, Estimator], data: Data) -> dict[str, 
 
 
 def metrics_of(
-    cfg: DictConfig, module: Identification, data: Data, baselines: dict[str, Any]
+    cfg: DictConfig,
+    identity: dict[str, str],
+    module: Identification,
+    data: Data,
+    baselines: dict[str, Any],
 ) -> dict[str, Any]:
     """What `metrics.json` holds; errors in percent, times in seconds."""
     estimator, names = module.estimator, (cfg.model.name, cfg.system.name, cfg.scenario.name)
@@ -56,7 +60,7 @@ def metrics_of(
         "scenario": cfg.scenario.name,
         "scenario_settings": settings_of(cfg.scenario),
         "seed": cfg.seed,
-        "identity": identity_of(cfg),
+        "identity": identity,
         "fit_seconds": module.fit_seconds,
         "parameters": estimator.identified_parameters,
         "identification": {

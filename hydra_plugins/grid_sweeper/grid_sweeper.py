@@ -19,7 +19,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
 
-from hydra_plugins.grid_sweeper.composed_once import ComposedOnce
+from report.composed_once import ComposedOnce
 
 
 class GridSweeper(BasicSweeper):
