@@ -53,7 +53,8 @@ model.cutoff [rad/s], trainer.accelerator, hydra.run.dir. All of them: python tr
     "evaluate": """Finished runs → the paper's tables and figures; or one run scored again.
 
     python evaluate.py                              of the runs in runs/study
-    python evaluate.py runs=FOLDER output=FOLDER
+    python evaluate.py runs=FOLDER output=FOLDER    and all numbers: results.parquet, results.csv
+    python evaluate.py runs=[a,b] by=model.cutoff   of several folders, compared by a choice
     python evaluate.py page=docs/results.md         the whole page
     python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
