@@ -7,6 +7,7 @@ python train.py --help
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import hydra
@@ -26,6 +27,7 @@ from models.training.identification import Identification
 from report.console import CONF, job_errors, one_line_errors, prepare_hydra, quiet_lightning
 from report.runs import CHECKPOINT, PROGRESS, begin_run, finish_run, identity_of
 from report.summary import compare_baselines, log_run, metrics_of, print_run
+from report.validation import validation_error
 
 prepare_hydra()
 
@@ -69,19 +71,23 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
 
     metrics = metrics_of(cfg, identity, module, data, compare_baselines(baselines, data))
     save_estimator(module.estimator, folder / CHECKPOINT, cfg.model.name)
-    log_run(logger, module, data, metrics, cfg.figures)
+    log_run(logger, module, data, metrics, cfg)
     finish_run(folder, metrics)
     return metrics
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="train")
-def main(cfg: DictConfig) -> None:
+def main(cfg: DictConfig) -> float | None:
+    """What a search minimises: the validation error in percent; None where nothing is held back."""
     hydra_cfg = HydraConfig.get()
     folder, in_sweep = Path(hydra_cfg.runtime.output_dir), hydra_cfg.mode == RunMode.MULTIRUN
+    error: float | None = math.inf  # of a run that fails
     with job_errors(folder if in_sweep else None, cfg):
         metrics = identify(cfg, folder)
+        error = validation_error(metrics) if cfg.data.validation else None
         if not in_sweep:
             print_run(metrics, folder)
+    return error
 
 
 def cli() -> None:

@@ -38,6 +38,7 @@ GROUPS = (
     "model",
     "solver",
     "objective",
+    "adaptation",
     "baselines",
     "trainer",
     "experiment",
@@ -54,7 +55,8 @@ model.cutoff [rad/s], trainer.accelerator, hydra.run.dir. All of them: python tr
     "evaluate": """Finished runs → the paper's tables and figures; or one run scored again.
 
     python evaluate.py                              of the runs in runs/study
-    python evaluate.py runs=FOLDER output=FOLDER
+    python evaluate.py runs=FOLDER output=FOLDER    and all numbers: results.parquet, results.csv
+    python evaluate.py runs=[a,b] by=model.cutoff   of several folders, compared by a choice
     python evaluate.py page=docs/results.md         the whole page
     python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
@@ -97,7 +99,7 @@ def quiet_lightning() -> None:
         logging.getLogger(name).setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", message=".*does not have many workers.*")
     warnings.filterwarnings("ignore", message=".*LeafSpec.*deprecated.*")
-    warnings.filterwarnings("ignore", message=".*srun. command is available.*")
+    warnings.filterwarnings("ignore", message="The `srun` command is available.*")
     threading.excepthook = _thread_failed
 
 
