@@ -15,6 +15,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from lightning.pytorch import Trainer, seed_everything
 from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.plugins.environments import LightningEnvironment
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
@@ -50,6 +51,7 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
     logger = TensorBoardLogger(folder, name="", version="tensorboard")
     trainer = Trainer(
         logger=logger,
+        plugins=LightningEnvironment(),  # a run is one process, in a Slurm job too
         default_root_dir=folder,
         enable_checkpointing=False,
         enable_model_summary=False,

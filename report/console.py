@@ -37,6 +37,7 @@ GROUPS = (
     "model",
     "solver",
     "objective",
+    "adaptation",
     "baselines",
     "trainer",
     "experiment",

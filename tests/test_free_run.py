@@ -22,6 +22,7 @@ from models.mlp import GlobalMLP, ResidualMLP
 from models.polynomial import ModalPolynomial
 from models.training.metrics import FreeRunScore, free_run_score, score
 from models.training.simulate import periodic_run, simulate
+from models.vwnn import VWNN
 from report.figures import free_run_acceleration, free_run_displacement
 from report.tables import error_table, rows_of, why_no_free_run
 
@@ -92,6 +93,27 @@ def test_a_linear_free_run_is_that_of_scipy(linear_structure, hold, interpolate)
         - states[:, 3:] @ (inverse @ C).T
     )
     assert np.abs(ours.a.numpy() - a).max() < 1e-10 * np.abs(a).max()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"order": 3, "stages": 3},
+        {"order": [1, 3], "bias": False, "unfiltered_excitation": True},
+        {"squares": False, "stages": 1},
+    ],
+)
+def test_the_compiled_free_run_of_the_vwnn_is_that_of_torch(settings):
+    model = VWNN(3, 2, DT, sigmoid_weight=0.3, **settings)
+    random = torch.Generator().manual_seed(1)
+    model.weights.copy_(torch.randn(model.weights.shape, generator=random).double() / 20.0)
+    u, rest = torch.randn(2, 4, 300, 2, generator=random).double(), torch.zeros(2, 4, 3).double()
+    drive = Drive(DT, u, rest, rest)
+    driven = model.filters(u)[0].unflatten(-1, (model.filters.stages, -1))
+    reference = model._run(driven, drive)
+    assert float(reference.std()) > 1e-3
+    assert torch.allclose(model.free_run(drive).a, reference, rtol=1e-11, atol=1e-13)
 
 
 def duffing(x: torch.Tensor, v: torch.Tensor, u: torch.Tensor) -> torch.Tensor:

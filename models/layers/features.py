@@ -39,7 +39,7 @@ class SigmoidProducts(nn.Module):
         orders = list(range(1, order + 1)) if isinstance(order, int) else list(order)
         if not orders or not set(orders) <= {1, 2, 3} or sorted(set(orders)) != orders:
             raise ValueError(f"model.order={order}: choose 1, 2 or 3, or a list as [1, 3]")
-        self.orders = orders
+        self.channels, self.orders = channels, orders
         self.register_buffer("weight", torch.tensor(weight, dtype=torch.float64))
         choose = combinations_with_replacement if squares else combinations
         self.factors = {n: list(choose(range(channels), n)) for n in orders if n > 1}
@@ -48,6 +48,17 @@ class SigmoidProducts(nn.Module):
         for count, products in self.factors.items():
             index = torch.tensor(products, dtype=torch.int64).reshape(len(products), count)
             self.register_buffer(f"factors_{count}", index.T.contiguous(), persistent=False)
+
+    def places(self) -> Tensor:
+        """The three factors of every feature, by channel (features, 3); `channels` stands for 1."""
+        one, rows = self.channels, []
+        if 1 in self.orders:
+            rows += [(i, one, one) for i in range(self.channels)]
+        for products in self.factors.values():
+            rows += [(*product, *[one] * (3 - len(product))) for product in products]
+        if self.bias:
+            rows.append((one, one, one))
+        return torch.tensor(rows, dtype=torch.int64)
 
     def forward(self, xi: Tensor) -> Tensor:
         """ξ (…, channels) → φ (…, features): first order, products, bias last."""
