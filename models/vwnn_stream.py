@@ -17,7 +17,10 @@ from models.vwnn import VWNN
 
 
 class VWNNStream(Stream):
-    """`Stream` of a VWNN whose every sample is two compiled calls. Arguments as there."""
+    """`Stream` of a VWNN whose every sample is two compiled calls. Arguments as there.
+
+    Compiled here, not at the first sample, which would be late. `states` are changed in place.
+    """
 
     def __init__(
         self,
@@ -28,9 +31,10 @@ class VWNNStream(Stream):
     ) -> None:
         super().__init__(estimator, law, states, guard)
         (state,) = self.states
-        self._weights, self._law_memory = (
+        self._weights, self._memory = (
             u.detach().cpu().numpy().copy() for u in (state.weights, state.memory)
         )
+        self.states = [Adapted(torch.from_numpy(self._weights), torch.from_numpy(self._memory))]
         self._settings, self._work = law.settings(), work_for(self._weights)
         self._factors = estimator.activation.places().numpy()
         self._unfiltered = estimator.unfiltered_excitation
@@ -40,6 +44,9 @@ class VWNNStream(Stream):
         P, n = self._weights.shape
         self._phi_now, self._error = np.zeros(P), np.zeros(n)
         self._sigmoids = np.ones(estimator.activation.channels + 1)
+        nothing = Sample(f=torch.zeros(estimator.inputs, dtype=torch.float64))
+        self._learn(nothing, self._estimate(nothing), sound=False)  # compiles
+        self._rest()
 
     @property
     def weights(self) -> list[Tensor]:
@@ -60,5 +67,5 @@ class VWNNStream(Stream):
         vwnn_compiled.learn(
             *(self._xi, a.numpy(), sample.excitation.numpy(), self._decay, sound),
             *(self.law.number, self._settings, self._phi_now, self.made.numpy()),
-            *(self._weights, self._law_memory, self._error, self._work),
+            *(self._weights, self._memory, self._error, self._work),
         )

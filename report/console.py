@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import logging
 import os
 import sys
+import threading
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
@@ -25,7 +27,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from report.runs import CONFIG, FAILED, run_name, write_text
+from report.runs import run_name, write_failure
 
 CONF = Path(__file__).parent.parent / "conf"
 GROUPS = (
@@ -54,7 +56,8 @@ model.cutoff [rad/s], trainer.accelerator, hydra.run.dir. All of them: python tr
     "evaluate": """Finished runs → the paper's tables and figures; or one run scored again.
 
     python evaluate.py                              of the runs in runs/study
-    python evaluate.py runs=FOLDER output=FOLDER
+    python evaluate.py runs=FOLDER output=FOLDER    and all numbers: results.parquet, results.csv
+    python evaluate.py runs=[a,b] by=model.cutoff   of several folders, compared by a choice
     python evaluate.py page=docs/results.md         the whole page
     python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
@@ -97,6 +100,18 @@ def quiet_lightning() -> None:
         logging.getLogger(name).setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", message=".*does not have many workers.*")
     warnings.filterwarnings("ignore", message=".*LeafSpec.*deprecated.*")
+    warnings.filterwarnings("ignore", message="The `srun` command is available.*")
+    threading.excepthook = _thread_failed
+
+
+_others_failed = threading.excepthook
+
+
+def _thread_failed(failed: threading.ExceptHookArgs) -> None:
+    """TensorBoard's writer hands a full disk on to the run, which says so in one line."""
+    writer = type(failed.thread).__name__ == "_AsyncWriterThread"
+    if not (writer and issubclass(failed.exc_type, OSError)):
+        _others_failed(failed)
 
 
 def fail(message: str) -> None:
@@ -107,6 +122,8 @@ EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException, Misconf
 
 
 def _reason(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return f"{error.strerror}; make room and give the same command again"
     if isinstance(error, OSError):
         hint = "" if isinstance(error, FileNotFoundError) else "; choose another hydra.run.dir"
         return f"{error.strerror or error}: {error.filename or ''}{hint}"
@@ -130,12 +147,21 @@ def one_line_errors(config: str) -> Iterator[None]:
     sys.exit(1)
 
 
+def _disk_error(error: Exception) -> Exception:
+    """The disk's, where a logger made another of it."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, OSError):
+        cause = cause.__cause__
+    return cause or error
+
+
 @contextmanager
 def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) -> Iterator[None]:
     """A failing run ends the program; in a sweep it leaves config and reason in its folder."""
     try:
         yield
-    except Exception as error:
+    except Exception as raised:
+        error = _disk_error(raised)
         expected = isinstance(error, EXPECTED)
         if sweep_folder is None:
             if not expected:
@@ -146,9 +172,8 @@ def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) 
         reason = " ".join(
             f"{'' if expected else type(error).__name__ + ': '}{_reason(error)}".split()
         )
-        if cfg is not None:
-            write_text(sweep_folder / CONFIG, OmegaConf.to_yaml(cfg, resolve=True))
-        write_text(sweep_folder / FAILED, f"{trace}{reason}\n")
+        own = expected and not isinstance(error, OSError)  # not that of a disk or a machine
+        write_failure(sweep_folder, cfg, reason, trace, own)
 
 
 def _explain(error: Exception, config: str) -> str:

@@ -4,6 +4,8 @@ config.yaml        every choice, resolved; with the code, all that is needed to 
 model.safetensors  the identified estimator
 tensorboard/       scalars and figures
 metrics.json       the numbers; written last and at once, so a run that has it is finished
+training.ckpt      half-done training, to go on from; gone once the run is finished
+failed.json        in a sweep: why there are no numbers
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,17 +22,24 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
+from models.training.continuation import belongs
+
 CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
-FAILED = "failed.txt"  # why a run of a sweep has no metrics.json
-INERT = ("enable_progress_bar", "log_every_n_steps")  # of the trainer: they change no number
+FAILED = "failed.json"  # why a run of a sweep has no metrics.json
+PROGRESS = "training.ckpt"
+INERT = ("figures", "checkpoint_seconds")  # they change no number,
+INERT_TRAINER = ("enable_progress_bar", "log_every_n_steps")  # nor do these of the trainer
 ROOT = Path(__file__).parent.parent
 
 
 def plain(cfg: DictConfig) -> dict[str, Any]:
     """A config's values, resolved, without Hydra's own."""
-    keys = [str(key) for key in cfg if key != "hydra"]
-    masked: Any = OmegaConf.masked_copy(cfg, keys)
-    content: dict[str, Any] = OmegaConf.to_container(masked, resolve=True)  # type: ignore[assignment]
+    content = {}
+    for key in (str(key) for key in cfg if key != "hydra"):  # a masked copy would be slow
+        value = cfg[key]
+        content[key] = (
+            OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+        )
     return content
 
 
@@ -41,8 +51,8 @@ def settings_of(node: DictConfig) -> dict[str, Any]:
 def config_digest(cfg: DictConfig) -> str:
     """Ten characters that tell runs apart: a hash of every choice that can change a number."""
     content = plain(cfg)
-    content.pop("figures")
-    content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT}
+    content = {k: v for k, v in content.items() if k not in INERT}
+    content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}
     text = json.dumps(content, sort_keys=True, ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()[:10]
 
@@ -74,22 +84,47 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
     write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
-def begin_run(folder: Path, cfg: DictConfig) -> None:
-    """Start a run in a folder: a config, no results yet. Raises ValueError if that fails."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in (METRICS, CHECKPOINT, FAILED):
-            (folder / name).unlink(missing_ok=True)
-        write_text(folder / CONFIG, OmegaConf.to_yaml(cfg, resolve=True))
-    except OSError as error:
-        raise ValueError(
-            f"cannot write to {folder} ({error.strerror}); choose another hydra.run.dir"
-        ) from None
+def identity_of(cfg: DictConfig) -> dict[str, str]:
+    """What a run's numbers follow from."""
+    return {"config": config_digest(cfg), "code": code_version()}
+
+
+def begin_run(folder: Path, cfg: DictConfig, identity: dict[str, str]) -> Path | None:
+    """Start a run in a folder: a config, no results yet.
+
+    Returns where training goes on, if this very run was broken off in it. Raises OSError where the
+    folder cannot be written to.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in (METRICS, CHECKPOINT, FAILED):
+        (folder / name).unlink(missing_ok=True)
+    progress = folder / PROGRESS
+    if not belongs(progress, identity):
+        progress.unlink(missing_ok=True)
+        shutil.rmtree(folder / "tensorboard", ignore_errors=True)
+    write_text(folder / CONFIG, OmegaConf.to_yaml(cfg, resolve=True))
+    return progress if progress.exists() else None
 
 
 def finish_run(folder: Path, metrics: dict[str, Any]) -> None:
     """Write the numbers, which makes the run a finished one."""
     write_json(folder / METRICS, metrics)
+    (folder / PROGRESS).unlink(missing_ok=True)
+
+
+def write_failure(folder: Path, cfg: DictConfig | None, reason: str, trace: str, own: bool) -> None:
+    """Why a run of a sweep has no numbers; `own`: it would fail again, wherever it is run."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if cfg is not None:
+        write_text(folder / CONFIG, OmegaConf.to_yaml(cfg, resolve=True))
+    content = {"reason": reason, "own": own, "code": code_version(), "trace": trace}
+    write_json(folder / FAILED, content)
+
+
+def read_failure(folder: Path) -> dict[str, Any]:
+    """What `write_failure` wrote."""
+    failure: dict[str, Any] = json.loads((folder / FAILED).read_text("utf-8"))
+    return failure
 
 
 def read_run(folder: Path) -> tuple[DictConfig, dict[str, Any]]:

@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from report.console import CONF
 from report.paper import PaperCell, paper_cells
-from report.runs import CONFIG, FAILED, METRICS, settings_of
+from report.runs import CONFIG, FAILED, METRICS, read_failure, settings_of
 
 OWN_RESIDUAL = "own_residual"
 OWN = f"residual_mlp_{OWN_RESIDUAL}"
@@ -73,16 +73,27 @@ class Run:
         return value
 
 
-def read_runs(folder: Path) -> list[Run]:
-    """All finished and failed runs below a folder. Raises ValueError where there are none."""
-    runs = [_finished(path.parent) for path in sorted(folder.rglob(METRICS))]
-    runs += [_failed(path.parent) for path in sorted(folder.rglob(FAILED))]
+def listed(folder: Path | Sequence[Path]) -> list[Path]:
+    return [folder] if isinstance(folder, Path) else list(folder)
+
+
+def read_runs(folder: Path | Sequence[Path]) -> list[Run]:
+    """All finished and failed runs below folders. Raises ValueError where there are none."""
+    folders = listed(folder)
+    runs = [_finished(path.parent) for path in _named(METRICS, folders)]
+    runs += [_failed(path.parent) for path in _named(FAILED, folders)]
     if not runs:
         raise ValueError(
-            f"no runs in {folder}; make some (python train.py -m experiment=table3) or say where "
-            "they are (runs=FOLDER)"
+            f"no runs in {', '.join(map(str, folders))}; make some (python train.py -m "
+            "experiment=table3) or say where they are (runs=FOLDER)"
         )
     return runs
+
+
+def _named(name: str, folders: Sequence[Path]) -> list[Path]:
+    """Files of a name below folders that may lie in each other, each once."""
+    paths = {path.resolve(): path for folder in folders for path in folder.rglob(name)}
+    return sorted(paths.values())
 
 
 def _finished(folder: Path) -> Run:
@@ -95,7 +106,7 @@ def _finished(folder: Path) -> Run:
 
 
 def _failed(folder: Path) -> Run:
-    reason = (folder / FAILED).read_text("utf-8").splitlines()[-1]
+    reason = read_failure(folder)["reason"]
     if not (folder / CONFIG).is_file():
         raise ValueError(f"{folder} failed before it had begun: {reason}; remove it")
     cfg = OmegaConf.load(folder / CONFIG)

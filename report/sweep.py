@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from report.leaderboard import free_run_error, quantile
-from report.runs import FAILED, METRICS, code_version
+from report.runs import FAILED, METRICS, code_version, read_failure
 from report.study_tables import percent
 
 
@@ -32,23 +32,35 @@ def is_finished(folder: Path) -> bool:
     return read_metrics(folder).get("identity", {}).get("code") == code_version()
 
 
+def would_fail_again(folder: Path) -> bool:
+    """Whether a run failed by its own fault, not by that of a disk or a machine, in this code."""
+    if not (folder / FAILED).is_file():
+        return False
+    failure = read_failure(folder)
+    return failure["own"] and failure["code"] == code_version()
+
+
 class Watch:
     """Progress over the folders of a sweep, whoever works on them."""
 
-    def __init__(self, folders: list[Path], total: int) -> None:
+    def __init__(self, folders: list[Path], total: int, hopeless: int = 0) -> None:
+        """`folders`: what is to be run, of `total` runs; `hopeless`: failed before, left alone."""
         for folder in folders:
             for name in (FAILED, METRICS):
                 (folder / name).unlink(missing_ok=True)
         self.left, self.total, self.done = set(folders), total, total - len(folders)
+        self.before, self.failed = total - len(folders) - hopeless, hopeless
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[failed]} failed"))
         self.console = Console(width=None if Console().is_terminal else 130)
         self.progress = Progress(*columns, TimeRemainingColumn(), console=self.console)
-        self.ended, self.failed = threading.Event(), 0
+        self.ended = threading.Event()
 
     def __enter__(self) -> Watch:
-        if self.done:
-            self.console.print(f"{self.done} of {self.total} runs were finished before")
-        self.task = self.progress.add_task("", total=self.total, completed=self.done, failed=0)
+        if self.before:
+            self.console.print(f"{self.before} of {self.total} runs were finished before")
+        self.task = self.progress.add_task(
+            "", total=self.total, completed=self.done, failed=self.failed
+        )
         if self.console.is_terminal:
             self.progress.start()
         self.thread = threading.Thread(target=self._watch, daemon=True)
@@ -97,13 +109,15 @@ def _free(error: float, width: int = 0) -> str:
 
 
 def _reason(folder: Path) -> str:
-    return (folder / FAILED).read_text("utf-8").splitlines()[-1]
+    reason: str = read_failure(folder)["reason"]
+    return reason
 
 
-def print_summary(jobs: Mapping[Path, Sequence[str]], skipped: int) -> bool:
+def print_summary(jobs: Mapping[Path, Sequence[str]], skipped: int, hopeless: int = 0) -> bool:
     """Errors over the seeds, the failures and their reasons; whether all runs are done.
 
-    `jobs` maps the folder of each run to what was typed for it.
+    `jobs` maps the folder of each run to what was typed for it; `skipped` of them were done before,
+    `hopeless` had failed before and were not run again.
     """
     folders = list(jobs)
     console = Console(width=None if Console().is_terminal else 160)
@@ -117,9 +131,11 @@ def print_summary(jobs: Mapping[Path, Sequence[str]], skipped: int) -> bool:
     before = f" ({skipped} of them before)" if skipped else ""
     lost = len(folders) - len(done) - len(failed)
     unknown = f", {lost} without any result" if lost else ""
+    again = "not tried again; hydra.sweeper.retry_failed=true does"
+    left = f" ({hopeless} of them before, {again})" if hopeless else ""
     place = f"in {folders[0].parent}" if folders else ""
     console.print(
-        f"{len(done)} done{before}, {len(failed)} failed{unknown}, {place}", soft_wrap=True
+        f"{len(done)} done{before}, {len(failed)} failed{left}{unknown}, {place}", soft_wrap=True
     )
     return len(done) == len(folders)
 

@@ -31,7 +31,7 @@ def add_run(folder: Path, error: float | None, **choices) -> Path:
         names = {k: {"name": case[k]} for k in ("model", "system", "scenario")}
         names["scenario"] |= settings
         OmegaConf.save(OmegaConf.create({**names, "seed": case["seed"]}), run / "config.yaml")
-        (run / "failed.txt").write_text("the motion escaped\n")
+        (run / "failed.json").write_text('{"reason": "the motion escaped"}')
         return run
     scores = {"relative_rms_percent": error, "per_dof_percent": [error, 2 * error, 3 * error]}
     if case["model"] == "residual_mlp":

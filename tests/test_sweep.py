@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -17,7 +18,7 @@ from omegaconf import OmegaConf
 import train
 from report import runs as runs_module
 from report.console import CONF, prepare_hydra
-from report.runs import config_digest
+from report.runs import config_digest, plain, read_failure
 from report.study import read_runs
 from report.sweep import is_finished
 from tests.test_train import run
@@ -48,7 +49,9 @@ def results(folder: Path) -> dict[str, dict]:
 
 def test_the_digest_tells_choices_that_change_numbers_and_no_others():
     usual = config_digest(config())
-    assert usual == config_digest(config("figures=false", "trainer.enable_progress_bar=false"))
+    assert usual == config_digest(
+        config("figures=false", "trainer.enable_progress_bar=false", "checkpoint_seconds=5")
+    )
     changes = ("threads=2", "trainer.max_epochs=5", "seed=1")
     for word in (*changes, "model.cutoff=51", "system.excitation.std=1.8", "data.tolerance=1e-8"):
         assert config_digest(config(word)) != usual
@@ -80,16 +83,51 @@ def test_results_of_other_code_are_made_again(tmp_path, monkeypatch):
     runs_module.code_version.cache_clear()
 
 
-def test_a_failed_run_is_tried_again(tmp_path, monkeypatch, capsys):
+def test_a_failed_run_is_tried_again_when_asked(tmp_path, monkeypatch, capsys):
     words = ["-m", *QUICK, "model=linear", "seed=-1,0", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 1
-    assert run(train, monkeypatch, *words) == 1
-    assert "2 done" not in capsys.readouterr().out
-    (failed,) = tmp_path.glob("*/failed.txt")
+    (failed,) = tmp_path.glob("*/failed.json")
     assert (failed.parent / "config.yaml").is_file()
+    made = failed.stat().st_mtime_ns
+    capsys.readouterr()
+    assert run(train, monkeypatch, *words) == 1
+    assert "1 done (1 of them before), 1 failed (1 of them before, not tried again" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    assert failed.stat().st_mtime_ns == made
+    assert run(train, monkeypatch, *words, "hydra.sweeper.retry_failed=true") == 1
+    assert failed.stat().st_mtime_ns > made
     assert {run.reason for run in read_runs(tmp_path) if run.metrics is None} == {
         "seed=-1 must be a whole number, not negative"
     }
+
+
+def test_what_a_machine_did_to_a_run_is_no_failure_of_its_own(tmp_path, monkeypatch):
+    """A full disk, say: the next call takes the run up again, without being asked."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "model.safetensors")
+
+    words = ["-m", *QUICK, "model=linear", "seed=0", f"hydra.sweep.dir={tmp_path}"]
+    with monkeypatch.context() as broken:
+        broken.setattr(train, "save_estimator", full)
+        assert run(train, broken, *words) == 1
+    (folder,) = tmp_path.iterdir()
+    assert "No space left on device" in read_failure(folder)["reason"]
+    assert run(train, monkeypatch, *words) == 0
+    assert is_finished(folder)
+    assert not (folder / "failed.json").exists()
+
+
+def test_a_config_composed_for_another_seed_is_that_of_its_own_seed(tmp_path, monkeypatch):
+    """What each run is given by the shared composition is what Hydra would give it alone."""
+    words = [*QUICK, "model=vwnn,linear", "seed=3,4", "data.tolerance=1e-6"]
+    assert run(train, monkeypatch, "-m", *words, f"hydra.sweep.dir={tmp_path}") == 0
+    for model in ("vwnn", "linear"):
+        for seed in (3, 4):
+            alone = config(*QUICK, f"model={model}", f"seed={seed}", "data.tolerance=1e-6")
+            (folder,) = tmp_path.glob(f"{model}-*seed{seed}-*")
+            assert OmegaConf.load(folder / "config.yaml") == OmegaConf.create(plain(alone))
 
 
 def test_grids_are_added_up_and_the_command_line_has_the_last_word(tmp_path, monkeypatch, capsys):

@@ -359,7 +359,7 @@ def test_a_failing_run_does_not_stop_a_sweep(tmp_path, monkeypatch, capsys):
     assert "2 done, 1 failed" in out
     assert "seed=-1 must be a whole number" in out
     assert len(list(tmp_path.glob("*/metrics.json"))) == 2
-    assert len(list(tmp_path.glob("*/failed.txt"))) == 1
+    assert len(list(tmp_path.glob("*/failed.json"))) == 1
 
 
 def test_a_rerun_into_a_folder_never_leaves_the_old_result_beside_a_failure(

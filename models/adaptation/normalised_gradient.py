@@ -40,7 +40,7 @@ class NormalisedGradient(Law):
 
     def __init__(
         self,
-        gain: float = 1.0,
+        gain: float = 0.1,
         floor: float = 1e-3,
         dead_zone: float = 0.0,
         leakage: float = 0.0,

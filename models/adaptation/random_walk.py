@@ -41,9 +41,9 @@ class RandomWalk(Law):
 
     def __init__(
         self,
-        walk: float = 1e-4,
-        noise: float = 1e-4,
-        variance: float = 1e2,
+        walk: float = 1e-6,
+        noise: float = 1e-2,
+        variance: float = 1e3,
         limit: float = 1.0,
     ) -> None:
         super().__init__()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from statistics import fmean
 from typing import Any
 
 import torch
@@ -20,7 +21,9 @@ from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.training.objective import Objective, OneStep, restore, state_of
 from models.training.solvers.solver import Solver
 
-SPLITS = ("train", "test")  # order of the datamodule's test loaders
+SPLITS = ("train", "test")  # order of the datamodule's test loaders,
+HELD_BACK = "validation"  # the last of them, where there is one; scored one step ahead
+KEPT = ("stage", "tried", "ended", "chosen", "losses", "best", "fails")  # by a checkpoint
 
 
 class Identification(LightningModule):
@@ -57,6 +60,8 @@ class Identification(LightningModule):
         self.fit_seconds = 0.0
         self.best: tuple[float, dict[str, Tensor]] = (float("inf"), {})
         self.fails = 0
+        self.validated: list[float] = []  # losses of the records of a validation
+        self.broken_off: dict[str, Any] = {}  # a checkpoint to go on from
         self.scores: dict[str, Scores] = {}
         self.free_runs: dict[str, FreeRunScore] = {}
         self.examples: dict[str, tuple[Record, dict[str, Tensor]]] = {}  # first batch, estimates
@@ -74,11 +79,41 @@ class Identification(LightningModule):
         self.solver = self.make_solver(self.free_parameters().values())
         return [self.solver]
 
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Beside the parameters, all that training goes on from."""
+        assert self.solver is not None
+        kept = {name: getattr(self, name) for name in KEPT}
+        solver = {name: getattr(self.solver, name) for name in self.solver.kept}
+        checkpoint["progress"] = {
+            **{"identification": kept, "solver": solver, "memory": self.solver.state_dict()},
+            **{"ranked": self.objective.ranked, "random": torch.get_rng_state()},
+            "seconds": time.perf_counter() - self.start,
+        }
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        self.broken_off = checkpoint
+
+    def _go_on(self) -> None:
+        """As if training had never been broken off: its end is the same."""
+        self.load_state_dict(self.broken_off["state_dict"])
+        progress = self.broken_off["progress"]
+        for name, value in progress["identification"].items():
+            setattr(self, name, value)
+        self.objective.ranked = progress["ranked"]
+        self.solver = self._new_solver(self.free_parameters().values())
+        self.solver.load_state_dict(progress["memory"])
+        for name, value in progress["solver"].items():
+            setattr(self.solver, name, value)
+        torch.set_rng_state(progress["random"])  # windows are shuffled as they would have been
+        self.start -= progress["seconds"]
+
     def on_fit_start(self) -> None:
         self.start = time.perf_counter()
         loader = self.trainer.datamodule.train_dataloader()  # type: ignore[attr-defined]
         self.solution = self.estimator.identify(OnDevice(loader, self.device))
-        if self.solver is None:
+        if self.broken_off:
+            self._go_on()
+        elif self.solver is None:
             self.trainer.should_stop = True
         elif self.solver.full_batch and len(loader) > 1:
             raise ValueError(
@@ -149,9 +184,14 @@ class Identification(LightningModule):
     def validation_step(self, record: Record, index: int) -> None:
         assert self.solver is not None
         problem = self.objective.problem(self.estimator, record, self.stage)
-        loss = float(problem.loss().detach())
+        self.validated.append(float(problem.loss().detach()))
+
+    def on_validation_epoch_end(self) -> None:
+        """Keep the parameters if they are the best so far, over all records held back."""
+        assert self.solver is not None
+        loss, self.validated = fmean(self.validated), []
         if self.logger is not None:
-            percent = {"validation/relative_rms_percent": 100.0 * loss**0.5}
+            percent = {"fit/validation_relative_rms_percent": 100.0 * loss**0.5}
             self.logger.log_metrics(percent, step=len(self.losses))
         self.fails += 1
         if loss < self.best[0]:
@@ -171,18 +211,19 @@ class Identification(LightningModule):
         self.fit_seconds = time.perf_counter() - self.start
 
     def on_test_start(self) -> None:
-        self.scores = {split: Scores() for split in SPLITS}
+        self.scores = {}
         self.free_runs = {split: FreeRunScore() for split in SPLITS}
         self.examples = {}
 
     def test_step(self, record: Record, index: int, dataloader_idx: int = 0) -> None:
-        split = SPLITS[dataloader_idx]
-        estimates = self.scores[split].update(self.estimator, record)
-        self.free_runs[split].update(self.estimator, record)
+        split = (*SPLITS, HELD_BACK)[dataloader_idx]
+        estimates = self.scores.setdefault(split, Scores()).update(self.estimator, record)
+        if split in self.free_runs:
+            self.free_runs[split].update(self.estimator, record)
         self.examples.setdefault(split, (record, estimates))
 
     def results(self) -> dict[str, Any]:
-        """Errors in percent of both splits, one step ahead and in free run."""
+        """Errors in percent of all splits one step ahead, of both motions in free run."""
         one_step = {split: scores.percent() for split, scores in self.scores.items()}
         free = {FREE_RUNS[split]: scores.percent() for split, scores in self.free_runs.items()}
         return {**one_step, **free}

@@ -28,6 +28,7 @@ class Objective(Protocol):
     """Each stage gets a solver of its own, which starts where the one before ended."""
 
     stages: Sequence[str]  # in words
+    ranked: list[list[Tensor]]  # states of the finalists, the best first
 
     def problem(self, estimator: Estimator, record: Record, stage: int) -> Minimised:
         """What the solver of a stage minimises on a batch."""
@@ -52,6 +53,9 @@ class OneStep:
     """The error of each estimate, in a single stage."""
 
     stages: Sequence[str] = ("one step",)
+
+    def __init__(self) -> None:
+        self.ranked: list[list[Tensor]] = []
 
     def problem(self, estimator: Estimator, record: Record, stage: int) -> Problem:
         return Problem(estimator, record)

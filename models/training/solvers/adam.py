@@ -19,6 +19,7 @@ class Adam(torch.optim.Adam):
     """iterations: steps in all, one for every mini-batch; rate: the first step length."""
 
     full_batch = False
+    kept = ("done", "finished", "why")
 
     def __init__(
         self, parameters: Iterable[nn.Parameter], iterations: int = 5000, rate: float = 0.01

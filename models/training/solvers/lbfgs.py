@@ -25,6 +25,7 @@ class LBFGS(torch.optim.LBFGS):
     """
 
     full_batch = True
+    kept = ("done", "finished", "why")
 
     def __init__(
         self,

@@ -30,6 +30,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     """
 
     full_batch = True
+    kept = ("damping", "recent", "done", "finished", "why")
 
     def __init__(
         self,

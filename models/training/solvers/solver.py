@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 from torch import Tensor
 
@@ -28,7 +28,12 @@ class Solver(Protocol):
     full_batch: bool  # needs all windows in one batch
     finished: bool  # converged, or out of iterations
     why: str  # in words, once finished
+    kept: ClassVar[tuple[str, ...]]  # attributes that a checkpoint holds beside `state_dict`
 
     def solve(self, problem: Minimised) -> list[float]:
         """Improve the parameters; the loss after each accepted iteration."""
         ...
+
+    def state_dict(self) -> dict[str, Any]: ...
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None: ...
