@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -16,7 +17,16 @@ from models.detection.detector import conformal_threshold
 from models.detection.residual_level import ResidualLevel
 from models.detection.weight_distance import WeightDistance
 from report.detection import Score, detect, score
-from report.detection_study import Motions, Outcome, Watch, delays_of, joins, motions_of, pointed_at
+from report.detection_study import (
+    Motions,
+    Outcome,
+    Watch,
+    delays_of,
+    joins,
+    motions_of,
+    pointed_at,
+    watched,
+)
 
 
 @pytest.fixture
@@ -103,6 +113,17 @@ def test_the_interval_of_false_alarms_is_that_of_clopper_and_pearson():
     low, high = Score(50, 3, 0, [], 0, 0).false_alarms()
     assert low == pytest.approx(beta.ppf(0.025, 3, 48))
     assert high == pytest.approx(beta.ppf(0.975, 4, 47))
+
+
+def test_no_test_motion_has_a_part_in_the_thresholds(motions):
+    """Other sound motions, and the levels of the damaged ones stay as they are, to the bit."""
+    others = replace(motions, sound=motions.damaged[::-1])
+    for watch in study.WATCHES:
+        one, other = (watched(watch, "shear_frame", m) for m in (motions, others))
+        assert torch.equal(one.damaged, other.damaged)
+        assert torch.equal(one.damaged, other.sound.flip(0))
+        shuffled = replace(motions, train=[motions.train[0], *motions.train[:0:-1]])
+        assert not torch.equal(watched(watch, "shear_frame", shuffled).damaged, one.damaged)
 
 
 def test_the_whole_study_in_small(small, tmp_path):
