@@ -31,6 +31,7 @@ CONF = Path(__file__).parent.parent / "conf"
 GROUPS = (
     "system",
     "excitation",
+    "damage",
     "scenario",
     "data",
     "model",

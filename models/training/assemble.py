@@ -89,10 +89,16 @@ def data_from(cfg: DictConfig) -> Data:
     more: dict[str, Any] = {"scenario": build(cfg.scenario), "seed": cfg.seed}
     if cfg.system.structure is not None:  # measured ones come without
         more.update(structure=build(cfg.system.structure), excitation=build(cfg.excitation))
+        if cfg.get("damage"):  # runs of older code have none
+            more["damage"] = build(cfg.damage)
     elif cfg.data._target_.endswith(".SimulatedData"):
         raise ValueError(
             f"system={cfg.system.name} has no structure to simulate; choose data=measured and "
             "data.path, or another system"
+        )
+    elif cfg.get("damage"):
+        raise ValueError(
+            f"damage is simulated, and system={cfg.system.name} was measured; choose damage=none"
         )
     return build(cfg.data, name=cfg.system.name, **more)
 
