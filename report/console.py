@@ -25,6 +25,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from data.command_line import plain, reason
 from report.runs import run_name, write_failure
 
 CONF = Path(__file__).parent.parent / "conf"
@@ -100,7 +101,7 @@ def quiet_lightning() -> None:
 
 
 def fail(message: str) -> None:
-    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"error: {plain(' '.join(message.split()))}", file=sys.stderr)
 
 
 EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException, MisconfigurationException)
@@ -128,6 +129,18 @@ def one_line_errors(config: str) -> Iterator[None]:
     else:
         return
     sys.exit(1)
+
+
+@contextmanager
+def command_errors() -> Iterator[None]:
+    """The same for programs that write no run: files by name, Ctrl-C in silence."""
+    with one_line_errors("train"):
+        try:
+            yield
+        except OSError as error:
+            raise ValueError(reason(error)) from None
+        except KeyboardInterrupt:
+            sys.exit(130)
 
 
 @contextmanager
