@@ -16,8 +16,8 @@ from data.sample import Sample
 from models.detection.detector import Alarm
 from models.stream import Stream
 from models.stream_guard import Event
+from report.online import WINDOW
 
-WINDOW = 2.0  # [s] of the running error
 TIMED = 1 << 20  # newest samples whose time the percentiles are of
 
 

@@ -15,6 +15,7 @@ from rich.text import Text
 from data.command_line import plain
 from data.sample_lines import SampleLines
 from report.live_monitor import LiveMonitor, Raised
+from report.online import WINDOW
 
 BARS = " ▁▂▃▄▅▆▇█"
 WIDTH = 60  # columns of a signal
@@ -32,6 +33,8 @@ class LiveView:
         self, monitor: LiveMonitor, lines: SampleLines | None, console: Console, every: float
     ) -> None:
         self.monitor, self.lines, self.console, self.every = monitor, lines, console, every
+        if not every > 0.0:
+            raise ValueError(f"--every {every:g} s must be positive")
         self.live: Live | None = None
         self.next_line = every
         if console.is_terminal:
@@ -59,7 +62,7 @@ class LiveView:
     def tick(self) -> None:
         if self.live is None and self.monitor.time >= self.next_line:
             self.console.print(status_line(self.monitor, self.lines), markup=False, soft_wrap=True)
-            self.next_line = self.monitor.time + self.every
+            self.next_line += self.every * (1 + (self.monitor.time - self.next_line) // self.every)
 
     def alarm(self, raised: Raised) -> None:
         if self.live is None:
@@ -71,12 +74,16 @@ class LiveView:
         measured, estimated = monitor.window()
         _, errors = monitor.running_error()
         table = Table(box=None, pad_edge=False, header_style="bold")
-        for head in ("DOF", "[m/s²]", "", "now", "error"):
-            table.add_column(head.replace("[", "\\["), justify="left" if not head else "right")
+        table.add_column("DOF")
+        table.add_column("\\[m/s²]")
+        table.add_column(f"the last {WINDOW:g} s")
+        table.add_column("now", justify="right", min_width=9)  # so that nothing moves
+        table.add_column("error", justify="right")
         for i, error in enumerate(errors, start=1):
             both = measured[:, i - 1], estimated[:, i - 1]
             first = monitor.samples - len(measured)
-            size = max((np.nanmax(np.abs(u), initial=0.0) for u in both), default=0.0)
+            finite = np.nan_to_num(np.concatenate(both), nan=0.0, posinf=0.0, neginf=0.0)
+            size = float(np.abs(finite).max(initial=0.0))
             rows = [bars(u, size, first) for u in both]
             now = [f"{u[-1]:+.3f}" if len(u) else "" for u in both]
             table.add_row(str(i), "measured", Text(rows[0], style="cyan"), now[0], "")
@@ -146,7 +153,7 @@ def summary(monitor: LiveMonitor, lines: SampleLines | None) -> list[str]:
     middle, most = monitor.latency()
     said = [
         f"{monitor.time:.1f} s, {monitor.samples:,} samples: relative error {total:.2f} % "
-        f"(DOFs {', '.join(f'{e:.2f}' for e in each)}), in the last seconds {last:.2f} %",
+        f"(DOFs {', '.join(f'{e:.2f}' for e in each)}), of the last {WINDOW:g} s {last:.2f} %",
         f"time per sample: median {1e6 * middle:.0f} µs, 99.9th percentile {1e6 * most:.0f} µs; "
         f"{monitor.overruns:,} overruns of {1e3 * monitor.period:.4g} ms",
     ]
