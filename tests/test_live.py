@@ -273,7 +273,7 @@ def test_a_signal_ends_the_program_while_it_waits(lines):
         first = program.stdout.readline()
         time.sleep(1.0)
         program.send_signal(signal.SIGINT)
-        out, err = program.communicate(timeout=60)
+        out, err = program.communicate(timeout=180)
     assert first.startswith("t = 1.0 s, ")
     assert (program.returncode, err) == (130, "")
     assert "relative error" in out
