@@ -2,7 +2,10 @@
 
     python evaluate.py                              the paper's tables of the runs in runs/study,
                                                     the leaderboard of those in runs/free_run
-    python evaluate.py runs=FOLDER output=FOLDER    both, as far as the runs of a folder allow
+    python evaluate.py runs=FOLDER output=FOLDER    both, as far as the runs of a folder allow, and
+                                                    all numbers as one table: results.parquet, .csv
+    python evaluate.py runs=[a,b]                   of several folders, or 'runs=runs/*/'
+    python evaluate.py runs=FOLDER by=model.cutoff  compared by a choice: a table and a picture
     python evaluate.py page=docs/results.md         the whole page of the study
     python evaluate.py free_run_page=docs/free_run.md   that of the leaderboard
     python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
@@ -21,9 +24,16 @@ import hydra
 from omegaconf import DictConfig
 
 from models.training.assemble import changed
+from report.collection import folders_of
 from report.console import CONF, absolute, job_errors, one_line_errors, prepare_hydra
 from report.evaluation import draw_figures, print_evaluation, restore, score_seeds
-from report.results import report_folder, report_leaderboard, report_study, report_usual
+from report.results import (
+    report_by,
+    report_collection,
+    report_leaderboard,
+    report_study,
+    report_usual,
+)
 from report.runs import read_run, write_json
 
 prepare_hydra()
@@ -52,17 +62,27 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict:
 def report_runs(cfg: DictConfig) -> None:
     """Tables and figures of many runs, as the config says."""
     output = absolute(cfg.output) if cfg.output else None
-    study = absolute(cfg.study if cfg.runs is None else cfg.runs)
+    typed = [cfg.runs] if isinstance(cfg.runs, str) else list(cfg.runs or [])
+    folders = folders_of([str(absolute(name)) for name in typed]) if typed else []
+    if len(folders) > 1 and (cfg.page or cfg.free_run_page):
+        raise ValueError("a page is made of one folder of runs; give runs= one folder")
+    if cfg.by is not None:
+        keys = [cfg.by] if isinstance(cfg.by, str) else list(cfg.by)
+        if not folders:
+            raise ValueError("by= compares the runs of runs=FOLDER; say which")
+        report_by(folders, keys, cfg.metric, cfg.split, output)
+        return
+    study = folders[0] if folders else absolute(cfg.study)
     if cfg.page:
         others = absolute(cfg.outside), absolute(cfg.close_fit)
         report_study(study, output, absolute(cfg.page), *others)
     if cfg.free_run_page:
-        free_runs = absolute(cfg.free_run if cfg.runs is None else cfg.runs)
+        free_runs = folders[0] if folders else absolute(cfg.free_run)
         report_leaderboard(free_runs, absolute(cfg.questions), output, absolute(cfg.free_run_page))
     if cfg.page or cfg.free_run_page:
         return
-    if cfg.runs is not None:
-        report_folder(study, output)
+    if folders:
+        report_collection(folders, output)
     else:
         report_usual(study, absolute(cfg.free_run), absolute(cfg.questions), output)
 

@@ -7,6 +7,7 @@ python train.py --help
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import hydra
@@ -26,6 +27,7 @@ from models.training.identification import Identification
 from report.console import CONF, job_errors, one_line_errors, prepare_hydra, quiet_lightning
 from report.runs import CHECKPOINT, PROGRESS, begin_run, finish_run, identity_of
 from report.summary import compare_baselines, log_run, metrics_of, print_run
+from report.validation import validation_error
 
 prepare_hydra()
 
@@ -44,7 +46,8 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
         estimator, solver_from(cfg.solver), cfg.max_fail, objective_from(cfg.objective)
     )
     baselines = {name: estimator_from(node, data) for name, node in cfg.baselines.items()}
-    unfinished = begin_run(folder, cfg)
+    identity = identity_of(cfg)
+    unfinished = begin_run(folder, cfg, identity)
     data.setup()
 
     torch.set_num_threads(cfg.threads)
@@ -54,7 +57,7 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
         logger=logger,
         plugins=LightningEnvironment(),  # a run is one process, in a Slurm job too
         default_root_dir=folder,
-        callbacks=SaveProgress(folder / PROGRESS, identity_of(cfg), cfg.checkpoint_seconds),
+        callbacks=SaveProgress(folder / PROGRESS, identity, cfg.checkpoint_seconds),
         enable_checkpointing=False,
         enable_model_summary=False,
         limit_val_batches=None if data.validation else 0,
@@ -66,21 +69,25 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
     except SystemExit:  # what Lightning makes of Ctrl-C
         raise KeyboardInterrupt from None
 
-    metrics = metrics_of(cfg, module, data, compare_baselines(baselines, data))
+    metrics = metrics_of(cfg, identity, module, data, compare_baselines(baselines, data))
     save_estimator(module.estimator, folder / CHECKPOINT, cfg.model.name)
-    log_run(logger, module, data, metrics, cfg.figures)
+    log_run(logger, module, data, metrics, cfg)
     finish_run(folder, metrics)
     return metrics
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="train")
-def main(cfg: DictConfig) -> None:
+def main(cfg: DictConfig) -> float | None:
+    """What a search minimises: the validation error in percent; None where nothing is held back."""
     hydra_cfg = HydraConfig.get()
     folder, in_sweep = Path(hydra_cfg.runtime.output_dir), hydra_cfg.mode == RunMode.MULTIRUN
+    error: float | None = math.inf  # of a run that fails
     with job_errors(folder if in_sweep else None, cfg):
         metrics = identify(cfg, folder)
+        error = validation_error(metrics) if cfg.data.validation else None
         if not in_sweep:
             print_run(metrics, folder)
+    return error
 
 
 def cli() -> None:

@@ -91,5 +91,6 @@ class Data(LightningDataModule):
         return self.loader("validation") if self.validation > 0.0 else []
 
     def test_dataloader(self) -> list[DataLoader[Any]]:
-        """Training and test motions, in this order: both are scored."""
-        return [self.loader("train"), self.loader("test")]
+        """Training and test motions, in this order, then what is held back: all are scored."""
+        held_back = ["validation"] if self.validation > 0.0 else []
+        return [self.loader(split) for split in ("train", "test", *held_back)]

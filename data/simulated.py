@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 from data.damage import Damage
 from data.datamodule import Data
 from data.excitation import Excitation
@@ -46,10 +48,18 @@ class SimulatedData(Data):
                 waveform.check(train_records)
         self.seed, self.train_records, self.test_records = seed, train_records, test_records
         self.name, self.dt, self.dofs = name, dt, structure.dofs
+        self._own_error: float | None = None
         self.elements = tuple(structure.elements)
         self.forced = [column + 1 for column in excitation.driven(structure)]
         # forces, then displacements and velocities of the supports where they move
         self.inputs = len(self.forced) + (2 * structure.supports if excitation.support else 0)
+
+    def of_seed(self, seed: int) -> SimulatedData:
+        """The same with other motions."""
+        other = copy(self)
+        other.seed, other.records, other.escapes, other.notes = seed, {}, [], {}
+        other._own_error = None
+        return other
 
     def make_records(self) -> dict[str, list[Record]]:
         counts = {"train": self.train_records, "test": self.test_records}
@@ -61,4 +71,10 @@ class SimulatedData(Data):
 
     def own_error(self) -> float:
         """The simulation's, on the first test motion."""
-        return self.simulation.error("test", self.seed, self.train_records)
+        if self._own_error is None:
+            at_hand = self.records.get("test", []) if not self.escapes else []
+            truth = at_hand[0].truth if at_hand else None
+            coarse = None if truth is None else truth.a.numpy()
+            first = self.train_records
+            self._own_error = self.simulation.error("test", self.seed, first, coarse)
+        return self._own_error

@@ -24,6 +24,8 @@ class Estimator(nn.Module):
     """Base of all estimators. `reads` names the signals of a record that `forward` may look at."""
 
     reads: ClassVar[tuple[str, ...]] = ("a", "f")
+    side_by_side: ClassVar[bool] = False  # whether `each` may be set
+    each: bool = False  # records (S, R, T, ·) of S runs, each of which has weights of its own
 
     def __init__(self, dofs: int, inputs: int, dt: float) -> None:
         super().__init__()
@@ -181,6 +183,13 @@ def windows_of(record: Record, horizon: int, warmup: int) -> tuple[Drive, Tensor
     times = torch.arange(record.samples, device=device)
     which = times // horizon
     return Drive(whole.dt, whole.u[..., samples, :], x0, v0, hold), which, times - starts[which]
+
+
+def along(weights: Tensor, signal: Tensor) -> Tensor:
+    """Weights (P, n), or (S, P, n) so that they multiply a signal (S, …, P) of S runs."""
+    if weights.ndim == 2:
+        return weights
+    return weights.reshape(len(weights), *[1] * (signal.ndim - 3), *weights.shape[1:])
 
 
 def weight_matrix(rows: int, columns: int) -> nn.Parameter:

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from data.sample import Sample
-from models.estimator import weight_matrix
+from models.estimator import along, weight_matrix
 from models.layers.integrate import runge_kutta
 from models.layers.least_squares import LeastSquares
 from models.linear_in_weights import LinearInWeights
@@ -26,6 +26,7 @@ class EquivalentLinear(LinearInWeights):
     """
 
     reads: ClassVar[tuple[str, ...]] = ("x", "v", "f")
+    side_by_side: ClassVar[bool] = True
 
     def __init__(self, dofs: int, inputs: int, dt: float, ridge: float = 0.0) -> None:
         super().__init__(dofs, inputs, dt)
@@ -38,17 +39,18 @@ class EquivalentLinear(LinearInWeights):
         return state_of(record)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        fit = LeastSquares(self.ridge)
+        fit = LeastSquares(self.ridge, self.each)
         for record in batches:
             counted = slice(record.warmup, None)
             fit.add(self.state(record)[..., counted, :], record.a[..., counted, :])
         solution = fit.solve()
-        self.weights.copy_(solution.weights)
-        return {"rank": solution.rank, "condition": solution.condition}
+        self.weights.data = solution.weights
+        return solution.told()
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
-        return self.state(record) @ self.weights
+        state = self.state(record)
+        return state @ along(self.weights, state)
 
     def heads(self) -> list[nn.Parameter]:
         return [self.weights]
@@ -61,7 +63,8 @@ class EquivalentLinear(LinearInWeights):
 
     def acceleration(self, x: Tensor, v: Tensor, u: Tensor) -> Tensor:
         """ẍ (…, n) of a state and an excitation (…, m)."""
-        return torch.cat([v, x, u], dim=-1) @ self.weights
+        state = torch.cat([v, x, u], dim=-1)
+        return state @ along(self.weights, state)
 
     def free_run(self, drive: Drive) -> Response:
         """Exact for an excitation that is linear or constant between samples."""
@@ -70,11 +73,12 @@ class EquivalentLinear(LinearInWeights):
         if drive.hold == "band_limited":
             return runge_kutta(self.acceleration, drive)
         step, first, last = self._exact_step(drive.hold)
-        driven = drive.u[..., :-1, :] @ first + drive.u[..., 1:, :] @ last
+        before, after = drive.u[..., :-1, :], drive.u[..., 1:, :]
+        driven = before @ along(first, before) + after @ along(last, after)
         state, states = torch.cat([drive.x0, drive.v0], dim=-1), []
         for added in driven.unbind(dim=-2):
             states.append(state)
-            state = state @ step + added
+            state = state @ along(step, state) + added
         x, v = torch.stack([*states, state], dim=-2).chunk(2, dim=-1)
         return Response(x, v, self.acceleration(x, v, drive.u))
 
@@ -85,19 +89,22 @@ class EquivalentLinear(LinearInWeights):
         """
         n, m, dt = self.dofs, self.inputs, self.dt
         damping, stiffness, inputs = self.matrices()
-        A = self.weights.new_zeros(2 * (n + m), 2 * (n + m))  # of [x, v, u, Δu]
-        A[:n, n : 2 * n] = torch.eye(n, dtype=A.dtype, device=A.device)
-        A[n : 2 * n] = torch.cat([-stiffness, -damping, inputs, torch.zeros_like(inputs)], dim=1)
-        A[2 * n : 2 * n + m, 2 * n + m :] = torch.eye(m, dtype=A.dtype, device=A.device) / dt
-        step, held, risen = torch.linalg.matrix_exp(A * dt)[: 2 * n].T.split([2 * n, m, m])
+        size = 2 * (n + m)  # of [x, v, u, Δu]
+        A = self.weights.new_zeros(*self.weights.shape[:-2], size, size)
+        A[..., :n, n : 2 * n] = torch.eye(n, dtype=A.dtype, device=A.device)
+        rows = torch.cat([-stiffness, -damping, inputs, torch.zeros_like(inputs)], dim=-1)
+        A[..., n : 2 * n, :] = rows
+        A[..., 2 * n : 2 * n + m, 2 * n + m :] = torch.eye(m, dtype=A.dtype, device=A.device) / dt
+        transition = torch.linalg.matrix_exp(A * dt)[..., : 2 * n, :].mT
+        step, held, risen = transition.split([2 * n, m, m], dim=-2)
         if hold == "zero_order":
             return step, held, torch.zeros_like(held)
         return step, held - risen, risen
 
     def matrices(self) -> tuple[Tensor, Tensor, Tensor]:
         """M⁻¹C (n, n) [1/s], M⁻¹K (n, n) [1/s²] and the input matrix (n, m), M⁻¹ for forces."""
-        damping, stiffness, inputs = self.weights.T.split(
-            [self.dofs, self.dofs, self.inputs], dim=1
+        damping, stiffness, inputs = self.weights.mT.split(
+            [self.dofs, self.dofs, self.inputs], dim=-1
         )
         return -damping, -stiffness, inputs
 

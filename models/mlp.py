@@ -108,6 +108,7 @@ class ResidualMLP(EquivalentLinear):
     """
 
     reads = ("x", "v", "a", "f")
+    side_by_side = False
 
     def __init__(
         self,

@@ -41,6 +41,7 @@ class ModalPolynomial(EquivalentLinear):
     mass matrix or the modes are singular.
     """
 
+    side_by_side = False
     modes: Tensor
 
     def __init__(

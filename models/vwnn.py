@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from data.sample import Sample
-from models.estimator import weight_matrix
+from models.estimator import along, weight_matrix
 from models.layers.features import SigmoidProducts
 from models.layers.features_compiled import vwnn_free_run
 from models.layers.filters import LowPassCascade
@@ -38,6 +38,7 @@ class VWNN(LinearInWeights):
     """
 
     reads = ("a", "f")
+    side_by_side = True
 
     def __init__(
         self,
@@ -72,21 +73,23 @@ class VWNN(LinearInWeights):
             xi, state = self.filters(zeta, state)
             if self.unfiltered_excitation:
                 xi = torch.cat([xi, f], dim=-1)
-            yield span, self.activation(xi)
+            yield span, self.activation.without_derivatives(xi)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        fit = LeastSquares(self.ridge)
+        fit = LeastSquares(self.ridge, self.each)
         for record in batches:
             for span, phi in self.features(record):
                 counted = max(record.warmup - span.start, 0)
                 fit.add(phi[..., counted:, :], record.a[..., span, :][..., counted:, :])
         solution = fit.solve()
-        self.weights.copy_(solution.weights)
-        return {"rank": solution.rank, "condition": solution.condition}
+        self.weights.data = solution.weights
+        return solution.told()
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
-        return torch.cat([phi @ self.weights for _, phi in self.features(record)], dim=-2)
+        return torch.cat(
+            [phi @ along(self.weights, phi) for _, phi in self.features(record)], dim=-2
+        )
 
     def heads(self) -> list[nn.Parameter]:
         return [self.weights]
@@ -125,7 +128,8 @@ class VWNN(LinearInWeights):
             xi = torch.cat([state, filtered], dim=-1).flatten(-2)  # stage by stage, [ẍ, f]
             if self.unfiltered_excitation:
                 xi = torch.cat([xi, u], dim=-1)
-            a = self.activation(xi) @ self.weights
+            phi = self.activation(xi)
+            a = phi @ along(self.weights, phi)
             history.append(a)
             state = self.filters.step(a, state)
         return torch.stack(history, dim=-2)
@@ -135,9 +139,10 @@ class VWNN(LinearInWeights):
         a = torch.empty(*drive.u.shape[:-1], self.dofs, dtype=torch.float64)
         unfiltered = drive.u if self.unfiltered_excitation else drive.u[..., :0]
         factors, weights = self.activation.places().numpy(), self.weights.detach().numpy()
-        settings = float(self.filters.decay), float(self.activation.weight), factors, weights
+        settings = float(self.filters.decay), float(self.activation.weight), factors
         for place in np.ndindex(a.shape[:-2]):
             of_one = (signal[place].contiguous().numpy() for signal in (driven, unfiltered, a))
             filtered, u, estimate = of_one
-            vwnn_free_run(filtered, u, *settings, estimate)
+            own = weights[place[0]] if weights.ndim == 3 else weights
+            vwnn_free_run(filtered, u, *settings, own, estimate)
         return a

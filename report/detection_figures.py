@@ -20,7 +20,7 @@ def delays_figure(outcomes: Outcomes) -> Figure:
     figure = Figure(figsize=(4.6 * columns, 3.0 * rows + 1.0), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for axes, (system, by_watch) in zip(grid.flat, outcomes.items(), strict=False):
-        for (name, outcome), colour in zip(by_watch.items(), COLOURS, strict=True):
+        for (name, outcome), colour in zip(by_watch.items(), COLOURS, strict=False):
             delays = np.sort([d for d in delays_of(outcome.damaged) if d > 0.0])
             found = delays[np.isfinite(delays)]
             share = np.arange(1, len(found) + 1) / max(1, len(delays))
@@ -41,7 +41,7 @@ def levels_figure(outcomes: Outcomes) -> Figure:
     figure = Figure(figsize=(9.2, 2.0 * len(outcomes) + 1.0), layout="constrained")
     grid = figure.subplots(len(outcomes), 1, squeeze=False, sharex=True)
     for axes, (system, by_watch) in zip(grid.flat, outcomes.items(), strict=True):
-        for (name, outcome), colour in zip(by_watch.items(), COLOURS, strict=True):
+        for (name, outcome), colour in zip(by_watch.items(), COLOURS, strict=False):
             level = outcome.damaged[0].amax(dim=-1).numpy()
             t = LOOK * np.arange(1, len(level) + 1)
             axes.plot(t, np.where(level > 0.0, level, np.nan), color=colour, label=name)

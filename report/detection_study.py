@@ -40,7 +40,7 @@ SYSTEMS = ("shear_frame", "bouc_wen", "bilinear", "polynomial")
 FIRST_SEED, SEEDS = 100, 50
 DURATION, TIME, FRACTION = 120.0, 60.0, 0.2  # [s], [s], of the stiffness
 NOISE = 0.02  # of each signal's standard deviation
-LEARNT, HELD = 20, 59  # training records beside the first
+LEARNT, HELD = 20, 179  # training records beside the first
 RATE = DURATION / 3600.0  # false alarms per record: one an hour
 LOOK, SETTLE = 1.0, 20.0  # [s]
 

@@ -14,16 +14,15 @@ from functools import cached_property
 from itertools import groupby
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
-
 from models.training.metrics import FREE_RUNS
-from report.runs import CONFIG, plain
+from report.collection import read_choices
+from report.runs import CONFIG
 from report.study import Run
 
 FREE_RUN = FREE_RUNS["test"]
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")  # first, in this order; others after them
 RECORDS = "data.train_records"
-INERT = ("seed", "figures", "threads", "trainer", "baselines", "name", "_target_")
+INERT = {"seed", "figures", "threads", "trainer", "baselines", "name"}
 NOT_SCORED = "the run is older than the free-run score; repeat it"
 
 
@@ -104,22 +103,10 @@ def entries_of(runs: Sequence[Run]) -> list[Entry]:
 
 
 def _choices(run: Run) -> dict[str, Any]:
+    """All that may change a number, but for the seeds."""
     path = run.folder / CONFIG
-    if not path.is_file():
-        return {}
-    cfg = OmegaConf.load(path)
-    assert isinstance(cfg, DictConfig)
-    return dict(_dotted(plain(cfg)))
-
-
-def _dotted(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """(dotted name, value) of all choices that may change a number, but for the seeds."""
-    if not isinstance(node, dict):
-        yield prefix, node
-        return
-    for key, value in node.items():
-        if key not in INERT:
-            yield from _dotted(value, f"{prefix}.{key}" if prefix else str(key))
+    choices = read_choices(path) if path.is_file() else {}
+    return {key: value for key, value in choices.items() if INERT.isdisjoint(key.split("."))}
 
 
 def typed(value: Any) -> str:

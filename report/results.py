@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
+from report.collection import FINISHED, collect
+from report.compare import as_table, compare
+from report.compare_figure import draw_comparison
+from report.figures import save_figure
 from report.leaderboard import Entry, entries_of, leaderboard
 from report.leaderboard_figures import draw_leaderboard
 from report.leaderboard_tables import CAPTION, as_printed, sections, write_rows
+from report.long_form import counted, long_table, write_long
 from report.questions import QUESTION_COLUMNS, question_of, question_rows
 from report.runs import FAILED, METRICS, code_version, write_text
-from report.study import OWN, Cell, Run, read_runs, study_cells
+from report.study import OWN, Cell, Run, listed, read_runs, study_cells
 from report.study_figures import draw_study
 from report.study_tables import SPLITS, as_csv, by_label, percent, write_tables
 from report.sweep import reasons
@@ -46,32 +53,58 @@ def report_usual(study: Path, free_run: Path, questions: Path, output: Path | No
         )
 
 
-def report_folder(folder: Path, output: Path | None) -> None:
-    """Both from one folder, as far as its runs allow. Raises ValueError where neither can be."""
-    read_runs(folder)
-    skipped: dict[str, str] = {}
+def report_collection(folders: Sequence[Path], output: Path | None) -> None:
+    """All numbers of the runs in some folders as one table; then both, as far as they allow.
+
+    Raises ValueError where there are no runs.
+    """
+    output = output or results_folder(folders)
+    collection = collect(folders)
+    paths = write_long(long_table(collection), output)
+    console = _console()
+    console.print(f"{counted(collection)}; every number in {paths[0]} and .csv", soft_wrap=True)
+    lost = {run.folder.name: run.reason for run in collection if run.status != FINISHED}
+    for line in reasons(lost):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
     for name, report in (
         ("the paper's tables", report_study),
         ("the leaderboard", report_leaderboard),
     ):
         try:
-            report(folder, output=output)
+            report(folders, output=output)
         except ValueError as error:
-            skipped[name] = str(error)
-    if len(skipped) == 2:
-        raise ValueError("; ".join(f"{name}: {why}" for name, why in skipped.items()))
-    for name, why in skipped.items():
-        _console().print(f"{name} skipped: {why}", soft_wrap=True, markup=False)
+            console.print(f"{name} skipped: {error}", soft_wrap=True, markup=False)
+
+
+def report_by(
+    folders: Sequence[Path], by: Sequence[str], metric: str, split: str, output: Path | None
+) -> None:
+    """Runs compared by choices that vary: a table printed, a picture drawn."""
+    output = output or results_folder(folders)
+    collection = collect(folders)
+    comparison = compare(collection, by, metric, split)
+    console = _console()
+    console.print(as_table(comparison))
+    console.print(counted(collection), *comparison.notes, sep="\n", soft_wrap=True, markup=False)
+    name = f"{comparison.number} by {' '.join(comparison.by)}"
+    figure = draw_comparison(comparison)
+    path = save_figure(figure, output, re.sub(r"[ /]+", "_", name))[0]
+    console.print(f"picture in {path}", soft_wrap=True)
+
+
+def results_folder(folders: Sequence[Path]) -> Path:
+    """results/ in the folder of the runs, or in the one that holds all of several."""
+    return Path(os.path.commonpath(folders)) / "results"
 
 
 def report_leaderboard(
-    folder: Path,
+    folder: Path | Sequence[Path],
     questions: Path | None = None,
     output: Path | None = None,
     page: Path | None = None,
 ) -> None:
     """Write and print the leaderboard of the runs in a folder, and what the questions' answer."""
-    output = output or folder / "results"
+    output = output or results_folder(listed(folder))
     runs = read_runs(folder)
     entries = entries_of(runs)
     rows = leaderboard(entries)
@@ -99,18 +132,19 @@ def report_leaderboard(
 
 
 def report_study(
-    folder: Path,
+    folder: Path | Sequence[Path],
     output: Path | None = None,
     page: Path | None = None,
     outside: Path = Path("runs/outside"),
     close_fit: Path = Path("runs/close_fit"),
 ) -> None:
     """Write and print the paper's tables and figures, as far as the runs in a folder allow."""
-    output = output or folder / "results"
+    output = output or results_folder(listed(folder))
     runs = read_runs(folder)
     cells = study_cells(runs)
     if not cells:
-        raise ValueError(f"no run in {folder} belongs to a table of the paper; see --help")
+        where = ", ".join(map(str, listed(folder)))
+        raise ValueError(f"no run in {where} belongs to a table of the paper; see --help")
     console = _console()
     console.print(*cell_tables(cells))
     console.print("the paper's values inside our ranges over the seeds:", count(cells), sep="\n")

@@ -34,9 +34,12 @@ ROOT = Path(__file__).parent.parent
 
 def plain(cfg: DictConfig) -> dict[str, Any]:
     """A config's values, resolved, without Hydra's own."""
-    keys = [str(key) for key in cfg if key != "hydra"]
-    masked: Any = OmegaConf.masked_copy(cfg, keys)
-    content: dict[str, Any] = OmegaConf.to_container(masked, resolve=True)  # type: ignore[assignment]
+    content = {}
+    for key in (str(key) for key in cfg if key != "hydra"):  # a masked copy would be slow
+        value = cfg[key]
+        content[key] = (
+            OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+        )
     return content
 
 
@@ -86,7 +89,7 @@ def identity_of(cfg: DictConfig) -> dict[str, str]:
     return {"config": config_digest(cfg), "code": code_version()}
 
 
-def begin_run(folder: Path, cfg: DictConfig) -> Path | None:
+def begin_run(folder: Path, cfg: DictConfig, identity: dict[str, str]) -> Path | None:
     """Start a run in a folder: a config, no results yet.
 
     Returns where training goes on, if this very run was broken off in it. Raises OSError where the
@@ -96,7 +99,7 @@ def begin_run(folder: Path, cfg: DictConfig) -> Path | None:
     for name in (METRICS, CHECKPOINT, FAILED):
         (folder / name).unlink(missing_ok=True)
     progress = folder / PROGRESS
-    if not belongs(progress, identity_of(cfg)):
+    if not belongs(progress, identity):
         progress.unlink(missing_ok=True)
         shutil.rmtree(folder / "tensorboard", ignore_errors=True)
     write_text(folder / CONFIG, OmegaConf.to_yaml(cfg, resolve=True))

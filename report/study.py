@@ -73,16 +73,27 @@ class Run:
         return value
 
 
-def read_runs(folder: Path) -> list[Run]:
-    """All finished and failed runs below a folder. Raises ValueError where there are none."""
-    runs = [_finished(path.parent) for path in sorted(folder.rglob(METRICS))]
-    runs += [_failed(path.parent) for path in sorted(folder.rglob(FAILED))]
+def listed(folder: Path | Sequence[Path]) -> list[Path]:
+    return [folder] if isinstance(folder, Path) else list(folder)
+
+
+def read_runs(folder: Path | Sequence[Path]) -> list[Run]:
+    """All finished and failed runs below folders. Raises ValueError where there are none."""
+    folders = listed(folder)
+    runs = [_finished(path.parent) for path in _named(METRICS, folders)]
+    runs += [_failed(path.parent) for path in _named(FAILED, folders)]
     if not runs:
         raise ValueError(
-            f"no runs in {folder}; make some (python train.py -m experiment=table3) or say where "
-            "they are (runs=FOLDER)"
+            f"no runs in {', '.join(map(str, folders))}; make some (python train.py -m "
+            "experiment=table3) or say where they are (runs=FOLDER)"
         )
     return runs
+
+
+def _named(name: str, folders: Sequence[Path]) -> list[Path]:
+    """Files of a name below folders that may lie in each other, each once."""
+    paths = {path.resolve(): path for folder in folders for path in folder.rglob(name)}
+    return sorted(paths.values())
 
 
 def _finished(folder: Path) -> Run:

@@ -22,10 +22,11 @@ from models.training.identification import SPLITS, Identification
 from models.training.metrics import FREE_RUNS, free_run_score, score
 from report.benchmark import benchmark_lines, benchmark_scores
 from report.figures import run_figures
+from report.hparams import numbers, swept
 from report.online import online_scores
 from report.online_figures import online_figures
 from report.paper import paper_values
-from report.runs import identity_of, settings_of
+from report.runs import settings_of
 from report.tables import error_table, rows_of, why_no_free_run
 
 
@@ -47,7 +48,11 @@ def compare_baselines(baselines: dict[str, Estimator], data: Data) -> dict[str, 
 
 
 def metrics_of(
-    cfg: DictConfig, module: Identification, data: Data, baselines: dict[str, Any]
+    cfg: DictConfig,
+    identity: dict[str, str],
+    module: Identification,
+    data: Data,
+    baselines: dict[str, Any],
 ) -> dict[str, Any]:
     """What `metrics.json` holds; errors in percent, times in seconds."""
     estimator, names = module.estimator, (cfg.model.name, cfg.system.name, cfg.scenario.name)
@@ -57,7 +62,7 @@ def metrics_of(
         "scenario": cfg.scenario.name,
         "scenario_settings": settings_of(cfg.scenario),
         "seed": cfg.seed,
-        "identity": identity_of(cfg),
+        "identity": identity,
         "fit_seconds": module.fit_seconds,
         "parameters": estimator.identified_parameters,
         "identification": {
@@ -90,28 +95,18 @@ def log_run(
     module: Identification,
     data: Data,
     metrics: dict[str, Any],
-    figures: bool,
+    cfg: DictConfig,
 ) -> None:
-    """Scalars, error over time and, where asked for, figures for TensorBoard."""
+    """Choices, scalars, error over time and, where asked for, figures for TensorBoard."""
     board = logger.experiment
     over_time = errors_over_time(module)
-    final = {
-        f"{key}/{name}": value
-        for key in over_time
-        for name, value in metrics[key].items()
-        if isinstance(value, float | int)
-    }
-    chosen = {key: metrics[key] for key in ("model", "system", "scenario", "seed")}
-    logger.log_hyperparams(chosen, final)
+    logger.log_hyperparams(swept(cfg), numbers(metrics))
     for key, error in over_time.items():
-        for i, percent in enumerate(metrics[key]["per_dof_percent"], start=1):
-            if percent is not None:
-                board.add_scalar(f"{key}/per_dof_percent/x{i}", percent, 0)
         for step in range(0, len(error), max(1, len(error) // 200)):
             if torch.isfinite(error[step]):
                 board.add_scalar(f"{key}/relative_rms_percent_over_time", 100.0 * error[step], step)
     names = list(data.elements)
-    if figures:
+    if cfg.figures:
         record, estimates = module.examples["test"]
         errors = {split: over_time[split] for split in SPLITS}
         example = module.free_runs["test"].example

@@ -358,3 +358,31 @@ def test_weights_of_several_heads_are_of_no_one_dof(motions):
         weight_looks(online, motions["sound"], EVERY)
     with pytest.raises(ValueError, match="look of 4000 samples"):
         residual_looks(adaptive(motions["train"][0]), motions["sound"], 4000)
+
+
+@pytest.mark.parametrize("missing", [None, torch.full((3,), torch.nan).double()])
+def test_missing_samples_neither_alarm_nor_deafen(missing):
+    """A whole look is missing, and part of another; what follows is found as without."""
+    detector = CumulativeSum()
+    detector.calibrate(noise(50, 40, EVERY, 3), noise(30, 40, EVERY, 3, seed=1), 0.05)
+    residuals = noise(40 * EVERY, 3, seed=2)
+    residuals[30 * EVERY :, 1] *= 2.0
+    gap = range(10 * EVERY - 7, 12 * EVERY + 7)
+    whole, holed = Monitor(detector, EVERY), Monitor(detector, EVERY)
+    alarms: dict[Monitor, list[Alarm]] = {whole: [], holed: []}
+    for k, residual in enumerate(residuals):
+        for monitor in alarms:
+            seen = missing if monitor is holed and k in gap else residual
+            alarms[monitor] += [alarm] if (alarm := monitor.step(seen)) else []
+    assert [a.look for a in alarms[holed]] == [a.look for a in alarms[whole]]
+    assert alarms[holed][0].look in range(30, 36)
+    assert alarms[holed][0].dof == 2
+
+
+def test_a_detector_of_weights_asks_for_them():
+    detector = WeightDistance()
+    detector.calibrate(noise(20, 10, 4, 2), noise(20, 10, 4, 2, seed=1), 0.05)
+    with pytest.raises(ValueError, match="WeightDistance watches weights"):
+        Monitor(detector, 1).step(torch.zeros(2))
+    with pytest.raises(ValueError, match="every=0"):
+        Monitor(detector, 0)

@@ -108,3 +108,15 @@ def test_gradients_pass_the_features():
 def test_features_that_cannot_be_are_refused(weight, order, message):
     with pytest.raises(ValueError, match=message):
         SigmoidProducts(3, weight, order)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"order": 1}, {"order": [1, 3], "bias": False}, {"order": 3, "squares": False}],
+)
+def test_compiled_features_are_those_of_torch_to_the_bit(settings):
+    activation = SigmoidProducts(5, 0.7, **settings)
+    xi = torch.randn(2, 3, 50, 5, generator=torch.Generator().manual_seed(0)).double()
+    assert torch.equal(activation.without_derivatives(xi), activation(xi))
+    strided = xi.transpose(1, 2)
+    assert torch.equal(activation.without_derivatives(strided), activation(strided))

@@ -44,7 +44,9 @@ def add_run(folder: Path, free_run: float | dict | None, failed: bool = False, *
     case = {"model": "linear", "system": "bilinear", "scenario": "full_state", "seed": 0}
     case |= {key: choices.pop(key) for key in tuple(choices) if key in case}
     settings, records = choices.pop("settings", {}), choices.pop("train_records", 8)
-    path = folder / "-".join(map(str, (*case.values(), records, *settings.values(), len(choices))))
+    path = folder / "-".join(
+        map(str, (*case.values(), records, *settings.values(), *choices.values()))
+    )
     path.mkdir(parents=True)
     names = {key: {"name": case[key]} for key in ("model", "system", "scenario")}
     names["scenario"] |= settings

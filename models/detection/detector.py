@@ -101,14 +101,18 @@ def first_alarm(levels: Tensor, start: int = 0) -> Alarm | None:
 
 
 def conformal_threshold(peaks: Tensor, rate: float) -> float:
-    """The j-th smallest of m peaks (m,), j = ⌈(m + 1)(1 − rate)⌉. Raises ValueError if j > m."""
+    """The j-th smallest of m peaks (m,). Raises ValueError where they are too few for the rate."""
+    return float(peaks.sort().values[conformal_rank(len(peaks), rate) - 1])
+
+
+def conformal_rank(m: int, rate: float) -> int:
+    """j = ⌈(m + 1)(1 − rate)⌉, in 1 … m. Raises ValueError where it would be m + 1."""
     if not 0.0 < rate < 1.0:
         raise ValueError(f"rate={rate} of false alarms must lie between 0 and 1, per record")
-    m = len(peaks)
     j = math.ceil((m + 1) * (1.0 - rate) - 1e-9)
     if j > m:
         raise ValueError(
             f"{m} sound records cannot set a threshold for {rate:g} false alarms per record; "
             f"at least {math.ceil(1.0 / rate - 1e-9) - 1} are needed"
         )
-    return float(peaks.sort().values[j - 1])
+    return j

@@ -31,22 +31,32 @@ class Monitor:
         self.level = torch.zeros_like(detector.usual)
         self._memory: Tensor | None = None
         self._residuals: list[Tensor] = []
-        self._looks = 0
+        self._samples = 0
 
-    def step(self, residual: Tensor, weights: Tensor | None = None) -> Alarm | None:
-        """After a sample: its residual (n,) [m/s²] and the weights (P, n) that it left behind."""
-        self._residuals.append(residual)
-        if len(self._residuals) < self.every:
+    def step(self, residual: Tensor | None, weights: Tensor | None = None) -> Alarm | None:
+        """After a sample: its residual (n,) [m/s²] and the weights (P, n) that it left behind.
+
+        A residual that is missing or not finite is left out of the look; a look without any is no
+        look. Of bad samples that a stream mends, give None.
+        """
+        self._samples += 1
+        if residual is not None and bool(torch.isfinite(residual).all()):
+            self._residuals.append(residual)
+        if self._samples % self.every:
             return None
-        seen, self._residuals = torch.stack(self._residuals), []
-        if isinstance(self.detector, WeightDistance):
-            if weights is None:
-                raise ValueError(f"{type(self.detector).__name__} watches weights; give them too")
-            seen = weights
-        look, self._looks = self._looks, self._looks + 1
-        if look < self.detector.settle:
+        seen, self._residuals = self._seen(weights), []
+        look = self._samples // self.every - 1
+        if look < self.detector.settle or seen is None:
             return None
         self._memory, statistic = self.detector.step(self._memory, seen)
         self.level = self.detector.level(statistic)
         size, dof = self.level.max(dim=-1)
         return Alarm(look, int(dof) + 1, float(size)) if size > 1.0 else None
+
+    def _seen(self, weights: Tensor | None) -> Tensor | None:
+        """What the detector looks at, or None."""
+        if not isinstance(self.detector, WeightDistance):
+            return torch.stack(self._residuals) if self._residuals else None
+        if weights is None:
+            raise ValueError(f"{type(self.detector).__name__} watches weights; give them too")
+        return weights if bool(torch.isfinite(weights).all()) else None

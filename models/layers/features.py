@@ -10,6 +10,9 @@ from itertools import combinations, combinations_with_replacement
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import pad
+
+from models.layers.features_compiled import feature_products
 
 
 class SigmoidProducts(nn.Module):
@@ -60,6 +63,16 @@ class SigmoidProducts(nn.Module):
         if self.bias:
             rows.append((one, one, one))
         return torch.tensor(rows, dtype=torch.int64)
+
+    def without_derivatives(self, xi: Tensor) -> Tensor:
+        """`forward`, to the bit; on the processor compiled and some times faster."""
+        if xi.device.type != "cpu":
+            return self(xi)
+        h = pad(torch.tanh(self.weight * xi), (0, 1), value=1.0)
+        phi = h.new_empty(*h.shape[:-1], self.features)
+        flat = h.reshape(-1, self.channels + 1).numpy()
+        feature_products(flat, self.places().numpy(), phi.view(-1, self.features).numpy())
+        return phi
 
     def forward(self, xi: Tensor) -> Tensor:
         """ξ (…, channels) → φ (…, features): first order, products, bias last."""

@@ -1,4 +1,4 @@
-"""The free run of a VWNN over one record, sample by sample, compiled.
+"""The features of a VWNN, and its free run over one record sample by sample, compiled.
 
 ξ = [stage by stage: filtered ẍ̂, filtered u; then u],  h = tanh(λ ξ),  ẍ̂ = Wᵀ φ(h)
                                                      Brewick & Masri (2016), Sect. 2.1, Eqs. 3–6
@@ -26,6 +26,14 @@ def estimate(h, factors, weights, a):
         phi = h[factors[p, 0]] * h[factors[p, 1]] * h[factors[p, 2]]
         for i in range(a.shape[0]):
             a[i] += phi * weights[p, i]
+
+
+@compiled
+def feature_products(h, factors, phi):
+    """Writes φ (T, P) of h (T, C + 1)."""
+    for k in range(h.shape[0]):
+        for p in range(factors.shape[0]):
+            phi[k, p] = h[k, factors[p, 0]] * h[k, factors[p, 1]] * h[k, factors[p, 2]]
 
 
 @compiled

@@ -21,7 +21,8 @@ from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.training.objective import Objective, OneStep, restore, state_of
 from models.training.solvers.solver import Solver
 
-SPLITS = ("train", "test")  # order of the datamodule's test loaders
+SPLITS = ("train", "test")  # order of the datamodule's test loaders,
+HELD_BACK = "validation"  # the last of them, where there is one; scored one step ahead
 KEPT = ("stage", "tried", "ended", "chosen", "losses", "best", "fails")  # by a checkpoint
 
 
@@ -190,7 +191,7 @@ class Identification(LightningModule):
         assert self.solver is not None
         loss, self.validated = fmean(self.validated), []
         if self.logger is not None:
-            percent = {"validation/relative_rms_percent": 100.0 * loss**0.5}
+            percent = {"fit/validation_relative_rms_percent": 100.0 * loss**0.5}
             self.logger.log_metrics(percent, step=len(self.losses))
         self.fails += 1
         if loss < self.best[0]:
@@ -210,18 +211,19 @@ class Identification(LightningModule):
         self.fit_seconds = time.perf_counter() - self.start
 
     def on_test_start(self) -> None:
-        self.scores = {split: Scores() for split in SPLITS}
+        self.scores = {}
         self.free_runs = {split: FreeRunScore() for split in SPLITS}
         self.examples = {}
 
     def test_step(self, record: Record, index: int, dataloader_idx: int = 0) -> None:
-        split = SPLITS[dataloader_idx]
-        estimates = self.scores[split].update(self.estimator, record)
-        self.free_runs[split].update(self.estimator, record)
+        split = (*SPLITS, HELD_BACK)[dataloader_idx]
+        estimates = self.scores.setdefault(split, Scores()).update(self.estimator, record)
+        if split in self.free_runs:
+            self.free_runs[split].update(self.estimator, record)
         self.examples.setdefault(split, (record, estimates))
 
     def results(self) -> dict[str, Any]:
-        """Errors in percent of both splits, one step ahead and in free run."""
+        """Errors in percent of all splits one step ahead, of both motions in free run."""
         one_step = {split: scores.percent() for split, scores in self.scores.items()}
         free = {FREE_RUNS[split]: scores.percent() for split, scores in self.free_runs.items()}
         return {**one_step, **free}

@@ -6,7 +6,7 @@ RMS(t_N) = √Σ‖ẍ − ẍ̂‖² / √Σ‖ẍ‖² over the samples up to 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import torch
@@ -125,9 +125,13 @@ class Scores:
     def update(self, estimator: Estimator, record: Record) -> dict[str, Tensor]:
         """Score a batch; returns its estimates by way. The estimator never sees the truth."""
         estimates = estimator.estimates(record.measured())
+        self.add(record, estimates)
+        return estimates
+
+    def add(self, record: Record, estimates: Mapping[str, Tensor]) -> None:
+        """Score estimates (…, T, n) of a batch, by way."""
         for way, estimate in estimates.items():
             self.ways.setdefault(way, Score()).update(estimate, record)
-        return estimates
 
     def percent(self) -> dict[str, Any]:
         """Errors of `forward`, and those of other ways under their names."""
@@ -171,6 +175,10 @@ class FreeRunScore:
             return
         truly_driven = record.truly_driven()
         true = response if truly_driven is record else simulate(estimator, truly_driven)
+        self.add(record, response, true)
+
+    def add(self, record: Record, response: Response, true: Response) -> None:
+        """Score runs (…, T, n) under the measured excitation, and under that which acted."""
         self.left += left_at(response.a, record)
         self.motion.update(response.a, record, true.a)
         displacement = displacement_of(record)

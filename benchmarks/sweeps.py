@@ -1,0 +1,115 @@
+"""What does a sweep over seeds cost, run by run and side by side?
+
+    python -m benchmarks.sweeps            # 1,000 runs of the VWNN by joblib, and batched
+    python -m benchmarks.sweeps --quick    # 40 runs
+
+Whole commands are timed, imports included, beside an empty sweep of the same command (all of its
+runs finished before), which is what a sweep costs without its runs. The second table is an upper
+limit of what training networks side by side could gain: loss and gradient of S global MLPs one
+after the other, and stacked under torch.func.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import torch
+from torch.func import functional_call, grad, stack_module_state, vmap
+
+from models.mlp import GlobalMLP
+from models.training.assemble import data_from
+from models.training.problem import Problem
+from report.console import composed
+
+ROOT = Path(__file__).parent.parent
+WORDS = ["model=vwnn", "baselines=none", "figures=false", "trainer.enable_progress_bar=false"]
+
+
+def sweep(runs: int, launcher: str, folder: Path) -> float:
+    """Seconds that a sweep takes. Raises CalledProcessError where a run fails."""
+    words = [*WORDS, f"seed=range({runs})", f"hydra/launcher={launcher}"]
+    command = [sys.executable, "train.py", "-m", *words, f"hydra.sweep.dir={folder}"]
+    start = time.perf_counter()
+    subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    return time.perf_counter() - start
+
+
+def sweeps(runs: int) -> None:
+    print(f"{runs} runs of the VWNN on the bilinear system, {os.cpu_count()} cores")
+    print("| launcher | s | s, nothing to do | ms a run, less that |")
+    print("|---|---:|---:|---:|")
+    took = {}
+    for launcher in ("joblib", "batched"):
+        with tempfile.TemporaryDirectory() as folder:
+            took[launcher] = sweep(runs, launcher, Path(folder))
+            empty = sweep(runs, launcher, Path(folder))
+            done = len(list(Path(folder).glob("*/metrics.json")))
+        assert done == runs, f"{done} of {runs} runs are finished"
+        each = 1e3 * (took[launcher] - empty) / runs
+        print(f"| {launcher} | {took[launcher]:.1f} | {empty:.1f} | {each:.1f} |", flush=True)
+    print(f"batched is {took['joblib'] / took['batched']:.1f} times faster\n")
+
+
+def networks(counts: list[int], repeats: int) -> None:
+    """Loss and gradient of S networks on S training records, one by one and stacked."""
+    torch.set_num_threads(1)
+    cfg = composed("model=global_mlp", "system=bilinear")
+    print("global MLPs, loss and gradient of each, one thread")
+    print("| networks | one by one, ms | stacked, ms | times faster |")
+    print("|---:|---:|---:|---:|")
+    for count in counts:
+        problems, estimators = [], []
+        for seed in range(count):
+            cfg.seed = seed
+            data = data_from(cfg)
+            data.setup()
+            (record,) = data.train_dataloader()
+            estimator = GlobalMLP(data.dofs, data.inputs, data.dt)
+            estimator.identify([record])
+            estimators.append(estimator.network)
+            problems.append(Problem(estimator, record))
+        u, y = (torch.stack([getattr(p, name) for p in problems]) for name in ("u", "y"))
+        alone = _median(lambda p=problems: [_gradient(one) for one in p], repeats)
+        theta, fixed = stack_module_state(estimators)
+
+        def loss(weights, scales, u, y, network=estimators[0]):
+            return ((functional_call(network, (weights, scales), (u,)) - y) ** 2).mean()
+
+        every = vmap(grad(loss))
+        together = _median(lambda: every(theta, fixed, u, y), repeats)  # noqa: B023
+        print(f"| {count} | {alone:.1f} | {together:.1f} | {alone / together:.1f} |", flush=True)
+
+
+def _gradient(problem: Problem) -> None:
+    free = [p for p in problem.module.parameters() if p.requires_grad]
+    torch.autograd.grad(problem.loss(), free)
+
+
+def _median(work, repeats: int) -> float:
+    """Milliseconds."""
+    work()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return 1e3 * statistics.median(times)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="some 40 runs")
+    quick = parser.parse_args().quick
+    sweeps(40 if quick else 1000)
+    networks([4] if quick else [1, 4, 16, 64], 3 if quick else 11)
+
+
+if __name__ == "__main__":
+    main()

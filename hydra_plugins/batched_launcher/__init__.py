@@ -1,0 +1,1 @@
+"""Hydra's name for report/batch.py: launchers have to live in hydra_plugins."""

@@ -1,0 +1,59 @@
+"""Hydra launcher: runs that differ in their seed alone are fitted side by side, in one process.
+
+python train.py -m model=vwnn seed=range(1000) baselines=none hydra/launcher=batched
+
+What cannot be batched (iterative training, measured data) is done one after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from hydra._internal.core_plugins.basic_launcher import BasicLauncher
+from hydra.core.utils import JobReturn, setup_globals
+from omegaconf import open_dict
+
+from report.composed_once import ComposedOnce
+
+
+class BatchedLauncher(BasicLauncher):
+    def launch(
+        self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int
+    ) -> Sequence[JobReturn]:
+        setup_globals()
+        alone: list[Sequence[str]] = []
+        for seeds in self._by_seed(job_overrides).values():
+            alone += self._together(seeds) if len(seeds) > 1 else list(seeds.values())
+        return super().launch(alone, initial_job_idx)
+
+    @staticmethod
+    def _by_seed(jobs: Sequence[Sequence[str]]) -> dict[tuple[str, ...], dict[int, Sequence[str]]]:
+        """Jobs by what they have in common, then by seed."""
+        groups: dict[tuple[str, ...], dict[int, Sequence[str]]] = {}
+        for job in jobs:
+            seed = [word for word in job if word.startswith("seed=")]
+            rest = tuple(word for word in job if word not in seed)
+            number = int(seed[0].removeprefix("seed=")) if seed else 0
+            groups.setdefault(rest, {})[number] = job
+        return groups
+
+    def _together(self, jobs: dict[int, Sequence[str]]) -> list[Sequence[str]]:
+        """Run all of a group; returns what has to be run alone."""
+        from report.batch import can_be_batched, run_batch  # slow, not needed for a single run
+
+        assert self.hydra_context is not None
+        assert self.config is not None
+        seeds = [seed for seed in jobs if seed >= 0]
+        loader, folders = self.hydra_context.config_loader, []
+        assert isinstance(loader, ComposedOnce)  # the sweeper's
+        cfg = loader.load_sweep_config(self.config, list(jobs[seeds[0]]))
+        with open_dict(cfg):
+            del cfg["hydra"]
+        if not can_be_batched(cfg):
+            return list(jobs.values())
+        for seed in seeds:
+            own = loader.shared(self.config, list(jobs[seed]))
+            folders.append(Path(own.hydra.sweep.dir) / own.hydra.sweep.subdir)
+        left = run_batch(cfg, seeds, folders)
+        return [jobs[seed] for seed in jobs if seed in left or seed < 0]

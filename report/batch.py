@@ -1,0 +1,165 @@
+"""Many runs that differ in their seed alone, fitted and scored side by side.
+
+What a run alone does one after the other, is done here for S seeds at once: motions on all cores,
+least squares and free runs batched. Numbers and files are those of runs alone, to rounding, but for
+the TensorBoard logs, which there are none of.   Records (S, R, T, c): R records of each of S runs.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from data.record import Record, Response, stack
+from data.simulated import SimulatedData
+from data.windows import WindowDataset
+from models.checkpoint import save_estimator
+from models.estimator import Estimator, NoFreeRunError
+from models.training.assemble import data_from, estimator_from
+from models.training.identification import SPLITS, Identification
+from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
+from models.training.simulate import simulate
+from report.runs import CHECKPOINT, begin_run, finish_run, identity_of, plain
+from report.summary import metrics_of
+
+AT_ONCE = 16  # runs; more take more memory and no less time
+
+
+def can_be_batched(cfg: DictConfig) -> bool:
+    """Whether runs of this config may go side by side: closed forms on simulated motions."""
+    data = data_from(cfg)
+    models = [cfg.model, *cfg.baselines.values()]
+    return (
+        _seed_is_alone(cfg)
+        and isinstance(data, SimulatedData)
+        and data.batch is None
+        and data.validation == 0.0
+        and data.cut["length"] is None
+        and all(estimator_from(model, data).side_by_side for model in models)
+    )
+
+
+def _seed_is_alone(cfg: DictConfig) -> bool:
+    """Nothing but the streams of the motions follows from the seed."""
+    parts = ("system", "excitation", "scenario", "data", "model", "baselines")
+    content = []
+    for seed in (cfg.seed, cfg.seed + 1):
+        OmegaConf.update(cfg, "seed", seed)
+        content.append({part: plain(cfg)[part] for part in parts})
+    OmegaConf.update(cfg, "seed", cfg.seed - 1)
+    return content[0] == content[1]
+
+
+def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) -> list[int]:
+    """Do the runs of `seeds`; returns those that must be done alone, because something is amiss.
+
+    Such are runs of which a motion escaped, and all of a batch whose closed form has no solution.
+    """
+    shared, alone = data_from(cfg), []
+    assert isinstance(shared, SimulatedData)
+    for first in range(0, len(seeds), AT_ONCE):
+        chosen = seeds[first : first + AT_ONCE]
+        of_seed = {seed: shared.of_seed(seed) for seed in chosen}
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            whole = list(pool.map(_made, of_seed.values()))
+        ready = [seed for seed, ok in zip(chosen, whole, strict=True) if ok]
+        alone += [seed for seed in chosen if seed not in ready]
+        places = dict(zip(seeds, folders, strict=True))
+        try:
+            _run_side_by_side(cfg, {seed: of_seed[seed] for seed in ready}, places)
+        except ValueError:  # said by the run it concerns, when it is done alone
+            alone += ready
+    return alone
+
+
+def _made(data: SimulatedData) -> bool:
+    try:
+        data.setup()
+        data.own_error()
+    except ValueError:
+        return False
+    return not data.escapes
+
+
+def _run_side_by_side(
+    cfg: DictConfig, data: dict[int, SimulatedData], places: dict[int, Path]
+) -> None:
+    each = list(data.values())
+    fitted = fit_each(cfg.model, each)
+    baselines = {name: fit_each(model, each) for name, model in cfg.baselines.items()}
+    for place, (seed, own) in enumerate(data.items()):
+        OmegaConf.update(cfg, "seed", seed)
+        identity = identity_of(cfg)
+        begin_run(places[seed], cfg, identity)
+        module = fitted[place]
+        others = {name: modules[place].results() for name, modules in baselines.items()}
+        metrics = metrics_of(cfg, identity, module, own, others)
+        save_estimator(module.estimator, places[seed] / CHECKPOINT, cfg.model.name)
+        finish_run(places[seed], metrics)
+
+
+@torch.inference_mode()
+def fit_each(model: DictConfig, data: Sequence[SimulatedData]) -> list[Identification]:
+    """An estimator for each of S data sets, identified and scored, as training alone leaves it."""
+    start = time.perf_counter()
+    together = {split: stack([_whole(d, split) for d in data]) for split in SPLITS}
+    estimator = estimator_from(model, data[0])
+    estimator.each = True
+    solution: Any = estimator.identify([together["train"]])  # lists of S numbers
+    seconds = (time.perf_counter() - start) / len(data)
+    modules = []
+    for place in range(len(data)):
+        module = Identification(_alone(estimator, place))
+        module.solution = {name: values[place] for name, values in solution.items()}
+        module.fit_seconds = seconds
+        module.scores = {split: Scores() for split in SPLITS}
+        module.free_runs = {split: FreeRunScore() for split in FREE_RUNS}
+        modules.append(module)
+    for split in SPLITS:
+        _score_each(estimator, split, together[split], modules)
+    return modules
+
+
+def _whole(data: SimulatedData, split: str) -> Record:
+    """The records of a run as its loaders hand them out, (R, T, c)."""
+    windows = WindowDataset(data.records[split], warmup=data.cut["warmup"], whole=True)
+    return stack([windows[i] for i in range(len(windows))])
+
+
+def _alone(estimator: Estimator, place: int) -> Estimator:
+    """The estimator of one of the runs."""
+    own = deepcopy(estimator)
+    own.each = False
+    for weights in own.parameters():
+        weights.data = weights.data[place].clone()
+    return own
+
+
+def _score_each(
+    estimator: Estimator, split: str, together: Record, modules: Sequence[Identification]
+) -> None:
+    estimates = estimator.estimates(together.measured())
+    try:
+        runs = simulate(estimator, together)
+        driven = together.truly_driven()
+        true = runs if driven is together else simulate(estimator, driven)
+    except NoFreeRunError as reason:
+        for module in modules:
+            module.free_runs[split].none = str(reason)
+    for place, module in enumerate(modules):
+        own = together.map(lambda signal, place=place: signal[place])  # type: ignore[misc]
+        module.scores[split].add(own, {way: e[place] for way, e in estimates.items()})
+        if module.free_runs[split].none is None:
+            module.free_runs[split].add(own, _of(runs, place), _of(true, place))
+
+
+def _of(response: Response, place: int) -> Response:
+    return Response(response.x[place], response.v[place], response.a[place])
