@@ -14,7 +14,7 @@ from torch import Tensor
 
 from data.command_line import Parser
 from data.record import Record
-from data.sample import Sample
+from data.sample import INPUTS, Sample
 from data.sample_sources import paced
 from report.console import command_errors
 from report.live_model import changed_run, fresh_config
@@ -43,7 +43,8 @@ def _signals(sample: Sample, base: bool) -> dict[str, Tensor]:
     assert sample.a is not None
     if base:
         return {"s_ddot": -sample.f, "a": sample.a - sample.f}
-    return {**sample.inputs(), "a": sample.a}
+    named = {name: getattr(sample, name) for name in (*INPUTS, "a")}
+    return {name: u for name, u in named.items() if u is not None}
 
 
 def samples(words: Sequence[str] | None = None) -> None:
