@@ -28,15 +28,18 @@ def _cache_folder(sources: Sequence[Path]) -> str:
     return str(base / f"numba-{numba.__version__}-{hashlib.sha256(text).hexdigest()[:16]}")
 
 
-def compilers(*sources: Path, contract: bool = False) -> tuple[Compiler, Compiler]:
+def compilers(
+    *sources: Path, contract: bool = False, reassociate: bool = False
+) -> tuple[Compiler, Compiler]:
     """Two decorators for functions that stand in `sources` and call each other.
 
     The first compiles at the first call in a fresh clone, later ones read the cache; the second
     compiles into its callers, for functions whose call costs more than they do. `contract` lets
-    a product and a sum round once. No other fast mathematics: the same inputs give the same bits
-    in every process, and NaN is found.
+    a product and a sum round once, `reassociate` lets a long sum be taken in parts. No other fast
+    mathematics: the same inputs give the same bits in every process, and NaN is found.
     """
     folder = _cache_folder(sources)
+    allowed = {name for name, on in (("contract", contract), ("reassoc", reassociate)) if on}
 
     def compiler(inline: bool) -> Compiler:
         def compile_one(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -48,7 +51,7 @@ def compilers(*sources: Path, contract: bool = False) -> tuple[Compiler, Compile
                     nogil=True,
                     error_model="numpy",
                     forceinline=inline,
-                    fastmath={"contract"} if contract else False,
+                    fastmath=allowed or False,
                 )(function)
             finally:
                 numba.config.CACHE_DIR = before

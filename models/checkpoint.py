@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 from pathlib import Path
 
 import torch
@@ -13,13 +15,21 @@ from models.estimator import Estimator
 
 
 def save_estimator(estimator: Estimator, path: Path, name: str) -> None:
-    """Write `path` whole or not at all; `name` is the model's name in the config."""
+    """Write `path` whole or not at all; `name` is the model's name in the config.
+
+    Raises OSError where the disk does not take it.
+    """
     tensors = {
         key: value.detach().cpu().contiguous() for key, value in estimator.state_dict().items()
     }
     tensors = tensors or {"empty": torch.zeros(0)}  # the format has no empty file
     aside = path.with_suffix(".part")
-    save_file(tensors, aside, metadata={"model": name})
+    try:
+        save_file(tensors, aside, metadata={"model": name})
+    except SafetensorError as error:  # "… (os error 28)"
+        number = re.search(r"os error (\d+)", str(error))
+        code = int(number[1]) if number else errno.EIO
+        raise OSError(code, os.strerror(code), str(path)) from None
     os.replace(aside, path)
 
 

@@ -5,19 +5,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import ClassVar
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator, along, weight_matrix
+from data.sample import Sample
+from models.estimator import along, weight_matrix
 from models.layers.integrate import runge_kutta
 from models.layers.least_squares import LeastSquares
+from models.linear_in_weights import LinearInWeights
 
 
-class EquivalentLinear(Estimator):
+class EquivalentLinear(LinearInWeights):
     """Accelerations as a linear function of velocities, displacements and excitation.
 
     `ridge` ≥ 0, without unit, penalises weights of scaled columns.
@@ -34,10 +36,7 @@ class EquivalentLinear(Estimator):
     def state(self, record: Record) -> Tensor:
         """[ẋ, x, f] (…, T, 2n + m)."""
         self.check(record)
-        x, v = record.x, record.v
-        assert x is not None
-        assert v is not None
-        return torch.cat([v, x, record.excitation], dim=-1)
+        return state_of(record)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         fit = LeastSquares(self.ridge, self.each)
@@ -52,6 +51,15 @@ class EquivalentLinear(Estimator):
         self.require_identified(self.weights)
         state = self.state(record)
         return state @ along(self.weights, state)
+
+    def heads(self) -> list[nn.Parameter]:
+        return [self.weights]
+
+    def features_of(self, record: Record) -> Iterator[tuple[slice, list[Tensor]]]:
+        yield slice(0, record.samples), [self.state(record)]
+
+    def features_at(self, sample: Sample, memory: Tensor) -> list[Tensor]:
+        return [state_of(sample)]
 
     def acceleration(self, x: Tensor, v: Tensor, u: Tensor) -> Tensor:
         """ẍ (…, n) of a state and an excitation (…, m)."""
@@ -99,3 +107,11 @@ class EquivalentLinear(Estimator):
             [self.dofs, self.dofs, self.inputs], dim=-1
         )
         return -damping, -stiffness, inputs
+
+
+def state_of(signals: Record | Sample) -> Tensor:
+    """[ẋ, x, f] (…, 2n + m)."""
+    x, v = signals.x, signals.v
+    assert x is not None
+    assert v is not None
+    return torch.cat([v, x, signals.excitation], dim=-1)

@@ -16,12 +16,15 @@ from torch import Tensor, nn
 from torch.nn.functional import linear
 
 from data.record import Drive, Record, Response
+from data.sample import Sample
 from models.estimator import weight_matrix
 from models.layers.integrate import Acceleration, runge_kutta
 from models.layers.least_squares import LeastSquares
 from models.layers.scaling import Extents
 from models.layers.series import BASES, double_series, double_series_terms
-from models.linear import EquivalentLinear
+from models.linear import EquivalentLinear, state_of
+
+CHUNK = 1 << 15  # samples whose terms are held in memory at a time
 
 
 class ModalPolynomial(EquivalentLinear):
@@ -141,6 +144,35 @@ class ModalPolynomial(EquivalentLinear):
             [b * columns + ell for _, _, b, ell in terms],
         )
         return [torch.tensor(place, device=device) for place in places]
+
+    def prepare(self, batches: Iterable[Record]) -> dict[str, float]:
+        """Linear part, modes and extents, which the terms of the series depend on."""
+        return self.identify(batches)
+
+    def heads(self) -> list[nn.Parameter]:
+        return list(self.coefficients)
+
+    def features_of(self, record: Record) -> Iterator[tuple[slice, list[Tensor]]]:
+        self.check(record)
+        assert record.x is not None
+        assert record.v is not None
+        step = max(1, CHUNK // record.a[..., 0, 0].numel())
+        for start in range(0, record.samples, step):
+            span = slice(start, min(start + step, record.samples))
+            yield span, list(self._terms(record.x[..., span, :], record.v[..., span, :]))
+
+    def features_at(self, sample: Sample, memory: Tensor) -> list[Tensor]:
+        return list(self._terms(sample.x, sample.v))
+
+    def known(self, signals: Record | Sample) -> Tensor:
+        """The linear estimate, or what the forces alone do."""
+        if self.fits == "residual":
+            return state_of(signals) @ self.weights
+        return signals.f @ self._inertia()[0].T
+
+    def mixing(self) -> Tensor:
+        inverse = -torch.linalg.inv(self.modes)
+        return inverse if self.fits == "residual" else inverse @ self._inertia()[1].T
 
     def free_run(self, drive: Drive) -> Response:
         self.check_drive(drive)

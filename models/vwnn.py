@@ -10,20 +10,22 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator, along, weight_matrix
+from data.sample import Sample
+from models.estimator import along, weight_matrix
 from models.layers.features import SigmoidProducts
 from models.layers.features_compiled import vwnn_free_run
 from models.layers.filters import LowPassCascade
 from models.layers.integrate import integrated
 from models.layers.least_squares import LeastSquares
+from models.linear_in_weights import LinearInWeights
 
 CHUNK = 1 << 15  # samples whose features are held in memory at a time
 
 
-class VWNN(Estimator):
+class VWNN(LinearInWeights):
     """Estimates acceleration from past accelerations and forces alone.
 
     cutoff: of H(s) = ω_c/(s + ω_c) [rad/s]; stages: filters in series, every one an output of ξ.
@@ -88,6 +90,27 @@ class VWNN(Estimator):
         return torch.cat(
             [phi @ along(self.weights, phi) for _, phi in self.features(record)], dim=-2
         )
+
+    def heads(self) -> list[nn.Parameter]:
+        return [self.weights]
+
+    def features_of(self, record: Record) -> Iterator[tuple[slice, list[Tensor]]]:
+        for span, phi in self.features(record):
+            yield span, [phi]
+
+    def at_rest(self) -> Tensor:
+        """State of the filters (stages, n + m)."""
+        channels = self.dofs + self.inputs
+        return self.weights.new_zeros(self.filters.stages, channels)
+
+    def features_at(self, sample: Sample, memory: Tensor) -> list[Tensor]:
+        xi = memory.flatten()
+        if self.unfiltered_excitation:
+            xi = torch.cat([xi, sample.excitation])
+        return [self.activation(xi)]
+
+    def remember(self, sample: Sample, a: Tensor, memory: Tensor) -> Tensor:
+        return self.filters.step(torch.cat([a, sample.excitation]), memory)
 
     def free_run(self, drive: Drive) -> Response:
         """The filters start at rest; initial state and excitation between samples do not matter."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import logging
 import os
 import sys
+import threading
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
@@ -36,6 +38,7 @@ GROUPS = (
     "model",
     "solver",
     "objective",
+    "adaptation",
     "baselines",
     "trainer",
     "experiment",
@@ -96,6 +99,18 @@ def quiet_lightning() -> None:
         logging.getLogger(name).setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", message=".*does not have many workers.*")
     warnings.filterwarnings("ignore", message=".*LeafSpec.*deprecated.*")
+    warnings.filterwarnings("ignore", message="The `srun` command is available.*")
+    threading.excepthook = _thread_failed
+
+
+_others_failed = threading.excepthook
+
+
+def _thread_failed(failed: threading.ExceptHookArgs) -> None:
+    """TensorBoard's writer hands a full disk on to the run, which says so in one line."""
+    writer = type(failed.thread).__name__ == "_AsyncWriterThread"
+    if not (writer and issubclass(failed.exc_type, OSError)):
+        _others_failed(failed)
 
 
 def fail(message: str) -> None:
@@ -106,6 +121,8 @@ EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException, Misconf
 
 
 def _reason(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return f"{error.strerror}; make room and give the same command again"
     if isinstance(error, OSError):
         hint = "" if isinstance(error, FileNotFoundError) else "; choose another hydra.run.dir"
         return f"{error.strerror or error}: {error.filename or ''}{hint}"
@@ -129,12 +146,21 @@ def one_line_errors(config: str) -> Iterator[None]:
     sys.exit(1)
 
 
+def _disk_error(error: Exception) -> Exception:
+    """The disk's, where a logger made another of it."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, OSError):
+        cause = cause.__cause__
+    return cause or error
+
+
 @contextmanager
 def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) -> Iterator[None]:
     """A failing run ends the program; in a sweep it leaves config and reason in its folder."""
     try:
         yield
-    except Exception as error:
+    except Exception as raised:
+        error = _disk_error(raised)
         expected = isinstance(error, EXPECTED)
         if sweep_folder is None:
             if not expected:

@@ -17,6 +17,7 @@ from models.estimator import Estimator
 from models.training.assemble import changed, data_from, estimator_from
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from report.figures import run_figures, save_figure
+from report.online_figures import online_figures
 from report.runs import CHECKPOINT
 from report.tables import error_table, rows_of, why_no_free_run
 
@@ -124,5 +125,6 @@ def draw_figures(estimator: Estimator, run: DictConfig, seed: int, folder: Path)
     names = list(data.elements)
     own_motion = None if free_run.example is None else free_run.example[1]
     drawn = run_figures(*example, {"test": score.over_time()}, names, own_motion)
+    drawn |= online_figures(estimator, example[0])
     for name, figure in drawn.items():
         save_figure(figure, folder, name)

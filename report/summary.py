@@ -23,6 +23,8 @@ from models.training.metrics import FREE_RUNS, free_run_score, score
 from report.benchmark import benchmark_lines, benchmark_scores
 from report.figures import run_figures
 from report.hparams import numbers, swept
+from report.online import online_scores
+from report.online_figures import online_figures
 from report.paper import paper_values
 from report.runs import settings_of
 from report.tables import error_table, rows_of, why_no_free_run
@@ -74,6 +76,7 @@ def metrics_of(
         },
         "records": data.notes,
         "benchmark": benchmark_scores(data, module),
+        "online": online_scores(module, data),
         "simulation_error": data.own_error(),
         "escaped": [vars(escape) for escape in data.escapes],
         "baselines": baselines,
@@ -109,6 +112,7 @@ def log_run(
         example = module.free_runs["test"].example
         free_run = None if example is None else example[1]
         drawn = run_figures(record, estimates[""], errors, names, free_run)
+        drawn |= online_figures(module.estimator, record)
         for name, figure in drawn.items():
             board.add_figure(name, figure, close=False)
     logger.save()

@@ -97,6 +97,15 @@ def test_every_excitation(excitation):
     assert 0.0 < errors["relative_rms_percent"] < 10.0
 
 
+@pytest.mark.parametrize("law", choices("adaptation"))
+def test_every_adaptation_law(law):
+    errors = fits("model=online_linear", f"adaptation={law}")
+    assert 0.0 < errors["relative_rms_percent"] < 200.0
+    assert (errors["relative_rms_percent"] < 50.0) == (
+        law in ("recursive_least_squares", "random_walk")
+    )
+
+
 def test_given_forces_drive_the_structure(tmp_path):
     rng = torch.Generator().manual_seed(0)
     force = torch.cumsum(torch.randn(8000, 3, generator=rng), 0) / 10.0

@@ -18,6 +18,7 @@ from models.estimator import Estimator
 from models.latent_hysteresis_network import LatentHysteresisNetwork
 from models.linear import EquivalentLinear
 from models.neural_state_space import NeuralStateSpace
+from models.online import Online
 from models.polynomial import ModalPolynomial
 from models.recurrent import Recurrent
 from models.training.metrics import score
@@ -46,11 +47,12 @@ SIMULATORS = {  # what they estimate is a simulation, or needs no acceleration a
     "element_network": partial(ElementNetwork, hinges=1, units=1),
     "latent_hysteresis_network": partial(LatentHysteresisNetwork, elements=3, hinges=1, units=1),
 }
-ZOO = {**ESTIMATORS, **SIMULATORS}
+ADAPTING = {"online": Online}  # their weights move while they estimate
+ZOO = {**ESTIMATORS, **SIMULATORS, **ADAPTING}
 SEE_STATE = [name for name in ESTIMATORS if "linear" in name or "_r" in name]
 SEE_ACCELERATION = [name for name in ESTIMATORS if name not in SEE_STATE]
 SOLVED = [name for name in ESTIMATORS if "vwnn" in name or name in SEE_STATE]
-SEE_FORCE = [*SOLVED, *SIMULATORS]
+SEE_FORCE = [*SOLVED, *SIMULATORS, *ADAPTING]
 
 
 @pytest.fixture(scope="module")

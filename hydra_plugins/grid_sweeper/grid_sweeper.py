@@ -11,15 +11,27 @@ hydra:
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.utils import JobReturn, JobStatus
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
 
 from report.composed_once import ComposedOnce
+
+
+def tell_lost(runs: Sequence[JobReturn]) -> None:
+    """Why runs could not even leave a failed.json: a full disk, a lost process."""
+    from hydra_plugins.launchers.launcher import reason_of
+    from report.sweep import reasons
+
+    failed = [run for run in runs if run.status == JobStatus.FAILED]
+    lost = {" ".join(run.overrides or ()): reason_of(run._return_value) for run in failed}
+    for line in reasons(lost):
+        print(f"lost{line.removeprefix('failed')}", file=sys.stderr)
 
 
 class GridSweeper(BasicSweeper):
@@ -52,7 +64,8 @@ class GridSweeper(BasicSweeper):
         Path(self.config.hydra.sweep.dir).mkdir(parents=True, exist_ok=True)
         if pending:
             with Watch(list(pending), len(jobs), len(hopeless)):
-                self.launcher.launch(list(pending.values()), initial_job_idx=0)
+                runs = self.launcher.launch(list(pending.values()), initial_job_idx=0)
+            tell_lost(runs)
         if not print_summary(jobs, len(finished), len(hopeless)):
             sys.exit(1)
 

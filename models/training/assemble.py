@@ -63,7 +63,8 @@ def build(node: DictConfig | ListConfig, **more: Any) -> Any:
     """The object that a config node describes; `name` is a label, not an argument."""
     plain: Any = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
     _check(plain)
-    plain.pop("name", None)
+    for key in ("name", *more):  # what is given comes before what the config says
+        plain.pop(key, None)
     try:
         # called here, not by Hydra, which would turn dataclasses among `more` into dicts
         return instantiate(plain, _convert_="all", _partial_=True)(**more)
@@ -106,7 +107,11 @@ def simulated_from(cfg: DictConfig) -> SimulatedData:
 
 def estimator_from(model: DictConfig, data: Data) -> Estimator:
     """An estimator of the size of the data, not yet identified."""
-    more = {"forced": data.forced} if "forced" in model and model.forced is None else {}
+    more: dict[str, Any] = {}
+    if "forced" in model and model.forced is None:
+        more["forced"] = data.forced
+    if "estimator" in model:  # one that wraps another
+        more["estimator"] = estimator_from(model.estimator, data)
     return build(model, dofs=data.dofs, inputs=data.inputs, dt=data.dt, **more)
 
 

@@ -1,0 +1,56 @@
+"""One sample of a record, as it comes from the sensors while the structure moves.
+
+n DOFs, m force channels, p supports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from data.record import Record
+
+INPUTS = ("f", "x", "v", "s", "s_dot")  # what an estimate at k may see of sample k
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Signals as in `Record`, float64, at one instant. `a` comes after the estimate; None: missing.
+
+    time [s] by the sensors' clock, where there is one: it tells dropped and repeated samples.
+    """
+
+    f: Tensor  # force (m,) [N]
+    a: Tensor | None = None  # acceleration (n,) [m/s²]
+    x: Tensor | None = None  # displacement (n,) [m]
+    v: Tensor | None = None  # velocity (n,) [m/s]
+    s: Tensor | None = None  # support displacement (p,) [m]
+    s_dot: Tensor | None = None  # support velocity (p,) [m/s]
+    time: float | None = None
+
+    @property
+    def excitation(self) -> Tensor:
+        """Forces, then support motions where there are any, as in `Record.excitation`."""
+        if self.s is None and self.s_dot is None:
+            return self.f
+        return torch.cat([u for u in (self.f, self.s, self.s_dot) if u is not None])
+
+    def inputs(self) -> dict[str, Tensor]:
+        """All but the acceleration, by name."""
+        named = {name: getattr(self, name) for name in INPUTS}
+        return {name: signal for name, signal in named.items() if signal is not None}
+
+
+def samples_of(record: Record) -> Iterator[Sample]:
+    """The samples of one record (T, ·), with their times."""
+    if record.a.ndim != 2:
+        raise ValueError(
+            f"the record holds a batch {tuple(record.a.shape)}; give its records one by one"
+        )
+    signals = {name: u.unbind(dim=0) for name, u in record.signals().items()}
+    for k in range(record.samples):
+        at_k = {name: u[k] for name, u in signals.items()}
+        yield Sample(**at_k, time=k * record.dt)

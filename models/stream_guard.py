@@ -1,0 +1,173 @@
+"""Bad samples of a stream: found, named, and kept from the weights.
+
+    not_finite  a channel is NaN or infinite
+    saturated   an acceleration is at the sensor's full scale
+    repeated    an acceleration stands still to the last bit, or a sample came twice
+    dropped     samples, or an acceleration, did not come
+
+What drives keeps its last sound value; the estimate stands in for a missing acceleration.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from math import inf, isfinite, nan
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from data.record import Record
+from data.sample import Sample
+
+EVENTS = 1000  # newest ones that are kept: a stream may last for months
+
+
+@dataclass(frozen=True)
+class Event:
+    """The first of one or more bad samples in a row."""
+
+    sample: int  # number, from 0, dropped ones counted
+    time: float  # [s]
+    kind: str  # dropped, repeated, not_finite or saturated
+    channel: str  # a1, f2, …; "all" where the sample did not come, or came twice
+
+
+class Guard(nn.Module):
+    """What is taken for bad, and what then happens.
+
+    full_scale: |ẍ| [m/s²] at which a sensor saturates; None: not known.
+    repeats: so many values in a row that equal the one before are a fault, ≥ 1; a structure at
+    rest, where all is zero, is none. Sensors of few bits repeat themselves: raise it for them.
+    longest: gap [samples] that estimates fill; after a longer one the filters begin at rest.
+    settle: samples after a fault from which nothing is learnt, while the filters forget it.
+    """
+
+    def __init__(
+        self,
+        full_scale: float | None = None,
+        repeats: int = 3,
+        longest: int = 100,
+        settle: int = 10,
+    ) -> None:
+        super().__init__()
+        if full_scale is not None and not full_scale > 0.0:
+            raise ValueError(f"guard.full_scale={full_scale} m/s² must be positive")
+        if repeats < 1 or longest < 0 or settle < 0:
+            raise ValueError(
+                f"guard.repeats={repeats}, longest={longest}, settle={settle}: expected at least "
+                "1, 0 and 0 samples"
+            )
+        self.full_scale = inf if full_scale is None else full_scale
+        self.repeats = repeats
+        self.longest, self.settle = longest, settle
+
+    def finds(self, record: Record) -> bool:
+        """Whether a record holds a bad sample."""
+        if not all(torch.isfinite(u).all() for u in record.signals().values()):
+            return True
+        if float(record.a.abs().max()) >= self.full_scale:
+            return True
+        moving = (record.a != 0.0).any(-1) | (record.excitation != 0.0).any(-1)
+        same = (record.a[..., 1:, :] == record.a[..., :-1, :]) & moving[..., 1:, None]
+        if record.samples <= self.repeats:
+            return False
+        return bool(same.unfold(-2, self.repeats, 1).all(dim=-1).any())
+
+
+class Watch:
+    """A guard on its post: what it has seen of one stream. `events` holds what it found."""
+
+    def __init__(self, guard: Guard, dofs: int, dt: float) -> None:
+        self.guard, self.dt = guard, dt
+        self.events: deque[Event] = deque(maxlen=EVENTS)
+        self.sample, self.time = -1, -inf  # of the newest sample
+        self.still_bad: set[tuple[str, str]] = set()  # of the sample before
+        self.bad: set[tuple[str, str]] = set()  # of this one
+        self.sound: dict[str, Tensor] = {}  # newest sound inputs
+        self.before = [nan] * dofs
+        self.same = [0] * dofs  # values in a row that equal the one before
+        self.largest = [0.0] * dofs  # |ẍ| so far
+        self.unsettled = 0  # samples until something may be learnt again
+
+    def arrive(self, time: float | None) -> int:
+        """Samples that should have come before this one, −1 for one that came already."""
+        missed = 0
+        if time is None:
+            time = (self.sample + 1) * self.dt
+        elif self.sample >= 0:
+            missed = round((time - self.time) / self.dt) - 1
+        if missed < 0:
+            self.events.append(Event(self.sample, time, "repeated", "all"))
+            return -1
+        self.still_bad, self.bad = self.bad, set()
+        if missed > 0:
+            gap = Event(self.sample + 1, self.time + self.dt, "dropped", "all")
+            self.events.append(gap)
+            self.unsettled = self.guard.settle
+        self.sample += missed + 1
+        self.time = time
+        return missed
+
+    def mended(self, sample: Sample) -> Sample:
+        """The sample with the last sound values where its own are not finite."""
+        changed: dict[str, Any] = {}
+        for name, signal in sample.inputs().items():
+            values = signal.tolist()
+            if isfinite(sum(values)):
+                self.sound[name] = signal
+                continue
+            finite = torch.isfinite(signal)
+            held = self.sound.get(name, torch.zeros_like(signal))
+            self.sound[name] = changed[name] = torch.where(finite, signal, held)
+            for i, value in enumerate(values):
+                if not isfinite(value):
+                    self._note("not_finite", f"{name}{i + 1}")
+        return replace(sample, **changed) if changed else sample
+
+    def judged(self, a: Tensor | None, sample: Sample, estimate: Tensor) -> tuple[Tensor, bool]:
+        """The acceleration (n,), or what stands in for it, and whether to learn from it."""
+        if a is None:
+            self._note("dropped", "a")
+            a = torch.full_like(estimate, torch.nan)
+            wrong = [True] * len(self.before)
+        else:
+            values = a.tolist()
+            wrong = [self._wrong(i, value, sample) for i, value in enumerate(values)]
+            self.before = values
+        if True in wrong:
+            a = torch.where(torch.tensor(wrong), self.bounded(estimate), a)
+        if self.bad:
+            self.unsettled = self.guard.settle
+            return a, False
+        if self.unsettled:
+            self.unsettled -= 1
+        return a, self.unsettled == 0
+
+    def bounded(self, estimate: Tensor) -> Tensor:
+        """An estimate (n,) that may stand in: finite, and within what has been measured so far."""
+        largest = torch.tensor(self.largest, dtype=estimate.dtype)
+        return torch.nan_to_num(estimate).clamp(-largest, largest)
+
+    def _wrong(self, i: int, value: float, sample: Sample) -> bool:
+        """Whether the acceleration of DOF i is; a still one only where something moves."""
+        size, still = abs(value), value == self.before[i]
+        if size < self.guard.full_scale and not still:  # not NaN either
+            self.same[i] = 0
+            self.largest[i] = max(self.largest[i], size)
+            return False
+        if not size < self.guard.full_scale:
+            self.same[i] = 0
+            self._note("saturated" if isfinite(value) else "not_finite", f"a{i + 1}")
+            return True
+        self.same[i] += value != 0.0 or bool(sample.excitation.any())
+        if self.same[i] < self.guard.repeats:
+            return False
+        self._note("repeated", f"a{i + 1}")
+        return True
+
+    def _note(self, kind: str, channel: str) -> None:
+        self.bad.add((kind, channel))
+        if (kind, channel) not in self.still_bad:
+            self.events.append(Event(self.sample, self.time, kind, channel))
