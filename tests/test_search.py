@@ -124,13 +124,15 @@ def test_the_first_trial_is_the_config_itself_moved_into_the_intervals():
 class Planted:
     """Instead of runs: an error with one minimum, at BEST; one seed of three escapes."""
 
-    def __init__(self, monkeypatch, killed_after: float = math.inf) -> None:
+    def __init__(self, monkeypatch, killed_after: float = math.inf, lost: int = 0) -> None:
+        """Killed after some runs; or one of them lost: the first is 1."""
         self.launched: list[Path] = []
-        self.killed_after = killed_after
+        self.killed_after, self.lost = killed_after, lost
         launcher = Plugins.instance().class_name_to_class[LAUNCHER]
 
         def launch(own, jobs, initial_job_idx):
             self(own, jobs)
+            return []
 
         monkeypatch.setattr(launcher, "launch", launch)
 
@@ -142,7 +144,10 @@ class Planted:
             if len(self.launched) >= self.killed_after:
                 raise KeyboardInterrupt
             self.launched.append(folder)
-            folder.mkdir(parents=True)
+            folder.mkdir(parents=True, exist_ok=True)
+            if len(self.launched) == self.lost:
+                write_failure(folder, None, "No space left on device", "", False)
+                continue
             if cfg.seed == 82:
                 write_failure(folder, None, "the motion escaped", "", True)
                 continue
@@ -199,6 +204,17 @@ def test_a_killed_search_ends_like_an_undisturbed_one(tmp_path, monkeypatch):
     again = Planted(monkeypatch)
     assert search(tmp_path / "disturbed", monkeypatch, *words) == 0
     assert again.launched == []
+
+
+def test_a_setting_is_not_judged_by_a_run_that_was_lost(tmp_path, monkeypatch, capsys):
+    Planted(monkeypatch, lost=2)
+    words = ("hydra.sweeper.trials=2", "hydra.sweeper.final.seed=60")
+    assert search(tmp_path, monkeypatch, *words) == 1
+    assert "1 runs of the search were lost; repeat the command" in capsys.readouterr().err
+    again = Planted(monkeypatch)
+    assert search(tmp_path, monkeypatch, *words) == 0
+    assert [path.name.split("-")[3] for path in again.launched[:2]] == ["seed81", "seed80"]
+    assert len(found(tmp_path)["trials"]) == 2
 
 
 def test_a_value_that_is_typed_is_not_tuned_and_an_interval_is(tmp_path, monkeypatch):
