@@ -82,7 +82,7 @@ class Watch:
     def __init__(self, guard: Guard, dofs: int, dt: float) -> None:
         self.guard, self.dt = guard, dt
         self.events: deque[Event] = deque(maxlen=EVENTS)
-        self.sample, self.time = -1, -inf  # of the newest sample
+        self.sample, self.time = -1, 0.0  # of the newest sample
         self.still_bad: set[tuple[str, str]] = set()  # of the sample before
         self.bad: set[tuple[str, str]] = set()  # of this one
         self.sound: dict[str, Tensor] = {}  # newest sound inputs
@@ -92,23 +92,25 @@ class Watch:
         self.unsettled = 0  # samples until something may be learnt again
 
     def arrive(self, time: float | None) -> int:
-        """Samples that should have come before this one, −1 for one that came already."""
-        missed = 0
-        if time is None:
-            time = (self.sample + 1) * self.dt
-        elif self.sample >= 0:
-            missed = round((time - self.time) / self.dt) - 1
-        if missed < 0:
+        """Samples that should have come before this one, −1 for one that came already.
+
+        A clock may be off by half a sample period at a time. One that goes back by more than a gap
+        that is bridged was set anew.
+        """
+        started = self.sample >= 0
+        if time is None or not isfinite(time):
+            time = self.time + self.dt if started else 0.0
+        missed = round((time - self.time) / self.dt) - 1 if started else 0
+        came, anew = self.sample + 1, missed < -self.guard.longest - 1
+        if missed < 0 and not anew:
             self.events.append(Event(self.sample, time, "repeated", "all"))
             return -1
         self.still_bad, self.bad = self.bad, set()
-        if missed > 0:
-            gap = Event(self.sample + 1, self.time + self.dt, "dropped", "all")
-            self.events.append(gap)
+        if missed != 0:
+            self.events.append(Event(came, self.time + self.dt, "dropped", "all"))
             self.unsettled = self.guard.settle
-        self.sample += missed + 1
-        self.time = time
-        return missed
+        self.sample, self.time = came + max(missed, 0), time
+        return self.guard.longest + 1 if anew else missed
 
     def mended(self, sample: Sample) -> Sample:
         """The sample with the last sound values where its own are not finite."""

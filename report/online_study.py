@@ -52,12 +52,16 @@ class OnlineRun:
         return math.inf if value is None else value
 
 
-def read_online(folder: Path) -> list[OnlineRun]:
-    """All finished runs below a folder. Raises ValueError where there are none."""
+def read_online(folder: Path, estimator: str | None = None) -> list[OnlineRun]:
+    """The finished runs below a folder, of one estimator or all. Raises ValueError for none."""
     runs = [_read(path.parent) for path in sorted(folder.rglob(METRICS))]
-    if not runs:
-        raise ValueError(f"no finished runs in {folder}; python train.py -m experiment=online")
-    return runs
+    chosen = [run for run in runs if estimator in (None, run.estimator)]
+    if not chosen:
+        raise ValueError(
+            f"no finished runs {f'of {estimator} ' if estimator else ''}in {folder}; "
+            "python train.py -m experiment=online"
+        )
+    return chosen
 
 
 def _read(folder: Path) -> OnlineRun:
@@ -181,9 +185,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("table", choices=TABLES)
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--estimator", help="such as vwnn; all of them without it")
     options = parser.parse_args()
     with one_line_errors("train"):
-        print("\n".join(TABLES[options.table](read_online(options.folder))))
+        runs = read_online(options.folder, options.estimator)
+        print("\n".join(TABLES[options.table](runs)))
 
 
 if __name__ == "__main__":
