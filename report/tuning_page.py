@@ -44,6 +44,9 @@ def _facts(cases: Sequence[Case]) -> Iterator[tuple[str, str]]:
     yield "onset", as_rows(_onsets(cases, onset))
     yield "free_runs", as_rows(_free_runs(cases))
     yield "warmup", as_rows(_warmup())
+    for name in ("cutoff", "stages"):
+        found = [c.settings.get(f"model.{name}", "–") for c in cases if c.model == "vwnn"]
+        yield name, ", ".join(found) or "–"
     yield "trials", "; ".join(_trials(cases))
     lost = sum(len(c.folders[w]) - len(c.metrics[w]) for c in cases for w in WAYS)
     yield "runs", str(sum(len(c.folders[way]) for c in cases for way in WAYS))
