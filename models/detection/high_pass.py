@@ -16,7 +16,7 @@ from scipy.signal import butter, sosfilt
 from torch import Tensor
 
 from data.record import Record
-from data.sample import Sample
+from data.sample import INPUTS, Sample
 
 
 class HighPass:
@@ -40,7 +40,8 @@ class HighPass:
 
     def sample(self, sample: Sample) -> Sample:
         """The next sample, going on from those before. Missing signals stay missing."""
-        signals = sample.inputs() | ({} if sample.a is None else {"a": sample.a})
+        named = {name: getattr(sample, name) for name in ("a", *INPUTS)}
+        signals = {name: u for name, u in named.items() if u is not None}
         filtered: dict[str, Any] = {name: self._next(name, u) for name, u in signals.items()}
         return replace(sample, **filtered)
 

@@ -19,6 +19,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from torch import nn
 
 from data.datamodule import Data
+from data.sensors import Sensors
 from data.simulated import SimulatedData
 from models.estimator import Estimator
 from models.training.objective import Objective
@@ -111,8 +112,8 @@ def simulated_from(cfg: DictConfig) -> SimulatedData:
     return data
 
 
-def estimator_from(model: DictConfig, data: Data) -> Estimator:
-    """An estimator of the size of the data, not yet identified."""
+def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
+    """An estimator of the size of the data, or of what sensors send, not yet identified."""
     more: dict[str, Any] = {}
     if "forced" in model and model.forced is None:
         more["forced"] = data.forced
