@@ -38,11 +38,6 @@ class Sample:
             return self.f
         return torch.cat([u for u in (self.f, self.s, self.s_dot) if u is not None])
 
-    def inputs(self) -> dict[str, Tensor]:
-        """All but the acceleration, by name."""
-        named = {name: getattr(self, name) for name in INPUTS}
-        return {name: signal for name, signal in named.items() if signal is not None}
-
 
 def samples_of(record: Record) -> Iterator[Sample]:
     """The samples of one record (T, ·), with their times."""

@@ -117,25 +117,26 @@ class Stream:
             errors = a - self.made
             if self.unmixing is not None:
                 errors = errors @ self.unmixing
-            outputs = [state.weights.shape[1] for state in self.states]
-            self.states = [
-                self.law.adapt(state, phi, error)
-                for state, phi, error in zip(
-                    self.states, self._phi, errors.split(outputs), strict=True
-                )
-            ]
+            parts = errors.split([state.weights.shape[1] for state in self.states])
+            heads = zip(self.states, self._phi, parts, strict=True)
+            self.states = [self.law.adapt(state, phi, error) for state, phi, error in heads]
         self.memory = self.estimator.remember(sample, a, self.memory)
 
     def _check(self, sample: Sample) -> None:
         """Raise ValueError where a sample does not fit the estimator."""
-        estimator = self.estimator
+        estimator, a = self.estimator, sample.a
         missing = [name for name in self._reads if getattr(sample, name) is None]
         if missing:
             raise ValueError(
                 f"{type(estimator).__name__} reads {', '.join(missing)}, which the sample lacks"
             )
+        if sample.f.dtype != torch.float64 or (a is not None and a.dtype != torch.float64):
+            raise ValueError(
+                "a sample's signals must be float64; make them by "
+                "torch.tensor(values, dtype=torch.float64)"
+            )
         channels = sample.excitation.numel()
-        measured = estimator.dofs if sample.a is None else sample.a.numel()
+        measured = estimator.dofs if a is None else a.numel()
         if (channels, measured) != (estimator.inputs, estimator.dofs):
             raise ValueError(
                 f"the sample has {channels} channels of excitation and {measured} accelerations; "

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Record
-from data.sample import Sample
+from data.sample import INPUTS, Sample
 
 EVENTS = 1000  # newest ones that are kept: a stream may last for months
 
@@ -85,7 +85,7 @@ class Watch:
         self.sample, self.time = -1, 0.0  # of the newest sample
         self.still_bad: set[tuple[str, str]] = set()  # of the sample before
         self.bad: set[tuple[str, str]] = set()  # of this one
-        self.sound: dict[str, Tensor] = {}  # newest sound inputs
+        self.sound: Sample | None = None  # the newest, its inputs mended
         self.before = [nan] * dofs
         self.same = [0] * dofs  # values in a row that equal the one before
         self.largest = [0.0] * dofs  # |ẍ| so far
@@ -115,18 +115,19 @@ class Watch:
     def mended(self, sample: Sample) -> Sample:
         """The sample with the last sound values where its own are not finite."""
         changed: dict[str, Any] = {}
-        for name, signal in sample.inputs().items():
-            values = signal.tolist()
-            if isfinite(sum(values)):
-                self.sound[name] = signal
-                continue
-            finite = torch.isfinite(signal)
-            held = self.sound.get(name, torch.zeros_like(signal))
-            self.sound[name] = changed[name] = torch.where(finite, signal, held)
-            for i, value in enumerate(values):
-                if not isfinite(value):
-                    self._note("not_finite", f"{name}{i + 1}")
-        return replace(sample, **changed) if changed else sample
+        for name in INPUTS:
+            signal = getattr(sample, name)
+            if signal is not None and not isfinite(sum(signal.tolist())):
+                changed[name] = self._held(name, signal)
+        self.sound = replace(sample, **changed) if changed else sample
+        return self.sound
+
+    def _held(self, name: str, signal: Tensor) -> Tensor:
+        finite = torch.isfinite(signal)
+        for i in torch.nonzero(~finite).flatten().tolist():
+            self._note("not_finite", f"{name}{i + 1}")
+        held = torch.zeros_like(signal) if self.sound is None else getattr(self.sound, name)
+        return torch.where(finite, signal, held)
 
     def judged(self, a: Tensor | None, sample: Sample, estimate: Tensor) -> tuple[Tensor, bool]:
         """The acceleration (n,), or what stands in for it, and whether to learn from it."""

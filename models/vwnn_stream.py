@@ -56,16 +56,15 @@ class VWNNStream(Stream):
         self._xi[:] = 0.0
 
     def _estimate(self, sample: Sample) -> Tensor:
-        made = np.empty(self._error.size)
+        self._made, self._f = np.empty(self._error.size), sample.excitation.numpy()
         vwnn_compiled.estimate(
-            *(self._xi, sample.excitation.numpy(), self._unfiltered, self._sigmoid_weight),
-            *(self._factors, self._weights, self._sigmoids, self._phi_now, made),
+            *(self._xi, self._f, self._unfiltered, self._sigmoid_weight, self._factors),
+            *(self._weights, self._sigmoids, self._phi_now, self._made),
         )
-        return torch.from_numpy(made)
+        return torch.from_numpy(self._made)
 
     def _learn(self, sample: Sample, a: Tensor, sound: bool) -> None:
         vwnn_compiled.learn(
-            *(self._xi, a.numpy(), sample.excitation.numpy(), self._decay, sound),
-            *(self.law.number, self._settings, self._phi_now, self.made.numpy()),
-            *(self._weights, self._memory, self._error, self._work),
+            *(self._xi, a.numpy(), self._f, self._decay, sound, self.law.number, self._settings),
+            *(self._phi_now, self._made, self._weights, self._memory, self._error, self._work),
         )

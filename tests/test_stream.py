@@ -237,6 +237,8 @@ def test_a_sample_that_does_not_fit_says_how(identified, record):
     sample = next(samples_of(record))
     with pytest.raises(ValueError, match="2 channels of excitation"):
         Stream(identified["vwnn"], Frozen()).step(replace(sample, f=sample.f[:2]))
+    with pytest.raises(ValueError, match="must be float64"):
+        VWNNStream(identified["vwnn"], Frozen()).step(replace(sample, a=sample.a.float()))
     with pytest.raises(ValueError, match="EquivalentLinear reads x, which the sample lacks"):
         Stream(identified["equivalent_linear"], Frozen()).step(replace(sample, x=None))
     with pytest.raises(ValueError, match="give its records one by one"):

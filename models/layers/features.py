@@ -79,11 +79,11 @@ class SigmoidProducts(nn.Module):
         h = torch.tanh(self.weight * xi)
         parts = [h] if 1 in self.orders else []
         for count in self.factors:
-            index = getattr(self, f"factors_{count}")  # (count, products)
-            product = h[..., index[0]]
-            for factor in index[1:]:
-                product = product * h[..., factor]
+            first, *others = getattr(self, f"factors_{count}").unbind()  # (products,) each
+            product = h.index_select(-1, first)
+            for factor in others:
+                product = product * h.index_select(-1, factor)
             parts.append(product)
         if self.bias:
-            parts.append(torch.ones_like(h[..., :1]))
+            parts.append(h.new_ones(*h.shape[:-1], 1))
         return torch.cat(parts, dim=-1)
