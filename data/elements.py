@@ -86,6 +86,8 @@ def margin(law, p, e, branch, y, ydot, z):
     if law == POLYNOMIAL:
         return 1.0
     if law == BOUC_WEN:
+        if p[e, 0] == 0.0:  # all its fibres are broken: no force, no branches
+            return 1.0
         return min(-ydot if branch & 1 else ydot, -z if branch & 2 else z)
     if law == BILINEAR:
         return _slider_margin(_side(branch), p[e, 0], ydot, z)
@@ -116,6 +118,7 @@ class Element:
 
     between: Sequence[str]
     law: ClassVar[int]
+    fibres: ClassVar[tuple[str, ...]]  # parameters that grow with the number of parallel fibres
 
     def __post_init__(self) -> None:
         if len(self.between) != 2 or self.between[0] == self.between[1]:
@@ -140,6 +143,17 @@ class Element:
         """Parameters p in the order the compiled law reads them."""
         return tuple(float(getattr(self, f.name)) for f in fields(self) if f.name != "between")
 
+    def weakened(self, kept: float) -> tuple[float, ...]:
+        """Parameters p of what is left when only a share `kept` of the element's fibres hold.
+
+        See data/damage.py.
+        """
+        named = [f.name for f in fields(self) if f.name != "between"]
+        return tuple(
+            kept * value if name in self.fibres else value
+            for name, value in zip(named, self.parameters, strict=True)
+        )
+
     def tangent(self) -> tuple[float, float]:
         """Stiffness [N/m] and damping [N s/m] for small motions about rest."""
         raise NotImplementedError
@@ -150,6 +164,7 @@ class Bilinear(Element):
     """Bilinear hysteresis: r = k2 y + (k1 − k2) z + c ẏ, z elastoplastic at ±z_y (Fig. 5a)."""
 
     law = BILINEAR
+    fibres = ("stiffness", "post_yield_stiffness")
     yield_displacement: float  # z_y [m]
     stiffness: float  # k1 [N/m]
     post_yield_stiffness: float  # k2 [N/m]
@@ -170,6 +185,7 @@ class LimitedSlip(Element):
     """Slider (k1, ±z_y) in parallel with a spring k2 beyond a gap ±z_g, plus c ẏ (Fig. 5b)."""
 
     law = LIMITED_SLIP
+    fibres = ("stiffness", "gap_stiffness")
     yield_displacement: float  # z_y [m]
     stiffness: float  # k1 [N/m]
     gap_stiffness: float  # k2 [N/m]
@@ -191,6 +207,7 @@ class Polynomial(Element):
     """Cubic spring and linear damper: r = p1 y + p2 ẏ + p3 y³ (Eq. 19)."""
 
     law = POLYNOMIAL
+    fibres = ("stiffness", "cubic_stiffness")
     stiffness: float  # p1 [N/m]
     damping: float = 0.0  # p2 [N s/m]
     cubic_stiffness: float = 0.0  # p3 [N/m³], hardening > 0 > softening
@@ -212,6 +229,7 @@ class BoucWen(Element):
     """
 
     law = BOUC_WEN
+    fibres = ("stiffness",)
     stiffness: float  # A [N/m]
     beta: float  # β [N^(1−n)·1/m]
     gamma: float  # γ [N^(1−n)·1/m]
@@ -230,6 +248,12 @@ class BoucWen(Element):
                 f"BoucWen.exponent={self.exponent} must be at least 1; "
                 "below 1 the law has no unique solution at r = 0"
             )
+
+    def weakened(self, kept: float) -> tuple[float, ...]:
+        # each fibre goes on under r / kept, so that β and γ, which multiply |r|ⁿ, change too
+        A, beta, gamma, *rest = super().weakened(kept)
+        factor = kept ** (1.0 - self.exponent) if kept > 0.0 else 0.0
+        return A, factor * beta, factor * gamma, *rest
 
     def tangent(self) -> tuple[float, float]:
         return self.stiffness / self.eta, 0.0

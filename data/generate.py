@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from data.damage import Changes, Damage
 from data.excitation import Excitation
 from data.record import Record, Truth
 from data.scenario import Scenario
@@ -49,6 +50,7 @@ class Simulation:
     duration: float  # [s]
     name: str = "structure"  # as the user knows it, for messages
     tolerance: float = 1e-7  # of the integrator, see data/simulate.py
+    damage: Damage | None = None  # of the test motions; training motions are of the sound structure
 
     def __post_init__(self) -> None:
         if not 0.0 < self.dt < np.inf:
@@ -58,6 +60,8 @@ class Simulation:
                 f"data.duration={self.duration} s holds {self.samples} samples of "
                 f"data.dt={self.dt} s; at least 2 are needed"
             )
+        if self.damage is not None:
+            self.damage.check(self.structure, self.samples, self.dt)
 
     @property
     def samples(self) -> int:
@@ -75,15 +79,16 @@ class Simulation:
             raise ValueError(f"data.{split}_records={count} must be at least 1")
         drawn = [self._draw(split, seed, i, first) for i in range(count)]
         forces, supports, velocities = zip(*drawn, strict=True)
+        structure, changes = self._damaged(split)
         motions = simulate_many(
-            self.structure, forces, self.dt, supports, velocities, self.tolerance
+            structure, forces, self.dt, supports, velocities, self.tolerance, changes
         )
         records, escapes = [], []
         for i, motion in enumerate(motions):
             if motion.escape_time is not None:
                 escapes.append(Escape(split, i, motion.escape_time))
                 continue
-            record = self._record(motion, *drawn[i])
+            record = self._record(motion, *drawn[i], self._kept(split, motion))
             records.append(self.scenario(record, stream(seed, split, i, SENSORS)))
         if not records:
             raise EscapedMotionError(
@@ -101,14 +106,20 @@ class Simulation:
         when the tolerance is a hundred times tighter. `coarse` is that acceleration, if at hand."""
         drawn, tolerance = self._draw(split, seed, 0, first), self.tolerance
         if coarse is None:
-            coarse = self._acceleration(*drawn, tolerance)
-        fine = self._acceleration(*drawn, 0.01 * tolerance)
+            coarse = self._acceleration(split, *drawn, tolerance)
+        fine = self._acceleration(split, *drawn, 0.01 * tolerance)
         return float(np.linalg.norm(coarse - fine) / np.linalg.norm(fine))
 
     def _acceleration(
-        self, force: np.ndarray, support: np.ndarray, velocity: np.ndarray, tolerance: float
+        self,
+        split: str,
+        force: np.ndarray,
+        support: np.ndarray,
+        velocity: np.ndarray,
+        tolerance: float,
     ) -> np.ndarray:
-        return simulate(self.structure, force, self.dt, support, velocity, tolerance).a
+        structure, changes = self._damaged(split)
+        return simulate(structure, force, self.dt, support, velocity, tolerance, changes).a
 
     def _draw(
         self, split: str, seed: int, record: int, first: int
@@ -116,12 +127,32 @@ class Simulation:
         rng = stream(seed, split, record, EXCITATION)
         return self.excitation.draw(self.structure, self.samples, self.dt, first + record, rng)
 
+    def _damaged(self, split: str) -> tuple[Structure, Changes | None]:
+        """The structure of a split at rest, and what changes on the way."""
+        if self.damage is None or split != "test":
+            return self.structure, None
+        return (
+            self.damage.at_rest(self.structure),
+            self.damage.changes(self.structure, self.samples, self.dt),
+        )
+
+    def _kept(self, split: str, motion: Motion) -> torch.Tensor | None:
+        """Share of its stiffness that each element has kept (T, E), where one is damaged."""
+        if self.damage is None or split != "test":
+            return None
+        return torch.from_numpy(self.damage.kept(self.structure, motion.work, self.dt))
+
     def _record(
-        self, motion: Motion, force: np.ndarray, support: np.ndarray, velocity: np.ndarray
+        self,
+        motion: Motion,
+        force: np.ndarray,
+        support: np.ndarray,
+        velocity: np.ndarray,
+        kept: torch.Tensor | None,
     ) -> Record:
         x, v, a, y, r = (torch.from_numpy(getattr(motion, name)) for name in "xvayr")
         f = torch.from_numpy(force[:, self.excitation.driven(self.structure)])
         moving = self.excitation.support is not None
         s = torch.from_numpy(support) if moving else None
         s_dot = torch.from_numpy(velocity) if moving else None
-        return Record(self.dt, a, f, x, v, s, s_dot, Truth(x, v, a, y, r))
+        return Record(self.dt, a, f, x, v, s, s_dot, Truth(x, v, a, y, r, kept=kept))

@@ -11,7 +11,6 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
 
 import numpy as np
 from rich.console import Console
@@ -20,6 +19,7 @@ from rich.text import Text
 
 from data.channels import CHANNEL
 from data.clock import GAP, shared_clocks
+from data.command_line import Pairs, Parser, plain, reason
 from data.configure import command, config_path, write_config
 from data.files.table import FileError
 from data.inspected import Inspected, inspected, places
@@ -30,25 +30,25 @@ CONFIGS = "configs"  # folder of configs, where --config names none
 
 def show(console: Console, of: Inspected) -> None:
     """Notes, clock, channels, faults and what the columns may be."""
-    console.print(Text(_plain(str(of.path)), style="bold"))
+    console.print(Text(plain(str(of.path)), style="bold"))
     for note in dict.fromkeys(of.raw.notes):
-        console.print(Text(f"  {_plain(note)}", style="dim"))
+        console.print(Text(f"  {plain(note)}", style="dim"))
     for line in _clocks(of):
-        console.print(Text(f"  {_plain(line)}"))
+        console.print(Text(f"  {plain(line)}"))
     console.print(_channels(of))
     for finding in of.found:
         style, mark = ("red", "must be mended") if finding.blocks else ("yellow", "note")
-        text = Text(f"  {mark}: ", style=style) + Text(_plain(str(finding)))
+        text = Text(f"  {mark}: ", style=style) + Text(plain(str(finding)))
         console.print(text, soft_wrap=True)
     if not of.found:
         console.print(Text("  nothing wrong was found", style="green"))
     if of.guesses:
         words = [f"{channel}={_quoted(column)}" for column, channel in of.guesses.items()]
         console.print(Text("  what these columns may be; you decide:", style="cyan"))
-        console.print(Text(_plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
+        console.print(Text(plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
     elif not any(CHANNEL.fullmatch(name) for name in of.raw.channels):
         example = _quoted(next(iter(of.raw.channels)))
-        advice = f"  say what each column is: --channels a1={_plain(example)} …"
+        advice = f"  say what each column is: --channels a1={plain(example)} …"
         console.print(Text(advice, style="cyan"))
 
 
@@ -89,13 +89,8 @@ def _channels(of: Inspected) -> Lines:
         peaks = ", ".join(f"{f:.4g}" for f in dominant(of.spectra[name])) or "–"
         missing = str(x.nans + x.infinite or "–")
         cells = [f"  {name}", of.units.get(name, ""), *numbers, missing, peaks]
-        table.add_row(*(Text(_plain(cell)) for cell in cells))
+        table.add_row(*(Text(plain(cell)) for cell in cells))
     return table
-
-
-def _plain(text: str) -> str:
-    """Without what would move the cursor or colour the terminal."""
-    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def _quoted(column: str) -> str:
@@ -110,7 +105,7 @@ def picture(path: Path, of: Inspected) -> None:
     timed = bool(raw.clocks) or raw.time is not None or raw.dt is not None
     rate = f", {1.0 / steps[name]:.6g} Hz, {steps[channel] * len(signal):.4g} s" if timed else ""
     title = f"{raw.name}: {len(signal):,} samples{rate}"
-    draw(path, _plain(title), raw.channels, steps, of.spectra, of.units, timed)
+    draw(path, plain(title), raw.channels, steps, of.spectra, of.units, timed)
 
 
 def save_config(path: Path, of: Inspected, args: argparse.Namespace) -> None:
@@ -124,30 +119,12 @@ def save_config(path: Path, of: Inspected, args: argparse.Namespace) -> None:
     write_config(path, settings, of.guesses, of.found)
 
 
-class _Pairs(argparse.Action):
-    """a1=Acc_X f1=Force → {"a1": "Acc_X", "f1": "Force"}."""
-
-    def __call__(self, parser: Any, args: Any, values: Any, option: str | None = None) -> None:
-        pairs = dict(getattr(args, self.dest))
-        for word in values:
-            key, equals, value = word.partition("=")
-            if not (key and equals and value):
-                parser.error(f"{option} {word}: expected name=value, such as a1=Acc_X")
-            pairs[key] = value
-        setattr(args, self.dest, pairs)
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        raise ValueError(f"{message}; see --help")
-
-
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    made = _Parser("python -m data.inspect", description=(__doc__ or "").splitlines()[0])
+    made = Parser("python -m data.inspect", description=(__doc__ or "").splitlines()[0])
     made.add_argument("record", nargs="+", help="files, folders or patterns")
-    made.add_argument("--channels", nargs="+", action=_Pairs, default={}, metavar="a1=COLUMN")
-    made.add_argument("--units", nargs="+", action=_Pairs, default={}, metavar="a=g")
+    made.add_argument("--channels", nargs="+", action=Pairs, default={}, metavar="a1=COLUMN")
+    made.add_argument("--units", nargs="+", action=Pairs, default={}, metavar="a=g")
     made.add_argument("--skip-rows", type=int, default=0, help="lines before the header")
     made.add_argument("--delimiter", help="told from the file by default")
     made.add_argument("--decimal", default=".")
@@ -180,7 +157,7 @@ def inspect(words: Sequence[str] | None = None) -> None:
         except FileError as error:
             if named:
                 raise
-            console.print(Text(f"left out: {_plain(str(error))}", style="dim"), soft_wrap=True)
+            console.print(Text(f"left out: {plain(str(error))}", style="dim"), soft_wrap=True)
             continue
         record.look()
         show(console, record)
@@ -209,8 +186,7 @@ def main(words: Sequence[str] | None = None) -> None:
     try:
         inspect(words)
     except (ValueError, OSError) as error:
-        reason = f"{error.strerror}: {error.filename}" if isinstance(error, OSError) else str(error)
-        print(f"error: {_plain(' '.join(reason.split()))}", file=sys.stderr)
+        print(f"error: {reason(error)}", file=sys.stderr)
         sys.exit(1)
     except KeyboardInterrupt:
         sys.exit(130)

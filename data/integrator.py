@@ -5,7 +5,8 @@ reversal) which lower any fixed-step method to second order, so each step keeps 
 smooth branch: where a step runs past the end of a branch, it is cut there, found on the cubic
 Hermite interpolant, and the element changes branch.
 
-Between samples the forces are linear, support displacements the cubic through s and ṡ.
+Between samples the forces are linear, support displacements the cubic through s and ṡ. Where an
+element is damaged, a step ends at that very instant, and the motion goes on from the same state.
 State q = [x (n), v (n), z (E), work (E)]; slopes k (7, len q); T samples, n DOFs, E elements.
 
 Dormand & Prince (1980); Hairer, Nørsett & Wanner (1993), Sects. II.4–II.6.
@@ -187,8 +188,13 @@ def _change_branches(q, branch, n, ends, law, p, place):
 
 
 @compiled
-def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work):
-    """Fill the record sample by sample from rest; returns the time of escape, or −1."""
+def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, element, changed_p,
+              changed_z, x, v, a, y, r, work):  # fmt: skip
+    """Fill the record sample by sample from rest; returns the time of escape, or −1.
+
+    Change c of element[c] comes offset[c] after sample when[c] − 1: its row of p becomes
+    changed_p[c], its z is multiplied by changed_z[c]. p is overwritten.
+    """
     n, elements = masses.size, law.size
     size = 2 * (n + elements)
     q, trial, between, k = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros((7, size))
@@ -196,7 +202,7 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work)
     place, place_trial, place_between = np.zeros((3, 2, nodes))
     forces, branch = np.zeros(elements), np.zeros(elements, np.int64)
     scale = np.full(2 * n + elements, 1e-9 * tolerance)
-    h = dt
+    h, change = dt, 0
     for sample in range(f.shape[0]):
         start, t, stalled = max(sample - 1, 0) * dt, 0.0, 0
         if sample == 0:
@@ -205,7 +211,9 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work)
             _change_branches(q, branch, n, ends, law, p, place)  # a support may start displaced
             _slope(q, branch, masses, ends, law, p, f, s, w, 0, dt, 1.0, place, k[0], forces)
         while t < dt:
-            left, tau = dt - t, t / dt
+            due = change < when.size and when[change] == sample
+            until = offset[change] if due else dt
+            left, tau = until - t, t / dt
             step = left if h > 0.999 * left else min(h, 0.5 * left)
             _step(q, step, branch, masses, ends, law, p, f, s, w, sample, dt, tau,
                   place_trial, k, trial, forces)  # fmt: skip
@@ -224,9 +232,13 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, x, v, a, y, r, work)
                 step = min(max(cut * step, SMALLEST_STEP * dt * 2.0**stalled), left)
                 _step(q, step, branch, masses, ends, law, p, f, s, w, sample, dt, tau,
                       place_trial, k, trial, forces)  # fmt: skip
-            t = dt if step == left else t + step
+            t = until if step == left else t + step
             q[:], place[:], k[0] = trial, place_trial, k[6]
             changed = _change_branches(q, branch, n, ends, law, p, place)
+            if due and t == until:
+                p[element[change]] = changed_p[change]
+                q[2 * n + element[change]] *= changed_z[change]
+                change, changed = change + 1, True
             if changed:
                 _slope(q, branch, masses, ends, law, p, f, s, w, sample, dt, t / dt,
                        place, k[0], forces)  # fmt: skip

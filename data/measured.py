@@ -86,12 +86,21 @@ class MeasuredData(Data):
             if name_of in raws:
                 name_of = str(place)
             raws[name_of] = between(self._with_clock(raw), start, stop)
-        self.parts = _splits(raws, train, test, split)
+        self.parts = self._parts(raws, train, test, split)
         del raws
         self.setup()
         first = self.records["train"][0]
         self.dt, self.dofs, self.inputs = first.dt, first.dofs, first.excitation.shape[-1]
         self._check_alike()
+
+    def _parts(
+        self,
+        raws: dict[str, RawRecord],
+        train: str | Sequence[str] | None,
+        test: str | Sequence[str] | None,
+        split: float,
+    ) -> dict[str, dict[str, RawRecord]]:
+        return _splits(raws, train, test, split)
 
     def make_records(self) -> dict[str, list[Record]]:
         """Each part mended and measured on its own; what was read is let go."""
@@ -174,6 +183,13 @@ class MeasuredData(Data):
                     )
                 if (record.dofs, record.excitation.shape[-1]) != (self.dofs, self.inputs):
                     raise ValueError(f"the {split} records of {self.name} differ in their channels")
+
+
+class WholeRecords(MeasuredData):
+    """Every record whole, under "train", to be replayed and not to be learnt from."""
+
+    def _parts(self, raws: dict[str, RawRecord], *_: object) -> dict[str, dict[str, RawRecord]]:
+        return {"train": raws, "test": {}}
 
 
 def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None) -> list[Path]:

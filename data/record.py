@@ -24,6 +24,7 @@ class Truth:
     y: Tensor  # element deformation (…, T, E) [m]
     r: Tensor  # element restoring force (…, T, E) [N]
     f: Tensor | None = None  # force (…, T, m) [N], where its sensor errs
+    kept: Tensor | None = None  # share of its stiffness an element still has (…, T, E), if damaged
 
 
 @dataclass(frozen=True)

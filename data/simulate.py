@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.damage import Changes
 from data.integrator import integrate
 from data.structure import Structure
 
@@ -45,12 +46,14 @@ def simulate(
     support: np.ndarray | None = None,
     support_velocity: np.ndarray | None = None,
     tolerance: float = 1e-7,
+    changes: Changes | None = None,
 ) -> Motion:
     """Motion of `structure` from rest under `force` (T, n) [N], sampled every `dt` [s].
 
     `support` (T, m) [m] and `support_velocity` (T, m) [m/s] move the supports; without them they
     stand still. `tolerance` is the allowed error of a step relative to the largest x, v and z so
-    far. Raises ValueError for shapes that do not fit, values that are not finite and dt ≤ 0.
+    far. `changes` of elements come at their instants (data/damage.py). Raises ValueError for shapes
+    that do not fit, values that are not finite and dt ≤ 0.
     A motion that escapes is returned with its `escape_time`.
     """
     T, n, E = len(force), structure.dofs, len(structure.elements)
@@ -79,8 +82,19 @@ def simulate(
     y, r, work = (np.zeros((T, E)) for _ in range(3))
     model = (structure.masses, structure.ends, structure.law, structure.parameters)
     inputs = [np.ascontiguousarray(u, dtype=float) for u in (force, support, support_velocity)]
-    escape = integrate(*model, *inputs, float(dt), float(tolerance), x, v, a, y, r, work)
+    changing = _arrays(changes, structure.parameters.shape[1])
+    settings = float(dt), float(tolerance)
+    escape = integrate(*model, *inputs, *settings, *changing, x, v, a, y, r, work)
     return Motion(x, v, a, y, r, work, escape_time=None if escape < 0.0 else escape)
+
+
+def _arrays(changes: Changes | None, width: int) -> tuple[np.ndarray, ...]:
+    """What the compiled loop takes: when, offset, element, parameters and factor on z."""
+    if changes is None:
+        none, numbers = np.zeros(0), np.zeros(0, np.int64)
+        return numbers, none, numbers, np.zeros((0, width)), none
+    c = changes
+    return c.sample, c.offset, c.element, c.parameters, c.state
 
 
 def simulate_many(
@@ -90,13 +104,14 @@ def simulate_many(
     supports: Sequence[np.ndarray] | None = None,
     support_velocities: Sequence[np.ndarray] | None = None,
     tolerance: float = 1e-7,
+    changes: Changes | None = None,
 ) -> list[Motion]:
     """`simulate` for many records at once, on all cores; the same bits as one by one."""
     supports_ = supports if supports is not None else [None] * len(forces)
     velocities_ = support_velocities if support_velocities is not None else [None] * len(forces)
 
     def one(force: np.ndarray, s: np.ndarray | None, w: np.ndarray | None) -> Motion:
-        return simulate(structure, force, dt, s, w, tolerance)
+        return simulate(structure, force, dt, s, w, tolerance, changes)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the compiled loop releases the GIL
         return list(pool.map(one, forces, supports_, velocities_))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 
+from data.damage import Damage
 from data.datamodule import Data
 from data.excitation import Excitation
 from data.generate import Simulation
@@ -15,6 +16,7 @@ from data.structure import Structure
 class SimulatedData(Data):
     """Training and test motions of one structure, each `duration` [s] long, sampled every `dt` [s].
 
+    `damage` befalls the test motions; training motions are of the sound structure.
     `tolerance` is the integrator's (data/simulate.py); what else may be chosen: data/datamodule.py.
     """
 
@@ -35,9 +37,12 @@ class SimulatedData(Data):
         warmup: int = 0,
         batch: int | None = None,
         validation: float = 0.0,
+        damage: Damage | None = None,
     ) -> None:
         super().__init__(window, stride, warmup, batch, validation)
-        self.simulation = Simulation(structure, excitation, scenario, dt, duration, name, tolerance)
+        self.simulation = Simulation(
+            structure, excitation, scenario, dt, duration, name, tolerance, damage
+        )
         for waveform in (excitation.force, excitation.support):
             if waveform is not None:
                 waveform.check(train_records)

@@ -93,11 +93,10 @@ class Online(Estimator):
         """That of the weights as training left them."""
         return self.estimator.free_run(drive)
 
-    def stream(self) -> Stream:
-        """Where samples go in and estimates come out, from the end of training on."""
-        if type(self.estimator) is VWNN:
-            return VWNNStream(self.estimator, self.law, self.states(), self.guard)
-        return Stream(self.estimator, self.law, self.states(), self.guard)
+    def stream(self, from_nothing: bool = False) -> Stream:
+        """Where samples go in and estimates come out, from the end of training on or from zero."""
+        states = self.states() if not from_nothing else started(self.estimator, self.law, True)
+        return stream_of(self.estimator, self.law, states, self.guard)
 
     def check(self, record: Record) -> None:
         self.estimator.check(record)
@@ -151,6 +150,13 @@ class Online(Estimator):
         """Estimates (…, T, n) of every record of a batch, each from the same states."""
         each = [self.follow(one, law, states)[0] for one in single(record)]
         return torch.stack(each).reshape(record.a.shape)
+
+
+def stream_of(estimator: LinearInWeights, law: Law, states: list[Adapted], guard: Guard) -> Stream:
+    """Compiled where that is possible."""
+    if type(estimator) is VWNN:
+        return VWNNStream(estimator, law, states, guard)
+    return Stream(estimator, law, states, guard)
 
 
 def single(batch: Record) -> Iterator[Record]:

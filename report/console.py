@@ -27,12 +27,14 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from data.command_line import plain, reason
 from report.runs import run_name, write_failure
 
 CONF = Path(__file__).parent.parent / "conf"
 GROUPS = (
     "system",
     "excitation",
+    "damage",
     "scenario",
     "data",
     "model",
@@ -114,7 +116,7 @@ def _thread_failed(failed: threading.ExceptHookArgs) -> None:
 
 
 def fail(message: str) -> None:
-    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"error: {plain(' '.join(message.split()))}", file=sys.stderr)
 
 
 EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException, MisconfigurationException)
@@ -152,6 +154,18 @@ def _disk_error(error: Exception) -> Exception:
     while cause is not None and not isinstance(cause, OSError):
         cause = cause.__cause__
     return cause or error
+
+
+@contextmanager
+def command_errors() -> Iterator[None]:
+    """The same for programs that write no run: files by name, Ctrl-C in silence."""
+    with one_line_errors("train"):
+        try:
+            yield
+        except OSError as error:
+            raise ValueError(reason(error)) from None
+        except KeyboardInterrupt:
+            sys.exit(130)
 
 
 @contextmanager

@@ -230,8 +230,11 @@ def reference_response(
     support_velocity: Array | None = None,
     rtol: float = 1e-11,
     atol: float = 1e-13,
+    change: tuple[int, list[Element], Array] | None = None,
 ) -> dict[str, Array]:
     """Response from rest at the samples: x, v, a (T, dof) and y, r (T, elements).
+
+    change = (k, laws, factors): from sample k on these laws hold, and z is multiplied by factors.
 
     force is (T, dof); support and support_velocity are (T, supports), fixed supports if None.
     """
@@ -249,9 +252,12 @@ def reference_response(
     structure = Structure(np.asarray(masses, float), elements, b, bs, branches, intervals[0])
     u = np.zeros(2 * n + 2 * m)
     samples = [structure.response(0.0, u)]
-    for interval in intervals:
+    for k, interval in enumerate(intervals, start=1):
         structure.inputs = interval
         u = to_next_sample(structure, u, dt, rtol=rtol, atol=atol)
+        if change is not None and k == change[0]:
+            structure.elements = change[1]
+            structure.split(u)[2][:] *= change[2]
         samples.append(structure.response(dt, u))
     return {k: np.array([now[k] for now in samples]) for k in samples[0]}
 

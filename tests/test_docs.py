@@ -45,6 +45,14 @@ def test_the_structure_and_the_estimator_of_the_docs_work_together():
     assert free_run_score(estimator, [stack(records)])["diverged"] == 0
 
 
+def test_the_example_of_detection_raises_its_alarm(capsys):
+    (example,) = blocks(ROOT / "docs" / "detection.md", "python")
+    exec(compile(example, "detection.md", "exec"), {})
+    time, dof = re.fullmatch(r"alarm at (\d+) s, x(\d)\n", capsys.readouterr().out).groups()
+    assert 25 < int(time) < 40
+    assert dof in "12"
+
+
 @pytest.mark.parametrize("page", sorted([README, *(ROOT / "docs").glob("*.md")]))
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text("utf-8")):

@@ -120,6 +120,17 @@ def test_evaluate_gives_the_same_numbers_to_the_last_digit(finished, monkeypatch
             assert picture.read_bytes().startswith(magic)
 
 
+def test_a_run_on_a_damaged_structure_is_scored_again_as_it_was(tmp_path, monkeypatch, capsys):
+    words = ["damage=sudden", "damage.time=12.5", "model=linear", f"hydra.run.dir={tmp_path}"]
+    assert run(train, monkeypatch, *QUICK, *words) == 0
+    sound = tmp_path / "sound"
+    assert run(train, monkeypatch, *QUICK, "model=linear", f"hydra.run.dir={sound}") == 0
+    assert run(evaluate, monkeypatch, f"run={tmp_path}") == 0
+    assert "equal to metrics.json to the last digit" in capsys.readouterr().out
+    assert numbers(tmp_path)["train"] == numbers(sound)["train"]
+    assert numbers(tmp_path)["test"] != numbers(sound)["test"]
+
+
 def test_the_free_run_stands_in_everything_a_run_leaves(tmp_path, monkeypatch, capsys):
     words = [*QUICK, "model=linear", "baselines=none", f"hydra.run.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 0
@@ -313,6 +324,9 @@ MISTAKES = {
     "model=power_series_residual model.pairs=[]": "pairs is empty",
     "model=power_series_residual excitation=support_motion": "one force per DOF",
     "data.validation=1.5": "data.validation=1.5",
+    "damage=sudden damage.time=30": "damage.time=30 s lies outside the record",
+    "damage=sudden damage.time=10 damage.element=spring": "choose one of r1, r2",
+    "damage=hysteretic": "only BoucWen has η",
     "max_fail=0": "max_fail=0",
     "seed=many": "seed=many",
 }

@@ -19,6 +19,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from torch import nn
 
 from data.datamodule import Data
+from data.sensors import Sensors
 from data.simulated import SimulatedData
 from models.estimator import Estimator
 from models.training.objective import Objective
@@ -89,10 +90,16 @@ def data_from(cfg: DictConfig) -> Data:
     more: dict[str, Any] = {"scenario": build(cfg.scenario), "seed": cfg.seed}
     if cfg.system.structure is not None:  # measured ones come without
         more.update(structure=build(cfg.system.structure), excitation=build(cfg.excitation))
+        if cfg.get("damage"):  # runs of older code have none
+            more["damage"] = build(cfg.damage)
     elif cfg.data._target_.endswith(".SimulatedData"):
         raise ValueError(
             f"system={cfg.system.name} has no structure to simulate; choose data=measured and "
             "data.path, or another system"
+        )
+    elif cfg.get("damage"):
+        raise ValueError(
+            f"damage is simulated, and system={cfg.system.name} was measured; choose damage=none"
         )
     return build(cfg.data, name=cfg.system.name, **more)
 
@@ -105,8 +112,8 @@ def simulated_from(cfg: DictConfig) -> SimulatedData:
     return data
 
 
-def estimator_from(model: DictConfig, data: Data) -> Estimator:
-    """An estimator of the size of the data, not yet identified."""
+def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
+    """An estimator of the size of the data, or of what sensors send, not yet identified."""
     more: dict[str, Any] = {}
     if "forced" in model and model.forced is None:
         more["forced"] = data.forced

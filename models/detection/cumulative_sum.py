@@ -1,0 +1,59 @@
+"""CUSUM: small lasting changes of the residual's energy, added up.
+
+z = (ln Σ_k e[k]² − μ) / σ over the samples of a look, per DOF; μ, σ of sound records
+
+g⁺ ← max(0, g⁺ + z − κ),   g⁻ ← max(0, g⁻ − z − κ),   statistic max(g⁺, g⁻)        Page (1954)
+
+A loss of stiffness makes the residual of a frozen model grow; of one that extrapolates it may make
+it fall, as the motion gets slower: hence both sides. Mean number of looks to a false alarm of one
+side at a level h, of independent normal z: (exp(2κb) − 2κb − 1)/(2κ²), b = h + 1.166
+(Siegmund 1985).
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from models.detection.detector import Detector
+
+
+class CumulativeSum(Detector):
+    """Looks are residuals (…, samples, n).
+
+    slack: κ ≥ 0, half the change of z that is to be found, in standard deviations. Small: finds
+    small changes, late. Large: only large ones, soon.
+    """
+
+    def __init__(self, slack: float = 0.5, settle: int = 0) -> None:
+        super().__init__(settle)
+        if not slack >= 0.0:
+            raise ValueError(f"detector.slack={slack} standard deviations must not be negative")
+        self.slack = slack
+
+    def learn(self, sound: Tensor) -> None:
+        energy = log_energy(sound)[:, self.settle :]
+        self.mean = energy.mean(dim=(0, 1))
+        self.sigma = energy.std(dim=(0, 1))
+
+    def step(self, memory: Tensor | None, seen: Tensor) -> tuple[Tensor, Tensor]:
+        return self.add(memory, (log_energy(seen) - self.mean) / self.sigma)
+
+    def add(self, memory: Tensor | None, z: Tensor) -> tuple[Tensor, Tensor]:
+        """g⁺ and g⁻ (2, …, n), and the larger, after z (…, n)."""
+        rise = torch.stack([z, -z]) - self.slack
+        sums = (rise if memory is None else memory + rise).clamp_min(0.0)
+        return sums, sums.amax(dim=0)
+
+
+def log_energy(seen: Tensor) -> Tensor:
+    """ln of the mean square (…, n) of a look (…, samples, n)."""
+    return seen.square().mean(dim=-2).clamp_min(1e-300).log()
+
+
+def siegmund(slack: float, level: float) -> float:
+    """Mean number of looks to a false alarm of one side, of independent normal z."""
+    b = level + 1.166
+    return (math.exp(2.0 * slack * b) - 2.0 * slack * b - 1.0) / (2.0 * slack**2)

@@ -1,0 +1,118 @@
+"""What a change detector is, and how its threshold is set for a stated rate of false alarms.
+
+A detector looks at a stretch of samples at a time and gives every DOF a statistic, which grows as
+the structure departs from what was learnt of sound records. The alarm is raised where the largest,
+each in units of its usual peak, exceeds one threshold. A look knows nothing of what comes later.
+
+Threshold: of m sound records that nothing was learnt from, the j-th smallest peak, with
+j = ⌈(m + 1)(1 − α)⌉. A further sound record exceeds it with probability at most α, whatever the
+distribution of peaks (Vovk, Gammerman & Shafer 2005, conformal prediction, Sect. 2.2): records need
+only be exchangeable, that is, of the same kind.    B records, K looks, n DOFs.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """When an alarm was raised, and where it points to."""
+
+    look: int  # counted from 0
+    dof: int  # 1 … n, of the largest statistic
+    size: float  # of it, in units of the threshold, above 1
+
+
+class Detector(ABC):
+    """Base of all detectors. `settle` looks at the start of a record are not watched."""
+
+    def __init__(self, settle: int = 0) -> None:
+        if settle < 0:
+            raise ValueError(f"detector.settle={settle} looks must not be negative")
+        self.settle = settle
+        self.usual: Tensor | None = None  # median peak of each DOF's statistic (n,)
+        self.threshold = math.inf
+
+    @abstractmethod
+    def learn(self, sound: Tensor) -> None:
+        """What sound records look like, from looks (B, K, ·, n)."""
+
+    @abstractmethod
+    def step(self, memory: Tensor | None, seen: Tensor) -> tuple[Tensor | None, Tensor]:
+        """Memory and statistic (…, n) after a look (…, ·, n); the memory before the first is None.
+
+        A look holds residuals (…, samples, n) or weights (…, P, n).
+        """
+
+    def statistics(self, looks: Tensor) -> Tensor:
+        """Statistic (…, K, n) of every look (…, K, ·, n), zero before `settle`."""
+        memory, made = None, []
+        for k, seen in enumerate(looks.unbind(dim=-3)):
+            if k < self.settle:
+                made.append(torch.zeros_like(seen[..., 0, :]))
+                continue
+            memory, statistic = self.step(memory, seen)
+            made.append(statistic)
+        return torch.stack(made, dim=-2)
+
+    def calibrate(self, learnt: Tensor, held: Tensor, rate: float) -> None:
+        """Learn from some sound records (B, K, ·, n) and set the threshold on others, `held`.
+
+        rate: α, share of sound records with a false alarm. Raises ValueError for too few records.
+        """
+        self.learn(learnt)
+        self.usual = self.statistics(learnt).amax(dim=-2).median(dim=0).values
+        peaks = (self.statistics(held) / self.usual).amax(dim=(-2, -1))
+        self.threshold = conformal_threshold(peaks, rate)
+
+    def level(self, statistic: Tensor) -> Tensor:
+        """Statistics (…, n) in units of the threshold: above 1 is an alarm."""
+        return statistic / self._calibrated() / self.threshold
+
+    def levels(self, looks: Tensor) -> Tensor:
+        """The level (…, K, n) after every look (…, K, ·, n)."""
+        self._calibrated()
+        return self.level(self.statistics(looks))
+
+    def alarm(self, looks: Tensor) -> Alarm | None:
+        """The first alarm of one record (K, ·, n), or None."""
+        return first_alarm(self.levels(looks))
+
+    def _calibrated(self) -> Tensor:
+        if self.usual is None:
+            raise ValueError(f"{type(self).__name__} is not calibrated yet; call calibrate first")
+        return self.usual
+
+
+def first_alarm(levels: Tensor, start: int = 0) -> Alarm | None:
+    """The first alarm of levels (K, n) from look `start` on, or None."""
+    beyond = torch.nonzero((levels[start:] > 1.0).any(dim=-1))
+    if len(beyond) == 0:
+        return None
+    look = start + int(beyond[0])
+    size, dof = levels[look].max(dim=-1)
+    return Alarm(look, int(dof) + 1, float(size))
+
+
+def conformal_threshold(peaks: Tensor, rate: float) -> float:
+    """The j-th smallest of m peaks (m,). Raises ValueError where they are too few for the rate."""
+    return float(peaks.sort().values[conformal_rank(len(peaks), rate) - 1])
+
+
+def conformal_rank(m: int, rate: float) -> int:
+    """j = ⌈(m + 1)(1 − rate)⌉, in 1 … m. Raises ValueError where it would be m + 1."""
+    if not 0.0 < rate < 1.0:
+        raise ValueError(f"rate={rate} of false alarms must lie between 0 and 1, per record")
+    j = math.ceil((m + 1) * (1.0 - rate) - 1e-9)
+    if j > m:
+        raise ValueError(
+            f"{m} sound records cannot set a threshold for {rate:g} false alarms per record; "
+            f"at least {math.ceil(1.0 / rate - 1e-9) - 1} are needed"
+        )
+    return j

@@ -1,0 +1,69 @@
+"""The alarm of a live run: CUSUM of the residual, on what the first seconds of it were like.
+
+The threshold is that of one false alarm an hour, by Siegmund's formula for independent normal looks
+(models/detection/cumulative_sum.py). Real looks are neither, so the rate is a guess: a threshold
+with a rate that holds takes sound records of hours, see models/detection/detector.py.
+"""
+
+from __future__ import annotations
+
+import torch
+from scipy.optimize import brentq
+from torch import Tensor
+
+from models.detection.cumulative_sum import CumulativeSum, siegmund
+from models.detection.detector import Alarm
+from models.detection.monitor import Monitor
+
+LOOK = 1.0  # [s]
+LEARNING = 10.0  # [s] at the start, which say nothing of what is usual
+FALSE = 3600.0  # [s] from one false alarm to the next
+FEWEST = 10  # looks that a mean and a deviation are taken of
+
+
+class ResidualAlarm:
+    """Fed residuals of sound samples; the structure is taken for undamaged for `sound` seconds.
+
+    Raises ValueError for a time too short to learn from.
+    """
+
+    def __init__(self, dofs: int, dt: float, sound: float) -> None:
+        least = LEARNING + FEWEST * LOOK
+        if not least <= sound < float("inf"):
+            raise ValueError(f"--sound {sound:g} s: expected at least {least:g} s")
+        self.every = max(1, round(LOOK / dt))
+        self.skipped, self.wanted = round(LEARNING / dt), round((sound - LEARNING) / LOOK)
+        self.dofs, self.residuals = dofs, list[Tensor]()
+        self.monitor: Monitor | None = None
+        self.raised = False
+
+    def update(self, residual: Tensor) -> Alarm | None:
+        """The alarm, at the look that first raises it: a − â (n,) [m/s²] of the next sample."""
+        if self.skipped > 0:
+            self.skipped -= 1
+            return None
+        if self.monitor is None:
+            self._learn(residual)
+            return None
+        alarm = self.monitor.step(residual)
+        if alarm is not None:
+            new, self.raised = not self.raised, True
+            return alarm if new else None
+        self.raised = self.raised and bool((self.monitor.level > 1.0).any())
+        return None
+
+    def level(self) -> Tensor | None:
+        """Of each DOF (n,), above 1 an alarm; None while still learning."""
+        return None if self.monitor is None else self.monitor.level
+
+    def _learn(self, residual: Tensor) -> None:
+        self.residuals.append(residual)
+        if len(self.residuals) < self.wanted * self.every:
+            return
+        detector = CumulativeSum()
+        detector.learn(torch.stack(self.residuals).unflatten(0, (self.wanted, self.every))[None])
+        sides = 2 * self.dofs  # each DOF is watched for a rise and for a fall
+        looks = sides * FALSE / LOOK
+        detector.usual = torch.ones(self.dofs, dtype=torch.float64)
+        detector.threshold = brentq(lambda h: siegmund(detector.slack, h) - looks, 0.0, 100.0)
+        self.monitor, self.residuals = Monitor(detector, self.every), []
