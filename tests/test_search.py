@@ -301,7 +301,7 @@ def test_the_page_is_filled_from_the_runs_on_fresh_seeds(small_search, tmp_path,
         metrics = json.loads((small_search / name / "metrics.json").read_text())
         errors.append(metrics["test"]["relative_rms_percent"])
     assert f"{median(errors):.2f} ({min(errors):.2f} – {max(errors):.2f}) |" in text
-    assert "Not searched here: vwnn, residual_mlp." in text
+    assert "Not run for this page: `tune_vwnn`, `tune_networks`." in text
     assert f"ridge {case.told['best']['model.ridge']:.3g}" in text
 
 
