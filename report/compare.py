@@ -131,7 +131,9 @@ def _mixed(
     """Choices, besides the seed, in which the runs of some group differ."""
     others = (k for k in labels if k not in (*by, *CASE) and k.split(".")[-1] != "seed")
     return [
-        k for k in others if any(len({str(labels[k][i]) for i in group}) > 1 for group in groups)
+        k
+        for k in others
+        if any(len({str(labels[k][i]) for i in group} - {"None"}) > 1 for group in groups)
     ]
 
 

@@ -25,6 +25,7 @@ WORDS = {"relative_rms_percent": "relative RMS error [%]", "fit_seconds": "time 
 MARKERS = "osD^vP*X"
 DECADES = 1.0  # of values: from here on the axis is logarithmic
 BEYOND = 10.0  # times the largest median: the end of the axis
+DRAWN = 15  # values that a line joins; more were drawn at random, and other choices with them
 TICKS = 8  # values that fit beside each other
 PANELS = ("system", "scenario")
 
@@ -114,8 +115,18 @@ def _draw_lines(
         finite = [[v for v in group.values if math.isfinite(v)] for group in of_name]
         high = [max(values, default=math.nan) for values in finite]
         colour, marker = names[name], MARKERS[list(names).index(name) % len(MARKERS)]
-        axes.plot(places, middle, marker=marker, markersize=4, color=colour, label=name or None)
-        axes.fill_between(places, low, high, color=colour, alpha=0.25, linewidth=0.0)
+        joined = "-" if len(places) <= DRAWN else "none"
+        style: dict[str, Any] = {
+            "marker": marker,
+            "markersize": 4,
+            "color": colour,
+            "linestyle": joined,
+        }
+        axes.plot(places, middle, label=name or None, **style)
+        if len(places) <= DRAWN:
+            axes.fill_between(places, low, high, color=colour, alpha=0.25, linewidth=0.0)
+        else:
+            axes.vlines(places, low, high, color=colour, alpha=0.4)
         lost = [p for p, group in zip(places, of_name, strict=True) if group.diverged]
         if lost:
             edge = axes.get_xaxis_transform()

@@ -20,6 +20,7 @@ import torch
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import beta, binomtest
+from torch import Tensor
 
 from models.detection.detector import conformal_rank, first_alarm
 from report.console import one_line_errors
@@ -76,9 +77,14 @@ class Score:
         return [float(q) for q in np.quantile(self.delays, [0.25, 0.5, 0.75], method="higher")]
 
 
+def false_of(sound: Tensor) -> int:
+    """Records of levels (B, K, n) with an alarm."""
+    return int((sound.amax(dim=(1, 2)) > 1.0).sum())
+
+
 def score(motions: Motions, outcome: Outcome) -> Score:
     """Count the alarms of a watch."""
-    false = int((outcome.sound.amax(dim=(1, 2)) > 1.0).sum())
+    false = false_of(outcome.sound)
     early, delays, right_dof, right_element = 0, [], 0, 0
     all_delays = delays_of(outcome.damaged)
     for levels, element, delay in zip(outcome.damaged, motions.lost, all_delays, strict=True):
@@ -144,6 +150,15 @@ def heading() -> str:
     )
 
 
+def total(outcomes: dict[str, dict[str, Outcome]]) -> str:
+    """False alarms of all systems and watches together."""
+    levels = [o.sound for by_watch in outcomes.values() for o in by_watch.values()]
+    sound, false = (sum(map(count, levels)) for count in (len, false_of))
+    return f"All together: {false} of {sound} watched sound motions with an alarm, " + (
+        f"{100 * false / sound:.1f} %."
+    )
+
+
 def detect(systems: Sequence[str], seeds: int, figures: Path | None, console: Console) -> None:
     """The study of some systems, printed as it goes."""
     console.print(heading())
@@ -152,6 +167,7 @@ def detect(systems: Sequence[str], seeds: int, figures: Path | None, console: Co
         motions = motions_of(system, range(FIRST_SEED, FIRST_SEED + seeds))
         outcomes[system] = {w.name: watched(w, system, motions) for w in WATCHES}
         console.print(table_of(system, motions, outcomes[system]))
+    console.print(total(outcomes))
     if figures is not None:
         save_figure(delays_figure(outcomes), figures, "detection_delays")
         save_figure(levels_figure(outcomes), figures, "detection_levels")

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from report.detection_study import DURATION, LOOK, TIME, Outcome, delays_of
 
-COLOURS = ("#999999", "#666666", "#edae49", "#d1495b", "#9b5de5", "#00798c", "#30638e", "#003d5b")
+COLOURS = ("#aaaaaa", "#555555", "#edae49", "#d1495b", "#9b5de5", "#6a994e", "#219ebc", "#023047")
 Outcomes = dict[str, dict[str, Outcome]]  # by system and watch
 
 

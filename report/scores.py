@@ -43,6 +43,7 @@ def scores_of(metrics: Mapping[str, Any]) -> Iterator[Score]:
                 yield Score("", "", name, None, math.inf if value is None else float(value))
     for split in SPLITS:
         yield from _of_split(split, "", metrics.get(split) or {})
+    yield from _online(metrics.get("online") or {})
 
 
 def _of_split(split: str, estimate: str, scores: Mapping[str, Any]) -> Iterator[Score]:
@@ -57,6 +58,18 @@ def _of_split(split: str, estimate: str, scores: Mapping[str, Any]) -> Iterator[
                 yield Score(split, estimate, name, None, float(min(value)))
         elif name != "none":  # why there is no free run
             yield _score(split, estimate, name, None, value)
+
+
+def _online(online: Mapping[str, Any]) -> Iterator[Score]:
+    """Of a model that adapts (report/online.py); infinite where an error never came so far down."""
+    for way, told in online.get("ways", {}).items():
+        estimate = "" if way == "adapting" else way
+        yield _score("test", estimate, "worst_percent", None, told["worst_percent"])
+        for level, seconds in told["settle_s"].items():
+            never = math.inf if seconds is None else seconds
+            yield Score("test", estimate, f"settle_s/{level}", None, never)
+    for seconds, percent in online.get("learnt_percent", {}).items():
+        yield _score("test", "", f"learnt_percent/{seconds}", None, percent)
 
 
 def _score(split: str, estimate: str, name: str, dof: int | None, value: float | None) -> Score:

@@ -21,7 +21,11 @@ from report.tuning import ONSET, WAYS, Case, after_onset, spread
 TEMPLATE = Path(__file__).with_name("tuning_page.md")
 PRINTED = {"bouc_wen": "Bouc–Wen"}
 FAST = 200.0  # rad/s: filters that follow the motion closely
-SEARCHED = ("vwnn", "power_series_residual", "residual_mlp")  # one of each search
+SEARCHES = {  # a model of each
+    "tune_vwnn": "vwnn",
+    "tune_polynomial": "power_series_residual",
+    "tune_networks": "residual_mlp",
+}
 
 
 def write_tuning_page(page: Path, cases: Sequence[Case]) -> None:
@@ -40,13 +44,16 @@ def _facts(cases: Sequence[Case]) -> Iterator[tuple[str, str]]:
     yield "onset", as_rows(_onsets(cases, onset))
     yield "free_runs", as_rows(_free_runs(cases))
     yield "warmup", as_rows(_warmup())
+    for name in ("cutoff", "stages"):
+        found = [c.settings.get(f"model.{name}", "–") for c in cases if c.model == "vwnn"]
+        yield name, ", ".join(found) or "–"
     yield "trials", "; ".join(_trials(cases))
     lost = sum(len(c.folders[w]) - len(c.metrics[w]) for c in cases for w in WAYS)
     yield "runs", str(sum(len(c.folders[way]) for c in cases for way in WAYS))
     yield "lost", str(lost)
     models = {case.model for case in cases}
-    missing = [model for model in SEARCHED if model not in models]
-    yield "missing", f" Not searched here: {', '.join(missing)}." if missing else ""
+    missing = [f"`{search}`" for search, model in SEARCHES.items() if model not in models]
+    yield "missing", f" Not run for this page: {', '.join(missing)}." if missing else ""
 
 
 def _head(case: Case) -> tuple[str, str]:

@@ -127,6 +127,14 @@ def test_a_number_is_drawn_as_a_line_with_its_range(cutoffs):
     assert axes.get_xlabel() == "model.cutoff"
 
 
+def test_values_drawn_at_random_are_not_joined_by_a_line(tmp_path):
+    for seed in range(20):
+        add_run(tmp_path, 5.0, seed=seed, cutoff=1.0 + 1.7 * seed)
+    (axes,) = draw_comparison(compared(tmp_path, "model.cutoff")).axes
+    assert axes.lines[0].get_linestyle() == "None"
+    assert len(axes.lines[0].get_xdata()) == 20
+
+
 def test_words_are_drawn_as_rows_of_runs(tmp_path):
     for model, error in (("linear", 10.0), ("vwnn", LOST)):
         for seed in range(3):

@@ -138,6 +138,14 @@ def test_a_ray_cluster_loses_a_node_and_no_run(tmp_path, undisturbed):
     assert results(tmp_path) == undisturbed
 
 
+@needs_ray
+def test_a_cluster_that_is_not_there_is_told_in_one_line(tmp_path):
+    words = ["hydra/launcher=ray", "hydra.launcher.address=127.0.0.1:1"]
+    printed = (process := sweep(tmp_path, *words)).communicate()[0].splitlines()
+    assert process.returncode == 1
+    assert printed[-1].startswith("error: hydra.launcher.address=127.0.0.1:1 does not answer")
+
+
 def busy(node: subprocess.Popen) -> bool:
     """Whether a Ray node does a run now: its processes are renamed then."""
     names = processes_of(node).values()

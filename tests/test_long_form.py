@@ -67,6 +67,21 @@ def test_what_diverged_is_infinite_and_says_so(tmp_path):
     assert set(table[table.split == "test"].status) == {"finished"}
 
 
+def test_what_an_online_model_learns_and_never_reaches(tmp_path):
+    path = add_run(tmp_path, 1.0)
+    metrics = json.loads((path / "metrics.json").read_text())
+    way = {"settle_s": {"5": None, "10": 2.5}, "worst_percent": None, "unstable_s": None}
+    ways = {"adapting": way, "frozen": way}
+    metrics["online"] = {"ways": ways, "learnt_percent": {"10": 7.0}}
+    (path / "metrics.json").write_text(json.dumps(metrics))
+    table = table_of(tmp_path).set_index(["estimate", "metric"])
+    assert table.loc[("", "settle_s/10"), "value"] == 2.5
+    assert table.loc[("frozen", "settle_s/5"), "value"] == math.inf
+    assert table.loc[("frozen", "settle_s/5"), "status"] == "finished"
+    assert table.loc[("frozen", "worst_percent"), "status"] == "diverged"
+    assert table.loc[("", "learnt_percent/10"), "value"] == 7.0
+
+
 def test_a_model_without_a_free_run_has_no_row_for_it(tmp_path):
     add_run(tmp_path, NO_FREE_RUN)
     assert "free_run" not in set(table_of(tmp_path).split)

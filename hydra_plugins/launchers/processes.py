@@ -14,7 +14,7 @@ from typing import Any
 
 from hydra_plugins.launchers.launcher import Worker
 
-TRIES = 3  # of a run whose process is lost; more often, and the run itself is the reason
+TRIES = 4  # of a run whose process is lost; more often, and the run itself is the reason
 _worker: Worker
 
 

@@ -8,6 +8,7 @@ bear, and its first lost run ends the sweep.
 from __future__ import annotations
 
 import os
+import socket
 
 from hydra_plugins.launchers.launcher import SweepLauncher, Worker
 
@@ -33,6 +34,7 @@ class RayLauncher(SweepLauncher):
             raise ValueError(
                 "hydra/launcher=ray needs Ray; pip install -c constraints.txt -e '.[ray]'"
             ) from None
+        self._check_address()
         try:
             ray.init(
                 address=self.address,
@@ -41,10 +43,9 @@ class RayLauncher(SweepLauncher):
                 log_to_driver=False,
                 logging_level="ERROR",
             )
-        except ConnectionError as error:
-            raise ValueError(
-                f"hydra.launcher.address={self.address}: {error}; see docs/sweeps.md"
-            ) from None
+        except (ConnectionError, ray.exceptions.RayError) as error:
+            reason = " ".join(str(error).split())
+            raise ValueError(f"hydra.launcher.address={self.address}: {reason}") from None
         try:
             # a process unpickles the function, and with it the worker, once for all its runs
             run = ray.remote(lambda words: worker(words))
@@ -52,6 +53,19 @@ class RayLauncher(SweepLauncher):
             return self._lost({" ".join(words): run.remote(words) for words in jobs})
         finally:
             ray.shutdown()
+
+    def _check_address(self) -> None:
+        """Raise ValueError where nobody listens; Ray itself would try for minutes."""
+        host, _, port = self.address.partition(":")
+        if not port.isdigit():
+            return
+        try:
+            socket.create_connection((host, int(port)), timeout=10.0).close()
+        except OSError as error:
+            raise ValueError(
+                f"hydra.launcher.address={self.address} does not answer ({error}); "
+                f"ray start --head --port={port} starts a cluster there, see docs/sweeps.md"
+            ) from None
 
     def _lost(self, results: dict) -> dict[str, str]:
         import ray

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 
-from hydra_plugins.grid_sweeper.grid_sweeper import GridSweeper
+from hydra_plugins.grid_sweeper.grid_sweeper import GridSweeper, tell_lost
 
 if TYPE_CHECKING:
     from report.search import Search
@@ -123,22 +123,38 @@ class SearchSweeper(GridSweeper):
         return [list(job) for job in self.split_arguments(overrides, None)[0]]
 
     def run(self, jobs: Mapping[Path, list[str]]) -> None:
-        """Those that are neither finished nor bound to fail again."""
-        from report.sweep import is_finished, would_fail_again
+        """Those that are neither finished nor bound to fail again.
+
+        Raises ValueError where some were lost, by the fault of a disk or a machine: a setting is
+        not to be judged by that.
+        """
+        from report.runs import FAILED, METRICS
 
         assert self.launcher is not None
-        pending = [j for f, j in jobs.items() if not is_finished(f) and not would_fail_again(f)]
+        pending = self._pending(jobs)
+        for folder in pending:
+            for name in (FAILED, METRICS):  # of other code, or of a run that was lost
+                (folder / name).unlink(missing_ok=True)
         if pending:
-            self.launcher.launch(pending, initial_job_idx=0)
+            tell_lost(self.launcher.launch(list(pending.values()), initial_job_idx=0))
+        if lost := self._pending(pending):
+            raise ValueError(f"{len(lost)} runs of the search were lost; repeat the command")
+
+    @staticmethod
+    def _pending(jobs: Mapping[Path, list[str]]) -> dict[Path, list[str]]:
+        from report.sweep import is_finished, would_fail_again
+
+        return {f: j for f, j in jobs.items() if not is_finished(f) and not would_fail_again(f)}
 
     def finish(self, jobs: Mapping[Path, list[str]]) -> bool:
         """The runs on fresh seeds, with progress and a summary; whether all are done."""
-        from report.sweep import Watch, is_finished, print_summary, would_fail_again
+        from report.sweep import Watch, is_finished, print_summary
 
-        done = [folder for folder in jobs if is_finished(folder)]
-        hopeless = [f for f in jobs if f not in done and would_fail_again(f)]
-        pending = [folder for folder in jobs if folder not in (*done, *hopeless)]
+        assert self.launcher is not None
+        pending, done = self._pending(jobs), sum(map(is_finished, jobs))
+        hopeless = len(jobs) - len(pending) - done
         if pending:
-            with Watch(pending, len(jobs), len(hopeless)):
-                self.run({folder: jobs[folder] for folder in pending})
-        return print_summary(jobs, len(done), len(hopeless))
+            with Watch(list(pending), len(jobs), hopeless):
+                runs = self.launcher.launch(list(pending.values()), initial_job_idx=0)
+            tell_lost(runs)
+        return print_summary(jobs, done, hopeless)
