@@ -142,8 +142,14 @@ def tables(folder: Path) -> dict[str, list]:
     found = {}
     for path in output.glob("*.csv"):
         with path.open(encoding="utf-8") as file:
-            found[path.name] = [without_times(row) for row in csv.DictReader(file)]
+            rows = [r for r in csv.DictReader(file) if "seconds" not in r.get("metric", "")]
+        found[path.name] = [without_times({**row, "run": _name(row)}) for row in rows]
     return found
+
+
+def _name(row: dict[str, str]) -> str:
+    """A run's folder in any sweep."""
+    return Path(row.get("run", "")).name
 
 
 def main() -> int:
