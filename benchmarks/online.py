@@ -1,7 +1,7 @@
 """Is an on-line VWNN fast, small and safe enough to run for hours?
 
     python -m benchmarks.online            # all parts
-    python -m benchmarks.online update     # one: update, hour or long
+    python -m benchmarks.online update     # one: update, hour, paced or long
     python -m benchmarks.online --quick    # short, for CI
 
 A VWNN of 3 DOFs and 91 features under recursive least squares, λ = 0.999, at 1 kHz; one thread.
@@ -12,6 +12,8 @@ update  time per sample of a whole step (guard, filters, features, estimate, law
         Time of the thread: what else runs on the machine still costs it caches, but no waiting.
 hour    3,600,000 steps of the compiled stream one after the other: those that took longer than the
         sample period of 1 ms, by the clock and by the processor time of the thread.
+paced   the same at the pace of the data, for a minute (--seconds 3600: an hour): samples whose
+        estimate and update were done later than the next one was due.
 long    10,000,000 steps with silence, a single sine and tiny motion between: definiteness of P,
         its largest variance, and what memory grew.
 """
@@ -162,6 +164,24 @@ def hour(count: int) -> None:
         )
 
 
+def paced(seconds: float) -> None:
+    """Samples that were done after the next one was due, at the pace of the data."""
+    stream, samples = new_stream(), samples_from(*motion(50.0))
+    count = round(seconds / DT)
+    late, begin = np.empty(count), time.perf_counter() + DT
+    for k, sample in enumerate(islice(cycle(samples), count)):
+        due = begin + k * DT
+        while (left := due - time.perf_counter()) > 0.0:
+            time.sleep(left)
+        stream.step(sample)
+        late[k] = time.perf_counter() - due
+    middle, most, worst = (np.percentile(late, q) * 1e6 for q in (50.0, 99.0, 100.0))
+    print(
+        f"paced: {count} samples at {1.0 / DT:g} Hz: {int((late > DT).sum())} done after the next "
+        f"was due; done within {middle:.0f} µs (median), {most:.0f} µs (99 %), {worst:.0f} µs (all)"
+    )
+
+
 def varied(a: torch.Tensor, f: torch.Tensor) -> list[Sample]:
     """The motion, then silence, a single sine and the motion a millionth as large."""
     t = DT * torch.arange(len(a), dtype=torch.float64)[:, None]
@@ -208,8 +228,9 @@ def long(count: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("part", nargs="?", choices=("update", "hour", "long"))
+    parser.add_argument("part", nargs="?", choices=("update", "hour", "paced", "long"))
     parser.add_argument("--quick", action="store_true", help="20,000 steps and short blocks")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of `paced`")
     options = parser.parse_args()
     torch.set_num_threads(1)
     threadpool_limits(1)
@@ -220,6 +241,8 @@ def main() -> None:
         update(Console(width=110), 3 if options.quick else BLOCKS)
     if options.part in (None, "hour"):
         hour(short or 3_600_000)
+    if options.part in (None, "paced"):
+        paced(5.0 if options.quick else options.seconds)
     if options.part in (None, "long"):
         long(short or 10_000_000)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from itertools import pairwise
 from math import isfinite
 from statistics import median
 
@@ -25,7 +25,7 @@ class SampleClock:
         self.origin: float | None = None  # stamp at time 0
         self.behind = 0
         self.note = ""  # what was done to the newest stamp
-        self._steps: list[float] = []
+        self._stamps: list[float] = []  # the first ones
 
     def __call__(self, stamp: float | None) -> float:
         """Time [s] of the next sample, whose stamp [s] may be missing."""
@@ -35,7 +35,7 @@ class SampleClock:
         if self.origin is None:
             self.origin = stamp - (self.time + self.dt)
         time = stamp - self.origin
-        self._look_at(time - self.time)
+        self._look_at(stamp)
         if self.time < time < self.time + LEAP:
             return self._advance(time)
         self.behind += time <= self.time
@@ -49,16 +49,14 @@ class SampleClock:
         self.time, self.behind = time, 0
         return time
 
-    def _look_at(self, step: float) -> None:
-        if len(self._steps) == LOOKED_AT:
+    def _look_at(self, stamp: float) -> None:
+        if len(self._stamps) > LOOKED_AT:
             return
-        self._steps.append(step)
-        if len(self._steps) == LOOKED_AT and not _near(self._steps, self.dt):
-            raise ValueError(
-                f"the time stamps are {median(self._steps):g} s apart; expected {self.dt:g} s; "
-                "say their unit (--units time=ms) or the rate (--rate)"
-            )
-
-
-def _near(steps: Sequence[float], dt: float) -> bool:
-    return 0.5 * dt < median(steps) < 1.5 * dt
+        self._stamps.append(stamp)
+        if len(self._stamps) > LOOKED_AT:
+            step = median(later - sooner for sooner, later in pairwise(self._stamps))
+            if not 0.5 * self.dt < step < 1.5 * self.dt:
+                raise ValueError(
+                    f"the time stamps are {step:g} s apart; expected {self.dt:g} s; "
+                    "say their unit (--units time=ms) or the rate (--rate)"
+                )

@@ -3,6 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
+
+
+class Sized(Protocol):
+    """What was built for so many sensors."""
+
+    dt: float  # [s]
+    dofs: int
+    inputs: int
 
 
 @dataclass(frozen=True)
@@ -14,8 +23,9 @@ class Sensors:
     inputs: int  # channels of excitation
     forced: list[int] | str | None = None
 
-    def check(self, dt: float, dofs: int, inputs: int) -> None:
-        """Raise ValueError unless an estimator of this size and time step can use them."""
+    def check(self, estimator: Sized) -> None:
+        """Raise ValueError unless an identified estimator can use them."""
+        dt, dofs, inputs = estimator.dt, estimator.dofs, estimator.inputs
         if (self.dofs, self.inputs) != (dofs, inputs):
             raise ValueError(
                 f"the source has {self.dofs} accelerations and {self.inputs} channels of "

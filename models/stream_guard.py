@@ -144,9 +144,9 @@ class Watch:
         if self.bad:
             self.unsettled = self.guard.settle
             return a, False
-        if self.unsettled:
-            self.unsettled -= 1
-        return a, self.unsettled == 0
+        settled = self.unsettled == 0
+        self.unsettled -= not settled
+        return a, settled
 
     def bounded(self, estimate: Tensor) -> Tensor:
         """An estimate (n,) that may stand in: finite, and within what has been measured so far."""

@@ -10,6 +10,7 @@ python -m report.live --listen 5000 --run FOLDER             the same from a soc
 
 from __future__ import annotations
 
+import argparse
 import gc
 import sys
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ import torch
 from rich.console import Console
 
 from data.command_line import Parser
+from models.stream import Stream
 from report.console import command_errors
 from report.live_alarm import ResidualAlarm
 from report.live_log import EstimatesFile, Scalars
@@ -53,39 +55,40 @@ def parser() -> Parser:
 def live(words: Sequence[str] | None = None) -> int:
     """Follow a source to its end, or to Ctrl-C; the exit status. Raises ValueError, OSError."""
     args = parser().parse_intermixed_args(words)
-    kind, settings = split_words(args)
     torch.set_num_threads(1)
-    folder = None if args.run is None else Path(args.run)
+    console = Console()
     with ExitStack() as stack:
-        if folder is None:
-            cfg, stream = fresh_config(settings, kind == "replay"), None
-        else:
-            cfg = changed_run(folder, settings)
-            relaw = any(word.startswith("adaptation") for word in settings)
-            stream = stream_of_run(cfg, folder, relaw)
-        dt = None if stream is None else stream.estimator.dt
-        source = source_of(kind, args, cfg, dt, stack)
-        if stream is None:
-            stream = stream_from_nothing(cfg, source.sensors)
-        estimator = stream.estimator
-        source.sensors.check(estimator.dt, estimator.dofs, estimator.inputs)
-        alarm = None
-        if args.sound is not None:
-            alarm = ResidualAlarm(estimator.dofs, estimator.dt, args.sound)
+        source, stream = _opened(args, stack)
+        dofs, dt = stream.estimator.dofs, stream.estimator.dt
+        alarm = None if args.sound is None else ResidualAlarm(dofs, dt, args.sound)
         monitor = LiveMonitor(stream, source.period)
+        view = LiveView(monitor, source.lines, console, args.every)
         logs: list[EstimatesFile | Scalars] = []
         if args.output is not None:
-            logs.append(EstimatesFile(Path(args.output), estimator.dofs, args.force))
+            logs.append(EstimatesFile(Path(args.output), dofs, args.force))
         if args.log is not None:
             logs.append(Scalars(Path(args.log), monitor, alarm))
         for log in logs:
             stack.callback(log.close)
-        console = Console()
-        view = LiveView(monitor, source.lines, console, args.every)
         status = _watch(source, monitor, alarm, logs, view)
-        for line in summary(monitor, source.lines):
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+    for line in summary(monitor, source.lines):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     return status
+
+
+def _opened(args: argparse.Namespace, stack: ExitStack) -> tuple[Source, Stream]:
+    """The source, and a stream that fits it: of a run, or from nothing."""
+    kind, settings = split_words(args)
+    if args.run is None:
+        cfg = fresh_config(settings, kind == "replay")
+        source = source_of(kind, args, cfg, None, stack)
+        return source, stream_from_nothing(cfg, source.sensors)
+    cfg = changed_run(Path(args.run), settings)
+    relaw = any(word.startswith("adaptation") for word in settings)
+    stream = stream_of_run(cfg, Path(args.run), relaw)
+    source = source_of(kind, args, cfg, stream.estimator.dt, stack)
+    source.sensors.check(stream.estimator)
+    return source, stream
 
 
 def _watch(

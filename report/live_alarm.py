@@ -1,8 +1,9 @@
 """The alarm of a live run: CUSUM of the residual, on what the first seconds of it were like.
 
 The threshold is that of one false alarm an hour, by Siegmund's formula for independent normal looks
-(models/detection/cumulative_sum.py). Real looks are neither, so the rate is a guess: a threshold
-with a rate that holds takes sound records of hours, see models/detection/detector.py.
+(models/detection/cumulative_sum.py). Real looks are neither, and false alarms come several times as
+often (docs/live.md): a threshold with a rate that holds takes sound records of hours, see
+models/detection/detector.py.
 """
 
 from __future__ import annotations

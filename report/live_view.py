@@ -140,10 +140,7 @@ def event_line(monitor: LiveMonitor) -> str:
 
 def alarm_line(raised: Raised) -> str:
     alarm = raised.alarm
-    return (
-        f"ALARM at {raised.time:.1f} s: the structure has changed, DOF {alarm.dof} "
-        f"({alarm.size:.1f} times the threshold)"
-    )
+    return f"ALARM at {raised.time:.1f} s: DOF {alarm.dof}, {alarm.size:.1f} times the threshold"
 
 
 def summary(monitor: LiveMonitor, lines: SampleLines | None) -> list[str]:

@@ -31,6 +31,7 @@ from report.study_tables import percent
 USUAL = tuple(Path(f"runs/tune_{what}") for what in ("vwnn", "polynomial", "networks"))
 FILE = "search.json"  # of report/search.py, which needs Optuna; this does not
 ONSET = 100  # samples: the first second, as little counted here as in the search
+GAIN = 0.999  # of the error as configured: less is better
 WAYS = ("configured", "tuned")
 
 
@@ -69,10 +70,10 @@ class Case:
 
     @property
     def better(self) -> str:
-        """On how many of the seeds that both have the tuned settings do better."""
+        """On how many of the seeds that both have the tuned settings do better, not by rounding."""
         configured, tuned = (self.errors(way) for way in WAYS)
         both = configured.keys() & tuned.keys()
-        return f"{sum(tuned[seed] < configured[seed] for seed in both)} of {len(both)}"
+        return f"{sum(tuned[seed] < GAIN * configured[seed] for seed in both)} of {len(both)}"
 
     @property
     def settings(self) -> dict[str, str]:

@@ -122,7 +122,7 @@ def _held_back(*words: str) -> str:
 def _trials(cases: Sequence[Case]) -> Iterator[str]:
     counts = {case.model: (len(case.told["trials"]), len(case.told["seeds"])) for case in cases}
     for model, (trials, seeds) in counts.items():
-        yield f"`{model}` {trials} trials of {seeds} runs per system"
+        yield f"`{model}` {trials} of {seeds} runs"
 
 
 def as_rows(rows: Iterator[Sequence[str]]) -> str:

@@ -58,8 +58,8 @@ class RecursiveLeastSquares(Law):
         weights = torch.addr(state.weights, gain, error)
         if self.forgetting == 1.0:  # variances only fall
             return Adapted(weights, S)
-        largest, place = (float(u) for u in S.square().sum(dim=1).max(dim=0))
-        limit = self.limit * self.variance
+        length, place = (float(u) for u in torch.linalg.vector_norm(S, dim=1).max(dim=0))
+        largest, limit = length**2, self.limit * self.variance
         if largest > limit:
             S, _ = _measured(S, S[int(place)], limit * largest / (largest - limit))
         return Adapted(weights, S)
