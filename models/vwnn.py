@@ -73,7 +73,7 @@ class VWNN(LinearInWeights):
             xi, state = self.filters(zeta, state)
             if self.unfiltered_excitation:
                 xi = torch.cat([xi, f], dim=-1)
-            yield span, self.activation.without_derivatives(xi)
+            yield span, self.activation.products_of(xi)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         fit = LeastSquares(self.ridge, self.each)

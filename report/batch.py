@@ -30,7 +30,7 @@ from models.training.simulate import simulate
 from report.runs import CHECKPOINT, begin_run, finish_run, identity_of, plain
 from report.summary import metrics_of
 
-AT_ONCE = 16  # runs; more take more memory and no less time
+AT_ONCE = 4  # runs on each core; more take more memory and no less time
 
 
 def can_be_batched(cfg: DictConfig) -> bool:
@@ -63,21 +63,26 @@ def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) ->
 
     Such are runs of which a motion escaped, and all of a batch whose closed form has no solution.
     """
-    shared, alone = data_from(cfg), []
+    shared, places = data_from(cfg), dict(zip(seeds, folders, strict=True))
     assert isinstance(shared, SimulatedData)
-    for first in range(0, len(seeds), AT_ONCE):
-        chosen = seeds[first : first + AT_ONCE]
-        of_seed = {seed: shared.of_seed(seed) for seed in chosen}
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            whole = list(pool.map(_made, of_seed.values()))
-        ready = [seed for seed, ok in zip(chosen, whole, strict=True) if ok]
-        alone += [seed for seed in chosen if seed not in ready]
-        places = dict(zip(seeds, folders, strict=True))
-        try:
-            _run_side_by_side(cfg, {seed: of_seed[seed] for seed in ready}, places)
-        except ValueError:  # said by the run it concerns, when it is done alone
-            alone += ready
-    return alone
+    groups = [seeds[first : first + AT_ONCE] for first in range(0, len(seeds), AT_ONCE)]
+
+    def run_group(group: Sequence[int]) -> list[int]:
+        return _run_group(deepcopy(cfg), {seed: shared.of_seed(seed) for seed in group}, places)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # most of the work releases the GIL
+        return [seed for left in pool.map(run_group, groups) for seed in left]
+
+
+def _run_group(
+    cfg: DictConfig, data: dict[int, SimulatedData], places: dict[int, Path]
+) -> list[int]:
+    ready = {seed: own for seed, own in data.items() if _made(own)}
+    try:
+        _run_side_by_side(cfg, ready, places)
+    except ValueError:  # said by the run it concerns, when it is done alone
+        return list(data)
+    return [seed for seed in data if seed not in ready]
 
 
 def _made(data: SimulatedData) -> bool:
@@ -92,6 +97,8 @@ def _made(data: SimulatedData) -> bool:
 def _run_side_by_side(
     cfg: DictConfig, data: dict[int, SimulatedData], places: dict[int, Path]
 ) -> None:
+    if not data:
+        return
     each = list(data.values())
     fitted = fit_each(cfg.model, each)
     baselines = {name: fit_each(model, each) for name, model in cfg.baselines.items()}
