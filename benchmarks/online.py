@@ -162,6 +162,22 @@ def hour(count: int) -> None:
             f"  {name}: {late} longer than {DT * 1e3:g} ms; median {np.median(times) * 1e6:.1f}, "
             f"99.99 % below {percentile * 1e6:.0f}, longest {times.max() * 1e6:.0f} µs"
         )
+    gaps = gaps_of_the_machine(walls.sum())
+    print(
+        f"  the machine alone: reading the clock in a loop stood still over {DT * 1e3:g} ms "
+        f"{len(gaps)} times in as long, {max(gaps, default=0.0) * 1e6:.0f} µs at the longest"
+    )
+
+
+def gaps_of_the_machine(seconds: float) -> list[float]:
+    """Between two looks at the clock, where they are longer than the sample period [s]."""
+    gaps, now = [], time.perf_counter()
+    end = now + seconds
+    while now < end:
+        before, now = now, time.perf_counter()
+        if now - before > DT:
+            gaps.append(now - before)
+    return gaps
 
 
 def paced(seconds: float) -> None:
