@@ -14,9 +14,9 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from data.sample import Sample
+from models import vwnn_compiled
 from models.estimator import along, weight_matrix
 from models.layers.features import SigmoidProducts
-from models.layers.features_compiled import vwnn_free_run
 from models.layers.filters import LowPassCascade
 from models.layers.integrate import integrated
 from models.layers.least_squares import LeastSquares
@@ -116,12 +116,12 @@ class VWNN(LinearInWeights):
         """The filters start at rest; initial state and excitation between samples do not matter."""
         self.check_drive(drive)
         self.require_identified(self.weights)
-        driven, _ = self.filters(drive.u)  # (…, T, m·stages)
         run = self._run_compiled if drive.u.device.type == "cpu" else self._run
-        return integrated(run(driven.unflatten(-1, (self.filters.stages, -1)), drive), drive)
+        return integrated(run(drive), drive)
 
-    def _run(self, driven: Tensor, drive: Drive) -> Tensor:
-        """ẍ̂ (…, T, n) of the filtered excitation (…, T, stages, m)."""
+    def _run(self, drive: Drive) -> Tensor:
+        """ẍ̂ (…, T, n)."""
+        driven = self.filters(drive.u)[0].unflatten(-1, (self.filters.stages, -1))
         state, history = torch.zeros_like(drive.x0).unsqueeze(-2), []
         state = state.expand(*drive.x0.shape[:-1], self.filters.stages, self.dofs)
         for filtered, u in zip(driven.unbind(dim=-3), drive.u.unbind(dim=-2), strict=True):
@@ -134,15 +134,14 @@ class VWNN(LinearInWeights):
             state = self.filters.step(a, state)
         return torch.stack(history, dim=-2)
 
-    def _run_compiled(self, driven: Tensor, drive: Drive) -> Tensor:
+    def _run_compiled(self, drive: Drive) -> Tensor:
         """The same on the processor, some hundred times faster."""
         a = torch.empty(*drive.u.shape[:-1], self.dofs, dtype=torch.float64)
-        unfiltered = drive.u if self.unfiltered_excitation else drive.u[..., :0]
         factors, weights = self.activation.places().numpy(), self.weights.detach().numpy()
         settings = float(self.filters.decay), float(self.activation.weight), factors
         for place in np.ndindex(a.shape[:-2]):
-            of_one = (signal[place].contiguous().numpy() for signal in (driven, unfiltered, a))
-            filtered, u, estimate = of_one
+            u, estimate = drive.u[place].contiguous().numpy(), a[place].numpy()
             own = weights[place[0]] if weights.ndim == 3 else weights
-            vwnn_free_run(filtered, u, *settings, own, estimate)
+            unfiltered = self.unfiltered_excitation
+            vwnn_compiled.free_run(self.filters.stages, u, unfiltered, *settings, own, estimate)
         return a

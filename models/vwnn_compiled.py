@@ -1,7 +1,7 @@
-"""One sample of a VWNN compiled: filters, sigmoids, products, estimate and the weights' update.
+"""A VWNN compiled: estimate, filters and the weights' update of a sample, and the free run.
 
-The twin of VWNN and its law, which tests hold it to; nothing is allocated.
-S stages, C = n + m channels of ζ = [ẍ, f], P features, n DOFs.
+The twin of VWNN and its law, which tests hold it to; a sample allocates nothing.
+T samples, S stages, C = n + m channels of ζ = [ẍ, f], P features, n DOFs.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from data.compiled import compilers
 from models.adaptation.compiled import HERE, adapt
 
-compiled, _ = compilers(Path(__file__), HERE, contract=True, reassociate=True)
+compiled, inlined = compilers(Path(__file__), HERE, contract=True, reassociate=True)
 
 
 @compiled
@@ -38,16 +38,33 @@ def estimate(xi, f, unfiltered, sigmoid_weight, factors, W, h, phi, made):
             made[j] += product * W[p, j]
 
 
-@compiled
-def learn(xi, a, f, decay, sound, law, settings, phi, made, W, memory, error, work):
-    """The law's step, where the acceleration a (n,) is sound, and the filters' state one on."""
+@inlined
+def _advance(xi, a, f, decay):
+    """The filters' state ξ (S, C) one sample on."""
     S, C = xi.shape
     n = a.size
-    if sound:
-        for j in range(n):
-            error[j] = a[j] - made[j]
-        adapt(law, settings, W, memory, phi, error, work)
     for i in range(S - 1, -1, -1):  # from the last stage, which the one before has yet to change
         for j in range(C):
             u = xi[i - 1, j] if i > 0 else (a[j] if j < n else f[j - n])
             xi[i, j] = decay * xi[i, j] + (1.0 - decay) * u
+
+
+@compiled
+def learn(xi, a, f, decay, sound, law, settings, phi, made, W, memory, error, work):
+    """The law's step, where the acceleration a (n,) is sound, and the filters' state one on."""
+    if sound:
+        for j in range(a.size):
+            error[j] = a[j] - made[j]
+        adapt(law, settings, W, memory, phi, error, work)
+    _advance(xi, a, f, decay)
+
+
+@compiled
+def free_run(stages, f, unfiltered, decay, sigmoid_weight, factors, W, a):
+    """Writes ẍ̂ (T, n) under an excitation (T, m), on its own estimates, from rest."""
+    m, C = f.shape[1], a.shape[1] + f.shape[1]
+    xi, phi = np.zeros((stages, C)), np.empty(W.shape[0])
+    h = np.ones(stages * C + unfiltered * m + 1)
+    for k in range(f.shape[0]):
+        estimate(xi, f[k], unfiltered, sigmoid_weight, factors, W, h, phi, a[k])
+        _advance(xi, a[k], f[k], decay)
