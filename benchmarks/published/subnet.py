@@ -2,7 +2,7 @@
 
 deepSI 0.4 (BSD), Beintema, Schoukens & Tóth (2023), doi 10.1016/j.automatica.2023.111210.
 x[k+1] = f(x[k], u[k]), a[k] = h(x[k], u[k]); networks f, h and encoder, Adam, and the error over
-sections simulated from encoded states are the package's own; training ends with its time.
+sections simulated from encoded states are the package's own; training ends with its processor time.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def at_rest(signal: np.ndarray) -> np.ndarray:
 
 
 def fit(records: list[Record], seed: int, seconds: float) -> Callable[[Drive], np.ndarray]:
-    """Training ends after `seconds`."""
+    """Training ends after `seconds` of processor."""
     dsi = import_module("deepSI")
     dt = records[0].dt
     whole = [
@@ -64,10 +64,10 @@ def fit(records: list[Record], seed: int, seconds: float) -> Callable[[Drive], n
 
 def trained(dsi: Any, model: Any, train: list, validation: list, seconds: float) -> None:
     """The package's `fit`, ended as its user would, by an interrupt, when the time is over."""
-    end = time.perf_counter() + seconds
+    end = time.process_time() + seconds
 
     def loss(*arguments: Any) -> Tensor:
-        if time.perf_counter() > end:
+        if time.process_time() > end:
             raise KeyboardInterrupt
         return dsi.fitting.compute_NMSE(*arguments)
 
