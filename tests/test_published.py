@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import sys
+import time
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,7 +16,8 @@ import torch
 
 from benchmarks.published import __main__ as runner
 from benchmarks.published import measure, narx, sindy, subnet
-from benchmarks.published.table import cells, rows
+from benchmarks.published.page import write_page
+from benchmarks.published.table import cells, percent, rows
 from data.record import Record
 
 
@@ -50,6 +52,36 @@ def test_a_diverged_run_counts_as_infinite() -> None:
     assert [row[:4] for row in rows(two)] == [("bilinear", "8", "narx", "1")]
 
 
+def test_percent_keeps_three_digits_and_what_lies_before_the_point() -> None:
+    assert [percent(e) for e in (0.000123, 0.25, 1.04, 13.34, math.inf)] == [
+        "0.0123", "25", "104", "1334", "∞"
+    ]  # fmt: skip
+
+
+def test_page_is_filled_from_the_results_and_names_what_is_lost(tmp_path: Path) -> None:
+    def run(model: str, seed: int, error: float | None, remark: str = "") -> dict:
+        version, seconds = ("zoo", None) if model == "linear" else ("1.5", 5.0)
+        case = {"version": version, "seconds": seconds, "duration": 50.0, "seed": seed}
+        return result(error, remark) | {"model": model} | case
+
+    ours = [run("linear", 40, 0.2), run("linear", 41, 0.3)]
+    theirs = [run("narx", 40, 0.1), run("narx", 41, None, "over time"), run("sindy", 40, 0.26)]
+    page = tmp_path / "page.md"
+    write_page(page, [*theirs, *ours], range(40, 43))
+    text = page.read_text(encoding="utf-8")
+    assert "$" not in text
+    head, rule, *lines = text.split("Median over the seeds:\n\n")[1].split("\n\n")[0].splitlines()
+    assert head == "| model | bilinear, 8 records |"
+    assert rule == "| --- | ---: |"
+    assert lines == ["| `linear` | 25 |", "| `sindy` | 26 |", "| `narx` | ∞ |"]
+    assert "| `narx` | bilinear | 1 of 2 |" in text
+    assert "| `sindy` | bilinear | 0 of 1 |" in text
+    assert "| `narx` | bilinear | 8 | over time | 41 |" in text
+    assert "**Incomplete:** planned are seeds 42 too" in text
+    assert "--models linear --seeds 40 41 --page" in text
+    assert "deepSI, not run" in text
+
+
 def test_missing_packages_are_named_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -72,7 +104,10 @@ def test_a_stored_result_is_not_measured_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such alarm")
-def test_a_fit_without_end_is_stopped() -> None:
+def test_a_fit_without_end_is_stopped_by_processor_time_not_by_the_clock() -> None:
+    with measure.limited(0.2):
+        time.sleep(0.4)  # takes no processor
+
     def endless() -> None:
         while True:
             pass
