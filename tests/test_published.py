@@ -74,6 +74,8 @@ def test_page_is_filled_from_the_results_and_names_what_is_lost(tmp_path: Path) 
     assert head == "| model | bilinear, 8 records |"
     assert rule == "| --- | ---: |"
     assert lines == ["| `linear` | 25 |", "| `sindy` | 26 |", "| `narx` | ∞ |"]
+    assert "A package has the smallest median of all: nowhere." in text
+    assert "An estimator of the zoo has it: `linear` on bilinear, 8 records." in text
     assert "| `narx` | bilinear | 1 of 2 |" in text
     assert "| `sindy` | bilinear | 0 of 1 |" in text
     assert "| `narx` | bilinear | 8 | over time | 41 |" in text

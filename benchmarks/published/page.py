@@ -18,6 +18,8 @@ PRINTED = {"bouc_wen": "Bouc–Wen"}
 TRUTH = {"element_network": ("bilinear", "polynomial", "bouc_wen"), "sindy": ("polynomial",)}
 ZOO = "zoo"  # the version of its estimators
 
+Cases = dict[tuple[str, int], dict[str, float]]  # (system, records) → model → median error
+
 
 def write_page(page: Path, results: Sequence[Result], planned: Sequence[int]) -> None:
     """Fill the template. planned: the seeds that the command takes when none are named."""
@@ -58,27 +60,48 @@ def _missing(results: Sequence[Result], planned: Sequence[int]) -> str:
 
 
 def _of_tables(results: Sequence[Result]) -> Iterator[tuple[str, str]]:
-    yield "overview", as_markdown(list(_overview(results)))
+    cases = _medians(results)
+    yield "overview", as_markdown(list(_overview(cases)))
+    yield "ahead", _ahead(cases, _models(results, zoo=True))
     yield "wins", as_markdown(list(_wins(results)))
     yield "table", as_markdown([COLUMNS, *rows(list(results))])
     yield "lost", _lost(results)
 
 
-def _overview(results: Sequence[Result]) -> Iterator[Sequence[str]]:
-    """A column for each system and number of records, the best model of all columns first."""
+def _medians(results: Sequence[Result]) -> Cases:
+    """For each system and number of records, more of them first, the models' medians."""
     cases: dict[tuple[str, int], dict[str, list[float]]] = {}
     for r in sorted(results, key=lambda r: -r["records"]):
         case = cases.setdefault((r["system"], r["records"]), {})
         case.setdefault(r["model"], []).append(error(r))
-    middle = {key: {m: median(errors) for m, errors in c.items()} for key, c in cases.items()}
-    yield "model", *(f"{PRINTED.get(s, s)}, {n} record{'s' * (n > 1)}" for s, n in cases)
-    models = dict.fromkeys(r["model"] for r in results)
-    for model in sorted(models, key=lambda m: median(c.get(m, math.inf) for c in middle.values())):
+    return {key: {m: median(errors) for m, errors in c.items()} for key, c in cases.items()}
+
+
+def _name(system: str, records: int) -> str:
+    return f"{PRINTED.get(system, system)}, {records} record{'s' * (records > 1)}"
+
+
+def _overview(cases: Cases) -> Iterator[Sequence[str]]:
+    """A column for each system and number of records, the best model of all columns first."""
+    yield "model", *(_name(*key) for key in cases)
+    models = dict.fromkeys(model for case in cases.values() for model in case)
+    for model in sorted(models, key=lambda m: median(c.get(m, math.inf) for c in cases.values())):
         cells = []
-        for (system, _), case in middle.items():
+        for (system, _), case in cases.items():
             mark = " †" if system in TRUTH.get(model, ()) else ""
             cells.append(percent(case[model]) + mark if model in case else "")
         yield f"`{model}`", *cells
+
+
+def _ahead(cases: Cases, zoo: Sequence[str]) -> str:
+    """Where a package has the smallest median of all, and where none has."""
+    best = {key: min(case, key=lambda m: case[m]) for key, case in cases.items()}
+    packages = [f"`{m}` on {_name(*key)}" for key, m in best.items() if m not in zoo]
+    ours = [f"`{m}` on {_name(*key)}" for key, m in best.items() if m in zoo]
+    return (
+        f"A package has the smallest median of all: {'; '.join(packages) or 'nowhere'}. "
+        f"An estimator of the zoo has it: {'; '.join(ours) or 'nowhere'}."
+    )
 
 
 def _wins(results: Sequence[Result]) -> Iterator[Sequence[str]]:
