@@ -18,7 +18,8 @@ from omegaconf import OmegaConf
 import train
 from report import runs as runs_module
 from report.console import CONF, prepare_hydra
-from report.runs import config_digest, plain, read_failure
+from report.runs import config_digest, config_text, identity_of, plain, read_failure, run_name
+from report.seeds import SeedsOf
 from report.study import read_runs
 from report.sweep import is_finished
 from tests.test_train import run
@@ -48,13 +49,23 @@ def results(folder: Path) -> dict[str, dict]:
 
 
 def test_the_digest_tells_choices_that_change_numbers_and_no_others():
-    usual = config_digest(config())
-    assert usual == config_digest(
-        config("figures=false", "trainer.enable_progress_bar=false", "checkpoint_seconds=5")
-    )
+    usual = config_digest(plain(config()))
+    inert = config("figures=false", "trainer.enable_progress_bar=false", "checkpoint_seconds=5")
+    assert usual == config_digest(plain(inert))
     changes = ("threads=2", "trainer.max_epochs=5", "seed=1")
     for word in (*changes, "model.cutoff=51", "system.excitation.std=1.8", "data.tolerance=1e-8"):
-        assert config_digest(config(word)) != usual
+        assert config_digest(plain(config(word))) != usual
+
+
+def test_runs_of_other_seeds_are_named_and_written_without_composing_them():
+    of = SeedsOf(config("model=linear", "seed=3"))
+    assert of.alone
+    for seed in (0, 3, 1234):
+        own = config("model=linear", f"seed={seed}")
+        assert of.name(seed) == run_name(own)
+        assert of.identity(seed) == identity_of(plain(own))
+        assert of.text(seed) == config_text(own)
+    assert not SeedsOf(config("data.duration='${seed}'", "seed=3")).alone
 
 
 def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):
