@@ -1,12 +1,13 @@
 """What does a sweep over seeds cost, run by run and side by side?
 
-    python -m benchmarks.sweeps            # 1,000 runs of the VWNN by joblib, and batched
+    python -m benchmarks.sweeps            # 1,000 runs of the VWNN: in a row, by joblib, batched
     python -m benchmarks.sweeps --quick    # 40 runs
 
 Whole commands are timed, imports included, beside an empty sweep of the same command (all of its
-runs finished before), which is what a sweep costs without its runs. The second table is an upper
-limit of what training networks side by side could gain: loss and gradient of S global MLPs one
-after the other, and stacked under torch.func.
+runs finished before), which is what a sweep costs without its runs. A run's own work is what no
+tool could leave out: to simulate, fit and score; what a run takes beyond it is overhead. The second
+table is an upper limit of what training networks side by side could gain: loss and gradient of S
+global MLPs one after the other, and stacked under torch.func.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ import torch
 from torch.func import functional_call, grad, stack_module_state, vmap
 
 from models.mlp import GlobalMLP
-from models.training.assemble import data_from
+from models.training.assemble import data_from, estimator_from
+from models.training.identification import SPLITS
+from models.training.metrics import free_run_score, score
 from models.training.problem import Problem
 from report.console import composed
 
@@ -41,20 +44,51 @@ def sweep(runs: int, launcher: str, folder: Path) -> float:
     return time.perf_counter() - start
 
 
+def own_work(runs: int) -> float:
+    """Seconds a run takes to simulate, fit and score, one step ahead and in free run."""
+    torch.set_num_threads(1)
+    cfg = composed(*WORDS)
+    took = []
+    for seed in range(runs + 1):
+        cfg.seed = seed
+        start = time.perf_counter()
+        data = data_from(cfg)
+        data.setup()
+        data.own_error()
+        estimator = estimator_from(cfg.model, data)
+        estimator.identify(data.loader("train"))
+        for split in SPLITS:
+            score(estimator, data.loader(split))
+            free_run_score(estimator, data.loader(split))
+        took.append(time.perf_counter() - start)
+    return statistics.mean(took[1:])  # the first loads what is compiled
+
+
 def sweeps(runs: int) -> None:
+    own = 1e3 * own_work(runs // 10)
     print(f"{runs} runs of the VWNN on the bilinear system, {os.cpu_count()} cores")
+    print(f"own work of a run: {own:.0f} ms on one core\n")
     print("| launcher | s | s, nothing to do | ms a run, less that |")
     print("|---|---:|---:|---:|")
-    took = {}
-    for launcher in ("joblib", "batched"):
+    took, each = {}, {}
+    for launcher in ("basic", "joblib", "batched"):
         with tempfile.TemporaryDirectory() as folder:
             took[launcher] = sweep(runs, launcher, Path(folder))
             empty = sweep(runs, launcher, Path(folder))
             done = len(list(Path(folder).glob("*/metrics.json")))
         assert done == runs, f"{done} of {runs} runs are finished"
-        each = 1e3 * (took[launcher] - empty) / runs
-        print(f"| {launcher} | {took[launcher]:.1f} | {empty:.1f} | {each:.1f} |", flush=True)
-    print(f"batched is {took['joblib'] / took['batched']:.1f} times faster\n")
+        each[launcher] = 1e3 * (took[launcher] - empty) / runs
+        print(
+            f"| {launcher} | {took[launcher]:.1f} | {empty:.1f} | {each[launcher]:.1f} |",
+            flush=True,
+        )
+    print(f"\noverhead of a run beyond its own work: {each['basic'] - own:.0f} ms")
+    faster = {name: took[name] / took["batched"] for name in ("basic", "joblib")}
+    print(
+        "batched is {basic:.1f} times faster than basic, {joblib:.1f} than joblib\n".format(
+            **faster
+        )
+    )
 
 
 def networks(counts: list[int], repeats: int) -> None:
