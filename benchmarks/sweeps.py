@@ -24,6 +24,7 @@ from pathlib import Path
 import torch
 from torch.func import functional_call, grad, stack_module_state, vmap
 
+from benchmarks.timing import seconds_of
 from models.mlp import GlobalMLP
 from models.training.assemble import data_from, estimator_from
 from models.training.identification import SPLITS
@@ -110,31 +111,21 @@ def networks(counts: list[int], repeats: int) -> None:
             estimators.append(estimator.network)
             problems.append(Problem(estimator, record))
         u, y = (torch.stack([getattr(p, name) for p in problems]) for name in ("u", "y"))
-        alone = _median(lambda p=problems: [_gradient(one) for one in p], repeats)
+        one_by_one = seconds_of(lambda p=problems: [_gradient(one) for one in p], repeats)
         theta, fixed = stack_module_state(estimators)
 
         def loss(weights, scales, u, y, network=estimators[0]):
             return ((functional_call(network, (weights, scales), (u,)) - y) ** 2).mean()
 
         every = vmap(grad(loss))
-        together = _median(lambda: every(theta, fixed, u, y), repeats)  # noqa: B023
+        stacked = seconds_of(lambda: every(theta, fixed, u, y), repeats)  # noqa: B023
+        alone, together = (1e3 * statistics.median(times) for times in (one_by_one, stacked))
         print(f"| {count} | {alone:.1f} | {together:.1f} | {alone / together:.1f} |", flush=True)
 
 
 def _gradient(problem: Problem) -> None:
     free = [p for p in problem.module.parameters() if p.requires_grad]
     torch.autograd.grad(problem.loss(), free)
-
-
-def _median(work, repeats: int) -> float:
-    """Milliseconds."""
-    work()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return 1e3 * statistics.median(times)
 
 
 def main() -> None:
