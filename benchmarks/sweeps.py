@@ -1,6 +1,6 @@
 """What does a sweep over seeds cost, run by run and side by side?
 
-    python -m benchmarks.sweeps            # 1,000 runs of the VWNN: in a row, by joblib, batched
+    python -m benchmarks.sweeps            # 1,000 runs of the VWNN; 250 of them in a row
     python -m benchmarks.sweeps --quick    # 40 runs
 
 Whole commands are timed, imports included, beside an empty sweep of the same command (all of its
@@ -66,29 +66,26 @@ def own_work(runs: int) -> float:
 
 
 def sweeps(runs: int) -> None:
+    """Every launcher; the slow one with a quarter of the runs."""
     own = 1e3 * own_work(runs // 10)
-    print(f"{runs} runs of the VWNN on the bilinear system, {os.cpu_count()} cores")
+    print(f"the VWNN on the bilinear system, {os.cpu_count()} cores")
     print(f"own work of a run: {own:.0f} ms on one core\n")
-    print("| launcher | s | s, nothing to do | ms a run, less that |")
-    print("|---|---:|---:|---:|")
-    took, each = {}, {}
-    for launcher in ("basic", "joblib", "batched"):
+    print("| launcher | runs | s | s, nothing to do | ms a run, less that |")
+    print("|---|---:|---:|---:|---:|")
+    each = {}
+    for launcher, count in (("basic", runs // 4), ("joblib", runs), ("batched", runs)):
         with tempfile.TemporaryDirectory() as folder:
-            took[launcher] = sweep(runs, launcher, Path(folder))
-            empty = sweep(runs, launcher, Path(folder))
+            took = sweep(count, launcher, Path(folder))
+            empty = sweep(count, launcher, Path(folder))
             done = len(list(Path(folder).glob("*/metrics.json")))
-        assert done == runs, f"{done} of {runs} runs are finished"
-        each[launcher] = 1e3 * (took[launcher] - empty) / runs
-        print(
-            f"| {launcher} | {took[launcher]:.1f} | {empty:.1f} | {each[launcher]:.1f} |",
-            flush=True,
-        )
+        assert done == count, f"{done} of {count} runs are finished"
+        each[launcher] = 1e3 * (took - empty) / count
+        cells = (launcher, count, *(f"{value:.1f}" for value in (took, empty, each[launcher])))
+        print(f"| {' | '.join(map(str, cells))} |", flush=True)
     print(f"\noverhead of a run beyond its own work: {each['basic'] - own:.0f} ms")
-    faster = {name: took[name] / took["batched"] for name in ("basic", "joblib")}
+    basic, joblib = (each[name] / each["batched"] for name in ("basic", "joblib"))
     print(
-        "batched is {basic:.1f} times faster than basic, {joblib:.1f} than joblib\n".format(
-            **faster
-        )
+        f"a run by batched is {basic:.1f} times faster than by basic, {joblib:.1f} than by joblib\n"
     )
 
 

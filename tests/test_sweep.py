@@ -68,6 +68,23 @@ def test_runs_of_other_seeds_are_named_and_written_without_composing_them():
     assert not SeedsOf(config("data.duration='${seed}'", "seed=3")).alone
 
 
+@pytest.mark.parametrize("launcher", ["basic", "batched"])
+def test_folders_are_named_after_all_that_follows_from_the_seed(launcher, tmp_path, monkeypatch):
+    words = ["-m", *QUICK, "model=linear", "seed=7,8", f"hydra/launcher={launcher}"]
+    length, place = "data.duration=${seed}", f"hydra.sweep.dir={tmp_path}"
+    assert run(train, monkeypatch, *words, length, place) == 0
+    folders = [path.parent for path in tmp_path.glob("*/metrics.json")]
+    configs = [OmegaConf.load(folder / "config.yaml") for folder in folders]
+    assert sorted(cfg.data.duration for cfg in configs) == [7, 8]
+    assert [folder.name for folder in folders] == [run_name(cfg) for cfg in configs]
+    own = "hydra.sweep.subdir=mine-${seed}"
+    assert run(train, monkeypatch, *words, own, f"hydra.sweep.dir={tmp_path / 'own'}") == 0
+    assert sorted(path.parent.name for path in tmp_path.glob("own/*/metrics.json")) == [
+        "mine-7",
+        "mine-8",
+    ]
+
+
 def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):
     words = ["-m", *QUICK, "model=linear", "seed=0,1", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 0
