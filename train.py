@@ -25,7 +25,15 @@ from models.training.assemble import data_from, estimator_from, objective_from, 
 from models.training.continuation import SaveProgress
 from models.training.identification import Identification
 from report.console import CONF, job_errors, one_line_errors, prepare_hydra, quiet_lightning
-from report.runs import CHECKPOINT, PROGRESS, begin_run, finish_run, identity_of
+from report.runs import (
+    CHECKPOINT,
+    PROGRESS,
+    begin_run,
+    config_text,
+    finish_run,
+    identity_of,
+    plain,
+)
 from report.summary import compare_baselines, log_run, metrics_of, print_run
 from report.validation import validation_error
 
@@ -46,8 +54,8 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
         estimator, solver_from(cfg.solver), cfg.max_fail, objective_from(cfg.objective)
     )
     baselines = {name: estimator_from(node, data) for name, node in cfg.baselines.items()}
-    identity = identity_of(cfg)
-    unfinished = begin_run(folder, cfg, identity)
+    identity = identity_of(plain(cfg))
+    unfinished = begin_run(folder, config_text(cfg), identity)
     data.setup()
 
     torch.set_num_threads(cfg.threads)

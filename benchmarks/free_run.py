@@ -14,7 +14,6 @@ of calls, a sample's being the same). Best of three where it is short; one threa
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable
 
 import torch
@@ -22,6 +21,7 @@ from rich.console import Console
 from rich.table import Table
 from torch.func import functional_call, jvp
 
+from benchmarks.timing import seconds_of
 from data.elements import Bilinear
 from data.excitation import BandLimitedGaussian, Excitation
 from data.generate import Simulation
@@ -52,17 +52,6 @@ def frame() -> Simulation:
     excitation = Excitation(force=BandLimitedGaussian(std=1.7, band=(0.0, 3.0)))
     structure = Structure([0.8, 2.0, 1.2], elements)
     return Simulation(structure, excitation, FullState(), dt=0.01, duration=50.0)
-
-
-def seconds(work: Callable[[], object], repeats: int = 3) -> float:
-    """The shortest of some times, after a first call that compiles."""
-    work()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return min(times)
 
 
 class Run(torch.nn.Module):
@@ -103,16 +92,17 @@ def measure(quick: bool) -> Table:
     network = ElementNetwork(3, 3, record.dt)
     network.identify([record])
     drive, count = record.drive(), 50 if quick else 1000
+    drives, f = many(drive, count), record.f.numpy()
     parameters = sum(p.numel() for p in network.parameters() if p.requires_grad)
     with torch.no_grad():
-        one = seconds(lambda: network.free_run(drive))
-        batch = seconds(lambda: network.free_run(many(drive, count)), repeats=1)
-        torch_one = seconds(lambda: simulate(network.composition(), drive, 2), repeats=1)
-        torch_batch = seconds(lambda: simulate(network.composition(), many(drive, count), 2), 1)
-        truth = seconds(lambda: simulate_structure(simulation.structure, record.f.numpy(), 0.01))
-        jacobian = seconds(lambda: network.trace(drive, derivatives=True))
+        one = min(seconds_of(lambda: network.free_run(drive), 3))
+        batch = min(seconds_of(lambda: network.free_run(drives), 1))
+        torch_one = min(seconds_of(lambda: simulate(network.composition(), drive, 2), 1))
+        torch_batch = min(seconds_of(lambda: simulate(network.composition(), drives, 2), 1))
+        truth = min(seconds_of(lambda: simulate_structure(simulation.structure, f, 0.01), 3))
+        jacobian = min(seconds_of(lambda: network.trace(drive, derivatives=True), 3))
         start = record.window(0, FIRST).drive()
-        torch_some = seconds(by_pytorch(network, start, parameters), repeats=1)
+        torch_some = min(seconds_of(by_pytorch(network, start, parameters), 1))
     table = Table(title=f"{record.samples} samples, {parameters} parameters", title_justify="left")
     for column in ("what", "seconds", "of the compiled"):
         table.add_column(column, justify="left" if column == "what" else "right")

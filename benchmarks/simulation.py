@@ -23,7 +23,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numba
 import numpy as np
@@ -32,6 +31,7 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 from scipy.integrate import solve_ivp
 
+from benchmarks.timing import seconds_of
 from data.elements import BILINEAR, BOUC_WEN, LIMITED_SLIP, POLYNOMIAL, Bilinear
 from data.excitation import BandLimitedGaussian, Excitation
 from data.generate import EXCITATION, stream
@@ -74,16 +74,6 @@ QUICK = Size(10.0, 2.0, 1.0, 1.0, 1, 20, 5, (1, 3, 10), 3)
 # Measuring and printing.
 
 
-def median_seconds(run: Callable[[], Any], repeats: int) -> float:
-    """Median wall-clock time of `run`."""
-    seconds = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        run()
-        seconds.append(time.perf_counter() - start)
-    return statistics.median(seconds)
-
-
 def relative_rms(a: np.ndarray, reference: np.ndarray) -> float:
     return float(np.linalg.norm(a - reference) / np.linalg.norm(reference))
 
@@ -113,7 +103,7 @@ class Case:
         return simulate(self.structure, self.force, self.dt, tolerance=tolerance)
 
     def seconds(self, repeats: int, tolerance: float = 1e-7) -> float:
-        return median_seconds(lambda: self.motion(tolerance), repeats)
+        return statistics.median(seconds_of(lambda: self.motion(tolerance), repeats))
 
     def reference(self, system: str) -> np.ndarray:
         """Event-located acceleration (T, n)."""
@@ -362,8 +352,8 @@ def many_records(size: Size) -> None:
         structure = cases[0].structure
         forces = [cases[i % size.distinct].force for i in range(size.records)]
         escaped = sum(case.motion().escape_time is not None for case in cases)
-        together = median_seconds(partial(simulate_many, structure, forces, DT), 3)
-        alone = median_seconds(partial(on_one_thread, structure, forces), 3)
+        together = statistics.median(seconds_of(partial(simulate_many, structure, forces, DT), 3))
+        alone = statistics.median(seconds_of(partial(on_one_thread, structure, forces), 3))
         times = f"{together:.2f}", f"{alone:.2f}", f"{alone / together:.2f}"
         rows.append((system, *times, str(escaped)))
     show(
@@ -390,7 +380,7 @@ def growth(size: Size) -> None:
     cases = []
     for n in counts:
         run = partial(simulate_many, case.structure, [case.force] * n, DT)
-        cases.append((n, median_seconds(run, 1 if n > 100 else 5)))
+        cases.append((n, statistics.median(seconds_of(run, 1 if n > 100 else 5))))
     show_growth(f"Bilinear system, {size.duration:g} s, all cores", "records", cases)
 
     chains = [case_of("bilinear", 10.0, chain=bilinear_chain(n)) for n in size.dofs]

@@ -1,12 +1,13 @@
 """What does a sweep over seeds cost, run by run and side by side?
 
-    python -m benchmarks.sweeps            # 1,000 runs of the VWNN by joblib, and batched
+    python -m benchmarks.sweeps            # 1,000 runs of the VWNN; 250 of them in a row
     python -m benchmarks.sweeps --quick    # 40 runs
 
 Whole commands are timed, imports included, beside an empty sweep of the same command (all of its
-runs finished before), which is what a sweep costs without its runs. The second table is an upper
-limit of what training networks side by side could gain: loss and gradient of S global MLPs one
-after the other, and stacked under torch.func.
+runs finished before), which is what a sweep costs without its runs. A run's own work is what no
+tool could leave out: to simulate, fit and score; what a run takes beyond it is overhead. The second
+table is an upper limit of what training networks side by side could gain: loss and gradient of S
+global MLPs one after the other, and stacked under torch.func.
 """
 
 from __future__ import annotations
@@ -23,8 +24,11 @@ from pathlib import Path
 import torch
 from torch.func import functional_call, grad, stack_module_state, vmap
 
+from benchmarks.timing import seconds_of
 from models.mlp import GlobalMLP
-from models.training.assemble import data_from
+from models.training.assemble import data_from, estimator_from
+from models.training.identification import SPLITS
+from models.training.metrics import free_run_score, score
 from models.training.problem import Problem
 from report.console import composed
 
@@ -41,20 +45,48 @@ def sweep(runs: int, launcher: str, folder: Path) -> float:
     return time.perf_counter() - start
 
 
+def own_work(runs: int) -> float:
+    """Seconds a run takes to simulate, fit and score, one step ahead and in free run."""
+    torch.set_num_threads(1)
+    cfg = composed(*WORDS)
+    took = []
+    for seed in range(runs + 1):
+        cfg.seed = seed
+        start = time.perf_counter()
+        data = data_from(cfg)
+        data.setup()
+        data.own_error()
+        estimator = estimator_from(cfg.model, data)
+        estimator.identify(data.loader("train"))
+        for split in SPLITS:
+            score(estimator, data.loader(split))
+            free_run_score(estimator, data.loader(split))
+        took.append(time.perf_counter() - start)
+    return statistics.mean(took[1:])  # the first loads what is compiled
+
+
 def sweeps(runs: int) -> None:
-    print(f"{runs} runs of the VWNN on the bilinear system, {os.cpu_count()} cores")
-    print("| launcher | s | s, nothing to do | ms a run, less that |")
-    print("|---|---:|---:|---:|")
-    took = {}
-    for launcher in ("joblib", "batched"):
+    """Every launcher; the slow one with a quarter of the runs."""
+    own = 1e3 * own_work(runs // 10)
+    print(f"the VWNN on the bilinear system, {os.cpu_count()} cores")
+    print(f"own work of a run: {own:.0f} ms on one core\n")
+    print("| launcher | runs | s | s, nothing to do | ms a run, less that |")
+    print("|---|---:|---:|---:|---:|")
+    each = {}
+    for launcher, count in (("basic", runs // 4), ("joblib", runs), ("batched", runs)):
         with tempfile.TemporaryDirectory() as folder:
-            took[launcher] = sweep(runs, launcher, Path(folder))
-            empty = sweep(runs, launcher, Path(folder))
+            took = sweep(count, launcher, Path(folder))
+            empty = sweep(count, launcher, Path(folder))
             done = len(list(Path(folder).glob("*/metrics.json")))
-        assert done == runs, f"{done} of {runs} runs are finished"
-        each = 1e3 * (took[launcher] - empty) / runs
-        print(f"| {launcher} | {took[launcher]:.1f} | {empty:.1f} | {each:.1f} |", flush=True)
-    print(f"batched is {took['joblib'] / took['batched']:.1f} times faster\n")
+        assert done == count, f"{done} of {count} runs are finished"
+        each[launcher] = 1e3 * (took - empty) / count
+        cells = (launcher, count, *(f"{value:.1f}" for value in (took, empty, each[launcher])))
+        print(f"| {' | '.join(map(str, cells))} |", flush=True)
+    print(f"\noverhead of a run beyond its own work: {each['basic'] - own:.0f} ms")
+    basic, joblib = (each[name] / each["batched"] for name in ("basic", "joblib"))
+    print(
+        f"a run by batched is {basic:.1f} times faster than by basic, {joblib:.1f} than by joblib\n"
+    )
 
 
 def networks(counts: list[int], repeats: int) -> None:
@@ -76,31 +108,21 @@ def networks(counts: list[int], repeats: int) -> None:
             estimators.append(estimator.network)
             problems.append(Problem(estimator, record))
         u, y = (torch.stack([getattr(p, name) for p in problems]) for name in ("u", "y"))
-        alone = _median(lambda p=problems: [_gradient(one) for one in p], repeats)
+        one_by_one = seconds_of(lambda p=problems: [_gradient(one) for one in p], repeats)
         theta, fixed = stack_module_state(estimators)
 
         def loss(weights, scales, u, y, network=estimators[0]):
             return ((functional_call(network, (weights, scales), (u,)) - y) ** 2).mean()
 
         every = vmap(grad(loss))
-        together = _median(lambda: every(theta, fixed, u, y), repeats)  # noqa: B023
+        stacked = seconds_of(lambda: every(theta, fixed, u, y), repeats)  # noqa: B023
+        alone, together = (1e3 * statistics.median(times) for times in (one_by_one, stacked))
         print(f"| {count} | {alone:.1f} | {together:.1f} | {alone / together:.1f} |", flush=True)
 
 
 def _gradient(problem: Problem) -> None:
     free = [p for p in problem.module.parameters() if p.requires_grad]
     torch.autograd.grad(problem.loss(), free)
-
-
-def _median(work, repeats: int) -> float:
-    """Milliseconds."""
-    work()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return 1e3 * statistics.median(times)
 
 
 def main() -> None:

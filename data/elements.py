@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-from data.compiled import compiled, inlined
+from data.compiled import inlined
 
 BILINEAR, LIMITED_SLIP, POLYNOMIAL, BOUC_WEN = range(4)
 
@@ -61,9 +61,9 @@ def _bits(side):
 @inlined
 def force(law, p, e, branch, y, ydot, z, work):
     if law == BILINEAR:  # p = z_y, k1, k2, c1, c2
-        if branch == 0:
-            return p[e, 2] * y + (p[e, 1] - p[e, 2]) * z + p[e, 3] * ydot, ydot
-        return p[e, 2] * y + (p[e, 1] - p[e, 2]) * z + p[e, 4] * ydot, 0.0
+        yielded = min(branch, 1)  # as a number: a processor guesses jumps badly that change often
+        r = p[e, 2] * y + (p[e, 1] - p[e, 2]) * z + p[e, 3 + yielded] * ydot
+        return r, (1 - yielded) * ydot
     if law == LIMITED_SLIP:  # p = z_y, k1, k2, c1, c2, z_g
         slider, gap = branch & 3, _side(branch >> 2)
         spring = 0.0 if gap == 0 else p[e, 2] * (y - gap * p[e, 5])
@@ -96,7 +96,7 @@ def margin(law, p, e, branch, y, ydot, z):
     return min(to_gap, _slider_margin(slider, p[e, 0], ydot, z))
 
 
-@compiled
+@inlined
 def next_branch(law, p, e, branch, y, ydot, z):
     if law == POLYNOMIAL:
         return 0, z

@@ -113,5 +113,7 @@ def simulate_many(
     def one(force: np.ndarray, s: np.ndarray | None, w: np.ndarray | None) -> Motion:
         return simulate(structure, force, dt, s, w, tolerance, changes)
 
+    if len(forces) == 1:
+        return [one(forces[0], supports_[0], velocities_[0])]
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the compiled loop releases the GIL
         return list(pool.map(one, forces, supports_, velocities_))

@@ -51,7 +51,7 @@ class Composite(Estimator):
 
     from_accelerations: x and v are not looked at, even where they are there.
     prior: weight of Σ θ² beside the squared relative error: what the data do not determine stays
-    where it started, without effect.
+    where it started, without effect. early_prior: the same until the last stage; None: as there.
     """
 
     reads = ("f",)
@@ -66,12 +66,16 @@ class Composite(Estimator):
         substeps: int = 2,
         prior: float = 1e-10,
         from_accelerations: bool = False,
+        early_prior: float | None = None,
     ) -> None:
         super().__init__(dofs, inputs, dt)
         self.from_accelerations = from_accelerations
-        if not prior >= 0.0:
-            raise ValueError(f"model.prior={prior} must not be negative")
-        self.prior = prior
+        if early_prior is None:
+            early_prior = prior
+        for name, weight in (("prior", prior), ("early_prior", early_prior)):
+            if not weight >= 0.0:
+                raise ValueError(f"model.{name}={weight} must not be negative")
+        self.prior, self.early_prior = prior, early_prior
         self.register_buffer("identified", torch.tensor(torch.nan, dtype=torch.float64))
         self.register_buffer("measures", torch.full((dofs,), ACCELERATION))
         if not isinstance(substeps, int) or substeps < 1:
@@ -83,7 +87,8 @@ class Composite(Estimator):
         learned = [
             c for c in self.modules() if isinstance(c, Coefficients) and c.theta.requires_grad
         ]
-        return self.prior, torch.cat([c.deviation(last).reshape(-1) for c in learned])
+        weight = self.prior if last else self.early_prior
+        return weight, torch.cat([c.deviation(last).reshape(-1) for c in learned])
 
     def composition(self) -> Composition:
         """Coefficients at the present parameters."""

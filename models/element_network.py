@@ -52,8 +52,9 @@ class ElementNetwork(Composite):
         substeps: int = 2,
         from_accelerations: bool = False,
         prior: float = 1e-10,
+        early_prior: float | None = None,
     ) -> None:
-        super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations)
+        super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations, early_prior)
         if forced is None:
             forced = range(1, min(dofs, inputs) + 1) if inputs >= dofs else []
         self.base = forced == "base"

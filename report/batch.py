@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from data.record import Record, Response, stack
 from data.simulated import SimulatedData
@@ -27,7 +27,8 @@ from models.training.assemble import data_from, estimator_from
 from models.training.identification import SPLITS, Identification
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.training.simulate import simulate
-from report.runs import CHECKPOINT, begin_run, finish_run, identity_of, plain
+from report.runs import CHECKPOINT, begin_run, finish_run
+from report.seeds import SeedsOf
 from report.summary import metrics_of
 
 AT_ONCE = 4  # runs on each core; more take more memory and no less time
@@ -38,7 +39,7 @@ def can_be_batched(cfg: DictConfig) -> bool:
     data = data_from(cfg)
     models = [cfg.model, *cfg.baselines.values()]
     return (
-        _seed_is_alone(cfg)
+        SeedsOf(cfg).alone
         and isinstance(data, SimulatedData)
         and data.batch is None
         and data.validation == 0.0
@@ -47,39 +48,28 @@ def can_be_batched(cfg: DictConfig) -> bool:
     )
 
 
-def _seed_is_alone(cfg: DictConfig) -> bool:
-    """Nothing but the streams of the motions follows from the seed."""
-    parts = ("system", "excitation", "scenario", "data", "model", "baselines")
-    content = []
-    for seed in (cfg.seed, cfg.seed + 1):
-        OmegaConf.update(cfg, "seed", seed)
-        content.append({part: plain(cfg)[part] for part in parts})
-    OmegaConf.update(cfg, "seed", cfg.seed - 1)
-    return content[0] == content[1]
-
-
 def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) -> list[int]:
     """Do the runs of `seeds`; returns those that must be done alone, because something is amiss.
 
     Such are runs of which a motion escaped, and all of a batch whose closed form has no solution.
     """
-    shared, places = data_from(cfg), dict(zip(seeds, folders, strict=True))
+    shared, places, of = data_from(cfg), dict(zip(seeds, folders, strict=True)), SeedsOf(cfg)
     assert isinstance(shared, SimulatedData)
     groups = [seeds[first : first + AT_ONCE] for first in range(0, len(seeds), AT_ONCE)]
 
     def run_group(group: Sequence[int]) -> list[int]:
-        return _run_group(deepcopy(cfg), {seed: shared.of_seed(seed) for seed in group}, places)
+        return _run_group(cfg, of, {seed: shared.of_seed(seed) for seed in group}, places)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # most of the work releases the GIL
         return [seed for left in pool.map(run_group, groups) for seed in left]
 
 
 def _run_group(
-    cfg: DictConfig, data: dict[int, SimulatedData], places: dict[int, Path]
+    cfg: DictConfig, of: SeedsOf, data: dict[int, SimulatedData], places: dict[int, Path]
 ) -> list[int]:
     ready = {seed: own for seed, own in data.items() if _made(own)}
     try:
-        _run_side_by_side(cfg, ready, places)
+        _run_side_by_side(cfg, of, ready, places)
     except ValueError:  # said by the run it concerns, when it is done alone
         return list(data)
     return [seed for seed in data if seed not in ready]
@@ -95,7 +85,7 @@ def _made(data: SimulatedData) -> bool:
 
 
 def _run_side_by_side(
-    cfg: DictConfig, data: dict[int, SimulatedData], places: dict[int, Path]
+    cfg: DictConfig, of: SeedsOf, data: dict[int, SimulatedData], places: dict[int, Path]
 ) -> None:
     if not data:
         return
@@ -103,12 +93,11 @@ def _run_side_by_side(
     fitted = fit_each(cfg.model, each)
     baselines = {name: fit_each(model, each) for name, model in cfg.baselines.items()}
     for place, (seed, own) in enumerate(data.items()):
-        OmegaConf.update(cfg, "seed", seed)
-        identity = identity_of(cfg)
-        begin_run(places[seed], cfg, identity)
+        identity = of.identity(seed)
+        begin_run(places[seed], of.text(seed), identity)
         module = fitted[place]
         others = {name: modules[place].results() for name, modules in baselines.items()}
-        metrics = metrics_of(cfg, identity, module, own, others)
+        metrics = {**metrics_of(cfg, identity, module, own, others), "seed": seed}
         save_estimator(module.estimator, places[seed] / CHECKPOINT, cfg.model.name)
         finish_run(places[seed], metrics)
 

@@ -48,9 +48,8 @@ def settings_of(node: DictConfig) -> dict[str, Any]:
     return {key: value for key, value in plain(node).items() if key not in ("name", "_target_")}
 
 
-def config_digest(cfg: DictConfig) -> str:
+def config_digest(content: dict[str, Any]) -> str:
     """Ten characters that tell runs apart: a hash of every choice that can change a number."""
-    content = plain(cfg)
     content = {k: v for k, v in content.items() if k not in INERT}
     content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}
     text = json.dumps(content, sort_keys=True, ensure_ascii=False)
@@ -67,10 +66,19 @@ def code_version() -> str:
     return digest.hexdigest()[:10]
 
 
+def name_of(content: dict[str, Any]) -> str:
+    """Folder within a sweep of the run with these resolved values."""
+    names = (content[part]["name"] for part in ("model", "system", "scenario"))
+    return "-".join((*names, f"seed{content['seed']}", config_digest(content)))
+
+
 def run_name(cfg: DictConfig) -> str:
-    """Folder of a run within a sweep."""
-    names = (cfg.model.name, cfg.system.name, cfg.scenario.name)
-    return "-".join((*names, f"seed{cfg.seed}", config_digest(cfg)))
+    return name_of(plain(cfg))
+
+
+def config_text(cfg: DictConfig) -> str:
+    """The content of config.yaml."""
+    return OmegaConf.to_yaml(cfg, resolve=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -84,13 +92,13 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
     write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
-def identity_of(cfg: DictConfig) -> dict[str, str]:
-    """What a run's numbers follow from."""
-    return {"config": config_digest(cfg), "code": code_version()}
+def identity_of(content: dict[str, Any]) -> dict[str, str]:
+    """What a run's numbers follow from: its resolved values and the code."""
+    return {"config": config_digest(content), "code": code_version()}
 
 
-def begin_run(folder: Path, cfg: DictConfig, identity: dict[str, str]) -> Path | None:
-    """Start a run in a folder: a config, no results yet.
+def begin_run(folder: Path, config: str, identity: dict[str, str]) -> Path | None:
+    """Start a run in a folder: the text of its config, no results yet.
 
     Returns where training goes on, if this very run was broken off in it. Raises OSError where the
     folder cannot be written to.
@@ -102,7 +110,7 @@ def begin_run(folder: Path, cfg: DictConfig, identity: dict[str, str]) -> Path |
     if not belongs(progress, identity):
         progress.unlink(missing_ok=True)
         shutil.rmtree(folder / "tensorboard", ignore_errors=True)
-    write_text(folder / CONFIG, OmegaConf.to_yaml(cfg, resolve=True))
+    write_text(folder / CONFIG, config)
     return progress if progress.exists() else None
 
 
@@ -116,7 +124,7 @@ def write_failure(folder: Path, cfg: DictConfig | None, reason: str, trace: str,
     """Why a run of a sweep has no numbers; `own`: it would fail again, wherever it is run."""
     folder.mkdir(parents=True, exist_ok=True)
     if cfg is not None:
-        write_text(folder / CONFIG, OmegaConf.to_yaml(cfg, resolve=True))
+        write_text(folder / CONFIG, config_text(cfg))
     content = {"reason": reason, "own": own, "code": code_version(), "trace": trace}
     write_json(folder / FAILED, content)
 

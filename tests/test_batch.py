@@ -49,7 +49,7 @@ def metrics_by_run(folder: Path) -> dict[str, dict]:
 @pytest.mark.parametrize(
     "words",
     [
-        ["model=vwnn", "scenario=noisy", "baselines=none"],
+        ["model=vwnn", "scenario=noisy", "scenario.signals=[a,f]", "baselines=none"],
         ["model=linear", "scenario=noisy_integrated", "data.warmup=20", "data.train_records=2"],
         ["model=vwnn_first_order", "model.unfiltered_excitation=true", "data.test_records=3"],
     ],

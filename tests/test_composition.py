@@ -452,7 +452,12 @@ def test_left_alone_a_dissipative_structure_never_gains_energy(bilinear_structur
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
-    [({"substeps": 0}, "substeps=0"), ({"prior": -1.0}, "prior"), ({"units": -1}, "units=-1")],
+    [
+        ({"substeps": 0}, "substeps=0"),
+        ({"prior": -1.0}, "prior"),
+        ({"early_prior": -1.0}, "early_prior=-1.0"),
+        ({"units": -1}, "units=-1"),
+    ],
 )
 def test_settings_that_make_no_sense_are_refused(wrong, message):
     with pytest.raises(ValueError, match=message):

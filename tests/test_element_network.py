@@ -15,6 +15,7 @@ from models.checkpoint import load_estimator, save_estimator
 from models.composite import Composite
 from models.element_network import ElementNetwork
 from models.training.objective import FreeRun
+from models.training.problem import FreeRunProblem
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 DT = 0.01
@@ -271,6 +272,25 @@ def test_limits_are_pulled_outwards_in_the_last_stage_only(record_of):
     pulled_to = limits.unit * (limits.theta.detach() - limits.deviation(True).detach()).exp()
     assert torch.allclose(pulled_to, ten_times.expand_as(pulled_to))
     assert int((last[1] != 0.0).sum()) == limits.theta.numel()
+
+
+def test_what_motion_does_not_determine_is_held_back_harder_until_the_last_stage(record_of):
+    """So an early stage ends with less of it: the smallest Σ θ² of two fits of the same motion."""
+    record, sizes = record_of(linear(), FORCES, 10.0), []
+    for early in (None, 1e-3):
+        model = ElementNetwork(
+            2, 2, DT, CHAIN, hinges=0, tanhs=2, units=1, cubic=False, prior=1e-9, early_prior=early
+        )
+        model.identify([record])
+        assert model.pull(True)[0] == 1e-9
+        with torch.no_grad():
+            model.laws.tanh_stiffness.theta.fill_(0.1)
+        free = [p for p in model.parameters() if p.requires_grad]
+        solver = LevenbergMarquardt(free, scaled=True)
+        for _ in range(3):
+            solver.solve(FreeRunProblem(model, record, 20, last=False))
+        sizes.append(float(model.pull(False)[1].detach().square().sum()))
+    assert sizes[1] < 0.1 * sizes[0]
 
 
 def test_only_what_is_learned_is_counted():

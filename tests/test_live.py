@@ -32,7 +32,15 @@ from report.live_alarm import LEARNING, ResidualAlarm
 from report.live_monitor import LiveMonitor
 from report.live_view import BARS, LiveView, bars
 from report.online import running_error
-from report.runs import CHECKPOINT, begin_run, finish_run, identity_of, read_run
+from report.runs import (
+    CHECKPOINT,
+    begin_run,
+    config_text,
+    finish_run,
+    identity_of,
+    plain,
+    read_run,
+)
 
 ROOT = Path(__file__).parent.parent
 DT = 0.01
@@ -63,7 +71,7 @@ def finished(folder: Path, *words: str) -> Path:
     data = data_from(cfg)
     data.setup()
     estimator = estimator_from(cfg.model, data)
-    begin_run(folder, cfg, identity_of(cfg))
+    begin_run(folder, config_text(cfg), identity_of(plain(cfg)))
     estimator.identify(data.loader("train"))
     save_estimator(estimator, folder / CHECKPOINT, cfg.model.name)
     finish_run(folder, {})

@@ -18,7 +18,8 @@ from omegaconf import OmegaConf
 import train
 from report import runs as runs_module
 from report.console import CONF, prepare_hydra
-from report.runs import config_digest, plain, read_failure
+from report.runs import config_digest, config_text, identity_of, plain, read_failure, run_name
+from report.seeds import SeedsOf
 from report.study import read_runs
 from report.sweep import is_finished
 from tests.test_train import run
@@ -48,13 +49,40 @@ def results(folder: Path) -> dict[str, dict]:
 
 
 def test_the_digest_tells_choices_that_change_numbers_and_no_others():
-    usual = config_digest(config())
-    assert usual == config_digest(
-        config("figures=false", "trainer.enable_progress_bar=false", "checkpoint_seconds=5")
-    )
+    usual = config_digest(plain(config()))
+    inert = config("figures=false", "trainer.enable_progress_bar=false", "checkpoint_seconds=5")
+    assert usual == config_digest(plain(inert))
     changes = ("threads=2", "trainer.max_epochs=5", "seed=1")
     for word in (*changes, "model.cutoff=51", "system.excitation.std=1.8", "data.tolerance=1e-8"):
-        assert config_digest(config(word)) != usual
+        assert config_digest(plain(config(word))) != usual
+
+
+def test_runs_of_other_seeds_are_named_and_written_without_composing_them():
+    of = SeedsOf(config("model=linear", "seed=3"))
+    assert of.alone
+    for seed in (0, 3, 1234):
+        own = config("model=linear", f"seed={seed}")
+        assert of.name(seed) == run_name(own)
+        assert of.identity(seed) == identity_of(plain(own))
+        assert of.text(seed) == config_text(own)
+    assert not SeedsOf(config("data.duration='${seed}'", "seed=3")).alone
+
+
+@pytest.mark.parametrize("launcher", ["basic", "batched"])
+def test_folders_are_named_after_all_that_follows_from_the_seed(launcher, tmp_path, monkeypatch):
+    words = ["-m", *QUICK, "model=linear", "seed=7,8", f"hydra/launcher={launcher}"]
+    length, place = "data.duration=${seed}", f"hydra.sweep.dir={tmp_path}"
+    assert run(train, monkeypatch, *words, length, place) == 0
+    folders = [path.parent for path in tmp_path.glob("*/metrics.json")]
+    configs = [OmegaConf.load(folder / "config.yaml") for folder in folders]
+    assert sorted(cfg.data.duration for cfg in configs) == [7, 8]
+    assert [folder.name for folder in folders] == [run_name(cfg) for cfg in configs]
+    own = "hydra.sweep.subdir=mine-${seed}"
+    assert run(train, monkeypatch, *words, own, f"hydra.sweep.dir={tmp_path / 'own'}") == 0
+    assert sorted(path.parent.name for path in tmp_path.glob("own/*/metrics.json")) == [
+        "mine-7",
+        "mine-8",
+    ]
 
 
 def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):

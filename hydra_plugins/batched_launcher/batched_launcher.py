@@ -8,7 +8,6 @@ What cannot be batched (iterative training, measured data) is done one after the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from hydra._internal.core_plugins.basic_launcher import BasicLauncher
 from hydra.core.utils import JobReturn, setup_globals
@@ -45,15 +44,13 @@ class BatchedLauncher(BasicLauncher):
         assert self.hydra_context is not None
         assert self.config is not None
         seeds = [seed for seed in jobs if seed >= 0]
-        loader, folders = self.hydra_context.config_loader, []
+        loader = self.hydra_context.config_loader
         assert isinstance(loader, ComposedOnce)  # the sweeper's
         cfg = loader.load_sweep_config(self.config, list(jobs[seeds[0]]))
         with open_dict(cfg):
             del cfg["hydra"]
         if not can_be_batched(cfg):
             return list(jobs.values())
-        for seed in seeds:
-            own = loader.shared(self.config, list(jobs[seed]))
-            folders.append(Path(own.hydra.sweep.dir) / own.hydra.sweep.subdir)
+        folders = [loader.folder(self.config, list(jobs[seed])) for seed in seeds]
         left = run_batch(cfg, seeds, folders)
         return [jobs[seed] for seed in jobs if seed in left or seed < 0]

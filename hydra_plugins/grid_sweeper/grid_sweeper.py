@@ -78,6 +78,5 @@ class GridSweeper(BasicSweeper):
             words = [f"{key}={value}" for key, value in {**self.params, **grid}.items()]
             overrides = parser.parse_overrides([*words, *arguments])
             for job in self.split_arguments(overrides, None)[0]:
-                cfg = self.loader.shared(self.config, list(job))
-                folders.setdefault(Path(cfg.hydra.sweep.dir) / cfg.hydra.sweep.subdir, list(job))
+                folders.setdefault(self.loader.folder(self.config, list(job)), list(job))
         return folders

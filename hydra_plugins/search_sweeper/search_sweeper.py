@@ -107,11 +107,8 @@ class SearchSweeper(GridSweeper):
         return self.loader.shared(self.config, job)
 
     def folders(self, jobs: Sequence[list[str]]) -> dict[Path, list[str]]:
-        found = {}
-        for job in jobs:
-            cfg = self._config(job)
-            found[Path(cfg.hydra.sweep.dir) / cfg.hydra.sweep.subdir] = job
-        return found
+        assert self.config is not None
+        return {self.loader.folder(self.config, job): job for job in jobs}
 
     def final_jobs(self, search: Search, more: Sequence[str]) -> list[list[str]]:
         """Runs on the fresh seeds; none where the config names none."""
