@@ -154,12 +154,12 @@ def _spread(axes: Axes, place: int, model: str, errors: Sequence[float]) -> None
 
 
 def _finish_errors(axes: Axes, models: Sequence[str]) -> None:
-    """Room at the right for what diverged; few enough ticks on the logarithmic axis."""
+    """Room on both sides, at the right for what diverged; few enough ticks."""
     axes.set_xscale("log")
     low, high = axes.get_xlim()
     high = max(high, 1.5 * low)
     decades = np.log10(high / low)
-    axes.set_xlim(low, high * 10.0 ** (0.12 * decades))
+    axes.set_xlim(low * 10.0 ** (-0.04 * decades), high * 10.0 ** (0.12 * decades))
     percent_ticks(axes)
     axes.grid(axis="x", alpha=0.3)
     axes.set_ylim(len(models) - 0.5, -0.5)
