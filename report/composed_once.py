@@ -48,19 +48,23 @@ def _seed_of(overrides: Sequence[str]) -> tuple[int | None, list[str]]:
 
 
 class ComposedOnce(ConfigLoaderImpl):
+    def _composed(self, master_config: DictConfig, overrides: list[str]) -> DictConfig:
+        str(master_config.hydra.sweep.dir)  # resolved now: what is composed takes it over
+        return super().load_sweep_config(master_config, overrides)
+
     def _kept(self, master_config: DictConfig, overrides: list[str], rest: list[str]) -> Composed:
         key = (*master_config.hydra.overrides.hydra, str(master_config.hydra.sweep.dir), *rest)
         if key not in _composed:
             if len(_composed) == KEPT:
                 _composed.pop(next(iter(_composed)))
-            _composed[key] = Composed(super().load_sweep_config(master_config, overrides))
+            _composed[key] = Composed(self._composed(master_config, overrides))
         return _composed[key]
 
     def shared(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:
         """The config of a run, changed by the next call."""
         seed, rest = _seed_of(sweep_overrides)
         if seed is None:
-            return super().load_sweep_config(master_config, sweep_overrides)
+            return self._composed(master_config, sweep_overrides)
         cfg = self._kept(master_config, sweep_overrides, rest).cfg
         with open_dict(cfg):
             OmegaConf.update(cfg, "seed", seed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import errno
+import hashlib
 import logging
 import os
 import sys
@@ -24,7 +25,7 @@ from hydra.errors import (
 )
 from hydra.utils import to_absolute_path
 from lightning.fabric.utilities.exceptions import MisconfigurationException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from data.command_line import plain, reason
@@ -85,6 +86,12 @@ def prepare_hydra() -> None:
     if not OmegaConf.has_resolver("help"):
         OmegaConf.register_new_resolver("help", help_text)
         OmegaConf.register_new_resolver("run_name", lambda _root_: run_name(_root_))
+        OmegaConf.register_new_resolver("same_for", _same_for, use_cache=True)
+
+
+def _same_for(words: ListConfig) -> str:
+    """Ten characters for what was typed, in any order; kept for the configs of a sweep's runs."""
+    return hashlib.sha256("\n".join(sorted(words)).encode()).hexdigest()[:10]
 
 
 def composed(*words: str, config: str = "train") -> DictConfig:

@@ -100,6 +100,17 @@ def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):
     assert all(after[path] == made for path, made in before.items())
 
 
+@pytest.mark.parametrize("launcher", ["basic", "batched", "joblib"])
+def test_a_sweep_without_a_folder_goes_on_in_its_own(launcher, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = [*QUICK, "model=linear", f"hydra/launcher={launcher}"]
+    assert run(train, monkeypatch, "-m", *words, "seed=0,1") == 0
+    assert run(train, monkeypatch, "-m", "seed=0,1", *reversed(words)) == 0
+    assert "2 done (2 of them before), 0 failed" in capsys.readouterr().out
+    assert run(train, monkeypatch, "-m", *words, "seed=1,2") == 0  # another sweep
+    assert sorted(len(list(sweep.iterdir())) for sweep in (tmp_path / "runs").iterdir()) == [2, 2]
+
+
 def test_results_of_other_code_are_made_again(tmp_path, monkeypatch):
     words = ["-m", *QUICK, "model=linear", "seed=0", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 0
