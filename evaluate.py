@@ -24,17 +24,17 @@ import hydra
 from omegaconf import DictConfig
 
 from models.training.assemble import changed
-from report.collection import folders_of
-from report.console import CONF, absolute, job_errors, one_line_errors, prepare_hydra
-from report.evaluation import draw_figures, print_evaluation, restore, score_seeds
-from report.results import (
+from report.collection.runs import folders_of
+from report.paper.results import (
     report_by,
     report_collection,
     report_leaderboard,
     report_study,
     report_usual,
 )
-from report.runs import read_run, write_json
+from report.run.rescore import draw_figures, print_evaluation, restore, score_seeds
+from runner.command_line import CONF, absolute, job_errors, one_line_errors, prepare_hydra
+from runner.run_folder import read_run, write_json
 
 prepare_hydra()
 

@@ -22,10 +22,11 @@ from threadpoolctl import threadpool_limits
 
 from models.checkpoint import save_estimator
 from models.training.assemble import data_from, estimator_from, objective_from, solver_from
-from models.training.continuation import SaveProgress
 from models.training.identification import Identification
-from report.console import CONF, job_errors, one_line_errors, prepare_hydra, quiet_lightning
-from report.runs import (
+from models.training.resume import SaveProgress
+from report.run.summary import compare_baselines, log_run, metrics_of, print_run
+from runner.command_line import CONF, job_errors, one_line_errors, prepare_hydra, quiet_lightning
+from runner.run_folder import (
     CHECKPOINT,
     PROGRESS,
     begin_run,
@@ -34,8 +35,7 @@ from report.runs import (
     identity_of,
     plain,
 )
-from report.summary import compare_baselines, log_run, metrics_of, print_run
-from report.validation import validation_error
+from runner.validation import validation_error
 
 prepare_hydra()
 

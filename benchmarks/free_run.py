@@ -4,11 +4,11 @@
     python -m benchmarks.free_run --quick    # short records, a few of them, for CI
 
 An element network of 3 DOFs and 6 elements, 5,000 samples with 2 substeps. Compiled beside the same
-equations in PyTorch (models/layers/composition.py), to which the tests hold it, and beside the
-zoo's integrator of the true structure (data/simulate.py). Derivatives: forward sensitivities by all
-parameters at once, beside as many runs as finite differences would take, and beside PyTorch's
-forward mode along as many directions, over the first samples only and scaled up (its time is one
-of calls, a sample's being the same). Best of three where it is short; one thread.
+equations in PyTorch (models/composition/simulate.py), to which the tests hold it, and beside the
+zoo's integrator of the true structure (data/simulation/motion.py). Derivatives: forward
+sensitivities by all parameters at once, beside as many runs as finite differences would take,
+and beside PyTorch's forward mode along as many directions, over the first samples only and scaled
+up (its time is one of calls, a sample's being the same). Best of three where it is short; one thread.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from rich.table import Table
 from torch.func import functional_call, jvp
 
 from benchmarks.timing import seconds_of
-from data.elements import Bilinear
-from data.excitation import BandLimitedGaussian, Excitation
-from data.generate import Simulation
 from data.record import Drive, Record
-from data.scenario import FullState
-from data.simulate import simulate as simulate_structure
-from data.structure import Structure
+from data.simulation.elements import Bilinear
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.motion import simulate as simulate_structure
+from data.simulation.records import Simulation
+from data.simulation.scenario import FullState
+from data.simulation.structure import Structure
+from models.composition.simulate import simulate
 from models.element_network import ElementNetwork
-from models.layers.composition import simulate
 
 PAIRS = (("s1", "x1"), ("x1", "x2"), ("x1", "x3"), ("x2", "x3"), ("x3", "s3"), ("s2", "x2"))
 FIRST = 100  # samples over which PyTorch differentiates

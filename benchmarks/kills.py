@@ -29,7 +29,7 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
-from report.runs import CHECKPOINT, CONFIG, METRICS, read_run
+from runner.run_folder import CHECKPOINT, CONFIG, METRICS, read_run
 
 ROOT = Path(__file__).parent.parent
 TIMES = ("seconds", "versions", "written")  # parts of names of what may differ

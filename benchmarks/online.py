@@ -38,14 +38,14 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from data.sample import Sample
-from models.adaptation import compiled
-from models.adaptation.law import work_for
-from models.adaptation.recursive_least_squares import RecursiveLeastSquares
-from models.stream import Stream
+from models.online.laws import laws_compiled as compiled
+from models.online.laws.law import work_for
+from models.online.laws.recursive_least_squares import RecursiveLeastSquares
+from models.online.stream import Stream
+from models.online.vwnn_stream import VWNNStream
 from models.training.assemble import data_from
 from models.vwnn import VWNN
-from models.vwnn_stream import VWNNStream
-from report.console import composed
+from runner.command_line import composed
 
 DT = 1e-3  # [s]
 FORGETTING = 0.999

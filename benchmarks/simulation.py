@@ -32,11 +32,11 @@ from omegaconf import OmegaConf
 from scipy.integrate import solve_ivp
 
 from benchmarks.timing import seconds_of
-from data.elements import BILINEAR, BOUC_WEN, LIMITED_SLIP, POLYNOMIAL, Bilinear
-from data.excitation import BandLimitedGaussian, Excitation
-from data.generate import EXCITATION, stream
-from data.simulate import Motion, simulate, simulate_many
-from data.structure import Structure
+from data.simulation.elements import BILINEAR, BOUC_WEN, LIMITED_SLIP, POLYNOMIAL, Bilinear
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.motion import Motion, simulate, simulate_many
+from data.simulation.records import EXCITATION, stream
+from data.simulation.structure import Structure
 from tests.reference import paper_structure, reference_response
 
 FORCES = {  # standard deviation [N] and highest frequency [Hz]
@@ -178,7 +178,7 @@ def accuracy(size: Size) -> None:
 
 
 def law_of(law: int, p: np.ndarray) -> Callable[..., tuple[np.ndarray, np.ndarray | float]]:
-    """(y, ẏ, z) → (r, ż) of elements with parameters p (E, P), as data/elements.py defines them."""
+    """(y, ẏ, z) → (r, ż) of elements with parameters p (E, P), see data/simulation/elements.py."""
     if law == POLYNOMIAL:
         p1, p2, p3 = p.T[:3]
         return lambda y, ydot, z: ((p1 + p3 * y * y) * y + p2 * ydot, 0.0)

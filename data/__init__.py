@@ -1,1 +1,61 @@
-"""What happens before any estimator sees a number: structures, excitation, motion, sensors."""
+"""What happens before any estimator sees a number: structures, motions, sensors, records.
+
+Every public class by its name, loaded when it is first used: `from data import Structure`. The same
+names stand in configs as `_target_: data.Structure`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+PUBLIC = {  # class → the module that defines it
+    # records and samples
+    "Data": "data.datamodule",
+    "Drive": "data.record",
+    "Escape": "data.record",
+    "Record": "data.record",
+    "Response": "data.record",
+    "Sample": "data.sample",
+    "Sensors": "data.sample",
+    "Truth": "data.record",
+    "WindowDataset": "data.windows",
+    # simulation
+    "BandLimitedGaussian": "data.simulation.excitation",
+    "Bilinear": "data.simulation.elements",
+    "BoucWen": "data.simulation.elements",
+    "Composed": "data.simulation.scenario",
+    "EscapedMotionError": "data.simulation.motion",
+    "Excitation": "data.simulation.excitation",
+    "FullState": "data.simulation.scenario",
+    "Given": "data.simulation.excitation",
+    "HystereticDegradation": "data.simulation.damage",
+    "Integrated": "data.simulation.scenario",
+    "LimitedSlip": "data.simulation.elements",
+    "Multisine": "data.simulation.excitation",
+    "Noisy": "data.simulation.scenario",
+    "Polynomial": "data.simulation.elements",
+    "RecordedEarthquake": "data.simulation.earthquake",
+    "SimulatedData": "data.simulation.datamodule",
+    "Simulation": "data.simulation.records",
+    "SineSweep": "data.simulation.excitation",
+    "StiffnessLoss": "data.simulation.damage",
+    "Structure": "data.simulation.structure",
+    # measured records, public benchmarks, streams
+    "BenchmarkData": "data.public.datamodule",
+    "MeasuredData": "data.measured.datamodule",
+    "Mending": "data.measured.mend",
+    "SampleLines": "data.stream.lines",
+    "WholeRecords": "data.measured.datamodule",
+}
+__all__ = list(PUBLIC)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in PUBLIC:
+        raise AttributeError(f"module 'data' has no {name!r}; public are {', '.join(PUBLIC)}")
+    return getattr(import_module(PUBLIC[name]), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *PUBLIC]

@@ -1,7 +1,7 @@
 """Training and test records as a LightningDataModule, cut into windows; where from is up to others.
 
-data/simulated.py makes them of a structure, data/measured.py reads them from files,
-data/benchmark.py takes them from the public benchmarks.
+data/simulation/datamodule.py makes them of a structure, data/measured/datamodule.py reads them
+from files, data/public/datamodule.py takes them from the public benchmarks.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from typing import Any
 from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
-from data.generate import Escape
-from data.record import Record, stack
+from data.record import Escape, Record, stack
 from data.windows import WindowDataset
 
 

@@ -224,3 +224,12 @@ def _tensors(record: Record) -> list[Tensor]:
 
     record.map(note)
     return seen
+
+
+@dataclass(frozen=True)
+class Escape:
+    """A motion that escaped: which record of which split, and when [s]."""
+
+    split: str
+    record: int
+    time: float

@@ -1,6 +1,6 @@
 """Element network: a learned element between every two DOFs and from every DOF to ground.
 
-M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law(y_e, ẏ_e, z_e)        (models/layers/composition.py)
+M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law(y_e, ẏ_e, z_e)       (models/composition/simulate.py)
 
 The laws hold a linear spring and damper, a cubic spring, hinges (or odd tanhs), hysteretic units.
 With hinges they contain bilinear, limited-slip, cubic and Bouc–Wen elements: on structures made of
@@ -17,8 +17,8 @@ import torch
 from torch import Tensor
 
 from data.record import Record
-from models.composite import Composite
-from models.layers.composition import Coefficients, Composition, ElementLaws, Numbering, Part
+from models.composition.composite import Composite
+from models.composition.simulate import Coefficients, Composition, ElementLaws, Numbering, Part
 
 SOFTEST = 0.05  # of the median stiffness: what an element starts with at least
 

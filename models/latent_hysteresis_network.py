@@ -1,6 +1,6 @@
 """Latent hysteresis network: no topology; directions of deformation and their laws are learned.
 
-q̈ = −ω² q − 2ζω q̇ + Γ u − Dᵀ r(y, ẏ, z),   y = D q,   x = Φ q       (models/layers/composition.py)
+q̈ = −ω² q − 2ζω q̇ + Γ u − Dᵀ r(y, ẏ, z),   y = D q,   x = Φ q       (models/composition/simulate.py)
 
 The linear core is modal, its damping positive by construction. Elements act along the directions
 along which they are deformed (reciprocity), so that units with positive stiffness take up energy.
@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from data.record import Record
-from models.composite import Composite
-from models.layers.composition import Coefficients, Composition, ElementLaws, Numbering, Part
+from models.composition.composite import Composite
+from models.composition.simulate import Coefficients, Composition, ElementLaws, Numbering, Part
 from models.linear import EquivalentLinear
 
 SMALLEST_DAMPING = 1e-3  # 2ζ of a mode at the start

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from data.compiled import compilers
-from models.adaptation.compiled import HERE, adapt
+from data.numba_cache import compilers
+from models.online.laws.laws_compiled import HERE, adapt
 
 compiled, inlined = compilers(Path(__file__), HERE, contract=True, reassociate=True)
 

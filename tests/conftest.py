@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from data.elements import Bilinear, BoucWen, Element, LimitedSlip, Polynomial
-from data.excitation import BandLimitedGaussian, Excitation
-from data.generate import Simulation
 from data.record import Record
-from data.scenario import FullState
-from data.structure import Structure
+from data.simulation.elements import Bilinear, BoucWen, Element, LimitedSlip, Polynomial
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.records import Simulation
+from data.simulation.scenario import FullState
+from data.simulation.structure import Structure
 
 MASSES = [0.8, 2.0, 1.2]
 K0, C0 = 4.0 * np.pi**2, np.pi / 4.0

@@ -34,8 +34,8 @@ from benchmarks.published.measure import (
 )
 from benchmarks.published.page import write_page
 from benchmarks.published.table import report
-from report.console import composed, one_line_errors, quiet_lightning
-from report.runs import write_json
+from runner.command_line import composed, one_line_errors, quiet_lightning
+from runner.run_folder import write_json
 
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")
 SEEDS = range(40, 48)  # took part in no choice; those of the zoo's free runs too

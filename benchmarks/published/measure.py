@@ -19,12 +19,12 @@ import torch
 
 from benchmarks.published import narx, sindy, subnet
 from data.record import Drive, Record
-from data.simulated import SimulatedData
+from data.simulation.datamodule import SimulatedData
 from models.checkpoint import load_estimator
 from models.estimator import NoFreeRunError
 from models.training.assemble import data_from, estimator_from
-from report.console import composed
-from report.runs import CHECKPOINT
+from runner.command_line import composed
+from runner.run_folder import CHECKPOINT
 from train import identify
 
 PACKAGES = {"subnet": subnet, "narx": narx, "sindy": sindy}

@@ -1,1 +1,1 @@
-"""Hydra's name for report/batch.py: launchers have to live in hydra_plugins."""
+"""Hydra's name for runner/side_by_side.py: launchers have to live in hydra_plugins."""

@@ -13,7 +13,7 @@ from hydra._internal.core_plugins.basic_launcher import BasicLauncher
 from hydra.core.utils import JobReturn, setup_globals
 from omegaconf import open_dict
 
-from report.composed_once import ComposedOnce
+from runner.composed_once import ComposedOnce
 
 
 class BatchedLauncher(BasicLauncher):
@@ -39,7 +39,10 @@ class BatchedLauncher(BasicLauncher):
 
     def _together(self, jobs: dict[int, Sequence[str]]) -> list[Sequence[str]]:
         """Run all of a group; returns what has to be run alone."""
-        from report.batch import can_be_batched, run_batch  # slow, not needed for a single run
+        from runner.side_by_side import (  # slow, not needed for a single run
+            can_be_batched,
+            run_batch,
+        )
 
         assert self.hydra_context is not None
         assert self.config is not None

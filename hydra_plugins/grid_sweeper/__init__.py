@@ -1,1 +1,1 @@
-"""Hydra's name for report/sweep.py: sweepers have to live in hydra_plugins."""
+"""Hydra's name for runner/progress.py: sweepers have to live in hydra_plugins."""

@@ -20,13 +20,13 @@ from hydra.core.utils import JobReturn, JobStatus
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
 
-from report.composed_once import ComposedOnce
+from runner.composed_once import ComposedOnce
 
 
 def tell_lost(runs: Sequence[JobReturn]) -> None:
     """Why runs could not even leave a failed.json: a full disk, a lost process."""
     from hydra_plugins.launchers.launcher import reason_of
-    from report.sweep import reasons
+    from runner.progress import reasons
 
     failed = [run for run in runs if run.status == JobStatus.FAILED]
     lost = {" ".join(run.overrides or ()): reason_of(run._return_value) for run in failed}
@@ -53,7 +53,7 @@ class GridSweeper(BasicSweeper):
         super().setup(hydra_context=context, task_function=task_function, config=config)
 
     def sweep(self, arguments: list[str]) -> None:
-        from report.sweep import Watch, is_finished, print_summary, would_fail_again  # slow
+        from runner.progress import Watch, is_finished, print_summary, would_fail_again  # slow
 
         assert self.config is not None
         assert self.launcher is not None

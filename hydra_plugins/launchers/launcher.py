@@ -40,8 +40,8 @@ class Worker:
 
     def __call__(self, words: Sequence[str]) -> str | None:
         """One run, from what was typed for it; why it left no result, if the run cannot say so."""
-        from report.console import prepare_hydra
-        from report.runs import FAILED, METRICS
+        from runner.command_line import prepare_hydra
+        from runner.run_folder import FAILED, METRICS
 
         try:
             os.chdir(self.folder)

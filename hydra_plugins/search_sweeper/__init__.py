@@ -1,1 +1,1 @@
-"""Hydra's name for report/search.py: sweepers have to live in hydra_plugins."""
+"""Hydra's name for runner/search.py: sweepers have to live in hydra_plugins."""

@@ -24,7 +24,7 @@ from hydra.core.override_parser.types import Override
 from hydra_plugins.grid_sweeper.grid_sweeper import GridSweeper, tell_lost
 
 if TYPE_CHECKING:
-    from report.search import Search
+    from runner.search import Search
 
 
 class SearchSweeper(GridSweeper):
@@ -42,7 +42,7 @@ class SearchSweeper(GridSweeper):
 
     def sweep(self, arguments: list[str]) -> None:
         try:
-            from report.search import print_searches, write_searches  # slow, Optuna is an extra
+            from runner.search import print_searches, write_searches  # slow, Optuna is an extra
         except ModuleNotFoundError as error:
             need = "pip install -c constraints.txt -e '.[optuna]'"
             raise ValueError(f"a search needs {error.name}: {need}") from None
@@ -71,7 +71,7 @@ class SearchSweeper(GridSweeper):
 
     def searches(self, arguments: list[str], folder: Path) -> list[Search]:
         """One for each combination of the words that are not tuned, but for the seeds."""
-        from report.search import Search, distribution, start_of
+        from runner.search import Search, distribution, start_of
 
         parser = OverridesParser.create(config_loader=self.loader)
         typed = parser.parse_overrides(arguments)
@@ -125,7 +125,7 @@ class SearchSweeper(GridSweeper):
         Raises ValueError where some were lost, by the fault of a disk or a machine: a setting is
         not to be judged by that.
         """
-        from report.runs import FAILED, METRICS
+        from runner.run_folder import FAILED, METRICS
 
         assert self.launcher is not None
         pending = self._pending(jobs)
@@ -139,13 +139,13 @@ class SearchSweeper(GridSweeper):
 
     @staticmethod
     def _pending(jobs: Mapping[Path, list[str]]) -> dict[Path, list[str]]:
-        from report.sweep import is_finished, would_fail_again
+        from runner.progress import is_finished, would_fail_again
 
         return {f: j for f, j in jobs.items() if not is_finished(f) and not would_fail_again(f)}
 
     def finish(self, jobs: Mapping[Path, list[str]]) -> bool:
         """The runs on fresh seeds, with progress and a summary; whether all are done."""
-        from report.sweep import Watch, is_finished, print_summary
+        from runner.progress import Watch, is_finished, print_summary
 
         assert self.launcher is not None
         pending, done = self._pending(jobs), sum(map(is_finished, jobs))

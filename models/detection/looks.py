@@ -13,7 +13,7 @@ from torch import Tensor
 
 from data.record import Record
 from models.estimator import Estimator
-from models.online import Online
+from models.online.adaptive import Online
 
 
 @torch.no_grad()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from data.compiled import compilers
+from data.numba_cache import compilers
 
 compiled, _ = compilers(Path(__file__))
 

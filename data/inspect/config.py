@@ -1,0 +1,164 @@
+"""A ready config of a measured record, and cautious guesses of what its columns are.
+
+A guess is only ever a comment in that config: somebody who knows the sensors takes the # away.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from data.measured.clock_faults import Finding
+from data.measured.units import to_si
+
+NAMES = (  # in a column's name → signal
+    (r"(ground|table|base|shaker?).*acc|acc.*(ground|table|base)|üg|ag\b", "s_ddot"),
+    (r"acc|^a[_ ]?[xyz]?\d*$", "a"),
+    (r"(ground|table|base).*disp", "s"),
+    (r"disp|lvdt|stroke|laser|deflection|position", "x"),
+    (r"vel(o|\b|_|$)|^v[_ ]?\d*$", "v"),
+    (r"force|load|hammer|^f[_ ]?\d*$", "f"),
+)
+CLOCK = r"time|zeit|temps|^t$|^t[_ ]?\[?s\]?$"
+UNITS = (("m/s^2", "a"), ("m/s", "v"), ("m", "x"), ("N", "f"))
+
+
+def is_clock(column: str) -> bool:
+    """Whether a column's name sounds like a clock."""
+    return re.search(CLOCK, column.lower()) is not None
+
+
+def suggest(columns: Sequence[str], units: Mapping[str, str]) -> dict[str, str]:
+    """{column: channel} by the units and names of columns; those that say nothing are left out."""
+    found: dict[str, str] = {}
+    count: dict[str, int] = {}
+    for column in columns:
+        signal = _signal(column, units.get(column))
+        if signal == "time" and "time" not in found.values():
+            found[column] = "time"
+        elif signal is not None and signal != "time":
+            count[signal] = count.get(signal, 0) + 1
+            found[column] = f"{signal}{count[signal]}"
+    return found
+
+
+def _signal(column: str, unit: str | None) -> str | None:
+    if is_clock(column) and (unit is None or _has_dimension(unit, "time")):
+        return "time"
+    named = next((s for pattern, s in NAMES if re.search(pattern, column.lower())), None)
+    if unit is None:
+        return named
+    fits = [signal for _, signal in UNITS if _has_dimension(unit, signal)]
+    if named in ("s_ddot", "s") and {"s_ddot": "a", "s": "x"}[named] in fits:
+        return named
+    return fits[0] if fits else None
+
+
+def _has_dimension(unit: str, signal: str) -> bool:
+    try:
+        to_si(unit, signal)
+    except ValueError:
+        return False
+    return True
+
+
+def config_path(wanted: str, record: Path) -> Path:
+    """FOLDER/data/NAME.yaml, where Hydra looks for data=NAME under --config-dir FOLDER.
+
+    wanted: a folder, or the .yaml file itself.
+    """
+    place = Path(wanted)
+    if place.suffix not in (".yaml", ".yml"):
+        name = re.sub(r"\W+", "_", record.resolve().stem).strip("_") or "record"
+        return place / "data" / f"{name}.yaml"
+    inside = place.resolve().parent.name == "data"
+    return place.with_suffix(".yaml") if inside else place.parent / "data" / f"{place.stem}.yaml"
+
+
+def command(config: Path, channels: Iterable[str]) -> str:
+    """What to type to train on it; accelerations alone are integrated first."""
+    signals = {channel.rstrip("0123456789") for channel in channels}
+    scenario = " scenario=integrated" if "a" in signals and not {"x", "v"} <= signals else ""
+    folder = config.parent.parent
+    return f"python train.py --config-dir {folder} data={config.stem} model=vwnn{scenario}"
+
+
+def write_config(
+    path: Path, settings: Mapping[str, Any], guesses: Mapping[str, str], found: Sequence[Finding]
+) -> None:
+    """Write the settings of `data=measured` for one record; guesses and remedies as comments."""
+    chosen = {k: v for k, v in settings.items() if k not in ("path", "channels") and v is not None}
+    channels = settings.get("channels") or {}
+    inner = [
+        *_dumped({"path": settings["path"]}),
+        *_channels(channels, guesses),
+        *_dumped(chosen),
+        *_remedies(found),
+    ]
+    text = [
+        "# @package _global_",
+        f"# {_plain(Path(settings['path']).name)}, as python -m data.inspect understood it",
+        f"# {command(path, channels or guesses.values())}",
+        "defaults: [measured, _self_]",
+        "data:",
+        *(f"  {line}" for line in inner),
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(text) + "\n", encoding="utf-8")
+
+
+def _channels(channels: Mapping[str, str], guesses: Mapping[str, str]) -> Iterator[str]:
+    if channels:
+        yield from _dumped({"channels": dict(channels)})
+    elif guesses:
+        yield "channels: # what each column is: guesses, take away the # of what is right"
+        for column, channel in guesses.items():
+            yield f"  # {_dumped({channel: column})[0]}"
+
+
+def _remedies(found: Sequence[Finding]) -> Iterator[str]:
+    """Settings that the findings name, the longest fill and the fastest rate of each."""
+    remedies: dict[str, tuple[str, str]] = {}
+    for finding in found:
+        named = re.search(r"data\.(mend\.\w+|dt)=([\w.+-]+)", finding.message)
+        if named is None:
+            continue
+        key, value = named[1], named[2].rstrip(".")
+        old = remedies.get(key, ("", ""))[0]
+        if not old or (_number(value) > _number(old)):
+            remedies[key] = (value, f"{finding.what} {finding.channel}".strip())
+    mends = {k.removeprefix("mend."): v for k, v in remedies.items() if k.startswith("mend.")}
+    if mends:
+        yield "# mend: # take away the # of what shall be done, and of this line"
+        yield from (f"#   {key}: {value} # {_plain(why)}" for key, (value, why) in mends.items())
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
+def _plain(text: str) -> str:
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
+def _dumped(settings: Mapping[str, Any]) -> list[str]:
+    """YAML lines; a column called ${…} must not be taken for an interpolation."""
+    if not settings:
+        return []
+    text = yaml.safe_dump(
+        _escaped(dict(settings)), sort_keys=False, allow_unicode=True, width=10_000
+    )
+    return text.splitlines()
+
+
+def _escaped(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _escaped(inner) for key, inner in value.items()}
+    return value.replace("${", "\\${") if isinstance(value, str) else value

@@ -1,0 +1,275 @@
+"""Measured records: files → channels → mended → Records, split for training and testing.
+
+The split comes first: nothing that is done to a training motion has seen a sample of a test motion.
+T samples, n DOFs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatch
+from glob import glob
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.datamodule import Data
+from data.measured.channels import RawRecord, between, read_record
+from data.measured.mend import Mending
+from data.record import Record
+from data.simulation.scenario import Scenario
+
+OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
+
+
+class MeasuredData(Data):
+    """Records of one structure from files.
+
+    path: files, or folders, or patterns of both. A folder is one record where channels name files
+    (file.csv:column), else each of its files is one. train, test: names of the records, or patterns
+    of names; one of both may be left out. A single record is cut at `split` of its time.
+    channels, units, skip_rows, delimiter, decimal, group, header: see data/measured/channels.py and
+    data/measured/files/table.py. dt [s]: where the files have no clock. start, stop [s]: of every
+    record.
+    quantity: what is estimated; None takes accelerations, else the force of an element, else
+    displacements. initial_state: None begins as measured where x and v are, else at rest.
+    With a support's acceleration s_ddot1, motions are relative to it and f = −s̈ drives them.
+    mend: what is done to the signals (data/measured/mend.py).
+    """
+
+    def __init__(
+        self,
+        path: str | Sequence[str],
+        scenario: Scenario,
+        mend: Mending,
+        seed: int = 0,
+        name: str = "measured",
+        train: str | Sequence[str] | None = None,
+        test: str | Sequence[str] | None = None,
+        split: float = 0.5,
+        channels: Mapping[str, str] | None = None,
+        units: Mapping[str, str] | None = None,
+        dt: float | None = None,
+        start: float = 0.0,
+        stop: float | None = None,
+        quantity: str | None = None,
+        initial_state: str | None = None,
+        hold: str = "linear",
+        skip_rows: int = 0,
+        delimiter: str | None = None,
+        decimal: str = ".",
+        group: str | None = None,
+        header: bool = True,
+        window: int | None = None,
+        stride: int | None = None,
+        warmup: int = 0,
+        batch: int | None = None,
+        validation: float = 0.0,
+    ) -> None:
+        super().__init__(window, stride, warmup, batch, validation)
+        if quantity is not None and quantity not in OUTPUTS:
+            raise ValueError(f"data.quantity={quantity!r}: choose {', '.join(OUTPUTS)}, or null")
+        if not 0.0 < split < 1.0:
+            raise ValueError(f"data.split={split} must lie between 0 and 1")
+        self.name, self.seed, self.scenario, self.mend = name, seed, scenario, mend
+        self.quantity, self.initial_state, self.hold = quantity, initial_state, hold
+        self.stated_dt = dt
+        text = {"skip_rows": skip_rows, "delimiter": delimiter, "decimal": decimal}
+        reader = {**text, "group": group, "header": header}
+        raws = {}
+        for place in record_places(path, channels):
+            raw = read_record(place, channels, units, **reader)
+            name_of = place.stem if place.is_file() else place.name
+            if name_of in raws:
+                name_of = str(place)
+            raws[name_of] = between(self._with_clock(raw), start, stop)
+        self.parts = self._parts(raws, train, test, split)
+        del raws
+        self.setup()
+        first = self.records["train"][0]
+        self.dt, self.dofs, self.inputs = first.dt, first.dofs, first.excitation.shape[-1]
+        self._check_alike()
+
+    def _parts(
+        self,
+        raws: dict[str, RawRecord],
+        train: str | Sequence[str] | None,
+        test: str | Sequence[str] | None,
+        split: float,
+    ) -> dict[str, dict[str, RawRecord]]:
+        return _splits(raws, train, test, split)
+
+    def make_records(self) -> dict[str, list[Record]]:
+        """Each part mended and measured on its own; what was read is let go."""
+        made: dict[str, list[Record]] = {}
+        for number, split in enumerate(("train", "test")):
+            made[split] = []
+            for i, (name, raw) in enumerate(self.parts[split].items()):
+                dt, channels, done = self.mend(raw)
+                self.notes[f"{split}: {name}"] = [*raw.notes, *done]
+                record = self._record(dt, channels, raw.whole)
+                rng = np.random.default_rng((self.seed, number, i))
+                made[split].append(self.scenario(record, rng))
+        self.parts = {}
+        return made
+
+    def _with_clock(self, raw: RawRecord) -> RawRecord:
+        if self.stated_dt is None:
+            return raw
+        return replace(raw, time=None, clocks={}, dt=self.stated_dt)
+
+    def _record(self, dt: float, channels: dict[str, np.ndarray], whole: bool) -> Record:
+        usual = ("acceleration", "force", "displacement")
+        held = [q for q in usual if numbered(channels, OUTPUTS[q])]
+        quantity = self.quantity or next(iter(held), None)
+        output = None if quantity is None else matrix(channels, OUTPUTS[quantity])
+        if quantity is None or output is None:
+            raise ValueError(
+                f"{self.name}: the channels {', '.join(channels)} hold nothing to estimate; "
+                "expected accelerations a1, …, displacements x1, … or forces of an element r1"
+            )
+        self.forced, f = numbered(channels, "f"), matrix(channels, "f")
+        ground = matrix(channels, "s_ddot")
+        if ground is not None:
+            output, f = self._relative(output, f, ground, channels)
+        empty = output.new_zeros(len(output), 0)
+        # beside accelerations only: an estimate of x must not see x
+        x, v = (matrix(channels, s) if quantity == "acceleration" else None for s in ("x", "v"))
+        x, v = (u if u is not None and u.shape == output.shape else None for u in (x, v))
+        known = x is not None and v is not None
+        record = Record(
+            dt=dt,
+            a=output,
+            f=empty if f is None else f,
+            x=x,
+            v=v,
+            s=matrix(channels, "s"),
+            s_dot=matrix(channels, "s_dot"),
+            initial_state=self.initial_state or ("given" if known or not whole else "rest"),
+            hold=self.hold,
+            quantity=quantity,
+        )
+        if record.excitation.shape[-1] == 0:
+            raise ValueError(
+                f"{self.name}: the channels {', '.join(channels)} hold nothing that drives the "
+                "motion; expected forces f1, …, a support's acceleration s_ddot1, or s1 and s_dot1"
+            )
+        record.require_finite()
+        return record
+
+    def _relative(
+        self, a: Tensor, f: Tensor | None, ground: Tensor, channels: Mapping[str, Any]
+    ) -> tuple[Tensor, Tensor]:
+        """Motion relative to a support, which drives it by −M ι s̈: f = −s̈ in m/s²."""
+        if f is not None or ground.shape[-1] != 1 or numbered(channels, "x"):
+            raise ValueError(
+                f"{self.name}: the channels {', '.join(channels)} mix a support's acceleration "
+                "with forces, displacements or a second one; base excitation takes s_ddot1 and "
+                "absolute accelerations a1, … alone"
+            )
+        self.forced = "base"
+        return a - ground, -ground
+
+    def _check_alike(self) -> None:
+        for split, records in self.records.items():
+            for record in records:
+                if abs(record.dt / self.dt - 1.0) > 1e-6:
+                    raise ValueError(
+                        f"the records of {self.name} are sampled every {self.dt:g} s and every "
+                        f"{record.dt:g} s; set data.mend.resample={1.0 / self.dt:g} (Hz)"
+                    )
+                if (record.dofs, record.excitation.shape[-1]) != (self.dofs, self.inputs):
+                    raise ValueError(f"the {split} records of {self.name} differ in their channels")
+
+
+class WholeRecords(MeasuredData):
+    """Every record whole, under "train", to be replayed and not to be learnt from."""
+
+    def _parts(self, raws: dict[str, RawRecord], *_: object) -> dict[str, dict[str, RawRecord]]:
+        return {"train": raws, "test": {}}
+
+
+def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None) -> list[Path]:
+    """Files and folders that are one record each."""
+    patterns = [path] if isinstance(path, str) else list(path)
+    found: list[Path] = []
+    for pattern in patterns:
+        hits = [pattern] if Path(pattern).exists() else sorted(glob(pattern))
+        if not hits:
+            raise ValueError(
+                f"data.path={pattern}: there is no such file or folder (seen from {Path.cwd()})"
+            )
+        found += [Path(hit) for hit in hits]
+    one_each = any(":" in where for where in (channels or {}).values())
+    places: list[Path] = []
+    for place in found:
+        whole = place.is_file() or one_each
+        files = [] if whole else sorted(p for p in place.iterdir() if p.is_file())
+        places += [place] if whole else files
+    return places
+
+
+def _splits(
+    raws: dict[str, RawRecord],
+    train: str | Sequence[str] | None,
+    test: str | Sequence[str] | None,
+    split: float,
+) -> dict[str, dict[str, RawRecord]]:
+    """Records of both splits by name, never a sample in both."""
+    names = list(raws)
+    if train is None and test is None:
+        if len(raws) > 1:
+            raise ValueError(
+                f"there are {len(raws)} records, {', '.join(names[:6])}: say which to test on, "
+                f"for example data.test=[{names[-1]}]"
+            )
+        name, raw = next(iter(raws.items()))
+        first, last = raw.span
+        middle = first + split * (last - first)
+        return {
+            "train": {f"{name} (first part)": between(raw, 0.0, middle, closed=False)},
+            "test": {f"{name} (rest)": replace(between(raw, middle, None), whole=False)},
+        }
+    chosen = {"train": _matching(names, train, "train"), "test": _matching(names, test, "test")}
+    for split_, other in (("train", "test"), ("test", "train")):
+        if (train if split_ == "train" else test) is None:
+            chosen[split_] = [name for name in names if name not in chosen[other]]
+    both = set(chosen["train"]) & set(chosen["test"])
+    if both or not all(chosen.values()):
+        raise ValueError(
+            f"data.train={train} and data.test={test} put {', '.join(sorted(both)) or 'nothing'} "
+            f"into {'both' if both else 'one of them'}; the records are {', '.join(names)}"
+        )
+    return {s: {name: raws[name] for name in chosen[s]} for s in chosen}
+
+
+def _matching(names: Sequence[str], wanted: str | Sequence[str] | None, key: str) -> list[str]:
+    patterns = [] if wanted is None else [wanted] if isinstance(wanted, str) else list(wanted)
+    for pattern in patterns:
+        if not any(fnmatch(name, pattern) for name in names):
+            raise ValueError(f"data.{key}: no record is called {pattern}; {', '.join(names)} are")
+    return [name for name in names if any(fnmatch(name, p) for p in patterns)]
+
+
+def numbered(channels: Mapping[str, Any], signal: str) -> list[int]:
+    """Numbers of the channels of a signal, ascending."""
+    ends = [c.removeprefix(signal) for c in channels if c.rstrip("0123456789") == signal]
+    return sorted(int(end) for end in ends)
+
+
+def matrix(channels: Mapping[str, np.ndarray], signal: str) -> Tensor | None:
+    """Channels of a signal (T, c), or None. Raises ValueError for motions that leave a DOF out."""
+    numbers = numbered(channels, signal)
+    if not numbers:
+        return None
+    if signal != "f" and numbers != list(range(1, len(numbers) + 1)):
+        raise ValueError(
+            f"there are the channels {', '.join(f'{signal}{i}' for i in numbers)}; expected "
+            f"{signal}1 … {signal}{len(numbers)} without a gap"
+        )
+    columns = [channels[f"{signal}{i}"] for i in numbers]
+    return torch.from_numpy(np.stack(columns, axis=1).astype(float, copy=False))

@@ -1,0 +1,141 @@
+"""Named arrays of a MAT, HDF5 or NPZ file as columns: how they lie, and which fit together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from data.measured.files.columns import (
+    Contents,
+    FileError,
+    Request,
+    as_float,
+    check_size,
+    choose,
+    name_columns,
+    shorten,
+)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One named array of a file, not read yet."""
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    read: Callable[[], np.ndarray]
+    unit: str | None = None
+    refused: str = ""  # why this one is not read, such as "a cell array"
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+
+def refuse(name: str, reason: str) -> Variable:
+    """A variable that stops the reading unless `data.columns` asks for others only."""
+    return Variable(name, (), np.dtype(object), lambda: np.empty(0), refused=reason)
+
+
+def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Contents:
+    """Vectors and matrices (rows, k) as columns `name` or `name1 … namek`, scalars as facts.
+
+    Raises FileError for refused variables, three-dimensional arrays, arrays that lie on their
+    side and columns of unequal length, each unless `data.columns` leaves them out.
+    """
+    contents = Contents()
+    series = [variable for variable in variables if _is_series(path, variable, request, contents)]
+    owners = [(variable, k) for variable in series for k in range(_width(variable))]
+    headers = [_column_name(variable, k) for variable, k in owners]
+    names, contents.units = name_columns(path, headers)
+    chosen = choose(path, names, request.columns)
+    by_name = dict(zip(names, owners, strict=True))
+    for name, (variable, _) in by_name.items():
+        if variable.unit is not None:
+            contents.units.setdefault(name, variable.unit)
+    picked = {name: by_name[name] for name in chosen}
+    _check_together(path, {name: variable for name, (variable, _) in picked.items()})
+    used = {variable.name: variable for variable, _ in picked.values()}
+    declared = sum(8 * variable.size for variable in used.values())
+    check_size(path, declared, path.stat().st_size)
+    contents.units = {name: unit for name, unit in contents.units.items() if name in picked}
+    _read(path, picked, contents)
+    return contents
+
+
+def _is_series(path: Path, variable: Variable, request: Request, contents: Contents) -> bool:
+    """Whether a variable holds columns; scalars, text and empty arrays are put elsewhere."""
+    if variable.refused:
+        if request.columns is None or variable.name in request.columns:
+            raise FileError(
+                f"{path.name}: {variable.name!r} is {variable.refused}, which is not read; "
+                "expected arrays of numbers; name the others in data.columns"
+            )
+        contents.notes.append(f"{variable.name!r} left out: {variable.refused}")
+    elif variable.dtype.kind in "SU":
+        text = f" = {shorten(variable.read().item())}" if variable.size == 1 else ""
+        contents.notes.append(f"text {variable.name!r}{text} left out")
+    elif variable.size == 0:
+        contents.notes.append(f"{variable.name!r} left out: it is empty")
+    elif variable.size == 1:
+        if variable.dtype.kind in "biuf":
+            contents.facts[variable.name] = float(variable.read().item())
+        else:
+            contents.notes.append(f"{variable.name!r} left out: a single {variable.dtype}")
+    else:
+        return True
+    return False
+
+
+def _width(variable: Variable) -> int:
+    """How many columns a variable gives, once a row vector (1, rows) is stood upright."""
+    lengths = [n for n in variable.shape if n > 1]
+    return 1 if len(lengths) < 2 else variable.shape[-1]
+
+
+def _column_name(variable: Variable, k: int) -> str:
+    return variable.name if _width(variable) == 1 else f"{variable.name}{k + 1}"
+
+
+def _rows(variable: Variable) -> int:
+    return variable.size // _width(variable)
+
+
+def _check_together(path: Path, picked: dict[str, Variable]) -> None:
+    for name, variable in picked.items():
+        shape = tuple(n for n in variable.shape if n > 1)
+        if len(shape) > 2:
+            raise FileError(
+                f"{path.name}: {variable.name!r} has the shape {variable.shape}; expected "
+                "(rows,) or (rows, columns); save it as several matrices or leave it out "
+                "(data.columns)"
+            )
+        if len(shape) == 2 and shape[0] < shape[1]:
+            raise FileError(
+                f"{path.name}: {variable.name!r} has the shape {variable.shape}, more columns than "
+                f"rows; expected samples along the rows; transpose it or leave {name!r} out "
+                "(data.columns)"
+            )
+    lengths = {name: _rows(variable) for name, variable in picked.items()}
+    if len(set(lengths.values())) > 1:
+        shown = ", ".join(f"{name} has {rows}" for name, rows in list(lengths.items())[:8])
+        raise FileError(
+            f"{path.name}: columns differ in length: {shown}; expected one length; "
+            "choose some with data.columns (or data.group in HDF5)"
+        )
+
+
+def _read(path: Path, picked: dict[str, tuple[Variable, int]], contents: Contents) -> None:
+    arrays: dict[str, np.ndarray] = {}
+    for name, (variable, k) in picked.items():
+        if variable.name not in arrays:
+            arrays[variable.name] = variable.read().reshape(_rows(variable), _width(variable))
+            if variable.shape[0] == 1 and len(variable.shape) == 2:
+                contents.notes.append(f"{variable.name!r}: row vector stood upright")
+        column = arrays[variable.name][:, k]
+        contents.columns[name] = as_float(path, name, column, contents.notes)

@@ -1,0 +1,162 @@
+"""JSON: named lists, a list of rows under "data", or a list of objects."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+
+from data.measured.files.columns import (
+    GIB,
+    Contents,
+    FileError,
+    Request,
+    as_float,
+    choose,
+    name_columns,
+    seconds,
+    shorten,
+)
+from data.measured.files.text import to_times
+
+LARGEST = GIB  # bytes; Python needs about ten times as much to hold them
+
+
+def read_json(path: Path, request: Request) -> Contents:
+    """Columns of {"t": […], "a": […]}, {"data": [[…], …]} (c1, c2, …) or [{"t": …, "a": …}, …].
+
+    Other scalars become facts, other text notes. Raises FileError for ragged rows, text among
+    numbers, and nested values.
+    """
+    contents = Contents()
+    lists = _lists(path, _parse(path), contents)
+    names, units = name_columns(path, list(lists))
+    chosen = choose(path, names, request.columns)
+    by_name = dict(zip(names, lists.values(), strict=True))
+    lengths = {name: len(by_name[name]) for name in chosen}
+    if len(set(lengths.values())) > 1:
+        shown = ", ".join(f"{name} has {rows}" for name, rows in list(lengths.items())[:8])
+        raise FileError(
+            f"{path.name}: columns differ in length: {shown}; expected one length; "
+            "choose some with data.columns"
+        )
+    for name in chosen:
+        column = _column(path, name, by_name[name], contents.notes)
+        if column is not None:
+            contents.columns[name] = column
+        elif request.columns is not None:
+            raise FileError(
+                f"{path.name}: column {name!r} holds text; expected numbers; "
+                "take it out of data.columns"
+            )
+    contents.units = {name: unit for name, unit in units.items() if name in contents.columns}
+    return contents
+
+
+def _parse(path: Path) -> Any:
+    if path.stat().st_size > LARGEST:
+        raise FileError(
+            f"{path.name} has more than {LARGEST // GIB} GiB; expected less of JSON; "
+            "save it as Parquet"
+        )
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise FileError(f"{path.name}: {shorten(twice)} occurs twice; rename one of them")
+        return found
+
+    try:
+        return json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=unique)
+    except FileError:
+        raise
+    except RecursionError:
+        raise FileError(f"{path.name} is nested too deeply; expected lists of numbers") from None
+    except UnicodeDecodeError:
+        raise FileError(f"{path.name} is not UTF-8 text; expected JSON; save it again") from None
+    except ValueError as error:
+        raise FileError(f"{path.name} is no JSON: {error}; save it again") from None
+
+
+def _lists(path: Path, found: Any, contents: Contents) -> dict[str, list[Any]]:
+    """The columns as lists; scalars and text beside them go into `contents`."""
+    if isinstance(found, list):
+        return _rows(path, found)
+    if not isinstance(found, dict):
+        raise FileError(f"{path.name} holds {shorten(found)}; expected named lists of numbers")
+    lists: dict[str, list[Any]] = {}
+    for key, value in found.items():
+        if isinstance(value, list) and value:
+            lists |= _rows(path, value) if _are_rows(key, value) else {key: value}
+        elif isinstance(value, bool) or not isinstance(value, int | float):
+            contents.notes.append(f"{key}: {shorten(value)}")
+        else:
+            contents.facts[key] = _number(path, key, value)
+    return lists
+
+
+def _are_rows(key: str, value: list[Any]) -> bool:
+    return key == "data" and isinstance(value[0], list | dict)
+
+
+def _number(path: Path, key: str, value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        raise FileError(f"{path.name}: {key} is an integer too large for float64") from None
+
+
+def _rows(path: Path, rows: list[Any]) -> dict[str, list[Any]]:
+    """Rows turned into columns; lists name them c1, c2, …, objects by their keys."""
+    if not rows or not isinstance(rows[0], list | dict):
+        raise FileError(
+            f"{path.name}: expected rows as lists or objects, or named lists; "
+            f"got {shorten(rows[:3])}"
+        )
+    first = rows[0]
+    for number, row in enumerate(rows, start=1):
+        if type(row) is not type(first) or len(row) != len(first):
+            counts = f"{len(row)} values" if isinstance(row, list | dict) else shorten(row)
+            raise FileError(
+                f"{path.name}: row {number} has {counts}; expected {len(first)} as in row 1"
+            )
+        if isinstance(first, dict) and any(key not in row for key in first):
+            missing = next(key for key in first if key not in row)
+            raise FileError(f"{path.name}: row {number} lacks {missing!r}, which row 1 has")
+    if isinstance(first, dict):
+        return {key: [row[key] for row in rows] for key in first}
+    return {f"c{k + 1}": [row[k] for row in rows] for k in range(len(first))}
+
+
+def _column(path: Path, name: str, values: list[Any], notes: list[str]) -> np.ndarray | None:
+    """One list as float64, None for text; null is NaN."""
+    filled = [value for value in values if value is not None]
+    if filled and all(isinstance(value, str) for value in filled):
+        times = to_times(pa.chunked_array([pa.array(values, pa.string())]))
+        if times is None:
+            notes.append(f"{name!r} left out: text")
+            return None
+        return seconds(path, name, times, notes)
+    for number, value in enumerate(values, start=1):
+        if value is not None and not isinstance(value, int | float):
+            raise FileError(
+                f"{path.name}: {name}, row {number}: {shorten(value)} is no number; "
+                "expected a number or null; mend that row"
+            )
+    numbers = [np.nan if value is None else value for value in values]
+    array = np.asarray(numbers)
+    if array.dtype.kind == "O" or (array.dtype.kind == "f" and _rounded(filled)):
+        raise FileError(
+            f"{path.name}: {name!r} mixes integers beyond 2^53 with other values; float64 would "
+            "round them; leave it out (data.columns)"
+        )
+    return as_float(path, name, array, notes)
+
+
+def _rounded(values: list[Any]) -> bool:
+    return any(isinstance(value, int) and abs(value) > 2**53 for value in values)

@@ -1,0 +1,97 @@
+"""MATLAB files: v4 to v7 by scipy, v7.3 as the HDF5 file that it is."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+import scipy.sparse
+
+from data.measured.files.arrays import Variable, refuse, tabulate
+from data.measured.files.columns import Contents, FileError, Request, check_size, reason_of
+
+COMPRESSED = 15  # type number of a compressed element in MAT v5
+
+
+def read_mat(path: Path, request: Request) -> Contents:
+    """The numeric arrays of a MAT file, structs flattened as `struct.field`.
+
+    Cells, objects and sparse matrices are refused by name. Raises FileError for these and damage.
+    """
+    with path.open("rb") as file:
+        head = file.read(2056)
+    if head.startswith(b"MATLAB 7.3") or b"\x89HDF\r\n\x1a\n" in (head[512:520], head[:8]):
+        from data.measured.files.hdf5 import read_hdf5
+
+        return read_hdf5(path, request)
+    if request.group is not None:
+        raise FileError(f"{path.name}: data.group is for MAT v7.3 and HDF5 files; leave it out")
+    notes: list[str] = []
+    raw = _load(path, head, notes)
+    variables = [v for name, value in raw.items() for v in _variables(name, value)]
+    contents = tabulate(path, variables, request)
+    contents.notes[:0] = notes
+    return contents
+
+
+def _load(path: Path, head: bytes, notes: list[str]) -> dict[str, Any]:
+    """What scipy reads. It only builds arrays; MATLAB functions and objects stay bytes."""
+    try:
+        if head.startswith(b"MATLAB "):
+            _check_elements(path, head)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            shapes = scipy.io.whosmat(path)
+            declared = sum(8 * int(np.prod(shape, dtype=object)) for _, shape, _ in shapes)
+            check_size(path, declared, path.stat().st_size)
+            raw = scipy.io.loadmat(path)
+    except (FileError, MemoryError):
+        raise
+    except Exception as error:  # scipy passes on whatever the damage leads to
+        raise FileError(f"{path.name} is damaged: {reason_of(error)}; save it again") from None
+    for warning in caught:
+        notes.append(str(warning.message).splitlines()[0])
+    return {name: value for name, value in raw.items() if not name.startswith("__")}
+
+
+def _check_elements(path: Path, head: bytes) -> None:
+    """The sizes that compressed elements of MAT v5 declare, structs included, before unpacking."""
+    order = "<" if head[126:128] == b"IM" else ">"
+    stored, at, declared = path.stat().st_size, 128, 0
+    with path.open("rb") as file:
+        while at + 8 <= stored:
+            file.seek(at)
+            kind, length = struct.unpack(f"{order}II", file.read(8))
+            if at + 8 + length > stored:
+                raise FileError(f"{path.name} is damaged: it ends in mid-array; save it again")
+            if kind == COMPRESSED:
+                tag = zlib.decompressobj().decompress(file.read(min(length, 4096)), 8)
+                declared += struct.unpack(f"{order}II", tag)[1] if len(tag) == 8 else 0
+            at += 8 + length
+    check_size(path, declared, stored)
+
+
+def _variables(name: str, value: Any) -> list[Variable]:
+    if scipy.sparse.issparse(value):
+        return [refuse(name, "a sparse matrix")]
+    if type(value).__name__.startswith("Matlab") or not isinstance(value, np.ndarray):
+        return [refuse(name, "a MATLAB object or function")]
+    if value.dtype.names is not None:
+        return _struct(name, value)
+    if value.dtype.kind == "O":
+        return [refuse(name, "a cell array")]
+    return [Variable(name, value.shape, value.dtype, lambda: value)]
+
+
+def _struct(name: str, value: np.ndarray) -> list[Variable]:
+    """The fields of one struct; an array of structs is refused."""
+    if value.size != 1:
+        return [refuse(name, f"an array of {value.size} structs")]
+    assert value.dtype.names is not None
+    one = value.flat[0]
+    return [v for field in value.dtype.names for v in _variables(f"{name}.{field}", one[field])]

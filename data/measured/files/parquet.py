@@ -1,0 +1,104 @@
+"""Parquet files: numbers and times of flat columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.parquet  # type: ignore[import-untyped]
+
+from data.measured.files.columns import (
+    Contents,
+    FileError,
+    Request,
+    as_float,
+    check_size,
+    choose,
+    name_columns,
+    reason_of,
+    seconds,
+)
+from data.measured.files.text import to_times
+
+
+def read_parquet(path: Path, request: Request) -> Contents:
+    """The number and time columns; text is left out with a note, nested columns are refused."""
+    try:
+        with pyarrow.parquet.ParquetFile(path) as file:
+            return _read(path, file, request)
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        if isinstance(error, PermissionError):
+            raise
+        raise FileError(
+            f"{path.name} is damaged: {reason_of(error)}; copy or export it again"
+        ) from None
+
+
+def _read(path: Path, file: pyarrow.parquet.ParquetFile, request: Request) -> Contents:
+    schema = file.schema_arrow
+    names, units = name_columns(path, schema.names)
+    chosen = choose(path, names, request.columns)
+    check_size(path, 8 * file.metadata.num_rows * len(chosen), path.stat().st_size)
+    contents = Contents()
+    for name in chosen:
+        raw = schema.field(names.index(name))
+        if pa.types.is_nested(raw.type):
+            raise FileError(
+                f"{path.name}: {name!r} is nested ({raw.type}); expected numbers; "
+                "name the others in data.columns"
+            )
+        values = file.read(columns=[raw.name]).column(0)
+        if len(values) != file.metadata.num_rows:
+            raise FileError(
+                f"{path.name} is damaged: {name!r} has {len(values)} of {file.metadata.num_rows} "
+                "rows; copy or export it again"
+            )
+        column = _column(path, name, values, contents.notes)
+        if column is not None:
+            contents.columns[name] = column
+        elif request.columns is not None:
+            raise FileError(
+                f"{path.name}: column {name!r} holds {raw.type}; expected numbers; "
+                "take it out of data.columns"
+            )
+    contents.units = {name: unit for name, unit in units.items() if name in contents.columns}
+    contents.facts = _facts(schema.metadata or {})
+    return contents
+
+
+def _column(path: Path, name: str, values: pa.ChunkedArray, notes: list[str]) -> np.ndarray | None:
+    """One column as float64, None for text and bytes."""
+    kind = values.type
+    if pa.types.is_dictionary(kind):
+        values, kind = values.cast(kind.value_type), kind.value_type
+    if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
+        stamps = values.cast(pa.timestamp("ns", getattr(kind, "tz", None)))
+        return seconds(path, name, stamps.to_numpy().astype("datetime64[ns]"), notes)
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        times = to_times(values) if values.null_count < len(values) else None
+        if times is not None:
+            return seconds(path, name, times, notes)
+    if pa.types.is_null(kind):
+        notes.append(f"{name!r} is empty")
+        return np.full(len(values), np.nan)
+    if pa.types.is_decimal(kind) or pa.types.is_boolean(kind) or pa.types.is_float16(kind):
+        values = values.cast(pa.float64())
+    elif not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+        notes.append(f"{name!r} left out: {kind}")
+        return None
+    if pa.types.is_integer(kind) and values.null_count:
+        values = values.cast(pa.float64())  # raises beyond 2^53, where float64 would round
+    column = as_float(path, name, values.to_numpy(), notes)
+    return column if column.flags.writeable else column.copy()
+
+
+def _facts(metadata: dict[bytes, bytes]) -> dict[str, float]:
+    """Numbers among the metadata of the file, such as dt."""
+    facts = {}
+    for key, value in metadata.items():
+        try:
+            facts[key.decode("utf-8", "replace")] = float(value)
+        except ValueError:
+            continue
+    return facts

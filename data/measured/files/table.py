@@ -1,0 +1,135 @@
+"""Read one measured file into named columns of numbers, and say what was noticed on the way.
+
+    read_table("floor_1.csv", skip_rows=7, columns=["SampleTimeFine", "Acc_X"])
+
+Nothing in a file is ever executed, and nothing outside it is followed.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+
+from data.measured.files.columns import Contents, FileError, Request
+from data.measured.files.signature import kind_of
+
+__all__ = ["FileError", "Table", "read_table"]
+
+READERS = {
+    "text": ("data.measured.files.text", "read_text"),
+    "mat": ("data.measured.files.mat", "read_mat"),
+    "hdf5": ("data.measured.files.hdf5", "read_hdf5"),
+    "parquet": ("data.measured.files.parquet", "read_parquet"),
+    "npz": ("data.measured.files.npz", "read_npz"),
+    "npy": ("data.measured.files.npz", "read_npy"),
+    "json": ("data.measured.files.json_table", "read_json"),
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Named columns of numbers of one file."""
+
+    path: str
+    columns: dict[str, np.ndarray]  # name → float64 (rows,), NaN where a cell is empty
+    units: dict[str, str]  # what the file itself says, from headers such as "acc [g]"
+    facts: dict[str, float]  # scalars that the file holds beside its columns, such as dt, fs
+    notes: tuple[str, ...]  # what the reader noticed and did
+
+
+def read_table(
+    path: str | Path,
+    *,
+    skip_rows: int = 0,
+    delimiter: str | None = None,
+    decimal: str = ".",
+    group: str | None = None,
+    columns: Sequence[str] | None = None,
+    header: bool = True,
+) -> Table:
+    """The columns of a CSV, MAT, Parquet, HDF5, NPZ, NPY or JSON file, told by its suffix.
+
+    `skip_rows` lines stand before the header, `delimiter` and `decimal` separate cells and
+    fractions, `header=False` names the columns c1, c2, …; all four for text files only. `group`
+    selects a group of an HDF5 or MAT v7.3 file. `columns` names those to read, without units.
+    Raises FileError, one line with the remedy, for whatever could come out wrong.
+    """
+    place = Path(path)
+    wanted = None if columns is None else tuple(columns)
+    request = Request(skip_rows, delimiter, decimal, group, wanted, header)
+    try:
+        _check_path(place)
+        kind = kind_of(place)
+        _check_request(place, kind, request)
+        contents = _reader(kind)(place, request)
+    except PermissionError:
+        raise FileError(f"{place} may not be read; grant yourself read permission") from None
+    except OSError as error:
+        reason = error.strerror or str(error).splitlines()[0]
+        raise FileError(f"{place} cannot be read: {reason}") from None
+    except MemoryError:
+        raise FileError(f"{place.name} does not fit into memory; read fewer data.columns") from None
+    _check_rows(place, contents)
+    notes = tuple(dict.fromkeys(contents.notes))
+    return Table(str(path), contents.columns, contents.units, contents.facts, notes)
+
+
+def _reader(kind: str) -> Callable[[Path, Request], Contents]:
+    """The reader of one format; its library is imported only where it is needed."""
+    module, function = READERS[kind]
+    reader: Callable[[Path, Request], Contents] = getattr(import_module(module), function)
+    return reader
+
+
+def _check_path(path: Path) -> None:
+    if path.is_dir():
+        raise FileError(f"{path} is a folder; name one file in it")
+    if path.exists():
+        if not path.is_file():
+            raise FileError(f"{path} is a device or a pipe; expected a file")
+        return
+    if not path.parent.is_dir():
+        raise FileError(f"{path} does not exist, nor does its folder")
+    others = sorted(entry.name for entry in path.parent.iterdir())
+    near = difflib.get_close_matches(path.name, others, n=1, cutoff=0.6)
+    guess = f"; did you mean {near[0]!r}?" if near else "; check the name"
+    raise FileError(f"{path} does not exist{guess}")
+
+
+def _check_request(path: Path, kind: str, request: Request) -> None:
+    if isinstance(request.skip_rows, bool) or request.skip_rows < 0:
+        raise FileError(f"{path.name}: data.skip_rows={request.skip_rows!r} must be 0 or more")
+    if request.decimal not in (".", ","):
+        raise FileError(f"{path.name}: data.decimal={request.decimal!r} must be '.' or ','")
+    if request.delimiter is not None and len(request.delimiter) != 1:
+        raise FileError(f"{path.name}: data.delimiter={request.delimiter!r} must be one character")
+    if request.delimiter is not None and request.delimiter in request.decimal + '"\r\n':
+        raise FileError(
+            f"{path.name}: data.delimiter={request.delimiter!r} is taken, "
+            f"with data.decimal={request.decimal!r}; choose another"
+        )
+    if request.columns is not None and not request.columns:
+        raise FileError(f"{path.name}: data.columns is empty; name at least one column")
+    for_text = ("skip_rows", "delimiter", "decimal", "header")
+    for name in for_text if kind != "text" else ("group",):
+        if getattr(request, name) != getattr(Request(), name) and (kind, name) != ("mat", "group"):
+            kinds = "HDF5 and MAT v7.3" if name == "group" else "text"
+            raise FileError(f"{path.name}: data.{name} is for {kinds} files; leave it out")
+    if request.group is not None and kind not in ("hdf5", "mat"):
+        raise FileError(f"{path.name}: data.group is for HDF5 and MAT v7.3 files; leave it out")
+
+
+def _check_rows(path: Path, contents: Contents) -> None:
+    if not contents.columns:
+        left_out = f" ({'; '.join(contents.notes[:3])[:200]})" if contents.notes else ""
+        raise FileError(f"{path.name} holds no column of numbers{left_out}; expected at least one")
+    lengths = {len(column) for column in contents.columns.values()}
+    assert len(lengths) == 1, lengths
+    rows = lengths.pop()
+    if rows < 2:
+        raise FileError(f"{path.name} has {rows} row{'s' * (rows != 1)}; expected at least 2")

@@ -1,0 +1,240 @@
+"""CSV, TSV and other delimited text, read by all cores without a second copy in memory."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.compute as pc  # type: ignore[import-untyped]
+import pyarrow.csv  # type: ignore[import-untyped]
+
+from data.measured.files.columns import (
+    Contents,
+    FileError,
+    Request,
+    as_float,
+    choose,
+    name_columns,
+    seconds,
+)
+from data.measured.files.text_cells import MISSING
+from data.measured.files.text_faults import find_fault
+from data.measured.files.text_layout import Layout, layout_of
+
+# as Arrow writes regular expressions
+NUMBER = r"^\s*[+-]?(\d+[.]?\d*|[.]\d+)([eE][+-]?\d+)?\s*$"
+STRETCH = 2**20  # bytes searched for a fault
+PIECE = 2**26  # bytes read at a time
+BLOCK = 2**22  # bytes of it that one thread parses
+TYPES = {"number": pa.float64(), "integer": pa.int64(), "time": pa.binary(), "text": pa.binary()}
+
+
+def read_text(path: Path, request: Request) -> Contents:
+    """The number columns of a delimited text file; text columns are left out with a note.
+
+    ISO-8601 times become seconds since the first. Raises FileError naming line, column and text.
+    """
+    layout = layout_of(path, request)
+    unnamed = [k for k, header in enumerate(layout.headers) if not header]
+    headers = [header or f"c{k + 1}" for k, header in enumerate(layout.headers)]
+    names, units = name_columns(path, headers)
+    units |= {names[k]: unit for k, unit in layout.units.items()}
+    chosen = choose(path, names, request.columns)
+    read = [name if name in chosen else "" for name in names]  # "" for what is not read
+    contents = Contents(notes=layout.notes)
+    table = _parse(path, layout, read, request, contents.notes)
+    for name in chosen:
+        k = names.index(name)
+        values, kind = table.pop(k), layout.kinds[k]
+        column = _column(path, name, values, kind, request.decimal, contents.notes)
+        if column is None:
+            if kind != "text" or _any_number(values, request.decimal):
+                find_fault(path, layout, read, request)
+            _left_out(path, name, request, contents.notes)
+        elif k in unnamed and np.isnan(column).all():
+            contents.notes.append(f"column {k + 1} left out: no name and no values")
+        else:
+            contents.columns[name] = column
+            if k in unnamed:
+                contents.notes.append(f"column {k + 1} has no name, called {name!r}")
+    contents.units = {name: units[name] for name in contents.columns if name in units}
+    return contents
+
+
+def _left_out(path: Path, name: str, request: Request, notes: list[str]) -> None:
+    if request.columns is not None:
+        raise FileError(
+            f"{path.name}: column {name!r} holds text; expected numbers; take it out of "
+            "data.columns"
+        )
+    notes.append(f"{name!r} left out: text")
+
+
+def _any_number(values: pa.ChunkedArray, decimal: str) -> bool:
+    number = NUMBER.replace("[.]", f"[{decimal}]")
+    return pc.any(pc.match_substring_regex(values, number)).as_py() or False
+
+
+def _parse(
+    path: Path, layout: Layout, read: list[str], request: Request, notes: list[str]
+) -> dict[int, np.ndarray | pa.ChunkedArray]:
+    """Columns by number: arrays of numbers, or what is still text. Raises FileError with a line."""
+    rows = _survey(path, layout, notes)
+    kinds = {k: layout.kinds[k] for k, name in enumerate(read) if name}
+    with contextlib.suppress(pa.ArrowInvalid):
+        return _collect(path, layout, kinds, rows, request)
+    find_fault(path, _narrow(path, layout, kinds, request), read, request, 2 * STRETCH)
+    try:  # no cell is wrong, but some look odd to Arrow: convert them one by one
+        loose = {k: "integer" if kind == "integer" else "text" for k, kind in kinds.items()}
+        return _collect(path, layout, loose, rows, request)
+    except pa.ArrowInvalid as error:
+        raise FileError(f"{path.name}: {str(error).splitlines()[0]}; mend the file") from None
+
+
+def _collect(
+    path: Path, layout: Layout, kinds: dict[int, str], rows: int, request: Request
+) -> dict[int, np.ndarray | pa.ChunkedArray]:
+    """Piece by piece into arrays that have their full length from the start: no second copy."""
+    numbers = {k: np.empty(rows) for k, kind in kinds.items() if kind == "number"}
+    others: dict[int, list[pa.Array]] = {k: [] for k in kinds if k not in numbers}
+    at = 0
+    for piece in _pieces(path, layout, PIECE):
+        if not piece.strip():
+            continue  # Arrow refuses nothing but blank lines
+        table = _read_csv(piece, layout, kinds, request)
+        for k, column in numbers.items():
+            column[at : at + table.num_rows] = table.column(str(k)).to_numpy()
+        for k, chunks in others.items():
+            chunks += table.column(str(k)).chunks
+        at += table.num_rows
+    whole: dict[int, Any] = {k: column[:at] for k, column in numbers.items()}
+    return whole | {k: pa.chunked_array(c, TYPES[kinds[k]]) for k, c in others.items()}
+
+
+def _narrow(path: Path, layout: Layout, kinds: dict[int, str], request: Request) -> Layout:
+    """The layout as of the first stretch that Arrow cannot read; to search all would take long."""
+    offset, line = layout.offset, layout.line
+    for piece in _pieces(path, layout, STRETCH):
+        try:
+            _read_csv(piece, layout, kinds, request)
+        except pa.ArrowInvalid:
+            break
+        offset += len(piece)
+        line += len(re.findall(rb"\r\n|\r|\n", piece))
+    return replace(layout, offset=offset, line=line)
+
+
+def _pieces(path: Path, layout: Layout, size: int) -> Iterator[bytes]:
+    """The rows of the file, whole lines of some `size` bytes at a time."""
+    with path.open("rb") as file:
+        file.seek(layout.offset)
+        while piece := file.read(size) + file.readline():
+            yield piece
+
+
+def _single(piece: bytes) -> bytes:
+    """Every run of blanks and tabs as one blank: Arrow's delimiter is one character."""
+    piece = re.sub(rb"[ \t]+", b" ", piece).strip(b" ")
+    return re.sub(rb" ?([\r\n]) ?", rb"\1", piece)
+
+
+def _read_csv(piece: bytes, layout: Layout, kinds: dict[int, str], request: Request) -> pa.Table:
+    """One piece as an Arrow table. Raises ArrowInvalid, also where a quote runs over lines."""
+    quoted = b'"' in piece
+    piece = _single(piece) if layout.delimiter == " " else piece
+    table = pyarrow.csv.read_csv(
+        pa.BufferReader(piece),
+        pyarrow.csv.ReadOptions(
+            column_names=[str(k) for k in range(len(layout.headers))], block_size=BLOCK
+        ),
+        pyarrow.csv.ParseOptions(delimiter=layout.delimiter, quote_char='"' if quoted else False),
+        pyarrow.csv.ConvertOptions(
+            column_types={str(k): TYPES[kind] for k, kind in kinds.items()},
+            include_columns=[str(k) for k in kinds],
+            null_values=list(MISSING),
+            decimal_point=request.decimal,
+        ),
+    )
+    if quoted and table.num_rows != sum(line != b"" for line in re.split(rb"[\r\n]+", piece)):
+        raise pa.ArrowInvalid("a quoted cell runs over the end of its line")
+    return table
+
+
+def _column(
+    path: Path, name: str, values: pa.ChunkedArray, kind: str, decimal: str, notes: list[str]
+) -> np.ndarray | None:
+    """One column as float64; None for text, or text mixed with numbers."""
+    if isinstance(values, np.ndarray):
+        return values
+    if values.type == pa.int64():
+        if values.null_count:
+            raise FileError(
+                f"{path.name}: {name!r} holds integers beyond 2^53 and empty cells; expected time "
+                "stamps without gaps; fill them or leave the column out (data.columns)"
+            )
+        return as_float(path, name, values.to_numpy(), notes)
+    return _from_text(path, name, values, kind, decimal, notes)
+
+
+def _numpy(values: pa.ChunkedArray) -> np.ndarray:
+    """One contiguous array, NaN where a cell is empty."""
+    column = values.to_numpy()
+    return column if column.flags.writeable else column.copy()
+
+
+def _from_text(
+    path: Path, name: str, values: pa.ChunkedArray, kind: str, decimal: str, notes: list[str]
+) -> np.ndarray | None:
+    try:
+        text = pc.utf8_trim_whitespace(values.cast(pa.string()))
+    except pa.ArrowInvalid:  # not UTF-8, so not numbers
+        return None
+    text = pc.if_else(
+        pc.is_in(text, value_set=pa.array(MISSING)), pa.scalar(None, pa.string()), text
+    )
+    if text.null_count == len(text):
+        notes.append(f"{name!r} is empty")
+        return np.full(len(text), np.nan)
+    if kind == "time":
+        stamps = to_times(text)
+        return None if stamps is None else seconds(path, name, stamps, notes)
+    if decimal == ",":
+        if pc.any(pc.match_substring(text, ".")).as_py():
+            return None
+        text = pc.replace_substring(text, ",", ".")
+    try:
+        return _numpy(text.cast(pa.float64()))
+    except pa.ArrowInvalid:
+        return None
+
+
+def to_times(text: pa.ChunkedArray) -> np.ndarray | None:
+    """ISO-8601 text as datetime64[ns], None where some cell is no time."""
+    for zone in (None, "UTC"):
+        try:
+            return text.cast(pa.timestamp("ns", zone)).to_numpy().astype("datetime64[ns]")
+        except pa.ArrowInvalid:
+            continue
+    return None
+
+
+def _survey(path: Path, layout: Layout, notes: list[str]) -> int:
+    """How many lines follow the header, an upper bound of the rows."""
+    feeds = returns = pairs = 0
+    last = b""
+    with path.open("rb") as file:
+        file.seek(layout.offset)
+        while block := file.read(BLOCK):
+            feeds += block.count(b"\n")
+            returns += block.count(b"\r")
+            pairs += block.count(b"\r\n") + (last == b"\r" and block[:1] == b"\n")
+            last = block[-1:]
+    if (pairs > 0) + (feeds > pairs) + (returns > pairs) > 1:
+        notes.append("mixed line ends")
+    return feeds + returns - pairs + 1

@@ -1,0 +1,70 @@
+"""The cells of a text file: how a line is cut into them, and what they are."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+
+from data.measured.files.columns import EXACT
+from data.measured.units import is_unit
+
+# cells that say that there is no value
+MISSING = ("", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "NaN", "nan", "NAN")
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.I)
+ISO_TIME = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d{1,9})?)?(Z|[+-]\d\d:?(\d\d)?)?)?")
+DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(\D.*)?")
+COMPLEX = re.compile(r"\(?([+-]?[\d.]+([eE][+-]?\d+)?)?\s*[+-]?\s*[\d.]*([eE][+-]?\d+)?\*?[ij]\)?")
+WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?\s*\[?([A-Za-zµ].*?)\]?")
+
+
+def split(text: str, delimiter: str, strict: bool = False) -> list[str]:
+    """The cells of one line. Raises csv.Error for quotes never closed, where `strict`."""
+    if delimiter == " ":
+        return text.split()
+    if '"' not in text:
+        return text.split(delimiter)
+    return next(csv.reader([text], delimiter=delimiter, strict=strict))
+
+
+def is_number(text: str, decimal: str = ".") -> bool:
+    cell = text.strip()
+    if decimal == ",":
+        if "." in cell:
+            return False
+        cell = cell.replace(",", ".")
+    return NUMBER.fullmatch(cell) is not None
+
+
+def spoilt_number(cell: str, decimal: str) -> str:
+    """What keeps a cell that is meant as a number from being one, and the remedy; "" for others."""
+    other = "," if decimal == "." else "."
+    thousands = re.fullmatch(r"[+-]?\d{1,3}([,. ']\d{3})+([,.]\d*)?", cell)
+    if re.fullmatch(rf"[+-]?(\d+\{other}\d*|\{other}\d+)([eE][+-]?\d+)?", cell):
+        either = ", or, if it separates thousands, export without it" if thousands else ""
+        return f'no number with data.decimal="{decimal}"; set data.decimal="{other}"{either}'
+    if thousands:
+        return "a number with separators of thousands; export it without them"
+    if re.search(r"\d", cell) and COMPLEX.fullmatch(cell):
+        return "complex; expected a real number; save real and imaginary part as two columns"
+    if re.fullmatch(r"0[xX][0-9a-fA-F]+", cell):
+        return "hexadecimal; expected a decimal number; export it as such"
+    unit = WITH_UNIT.fullmatch(cell)
+    if unit and is_unit(unit[2]):
+        return "not a bare number; write the unit into the header, as in 'acc [m/s^2]'"
+    return ""
+
+
+def kind_of_column(cells: Sequence[str], decimal: str) -> str:
+    """What a column is by its first cells: "number", "integer" (beyond 2^53), "time" or "text".
+
+    Spoilt numbers, such as decimal commas throughout, count as numbers: they must not pass for text
+    and be left out.
+    """
+    filled = [cell.strip() for cell in cells if cell.strip() not in MISSING]
+    if any(is_number(cell, decimal) for cell in filled):
+        whole = all(re.fullmatch(r"[+-]?\d{1,40}", cell) for cell in filled)
+        return "integer" if whole and any(abs(int(c)) > EXACT for c in filled) else "number"
+    if filled and all(ISO_TIME.fullmatch(cell) for cell in filled):
+        return "time"
+    return "number" if filled and all(spoilt_number(c, decimal) for c in filled) else "text"

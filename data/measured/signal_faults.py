@@ -1,0 +1,257 @@
+"""What is wrong with a measured record, each named with its place and its remedy.   T samples.
+
+What blocks would corrupt every estimate; the rest is a question to whoever knows the sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.measured.channels import CHANNEL, RawRecord
+from data.measured.clock_faults import Finding, clock_findings, time_step
+
+__all__ = ["Finding", "Statistics", "blocking", "findings", "runs", "statistics", "time_step"]
+
+GRAVITY = 9.80665  # m/s²
+BLOCKS = 20  # of a record, whose means show a drift
+ACCELERATIONS = ("a", "s_ddot")
+MOTIONS = ("a", "s_ddot", "v", "s_dot", "x", "s")
+LARGEST = {  # what no structure does [SI], and what the unit may be then
+    "a": (500.0, "cm/s^2 or gal"), "s_ddot": (500.0, "cm/s^2 or gal"),
+    "v": (100.0, "mm/s"), "s_dot": (100.0, "mm/s"), "x": (100.0, "mm"), "s": (100.0, "mm"),
+}  # fmt: skip
+SMALLEST = 1e-4  # m/s², peak
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Of the finite samples of a channel."""
+
+    minimum: float
+    maximum: float
+    mean: float
+    std: float
+    finite: int
+    nans: int
+    infinite: int
+
+
+def findings(
+    raw: RawRecord,
+    of: Mapping[str, Statistics] | None = None,
+    signals: Mapping[str, str] | None = None,
+) -> list[Finding]:
+    """All that is wrong with a record: first what blocks, then what may be meant.
+
+    `of` are the channels' statistics, where they are known already; `signals` says what channels
+    are ("a", "x", …) whose names do not.
+    """
+    clocks = clock_findings(raw)
+    first = [f for f in clocks if f.blocks] + _lacking(raw)
+    found = [f for f in clocks if not f.blocks]
+    found += list(_zero_first_row(raw))
+    for name, signal in raw.channels.items():
+        match = CHANNEL.fullmatch(name)
+        kind = match[1] if match else (signals or {}).get(name, "")
+        known = of[name] if of else statistics(signal)
+        found += findings_of(name, kind, signal, known, _clock(raw, name))
+    return first + found
+
+
+def blocking(raw: RawRecord) -> list[Finding]:
+    """What must be mended before anything is fitted; a quick look, a pass over each channel."""
+    return [f for f in clock_findings(raw) if f.blocks] + _lacking(raw)
+
+
+def _lacking(raw: RawRecord) -> list[Finding]:
+    found: list[Finding] = []
+    for name, signal in raw.channels.items():
+        with np.errstate(all="ignore"):
+            whole = np.isfinite(signal.sum())  # only where all of its terms are
+        if not whole:
+            found += _missing(name, signal, _clock(raw, name))
+    return found
+
+
+def statistics(signal: np.ndarray) -> Statistics:
+    """Range, mean and deviation of a channel (T,), without what is not finite."""
+    finite = signal
+    nans = infinite = 0
+    if not np.isfinite(signal.min(initial=0.0) + signal.max(initial=0.0)):
+        nans = int(np.isnan(signal).sum())
+        infinite = int(np.isinf(signal).sum())
+        finite = signal[np.isfinite(signal)]
+    if not len(finite):
+        return Statistics(np.nan, np.nan, np.nan, np.nan, 0, nans, infinite)
+    mean, std = float(finite.mean()), _deviation(finite)
+    low, high = float(finite.min()), float(finite.max())
+    return Statistics(low, high, mean, std, len(finite), nans, infinite)
+
+
+def _deviation(signal: np.ndarray, chunk: int = 65536) -> float:
+    """Standard deviation, in pieces that stay in the cache."""
+    mean, total = signal.mean(), 0.0
+    for start in range(0, len(signal), chunk):
+        piece = signal[start : start + chunk] - mean
+        total += float(piece @ piece)
+    return float(np.sqrt(total / len(signal)))
+
+
+def findings_of(
+    name: str, signal: str, values: np.ndarray, of: Statistics, clock: tuple[float, float]
+) -> list[Finding]:
+    """What may be wrong with one channel (T,) of the signal "a", "x", …, or "" if unknown."""
+    if of.finite < 2:
+        return []
+    if of.minimum == of.maximum:
+        text = f"all samples are {of.minimum:.6g}; take it out of data.channels, or look for a wire"
+        return [Finding("constant channel", name, text)]
+    found = _unit(name, signal, of) or list(_offset(name, signal, of))
+    found += _saturation(name, values, of)
+    if signal != "f":  # a hammer is one spike after the other
+        found += _spikes(name, values, of, clock)
+    if signal in MOTIONS:
+        found += _drift(name, values, of)
+    return found
+
+
+def _clock(raw: RawRecord, channel: str) -> tuple[float, float]:
+    """First time and time step [s] of a channel; 1 where nobody knows it: places are in samples."""
+    clock = raw.clocks.get(channel, raw.time)
+    if clock is None or len(clock) < 2:
+        return 0.0, raw.dt or 1.0
+    return float(clock[0]), float(clock[-1] - clock[0]) / (len(clock) - 1) or 1.0
+
+
+def _missing(name: str, signal: np.ndarray, clock: tuple[float, float]) -> Iterator[Finding]:
+    start, dt = clock
+    for what, where in (("NaN run", np.isnan(signal)), ("infinite values", np.isinf(signal))):
+        if not where.any():
+            continue
+        starts, lengths = runs(where)
+        longest, at = int(lengths.max()), int(starts[lengths.argmax()])
+        text = f"{where.sum()} of {len(signal)} samples in {len(starts)} runs, the longest "
+        text += (
+            f"{longest} samples ({longest * dt:.4g} s) from {start + at * dt:.6g} s (sample {at}); "
+        )
+        if where.all():
+            text += "take it out of data.channels"
+        elif where[0] or where[-1]:
+            side = "data.start" if where[0] else "data.stop"
+            text += f"cut the missing end off with {side}"
+        else:
+            text += f"data.mend.fill={longest * dt * 1.001:.3g} interpolates"
+        yield Finding(what, name, text, True)
+
+
+def runs(where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Starts and lengths of the runs of true values."""
+    edges = np.flatnonzero(np.diff(where.astype(np.int8), prepend=0, append=0))
+    return edges[::2], edges[1::2] - edges[::2]
+
+
+def _zero_first_row(raw: RawRecord) -> Iterator[Finding]:
+    """A logger that was not ready; a structure at rest begins smoothly."""
+    channels = raw.channels
+    if not channels or any(len(s) < 22 or s[0] != 0.0 for s in channels.values()):
+        return
+    for name, signal in channels.items():
+        usual = np.abs(np.diff(signal[1:22])).max()
+        if abs(signal[1]) > 3.0 * usual and usual > 0.0:
+            dt = _clock(raw, name)[1]
+            text = f"all channels are 0 at the first sample, {name} is {signal[1]:.4g} at the next"
+            yield Finding("zero first row", "", f"{text}; data.start={0.5 * dt:.2g} leaves it out")
+            return
+
+
+def _unit(name: str, signal: str, of: Statistics) -> list[Finding]:
+    peak = max(abs(of.minimum), abs(of.maximum))
+    largest, guess = LARGEST.get(signal, (np.inf, ""))
+    key = f"data.units.{signal}"
+    if peak > largest:
+        text = f"peak of {peak:.4g} in SI; if it is in {guess} say {key}"
+    elif signal in ACCELERATIONS and peak < SMALLEST:
+        text = f"peak of {peak:.3g} m/s²; is it in another unit? say {key}"
+    elif signal in ACCELERATIONS and abs(abs(of.mean) - 1.0) < 0.05 and of.std < 0.5:
+        text = f"mean of {of.mean:.4g} m/s², as gravity in g; if it is in g say {key}=g"
+    else:
+        return []
+    return [Finding("suspicious unit", name, text)]
+
+
+def _offset(name: str, signal: str, of: Statistics) -> Iterator[Finding]:
+    if signal in ACCELERATIONS and abs(abs(of.mean) / GRAVITY - 1.0) < 0.05:
+        text = f"mean of {of.mean:.4g} m/s² is gravity; data.mend.detrend=mean takes it away"
+        yield Finding("offset", name, text)
+    elif signal in MOTIONS and abs(of.mean) > (0.2 if signal in ACCELERATIONS else 3.0) * of.std:
+        text = f"mean of {of.mean:.4g} beside a deviation of {of.std:.3g}; data.mend.detrend=mean"
+        yield Finding("offset", name, f"{text} takes it away")
+
+
+def _saturation(name: str, values: np.ndarray, of: Statistics) -> Iterator[Finding]:
+    """Many samples at an extreme value and few just below it, unlike the turn of a vibration."""
+    for extreme, sign in ((of.maximum, 1.0), (of.minimum, -1.0)):
+        at = values == extreme
+        count = int(np.count_nonzero(at))
+        if extreme == 0.0 or not 8 <= count < 0.4 * len(values):  # at rest; two levels only
+            continue
+        starts, lengths = runs(at)
+        below = sign * values
+        next_level = below[below < sign * extreme].max()
+        edge = max(0.005 * (of.maximum - of.minimum), 1.5 * (sign * extreme - next_level))
+        near = int(np.count_nonzero(below > sign * extreme - edge)) - count
+        if lengths.max() >= 3 and count > 3 * near:
+            text = (
+                f"{count} samples at {extreme:.6g}, first at sample {starts[0]}, at most "
+                f"{lengths.max()} in a row; the sensor's range was too small: cut it out "
+                "(data.start, data.stop) or measure again"
+            )
+            yield Finding("saturation", name, text)
+
+
+def _spikes(
+    name: str, values: np.ndarray, of: Statistics, clock: tuple[float, float]
+) -> Iterator[Finding]:
+    """Single samples far from both neighbours and from nearly all others."""
+    start, dt = clock
+    some = values[:: max(1, len(values) // 100_000)]
+    some = some[np.isfinite(some)]
+    middle = float(np.median(some))
+    usual = float(np.quantile(np.abs(some - middle), 0.999)) if len(some) >= 1000 else of.std * 3.0
+    limit = 3.0 * usual
+    if limit == 0.0 or max(of.maximum - middle, middle - of.minimum) <= limit:
+        return
+    with np.errstate(invalid="ignore"):
+        far = np.flatnonzero(np.abs(values - middle) > limit)
+    far = far[(far > 0) & (far < len(values) - 1)]
+    beside = np.stack((values[far] - values[far - 1], values[far] - values[far + 1]))
+    alone = far[(np.abs(beside) > 2.0 * usual).all(axis=0) & (beside[0] * beside[1] > 0.0)]
+    if 0 < len(alone) <= max(1, 1e-3 * len(values)):
+        at = int(alone[np.abs(values[alone] - middle).argmax()])
+        text = (
+            f"{len(alone)} single samples far from all others, the largest {values[at]:.4g} at "
+            f"{start + at * dt:.6g} s (sample {at}); unless it was an impact, leave them empty in "
+            f"the file and set data.mend.fill={1.001 * dt:.3g}"
+        )
+        yield Finding("spike", name, text)
+
+
+def _drift(name: str, values: np.ndarray, of: Statistics) -> Iterator[Finding]:
+    """Means of blocks that lie on a line which climbs by more than half a deviation."""
+    size = len(values) // BLOCKS
+    if size < 10 or of.finite < len(values):
+        return
+    means = values[: BLOCKS * size].reshape(BLOCKS, size).mean(axis=1)
+    place = np.linspace(-0.5, 0.5, BLOCKS)
+    climb = float(place @ means / (place @ place))
+    left = means - means.mean() - climb * place
+    if abs(climb) > 0.5 * of.std and left.var() < 0.1 * means.var():
+        text = (
+            f"the mean moves by {climb:.4g} from begin to end, beside a deviation of {of.std:.3g}; "
+            "unless the structure did so, data.mend.detrend=linear or data.mend.high_pass "
+            "takes it away"
+        )
+        yield Finding("drift", name, text)

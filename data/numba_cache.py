@@ -1,0 +1,60 @@
+"""How the simulation is compiled: numba, without the GIL, cached on disk.
+
+numba's cache knows when the file of a function changes, but not the files of the functions it
+calls: a changed law would go on being integrated with the old one. The cache folder is therefore
+named after the text of all compiled files together.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numba
+
+Compiler = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def _cache_folder(sources: Sequence[Path]) -> str:
+    text = b"".join(path.read_bytes() for path in sources)
+    base = sources[0].parent / "__pycache__"
+    if not os.access(base if base.exists() else base.parent, os.W_OK):
+        base = Path(tempfile.gettempdir()) / f"numba-cache-{os.getuid()}"
+    return str(base / f"numba-{numba.__version__}-{hashlib.sha256(text).hexdigest()[:16]}")
+
+
+def compilers(
+    *sources: Path, contract: bool = False, reassociate: bool = False
+) -> tuple[Compiler, Compiler]:
+    """Two decorators for functions that stand in `sources` and call each other.
+
+    The first compiles at the first call in a fresh clone, later ones read the cache; the second
+    compiles into its callers, for functions whose call costs more than they do. `contract` lets
+    a product and a sum round once, `reassociate` lets a long sum be taken in parts. No other fast
+    mathematics: the same inputs give the same bits in every process, and NaN is found.
+    """
+    folder = _cache_folder(sources)
+    allowed = {name for name, on in (("contract", contract), ("reassoc", reassociate)) if on}
+
+    def compiler(inline: bool) -> Compiler:
+        def compile_one(function: Callable[..., Any]) -> Callable[..., Any]:
+            before = numba.config.CACHE_DIR
+            numba.config.CACHE_DIR = folder
+            try:
+                return numba.njit(
+                    cache=True,
+                    nogil=True,
+                    error_model="numpy",
+                    forceinline=inline,
+                    fastmath=allowed or False,
+                )(function)
+            finally:
+                numba.config.CACHE_DIR = before
+
+        return compile_one
+
+    return compiler(False), compiler(True)

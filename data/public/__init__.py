@@ -1,0 +1,1 @@
+"""The public benchmarks of nonlinearbenchmark.org, with their official splits."""

@@ -1,0 +1,1 @@
+"""Structures simulated: laws, excitation, motion, sensors."""

@@ -1,0 +1,81 @@
+"""Simulated measurements of a structure: training and test motions from seeds of their own."""
+
+from __future__ import annotations
+
+from copy import copy
+
+from data.datamodule import Data
+from data.record import Record
+from data.simulation.damage import Damage
+from data.simulation.excitation import Excitation
+from data.simulation.records import Simulation
+from data.simulation.scenario import Scenario
+from data.simulation.structure import Structure
+
+
+class SimulatedData(Data):
+    """Training and test motions of one structure, each `duration` [s] long, sampled every `dt` [s].
+
+    `damage` befalls the test motions; training motions are of the sound structure.
+    `tolerance` is the integrator's (data/simulation/motion.py); what else may be chosen:
+    data/datamodule.py.
+    """
+
+    def __init__(
+        self,
+        structure: Structure,
+        excitation: Excitation,
+        scenario: Scenario,
+        seed: int,
+        name: str = "structure",
+        dt: float = 0.01,
+        duration: float = 50.0,
+        train_records: int = 1,
+        test_records: int = 1,
+        tolerance: float = 1e-7,
+        window: int | None = None,
+        stride: int | None = None,
+        warmup: int = 0,
+        batch: int | None = None,
+        validation: float = 0.0,
+        damage: Damage | None = None,
+    ) -> None:
+        super().__init__(window, stride, warmup, batch, validation)
+        self.simulation = Simulation(
+            structure, excitation, scenario, dt, duration, name, tolerance, damage
+        )
+        for waveform in (excitation.force, excitation.support):
+            if waveform is not None:
+                waveform.check(train_records)
+        self.seed, self.train_records, self.test_records = seed, train_records, test_records
+        self.name, self.dt, self.dofs = name, dt, structure.dofs
+        self._own_error: float | None = None
+        self.elements = tuple(structure.elements)
+        self.forced = [column + 1 for column in excitation.driven(structure)]
+        # forces, then displacements and velocities of the supports where they move
+        self.inputs = len(self.forced) + (2 * structure.supports if excitation.support else 0)
+
+    def of_seed(self, seed: int) -> SimulatedData:
+        """The same with other motions."""
+        other = copy(self)
+        other.seed, other.records, other.escapes, other.notes = seed, {}, [], {}
+        other._own_error = None
+        return other
+
+    def make_records(self) -> dict[str, list[Record]]:
+        counts = {"train": self.train_records, "test": self.test_records}
+        made = {}
+        for split, first in (("train", 0), ("test", self.train_records)):
+            made[split], escapes = self.simulation.records(split, counts[split], self.seed, first)
+            self.escapes += escapes
+        return made
+
+    def own_error(self) -> float:
+        """The simulation's, on the first test motion."""
+        if self._own_error is None:
+            at_hand = self.records.get("test", []) if not self.escapes else []
+            truth = at_hand[0].truth if at_hand else None
+            coarse = None if truth is None else truth.a.numpy()
+            first = self.train_records
+            self._own_error = self.simulation.error("test", self.seed, first, coarse)
+        return self._own_error

@@ -1,0 +1,281 @@
+"""The integrator: Dormand–Prince 5(4) that stops at every corner of the restoring forces, compiled.
+
+The step is chosen from the error estimate. The laws have corners (yield, slip, gap, velocity
+reversal) which lower any fixed-step method to second order, so each step keeps every element on one
+smooth branch: where a step runs past the end of a branch, it is cut there, found on the cubic
+Hermite interpolant, and the element changes branch.
+
+Between samples the forces are linear, support displacements the cubic through s and ṡ. Where an
+element is damaged, a step ends at that very instant, and the motion goes on from the same state.
+State q = [position (N), velocity (N), z (E), work (E)] of all N nodes: n DOFs, supports, ground.
+Supports are put where the record has them. Slopes k (7, len q); T samples.
+What is called stands in one compiled loop with its callers, and takes no views of arrays: a call
+or a view costs as much as half a stage, because numba counts who holds each array.
+
+Dormand & Prince (1980); Hairer, Nørsett & Wanner (1993), Sects. II.4–II.6.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data.simulation.elements import compiled, inlined, margin, next_branch
+from data.simulation.elements import force as element_force
+
+SMALLEST_STEP = 1e-9  # of a sample interval; a motion that needs less is escaping
+CORNER_RESOLUTION = 1e-7  # of a step
+LARGEST_DISPLACEMENT = 1e6  # [m]; a motion beyond has escaped
+
+
+@inlined
+def _support(j, s, w, sample, dt, tau):
+    """Position, velocity and acceleration of a support: the cubic through s and ṡ."""
+    before = max(sample - 1, 0)
+    rise, first, last = s[sample, j] - s[before, j], dt * w[before, j], dt * w[sample, j]
+    square, cube = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
+    position = s[before, j] + tau * (first + tau * (square + tau * cube))
+    velocity = (first + tau * (2.0 * square + 3.0 * tau * cube)) / dt
+    return position, velocity, (2.0 * square + 6.0 * tau * cube) / (dt * dt)
+
+
+@inlined
+def _slope(q, branch, masses, ends, law, p, f, s, w, sample, dt, tau, k, row, r):
+    """q̇ at fraction tau of an interval into a row of k, and the element forces r.
+
+    Puts the supports into q.
+    """
+    n, E, before = f.shape[1], law.size, max(sample - 1, 0)
+    N = n + s.shape[1] + 1
+    for i in range(n):
+        k[row, i] = q[N + i]
+        k[row, N + i] = f[before, i] + tau * (f[sample, i] - f[before, i])
+    for j in range(s.shape[1]):
+        q[n + j], q[N + n + j], _ = _support(j, s, w, sample, dt, tau)
+    for e in range(E):
+        start, end, z, work = ends[e, 0], ends[e, 1], 2 * N + e, 2 * N + E + e
+        ydot = q[N + end] - q[N + start]
+        force, zdot = element_force(law[e], p, e, branch[e], q[end] - q[start], ydot, q[z], q[work])
+        r[e], k[row, z], k[row, work] = force, zdot, force * ydot
+        k[row, N + end] -= force
+        k[row, N + start] += force
+    for i in range(n):
+        k[row, N + i] /= masses[i]
+    for j in range(s.shape[1]):  # whatever pulls at them
+        _, k[row, n + j], k[row, N + n + j] = _support(j, s, w, sample, dt, tau)
+    k[row, 2 * N - 1] = 0.0  # and ground
+
+
+@inlined
+def _step(q0, h, branch, masses, ends, law, p, f, s, w, sample, dt, tau, k, q1, r):
+    """One Dormand–Prince step from q0, whose slope is k[0]; leaves q1, its slope k[6] and its r."""
+    d = h / dt
+    for i in range(q0.size):
+        q1[i] = q0[i] + h * (1 / 5 * k[0, i])
+    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + 1 / 5 * d, k, 1, r)
+    for i in range(q0.size):
+        q1[i] = q0[i] + h * (3 / 40 * k[0, i] + 9 / 40 * k[1, i])
+    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + 3 / 10 * d, k, 2, r)
+    for i in range(q0.size):
+        q1[i] = q0[i] + h * (44 / 45 * k[0, i] - 56 / 15 * k[1, i] + 32 / 9 * k[2, i])
+    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + 4 / 5 * d, k, 3, r)
+    for i in range(q0.size):
+        q1[i] = q0[i] + h * (
+            19372 / 6561 * k[0, i]
+            - 25360 / 2187 * k[1, i]
+            + 64448 / 6561 * k[2, i]
+            - 212 / 729 * k[3, i]
+        )
+    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + 8 / 9 * d, k, 4, r)
+    for i in range(q0.size):
+        q1[i] = q0[i] + h * (
+            9017 / 3168 * k[0, i]
+            - 355 / 33 * k[1, i]
+            + 46732 / 5247 * k[2, i]
+            + 49 / 176 * k[3, i]
+            - 5103 / 18656 * k[4, i]
+        )
+    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + d, k, 5, r)
+    for i in range(q0.size):
+        q1[i] = q0[i] + h * (
+            35 / 384 * k[0, i]
+            + 500 / 1113 * k[2, i]
+            + 125 / 192 * k[3, i]
+            - 2187 / 6784 * k[4, i]
+            + 11 / 84 * k[5, i]
+        )
+    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + d, k, 6, r)
+
+
+@inlined
+def _error(k, h, scale):
+    """Largest estimated error of x, v and z, in units of what is allowed for each."""
+    worst = 0.0
+    for i in range(scale.size):
+        estimate = (  # fifth-order less fourth-order solution
+            71 / 57600 * k[0, i]
+            - 71 / 16695 * k[2, i]
+            + 71 / 1920 * k[3, i]
+            - 17253 / 339200 * k[4, i]
+            + 22 / 525 * k[5, i]
+            - 1 / 40 * k[6, i]
+        )
+        error = abs(h * estimate) / scale[i]
+        if not error < np.inf:  # max() would drop a NaN
+            return np.inf
+        worst = max(worst, error)
+    return worst
+
+
+@inlined
+def _margin(e, q, branch, N, ends, law, p):
+    """How far element e is from the end of its branch; negative beyond it."""
+    start, end = ends[e, 0], ends[e, 1]
+    y, ydot = q[end] - q[start], q[N + end] - q[N + start]
+    return margin(law[e], p, e, branch[e], y, ydot, q[2 * N + e])
+
+
+@inlined
+def _at(u, i, q0, q1, k, h):
+    """Entry i of the state at fraction u of a step, on the cubic Hermite interpolant."""
+    rise, bend = u * u * (3.0 - 2.0 * u), h * u * (1.0 - u)
+    return q0[i] + rise * (q1[i] - q0[i]) + bend * ((1.0 - u) * k[0, i] - u * k[6, i])
+
+
+@inlined
+def _margin_at(u, e, q0, q1, k, h, branch, N, ends, law, p):
+    """The margin of element e at fraction u of a step."""
+    start, end = ends[e, 0], ends[e, 1]
+    y = _at(u, end, q0, q1, k, h) - _at(u, start, q0, q1, k, h)
+    ydot = _at(u, N + end, q0, q1, k, h) - _at(u, N + start, q0, q1, k, h)
+    return margin(law[e], p, e, branch[e], y, ydot, _at(u, 2 * N + e, q0, q1, k, h))
+
+
+@inlined
+def _crossing(e, high, at_end, q0, q1, k, h, branch, N, ends, law, p):
+    """Fraction of a step, below `high`, at which element e leaves its branch: Illinois method."""
+    start = _margin(e, q0, branch, N, ends, law, p)
+    if not start > 0.0:
+        return 0.0
+    past = CORNER_RESOLUTION * (start - at_end)  # aim a little past the corner
+    low, at_low, at_high, kept = 0.0, start + past, at_end + past, 0
+    for _ in range(60):
+        if at_high > -past:
+            break
+        u = high - (high - low) * at_high / (at_high - at_low)
+        middle = _margin_at(u, e, q0, q1, k, h, branch, N, ends, law, p) + past
+        if abs(middle) < past:
+            return u
+        if middle < 0.0:
+            high, at_high = u, middle
+            at_low, kept = 0.5 * at_low if kept == -1 else at_low, -1
+        else:
+            low, at_low = u, middle
+            at_high, kept = 0.5 * at_high if kept == 1 else at_high, 1
+    return high
+
+
+@inlined
+def _first_corner(q0, q1, k, h, branch, N, ends, law, p):
+    """Fraction of a step at which the first element leaves its branch; 1 where none does."""
+    cut = 1.0
+    for e in range(law.size):
+        start, end = ends[e, 0], ends[e, 1]
+        before, after = q0[N + end] - q0[N + start], q1[N + end] - q1[N + start]
+        until = 1.0
+        beyond = margin(law[e], p, e, branch[e], q1[end] - q1[start], after, q1[2 * N + e])
+        if beyond >= 0.0 and before * after < 0.0:
+            # an element that turned round may have been beyond its branch in between
+            until = before / (before - after)
+            beyond = _margin_at(until, e, q0, q1, k, h, branch, N, ends, law, p)
+        if beyond < 0.0:
+            at = _crossing(e, until, beyond, q0, q1, k, h, branch, N, ends, law, p)
+            cut = min(cut, at)
+    return cut
+
+
+@inlined
+def _allow(q, n, N, tolerance, scale):
+    """Allowed errors: tolerance × size so far, one size for all x, one for all v, one per z."""
+    for i in range(n):
+        scale[0] = max(scale[0], tolerance * abs(q[i]))
+        scale[N] = max(scale[N], tolerance * abs(q[N + i]))
+    for i in range(1, n):
+        scale[i], scale[N + i] = scale[0], scale[N]
+    for i in range(2 * N, scale.size):
+        scale[i] = max(scale[i], tolerance * abs(q[i]))
+
+
+@inlined
+def _change_branches(q, branch, N, ends, law, p):
+    """Move every element that is past the end of its branch to the next; True if one was."""
+    changed = False
+    for e in range(law.size):
+        if _margin(e, q, branch, N, ends, law, p) < 0.0:
+            start, end, z = ends[e, 0], ends[e, 1], 2 * N + e
+            y, ydot = q[end] - q[start], q[N + end] - q[N + start]
+            branch[e], q[z] = next_branch(law[e], p, e, branch[e], y, ydot, q[z])
+            changed = True
+    return changed
+
+
+@compiled
+def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, element, changed_p,
+              changed_z, x, v, a, y, r, work):  # fmt: skip
+    """Fill the record sample by sample from rest; returns the time of escape, or −1.
+
+    Change c of element[c] comes offset[c] after sample when[c] − 1: its row of p becomes
+    changed_p[c], its z is multiplied by changed_z[c]. p is overwritten.
+    """
+    n, N, E = f.shape[1], f.shape[1] + s.shape[1] + 1, law.size
+    size = 2 * (N + E)
+    q, trial, k = np.zeros(size), np.zeros(size), np.zeros((7, size))
+    forces, branch = np.zeros(E), np.zeros(E, np.int64)
+    scale = np.full(2 * N + E, 1e-9 * tolerance)
+    scale[n:N], scale[N + n : 2 * N] = np.inf, np.inf  # these are known exactly
+    h, change = dt, 0
+    for sample in range(f.shape[0]):
+        start, t, stalled = max(sample - 1, 0) * dt, 0.0, 0
+        if sample == 0:
+            t = dt
+            _slope(q, branch, masses, ends, law, p, f, s, w, 0, dt, 1.0, k, 0, forces)
+            if _change_branches(q, branch, N, ends, law, p):  # a support may start displaced
+                _slope(q, branch, masses, ends, law, p, f, s, w, 0, dt, 1.0, k, 0, forces)
+        while t < dt:
+            due = change < when.size and when[change] == sample
+            until = offset[change] if due else dt
+            left, tau = until - t, t / dt
+            step = left if h > 0.999 * left else min(h, 0.5 * left)
+            _step(q, step, branch, masses, ends, law, p, f, s, w, sample, dt, tau, k, trial, forces)
+            error = _error(k, step, scale)
+            if error > 1.0:
+                h = step * (max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2)
+                if h < SMALLEST_STEP * dt:
+                    return start + t
+                continue
+            h = step * min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
+            cut = _first_corner(q, trial, k, step, branch, N, ends, law, p)
+            if cut < 1.0:
+                # corners that follow at once get ever longer steps: none can stall the motion
+                stalled = stalled + 1 if cut * step <= SMALLEST_STEP * dt else 0
+                step = min(max(cut * step, SMALLEST_STEP * dt * 2.0**stalled), left)
+                _step(q, step, branch, masses, ends, law, p, f, s, w, sample, dt, tau,
+                      k, trial, forces)  # fmt: skip
+            t = until if step == left else t + step
+            for i in range(size):
+                q[i], k[0, i] = trial[i], k[6, i]
+            changed = _change_branches(q, branch, N, ends, law, p)
+            if due and t == until:
+                p[element[change]] = changed_p[change]
+                q[2 * N + element[change]] *= changed_z[change]
+                change, changed = change + 1, True
+            if changed:
+                _slope(q, branch, masses, ends, law, p, f, s, w, sample, dt, t / dt, k, 0, forces)
+            _allow(q, n, N, tolerance, scale)
+            if not scale[0] < tolerance * LARGEST_DISPLACEMENT:
+                return start + t
+        for i in range(n):
+            x[sample, i], v[sample, i], a[sample, i] = q[i], q[N + i], k[0, N + i]
+        for e in range(E):
+            r[sample, e], work[sample, e] = forces[e], q[2 * N + E + e]
+            y[sample, e] = q[ends[e, 1]] - q[ends[e, 0]]
+    return -1.0

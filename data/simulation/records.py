@@ -1,0 +1,149 @@
+"""Structure + excitation + scenario + seed → records. No Lightning here.
+
+Every record has its own random streams, named by (seed, split, record, purpose): training and test
+motions are independent, and asking for more records leaves the first ones as they were.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from data.record import Escape, Record, Truth
+from data.simulation.damage import Changes, Damage
+from data.simulation.excitation import Excitation
+from data.simulation.motion import EscapedMotionError, Motion, simulate, simulate_many
+from data.simulation.scenario import Scenario
+from data.simulation.structure import Structure
+
+SPLITS = {"train": 0, "test": 1}
+EXCITATION, SENSORS = 0, 1  # purposes of random streams
+
+
+def stream(seed: int, split: str, record: int, purpose: int) -> np.random.Generator:
+    """The generator of one purpose of one record."""
+    if seed < 0:
+        raise ValueError(f"seed={seed} must not be negative")
+    key = (SPLITS[split], record, purpose)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Simulated measurements of a structure."""
+
+    structure: Structure
+    excitation: Excitation
+    scenario: Scenario
+    dt: float  # [s]
+    duration: float  # [s]
+    name: str = "structure"  # as the user knows it, for messages
+    tolerance: float = 1e-7  # of the integrator, see data/simulation/motion.py
+    damage: Damage | None = None  # of the test motions; training motions are of the sound structure
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.dt < np.inf:
+            raise ValueError(f"data.dt={self.dt} s must be positive")
+        if self.samples < 2:
+            raise ValueError(
+                f"data.duration={self.duration} s holds {self.samples} samples of "
+                f"data.dt={self.dt} s; at least 2 are needed"
+            )
+        if self.damage is not None:
+            self.damage.check(self.structure, self.samples, self.dt)
+
+    @property
+    def samples(self) -> int:
+        return round(self.duration / self.dt)
+
+    def records(
+        self, split: str, count: int, seed: int, first: int = 0
+    ) -> tuple[list[Record], list[Escape]]:
+        """`count` records of a split and the motions among them that escaped.
+
+        `first` is the number of records drawn before this split (given histories are cut in
+        order). Raises EscapedMotionError where one record was asked for, or all escaped.
+        """
+        if count < 1:
+            raise ValueError(f"data.{split}_records={count} must be at least 1")
+        drawn = [self._draw(split, seed, i, first) for i in range(count)]
+        forces, supports, velocities = zip(*drawn, strict=True)
+        structure, changes = self._damaged(split)
+        motions = simulate_many(
+            structure, forces, self.dt, supports, velocities, self.tolerance, changes
+        )
+        records, escapes = [], []
+        for i, motion in enumerate(motions):
+            if motion.escape_time is not None:
+                escapes.append(Escape(split, i, motion.escape_time))
+                continue
+            record = self._record(motion, *drawn[i], self._kept(split, motion))
+            records.append(self.scenario(record, stream(seed, split, i, SENSORS)))
+        if not records:
+            raise EscapedMotionError(
+                f"{self.name}, seed {seed}: the {split} motion escaped at "
+                f"t = {escapes[0].time:.2f} s{'' if count == 1 else f', and so did all {count}'}; "
+                "take another seed or a smaller excitation",
+                escapes[0].time,
+            )
+        return records, escapes
+
+    def error(
+        self, split: str, seed: int, first: int = 0, coarse: np.ndarray | None = None
+    ) -> float:
+        """The simulation's own error: relative RMS change of the acceleration of the first record
+        when the tolerance is a hundred times tighter. `coarse` is that acceleration, if at hand."""
+        drawn, tolerance = self._draw(split, seed, 0, first), self.tolerance
+        if coarse is None:
+            coarse = self._acceleration(split, *drawn, tolerance)
+        fine = self._acceleration(split, *drawn, 0.01 * tolerance)
+        return float(np.linalg.norm(coarse - fine) / np.linalg.norm(fine))
+
+    def _acceleration(
+        self,
+        split: str,
+        force: np.ndarray,
+        support: np.ndarray,
+        velocity: np.ndarray,
+        tolerance: float,
+    ) -> np.ndarray:
+        structure, changes = self._damaged(split)
+        return simulate(structure, force, self.dt, support, velocity, tolerance, changes).a
+
+    def _draw(
+        self, split: str, seed: int, record: int, first: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        rng = stream(seed, split, record, EXCITATION)
+        return self.excitation.draw(self.structure, self.samples, self.dt, first + record, rng)
+
+    def _damaged(self, split: str) -> tuple[Structure, Changes | None]:
+        """The structure of a split at rest, and what changes on the way."""
+        if self.damage is None or split != "test":
+            return self.structure, None
+        return (
+            self.damage.at_rest(self.structure),
+            self.damage.changes(self.structure, self.samples, self.dt),
+        )
+
+    def _kept(self, split: str, motion: Motion) -> torch.Tensor | None:
+        """Share of its stiffness that each element has kept (T, E), where one is damaged."""
+        if self.damage is None or split != "test":
+            return None
+        return torch.from_numpy(self.damage.kept(self.structure, motion.work, self.dt))
+
+    def _record(
+        self,
+        motion: Motion,
+        force: np.ndarray,
+        support: np.ndarray,
+        velocity: np.ndarray,
+        kept: torch.Tensor | None,
+    ) -> Record:
+        x, v, a, y, r = (torch.from_numpy(getattr(motion, name)) for name in "xvayr")
+        f = torch.from_numpy(force[:, self.excitation.driven(self.structure)])
+        moving = self.excitation.support is not None
+        s = torch.from_numpy(support) if moving else None
+        s_dot = torch.from_numpy(velocity) if moving else None
+        return Record(self.dt, a, f, x, v, s, s_dot, Truth(x, v, a, y, r, kept=kept))

@@ -1,0 +1,238 @@
+"""Lines of text → samples, as they come: CSV below a header, or a JSON object a line.
+
+    t,s_ddot1,a1,a2,a3                       {"t": 0.00, "f": [0.1], "a": [0.0, 0.0, 0.1]}
+    0.0000,0.11,0.02,0.01,0.03               {"t": 0.01, "f": [0.2], "a": [0.1, null, 0.1]}
+
+Channels are named as in data/measured/channels.py; other columns are left out. Nothing in a line is
+executed; one that is no sample is counted, named and left out.   n DOFs.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from math import nan
+from time import perf_counter
+from typing import BinaryIO
+
+import torch
+
+from data.measured.channels import CHANNEL, CLOCKS
+from data.measured.datamodule import numbered
+from data.measured.files.columns import shorten, split_unit
+from data.measured.files.text_cells import MISSING, NUMBER
+from data.measured.units import to_si
+from data.sample import Sample, Sensors
+from data.stream.clock import SampleClock
+
+LONGEST = 1 << 16  # bytes of a line
+DIGITS = 64  # of a number
+FAULTS = 100  # newest ones that are kept
+DELIMITERS = (",", ";", "\t")
+
+
+class SampleLines:
+    """Samples of a stream of lines, each with the moment at which its line was there.
+
+    dt [s]: of the samples; channels: {"a1": column, …} where columns have other names; units: of a
+    signal ("a": "g") or a channel, SI where neither this nor the header says.
+    Waits for the first line. Raises ValueError for one that names no accelerations or nothing that
+    drives them, and, when it comes, for a line that is too long.
+    """
+
+    def __init__(
+        self,
+        file: BinaryIO,
+        dt: float,
+        channels: Mapping[str, str] | None = None,
+        units: Mapping[str, str] | None = None,
+    ) -> None:
+        self.lines, self.dt = _lines(file), dt
+        self.bad = 0  # lines
+        self.faults: deque[str] = deque(maxlen=FAULTS)
+        self.clock = SampleClock(dt)
+        filled = (numbered_line for numbered_line in self.lines if numbered_line[1].strip())
+        self.number, self.first = next(filled, (0, b""))
+        if not self.first:
+            raise ValueError("the input ended before its first line")
+        self.json = self.first.lstrip()[:1] == b"{"
+        self._name_channels(channels or {}, units or {})
+        self._find_signals()
+
+    def __iter__(self) -> Iterator[tuple[float, Sample]]:
+        """Moment [s] of `time.perf_counter`, and sample."""
+        if self.json:
+            yield from self._sample(self.number, self.first)
+        for number, line in self.lines:
+            if line.strip():
+                yield from self._sample(number, line)
+
+    def _sample(self, number: int, line: bytes) -> Iterator[tuple[float, Sample]]:
+        came = perf_counter()
+        try:
+            values = self._of_json(line) if self.json else self._of_csv(line)
+        except (ValueError, OverflowError, RecursionError) as fault:
+            self.bad += 1
+            self.faults.append(f"line {number}: {str(fault) or type(fault).__name__}")
+            if not self.timed:
+                self.clock(None)  # a sample that was lost
+            return
+        time = self.clock(values[0] if self.timed else None)
+        if self.clock.note:
+            self.faults.append(f"line {number}: {self.clock.note}")
+        yield came, self._assembled(values, time)
+
+    def _of_csv(self, line: bytes) -> list[float]:
+        cells = line.decode().strip("\r\n").split(self.delimiter)
+        if len(cells) != self.width:
+            raise ValueError(f"{len(cells)} cells, expected {self.width}")
+        pairs = zip(self.columns, self.factors, strict=True)
+        return [factor * _number(cells[k]) for k, factor in pairs]
+
+    def _of_json(self, line: bytes) -> list[float]:
+        held = _flat(json.loads(line))
+        return [
+            factor * held.get(name, nan)
+            for name, factor in zip(self.keys, self.factors, strict=True)
+        ]
+
+    def _name_channels(self, channels: Mapping[str, str], units: Mapping[str, str]) -> None:
+        """Which columns or keys are read, what they are, and their factors to SI."""
+        heads = self._heads()
+        places: dict[str, int] = {}
+        own_units: dict[str, str] = {}
+        called = {column: channel for channel, column in channels.items()}
+        for k, head in enumerate(heads):
+            bare, unit = split_unit(head)
+            name = called.get(bare, "" if bare in channels else bare)
+            name = "time" if name in CLOCKS else name
+            if name != "time" and not CHANNEL.fullmatch(name):
+                continue
+            if name in places:
+                raise ValueError(f"two columns of the input are both {name}; rename one of them")
+            places[name] = k
+            if unit is not None:
+                own_units[name] = unit
+        missing = [column for column in channels.values() if column not in map(_bare, heads)]
+        if missing:
+            raise ValueError(f"the input has no column {missing[0]!r}; it has {', '.join(heads)}")
+        self.timed = "time" in places
+        self.names = sorted(places, key=lambda name: name != "time")  # time first
+        self.columns = [places[name] for name in self.names]
+        self.keys, self.width = [heads[k] for k in self.columns], len(heads)
+        self.factors = [_factor(name, {**own_units, **units}, units) for name in self.names]
+
+    def _heads(self) -> list[str]:
+        if self.json:
+            try:
+                return list(_flat(json.loads(self.first)))
+            except (ValueError, OverflowError, RecursionError) as fault:
+                raise ValueError(f"the first line is no JSON object of samples: {fault}") from None
+        text = self.first.decode(errors="replace").lstrip("\ufeff").strip()
+        self.delimiter = next((d for d in DELIMITERS if d in text), ",")
+        heads = [cell.strip().strip('"') for cell in text.split(self.delimiter)]
+        if any(map(_is_number, heads)):
+            raise ValueError(
+                f"the first line holds numbers, {shorten(text)}; expected a header that names the "
+                "channels, such as t,f1,a1,a2"
+            )
+        return heads
+
+    def _find_signals(self) -> None:
+        """Places of each signal among the values. Raises ValueError for what cannot be used."""
+        read = ", ".join(self.keys) or "no channel that is known here"
+        places = {
+            signal: [
+                self.names.index(f"{signal}{i}")
+                for i in numbered(dict.fromkeys(self.names), signal)
+            ]
+            for signal in ("f", "x", "v", "a", "s", "s_dot", "s_ddot")
+        }
+        n = len(places["a"])
+        for signal in ("a", "x", "v", "s", "s_dot"):
+            if places[signal] and f"{signal}{len(places[signal])}" not in self.names:
+                raise ValueError(f"the input names {read}; expected {signal}1, … without a gap")
+        self.base, driven = bool(places["s_ddot"]), [*places["f"], *places["s"], *places["s_dot"]]
+        if n == 0 or not (driven or self.base):
+            lacks = "accelerations a1, …" if n == 0 else "forces f1, … or a support's s_ddot1"
+            raise ValueError(
+                f"the input names {read}; expected {lacks} too; where they have other names: "
+                "--channels a1=COLUMN"
+            )
+        if self.base and (driven or len(places["s_ddot"]) > 1 or places["x"] or places["v"]):
+            raise ValueError(
+                f"the input names {read}; base excitation takes s_ddot1 and absolute "
+                "accelerations a1, … alone"
+            )
+        if len(places["x"]) != n or len(places["v"]) != n:
+            places["x"] = places["v"] = []
+        self.places = {signal: at for signal, at in places.items() if at}
+        forced = "base" if self.base else numbered(dict.fromkeys(self.names), "f")
+        self.sensors = Sensors(self.dt, n, 1 if self.base else len(driven), forced)
+
+    def _assembled(self, values: Sequence[float], time: float) -> Sample:
+        """A support's acceleration drives motions that are relative to it, as in data=measured."""
+        signals = {
+            signal: torch.tensor([values[k] for k in at], dtype=torch.float64)
+            for signal, at in self.places.items()
+        }
+        if self.base:
+            ground = signals.pop("s_ddot")
+            return Sample(f=-ground, a=signals["a"] - ground, time=time)
+        nothing = torch.zeros(0, dtype=torch.float64)
+        return Sample(**{"f": nothing, **signals}, time=time)
+
+
+def _lines(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    number = 0
+    while line := file.readline(LONGEST + 1):
+        number += 1
+        if len(line) > LONGEST:
+            raise ValueError(f"line {number} of the input is longer than {LONGEST} bytes")
+        yield number, line
+
+
+def _number(cell: str) -> float:
+    cell = cell.strip()
+    if cell in MISSING:
+        return nan
+    if not _is_number(cell):
+        raise ValueError(f"{shorten(cell)} is no number")
+    return float(cell)
+
+
+def _is_number(cell: str) -> bool:
+    return len(cell) <= DIGITS and NUMBER.fullmatch(cell) is not None
+
+
+def _flat(held: object) -> dict[str, float]:
+    """{"a": [0.1, null], "t": 0} → {"a1": 0.1, "a2": nan, "t": 0.0}."""
+    if not isinstance(held, dict):
+        raise ValueError("no JSON object")
+    flat: dict[str, float] = {}
+    for key, value in held.items():
+        if isinstance(value, list):
+            flat |= {f"{key}{i}": _json_number(u) for i, u in enumerate(value, start=1)}
+        elif not isinstance(value, str | dict | bool):  # such as the name of a sensor
+            flat[key] = _json_number(value)
+    return flat
+
+
+def _json_number(value: object) -> float:
+    if value is None:
+        return nan
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{shorten(value)} is no number")
+    return float(value)
+
+
+def _bare(head: str) -> str:
+    return split_unit(head)[0]
+
+
+def _factor(name: str, of_all: Mapping[str, str], stated: Mapping[str, str]) -> float:
+    """To SI, by the unit of the channel as stated, of its signal, or in its header."""
+    signal = name if name == "time" else name.rstrip("0123456789")
+    unit = stated.get(name) or stated.get(signal) or of_all.get(name)
+    return 1.0 if unit is None else to_si(unit, signal)

@@ -1,0 +1,1 @@
+"""An on-line model beside a shaking structure: `python -m live`."""

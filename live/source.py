@@ -1,0 +1,117 @@
+"""What a live run is fed with: a simulation, a record, standard input, or a socket."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from omegaconf import DictConfig
+
+from data.arguments import Pairs
+from data.datamodule import Data
+from data.record import Record
+from data.sample import Sample, Sensors
+from data.stream.lines import SampleLines
+from data.stream.sources import one_client, paced, standard_input
+from models.training.assemble import changed, data_from, simulated_from
+
+RECORDED = ("simulation", "test")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Samples, each with the moment [s] at which it was due, and what is known of them before."""
+
+    sensors: Sensors
+    samples: Iterable[tuple[float, Sample]]
+    period: float  # [s] from one to the next, as they come
+    lines: SampleLines | None = None
+
+
+def add_source(parser: argparse.ArgumentParser) -> None:
+    """What a command line says of a source of samples, and of the config."""
+    parser.add_argument(
+        "words",
+        nargs="*",
+        metavar="SOURCE | key=value",
+        help="simulation, test (record of the run), - (standard input); settings as of train.py",
+    )
+    parser.add_argument("--run", metavar="FOLDER", help="a finished run; else begin from nothing")
+    parser.add_argument("--replay", metavar="PATH", help="a record, as data=measured reads it")
+    parser.add_argument("--speed", type=float, default=1.0, help="of records; inf does not wait")
+
+
+def add_lines(parser: argparse.ArgumentParser) -> None:
+    """What it says of lines of text."""
+    parser.add_argument("--listen", type=int, metavar="PORT", help="a socket on 127.0.0.1")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="of the lines; a run knows it")
+    parser.add_argument("--channels", nargs="+", action=Pairs, default={}, metavar="a1=COLUMN")
+    parser.add_argument("--units", nargs="+", action=Pairs, default={}, metavar="a=g")
+
+
+def split_words(args: argparse.Namespace) -> tuple[str, list[str]]:
+    """The one source, and the settings. Raises ValueError where none or several are named."""
+    named = [word for word in args.words if "=" not in word]
+    if args.replay is not None:
+        named.append("replay")
+    if getattr(args, "listen", None) is not None:
+        named.append("listen")
+    known = (*RECORDED, "-", "replay", "listen")
+    if len(named) != 1 or named[0] not in known:
+        raise ValueError(
+            f"{', '.join(named) or 'no source'} was given; expected one of simulation, test, - "
+            "(standard input), --replay PATH, --listen PORT"
+        )
+    return named[0], [word for word in args.words if "=" in word]
+
+
+def recorded(kind: str, args: argparse.Namespace, cfg: DictConfig) -> tuple[Record, Sensors]:
+    """The record that is replayed, less its truth. Raises ValueError for other quantities.
+
+    A simulation of a finished run has the seed after the run's, unless seed= says another.
+    """
+    data = _data(kind, args, cfg)
+    data.setup()
+    records = data.records["train" if kind == "replay" else "test"]
+    if kind == "replay" and len(records) > 1:
+        raise ValueError(f"--replay {args.replay} holds {len(records)} records; name one of them")
+    record = records[0].measured()
+    if record.quantity != "acceleration":
+        raise ValueError(f"the record holds {record.quantity}; live, accelerations are estimated")
+    return record, Sensors(record.dt, record.dofs, record.excitation.shape[-1], data.forced)
+
+
+def _data(kind: str, args: argparse.Namespace, cfg: DictConfig) -> Data:
+    if kind == "simulation":
+        stated = args.run is None or any(word.startswith("seed=") for word in args.words)
+        return simulated_from(cfg if stated else changed(cfg, {"seed": cfg.seed + 1}))
+    if kind == "test":
+        return data_from(cfg)
+    if not cfg.data._target_.endswith(".MeasuredData"):
+        raise ValueError(f"--replay reads records of data=measured, not of {cfg.data._target_}")
+    whole = {"_target_": "data.WholeRecords", "train": None, "test": None}
+    return data_from(changed(cfg, {"data": {**whole, "path": args.replay}}))
+
+
+def source_of(
+    kind: str, args: argparse.Namespace, cfg: DictConfig, dt: float | None, stack: ExitStack
+) -> Source:
+    """Open it; waits for the first line of text. `dt` [s]: of the run, where there is one."""
+    if kind in (*RECORDED, "replay"):
+        record, sensors = recorded(kind, args, cfg)
+        period = record.dt if math.isinf(args.speed) else record.dt / args.speed
+        return Source(sensors, paced(record, args.speed), period)
+    if args.rate is not None and not 0.0 < args.rate < math.inf:
+        raise ValueError(f"--rate {args.rate:g} Hz must be positive")
+    if args.rate is None and dt is None:
+        raise ValueError("say how many samples a second the lines hold: --rate HZ")
+    step = 1.0 / args.rate if args.rate is not None else dt
+    assert step is not None
+    if dt is not None and abs(step / dt - 1.0) < 1e-2:
+        step = dt  # a rate such as 120 for a step of 8.333 ms
+    file = standard_input() if kind == "-" else stack.enter_context(one_client(args.listen))
+    lines = SampleLines(file, step, args.channels, args.units)
+    return Source(lines.sensors, lines, step, lines)

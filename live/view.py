@@ -1,0 +1,164 @@
+"""What a person sees of a live run: a table that moves in a terminal, else a line now and then."""
+
+from __future__ import annotations
+
+import math
+import sys
+from types import TracebackType
+
+import numpy as np
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from data.arguments import plain
+from data.stream.lines import SampleLines
+from live.monitor import LiveMonitor, Raised
+from models.online.scores import WINDOW
+
+BARS = " ▁▂▃▄▅▆▇█"
+WIDTH = 60  # columns of a signal
+REFRESH = 8  # a second
+SWITCH = 2e-4  # [s]
+
+
+class LiveView:
+    """Use as a context: `tick` after every sample, `alarm` where one is raised.
+
+    every [s] of the record: between lines, where there is no terminal.
+    """
+
+    def __init__(
+        self, monitor: LiveMonitor, lines: SampleLines | None, console: Console, every: float
+    ) -> None:
+        self.monitor, self.lines, self.console, self.every = monitor, lines, console, every
+        if not every > 0.0:
+            raise ValueError(f"--every {every:g} s must be positive")
+        self.live: Live | None = None
+        self.next_line = every
+        if console.is_terminal:
+            self.live = Live(
+                console=console, get_renderable=self.table, refresh_per_second=REFRESH,
+                vertical_overflow="crop",
+            )  # fmt: skip
+
+    def __enter__(self) -> LiveView:
+        if self.live is not None:
+            # it is drawn by a thread of its own, which is not to keep a sample waiting
+            sys.setswitchinterval(SWITCH)
+            self.live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.live is not None:
+            self.live.stop()
+
+    def tick(self) -> None:
+        if self.live is None and self.monitor.time >= self.next_line:
+            self.console.print(status_line(self.monitor, self.lines), markup=False, soft_wrap=True)
+            self.next_line += self.every * (1 + (self.monitor.time - self.next_line) // self.every)
+
+    def alarm(self, raised: Raised) -> None:
+        if self.live is None:
+            self.console.print(alarm_line(raised), markup=False, soft_wrap=True)
+
+    def table(self) -> Group:
+        """The status, each DOF's last seconds, what went wrong."""
+        monitor = self.monitor
+        measured, estimated = monitor.window()
+        _, errors = monitor.running_error()
+        table = Table(box=None, pad_edge=False, header_style="bold")
+        table.add_column("DOF")
+        table.add_column("\\[m/s²]")
+        table.add_column(f"the last {WINDOW:g} s")
+        table.add_column("now", justify="right", min_width=9)  # so that nothing moves
+        table.add_column("error", justify="right")
+        for i, error in enumerate(errors, start=1):
+            both = measured[:, i - 1], estimated[:, i - 1]
+            first = monitor.samples - len(measured)
+            finite = np.nan_to_num(np.concatenate(both), nan=0.0, posinf=0.0, neginf=0.0)
+            size = float(np.abs(finite).max(initial=0.0))
+            rows = [bars(u, size, first) for u in both]
+            now = [f"{u[-1]:+.3f}" if len(u) else "" for u in both]
+            table.add_row(str(i), "measured", Text(rows[0], style="cyan"), now[0], "")
+            estimate = Text(rows[1], style="yellow")
+            table.add_row("", "estimated", estimate, now[1], f"{error:.1f} %")
+        parts: list[Text | Table] = [
+            Text(status_line(monitor, self.lines)),
+            table,
+            Text(self._troubles()),
+        ]
+        if monitor.alarms:
+            parts.append(Text(alarm_line(monitor.alarms[-1]), style="bold red"))
+        return Group(*parts)
+
+    def _troubles(self) -> str:
+        lines = [event_line(self.monitor)] if self.monitor.last_event else []
+        if self.lines is not None and self.lines.faults:
+            lines.append(f"last fault: {plain(self.lines.faults[-1])}")
+        return "\n".join(lines)
+
+
+def bars(signal: np.ndarray, size: float, first: int) -> str:
+    """The newest WIDTH columns of a signal (T,) between −size and size, as characters.
+
+    first: number of its first sample; columns stay with their samples as the signal moves on.
+    """
+    step = max(1, math.ceil(len(signal) / WIDTH))
+    shown = signal[-first % step :: step]
+    if not size > 0.0:
+        return "▄" * len(shown)
+    levels = np.nan_to_num(0.5 + 0.5 * shown / size, nan=0.0).clip(0.0, 1.0)
+    marks = 1 + np.floor(levels * (len(BARS) - 2) + 0.5).astype(int)
+    return "".join(
+        BARS[mark] if math.isfinite(u) else "?" for mark, u in zip(marks, shown, strict=True)
+    )
+
+
+def status_line(monitor: LiveMonitor, lines: SampleLines | None) -> str:
+    total, each = monitor.running_error()
+    bad = "" if lines is None else f", {lines.bad:,} bad lines"
+    return (
+        f"t = {monitor.time:.1f} s, {monitor.samples:,} samples: error {total:.1f} % "
+        f"({' '.join(f'{e:.1f}' for e in each)}), {monitor.overruns:,} overruns, "
+        f"{sum(monitor.kinds.values()):,} events{bad}"
+    )
+
+
+def event_line(monitor: LiveMonitor) -> str:
+    event = monitor.last_event
+    assert event is not None
+    counts = ", ".join(f"{count:,} {kind}" for kind, count in sorted(monitor.kinds.items()))
+    return f"events: {counts}; the last: {event.kind}, {event.channel}, at {event.time:.3f} s"
+
+
+def alarm_line(raised: Raised) -> str:
+    alarm = raised.alarm
+    return f"ALARM at {raised.time:.1f} s: DOF {alarm.dof}, {alarm.size:.1f} times the threshold"
+
+
+def summary(monitor: LiveMonitor, lines: SampleLines | None) -> list[str]:
+    """What a live run ends with."""
+    total, each = monitor.error()
+    last, _ = monitor.running_error()
+    middle, most = monitor.latency()
+    said = [
+        f"{monitor.time:.1f} s, {monitor.samples:,} samples: relative error {total:.2f} % "
+        f"(DOFs {', '.join(f'{e:.2f}' for e in each)}), of the last {WINDOW:g} s {last:.2f} %",
+        f"time per sample: median {1e6 * middle:.0f} µs, 99.9th percentile {1e6 * most:.0f} µs; "
+        f"{monitor.overruns:,} overruns of {1e3 * monitor.period:.4g} ms",
+    ]
+    if monitor.last_event is not None:
+        said.append(event_line(monitor))
+    if lines is not None and lines.bad:
+        said.append(f"bad lines: {lines.bad:,}; the last: {plain(lines.faults[-1])}")
+    if monitor.first_alarm is not None:
+        more = f"; {monitor.raised} in all" if monitor.raised > 1 else ""
+        said.append(alarm_line(monitor.first_alarm) + more)
+    return said

@@ -1,0 +1,275 @@
+"""Estimators that are a composition of a linear core and elements, simulated as a whole.
+
+The free run is models/composition/simulate.py's: compiled, on the processor wherever the data are,
+with its derivatives; in PyTorch where autograd asks for it. It holds at any time step.
+B records, T samples, n DOFs, E elements, P free parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from data.record import Drive, Record, Response
+from models.composition.simulate import (
+    ACCELERATION,
+    DISPLACEMENT,
+    PART,
+    VELOCITY,
+    Coefficients,
+    Composition,
+    Part,
+    simulate,
+)
+from models.composition.simulate_compiled import run
+from models.estimator import Estimator
+from models.layers.integrate import between
+from models.layers.state_variables import corner_frequency, state_variables
+
+MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
+BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A compiled run (…, T, ·): the motion, the elements' forces and deformations, ∂output/∂θ."""
+
+    response: Response
+    forces: Tensor  # (…, T, E) [N]
+    deformations: Tensor  # (…, T, E) [m]
+    jacobian: Tensor  # (…, T, n, P), or P = 0
+
+
+class Composite(Estimator):
+    """Base of the networks of elements. `substeps` divide a sample interval of `dt`.
+
+    from_accelerations: x and v are not looked at, even where they are there.
+    prior: weight of Σ θ² beside the squared relative error: what the data do not determine stays
+    where it started, without effect. early_prior: the same until the last stage; None: as there.
+    """
+
+    reads = ("f",)
+    measures: Tensor  # (n,): what the sensors say, displacement 0, velocity 1, acceleration 2
+    identified: Tensor  # 1 once the parameters have their units, until then NaN
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        substeps: int = 2,
+        prior: float = 1e-10,
+        from_accelerations: bool = False,
+        early_prior: float | None = None,
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        self.from_accelerations = from_accelerations
+        if early_prior is None:
+            early_prior = prior
+        for name, weight in (("prior", prior), ("early_prior", early_prior)):
+            if not weight >= 0.0:
+                raise ValueError(f"model.{name}={weight} must not be negative")
+        self.prior, self.early_prior = prior, early_prior
+        self.register_buffer("identified", torch.tensor(torch.nan, dtype=torch.float64))
+        self.register_buffer("measures", torch.full((dofs,), ACCELERATION))
+        if not isinstance(substeps, int) or substeps < 1:
+            raise ValueError(f"model.substeps={substeps} must be a whole number, at least 1")
+        self.substeps = substeps
+
+    def pull(self, last: bool) -> tuple[float, Tensor]:
+        """Weight and deviation (P,) of the free parameters from where they stay without data."""
+        learned = [
+            c for c in self.modules() if isinstance(c, Coefficients) and c.theta.requires_grad
+        ]
+        weight = self.prior if last else self.early_prior
+        return weight, torch.cat([c.deviation(last).reshape(-1) for c in learned])
+
+    def composition(self) -> Composition:
+        """Coefficients at the present parameters."""
+        raise NotImplementedError
+
+    def forward(self, record: Record) -> Tensor:
+        """One step ahead of the measured x and v; where there are none, a free run.
+
+        The memory of hysteretic units follows the increments of these steps.
+        """
+        self.check(record)
+        stateless = self.from_accelerations or record.x is None or record.v is None
+        return self.restarted_run(record, None if stateless else 1)
+
+    def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
+        raise ValueError(
+            f"{type(self).__name__} is trained on its free run; set objective=free_run"
+        )
+
+    @property
+    def identified_parameters(self) -> int:
+        return sum(p.numel() for p in self.parameters() if p.requires_grad)
+
+    def free_run(self, drive: Drive) -> Response:
+        self.check_drive(drive)
+        self.require_identified(self.identified)
+        differentiated = torch.is_grad_enabled() and any(p.requires_grad for p in self.parameters())
+        if differentiated:
+            return simulate(self.composition(), drive, self._substeps(drive.dt))
+        return self.trace(drive).response
+
+    def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
+        """Begun anew from x and v only: the units' memory goes on, so it needs no warm-up."""
+        free = [p for p in self.parameters() if p.requires_grad]
+        if torch.is_grad_enabled() and free:
+            return _Restarted.apply(self, record, horizon, *free)
+        anchors = self._anchors(record, horizon)
+        return self.trace(record.drive(), anchors, horizon or 0).response.a
+
+    def restarted_jacobian(
+        self, record: Record, horizon: int | None, warmup: int = 0
+    ) -> tuple[Tensor, Tensor]:
+        anchors = self._anchors(record, horizon)
+        trace = self.trace(record.drive(), anchors, horizon or 0, derivatives=True)
+        return trace.response.a, trace.jacobian
+
+    def element_loops(self, drive: Drive) -> tuple[Tensor, Tensor]:
+        """Deformations [m] and restoring forces [N] (…, T, E) of the elements in a free run."""
+        trace = self.trace(drive)
+        return trace.deformations, trace.forces
+
+    @torch.no_grad()
+    def trace(
+        self,
+        drive: Drive,
+        anchors: Tensor | None = None,
+        every: int = 0,
+        derivatives: bool = False,
+    ) -> Trace:
+        """A compiled run, begun anew from `anchors` (…, 2, T, n) every so many samples."""
+        self.require_identified(self.identified)
+        it, device, lead = self.composition(), drive.u.device, drive.u.shape[:-2]
+        drive = Drive(drive.dt, drive.u.cpu(), drive.x0.cpu(), drive.v0.cpu(), drive.hold)
+        u = drive.u.reshape(-1, *drive.u.shape[-2:])
+        fine = between(drive.u, drive.hold, self._substeps(drive.dt)).reshape(len(u), *_fine(drive))
+        starts = torch.stack([drive.x0, drive.v0], dim=-2).expand(*lead, 2, -1)
+        starts = starts.reshape(len(u), 2, -1)
+        measured = starts[:, :, None, :]
+        if anchors is not None:
+            measured = anchors.cpu().reshape(len(u), *anchors.shape[-3:])
+        P = it.parameters if derivatives else 0
+        shapes = [(self.dofs,)] * 3 + [(it.laws.value.shape[0],)] * 2 + [(self.dofs, P)]
+        out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
+        arrays = _arrays(it)
+        back = np.ascontiguousarray(np.linalg.pinv(arrays["outputs"][0]))
+
+        def one(i: int) -> None:
+            run(
+                *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
+                drive.dt, every, np.ascontiguousarray(measured[i].numpy()), back,
+                *arrays["core"], *arrays["inputs"], *arrays["G"], *arrays["D"],
+                np.ascontiguousarray(it.supports.cpu().numpy()), *arrays["laws"], it.counts,
+                *arrays["outputs"], it.measures.cpu().numpy(), P,
+                *(signal[i].numpy() for signal in out),
+            )  # fmt: skip
+
+        if len(u) > 1 and torch.get_num_threads() > 1:
+            with ThreadPoolExecutor(torch.get_num_threads()) as pool:
+                list(pool.map(one, range(len(u))))
+        else:
+            for i in range(len(u)):
+                one(i)
+        x, v, a, *rest = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
+        return Trace(Response(x, v, it.output(x, v, a)), *rest)
+
+    def look(self, batches: Iterable[Record]) -> list[Record]:
+        """The records on the processor, once it is known what their sensors say."""
+        records = [record.to("cpu") for record in batches]
+        for record in records:
+            if record.quantity not in MEASURES:
+                raise ValueError(
+                    f"{type(self).__name__} describes motions; the record holds "
+                    f"{record.quantity}: choose another model"
+                )
+            self.measures.fill_(MEASURES[record.quantity])
+        return records
+
+    def states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
+        """x, v, a, u (T, ·) of each record as measured, or filtered alike from what there is."""
+        counted = slice(record.warmup, None)
+        a = record.a.reshape(-1, *record.a.shape[-2:])
+        u = record.excitation.reshape(len(a), record.samples, -1)
+        measured = MEASURES[record.quantity]
+        whole = measured == ACCELERATION and not self.from_accelerations
+        for i in range(len(a)):
+            if whole and record.x is not None and record.v is not None:
+                x, v = record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i]
+                yield x[counted], v[counted], a[i][counted], u[i][counted]
+                continue
+            corner = corner_frequency(a[i], record.dt)
+            if measured != ACCELERATION:
+                corner *= BEYOND  # the filters' own share is then flat below it
+            size = corner ** (ACCELERATION - measured)
+            x, v, filtered = (size * s for s in state_variables(a[i], corner, record.dt))
+            yield x, v, filtered, size * state_variables(u[i], corner, record.dt)[measured]
+
+    def _anchors(self, record: Record, horizon: int | None) -> Tensor | None:
+        """Measured x and v (…, 2, T, n); the first is where the record begins."""
+        if horizon is None:
+            return None
+        if self.from_accelerations or record.x is None or record.v is None:
+            raise ValueError(
+                "runs begin anew at measured x and v, which this record or model lacks; set "
+                "objective.restart=false, or integrate (scenario=integrated)"
+            )
+        drive, anchors = record.drive(), torch.stack([record.x, record.v], dim=-3).clone()
+        anchors[..., 0, 0, :], anchors[..., 1, 0, :] = drive.x0, drive.v0
+        return anchors
+
+    def check(self, record: Record) -> None:
+        super().check(replace(record, dt=self.dt))  # any time step will do
+
+    def check_drive(self, drive: Drive) -> None:
+        super().check_drive(replace(drive, dt=self.dt))
+
+    def _substeps(self, dt: float) -> int:
+        """As many as keep their length."""
+        return max(1, round(self.substeps * dt / self.dt))
+
+
+class _Restarted(torch.autograd.Function):
+    """The compiled run and its derivatives, as autograd wants them."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, model: Composite, record: Record, horizon: int | None, *free: Tensor
+    ) -> Tensor:
+        anchors = model._anchors(record, horizon)
+        trace = model.trace(record.drive(), anchors, horizon or 0, derivatives=True)
+        ctx.save_for_backward(trace.jacobian)
+        ctx.shapes = [p.shape for p in free]
+        return trace.response.a
+
+    @staticmethod
+    def backward(ctx: Any, slope: Tensor) -> Any:
+        (jacobian,) = ctx.saved_tensors
+        flat = slope.reshape(-1) @ jacobian.flatten(0, -2)
+        parts = flat.split([shape.numel() for shape in ctx.shapes])
+        return (None, None, None, *(p.view(s) for p, s in zip(parts, ctx.shapes, strict=True)))
+
+
+def _fine(drive: Drive) -> tuple[int, int, int]:
+    return drive.samples - 1, -1, drive.u.shape[-1]
+
+
+def _arrays(it: Composition) -> dict[str, tuple[np.ndarray, ...]]:
+    """Values, numbers and slopes of every part, as the compiled run takes them."""
+    parts: dict[str, Part] = {
+        name: getattr(it, name) for name in ("core", "inputs", "G", "D", "laws", "outputs")
+    }
+    return {
+        name: tuple(np.ascontiguousarray(getattr(p, key).cpu().numpy()) for key in PART)
+        for name, p in parts.items()
+    }

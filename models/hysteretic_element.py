@@ -1,0 +1,101 @@
+"""A single element under an imposed motion: its force from deformation and rate.
+
+r = law(s, ṡ, z),   ż by increments of s          (models/composition/simulate.py)
+
+The law is that of the element network: spring, damper, cubic spring, hinges, hysteretic units.
+T samples, E elements side by side, each under its own motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+
+from data.record import Record
+from models.composition.composite import Composite
+from models.composition.simulate import Composition, ElementLaws, Numbering, Part
+
+
+class HystereticElement(Composite):
+    """Forces r (T, E) from imposed deformations s and rates ṡ, the excitation [s, ṡ] (T, 2 E).
+
+    It is a free run throughout: no measured force is ever looked at. In its response x and v are
+    the imposed motion's place-holders and hold nothing of use.
+    hinges, tanhs, units: in each law; cubic: a cubic spring too.
+    """
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        hinges: int = 2,
+        tanhs: int = 0,
+        units: int = 3,
+        cubic: bool = True,
+        prior: float = 1e-8,
+    ) -> None:
+        super().__init__(dofs, inputs, dt, 1, prior, from_accelerations=True)
+        if inputs != 2 * dofs:
+            raise ValueError(
+                f"an element test has a deformation s and a rate s_dot for each of {dofs} forces; "
+                f"there are {inputs} channels: name s1, s_dot1 and r1 among data.measured.channels"
+            )
+        self.laws = ElementLaws(dofs, hinges, tanhs, units, cubic)
+        self.linear: tuple[Tensor, Tensor, Tensor] | None = None
+
+    def composition(self) -> Composition:
+        """Coordinates q̈ = r that nothing feels: the simulation of elements without a structure."""
+        numbering, n = Numbering(self), self.dofs
+        none, one = torch.zeros(2, n, dtype=torch.float64), torch.eye(n, dtype=torch.float64)
+        none, one = none.to(self.identified.device), one.to(self.identified.device)
+        zero = one.new_zeros(n, 2 * n)
+        supports = torch.stack([torch.cat([one, 0 * one], 1), torch.cat([0 * one, one], 1)])
+        return Composition(
+            core=Part.fixed(none),
+            inputs=Part.fixed(zero),
+            G=Part.fixed(-one),
+            D=Part.fixed(0.0 * one),
+            laws=self.laws.table(numbering),
+            outputs=Part.fixed(one),
+            supports=supports,
+            counts=self.laws.counts,
+            parameters=numbering.count,
+            measures=self.measures,
+        )
+
+    @torch.no_grad()
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        """Spring and damper of each element by least squares; units of θ."""
+        motions, forces = [], []
+        for record in batches:
+            self.check(record)
+            if record.quantity != "force":
+                raise ValueError(
+                    "HystereticElement describes the force of an element test; the record holds "
+                    f"{record.quantity}: choose element_network or another model"
+                )
+            counted = slice(record.warmup, None)
+            motions.append(record.excitation[..., counted, :].reshape(-1, 2 * self.dofs).cpu())
+            forces.append(record.a[..., counted, :].reshape(-1, self.dofs).cpu())
+        s, rate = torch.cat(motions).chunk(2, dim=1)
+        r = torch.cat(forces)
+        pairs = torch.stack([s, rate], dim=2).movedim(1, 0)  # (E, N, 2)
+        found = torch.linalg.lstsq(pairs, r.T[..., None], driver="gelsd").solution[..., 0]
+        largest, fastest = s.abs().amax(dim=0), rate.abs().amax(dim=0)
+        secant = r.abs().amax(dim=0) / largest
+        stiffness = torch.where(found[:, 0] > 0.05 * secant, found[:, 0], 0.05 * secant)
+        least = 0.01 * r.abs().amax(dim=0) / fastest
+        self.linear = (stiffness, torch.maximum(found[:, 1], least), largest)
+        self.laws.start(*self.linear, (0.5, 0.5))
+        self.identified.fill_(1.0)
+        return {"linear_stiffness": float(stiffness.mean())}
+
+    def restart(self, generator: torch.Generator) -> None:
+        """Springs and dampers as identified, hinges and limits spread anew."""
+        if self.linear is None:
+            raise ValueError("HystereticElement starts anew from its identification; identify it")
+        places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
+        self.laws.start(*self.linear, places)

@@ -1,0 +1,1 @@
+"""Models that learn sample by sample."""

@@ -1,0 +1,1 @@
+"""Adaptation laws of on-line models, each in PyTorch and compiled."""

@@ -1,0 +1,71 @@
+"""The gradient law of the VWNN literature, normalised: dead zone, leakage and projection.
+
+W ← (1 − γσ) W + γ φ eᵀ/(m + φᵀφ) where ‖e‖ > dead zone,  then ‖w_j‖ ≤ bound
+
+Kosmatopoulos, Smyth, Masri & Chassiakos, J. Appl. Mech. 68 (2001); Ioannou & Sun, Robust Adaptive
+Control (1996), Sects. 4.4 and 8.5.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from models.online.laws import laws_compiled as compiled
+from models.online.laws.law import Adapted, Law, require
+
+
+class NormalisedGradient(Law):
+    """A step along φ that removes the share γ of the present error.
+
+    gain: γ in (0, 2), a number; 1 removes the whole error of the sample where m is 0.
+    floor: m ≥ 0 [φ²], keeps small features from large steps.
+    dead_zone: ≥ 0 [m/s²]; errors below it are taken for noise and change nothing.
+    leakage: σ ≥ 0, a number: weights without excitation fade as (1 − γσ)ᴺ.
+    bound: > 0 [m/s² over φ], on the length of each target's weights; None: none.
+
+    Choose it where P² operations a sample are too many: it takes P. The error of one sample goes,
+    that of the next comes back: directions die out as the eigenvalues of the features' covariance,
+    so with filtered signals, which are all but collinear, it needs hours where recursive least
+    squares needs seconds.
+
+    What makes it unstable: γ ≥ 2 overshoots; noise and what the model cannot represent let weights
+    drift along directions without excitation, which dead zone, leakage and bound each stop.
+    """
+
+    number: ClassVar[int] = compiled.NORMALISED_GRADIENT
+
+    def __init__(
+        self,
+        gain: float = 0.1,
+        floor: float = 1e-3,
+        dead_zone: float = 0.0,
+        leakage: float = 0.0,
+        bound: float | None = None,
+    ) -> None:
+        super().__init__()
+        require("gain", gain, 0.0, float("inf"), "γ > 0; it is stable below 2")
+        if bound is not None:
+            require("bound", bound, 0.0, float("inf"), "more than 0")
+        for name, value in (("floor", floor), ("dead_zone", dead_zone), ("leakage", leakage)):
+            if not 0.0 <= value < float("inf"):
+                raise ValueError(f"adaptation.{name}={value}: expected at least 0")
+        self.gain, self.floor, self.dead_zone = gain, floor, dead_zone
+        self.leakage, self.bound = leakage, float("inf") if bound is None else bound
+
+    def adapt(self, state: Adapted, phi: Tensor, error: Tensor) -> Adapted:
+        power = self.floor + float(phi @ phi)
+        if float(torch.linalg.vector_norm(error)) <= self.dead_zone or power == 0.0:
+            return state
+        kept = (1.0 - self.gain * self.leakage) * state.weights
+        weights = torch.addr(kept, phi, error, alpha=self.gain / power)
+        lengths = torch.linalg.vector_norm(weights, dim=0)
+        if float(lengths.max()) > self.bound:
+            weights = weights * (self.bound / lengths).clamp_max(1.0)
+        return Adapted(weights, state.memory)
+
+    def settings(self) -> np.ndarray:
+        return np.array([self.gain, self.floor, self.dead_zone, self.leakage, self.bound])

@@ -1,0 +1,156 @@
+"""An estimator that is linear in its weights, sample by sample, while a law adapts them.
+
+    stream = Stream(estimator, RecursiveLeastSquares())
+    for sample in samples:
+        estimate = stream.step(sample)
+
+The estimate at k is made before a[k] is used. n DOFs; heads j with P_j features, n_j outputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from data.sample import Sample
+from models.linear_in_weights import LinearInWeights
+from models.online.guard import Event, Guard, Watch
+from models.online.laws.law import Adapted, Law
+
+
+class Stream:
+    """Weights, filter states and what the guard has seen, carried from sample to sample.
+
+    states: of the law, one for each head; None: from the estimator's weights, or from zero where it
+    has none yet. The estimator itself is not changed.
+    """
+
+    def __init__(
+        self,
+        estimator: LinearInWeights,
+        law: Law,
+        states: Sequence[Adapted] | None = None,
+        guard: Guard | None = None,
+    ) -> None:
+        self.estimator, self.law = estimator, law
+        self.watch = Watch(guard or Guard(), estimator.dofs, estimator.dt)
+        self.states = started(estimator, law) if states is None else list(states)
+        self.memory = estimator.at_rest()
+        self.mixing = estimator.mixing()
+        self.unmixing = None if self.mixing is None else torch.linalg.inv(self.mixing)
+        self.sample: Sample | None = None  # estimated, its acceleration not yet known
+        self.previous: Sample | None = None
+        self.made = torch.zeros(estimator.dofs, dtype=torch.float64)  # the newest estimate
+        self._came_twice = False
+        self._reads = [name for name in estimator.reads if name not in ("a", "f")]
+
+    @property
+    def weights(self) -> list[Tensor]:
+        """W_j (P_j, n_j) of each head, as they are now."""
+        return [state.weights for state in self.states]
+
+    @property
+    def events(self) -> list[Event]:
+        """The bad samples so far, the newest thousand of them."""
+        return list(self.watch.events)
+
+    def step(self, sample: Sample) -> Tensor:
+        """The estimate (n,) [m/s²] of a sample, made before its acceleration is learnt from."""
+        estimate = self.estimate(sample)
+        self.update(sample.a)
+        return estimate
+
+    def estimate(self, sample: Sample) -> Tensor:
+        """The acceleration (n,) [m/s²] of a sample; its own is not looked at.
+
+        Where the sample before was never followed by `update`, its acceleration counts as dropped.
+        """
+        self._check(sample)
+        if self.sample is not None:
+            self.update(None)
+        missed = self.watch.arrive(sample.time)
+        self._came_twice = missed < 0
+        if missed < 0:
+            return self.made
+        if missed > 0:
+            self._bridge(missed)
+        self.sample = self.watch.mended(sample)
+        self.made = self._estimate(self.sample)
+        return self.made
+
+    def update(self, a: Tensor | None) -> None:
+        """Learn from the acceleration (n,) of the sample that was estimated last; None: dropped."""
+        if self._came_twice:
+            return
+        if self.sample is None:
+            raise ValueError("no sample is waiting for its acceleration; call estimate first")
+        known, sound = self.watch.judged(a, self.sample, self.made)
+        self._learn(self.sample, known, sound)
+        self.previous, self.sample = self.sample, None
+
+    def _bridge(self, missed: int) -> None:
+        """Go on over samples that did not come: inputs held, estimates for accelerations."""
+        assert self.previous is not None
+        if missed > self.watch.guard.longest:
+            self._rest()
+            return
+        for _ in range(missed):
+            estimate = self._estimate(self.previous)
+            self._learn(self.previous, self.watch.bounded(estimate), False)
+
+    def _rest(self) -> None:
+        self.memory = self.estimator.at_rest()
+
+    def _estimate(self, sample: Sample) -> Tensor:
+        self._phi = self.estimator.features_at(sample, self.memory)
+        pairs = zip(self._phi, self.states, strict=True)
+        parts = [phi @ state.weights for phi, state in pairs]
+        self._outputs = parts[0] if len(parts) == 1 else torch.cat(parts)
+        made = self._outputs if self.mixing is None else self._outputs @ self.mixing
+        self._known = self.estimator.known(sample)
+        return made if self._known is None else made + self._known
+
+    def _learn(self, sample: Sample, a: Tensor, sound: bool) -> None:
+        if sound:
+            errors = a - self.made
+            if self.unmixing is not None:
+                errors = errors @ self.unmixing
+            parts = errors.split([state.weights.shape[1] for state in self.states])
+            heads = zip(self.states, self._phi, parts, strict=True)
+            self.states = [self.law.adapt(state, phi, error) for state, phi, error in heads]
+        self.memory = self.estimator.remember(sample, a, self.memory)
+
+    def _check(self, sample: Sample) -> None:
+        """Raise ValueError where a sample does not fit the estimator."""
+        estimator, a = self.estimator, sample.a
+        missing = [name for name in self._reads if getattr(sample, name) is None]
+        if missing:
+            raise ValueError(
+                f"{type(estimator).__name__} reads {', '.join(missing)}, which the sample lacks"
+            )
+        if sample.f.dtype != torch.float64 or (a is not None and a.dtype != torch.float64):
+            raise ValueError(
+                "a sample's signals must be float64; make them by "
+                "torch.tensor(values, dtype=torch.float64)"
+            )
+        channels = sample.excitation.numel()
+        measured = estimator.dofs if a is None else a.numel()
+        if (channels, measured) != (estimator.inputs, estimator.dofs):
+            raise ValueError(
+                f"the sample has {channels} channels of excitation and {measured} accelerations; "
+                f"{type(estimator).__name__} was built for {estimator.inputs} and {estimator.dofs}"
+            )
+
+
+def started(estimator: LinearInWeights, law: Law, from_nothing: bool = False) -> list[Adapted]:
+    """A law's states before the first sample, from the estimator's weights or from zero.
+
+    Weights that were never identified start at zero too.
+    """
+    states = []
+    for head in estimator.heads():
+        known = not from_nothing and bool(torch.isfinite(head).all())
+        states.append(law.start(head if known else torch.zeros_like(head)))
+    return states

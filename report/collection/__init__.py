@@ -1,0 +1,1 @@
+"""Any runs: one reader, one long table, comparisons."""

@@ -1,0 +1,77 @@
+"""The numbers of one run, named the same in the long-form table and in TensorBoard.
+
+A number has a split, an estimate ("" for the model's own, else another way in which it is scored),
+a metric as it is called in metrics.json, and a DOF where there is one for each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+SPLITS = ("train", "validation", "test", "free_run_train", "free_run_validation", "free_run")
+OF_THE_RUN = ("fit_seconds", "parameters", "simulation_error")
+DIVERGED = "diverged"
+
+
+class Score(NamedTuple):
+    """One number. Infinite and `diverged` where an estimate overflowed or a free run left."""
+
+    split: str  # "" for what belongs to the whole run
+    estimate: str
+    metric: str
+    dof: int | None  # 1 … n; None for all together
+    value: float
+    diverged: bool = False
+
+    @property
+    def name(self) -> str:
+        """As in TensorBoard: test/relative_rms_percent, test/own_residual/per_dof_percent/x1."""
+        dof = "" if self.dof is None else f"x{self.dof}"
+        return "/".join(filter(None, (self.split or "run", self.estimate, self.metric, dof)))
+
+
+def scores_of(metrics: Mapping[str, Any]) -> Iterator[Score]:
+    """Every number of a run's metrics.json, but for those of its baselines."""
+    for name in OF_THE_RUN:
+        if isinstance(metrics.get(name), int | float):
+            yield Score("", "", name, None, float(metrics[name]))
+    for part in ("identification", "training"):
+        for name, value in (metrics.get(part) or {}).items():
+            if value is None or isinstance(value, int | float):
+                yield Score("", "", name, None, math.inf if value is None else float(value))
+    for split in SPLITS:
+        yield from _of_split(split, "", metrics.get(split) or {})
+    yield from _online(metrics.get("online") or {})
+
+
+def _of_split(split: str, estimate: str, scores: Mapping[str, Any]) -> Iterator[Score]:
+    for name, value in scores.items():
+        if isinstance(value, dict):
+            yield from _of_split(split, name, value)
+        elif name.startswith("per_dof") and isinstance(value, list):
+            for dof, of_dof in enumerate(value, start=1):
+                yield _score(split, estimate, name, dof, of_dof)
+        elif name == "left_after_s":  # by run that diverged: when the first of them left
+            if value:
+                yield Score(split, estimate, name, None, float(min(value)))
+        elif name != "none":  # why there is no free run
+            yield _score(split, estimate, name, None, value)
+
+
+def _online(online: Mapping[str, Any]) -> Iterator[Score]:
+    """Of a model that adapts (models/online/scores.py); infinite where an error never settled."""
+    for way, told in online.get("ways", {}).items():
+        estimate = "" if way == "adapting" else way
+        yield _score("test", estimate, "worst_percent", None, told["worst_percent"])
+        for level, seconds in told["settle_s"].items():
+            never = math.inf if seconds is None else seconds
+            yield Score("test", estimate, f"settle_s/{level}", None, never)
+    for seconds, percent in online.get("learnt_percent", {}).items():
+        yield _score("test", "", f"learnt_percent/{seconds}", None, percent)
+
+
+def _score(split: str, estimate: str, name: str, dof: int | None, value: float | None) -> Score:
+    lost = value is None
+    return Score(split, estimate, name, dof, math.inf if value is None else float(value), lost)

@@ -1,0 +1,274 @@
+"""The page of free runs: report/free_run/page.md filled in from the leaderboard's tables.
+
+A placeholder of the template is `$name`; each is made here of the rows that the tables have, so no
+error is written by hand. What no run answers is said to be so, with the command that makes them.
+The first table of the page also goes into a README.md beside the page's folder, between its marks.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from string import Template
+
+from omegaconf import OmegaConf
+
+from models.training.metrics import FREE_RUNS
+from report.free_run.beyond import AS_TRAINED, FILE, LARGER, STD, STEPS, beyond_rows, chosen
+from report.free_run.beyond import BEYOND_COLUMNS as BEYOND
+from report.free_run.models import contains, told
+from report.free_run.questions import QUESTION_COLUMNS, question_of, question_rows
+from report.free_run.rows import (
+    RECORDS,
+    SYSTEMS,
+    Entry,
+    Row,
+    against_true,
+    leaderboard,
+    quantile,
+    row_of,
+    rows_apart,
+)
+from report.free_run.tables import (
+    COLUMNS,
+    Columns,
+    Title,
+    as_markdown,
+    between,
+    case,
+    error,
+    records_of,
+    sections,
+)
+from report.paper.tables import percent
+from runner.command_line import CONF
+from runner.run_folder import code_version, write_text
+
+TEMPLATE = Path(__file__).with_name("page.md")
+BEGIN, END = "<!-- free runs: begin -->", "<!-- free runs: end -->"  # of the table in README.md
+FULL_STATE = "full_state"
+PRINTED = {"bouc_wen": "Bouc–Wen"}
+ASKED = {"less_data": RECORDS, "more_noise": "scenario.level", "topology": "model.elements"}
+QUESTIONS = "python train.py -m experiment=free_run_questions"
+CAUGHT = 10.0  # times the median of the other seeds
+MARKS = {"yes": " †", "possible": " ‡"}
+NOTES = (
+    "Median (smallest – largest) over the seeds, in percent.",
+    "† the model's laws contain the structure's: parametric identification.",
+    "‡ they could, in directions that nobody told it.",
+)
+
+
+def write_free_run_page(
+    page: Path, entries: Sequence[Entry], asked: Sequence[Entry], drawn: Sequence[Path]
+) -> None:
+    """Fill the template; the figures `drawn` go beside it, the first table into the README.
+
+    entries: the leaderboard's; asked: those of the questions, may be empty.
+    """
+    rows = leaderboard(entries)
+    pictures = [path for path in drawn if path.suffix == ".png"]
+    facts = dict(_of_leaderboard(rows)) | dict(_of_costs(rows, entries, asked))
+    seeds = {entry.run.seed for entry in entries}
+    facts |= {
+        "missing": _missing(rows, entries),
+        "caught": _caught(entries),
+        "seeds": f"{min(seeds)} … {max(seeds)}",
+    }
+    facts |= dict(_of_questions(question_rows(asked, entries), _beyond(entries)))
+    facts |= dict(_of_figures([path.stem for path in pictures]))
+    text = Template(TEMPLATE.read_text("utf-8")).substitute(facts)
+    figures = page.parent / "figures"
+    figures.mkdir(parents=True, exist_ok=True)
+    for path in pictures:
+        shutil.copyfile(path, figures / path.name)
+    write_text(page, text)
+    _paste(page.absolute().parent.parent / "README.md", facts["overview"])
+
+
+def _missing(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
+    """What the experiment names and these runs lack, and whether they are of this code."""
+    lines = []
+    systems = [PRINTED.get(s, s) for s in SYSTEMS if s not in {row.system for row in rows}]
+    if systems:
+        lines.append(f"no runs of {', '.join(systems)} yet")
+    grids = OmegaConf.load(CONF / "experiment" / "free_run.yaml").hydra.sweeper.grids.values()
+    planned = [model for grid in grids for model in str(grid.model).split(",")]
+    lacking = [m for m in dict.fromkeys(planned) if m not in {row.model for row in rows}]
+    if lacking:
+        names = ", ".join(f"`{model}`" for model in lacking)
+        lines.append(f"the experiment names {names} too, which were not run yet")
+    codes = [e.run.metrics.get("identity", {}).get("code") for e in entries if e.run.metrics]
+    older = sum(code != code_version() for code in codes)
+    if older:
+        lines.append(f"{older} runs were made by earlier code of `data/` or `models/`")
+    return f"\n**Incomplete:** {'; '.join(lines)}.\n" if lines else ""
+
+
+def _paste(readme: Path, table: str) -> None:
+    """The table between the marks of a README, where there is one that has them."""
+    text = readme.read_text("utf-8") if readme.is_file() else ""
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if end:
+        write_text(readme, f"{before}{begin}\n{table}\n{end}{after}")
+
+
+def _of_leaderboard(rows: Sequence[Row]) -> Iterator[tuple[str, str]]:
+    """Counts, the overview, the rows setting by setting, and what the models know."""
+    yield "runs", str(sum(row.runs for row in rows))
+    yield "diverged", str(sum(row.diverged for row in rows))
+    yield "failed", str(sum(row.failed for row in rows))
+    simulated = [row for row in rows if not row.no_free_run]
+    yield "overview", "\n\n".join([matrix(simulated, _spread), " ".join(NOTES)])
+    usual, first = next(iter(settings(simulated).items()))
+    yield "usual", usual
+    yield "one_step", matrix(first, _one_step_and_free)
+    blocks = []
+    for title, same in settings(rows).items():
+        columns = {"model": COLUMNS["model"], "truth inside": contains, **COLUMNS}
+        blocks += [f"### {title}", _tables(same, columns, case)]
+    yield "leaderboard", "\n\n".join(blocks)
+    models = dict.fromkeys(row.model for same in settings(rows).values() for row in same)
+    lines = [f"| `{model}` | {told(model)} |" for model in models]
+    yield "known", "\n".join(["| model | what it is told |", "| --- | --- |", *lines])
+    yield "lost", _lost(rows)
+
+
+def settings(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows by records and scenario: without noise first, then most records first."""
+    found: dict[str, list[Row]] = {}
+    for row in sorted(rows, key=lambda r: (r.scenario != FULL_STATE, -(r.train_records or 0))):
+        found.setdefault(f"{records_of(row.train_records)}{_seen(row)}", []).append(row)
+    return found
+
+
+def _seen(row: Row) -> str:
+    return "full state, no noise" if row.scenario == FULL_STATE else f"`scenario={row.scenario}`"
+
+
+def matrix(rows: Sequence[Row], cell: Callable[[Row], str]) -> str:
+    """A line for each model and setting, a column for each system; the best of a setting first."""
+    found = {row.system for row in rows}
+    systems = [*(s for s in SYSTEMS if s in found), *sorted(found - set(SYSTEMS))]
+    head = ["model", *(PRINTED.get(system, system) for system in systems)]
+    lines = [head, ["---", *["---:"] * len(systems)]]
+    for number, same in enumerate(settings(rows).values()):
+        named: dict[str, dict[str, Row]] = {}
+        for row in same:
+            label = f"`{row.model}`" + (f" {row.varied}" if row.varied else "")
+            label += f", {_setting(row)}" if number else ""
+            named.setdefault(label, {})[row.system] = row
+        for label, of in sorted(named.items(), key=lambda item: _middle(item[1].values())):
+            lines.append([label, *(cell(of[s]) if s in of else "" for s in systems)])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _setting(row: Row) -> str:
+    """Of a line that is not in the first setting."""
+    records = records_of(row.train_records).removesuffix(", ").replace("training ", "")
+    return records if row.scenario == FULL_STATE else f"{records}, {row.scenario}"
+
+
+def _middle(rows: Iterable[Row]) -> float:
+    """Median over the systems of the medians over the seeds."""
+    medians = [row.median_percent for row in rows if row.median_percent is not None]
+    return quantile(medians, 0.5) or 0.0
+
+
+def _spread(row: Row) -> str:
+    mark = MARKS.get(contains(row), "")
+    ours = between(row, row.min_percent, row.max_percent)
+    return f"{error(row, row.median_percent)} ({ours}){mark}"
+
+
+def _one_step_and_free(row: Row) -> str:
+    """Both medians; an estimate one step ahead is never said to have diverged."""
+    return f"{percent(row.one_step_median_percent)} → {error(row, row.median_percent)}"
+
+
+def _tables(rows: Sequence[Row], columns: Columns, title: Title) -> str:
+    """Of each title a table, as in the leaderboard's own files but without their caption."""
+    return as_markdown(sections(rows, columns, title)).rpartition("\n\n")[0]
+
+
+def _lost(rows: Sequence[Row]) -> str:
+    mine = [row for row in rows if row.diverged or row.failed]
+    if not mine:
+        return "No run diverged and none failed."
+    lines = ["| model | system | setting | runs | diverged | failed |", "|" + " --- |" * 6]
+    for row in mine:
+        where = f"{records_of(row.train_records)}{row.scenario} {row.varied}".strip()
+        counts = f"{row.runs} | {row.diverged} | {row.failed}"
+        lines.append(f"| `{row.model}` | {row.system} | {where} | {counts} |")
+    return "\n".join(lines)
+
+
+def _caught(entries: Sequence[Entry]) -> str:
+    """Runs whose error is CAUGHT times the median of their row, and their training error."""
+    lines = []
+    for varied, same in rows_apart(entries):
+        row = row_of(same, varied)
+        limit = CAUGHT * (math.inf if row.median_percent is None else row.median_percent)
+        for entry in same:
+            if limit < (entry.free_run or 0.0) < math.inf:
+                training = against_true((entry.run.metrics or {}).get(FREE_RUNS["train"], {}))
+                errors = (row.median_percent, entry.free_run, training)
+                texts = [f"`{row.model}`", row.system, _setting(row), str(entry.run.seed)]
+                texts += [error(row, value) for value in errors]
+                lines.append(f"| {' | '.join(texts)} |")
+    head = "| model | system | setting | seed | median | its error | in training |"
+    return "\n".join([head, "|" + " --- |" * 7, *lines]) if lines else "There is none among these."
+
+
+def _of_costs(
+    rows: Sequence[Row], entries: Sequence[Entry], asked: Sequence[Entry]
+) -> Iterator[tuple[str, str]]:
+    """Seconds of every fit, and hours of all of them together."""
+    yield "costs", matrix(rows, lambda row: percent(row.fit_seconds_median))
+    yield "hours", _hours(entries)
+    yield "hours_questions", _hours(asked) if asked else "not measured here, about as much"
+
+
+def _hours(entries: Sequence[Entry]) -> str:
+    done = [entry.run.metrics for entry in entries if entry.run.metrics is not None]
+    return f"{sum(m.get('fit_seconds', 0.0) for m in done) / 3600.0:.1f} hours"
+
+
+def _beyond(entries: Sequence[Entry]) -> list[Row]:
+    """Rows of report/free_run/beyond.py, of the runs that it has scored."""
+    return beyond_rows([e for e in chosen(entries) if (e.run.folder / FILE).is_file()])
+
+
+def _of_questions(answered: Sequence[Row], beyond: Sequence[Row]) -> Iterator[tuple[str, str]]:
+    for name, varied in ASKED.items():
+        mine = [row for row in answered if row.varied == varied]
+        yield name, _answer(mine, QUESTION_COLUMNS, question_of, QUESTIONS)
+    changes = {"larger": [f"{STD}*{LARGER}"], "other_dt": [f"data.dt={dt}" for dt in STEPS]}
+    for name, wanted in changes.items():
+        mine = [row for row in beyond if row.varied in (AS_TRAINED, *wanted)]
+        yield name, _answer(mine, BEYOND, case, "python -m report.free_run.beyond")
+
+
+def _answer(rows: Sequence[Row], columns: Columns, title: Title, command: str) -> str:
+    if not rows:
+        return f"Not measured among these runs; `{command}` does it."
+    return _tables(rows, columns, title)
+
+
+def _of_figures(names: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Markdown of those that were drawn."""
+    kinds: dict[str, Callable[[str], bool]] = {
+        "figures_errors": lambda name: name.startswith("free_run_errors_"),
+        "figures_questions": lambda name: name.startswith("free_run_error_against_"),
+        "figures_loops": lambda name: name.startswith("loops_"),
+        "figures_motions": lambda name: name.startswith("free_run_"),
+    }
+    left = list(names)
+    for kind, belongs in kinds.items():
+        mine = [name for name in left if belongs(name)]
+        left = [name for name in left if name not in mine]
+        lines = [f"![{name.replace('_', ' ')}](figures/{name}.png)" for name in mine]
+        yield kind, "\n\n".join(lines) or "Nothing to draw among these runs."

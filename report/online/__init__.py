@@ -1,0 +1,1 @@
+"""On-line models beside their batch fits."""

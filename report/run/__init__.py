@@ -1,0 +1,1 @@
+"""One run: its table, its figures, its scores under other conditions."""

@@ -1,0 +1,38 @@
+"""What TensorBoard's HParams tab shows of a run: its choices, and its numbers in all splits.
+
+Choices and numbers have the names of the long table (report/collection/long_table.py).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from omegaconf import DictConfig
+
+from report.collection.runs import dotted, typed
+from report.collection.scores import scores_of
+from runner.run_folder import plain
+
+GROUPS = ("scenario", "excitation", "data", "model", "solver", "objective")
+FILES = ("path", "folder")  # where things lie is no choice that changes a number
+
+
+def swept(cfg: DictConfig) -> dict[str, int | float | bool | str]:
+    """The choices that a person sweeps; a system is told by its name alone."""
+    content = plain(cfg)
+    found: dict[str, Any] = {
+        name: content[name]["name"] for name in ("model", "system", "scenario")
+    }
+    found |= {name: content[name] for name in ("seed", "max_fail")}
+    for key, value in dotted({name: content[name] for name in GROUPS}).items():
+        text, last = typed(value), key.rpartition(".")[2]
+        if last not in ("name", *FILES) and not ("/" in str(text) or "\\" in str(text)):
+            found[key] = text
+    return found
+
+
+def numbers(metrics: Mapping[str, Any]) -> dict[str, float]:
+    """The numbers by name; without what diverged, which `diverged` counts."""
+    return {s.name: s.value for s in scores_of(metrics) if math.isfinite(s.value)}

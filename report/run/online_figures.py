@@ -1,0 +1,84 @@
+"""Pictures of an on-line model on one record: running error and weights over time."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+from torch import Tensor
+
+from data.record import QUANTITIES, Record
+from models.estimator import Estimator
+from models.online.adaptive import Online, single
+from models.online.scores import WINDOW, running_error
+from models.online.stream import started
+
+COLORS = {"from nothing": "#d1495b", "adapting": "#2e6f95", "frozen": "#222222"}
+STRETCHES = 250  # points of a curve of weights
+
+
+def online_figures(estimator: Estimator, batch: Record) -> dict[str, Figure]:
+    """By name, of the first record of a batch; {} for other models."""
+    if not isinstance(estimator, Online):
+        return {}
+    record = next(single(batch.measured()))
+    return {
+        "running_error": running_errors(estimator, record),
+        "weights_over_time": weights_over_time(estimator, record),
+    }
+
+
+def running_errors(model: Online, record: Record) -> Figure:
+    """Error of the last seconds against time, one line for each way of estimating."""
+    figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+    axes = figure.add_subplot()
+    t = record.dt * np.arange(record.samples)
+    with torch.no_grad():
+        estimates = model.estimates(record)
+    for way, estimate in estimates.items():
+        name = way.replace("_", " ") or "adapting"
+        error = running_error(estimate, record).cpu().numpy()
+        axes.plot(t, np.where(np.isfinite(error), error, np.nan), COLORS[name], label=name)
+    axes.set_yscale("log")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(f"error of the last {WINDOW:g} s [%]")
+    axes.margins(x=0.0)
+    axes.grid(alpha=0.25)
+    axes.legend(frameon=False)
+    return figure
+
+
+def weights_over_time(model: Online, record: Record) -> Figure:
+    """Each weight from zero on, times its feature's RMS: its share in the estimate; a DOF a row."""
+    heads, sizes = model.estimator.heads(), feature_sizes(model, record)
+    outputs = [(j, i) for j, head in enumerate(heads) for i in range(head.shape[1])]
+    states = started(model.estimator, model.law, from_nothing=True)
+    longest = -(-record.samples // STRETCHES)
+    history = [
+        [state.weights for state in states]
+        for _, states in model.stretches(record, model.law, states, longest)
+    ]
+    t = record.dt * np.linspace(longest, record.samples, len(history))
+    figure = Figure(figsize=(9.0, 1.9 * len(outputs) + 0.8), layout="constrained")
+    unit = QUANTITIES[record.quantity][1] if len(heads) == 1 else "a modal force"
+    for row, (j, i) in enumerate(outputs):
+        axes = figure.add_subplot(len(outputs), 1, row + 1)
+        curves = torch.stack([weights[j][:, i] for weights in history]) * sizes[j]  # (K, P)
+        axes.plot(t, curves.cpu().numpy(), linewidth=0.6)
+        late = curves[len(curves) // 5 :]
+        reach = 1.3 * float(late[torch.isfinite(late)].abs().max()) if late.numel() else 0.0
+        axes.set_ylim(-(reach or 1.0), reach or 1.0)
+        axes.set_ylabel(f"{'ẍ' if len(heads) == 1 else 'h'}{row + 1} [{unit}]")
+        axes.margins(x=0.0)
+        axes.grid(alpha=0.25)
+    axes.set_xlabel("time [s]")
+    return figure
+
+
+def feature_sizes(model: Online, record: Record) -> list[Tensor]:
+    """RMS (P_j,) of the features of each head over a record."""
+    squares: list[Tensor] = []
+    for _, phi in model.estimator.features_of(record):
+        sums = [u.square().sum(dim=0) for u in phi]
+        squares = [a + b for a, b in zip(squares, sums, strict=True)] if squares else sums
+    return [torch.sqrt(u / record.samples) for u in squares]

@@ -1,0 +1,130 @@
+"""A finished run scored again: rebuilt from its folder, on its own or on other motions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import torch
+from omegaconf import DictConfig
+from rich.console import Console
+
+from data.datamodule import Data
+from data.simulation.motion import EscapedMotionError
+from models.checkpoint import load_estimator
+from models.estimator import Estimator
+from models.training.assemble import changed, data_from, estimator_from
+from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
+from report.run.figures import run_figures, save_figure
+from report.run.online_figures import online_figures
+from report.run.table import error_table, rows_of, why_no_free_run
+from runner.run_folder import CHECKPOINT
+
+SPLITS = ("train", "test")
+
+
+def restore(run: DictConfig, folder: Path) -> Estimator:
+    """The identified estimator of a run, of the size and time step it was identified with."""
+    torch.set_num_threads(run.threads)  # the same threads, the same bits
+    estimator = estimator_from(run.model, data_from(run))
+    load_estimator(estimator, folder / CHECKPOINT, run.model.name)
+    return estimator.eval()
+
+
+def score_split(
+    estimator: Estimator, data: Data, split: str
+) -> tuple[Scores, FreeRunScore, tuple[Any, Any]]:
+    """Scores of a split one step ahead and in free run, and its first batch with the estimate."""
+    score, free_run, example = Scores(), FreeRunScore(), None
+    for record in data.loader(split):
+        estimates = score.update(estimator, record)
+        free_run.update(estimator, record)
+        example = example or (record, estimates[""])
+    assert example is not None
+    return score, free_run, example
+
+
+def score_seeds(
+    estimator: Estimator, run: DictConfig, seeds: list[int], same_motions: bool
+) -> dict[str, Any]:
+    """{seed: {split: scores}}: the test motions; for the run's own, the training motions too.
+
+    A seed whose motion escapes is kept, with the reason under `failed`.
+    """
+    results: dict[str, Any] = {}
+    for seed in seeds:
+        data = data_from(changed(run, {"seed": seed}))
+        try:
+            data.setup()
+            splits = SPLITS if same_motions and seed == run.seed else ("test",)
+            results[str(seed)] = scores_of(estimator, data, splits)
+        except EscapedMotionError as error:
+            if len(seeds) == 1:
+                raise
+            results[str(seed)] = {"failed": str(error)}
+    return results
+
+
+def scores_of(estimator: Estimator, data: Data, splits: tuple[str, ...]) -> dict[str, Any]:
+    """Errors in percent under the keys of `metrics.json`."""
+    results: dict[str, Any] = {}
+    for split in splits:
+        one_step, free_run, _ = score_split(estimator, data, split)
+        results |= {split: one_step.percent(), FREE_RUNS[split]: free_run.percent()}
+    return results
+
+
+def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: bool) -> None:
+    """Table of the scores beside the run's own, or the statement that they are equal."""
+    rows = [row for seed, scores in results.items() for row in rows_of(f"seed {seed}", scores)]
+    if altered:
+        rows += rows_of("as trained", metrics)
+    dofs = len(metrics["test"]["per_dof_percent"])
+    title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
+    console = Console(width=None if Console().is_terminal else 120)
+    console.print(error_table(title, rows, dofs))
+    for line in why_no_free_run({metrics["model"]: next(iter(results.values()))}):
+        console.print(line, markup=False)
+    if not altered:
+        (scores,) = results.values()
+        _print_equality(scores, metrics, console)
+    elif len(results) > 1:
+        _print_medians(results, console)
+
+
+def _print_medians(results: dict[str, Any], console: Console) -> None:
+    """Over the seeds, a diverged free run counting as failed."""
+    for key, name in (("test", "test"), (FREE_RUNS["test"], "free run")):
+        scored = [r[key] for r in results.values() if key in r and "none" not in r[key]]
+        told = [e for s in scored if (e := s["relative_rms_percent"]) is not None]
+        if scored:
+            middle = f"{median(told):.2f} %" if told else "–"
+            failed = len(results) - len(told)
+            console.print(f"{name}: median {middle} of {len(told)}, {failed} failed")
+
+
+def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Console) -> None:
+    """Raises ValueError unless the scores are those of the run, to the last digit."""
+    told = [key for key in scores if key in metrics]  # runs of older code have no free run
+    if not all(scores[key] == metrics[key] for key in told):
+        raise ValueError(
+            "the scores differ from metrics.json; the code or the libraries changed since the run "
+            f"(made with {metrics.get('versions')})"
+        )
+    console.print("equal to metrics.json to the last digit")
+    if len(told) < len(scores):
+        console.print("metrics.json has no free run to compare with; repeat the run to add it")
+
+
+def draw_figures(estimator: Estimator, run: DictConfig, seed: int, folder: Path) -> None:
+    """The run's figures for one seed, as PNG and PDF."""
+    data = data_from(changed(run, {"seed": seed}))
+    data.setup()
+    score, free_run, example = score_split(estimator, data, "test")
+    names = list(data.elements)
+    own_motion = None if free_run.example is None else free_run.example[1]
+    drawn = run_figures(*example, {"test": score.over_time()}, names, own_motion)
+    drawn |= online_figures(estimator, example[0])
+    for name, figure in drawn.items():
+        save_figure(figure, folder, name)

@@ -1,0 +1,1 @@
+"""What careful tuning gives each method."""

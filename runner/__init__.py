@@ -1,0 +1,1 @@
+"""Everything around a run and a sweep: config, folder, progress, search."""

@@ -1,0 +1,198 @@
+"""A sweep as a person sees it: live progress, then what was done, what failed and why."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from report.free_run.rows import free_run_error, quantile
+from report.paper.tables import percent
+from runner.run_folder import FAILED, METRICS, code_version, read_failure
+
+
+def read_metrics(folder: Path) -> dict[str, Any]:
+    metrics: dict[str, Any] = json.loads((folder / METRICS).read_text("utf-8"))
+    return metrics
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether a run is complete and was made by this code. The folder's name tells its config."""
+    if not (folder / METRICS).is_file():
+        return False
+    return read_metrics(folder).get("identity", {}).get("code") == code_version()
+
+
+def would_fail_again(folder: Path) -> bool:
+    """Whether a run failed by its own fault, not by that of a disk or a machine, in this code."""
+    if not (folder / FAILED).is_file():
+        return False
+    failure = read_failure(folder)
+    return failure["own"] and failure["code"] == code_version()
+
+
+class Watch:
+    """Progress over the folders of a sweep, whoever works on them."""
+
+    def __init__(self, folders: list[Path], total: int, hopeless: int = 0) -> None:
+        """`folders`: what is to be run, of `total` runs; `hopeless`: failed before, left alone."""
+        for folder in folders:
+            for name in (FAILED, METRICS):
+                (folder / name).unlink(missing_ok=True)
+        self.left, self.total, self.done = set(folders), total, total - len(folders)
+        self.before, self.failed = total - len(folders) - hopeless, hopeless
+        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[failed]} failed"))
+        self.console = Console(width=None if Console().is_terminal else 130)
+        self.progress = Progress(*columns, TimeRemainingColumn(), console=self.console)
+        self.ended = threading.Event()
+
+    def __enter__(self) -> Watch:
+        if self.before:
+            self.console.print(f"{self.before} of {self.total} runs were finished before")
+        self.task = self.progress.add_task(
+            "", total=self.total, completed=self.done, failed=self.failed
+        )
+        if self.console.is_terminal:
+            self.progress.start()
+        self.thread = threading.Thread(target=self._watch, daemon=True)
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ended.set()
+        self.thread.join()
+        self.progress.stop()
+
+    def _watch(self) -> None:
+        last_look = False
+        while not last_look:
+            last_look = self.ended.wait(0.5)
+            self._look()
+
+    def _look(self) -> None:
+        new = [f for f in self.left if (f / METRICS).exists() or (f / FAILED).exists()]
+        for folder in sorted(new, key=lambda f: f.stat().st_mtime):
+            self.left.discard(folder)
+            self.done += 1
+            failed = not (folder / METRICS).exists()
+            self.failed += failed
+            count = f"[{self.done:>{len(str(self.total))}}/{self.total}]"
+            line = f"{count} {_line(folder, failed)}"
+            self.console.print(line, highlight=False, markup=False, soft_wrap=True)
+            self.progress.update(self.task, completed=self.done, failed=self.failed)
+
+
+def _line(folder: Path, failed: bool) -> str:
+    if failed:
+        return f"{folder.name}: failed: {_reason(folder)}"
+    metrics = read_metrics(folder)
+    errors = (metrics[split]["relative_rms_percent"] for split in ("train", "test"))
+    train, test = ("   –   " if e is None else f"{e:8.2f} %" for e in errors)
+    name = folder.name.rpartition("-")[0]  # without the hash
+    free = free_run_error(metrics)
+    simulated = "" if free is None else f" free run {_free(free, 8)}"
+    return f"{name:<50} train {train} test {test}{simulated}"
+
+
+def _free(error: float, width: int = 0) -> str:
+    """Of a free run, in percent."""
+    return "diverged" if math.isinf(error) else f"{percent(error):>{width}} %"
+
+
+def _reason(folder: Path) -> str:
+    reason: str = read_failure(folder)["reason"]
+    return reason
+
+
+def print_summary(jobs: Mapping[Path, Sequence[str]], skipped: int, hopeless: int = 0) -> bool:
+    """Errors over the seeds, the failures and their reasons; whether all runs are done.
+
+    `jobs` maps the folder of each run to what was typed for it; `skipped` of them were done before,
+    `hopeless` had failed before and were not run again.
+    """
+    folders = list(jobs)
+    console = Console(width=None if Console().is_terminal else 160)
+    done = [folder for folder in folders if (folder / METRICS).is_file()]
+    failed = [folder for folder in folders if (folder / FAILED).is_file()]
+    if done:
+        told = told_apart(jobs)
+        console.print(sweep_table([(told[folder], read_metrics(folder)) for folder in done]))
+    for line in reasons({folder.name: _reason(folder) for folder in failed}):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
+    before = f" ({skipped} of them before)" if skipped else ""
+    lost = len(folders) - len(done) - len(failed)
+    unknown = f", {lost} without any result" if lost else ""
+    again = "not tried again; hydra.sweeper.retry_failed=true does"
+    left = f" ({hopeless} of them before, {again})" if hopeless else ""
+    place = f"in {folders[0].parent}" if folders else ""
+    console.print(
+        f"{len(done)} done{before}, {len(failed)} failed{left}{unknown}, {place}", soft_wrap=True
+    )
+    return len(done) == len(folders)
+
+
+def reasons(failed: dict[str, str]) -> list[str]:
+    """Why runs failed, a line for each reason: how many runs, and the first of them."""
+    by_reason: dict[str, list[str]] = {}
+    for name, reason in failed.items():
+        by_reason.setdefault(reason, []).append(name)
+    return [
+        f"failed: {reason} ({len(names)} runs, such as {names[0]})"
+        if len(names) > 1
+        else f"failed: {names[0]}: {reason}"
+        for reason, names in by_reason.items()
+    ]
+
+
+def told_apart(jobs: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
+    """For each run the settings that vary in the sweep, but for what has a column of its own."""
+    own = ("model=", "system=", "scenario=", "seed=")
+    kept = {f: {word for word in job if not word.startswith(own)} for f, job in jobs.items()}
+    common = set.intersection(*kept.values())
+    return {folder: " ".join(sorted(words - common)) for folder, words in kept.items()}
+
+
+def sweep_table(runs: Sequence[tuple[str, dict[str, Any]]]) -> Table:
+    """Median and range over the seeds of each case: (varied settings, metrics) of every run."""
+    table = Table(title="relative RMS error in %: median (min – max)", title_justify="left")
+    varied = any(settings for settings, _ in runs)
+    for name in ("model", "system", "scenario", *(["varied"] if varied else [])):
+        table.add_column(name, overflow="fold")
+    for name in ("runs", "train", "test", "free run"):
+        table.add_column(name, justify="right", no_wrap=True)
+    cases: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for settings, run in runs:
+        case = (run["system"], run["scenario"], settings, run["model"])
+        cases.setdefault(case, []).append(run)
+    for (system, scenario, settings, model), group in sorted(cases.items()):
+        cells = [_median_and_range(group, split) for split in ("train", "test")]
+        head = (Text(t) for t in (model, system, scenario, *([settings] if varied else [])))
+        table.add_row(*head, str(len(group)), *cells, _free_runs(group))
+    return table
+
+
+def _median_and_range(runs: Sequence[dict[str, Any]], split: str) -> str:
+    errors = [e for run in runs if (e := run[split]["relative_rms_percent"]) is not None]
+    if not errors:
+        return "–"
+    return f"{median(errors):.2f} ({min(errors):.2f} – {max(errors):.2f})"
+
+
+def _free_runs(runs: Sequence[dict[str, Any]]) -> str:
+    """Of the test motions; a run that diverged is the worst of all."""
+    errors = [e for run in runs if (e := free_run_error(run)) is not None]
+    middle = quantile(errors, 0.5)
+    if middle is None:
+        return "–"
+    told = "diverged" if math.isinf(middle) else percent(middle)
+    low, high = ("diverged" if math.isinf(e) else percent(e) for e in (min(errors), max(errors)))
+    return told if told == low == high == "diverged" else f"{told} ({low} – {high})"

@@ -1,0 +1,40 @@
+"""Runs that differ in their seed alone: name, identity and config file of each from one config.
+
+Resolving and writing a config takes longer than a VWNN takes to fit, so it is done once for all.
+"""
+
+from __future__ import annotations
+
+import re
+from copy import deepcopy
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from runner.run_folder import config_text, identity_of, name_of, plain
+
+
+class SeedsOf:
+    """What follows from a config for any seed, where nothing else in it depends on the seed."""
+
+    def __init__(self, cfg: DictConfig) -> None:
+        other = deepcopy(cfg)
+        OmegaConf.update(other, "seed", cfg.seed + 1)
+        self.content, changed = plain(cfg), plain(other)
+        self.alone = {**changed, "seed": cfg.seed} == self.content
+        self._cfg, self._text = cfg, ""
+
+    def of(self, seed: int) -> dict[str, Any]:
+        """The resolved values for a seed."""
+        return {**self.content, "seed": seed}
+
+    def name(self, seed: int) -> str:
+        return name_of(self.of(seed))
+
+    def identity(self, seed: int) -> dict[str, str]:
+        return identity_of(self.of(seed))
+
+    def text(self, seed: int) -> str:
+        """The content of config.yaml."""
+        self._text = self._text or config_text(self._cfg)
+        return re.sub(r"^seed: .*$", f"seed: {seed}", self._text, count=1, flags=re.MULTILINE)

@@ -1,0 +1,161 @@
+"""Many runs that differ in their seed alone, fitted and scored side by side.
+
+What a run alone does one after the other, is done here for S seeds at once: motions on all cores,
+least squares and free runs batched. Numbers and files are those of runs alone, to rounding, but for
+the TensorBoard logs, which there are none of.   Records (S, R, T, c): R records of each of S runs.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import DictConfig
+
+from data.record import Record, Response, stack
+from data.simulation.datamodule import SimulatedData
+from data.windows import WindowDataset
+from models.checkpoint import save_estimator
+from models.estimator import Estimator, NoFreeRunError
+from models.training.assemble import data_from, estimator_from
+from models.training.free_run import simulate
+from models.training.identification import SPLITS, Identification
+from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
+from report.run.summary import metrics_of
+from runner.run_folder import CHECKPOINT, begin_run, finish_run
+from runner.seeds import SeedsOf
+
+AT_ONCE = 4  # runs on each core; more take more memory and no less time
+
+
+def can_be_batched(cfg: DictConfig) -> bool:
+    """Whether runs of this config may go side by side: closed forms on simulated motions."""
+    data = data_from(cfg)
+    models = [cfg.model, *cfg.baselines.values()]
+    return (
+        SeedsOf(cfg).alone
+        and isinstance(data, SimulatedData)
+        and data.batch is None
+        and data.validation == 0.0
+        and data.cut["length"] is None
+        and all(estimator_from(model, data).side_by_side for model in models)
+    )
+
+
+def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) -> list[int]:
+    """Do the runs of `seeds`; returns those that must be done alone, because something is amiss.
+
+    Such are runs of which a motion escaped, and all of a batch whose closed form has no solution.
+    """
+    shared, places, of = data_from(cfg), dict(zip(seeds, folders, strict=True)), SeedsOf(cfg)
+    assert isinstance(shared, SimulatedData)
+    groups = [seeds[first : first + AT_ONCE] for first in range(0, len(seeds), AT_ONCE)]
+
+    def run_group(group: Sequence[int]) -> list[int]:
+        return _run_group(cfg, of, {seed: shared.of_seed(seed) for seed in group}, places)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # most of the work releases the GIL
+        return [seed for left in pool.map(run_group, groups) for seed in left]
+
+
+def _run_group(
+    cfg: DictConfig, of: SeedsOf, data: dict[int, SimulatedData], places: dict[int, Path]
+) -> list[int]:
+    ready = {seed: own for seed, own in data.items() if _made(own)}
+    try:
+        _run_side_by_side(cfg, of, ready, places)
+    except ValueError:  # said by the run it concerns, when it is done alone
+        return list(data)
+    return [seed for seed in data if seed not in ready]
+
+
+def _made(data: SimulatedData) -> bool:
+    try:
+        data.setup()
+        data.own_error()
+    except ValueError:
+        return False
+    return not data.escapes
+
+
+def _run_side_by_side(
+    cfg: DictConfig, of: SeedsOf, data: dict[int, SimulatedData], places: dict[int, Path]
+) -> None:
+    if not data:
+        return
+    each = list(data.values())
+    fitted = fit_each(cfg.model, each)
+    baselines = {name: fit_each(model, each) for name, model in cfg.baselines.items()}
+    for place, (seed, own) in enumerate(data.items()):
+        identity = of.identity(seed)
+        begin_run(places[seed], of.text(seed), identity)
+        module = fitted[place]
+        others = {name: modules[place].results() for name, modules in baselines.items()}
+        metrics = {**metrics_of(cfg, identity, module, own, others), "seed": seed}
+        save_estimator(module.estimator, places[seed] / CHECKPOINT, cfg.model.name)
+        finish_run(places[seed], metrics)
+
+
+@torch.inference_mode()
+def fit_each(model: DictConfig, data: Sequence[SimulatedData]) -> list[Identification]:
+    """An estimator for each of S data sets, identified and scored, as training alone leaves it."""
+    start = time.perf_counter()
+    together = {split: stack([_whole(d, split) for d in data]) for split in SPLITS}
+    estimator = estimator_from(model, data[0])
+    estimator.each = True
+    solution: Any = estimator.identify([together["train"]])  # lists of S numbers
+    seconds = (time.perf_counter() - start) / len(data)
+    modules = []
+    for place in range(len(data)):
+        module = Identification(_alone(estimator, place))
+        module.solution = {name: values[place] for name, values in solution.items()}
+        module.fit_seconds = seconds
+        module.scores = {split: Scores() for split in SPLITS}
+        module.free_runs = {split: FreeRunScore() for split in FREE_RUNS}
+        modules.append(module)
+    for split in SPLITS:
+        _score_each(estimator, split, together[split], modules)
+    return modules
+
+
+def _whole(data: SimulatedData, split: str) -> Record:
+    """The records of a run as its loaders hand them out, (R, T, c)."""
+    windows = WindowDataset(data.records[split], warmup=data.cut["warmup"], whole=True)
+    return stack([windows[i] for i in range(len(windows))])
+
+
+def _alone(estimator: Estimator, place: int) -> Estimator:
+    """The estimator of one of the runs."""
+    own = deepcopy(estimator)
+    own.each = False
+    for weights in own.parameters():
+        weights.data = weights.data[place].clone()
+    return own
+
+
+def _score_each(
+    estimator: Estimator, split: str, together: Record, modules: Sequence[Identification]
+) -> None:
+    estimates = estimator.estimates(together.measured())
+    try:
+        runs = simulate(estimator, together)
+        driven = together.truly_driven()
+        true = runs if driven is together else simulate(estimator, driven)
+    except NoFreeRunError as reason:
+        for module in modules:
+            module.free_runs[split].none = str(reason)
+    for place, module in enumerate(modules):
+        own = together.map(lambda signal, place=place: signal[place])  # type: ignore[misc]
+        module.scores[split].add(own, {way: e[place] for way, e in estimates.items()})
+        if module.free_runs[split].none is None:
+            module.free_runs[split].add(own, _of(runs, place), _of(true, place))
+
+
+def _of(response: Response, place: int) -> Response:
+    return Response(response.x[place], response.v[place], response.a[place])

@@ -1,0 +1,1 @@
+"""How choices were made; run by hand."""

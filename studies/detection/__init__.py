@@ -1,0 +1,1 @@
+"""Change detectors: delays and false alarms."""

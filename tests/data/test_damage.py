@@ -1,0 +1,361 @@
+"""Elements that change during a record: exact solutions, the reference, fibres, energy, truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_allclose, assert_array_equal
+from omegaconf import OmegaConf
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from data.simulation.damage import HystereticDegradation, StiffnessLoss
+from data.simulation.elements import Bilinear, BoucWen, LimitedSlip, Polynomial
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.motion import simulate
+from data.simulation.records import Simulation
+from data.simulation.scenario import FullState, Noisy
+from data.simulation.structure import Structure
+from models.training.assemble import data_from
+from runner.command_line import composed
+from tests.reference import paper_structure, reference_response
+
+DT = 0.01
+NAMES = ("x", "v", "a", "y", "r", "work")
+
+
+def relative_rms(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
+
+
+def forces(structure, excitation, samples=400, dt=DT, seed=0):
+    return excitation.draw(structure, samples, dt, 0, np.random.default_rng(seed))[0]
+
+
+def damaged(structure, damage, force, dt=DT, tolerance=1e-7):
+    changes = damage.changes(structure, len(force), dt)
+    return simulate(damage.at_rest(structure), force, dt, tolerance=tolerance, changes=changes)
+
+
+def linear_step(structure, q, f0, f1, h):
+    """Exact [x, v] after a time h, in which the force goes from f0 to f1 in a straight line."""
+    M, C, K = structure.linearised()
+    n, inverse = structure.dofs, np.linalg.inv(M)
+    held = np.zeros((4 * n, 4 * n))
+    held[:n, n : 2 * n] = h * np.eye(n)
+    held[n : 2 * n, : 3 * n] = h * np.hstack([-inverse @ K, -inverse @ C, inverse])
+    held[2 * n : 3 * n, 3 * n :] = np.eye(n)
+    return (expm(held) @ np.concatenate([q, f0, f1 - f0]))[: 2 * n]
+
+
+@pytest.mark.parametrize("time", [1.0, 1.2345, 1.2399999, 0.004])
+def test_a_linear_structure_follows_one_matrix_exponential_and_then_the_other(
+    linear_structure, time
+):
+    force = forces(linear_structure, Excitation(force=BandLimitedGaussian(2.0, (0.0, 4.5))), 300)
+    weak = dict(linear_structure.elements)
+    weak["r2"] = replace(weak["r2"], stiffness=0.6 * weak["r2"].stiffness)
+    after = Structure(linear_structure.masses, weak)
+    q = [np.zeros(6)]
+    for k in range(1, 300):
+        sound = np.clip(time - (k - 1) * DT, 0.0, DT)  # time before the change
+        middle = force[k - 1] + sound / DT * (force[k] - force[k - 1])
+        state = linear_step(linear_structure, q[-1], force[k - 1], middle, sound)
+        q.append(linear_step(after, state, middle, force[k], DT - sound))
+    motion = damaged(linear_structure, StiffnessLoss("r2", time, 0.4), force, tolerance=1e-12)
+    exact = np.array(q)
+    assert relative_rms(motion.x, exact[:, :3]) < 1e-9
+    assert relative_rms(motion.v, exact[:, 3:]) < 1e-9
+    sound = simulate(linear_structure, force, DT, tolerance=1e-12)
+    assert relative_rms(sound.x, exact[:, :3]) > 1e-2
+
+
+@pytest.mark.parametrize("element", ["r1", "r2"])
+def test_a_damaged_motion_equals_the_event_located_reference(
+    structure, excitation, system, element
+):
+    force, kept, k = forces(structure, excitation, 300), 0.7, 120
+    masses, laws = paper_structure(system)
+    after, factors = [dict(law) for law in laws], np.ones(6)
+    weak = after[list(structure.elements).index(element)]
+    for name in ("k1", "k2", "p1", "p3", "A"):
+        if name in weak:
+            weak[name] *= kept
+    if system == "bouc_wen":
+        factors[list(structure.elements).index(element)] = kept
+    reference = reference_response(masses, laws, DT, force, change=(k, after, factors))
+    motion = damaged(structure, StiffnessLoss(element, k * DT, 1.0 - kept), force)
+    allowed = 1e-5 if system == "bilinear" else 1e-6
+    for name in "xvayr":
+        assert relative_rms(getattr(motion, name), reference[name]) < allowed, name
+    assert relative_rms(simulate(structure, force, DT).a, reference["a"]) > 1e-2
+
+
+def test_before_the_damage_all_bits_are_those_of_the_sound_structure(structure, excitation):
+    force = forces(structure, excitation)
+    sound = simulate(structure, force, DT)
+    for time, first in ((2.0, 200), (2.0001, 201)):
+        motion = damaged(structure, StiffnessLoss("r2", time, 0.2), force)
+        for name in NAMES:
+            ours, theirs = getattr(motion, name), getattr(sound, name)
+            assert_array_equal(ours[:first], theirs[:first])
+            assert not np.array_equal(ours[first:], theirs[first:])
+        assert motion.r[first, 1] != sound.r[first, 1]
+
+
+def test_the_force_of_the_damaged_element_falls_by_its_share_at_that_instant(structure, excitation):
+    """x and v go on as they were, so that all other forces do; dampers stay."""
+    force = forces(structure, excitation)
+    sound = simulate(structure, force, DT)
+    motion = damaged(structure, StiffnessLoss("r2", 2.0, 0.3), force)
+    damping = structure.elements["r2"].tangent()[1]
+    B, _ = structure.incidence()
+    rate = (sound.v @ B.T)[200, 1]
+    for name in ("x", "v", "y"):
+        assert_allclose(getattr(motion, name)[200], getattr(sound, name)[200], rtol=1e-8)
+    others = [0, 2, 3, 4, 5]
+    assert_allclose(motion.r[200, others], sound.r[200, others], rtol=1e-7)
+    spring = sound.r[200, 1] - damping * rate
+    assert_allclose(motion.r[200, 1], 0.7 * spring + damping * rate, rtol=1e-7)
+
+
+def half_of(element):
+    """An element of which two side by side are the given one, by hand."""
+    more = {"between": element.between}
+    if isinstance(element, BoucWen):  # n = 2: r/2 obeys A/2, 2β, 2γ
+        more |= {"stiffness": element.stiffness / 2, "beta": 2 * element.beta}
+        more |= {"gamma": 2 * element.gamma}
+    else:
+        halved = {k: v / 2 for k, v in vars(element).items() if "stiffness" in k or "damping" in k}
+        more |= halved
+    return replace(element, **more)
+
+
+FIBRED = {
+    "bilinear": Bilinear(
+        between=("s1", "x1"), yield_displacement=0.02, stiffness=40.0, post_yield_stiffness=10.0,
+    ),
+    "limited_slip": LimitedSlip(
+        between=("s1", "x1"), yield_displacement=0.01, stiffness=40.0, gap_stiffness=30.0, gap=0.03,
+    ),
+    "polynomial": Polynomial(between=("s1", "x1"), stiffness=40.0, cubic_stiffness=100.0),
+    "bouc_wen": BoucWen(
+        between=("s1", "x1"), stiffness=40.0, beta=12.0, gamma=-8.0, exponent=2.0, nu=1.2,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("law", FIBRED)
+def test_to_lose_half_the_stiffness_is_to_lose_one_of_two_halves(law):
+    """The slider, the gap and the force of the half that holds go on with their memory."""
+    spring = Polynomial(between=("s1", "x1"), stiffness=20.0, damping=0.3)
+    one = Structure([1.0], {"whole": FIBRED[law], "spring": spring})
+    half = half_of(FIBRED[law])
+    two = Structure([1.0], {"this": half, "that": half, "spring": spring})
+    force = forces(one, Excitation(force=BandLimitedGaussian(2.0, (0.0, 3.0))))
+    whole = damaged(one, StiffnessLoss("whole", 1.503, 0.5), force, tolerance=1e-11)
+    halves = damaged(two, StiffnessLoss("that", 1.503, 1.0), force, tolerance=1e-11)
+    assert np.abs(whole.y).max() > 0.04
+    assert relative_rms(whole.a, halves.a) < 1e-7
+    assert relative_rms(whole.r[:, 0], halves.r[:, 0] + halves.r[:, 1]) < 1e-7
+    assert (halves.r[151:, 1] == 0.0).all()
+    assert np.abs(halves.r[100:151, 1]).max() > 0.1
+
+
+def test_energy_put_in_is_stored_or_taken_up_across_the_change(structure, excitation):
+    dt = 0.001
+    force = forces(structure, excitation, 3000, dt)
+    motion = damaged(structure, StiffnessLoss("r2", 1.50037, 0.5), force, dt)
+    power = (force * motion.v).sum(axis=1)
+    put_in = np.concatenate([[0.0], np.cumsum(0.5 * dt * (power[1:] + power[:-1]))])
+    kinetic = 0.5 * (structure.masses * motion.v**2).sum(axis=1)
+    balance = kinetic + motion.work.sum(axis=1) - put_in
+    assert np.abs(balance).max() < 2e-5 * np.abs(put_in).max()
+
+
+def test_the_energy_that_broken_fibres_had_stored_is_lost():
+    spring = Polynomial(between=("s1", "x1"), stiffness=40.0, cubic_stiffness=900.0)
+    structure = Structure([1.0], {"r": spring})
+    force = np.zeros((400, 1))
+    force[:20] = 3.0
+    motion = damaged(structure, StiffnessLoss("r", 2.09, 0.25), force, tolerance=1e-10)
+    stored = 20.0 * motion.y**2 + 225.0 * motion.y**4
+    kinetic = 0.5 * motion.v**2
+    before, after = (kinetic + stored)[21:209], (kinetic + 0.75 * stored)[209:]
+    assert_allclose(before, before[0, 0], rtol=1e-8)
+    assert_allclose(after, before[0, 0] - 0.25 * stored[209, 0], rtol=1e-8)
+    assert stored[209, 0] > 0.3 * before[0, 0]
+
+
+def test_error_falls_in_step_with_the_tolerance_across_a_change(structure, excitation):
+    """Samples are 0.1 s apart, and the change is between two of them."""
+    force, damage = forces(structure, excitation, 50, dt=0.1), StiffnessLoss("r2", 2.137, 0.5)
+    exact = damaged(structure, damage, force, 0.1, 1e-13).a
+    tolerances = np.array([1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
+    errors = [relative_rms(damaged(structure, damage, force, 0.1, t).a, exact) for t in tolerances]
+    slope = np.polyfit(np.log10(tolerances), np.log10(errors), 1)[0]
+    assert 0.6 < slope < 1.2
+    assert errors[-1] < 1e-6
+
+
+def test_the_step_stays_of_fifth_order_across_a_change(polynomial_structure):
+    """One step per sample, under a force that is linear between samples 0.08 s apart."""
+    coarse, damage = 3.0 * np.random.default_rng(0).standard_normal((26, 3)), (1.03, 0.5)
+
+    def displacement(parts: int, tolerance: float) -> np.ndarray:
+        grid = np.arange(25 * parts + 1) / parts
+        force = np.stack([np.interp(grid, np.arange(26), f) for f in coarse.T], axis=1)
+        loss = StiffnessLoss("r2", *damage)
+        return damaged(polynomial_structure, loss, force, 0.08 / parts, tolerance).x[::parts]
+
+    exact = displacement(16, 1e-13)
+    parts = np.array([2, 4, 8, 16])
+    errors = [relative_rms(displacement(p, 1e-3), exact) for p in parts]
+    order = -np.polyfit(np.log2(parts), np.log2(errors), 1)[0]
+    assert 4.5 < order < 5.7
+
+
+def test_a_gradual_loss_is_a_straight_line_to_second_order():
+    """One mass on a linear spring whose stiffness falls from 1 s to 4 s."""
+    structure = Structure([1.0], {"r": Polynomial(between=("s1", "x1"), stiffness=40.0, damping=1)})
+    damage = StiffnessLoss("r", 1.0, 0.5, duration=3.0)
+
+    def push(t):
+        return np.sin(5.0 * t)
+
+    def slope(t, q):
+        k = 40.0 * (1.0 - 0.5 * np.clip((t - 1.0) / 3.0, 0.0, 1.0))
+        return [q[1], push(t) - k * q[0] - q[1]]
+
+    errors = []
+    for dt in (0.02, 0.01, 0.005):
+        t = dt * np.arange(round(5.0 / dt) + 1)
+        x = damaged(structure, damage, push(t)[:, None], dt, 1e-10).x[:, 0]
+        held = simulate(structure, push(t)[:, None], dt, tolerance=1e-10).x[:, 0]
+        exact = solve_ivp(slope, (0, 5), [0, 0], "DOP853", t, rtol=1e-11, atol=1e-13, max_step=0.05)
+        errors.append(relative_rms(x, exact.y[0]))
+    assert relative_rms(held, exact.y[0]) > 0.1
+    assert errors[-1] < 2e-4
+    assert 1.8 < np.log2(errors[0] / errors[2]) / 2 < 2.2
+
+
+def test_a_worn_element_softens_with_the_energy_that_it_took_up():
+    """Without β and γ, ṙ = A ẏ/η: the slope of the force over the deformation tells η."""
+    between = ("s1", "x1")
+    sound = BoucWen(between=between, stiffness=40.0, beta=0.0, gamma=0.0, eta=1.5)
+    spring = Polynomial(between=between, stiffness=10.0, damping=0.5)
+    structure, damage = Structure([1.0], {"r": sound, "s": spring}), HystereticDegradation("r", 0.8)
+    force = forces(structure, Excitation(force=BandLimitedGaussian(20.0, (0.0, 2.0))), 4000, 0.001)
+    motion = damaged(structure, damage, force, 0.001)
+    kept = damage.kept(structure, motion.work, 0.001)
+    rise, way = np.diff(motion.r[:, 0]), np.diff(motion.y[:, 0])
+    fast = np.abs(way) > 0.2 * np.abs(way).max()
+    mean = 0.5 * (kept[1:, 0] + kept[:-1, 0])
+    assert_allclose((rise / way)[fast], (40.0 / 1.5 * mean)[fast], rtol=2e-4)
+    assert kept.min() < 0.8
+    assert (kept[:, 1] == 1.0).all()
+
+
+@pytest.fixture
+def simulation(bilinear_structure):
+    force = Excitation(force=BandLimitedGaussian(1.7, (0.0, 4.5)))
+    damage = StiffnessLoss("r2", 1.995, 0.2)
+    return Simulation(bilinear_structure, force, FullState(), DT, 4.0, damage=damage)
+
+
+def test_only_test_motions_are_damaged(simulation):
+    sound = replace(simulation, damage=None)
+    (ours,), (theirs,) = (s.records("train", 1, seed=0)[0] for s in (simulation, sound))
+    assert torch.equal(ours.truth.r, theirs.truth.r)
+    assert ours.truth.kept is None
+    (ours, _), (theirs, _) = (s.records("test", 2, seed=0)[0] for s in (simulation, sound))
+    assert torch.equal(ours.f, theirs.f)
+    assert torch.equal(ours.a[:200], theirs.a[:200])
+    assert (ours.a[200:] != theirs.a[200:]).any(dim=1).all()
+    assert simulation.error("train", 0) == sound.error("train", 0) != simulation.error("test", 0)
+
+
+def test_the_truth_knows_what_was_lost_and_when(simulation):
+    record = replace(simulation, scenario=Noisy()).records("test", 1, seed=0)[0][0]
+    kept = torch.ones(400, 6, dtype=torch.float64)
+    kept[200:, 1] = 0.8
+    assert torch.equal(record.truth.kept, kept)
+    assert torch.equal(record.window(190, 20).truth.kept, kept[190:210])
+    assert record.measured().truth is None
+
+
+def test_the_truth_knows_the_course_of_a_gradual_loss(simulation):
+    slow = replace(simulation, damage=StiffnessLoss("r2", 1.0, 0.2, duration=2.0))
+    kept = slow.records("test", 1, seed=0)[0][0].truth.kept[:, 1].numpy()
+    line = 1.0 - 0.1 * np.clip(DT * np.arange(400) - 1.0, 0.0, 2.0)
+    assert_allclose(kept, line, atol=0.2 / 200 / 2 + 1e-12)
+    assert_allclose(kept[[0, 100, -1]], [1.0, 1.0, 0.8], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (("r9", 2.0, 0.2), r"damage\.element=r9 is no element.*r1, r2, r3"),
+        (("r2", 0.0, 0.2), r"damage\.time=0 s lies outside the record, 0 to 3\.99 s"),
+        (("r2", -1.0, 0.2), r"damage\.time=-1 s lies outside"),
+        (("r2", 4.0, 0.2), r"damage\.time=4 s lies outside"),
+        (("r2", np.nan, 0.2), r"damage\.time=nan s lies outside"),
+        (("r2", 2.0, 0.2, 2.5), r"damage\.time=2 s to 4\.5 s lies outside"),
+        (("r2", 2.0, 0.0), r"damage\.fraction=0\.0 must lie in \(0, 1\]"),
+        (("r2", 2.0, 1.1), r"damage\.fraction=1\.1"),
+        (("r2", 2.0, np.nan), r"damage\.fraction=nan"),
+        (("r2", 2.0, 0.2, -1.0), r"damage\.duration=-1\.0 s"),
+        (("r2", 2.0, 0.2, np.inf), r"damage\.duration=inf s"),
+    ],
+)
+def test_a_loss_that_cannot_be_is_refused(simulation, damage, message):
+    with pytest.raises(ValueError, match=message):
+        replace(simulation, damage=StiffnessLoss(*damage))
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (("r9", 0.5), r"damage\.element=r9 is no element"),
+        (("r2", 0.5), "r2 is LimitedSlip, and only BoucWen has η"),
+        (("r2", -0.5), r"damage\.eta_rate=-0\.5"),
+        (("r2", 0.0, 0.0), "at least one above 0"),
+        (("r2", np.nan), r"damage\.eta_rate=nan"),
+    ],
+)
+def test_a_wear_that_cannot_be_is_refused(simulation, damage, message):
+    with pytest.raises(ValueError, match=message):
+        replace(simulation, damage=HystereticDegradation(*damage))
+
+
+@pytest.mark.parametrize(
+    ("choice", "kept"), [("sudden", 0.8), ("gradual", 0.8), ("hysteretic", 1.0)]
+)
+def test_damage_is_a_choice_of_the_config(choice, kept):
+    cfg = composed("system=bouc_wen", f"damage={choice}")
+    sound, hurt = data_from(composed("system=bouc_wen")), data_from(cfg)
+    sound.setup()
+    hurt.setup()
+    assert torch.equal(sound.records["train"][0].a, hurt.records["train"][0].a)
+    assert not torch.equal(sound.records["test"][0].a, hurt.records["test"][0].a)
+    assert sound.records["test"][0].truth.kept is None
+    lost = hurt.records["test"][0].truth.kept
+    assert (lost[:, [0, 2, 3, 4, 5]] == 1.0).all()
+    if choice == "hysteretic":
+        assert 0.1 < lost[-1, 1] < 0.95
+    else:
+        assert lost[-1, 1] == pytest.approx(kept, abs=1e-12)
+
+
+def test_runs_of_older_code_have_no_damage():
+    cfg = composed()
+    old = OmegaConf.masked_copy(cfg, [key for key in cfg if key != "damage"])
+    assert data_from(old).simulation.damage is None
+
+
+def test_measured_structures_are_not_damaged():
+    with pytest.raises(ValueError, match="choose damage=none"):
+        data_from(composed("data=measured", "data.path=x.csv", "damage=sudden"))

@@ -1,0 +1,263 @@
+"""python -m data.inspect: what it prints, draws and writes, and how it fails."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from data.inspect import __main__ as inspect
+from data.inspect.config import config_path, suggest
+from data.inspect.findings import inspected
+from data.inspect.picture import COLUMNS, dominant, envelope, spectrum
+from runner.command_line import CONF, prepare_hydra
+
+ROOT = Path(__file__).parents[2]
+MEASURED = (CONF / "data" / "measured.yaml").exists()
+
+
+@pytest.fixture
+def run(monkeypatch, tmp_path, capsys):
+    """(words) → (exit status, stdout, stderr), in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+
+    def of(*words: str) -> tuple[int, str, str]:
+        status = 0
+        try:
+            inspect.main(words)
+        except SystemExit as end:
+            status = int(end.code or 0)
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    return of
+
+
+@pytest.fixture
+def vibration(tmp_path: Path) -> Path:
+    """20 s of 2.5 Hz at 100 Hz, columns that are called as ours, and a gap."""
+    t = 0.01 * np.delete(np.arange(2000), slice(500, 503))
+    rows = np.column_stack((t, np.sin(5 * np.pi * t), np.cos(5 * np.pi * t)))
+    path = tmp_path / "vibration.csv"
+    np.savetxt(path, rows, delimiter=",", header="time,f1,a1", comments="")
+    return path
+
+
+@pytest.fixture
+def strange(tmp_path: Path) -> Path:
+    """Ten lines with names that nobody can be sure of."""
+    rows = [f"{0.01 * i:.2f};{i % 3};{0.1 * i:.3f};{-i}" for i in range(9)]
+    path = tmp_path / "test 7.csv"
+    path.write_text("\n".join(["Time [s];Hammer [kN];Acc_X;${oc.env:HOME}", *rows]) + "\n")
+    return path
+
+
+def test_ten_lines_are_understood(run, strange):
+    status, out, err = run("test 7.csv")
+    assert (status, err) == (0, "")
+    assert "'Time' is taken for the clock, in s, by its name" in out
+    assert "clock: dt = 0.01 s (100 Hz), jitter 0.00%, 9 samples" in out
+    assert "--channels time=Time f1=Hammer a1=Acc_X" in out
+    assert not list(strange.parent.glob("*.png"))  # nothing is written unasked
+
+
+def test_clock_channels_and_faults_are_told(run, vibration):
+    status, out, _ = run("vibration.csv")
+    assert status == 0
+    assert "a1       m/s^2     -1        1" in out
+    assert "2.5" in out
+    assert "must be mended: dropped samples: 1 gap of 3 samples (0.03 s) after 4.99 s" in out
+
+
+def test_the_module_runs_from_the_command_line(vibration):
+    command = [sys.executable, "-m", "data.inspect", str(vibration)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "dropped samples" in done.stdout
+
+
+DAMAGED = {
+    "empty.csv": b"",
+    "words.csv": b"a,b\nthis,is\nno,data\n",
+    "ragged.csv": b"time,a1\n0.0,1.0\n0.1,2.0,3.0,4.0\n0.2\n",
+    "zeros.mat": bytes(512),
+    "page.json": b"<html><body>404</body></html>",
+    "cut.parquet": b"PAR1\x00\x01",
+}
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_damaged_files_end_in_one_line(run, tmp_path, name):
+    (tmp_path / name).write_bytes(DAMAGED[name])
+    status, out, err = run(name)
+    assert (status, out) == (1, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert name in err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["missing.csv"], "missing.csv does not exist"),
+        (["vibration.csv", "--channels", "a1"], "expected name=value"),
+        (["vibration.csv", "--channels", "a1=Acc"], "no column 'Acc'"),
+        (["vibration.csv", "--units", "a=kg"], "another dimension"),
+        (["vibration.csv", "--frequency"], "--frequency; see --help"),
+        (["vibration.csv", "--skip-rows", "x"], "invalid int value"),
+        ([], "the following arguments are required: record"),
+        (["vibration.csv", "vibration.csv", "--config"], "are of one record; there are 2"),
+        (["vibration.csv", "--picture", "nowhere/a.png"], "nowhere"),
+    ],
+)
+def test_bad_words_end_in_one_line(run, vibration, words, message):
+    status, _, err = run(*words)
+    assert status == 1
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_interrupted_in_silence(run, vibration, monkeypatch):
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(inspect, "inspected", interrupt)
+    assert run("vibration.csv") == (130, "", "")
+
+
+def test_a_folder_is_every_file_in_it(run, vibration, strange):
+    (vibration.parent / "LICENSE.txt").write_text("This is no table.\nNor is this, at all.\n")
+    (vibration.parent / "photo.jpg").write_bytes(b"\xff\xd8")
+    status, out, _ = run(".")
+    assert status == 0
+    assert "vibration.csv" in out
+    assert "test 7.csv" in out
+    assert "left out: LICENSE.txt" in out
+    assert "photo" not in out
+    assert run("vib*.csv")[1].count("vibration.csv") == 1
+
+
+def test_nothing_moves_the_cursor(run, tmp_path):
+    (tmp_path / "odd.csv").write_text("\x1b[31mtime,[bold]a\n0.0,1.0\n0.1,2.0\n0.2,4.0\n")
+    status, out, err = run("odd.csv")
+    assert "\x1b" not in out + err
+    assert status == 1 or "[bold]a" in out
+
+
+def test_sensors_in_files_of_their_own(run, tmp_path):
+    for name, late in (("one", 0.0), ("two", 0.25)):
+        t = 0.01 * np.arange(400) + late
+        rows = np.column_stack((t, np.sin(9.0 * t)))
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="t,Acc", comments="")
+    words = ["--channels", "time=t", "a1=one.csv:Acc", "a2=two.csv:Acc", "--config"]
+    status, out, _ = run(".", *words)
+    assert status == 0
+    assert "clock of a2: dt = 0.01 s" in out
+    assert "sensors out of sync: first samples at a1 0 s, a2 0.25 s" in out
+    (config,) = tmp_path.glob("configs/data/*.yaml")
+    assert "#   resample: 100" in config.read_text()
+
+
+def test_the_picture_shows_every_channel(run, vibration):
+    assert run("vibration.csv", "--picture", "seen.png")[0] == 0
+    image = matplotlib.image.imread("seen.png")[..., :3]
+    height = image.shape[0] // 2
+    for half in (image[:height], image[height:]):
+        assert (half.min(axis=-1) < 0.5).mean() > 0.005  # lines, beside the paper
+    assert run("vibration.csv", "--picture", "seen.png")[0] == 1
+    assert run("vibration.csv", "--picture", "seen.png", "--force")[0] == 0
+
+
+def test_the_config_holds_the_mapping_and_the_remedies(run, strange):
+    words = ["test 7.csv", "--delimiter", ";", "--units", "f=kN", "--config", "mine"]
+    channels = ["--channels", "time=Time", "f1=Hammer", "a1=${oc.env:HOME}"]
+    status, out, _ = run(*words, *channels)
+    assert status == 0
+    assert "python train.py --config-dir mine data=test_7 model=vwnn scenario=integrated" in out
+    text = Path("mine/data/test_7.yaml").read_text()
+    data = OmegaConf.to_container(OmegaConf.create(text), resolve=True)["data"]
+    assert data == {
+        "path": str(strange),
+        "channels": {"time": "Time", "f1": "Hammer", "a1": "${oc.env:HOME}"},
+        "units": {"f": "kN"},
+        "delimiter": ";",
+    }
+    reader = {"delimiter": data["delimiter"]}
+    again = inspected(Path(data["path"]), data["channels"], data["units"], **reader)
+    assert list(again.raw.channels) == ["f1", "a1"]
+    status, _, err = run(*words, *channels)
+    assert status == 1
+    assert "exists; --force" in err
+
+
+def test_guesses_stand_in_the_config_as_comments(run, strange):
+    assert run("test 7.csv", "--config")[0] == 0
+    text = Path("configs/data/test_7.yaml").read_text()
+    assert "# a1: Acc_X" in text
+    assert OmegaConf.create(text).data.channels is None
+
+
+def test_the_unit_of_a_guessed_clock_is_heard(run, tmp_path):
+    rows = "\n".join(f"{8333 * k},{math.sin(0.3 * k):.5f}" for k in range(300))
+    Path("raw.csv").write_text("SampleTime,Acc_X\n" + rows)
+    assert "dt = 8333 s" in run("raw.csv")[1]
+    assert "dt = 0.008333 s" in run("raw.csv", "--units", "time=us")[1]
+
+
+@pytest.mark.skipif(not MEASURED, reason="conf/data/measured.yaml is not here")
+def test_hydra_composes_the_config(run, vibration):
+    assert run("vibration.csv", "--config", "mine/data/shaken.yaml")[0] == 0
+    prepare_hydra()
+    found = f"hydra.searchpath=[file://{Path('mine').resolve()}]"
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = compose("train", [found, "data=shaken"])
+    assert cfg.data.path == str(vibration)
+    assert cfg.data._target_ == "data.MeasuredData"
+    assert cfg.data.mend.fill is None
+
+
+@pytest.mark.parametrize(
+    ("wanted", "found"),
+    [
+        ("configs", "configs/data/run_3.yaml"),
+        ("configs/data/mine.yaml", "configs/data/mine.yaml"),
+        ("mine.yaml", "data/mine.yaml"),
+    ],
+)
+def test_configs_lie_where_hydra_looks(wanted, found):
+    assert config_path(wanted, Path("run 3.csv")) == Path(found)
+
+
+def test_columns_are_guessed_by_unit_and_name():
+    units = {"ch1": "g", "ch2": "kN", "LVDT": "mm", "Force": "V", "Ground acc": "m/s^2"}
+    columns = ["Time", "time2", *units, "Acc_X", "Temperature"]
+    assert suggest(columns, units) == {
+        "Time": "time", "ch1": "a1", "ch2": "f1", "LVDT": "x1", "Ground acc": "s_ddot1",
+        "Acc_X": "a2",
+    }  # fmt: skip
+
+
+def test_dominant_frequencies_are_those_of_the_signal():
+    t = 0.01 * np.arange(20_000)
+    noise = np.random.default_rng(0).standard_normal(len(t))
+    signal = np.sin(2 * np.pi * 3.0 * t) + 0.4 * np.sin(2 * np.pi * 11.0 * t) + 0.05 * noise
+    assert dominant(spectrum(signal, 0.01)) == pytest.approx([3.0, 11.0], abs=0.02)
+    assert dominant(spectrum(noise, 0.01)) == []
+    assert spectrum(np.full(100, np.nan), 0.01) is None
+
+
+def test_the_envelope_of_a_long_record_keeps_its_peaks():
+    signal = np.zeros(COLUMNS * 50)
+    signal[[123, 4567]] = 5.0, -7.0
+    signal[90_000] = np.nan
+    low, high, width = envelope(signal)
+    assert width == 50
+    assert (np.nanmax(high), np.nanmin(low)) == (5.0, -7.0)
+    assert np.isnan(low).sum() == 1

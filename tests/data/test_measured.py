@@ -1,0 +1,325 @@
+"""Measured records: from files to Records, split without leakage, fitted as what they are."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.measured.channels import read_record
+from data.measured.datamodule import MeasuredData
+from data.measured.mend import Mending
+from data.record import Record
+from data.simulation.elements import Element, Polynomial
+from data.simulation.motion import simulate
+from data.simulation.scenario import FullState, Integrated
+from data.simulation.structure import Structure
+from models.element_network import ElementNetwork
+from models.hysteretic_element import HystereticElement
+from models.restoring_force_surface import RestoringForceSurface
+from models.training.problem import FreeRunProblem
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from train import cli
+
+DT = 0.01
+TEN_LINES = """time,f1,a1
+0.00,0.0,0.0
+0.01,0.5,0.4
+0.02,0.9,0.7
+0.03,1.0,0.6
+0.04,0.8,0.3
+0.05,0.4,-0.1
+0.06,-0.1,-0.5
+0.07,-0.5,-0.8
+0.08,-0.8,-0.9
+"""
+
+
+def measured(path, **choices) -> MeasuredData:
+    return MeasuredData(
+        **{"path": str(path), "scenario": FullState(), "mend": Mending(), **choices}
+    )
+
+
+def oscillator(element: Element, force=None, support=None, support_rate=None, mass: float = 2.0):
+    """Motion of one mass, sampled every DT."""
+    samples = len(force if force is not None else support)
+    force = np.zeros((samples, 1)) if force is None else force
+    return simulate(Structure([mass], {"r": element}), force, DT, support, support_rate)
+
+
+def write_csv(path, **columns) -> None:
+    header = ",".join(columns)
+    np.savetxt(path, np.stack(list(columns.values()), 1), delimiter=",", header=header, comments="")
+
+
+@pytest.fixture
+def ten_lines(tmp_path):
+    path = tmp_path / "hand.csv"
+    path.write_text(TEN_LINES)
+    return path
+
+
+# From files to records
+
+
+def test_a_file_with_our_names_needs_no_more(ten_lines):
+    data = measured(ten_lines)
+    (train,), (test,) = data.records["train"], data.records["test"]
+    assert (data.dofs, data.inputs, data.forced) == (1, 1, [1])
+    assert data.dt == pytest.approx(DT, rel=1e-12)
+    assert torch.cat([train.a, test.a])[:, 0].tolist() == pytest.approx(
+        [0.0, 0.4, 0.7, 0.6, 0.3, -0.1, -0.5, -0.8, -0.9]
+    )
+    assert (train.initial_state, test.initial_state) == ("rest", "given")
+
+
+def test_channels_and_units_are_named(tmp_path):
+    write_csv(tmp_path / "r.csv", t=10.0 * np.arange(8), P=np.arange(8.0), acc=np.ones(8) / 8)
+    data = measured(
+        tmp_path / "r.csv", channels={"time": "t", "f2": "P", "a1": "acc"},
+        units={"time": "ms", "f": "kN", "a1": "g"},
+    )  # fmt: skip
+    record = data.records["train"][0]
+    assert record.dt == pytest.approx(0.01)
+    assert record.f[:, 0].tolist() == [0.0, 1000.0, 2000.0, 3000.0]
+    assert record.a[0, 0] == pytest.approx(9.80665 / 8)
+    assert data.forced == [2]
+
+
+def test_one_file_per_sensor_makes_one_record(tmp_path):
+    folder = tmp_path / "event"
+    folder.mkdir()
+    t = DT * np.arange(20)
+    write_csv(folder / "ground.csv", t=t, acc=np.sin(t))
+    write_csv(folder / "roof.csv", t=t, acc=3.0 * np.sin(t))
+    where = {"time": "t", "s_ddot1": "ground.csv:acc", "a1": "roof.csv:acc"}
+    data = measured(folder, channels=where)
+    record = data.records["train"][0]
+    assert torch.allclose(record.f[:, 0], -torch.sin(torch.from_numpy(t[:10])))
+    assert torch.allclose(record.a, -2.0 * record.f)
+    assert data.forced == "base"
+
+
+def test_sensors_that_disagree_about_the_time_are_named(tmp_path):
+    folder = tmp_path / "event"
+    folder.mkdir()
+    t = DT * np.arange(40)
+    write_csv(folder / "ground.csv", t=t, acc=np.sin(9.0 * t))
+    write_csv(folder / "roof.csv", t=t + 0.004, acc=np.sin(9.0 * (t + 0.004)))
+    where = {"time": "t", "s_ddot1": "ground.csv:acc", "a1": "roof.csv:acc"}
+    with pytest.raises(ValueError, match="resample"):
+        measured(folder, channels=where)
+    data = measured(folder, channels=where, mend=Mending(resample=100.0))
+    record = data.records["train"][0]
+    assert record.a.abs().max() < 1e-4  # both feel the same sine: relative motion is nil
+
+
+@pytest.mark.parametrize(
+    ("choices", "message"),
+    [
+        ({"channels": {"a1": "Acc"}}, "no column 'Acc'"),
+        ({"channels": {"q1": "a1"}}, "no such channel"),
+        ({"channels": {"time": "time", "a1": "a1"}}, "nothing that drives"),
+        ({"channels": {"time": "time", "f1": "f1"}}, "nothing to estimate"),
+        ({"channels": {"time": "time", "f1": "f1", "a2": "a1"}}, "without a gap"),
+        ({"channels": {"f1": "f1", "a1": "a1"}}, r"data\.dt"),
+        ({"units": {"a9": "g"}}, "fits no signal"),
+        ({"units": {"a": "kN"}}, "kN"),
+        ({"quantity": "weight"}, "choose acceleration"),
+        ({"quantity": "displacement"}, "nothing to estimate"),
+        ({"split": 1.0}, "between 0 and 1"),
+        ({"start": 5.0}, "samples"),
+        ({"test": "other"}, "no record is called other"),
+        ({"train": "hand", "test": "hand"}, "both"),
+        ({"test": "hand"}, "one of them"),
+    ],
+)
+def test_what_cannot_be_is_named(ten_lines, choices, message):
+    with pytest.raises(ValueError, match=message):
+        measured(ten_lines, **choices)
+
+
+def test_a_path_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(ValueError, match="no such file"):
+        measured(tmp_path / "absent.csv")
+
+
+def test_of_several_records_the_tested_ones_must_be_said(tmp_path):
+    for name in ("one", "two", "three"):
+        (tmp_path / f"{name}.csv").write_text(TEN_LINES)
+    with pytest.raises(ValueError, match=r"data\.test"):
+        measured(tmp_path / "*.csv")
+    data = measured(tmp_path, test=["t*"])
+    assert [len(data.records[s]) for s in ("train", "test")] == [1, 2]
+    assert data.records["train"][0].samples == 9
+
+
+def test_records_of_unequal_rates_or_channels_are_refused(tmp_path):
+    (tmp_path / "one.csv").write_text(TEN_LINES)
+    slow = TEN_LINES.splitlines()
+    (tmp_path / "two.csv").write_text("\n".join([slow[0], *slow[1::2]]))
+    with pytest.raises(ValueError, match=r"mend\.resample"):
+        measured(tmp_path, test="two")
+
+
+# No leakage
+
+
+@pytest.mark.parametrize("mend", [Mending(), Mending(detrend="linear", low_pass=20.0)])
+@pytest.mark.parametrize("scenario", [FullState(), Integrated(causal=False)])
+def test_training_motions_never_see_the_rest_of_their_record(tmp_path, mend, scenario):
+    rng = np.random.default_rng(0)
+    t, f, a = DT * np.arange(200), rng.standard_normal(200), rng.standard_normal(200)
+    write_csv(tmp_path / "one.csv", time=t, f1=f, a1=a)
+    a[100:] += 50.0
+    write_csv(tmp_path / "other.csv", time=t, f1=f, a1=a)
+    one, other = (
+        measured(tmp_path / name, mend=mend, scenario=scenario).records
+        for name in ("one.csv", "other.csv")
+    )
+    for name, signal in one["train"][0].signals().items():
+        assert torch.equal(signal, getattr(other["train"][0], name))
+    assert not torch.equal(one["test"][0].a, other["test"][0].a)
+
+
+def test_an_estimated_displacement_is_not_among_what_models_read(tmp_path):
+    t = DT * np.arange(40)
+    write_csv(tmp_path / "r.csv", time=t, f1=np.sin(t), x1=np.cos(t), v1=-np.sin(t))
+    record = measured(tmp_path / "r.csv").records["train"][0]
+    assert record.quantity == "displacement"
+    assert record.x is None
+    assert record.v is None
+    with pytest.raises(ValueError, match="integrates accelerations"):
+        measured(tmp_path / "r.csv", scenario=Integrated())
+
+
+# Physics
+
+
+def trained(model, records, iterations: int = 60):
+    """Whole-record free runs by Levenberg–Marquardt, as the objective does."""
+    model.identify(records)
+    solver = LevenbergMarquardt(
+        [p for p in model.parameters() if p.requires_grad], iterations, scaled=True, damping=1e-4
+    )
+    while not solver.finished:
+        solver.solve(FreeRunProblem(model, records[0], None))
+    return model
+
+
+def test_a_base_excited_frame_is_found_from_accelerations_alone(tmp_path):
+    """Absolute accelerations and that of the ground: ω² = k/m and c/m, the mass being unknown."""
+    t = DT * np.arange(3000)
+    rate = 0.02 * (np.sin(7.0 * t) + np.sin(15.0 * t) + np.sin(29.0 * t) * np.sin(0.3 * t))
+    support = DT * np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))])
+    element = Polynomial(between=("s1", "x1"), stiffness=400.0, damping=1.2, cubic_stiffness=0.0)
+    motion = oscillator(element, None, support[:, None], rate[:, None])
+    ground = np.gradient(rate, DT)
+    write_csv(tmp_path / "r.csv", time=t, s_ddot1=ground, a1=motion.a[:, 0])
+    data = measured(tmp_path / "r.csv")
+    (record,) = data.records["train"]
+    model = ElementNetwork(
+        1, 1, DT, forced=data.forced, hinges=0, units=0, cubic=False, from_accelerations=True
+    )
+    trained(model, [record])
+    of_mass = (model.laws.stiffness, model.laws.damping)
+    stiffness, damping = (float((c()[0] / model.mass()[0]).detach()) for c in of_mass)
+    assert stiffness == pytest.approx(200.0, rel=0.01)
+    assert damping == pytest.approx(0.6, rel=0.05)
+
+
+def test_a_periodic_record_is_trained_on_in_its_steady_state():
+    """Begun at rest, an oscillator misses its own steady state; a period later it does not."""
+    samples = 400
+    f = torch.sin(2.0 * torch.pi * 5.0 * torch.arange(samples).double() / samples)[:, None]
+    planted = ElementNetwork(1, 1, DT, hinges=0, units=0, cubic=False)
+    planted.mass.start(torch.tensor([2.0]))
+    planted.laws.start(torch.tensor([900.0]), torch.tensor([9.0]), torch.tensor([0.01]), (0.5, 0.5))
+    planted.identified.fill_(1.0)
+    with torch.no_grad():
+        twice = Record(DT, torch.zeros(3 * samples, 1), torch.cat([f, f, f]).double()).drive()
+        steady = planted.free_run(twice).x[-samples:]
+    record = Record(DT, steady, f, initial_state="periodic", quantity="displacement")
+    planted.measures.fill_(0)
+    with torch.no_grad():
+        settled = float(FreeRunProblem(planted, record, None).loss())
+        at_rest = float(FreeRunProblem(planted, replace(record, initial_state="rest"), None).loss())
+    assert settled < 1e-4 * at_rest
+
+
+@pytest.fixture
+def loop(tmp_path):
+    """An element test on a bilinear damper: slow sines of growing amplitude."""
+    t = DT * np.arange(2400)
+    s = (0.01 + 0.0015 * t) * np.sin(2.0 * np.pi * 0.4 * t)
+    rate = np.gradient(s, DT)
+    k1, k2, yielding, z, r = 9000.0, 2500.0, 0.012, 0.0, []
+    for before, now in zip(np.concatenate([[0.0], s[:-1]]), s, strict=True):
+        z = float(np.clip(z + now - before, -yielding, yielding))
+        r.append(k2 * now + (k1 - k2) * z)
+    write_csv(tmp_path / "loop.csv", time=t, s1=s, s_dot1=rate, r1=np.array(r))
+    return tmp_path / "loop.csv"
+
+
+def test_an_element_test_is_identified_and_a_surface_without_memory_is_not(loop):
+    data = measured(loop)
+    (train,) = data.records["train"]
+    assert (train.quantity, data.inputs, data.dofs, data.forced) == ("force", 2, 1, [])
+    surface = RestoringForceSurface(1, 2, data.dt, order=3)
+    surface.identify([train])
+    element = trained(HystereticElement(1, 2, data.dt, hinges=0, units=1, cubic=False), [train])
+    with torch.no_grad():
+        errors = [(m.free_run(train.drive()).a - train.a).norm() / train.a.norm()
+                  for m in (element, surface)]  # fmt: skip
+    assert errors[0] < 0.01
+    assert errors[1] > 0.05
+    assert float(element.laws.unit_limit()[0, 0].detach()) == pytest.approx(0.012, rel=0.02)
+
+
+def test_a_model_of_motions_refuses_an_element_test(loop):
+    data = measured(loop)
+    with pytest.raises(ValueError, match="force"):
+        ElementNetwork(1, 2, data.dt, forced=[]).identify(data.records["train"])
+
+
+@pytest.mark.parametrize("model", [RestoringForceSurface, HystereticElement])
+def test_a_model_of_an_element_refuses_other_records(model, tmp_path):
+    with pytest.raises(ValueError, match=r"element test|restoring-force surface"):
+        model(1, 1, DT)
+
+
+def test_a_surface_recovers_its_own_coefficients(loop):
+    data = measured(loop)
+    (record,) = data.records["train"]
+    planted = 3.0 * record.s**3 - 2.0 * record.s_dot + 0.5
+    model = RestoringForceSurface(1, 2, data.dt, order=3)
+    model.identify([replace(record, a=planted)])
+    assert torch.allclose(model(record), planted, rtol=0.0, atol=1e-9)
+
+
+# The command
+
+
+def test_the_command_on_ten_lines_written_by_hand(ten_lines, tmp_path, monkeypatch, capsys):
+    run = tmp_path / "run"
+    monkeypatch.setattr(
+        "sys.argv",
+        ["train.py", "data=measured", f"data.path={ten_lines}", "model=vwnn", "model.ridge=1e-6",
+         "model.order=1", "baselines=none", "figures=false", f"hydra.run.dir={run}",
+         "trainer.enable_progress_bar=false"],
+    )  # fmt: skip
+    cli()
+    metrics = json.loads((run / "metrics.json").read_text())
+    assert metrics["simulation_error"] is None
+    assert metrics["test"]["per_dof_rms"][0] > 0.0
+    assert "m/s²" in capsys.readouterr().out
+
+
+def test_reading_once_more_gives_the_same(ten_lines):
+    one, other = (read_record(ten_lines) for _ in range(2))
+    assert one.channels.keys() == other.channels.keys() == {"f1", "a1"}
+    assert all(np.array_equal(one.channels[c], other.channels[c]) for c in one.channels)

@@ -1,0 +1,367 @@
+"""The integrator against exact solutions, an independent reference, energy and symmetry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import expm
+
+from data.simulation.elements import BoucWen, LimitedSlip, Polynomial
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.motion import simulate, simulate_many
+from data.simulation.structure import Structure
+from tests.bits import same_bits_elsewhere
+from tests.reference import paper_structure, reference_response
+
+DT = 0.01
+SUPPORT_STD = {"bilinear": 0.05, "polynomial": 0.1, "bouc_wen": 0.03}  # [m]
+
+
+def relative_rms(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
+
+
+def forces(structure, excitation, samples=500, dt=DT, seed=0):
+    return excitation.draw(structure, samples, dt, 0, np.random.default_rng(seed))[0]
+
+
+def first_order_hold(structure, force, dt):
+    """Exact x, v, a of the linearised structure under a force linear between samples."""
+    M, C, K = structure.linearised()
+    n, inverse = structure.dofs, np.linalg.inv(M)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ K, -inverse @ C]])
+    B = np.vstack([np.zeros((n, n)), inverse])
+    held = np.zeros((4 * n, 4 * n))
+    held[: 2 * n, : 2 * n], held[: 2 * n, 2 * n : 3 * n] = A * dt, B * dt
+    held[2 * n : 3 * n, 3 * n :] = np.eye(n)
+    step = expm(held)[: 2 * n]
+    q = np.zeros((len(force), 2 * n))
+    for k in range(1, len(force)):
+        q[k] = step @ np.concatenate([q[k - 1], force[k - 1], force[k] - force[k - 1]])
+    return q[:, :n], q[:, n:], q @ A[n:].T + force @ inverse
+
+
+def test_linear_motion_equals_the_matrix_exponential(linear_structure):
+    force = forces(linear_structure, Excitation(force=BandLimitedGaussian(2.0, (0.0, 4.5))))
+    motion = simulate(linear_structure, force, DT, tolerance=1e-12)
+    for ours, exact in zip(
+        (motion.x, motion.v, motion.a), first_order_hold(linear_structure, force, DT), strict=True
+    ):
+        assert relative_rms(ours, exact) < 1e-9
+
+
+@pytest.mark.parametrize("dofs", [1, 5])
+def test_linear_chains_equal_the_matrix_exponential(linear_chain, dofs):
+    structure = linear_chain(dofs)
+    force = forces(structure, Excitation(force=BandLimitedGaussian(2.0, (0.0, 4.5))))
+    motion = simulate(structure, force, DT, tolerance=1e-12)
+    assert relative_rms(motion.a, first_order_hold(structure, force, DT)[2]) < 1e-9
+
+
+def test_below_yield_and_gap_the_bilinear_structure_is_linear(bilinear_structure):
+    weak = Excitation(force=BandLimitedGaussian(0.02, (0.0, 4.5)))
+    force = forces(bilinear_structure, weak)
+    motion = simulate(bilinear_structure, force, DT, tolerance=1e-12)
+    assert np.abs(motion.y).max() < 0.01
+    assert relative_rms(motion.a, first_order_hold(bilinear_structure, force, DT)[2]) < 1e-9
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_motion_equals_the_event_located_reference(structure, excitation, system, seed):
+    force = forces(structure, excitation, seed=seed)
+    motion = simulate(structure, force, DT)
+    reference = reference_response(*paper_structure(system), DT, force)
+    assert motion.escape_time is None
+    allowed = 1e-5 if system == "bilinear" else 1e-6
+    for name in "xvayr":
+        assert relative_rms(getattr(motion, name), reference[name]) < allowed, name
+
+
+def test_motion_on_moving_supports_equals_the_reference(structure, excitation, system):
+    shaken = Excitation(excitation.force, BandLimitedGaussian(SUPPORT_STD[system], (0.0, 2.0)))
+    drive = shaken.draw(structure, 500, DT, 0, np.random.default_rng(2))
+    motion = simulate(structure, drive[0], DT, *drive[1:])
+    reference = reference_response(*paper_structure(system), DT, *drive)
+    allowed = 1e-5 if system == "bilinear" else 1e-6
+    for name in "xvayr":
+        assert relative_rms(getattr(motion, name)[1:], reference[name][1:]) < allowed, name
+
+
+@pytest.mark.parametrize(
+    ("n", "eta_rate", "nu_rate"), [(1.0, 0.3, 0.2), (2.0, 0.2, 0.4), (1.5, 0.0, 0.3)]
+)
+def test_bouc_wen_of_any_power_and_degradation_equals_the_reference(n, eta_rate, nu_rate):
+    ends = {"base": ("s1", "x1"), "link": ("x1", "x2")}
+    law = {"eta": 1.3, "nu": 0.8, "eta_rate": eta_rate, "nu_rate": nu_rate}
+    ours = Structure(
+        [0.7, 1.4],
+        {
+            name: BoucWen(between=b, stiffness=40.0, beta=12.0, gamma=-5.0, exponent=n, **law)
+            for name, b in ends.items()
+        },
+    )
+    theirs = [
+        {"law": "bouc_wen", "start": a, "end": b, "A": 40.0, "beta": 12.0, "gamma": -5.0, "n": n}
+        | law
+        for a, b in ends.values()
+    ]
+    force = forces(ours, Excitation(force=BandLimitedGaussian(4.0, (0.0, 3.0))), 300)
+    reference = reference_response(ours.masses, theirs, DT, force)
+    assert relative_rms(simulate(ours, force, DT).a, reference["a"]) < 1e-6
+    assert relative_rms(simulate(ours, force, DT).r, reference["r"]) < 1e-6
+
+
+def test_a_support_displaced_beyond_the_gap_pushes_from_the_first_sample():
+    element = LimitedSlip(
+        between=("s1", "x1"), yield_displacement=0.01, stiffness=10.0, gap_stiffness=5.0, gap=0.03
+    )
+    still = np.zeros((3, 1))
+    motion = simulate(Structure([1.0], {"r": element}), still, DT, still - 0.05, still)
+    assert_allclose([motion.r[0, 0], motion.a[0, 0]], [5.0 * 0.02, -5.0 * 0.02], rtol=1e-12)
+
+
+def test_the_first_acceleration_is_the_force_over_the_mass(structure, excitation):
+    force = forces(structure, excitation, 100)[:2]
+    assert_allclose(simulate(structure, force, DT).a[0], force[0] / structure.masses, rtol=1e-15)
+
+
+def test_accelerations_obey_the_equation_of_motion_at_every_sample(structure, excitation):
+    force = forces(structure, excitation)
+    motion = simulate(structure, force, DT)
+    B, _ = structure.incidence()
+    assert_allclose(motion.a * structure.masses + motion.r @ B, force, atol=1e-12 * force.std())
+    assert_allclose(motion.y, motion.x @ B.T, atol=1e-14)
+
+
+def test_error_falls_in_step_with_the_tolerance(structure, excitation, system):
+    force = forces(structure, excitation, 50, dt=0.1)
+    exact = simulate(structure, force, 0.1, tolerance=1e-13).a
+    tolerances = np.array([1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
+    errors = [
+        relative_rms(simulate(structure, force, 0.1, tolerance=t).a, exact) for t in tolerances
+    ]
+    slope = np.polyfit(np.log10(tolerances), np.log10(errors), 1)[0]
+    assert 0.6 < slope < 1.2
+    assert errors[-1] < 1e-6
+
+
+def test_the_step_is_of_fifth_order_on_the_smooth_system(polynomial_structure):
+    """One step per sample, under a force that is linear between samples 0.08 s apart."""
+    coarse = 3.0 * np.random.default_rng(0).standard_normal((26, 3))
+
+    def displacement(parts: int, tolerance: float) -> np.ndarray:
+        grid = np.arange(25 * parts + 1) / parts
+        force = np.stack([np.interp(grid, np.arange(26), f) for f in coarse.T], axis=1)
+        motion = simulate(polynomial_structure, force, 0.08 / parts, tolerance=tolerance)
+        return motion.x[::parts]
+
+    exact = displacement(16, 1e-13)
+    parts = np.array([2, 4, 8, 16])
+    errors = [relative_rms(displacement(p, 1e-3), exact) for p in parts]
+    order = -np.polyfit(np.log2(parts), np.log2(errors), 1)[0]
+    assert 4.7 < order < 5.6
+
+
+def test_energy_put_in_is_stored_or_taken_up_by_the_elements(structure, excitation, system):
+    dt = 0.001
+    shaken = Excitation(excitation.force, BandLimitedGaussian(SUPPORT_STD[system] / 3, (0.0, 2.0)))
+    force, s, s_dot = shaken.draw(structure, 4000, dt, 0, np.random.default_rng(0))
+    motion = simulate(structure, force, dt, s, s_dot)
+    B_s = structure.incidence()[1]
+    power = (force * motion.v).sum(axis=1) + (motion.r @ B_s * s_dot).sum(axis=1)
+    put_in = np.concatenate([[0.0], np.cumsum(0.5 * dt * (power[1:] + power[:-1]))])
+    kinetic = 0.5 * (structure.masses * motion.v**2).sum(axis=1)
+    balance = kinetic + motion.work.sum(axis=1) - put_in
+    assert np.abs(balance).max() < 2e-5 * np.abs(put_in).max()
+
+
+def test_in_a_frame_that_moves_with_the_supports_inertia_acts_as_a_force(
+    structure, excitation, system
+):
+    """The whole structure on one shaking table: x = u + s, with −M s̈ acting on u."""
+    force = forces(structure, excitation, 400)
+    s_ddot = forces(structure, excitation, 400, seed=7)[:, :1]
+    s_dot, s = np.zeros((400, 1)), np.zeros((400, 1))
+    for k in range(1, 400):  # exact for a table acceleration that is linear between samples
+        s_dot[k] = s_dot[k - 1] + 0.5 * DT * (s_ddot[k - 1] + s_ddot[k])
+        s[k] = s[k - 1] + DT * s_dot[k - 1] + DT**2 / 6 * (2 * s_ddot[k - 1] + s_ddot[k])
+    everywhere = np.ones((1, 3))
+    tight = {"tolerance": 1e-10}
+    shaken = simulate(structure, force, DT, s * everywhere, s_dot * everywhere, **tight)
+    fixed = simulate(structure, force - structure.masses * s_ddot, DT, **tight)
+    assert relative_rms(shaken.x - s, fixed.x) < 1e-6
+    assert relative_rms(shaken.a - s_ddot, fixed.a) < 1e-6
+    assert relative_rms(shaken.r, fixed.r) < 1e-6
+
+
+@pytest.mark.parametrize("law", ["outer", "inner"])
+def test_two_equal_elements_side_by_side_are_one_of_twice_the_stiffness(bilinear_structure, law):
+    """Both yield, slip and close their gap at the same instant."""
+    like = vars(bilinear_structure.elements["r1" if law == "outer" else "r2"])
+    kind = type(bilinear_structure.elements["r1" if law == "outer" else "r2"])
+    single = like | {"between": ("s1", "x1")}
+    double = {k: 2 * u if "stiffness" in k or "damping" in k else u for k, u in single.items()}
+    pair = Structure([1.0], {"a": kind(**single), "b": kind(**single)})
+    one = Structure([1.0], {"c": kind(**double)})
+    force = forces(one, Excitation(force=BandLimitedGaussian(2.0, (0.0, 3.0))))
+    together, alone = simulate(pair, force, DT), simulate(one, force, DT)
+    assert np.abs(alone.y).max() > 0.03
+    assert_array_equal(together.r[:, 0], together.r[:, 1])
+    assert relative_rms(together.a, alone.a) < 1e-6
+
+
+def test_reordered_elements_give_the_reordered_forces(structure, excitation):
+    force = forces(structure, excitation)
+    names = ["r4", "r1", "r6", "r3", "r5", "r2"]
+    reordered = Structure(structure.masses, {name: structure.elements[name] for name in names})
+    motion, again = simulate(structure, force, DT), simulate(reordered, force, DT)
+    columns = [list(structure.elements).index(name) for name in names]
+    assert relative_rms(again.r, motion.r[:, columns]) < 1e-9
+    assert relative_rms(again.work, motion.work[:, columns]) < 1e-9
+    assert relative_rms(again.a, motion.a) < 1e-9
+
+
+def test_renumbered_masses_give_the_renumbered_motion(bouc_wen_structure, record_of):
+    order = [2, 0, 1]  # the new x1 is the old x3, ...
+    new_name = {f"x{old + 1}": f"x{new + 1}" for new, old in enumerate(order)}
+    elements = {
+        name: BoucWen(
+            between=[new_name.get(node, node) for node in e.between],
+            stiffness=e.stiffness, beta=e.beta, gamma=e.gamma,
+        )
+        for name, e in bouc_wen_structure.elements.items()
+    }  # fmt: skip
+    renumbered = Structure(bouc_wen_structure.masses[order], elements)
+    force = forces(bouc_wen_structure, Excitation(force=BandLimitedGaussian(1.2, (0.0, 3.0))))
+    motion = simulate(bouc_wen_structure, force, DT)
+    again = simulate(renumbered, force[:, order], DT)
+    assert relative_rms(again.a, motion.a[:, order]) < 1e-9
+    assert relative_rms(again.r, motion.r) < 1e-9
+
+
+def test_ground_is_a_support_that_stands_still(bilinear_structure):
+    force = forces(bilinear_structure, Excitation(force=BandLimitedGaussian(1.7, (0.0, 4.5))))
+    grounded = {}
+    for name, e in bilinear_structure.elements.items():
+        nodes = ["ground" if node[0] == "s" else node for node in e.between]
+        grounded[name] = type(e)(**{**vars(e), "between": nodes})
+    motion = simulate(Structure(bilinear_structure.masses, grounded), force, DT)
+    assert_array_equal(motion.a, simulate(bilinear_structure, force, DT).a)
+
+
+def test_many_records_and_repeated_calls_give_the_same_bits(structure, excitation):
+    shaken = Excitation(excitation.force, BandLimitedGaussian(0.01, (0.0, 2.0)))
+    draws = [shaken.draw(structure, 200, DT, 0, np.random.default_rng(i)) for i in range(4)]
+    for drive, together in zip(draws, simulate_many(structure, *_columns(draws)), strict=True):
+        alone = simulate(structure, drive[0], DT, *drive[1:])
+        for name in ("x", "v", "a", "y", "r", "work"):
+            assert_array_equal(getattr(together, name), getattr(alone, name))
+
+
+def _columns(draws):
+    drawn, s, s_dot = zip(*draws, strict=True)
+    return drawn, DT, s, s_dot
+
+
+PROGRAM = """
+import numpy as np
+from data.simulation.elements import Bilinear
+from data.simulation.motion import simulate
+from data.simulation.structure import Structure
+element = Bilinear(between=("s1", "x1"), yield_displacement=0.02, stiffness=40.0,
+                   post_yield_stiffness=10.0, damping=0.1)
+force = np.random.default_rng(3).standard_normal((300, 1))
+motion = simulate(Structure([0.7], {"r": element}), force, 0.01)
+result = np.hstack([motion.a, motion.work])
+"""
+
+
+def test_another_process_computes_the_same_bits():
+    assert same_bits_elsewhere(PROGRAM)
+
+
+def softening() -> Structure:
+    """A spring that is exhausted at y = 1 m, at a force of 2/3 · 30 N."""
+    spring = Polynomial(between=("s1", "x1"), stiffness=30.0, damping=1.0, cubic_stiffness=-10.0)
+    return Structure([1.0], {"r": spring})
+
+
+def test_a_motion_pushed_over_the_top_of_a_softening_spring_escapes():
+    force = np.full((600, 1), 25.0)
+    motion = simulate(softening(), force, DT)
+    assert motion.escape_time is not None
+    assert 0.2 < motion.escape_time < 3.0
+    before = int(motion.escape_time / DT) - 2
+    shorter = simulate(softening(), force[:before], DT)
+    assert shorter.escape_time is None
+    assert_array_equal(motion.a[:before], shorter.a)
+    finer = simulate(softening(), np.full((6000, 1), 25.0), DT / 10)
+    assert abs(finer.escape_time - motion.escape_time) < 1e-3
+
+
+def test_a_motion_below_the_top_of_a_softening_spring_stays():
+    assert simulate(softening(), np.full((2000, 1), 9.0), DT).escape_time is None
+
+
+@pytest.mark.parametrize("size", [1e3, 1e8, 1e60, 1e100, 1e200])
+def test_no_motion_is_handed_out_as_nan(size):
+    motion = simulate(softening(), np.full((100, 1), size), DT)
+    assert motion.escape_time is not None
+    assert np.isfinite(motion.x).all()
+
+
+def test_an_escaping_motion_leaves_the_others_as_they_are():
+    push = [np.full((400, 1), size) for size in (5.0, 25.0, 6.0)]
+    together = simulate_many(softening(), push, DT)
+    assert [m.escape_time is None for m in together] == [True, False, True]
+    assert_array_equal(together[2].x, simulate(softening(), push[2], DT).x)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"force": np.zeros((50, 2))}, r"force has shape \(50, 2\); expected \(50, 3\)"),
+        ({"force": np.zeros(50)}, r"force has shape \(50,\)"),
+        ({"force": np.full((50, 3), np.nan)}, "force is not finite at sample 0"),
+        ({"force": np.vstack([np.zeros((7, 3)), np.full((1, 3), np.inf)])}, "sample 7"),
+        ({"support": np.zeros((49, 3))}, r"support has shape \(49, 3\); expected \(50, 3\)"),
+        ({"support_velocity": np.zeros((50, 1))}, "support_velocity has shape"),
+        ({"support": np.full((50, 3), np.nan)}, "support is not finite"),
+        ({"dt": 0.0}, "dt=0.0 s must be positive"),
+        ({"dt": -0.01}, "must be positive"),
+        ({"dt": np.nan}, "must be positive"),
+        ({"tolerance": 0.0}, "tolerance=0.0"),
+        ({"tolerance": 0.1}, "tolerance=0.1"),
+    ],
+)
+def test_input_that_fits_no_structure_is_refused(bilinear_structure, change, message):
+    still = {"force": np.zeros((50, 3)), "dt": DT}
+    still |= {"support": np.zeros((50, 3)), "support_velocity": np.zeros((50, 3))}
+    simulate(bilinear_structure, **still)
+    with pytest.raises(ValueError, match=message):
+        simulate(bilinear_structure, **(still | change))
+
+
+@pytest.mark.parametrize("given", ["support", "support_velocity"])
+def test_half_a_support_motion_is_refused_and_not_ignored(bilinear_structure, given):
+    with pytest.raises(ValueError, match="support"):
+        simulate(bilinear_structure, np.zeros((50, 3)), DT, **{given: np.ones((50, 3))})
+
+
+def test_a_slider_never_carries_more_than_its_yield_force():
+    """z is put exactly on the yield surface; a slider left beyond it would yield when unloading."""
+    slider = LimitedSlip(
+        between=("ground", "x1"),
+        yield_displacement=0.02,
+        stiffness=40.0,
+        gap_stiffness=40.0,
+        gap=100.0,
+    )
+    spring = Polynomial(between=("ground", "x1"), stiffness=20.0, damping=0.2)
+    structure = Structure([1.0], {"slider": slider, "spring": spring})
+    force = 2.0 * np.random.default_rng(5).standard_normal((2000, 1)).cumsum(axis=0) / 5.0
+    friction = simulate(structure, force, 0.01).r[:, 0]
+    limit = 40.0 * 0.02
+    assert (np.abs(friction) == limit).mean() > 0.2
+    assert np.abs(friction).max() == limit

@@ -1,0 +1,405 @@
+"""Public benchmarks from prepared folders: official splits, held-out samples, errors, measures."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.io import savemat
+
+from data.public.datamodule import BenchmarkData, in_band_rms, noise_floor, official_rmse
+from data.public.splits import BENCHMARKS, BOUC_WEN_TESTS, F16
+from data.simulation.scenario import FullState, Noisy
+from models.training.assemble import data_from
+from runner.public_scores import benchmark_lines
+from tests.program.test_every_config import composed
+from train import identify
+
+SHARED = Path(__file__).parents[2] / "shared" / "data" / "bouc_wen_benchmark"
+ARCHIVES = {  # whose presence tells the package that nothing is to be downloaded
+    "silverbox": "Silverbox/SilverboxFiles.zip",
+    "cascaded_tanks": "Cascaded_Tanks/CascadedTanksFiles.zip",
+    "emps": "EMPS/EMPS.zip",
+    "ced": "CED/FULLTEXT01.zip",
+    "f16": "F16/F16GVT_Files.zip",
+}
+PERIOD, NOISE = 8192, 7e-6
+
+
+def contents(name: str) -> dict[str, dict[str, np.ndarray]]:
+    """Random signals under the names and in the shapes of the official files."""
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal
+    row, column = {"size": (1, 127500)}, {"size": (600, 1)}
+    files = BENCHMARKS[name].files
+    if name == "silverbox":
+        return {files[0]: {"V1": noise(**row), "V2": noise(**row)}}
+    if name == "wiener_hammerstein":
+        u, y = noise((188000, 1)), noise((188000, 1))
+        return {files[0]: {"uBenchMark": u, "yBenchMark": y, "fs": np.array([[51200.0]])}}
+    if name == "cascaded_tanks":
+        names = ("uEst", "yEst", "uVal", "yVal")
+        return {files[0]: {n: noise(**column) for n in names} | {"Ts": np.array([[4.0]])}}
+    if name == "emps":
+        t = {"t": 1e-3 * np.arange(600.0)[:, None]}
+        return {f: {n: noise(**column) for n in ("qm", "qg", "vir")} | t for f in files}
+    if name == "ced":
+        return {files[0]: {n: noise((500, 1)) for n in ("u11", "u12", "z11", "z12")}}
+    if name == "f16":
+        sizes = {f: 300 if "FullMSine" in f else 400 for f in F16}
+        rate = {"Fs": np.array([[400.0]])}
+        return {
+            f: {"Force": noise((1, T)), "Voltage": noise((1, T)), "Acceleration": noise((3, T))}
+            | rate
+            for f, T in sizes.items()
+        }
+    u, y = 50.0 * noise(PERIOD), 7e-4 * noise(PERIOD)
+    repeated = np.tile(y, 4) + NOISE * noise(4 * PERIOD)
+    return {files[0]: {"u": np.tile(u, 4)[None]}, files[1]: {"y": repeated[None]}}
+
+
+def prepare(folder: Path, files: dict[str, dict[str, np.ndarray]]) -> None:
+    for path, variables in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        savemat(folder / path, variables, do_compression=False)
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All benchmarks as the package would have left them."""
+    folder = tmp_path_factory.mktemp("benchmarks")
+    for name in BENCHMARKS:
+        prepare(folder, contents(name))
+    for archive in ARCHIVES.values():
+        (folder / archive).touch()
+    return folder
+
+
+def loaded(name: str, folder: Path, **more: object) -> BenchmarkData:
+    return BenchmarkData(name, FullState(), folder=str(folder), **more)
+
+
+def prepared(name: str, folder: Path, **more: object) -> BenchmarkData:
+    data = loaded(name, folder, **more)
+    data.setup()
+    return data
+
+
+def ours(data: BenchmarkData, split: str) -> list[tuple[np.ndarray, np.ndarray, int]]:
+    return [(r.f.numpy(), r.a.numpy(), r.warmup) for r in data.make_records()[split]]
+
+
+@pytest.mark.parametrize("name", sorted(set(BENCHMARKS) - {"bouc_wen", "f16"}))
+def test_splits_are_those_of_the_package(name, folder):
+    package = pytest.importorskip("nonlinear_benchmarks", reason="extra `benchmarks` not installed")
+    load = getattr(package, BENCHMARKS[name].loader)
+    official = load(
+        dir_placement=str(folder), atleast_2d=True, always_return_tuples_of_datasets=True
+    )
+    series = BENCHMARKS[name].read(loaded(name, folder).files)
+    for mine, theirs in zip(series, official, strict=True):
+        for one, other in zip(mine, theirs, strict=True):
+            np.testing.assert_array_equal(one.u, other.u)
+            np.testing.assert_array_equal(one.y, other.y)
+            assert one.dt == pytest.approx(float(other.sampling_time), rel=1e-12)
+            window = other.state_initialization_window_length
+            assert window == one.warmup or (mine is series[0] and window is None)
+
+
+@pytest.mark.parametrize("split", [0, 1])
+def test_f16_has_the_packages_splits_with_all_three_outputs(split, folder):
+    package = pytest.importorskip("nonlinear_benchmarks", reason="extra `benchmarks` not installed")
+    mine = BENCHMARKS["f16"].read(loaded("f16", folder).files)[split]
+    for i in range(3):
+        theirs = package.F16(output_index=i, dir_placement=str(folder))[split]
+        assert len(mine) == len(theirs) == (8, 6)[split]
+        for one, other in zip(mine, theirs, strict=True):
+            assert one.name in other.name
+            np.testing.assert_array_equal(one.y[:, i], other.y)
+            np.testing.assert_array_equal(one.u[:, 0], other.u)
+            assert one.warmup == other.state_initialization_window_length
+
+
+def test_bouc_wen_test_signals_are_those_of_the_package(tmp_path):
+    package = pytest.importorskip("nonlinear_benchmarks", reason="extra `benchmarks` not installed")
+    prepare(tmp_path, contents("bouc_wen") | bouc_wen_tests())
+    (tmp_path / "BoucWen/Hysteretic Benchmark with a Dynamic Nonlinearity_1_all.zip").touch()
+    load = package.not_splitted_benchmarks.BoucWen
+    theirs = load(train_test_split=False, dir_placement=str(tmp_path))
+    for name, other in zip(("multisine", "sinesweep"), theirs, strict=True):
+        (record,) = loaded("bouc_wen", tmp_path, test=[name]).make_records()["test"]
+        np.testing.assert_array_equal(record.f[:, 0].numpy(), other.u)
+        np.testing.assert_array_equal(record.a[:, 0].numpy(), other.y)
+
+
+def bouc_wen_tests() -> dict[str, dict[str, np.ndarray]]:
+    rng = np.random.default_rng(1)
+    sizes = {path: PERIOD if "multisine" in path else 9000 for path in BOUC_WEN_TESTS}
+    return {path: {Path(path).stem: rng.standard_normal((1, T))} for path, T in sizes.items()}
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_a_prepared_folder_needs_neither_package_nor_network(name, folder, monkeypatch):
+    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", None)
+    data = prepared(name, folder, download=name != "bouc_wen")
+    about = BENCHMARKS[name]
+    for record in data.records["train"] + data.records["test"]:
+        assert (record.dofs, record.dt) == (data.dofs, data.dt)
+        assert (record.quantity, record.hold) == (about.quantity, about.hold)
+    assert data.dofs == (3 if name == "f16" else 1)
+    assert data.unit
+    assert (data.noise is None) == (name != "bouc_wen")
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_files_may_lie_without_the_outer_folders(name, folder, tmp_path):
+    for path in BENCHMARKS[name].files:
+        (tmp_path / Path(path).name).symlink_to(folder / path)
+    flat, nested = loaded(name, tmp_path), loaded(name, folder)
+    for split in ("train", "test"):
+        for one, other in zip(ours(flat, split), ours(nested, split), strict=True):
+            np.testing.assert_array_equal(one[1], other[1])
+
+
+def test_a_missing_file_is_named_with_its_place_and_its_page(tmp_path):
+    with pytest.raises(
+        ValueError, match=r"SNLS80mV\.mat is not in .*benchmarks/silverbox.*download"
+    ):
+        loaded("silverbox", tmp_path / "absent")
+    assert not (tmp_path / "absent").exists()
+    with pytest.raises(ValueError, match=r"uest_multisine.*are not in .*Model-Augmentation"):
+        loaded("bouc_wen", tmp_path)
+
+
+def test_an_unknown_benchmark_and_a_scenario_are_refused(folder):
+    with pytest.raises(ValueError, match=r"data\.name=silver: choose bouc_wen, silverbox"):
+        loaded("silver", folder)
+    with pytest.raises(ValueError, match="scenario=full_state"):
+        BenchmarkData("ced", Noisy(0.1), folder=str(folder))
+
+
+class Bomb:
+    """Makes a folder when unpickled."""
+
+    def __reduce__(self):
+        return os.mkdir, ("unpickled",)
+
+
+@pytest.mark.parametrize("damage", ["cut", "text", "pickle", "empty", "other", "cells", "short"])
+def test_a_damaged_file_is_one_line(damage, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = Path("DATAUNIF.MAT")
+    names = ("u11", "u12", "z11", "z12")
+    if damage == "cut":
+        whole = (folder / "CED/DATAUNIF.MAT").read_bytes()
+        path.write_bytes(whole[: len(whole) // 2])
+    elif damage in ("text", "empty"):
+        path.write_text("<html>try later</html>" * 20 if damage == "text" else "")
+    elif damage == "pickle":
+        path.write_bytes(pickle.dumps(Bomb()))
+    elif damage == "other":
+        savemat(path, {"a": np.zeros(3)})
+    elif damage == "cells":
+        savemat(path, {n: np.array([[{"a": 1}, "b"]], dtype=object) for n in names})
+    else:
+        savemat(path, {n: np.zeros((300, 1)) for n in names})
+    with pytest.raises(ValueError, match=r"DATAUNIF\.MAT|series low") as error:
+        loaded("ced", tmp_path)
+    assert "\n" not in str(error.value)
+    assert not Path("unpickled").exists()
+
+
+def test_a_failed_download_is_one_line(tmp_path, monkeypatch):
+    def fail(**_: object) -> None:
+        raise Exception("Download failed after 5 attempts: <urlopen error>\nno route to host")
+
+    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", types.SimpleNamespace(CED=fail))
+    with pytest.raises(ValueError, match=r"CED could not be downloaded to .*5 attempts") as error:
+        loaded("ced", tmp_path / "new", download=True)
+    assert "\n" not in str(error.value)
+    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", None)
+    with pytest.raises(ValueError, match=r"pip install structural-model-zoo\[benchmarks\]"):
+        loaded("ced", tmp_path / "new", download=True)
+
+
+def test_what_is_missing_is_downloaded_once_and_only_on_request(tmp_path, monkeypatch):
+    calls = []
+
+    def fetch(dir_placement: str, **_: object) -> None:
+        calls.append(dir_placement)
+        prepare(Path(dir_placement), contents("ced"))
+
+    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", types.SimpleNamespace(CED=fetch))
+    with pytest.raises(ValueError, match="not in"):
+        loaded("ced", tmp_path / "new")
+    for _ in range(2):
+        loaded("ced", tmp_path / "new", download=True)
+    assert calls == [str(tmp_path / "new")]
+
+
+def test_the_initialisation_window_is_not_counted(folder):
+    data = prepared("cascaded_tanks", folder)
+    for split in ("train", "test"):
+        (batch,) = data.loader(split)
+        assert batch.warmup == 50
+    record = data.records["test"][0]
+    off = record.a.clone()
+    off[:50] += 7.0  # where nothing counts
+    off[50:] += 0.3
+    np.testing.assert_allclose(official_rmse(off, record), 0.3, rtol=1e-12)
+
+
+def test_the_metric_is_the_packages(folder):
+    metrics = pytest.importorskip(
+        "nonlinear_benchmarks.error_metrics", reason="extra `benchmarks` not installed"
+    )
+    record = loaded("cascaded_tanks", folder).make_records()["test"][0]
+    estimate = 0.9 * record.a
+    theirs = metrics.RMSE(record.a.numpy(), estimate.numpy(), n_init=record.warmup)
+    np.testing.assert_allclose(official_rmse(estimate, record), theirs, rtol=1e-12)
+
+
+def test_the_held_out_period_is_not_trained_on(folder):
+    data = prepared("bouc_wen", folder)
+    train, test = data.records["train"], data.records["test"]
+    assert [len(train), len(test)] == [3, 1]
+    assert all(not torch.equal(r.a, test[0].a) for r in train)
+    whole = contents("bouc_wen")[BENCHMARKS["bouc_wen"].files[1]]["y"].reshape(4, PERIOD)
+    np.testing.assert_array_equal(test[0].a[:, 0].numpy(), whole[3])
+    for seen in ("period_4", "start_4", "*"):
+        names = {"train": [seen], "test": ["period_4"]}
+        with pytest.raises(ValueError, match="test series period_4 has samples"):
+            loaded("bouc_wen", folder, **names)
+
+
+def test_the_end_of_a_period_can_be_held_out_of_all_periods(folder):
+    data = loaded("bouc_wen", folder, train=["start_*"], test=["end_4"])
+    seen = data.make_records()["train"][0].samples
+    (test,) = data.make_records()["test"]
+    assert (seen, test.warmup, test.initial_state) == (6144, 6144, "periodic")
+
+
+def test_a_test_with_the_excitation_of_training_says_so(folder):
+    assert "was trained on" in " ".join(loaded("bouc_wen", folder).notes["test: period_4"])
+    unseen = loaded("bouc_wen", folder, train="start_*", test="end_4")
+    assert "was trained on" not in " ".join(unseen.notes["test: end_4"])
+
+
+def test_official_test_signals_are_preferred_where_they_are(tmp_path):
+    prepare(tmp_path, contents("bouc_wen") | bouc_wen_tests())
+    (test,) = loaded("bouc_wen", tmp_path).series["test"]
+    assert (test.name, test.initial_state) == ("multisine", "periodic")
+    (sweep,) = loaded("bouc_wen", tmp_path, test=["sinesweep"]).series["test"]
+    assert (len(sweep.u), sweep.initial_state) == (9000, "rest")
+
+
+def test_series_are_chosen_by_name(folder):
+    assert loaded("silverbox", folder).series["test"][0].name == "multisine"
+    arrow = loaded("silverbox", folder, test=["arrow_full"]).make_records()["test"][0]
+    assert arrow.samples == 40475
+    with pytest.raises(ValueError, match=r"data\.test holds 'arow'; choose multisine, arrow_full"):
+        loaded("silverbox", folder, test=["arow"])
+    assert len(loaded("f16", folder, train="Sine*", test=["Sine*4"]).series["train"]) == 4
+
+
+def test_windows_begin_at_rest_for_their_state_is_not_known(folder):
+    data = prepared("bouc_wen", folder, window=300, stride=250, warmup=50, validation=0.2)
+    batch = next(iter(data.train_dataloader()))
+    assert (batch.initial_state, batch.warmup) == ("rest", 50)
+    assert not batch.drive().x0.any()
+    assert next(iter(data.val_dataloader())).initial_state == "rest"
+    held = prepared("bouc_wen", folder, window=300, train="start_1", test="end_4")
+    windows = held.windows("train")
+    assert [w.warmup for w in windows] == [0] * 15  # of 20; the state is not known before
+    assert windows.places[0][1] == 1500
+    with pytest.raises(ValueError, match=r"shorten data\.stride"):
+        prepared(
+            "bouc_wen", folder, window=300, stride=9000, train="start_1", test="end_4"
+        ).windows("train")
+    windows = prepared("silverbox", folder, window=65000).windows("train")
+    assert [w.warmup for w in windows] == [50]
+    windows = prepared("f16", folder).windows("train")
+    assert {(w.samples, w.warmup, w.initial_state) for w in windows} == {(300, 50, "rest")}
+    whole = prepared("bouc_wen", folder)
+    assert next(iter(whole.train_dataloader())).initial_state == "periodic"
+
+
+def test_hold_can_be_chosen(folder):
+    assert loaded("ced", folder, hold="linear").make_records()["test"][0].hold == "linear"
+    with pytest.raises(ValueError, match="hold='cubic'"):
+        loaded("ced", folder, hold="cubic")
+
+
+def test_the_command_line_names_the_benchmark(folder, tmp_path):
+    cfg = composed(
+        "data=benchmark", "data.name=f16", f"data.folder={folder}", "model=vwnn_first_order",
+        "baselines=none", "figures=false", "trainer.enable_progress_bar=false",
+    )  # fmt: skip
+    data = data_from(cfg)
+    assert (data.name, data.dofs, len(data.series["train"])) == ("f16_benchmark", 3, 8)
+    metrics = identify(cfg, tmp_path)
+    of_it, whole = metrics["benchmark"]["in_band_rms"]["one step"], metrics["test"]["per_dof_rms"]
+    assert metrics["benchmark"]["unit"] == "m/s²"
+    assert all(0.0 < band < 1.01 * all_of_it for band, all_of_it in zip(of_it, whole, strict=True))
+    assert any(line.startswith("of it between") for line in benchmark_lines(metrics["benchmark"]))
+    assert metrics["system"] == "f16_benchmark"
+    assert len(metrics["test"]["per_dof_percent"]) == 3
+    assert metrics["paper"] == {}
+
+
+@pytest.mark.parametrize("samples", [1000, 1001])
+def test_in_band_rms_sees_a_sinusoid_in_its_band_alone(samples):
+    dt, cycles = 0.01, 40  # a whole number, so that nothing leaks
+    frequency = cycles / (samples * dt)
+    t = dt * np.arange(samples)
+    error = np.stack([3.0 * np.sin(2 * np.pi * frequency * t), np.full(samples, 2.0)], axis=1)
+    near, far = (frequency - 1.0, frequency + 1.0), (frequency + 1.0, frequency + 2.0)
+    np.testing.assert_allclose(in_band_rms(error, dt, near), [3.0 / np.sqrt(2.0), 0.0], atol=1e-9)
+    np.testing.assert_allclose(in_band_rms(error, dt, far), [0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(in_band_rms(error, dt, (0.0, 1.0)), [0.0, 2.0], atol=1e-9)
+    noise = np.random.default_rng(0).standard_normal((samples, 2))
+    rms = np.sqrt((noise**2).mean(axis=0))
+    np.testing.assert_allclose(in_band_rms(noise, dt, (0.0, 50.0)), rms, rtol=1e-12)
+    with pytest.raises(ValueError, match="must rise"):
+        in_band_rms(noise, dt, (2.0, 1.0))
+
+
+def test_noise_floor_of_repeated_periods(folder):
+    rng = np.random.default_rng(0)
+    signal, stds = rng.standard_normal((1, 4000, 2)), np.array([0.1, 0.02])
+    periods = signal + stds * rng.standard_normal((4, 4000, 2))
+    floor = noise_floor(periods)
+    np.testing.assert_allclose(floor, stds, rtol=0.03)
+    np.testing.assert_allclose(noise_floor(np.repeat(signal, 3, axis=0)), [0.0, 0.0], atol=1e-15)
+    assert noise_floor(signal) is None
+    np.testing.assert_allclose(loaded("bouc_wen", folder).noise, [NOISE], rtol=0.03)
+
+
+needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not here")
+
+
+@needs_shared
+def test_every_period_of_the_shared_record_is_in_the_steady_state():
+    """The first one differs from the others by no more than they do from each other."""
+    data = loaded("bouc_wen", SHARED)
+    records = [r for split in ("train", "test") for r in data.make_records()[split]]
+    y = np.stack([r.a.numpy() for r in records])
+    first = np.sqrt(((y[0] - y[1:]) ** 2).mean(axis=(1, 2)))
+    others = np.sqrt(((y[1] - y[2:]) ** 2).mean(axis=(1, 2)))
+    assert first.max() < 1.05 * others.max()
+    np.testing.assert_allclose(data.noise, [7.35e-6], rtol=0.01)
+
+
+@needs_shared
+def test_the_shared_excitation_lies_in_its_band():
+    data = loaded("bouc_wen", SHARED)
+    u = data.make_records()["train"][0].f.numpy()
+    low, high = data.band
+    inside = in_band_rms(u, data.dt, (low - 0.1, high + 0.1))
+    np.testing.assert_allclose(inside, [50.0], rtol=1e-3)

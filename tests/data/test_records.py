@@ -1,0 +1,198 @@
+"""Seeds, splits and escapes of simulated records."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Escape
+from data.simulation.elements import Polynomial
+from data.simulation.excitation import BandLimitedGaussian, Excitation, Given
+from data.simulation.motion import EscapedMotionError, simulate
+from data.simulation.records import SPLITS, Simulation, stream
+from data.simulation.scenario import FullState, Noisy
+from data.simulation.structure import Structure
+from tests.bits import same_bits_elsewhere
+
+FORCE = BandLimitedGaussian(1.7, (0.0, 4.5))
+
+
+@pytest.fixture
+def simulation(bilinear_structure):
+    return Simulation(bilinear_structure, Excitation(force=FORCE), FullState(), 0.01, 3.0)
+
+
+@pytest.fixture
+def escaping():
+    """A softening oscillator of which some motions escape."""
+    spring = Polynomial(between=("s1", "x1"), stiffness=30.0, damping=0.6, cubic_stiffness=-10.0)
+    force = BandLimitedGaussian(9.0, (0.0, 2.0))
+    structure, excitation = Structure([1.0], {"r": spring}), Excitation(force=force)
+    return Simulation(structure, excitation, FullState(), 0.01, 10.0, "softening")
+
+
+def correlation(one: torch.Tensor, other: torch.Tensor) -> float:
+    rows = torch.stack([one.flatten(), other.flatten()])
+    return abs(float(torch.corrcoef(rows)[0, 1]))
+
+
+def test_a_record_holds_the_motion_under_its_own_force(simulation):
+    (record,), escapes = simulation.records("train", 1, seed=0)
+    motion = simulate(simulation.structure, record.f.numpy(), 0.01)
+    assert escapes == []
+    assert (record.samples, record.dt, record.s) == (300, 0.01, None)
+    for name in "xva":
+        assert np.array_equal(getattr(record, name), getattr(motion, name))
+    for name in "xvayr":
+        assert np.array_equal(getattr(record.truth, name), getattr(motion, name))
+
+
+def test_moving_supports_are_part_of_the_record(simulation):
+    shaken = Excitation(support=BandLimitedGaussian(0.05, (0.0, 2.0)))
+    (record,), _ = replace(simulation, excitation=shaken).records("train", 1, seed=0)
+    motion = simulate(simulation.structure, np.zeros((300, 3)), 0.01, *_supports(record))
+    assert np.array_equal(record.a, motion.a)
+    assert record.excitation.shape == (300, 6)
+
+
+def _supports(record):
+    return record.s.numpy(), record.s_dot.numpy()
+
+
+def test_only_the_driven_masses_are_force_channels(simulation):
+    excitation = Excitation(force=FORCE, dofs=[3])
+    (record,), _ = replace(simulation, excitation=excitation).records("train", 1, seed=0)
+    force = np.zeros((300, 3))
+    force[:, 2] = record.f[:, 0]
+    assert record.f.shape == (300, 1)
+    assert np.array_equal(record.a, simulate(simulation.structure, force, 0.01).a)
+
+
+def test_training_testing_records_and_seeds_are_independent(simulation):
+    train, test = (simulation.records(split, 2, seed=0)[0] for split in ("train", "test"))
+    other = simulation.records("train", 1, seed=1)[0]
+    forces = [record.f for record in (*train, *test, *other)]
+    for i, one in enumerate(forces):
+        assert all(correlation(one, another) < 0.5 for another in forces[:i])
+
+
+def test_asking_for_more_records_leaves_the_first_ones_as_they_were(simulation):
+    noisy = replace(simulation, scenario=Noisy())
+    few, many = (noisy.records("test", count, seed=3)[0] for count in (2, 5))
+    for one, same in zip(few, many, strict=False):
+        assert torch.equal(one.a, same.a)
+        assert torch.equal(one.f, same.f)
+
+
+def test_every_seed_split_record_and_purpose_has_its_own_stream():
+    keys = [(s, split, i, p) for s in (0, 1) for split in SPLITS for i in (0, 1) for p in (0, 1)]
+    assert len({stream(*key).random() for key in keys}) == len(keys) == 16
+
+
+def test_noise_does_not_change_the_motion_and_differs_between_records(simulation):
+    clean = simulation.records("train", 2, seed=0)[0]
+    noisy = replace(simulation, scenario=Noisy()).records("train", 2, seed=0)[0]
+    for one, other in zip(clean, noisy, strict=True):
+        assert torch.equal(one.a, other.truth.a)
+    noise = [record.a - record.truth.a for record in noisy]
+    assert correlation(*noise) < 0.2
+    assert correlation(noise[0], noisy[0].f) < 0.2
+
+
+def test_the_same_seed_gives_the_same_bits(simulation):
+    noisy = replace(simulation, scenario=Noisy())
+    one, again = (noisy.records("train", 1, seed=5)[0][0] for _ in range(2))
+    assert all(torch.equal(u, getattr(again, name)) for name, u in one.signals().items())
+
+
+PROGRAM = """
+from data.simulation.elements import Bilinear
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.records import Simulation
+from data.simulation.scenario import Noisy
+from data.simulation.structure import Structure
+element = Bilinear(between=("s1", "x1"), yield_displacement=0.02, stiffness=40.0,
+                   post_yield_stiffness=20.0)
+structure, force = Structure([0.8], {"r": element}), BandLimitedGaussian(1.7, (0.0, 4.5))
+simulation = Simulation(structure, Excitation(force=force), Noisy(), 0.01, 2.0)
+record = simulation.records("test", 1, seed=8)[0][0]
+result = record.a.numpy() + record.x.numpy()
+"""
+
+
+def test_another_process_generates_the_same_bits():
+    assert same_bits_elsewhere(PROGRAM)
+
+
+def test_testing_takes_the_rows_of_a_given_history_that_training_left(simulation):
+    history = np.random.default_rng(0).standard_normal((900, 3))
+    given = replace(simulation, excitation=Excitation(force=Given(history)))
+    train, _ = given.records("train", 2, seed=0)
+    test, _ = given.records("test", 1, seed=0, first=2)
+    rows = np.concatenate([record.f for record in (*train, *test)])
+    assert np.array_equal(rows, history)
+
+
+def test_escapes_are_counted_and_the_other_records_kept(escaping):
+    records, escapes = escaping.records("train", 12, seed=0)
+    assert escapes
+    assert len(records) + len(escapes) == 12
+    assert all(isinstance(e, Escape) and e.split == "train" for e in escapes)
+    assert all(0.0 < e.time < 10.0 for e in escapes)
+    assert all(torch.isfinite(record.a).all() for record in records)
+    kept = [i for i in range(12) if i not in {e.record for e in escapes}]
+    drawn = [draw(escaping, i) for i in kept]
+    for record, force in zip(records, drawn, strict=True):
+        assert np.array_equal(record.f, force)
+
+
+def draw(simulation, record: int) -> np.ndarray:
+    generator = stream(0, "train", record, 0)
+    return simulation.excitation.draw(simulation.structure, 1000, 0.01, record, generator)[0]
+
+
+def test_a_single_escaped_motion_is_reported_with_seed_and_time(escaping):
+    wild = replace(escaping, excitation=Excitation(force=BandLimitedGaussian(90.0, (0.0, 2.0))))
+    with pytest.raises(EscapedMotionError, match=r"softening, seed 4: the test .*t = \d+\.\d\d s;"):
+        wild.records("test", 1, seed=4)
+    with pytest.raises(EscapedMotionError, match="and so did all 3") as caught:
+        wild.records("test", 3, seed=4)
+    assert 0.0 < caught.value.time < 10.0
+
+
+def test_the_error_of_the_simulation_falls_with_its_tolerance(simulation):
+    coarse, fine = (
+        replace(simulation, dt=0.1, tolerance=tolerance).error("train", seed=0)
+        for tolerance in (1e-5, 1e-9)
+    )
+    assert fine < 0.01 * coarse
+    assert 1e-7 < coarse < 1e-3
+    loose, tight = (
+        replace(simulation, dt=0.1, tolerance=tolerance).records("train", 1, 0)[0][0]
+        for tolerance in (1e-5, 1e-7)
+    )
+    assert ((loose.a - tight.a).norm() / tight.a.norm()).item() == pytest.approx(coarse, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"dt": 0.0}, r"data\.dt=0\.0 s must be positive"),
+        ({"dt": float("nan")}, r"data\.dt=nan"),
+        ({"duration": 0.01}, r"data\.duration=0\.01 s holds 1 samples"),
+        ({"duration": -1.0}, r"data\.duration=-1\.0"),
+    ],
+)
+def test_a_record_without_samples_is_refused(simulation, change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(simulation, **change)
+
+
+def test_no_records_and_negative_seeds_are_refused(simulation):
+    with pytest.raises(ValueError, match=r"data\.train_records=0 must be at least 1"):
+        simulation.records("train", 0, seed=0)
+    with pytest.raises(ValueError, match="seed=-1 must not be negative"):
+        simulation.records("train", 1, seed=-1)

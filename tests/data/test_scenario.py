@@ -1,0 +1,208 @@
+"""What the sensors saw: noise, integrated motion, and what must stay as it was."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Record
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.scenario import Composed, FullState, Integrated, Noisy
+
+FORCE = Excitation(force=BandLimitedGaussian(1.7, (0.0, 4.5)))
+SIGNALS = ("a", "f", "x", "v")
+
+
+def measured(scenario, record, seed=0):
+    return scenario(record, np.random.default_rng(seed))
+
+
+def same(one: Record, other: Record, name: str) -> bool:
+    return torch.equal(getattr(one, name), getattr(other, name))
+
+
+def accelerogram(a: torch.Tensor, dt: float = 0.01) -> Record:
+    """A record of which only the acceleration is known."""
+    return Record(dt, a, torch.zeros_like(a))
+
+
+def test_full_state_is_the_record_as_simulated(bilinear_record):
+    record = measured(FullState(), bilinear_record)
+    assert all(same(record, bilinear_record, name) for name in SIGNALS)
+    assert torch.equal(record.a, record.truth.a)
+
+
+@pytest.mark.parametrize("level", [0.1, 0.5])
+def test_noise_is_that_fraction_of_each_channel(bilinear_record, level):
+    noisy = measured(Noisy(level), bilinear_record)
+    for name in ("x", "v", "a"):
+        clean = getattr(bilinear_record, name)
+        noise = getattr(noisy, name) - clean
+        assert torch.allclose(noise.std(dim=0) / clean.std(dim=0), torch.tensor(level).double(),
+                              rtol=0.1)  # fmt: skip
+        assert (noise.mean(dim=0).abs() < 0.15 * noise.std(dim=0)).all()
+
+
+def test_noise_is_white_and_independent_between_channels(bilinear_record):
+    noisy = measured(Noisy(), bilinear_record)
+    noise = torch.cat([getattr(noisy, n) - getattr(bilinear_record, n) for n in "xva"], dim=1).T
+    across = torch.corrcoef(noise)[~torch.eye(9, dtype=torch.bool)]
+    assert across.abs().max() < 0.15
+    along = [torch.corrcoef(torch.stack([u[1:], u[:-1]]))[0, 1].abs() for u in noise]
+    assert max(along) < 0.15
+
+
+def test_the_force_stays_clean_unless_asked_for(bilinear_record):
+    assert same(measured(Noisy(), bilinear_record), bilinear_record, "f")
+    only_force = measured(Noisy(0.1, ("f",)), bilinear_record)
+    assert not same(only_force, bilinear_record, "f")
+    assert all(same(only_force, bilinear_record, name) for name in ("a", "x", "v"))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "changed"), [(Noisy(), ("x", "v", "a")), (Integrated(), ("x", "v"))]
+)
+def test_the_truth_stays_and_the_measurement_differs_from_it(bilinear_record, scenario, changed):
+    true = {name: getattr(bilinear_record.truth, name).clone() for name in "xvayr"}
+    record = measured(scenario, bilinear_record)
+    assert all(torch.equal(getattr(record.truth, name), u) for name, u in true.items())
+    assert all(same(bilinear_record, bilinear_record.truth, name) for name in "xva")
+    assert not any(same(record, record.truth, name) for name in changed)
+
+
+def test_no_noise_leaves_every_bit(bilinear_record):
+    record = measured(Noisy(0.0), bilinear_record)
+    assert all(same(record, bilinear_record, name) for name in SIGNALS)
+
+
+def test_noise_comes_from_the_generator_alone(bilinear_record):
+    one, again, other = (measured(Noisy(), bilinear_record, seed) for seed in (0, 0, 1))
+    assert same(one, again, "a")
+    assert not same(one, other, "a")
+
+
+def test_noise_grows_with_the_units(bilinear_record):
+    millimetres = bilinear_record.map(lambda u: 1000.0 * u)
+    one, thousand = measured(Noisy(), bilinear_record), measured(Noisy(), millimetres)
+    assert torch.allclose(thousand.a, 1000.0 * one.a, rtol=1e-12)
+
+
+@pytest.mark.parametrize("level", [-0.1, np.nan, np.inf])
+def test_a_level_that_is_no_level_is_refused(level):
+    with pytest.raises(ValueError, match=r"scenario\.level"):
+        Noisy(level)
+
+
+def test_noise_on_an_unknown_signal_is_refused():
+    with pytest.raises(ValueError, match=r"scenario\.signals holds 'y'"):
+        Noisy(signals=("a", "y"))
+
+
+def test_noise_on_a_signal_that_was_not_measured_is_refused():
+    with pytest.raises(ValueError, match="x"):
+        measured(Noisy(), accelerogram(torch.ones(100, 1).double()))
+
+
+def perturbed(record: Record, k: int) -> Record:
+    a = record.a.clone()
+    a[k] += 1.0
+    return replace(record, a=a)
+
+
+@pytest.mark.parametrize("k", [0, 1, 500])
+def test_causal_integration_at_k_does_not_see_the_acceleration_at_k(bilinear_record, k):
+    before = measured(Integrated(), bilinear_record)
+    after = measured(Integrated(), perturbed(bilinear_record, k))
+    for name in ("x", "v"):
+        one, other = getattr(before, name), getattr(after, name)
+        assert torch.equal(one[: k + 1], other[: k + 1])
+        assert not torch.isclose(one[k + 1], other[k + 1], rtol=0, atol=1e-6).any()
+
+
+def test_acausal_integration_at_k_sees_what_is_and_what_follows(bilinear_record):
+    before = measured(Integrated(causal=False), bilinear_record)
+    after = measured(Integrated(causal=False), perturbed(bilinear_record, 500))
+    assert ((before.v - after.v).abs()[490:500] > 1e-3).all()
+    assert ((before.x - after.x).abs()[500] > 1e-4).all()
+
+
+@pytest.mark.parametrize("causal", [True, False])
+def test_integrated_motion_resembles_the_true_motion(bilinear_structure, record_of, causal):
+    simulated = record_of(bilinear_structure, FORCE, 50.0)
+    record = measured(Integrated(cutoff=0.02, causal=causal), simulated)
+    for name in ("v", "x"):
+        ours, true = getattr(record, name), getattr(record.truth, name)
+        for channel in range(3):
+            pair = torch.stack([ours[:, channel], true[:, channel]])
+            assert torch.corrcoef(pair)[0, 1] > (0.95 if name == "v" else 0.9), (name, channel)
+
+
+def sinusoid(hertz: float, samples: int = 6000):
+    t = 0.01 * torch.arange(samples).double()[:, None]
+    return t, 2.0 * np.pi * hertz, accelerogram(torch.sin(2.0 * np.pi * hertz * t))
+
+
+@pytest.mark.parametrize("hertz", [0.1, 0.5, 1.5])
+def test_causal_integration_of_a_sinusoid_has_the_gain_of_two_and_four_filters(hertz):
+    t, omega, record = sinusoid(hertz, 12000)
+    integrated = measured(Integrated(cutoff=0.05, order=2), record)
+    s, corner = 1j * omega, 2.0 * np.pi * 0.05
+    high_pass = s**2 / (s**2 + np.sqrt(2.0) * corner * s + corner**2)
+    rotating, late = torch.exp(s * t), slice(11000, 12000)
+    for ours, gain in ((integrated.v, high_pass**2 / s), (integrated.x, high_pass**4 / s**2)):
+        assert torch.allclose(ours[late], (gain * rotating).imag[late], atol=0.01 * abs(gain))
+
+
+def test_acausal_integration_of_a_sinusoid_keeps_its_phase():
+    t, omega, record = sinusoid(1.5)
+    integrated = measured(Integrated(cutoff=0.05, causal=False), record)
+    middle = slice(2500, 3500)
+    assert torch.allclose(integrated.v[middle], -torch.cos(omega * t)[middle] / omega, atol=2e-3)
+    assert torch.allclose(integrated.x[middle], -torch.sin(omega * t)[middle] / omega**2, atol=2e-3)
+
+
+def test_an_accelerometer_with_an_offset_does_not_drift_away():
+    record = measured(Integrated(cutoff=0.05), accelerogram(torch.full((20000, 1), 0.1).double()))
+    assert record.x.abs().max() < 5.0  # 2 km without high-pass filters
+    assert record.x[-1].abs() < 1e-6
+    assert record.v[-1].abs() < 1e-6
+
+
+def test_integration_uses_the_measured_acceleration_not_the_truth(bilinear_record):
+    doubled = replace(bilinear_record, a=2.0 * bilinear_record.a)
+    one, two = measured(Integrated(), bilinear_record), measured(Integrated(), doubled)
+    assert torch.allclose(two.x, 2.0 * one.x, rtol=1e-10)
+
+
+def test_integration_of_noisy_accelerations_differs_from_noise_on_integrated_motion(
+    bilinear_record,
+):
+    noisy_first = measured(Composed([Noisy(), Integrated()]), bilinear_record)
+    assert same(noisy_first, measured(Noisy(), bilinear_record), "a")
+    assert same(noisy_first, measured(Integrated(), noisy_first), "v")
+    integrated_first = measured(Composed([Integrated(), Noisy()]), bilinear_record)
+    assert same(integrated_first, measured(Noisy(), measured(Integrated(), bilinear_record)), "v")
+    assert not same(integrated_first, noisy_first, "v")
+
+
+def test_composed_noise_is_drawn_anew_at_each_step(bilinear_record):
+    twice = measured(Composed([Noisy(), Noisy()]), bilinear_record)
+    noise = twice.a - bilinear_record.a
+    ratio = noise.std(dim=0) / bilinear_record.a.std(dim=0)
+    assert ((ratio > 0.12) & (ratio < 0.165)).all()  # √2 · 10 %, not 20 %
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"cutoff": 50.0}, r"scenario\.cutoff=50\.0 Hz .*Nyquist frequency 50 Hz"),
+        ({"cutoff": 0.0}, r"scenario\.cutoff=0\.0 Hz"),
+        ({"order": 0}, r"scenario\.order=0"),
+    ],
+)
+def test_a_filter_that_cannot_be_is_refused(bilinear_record, wrong, message):
+    with pytest.raises(ValueError, match=message):
+        measured(Integrated(**wrong), bilinear_record)

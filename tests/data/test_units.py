@@ -1,0 +1,71 @@
+"""Factors to SI against values of the standards, and what must not be taken for a unit."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from data.measured.units import SIGNALS, is_unit, to_si
+
+POUND_FORCE = 4.4482216152605  # N, exactly 0.45359237 kg × 9.80665 m/s²
+
+KNOWN = [
+    ("g", "a", 9.80665), ("g", "s_ddot", 9.80665), ("mg", "a", 9.80665e-3), ("G", "a", 9.80665),
+    ("gal", "a", 0.01), ("Gal", "a", 0.01), ("mGal", "a", 1e-5), ("m/s2", "a", 1.0),
+    ("m/s^2", "a", 1.0), ("m/s²", "a", 1.0), ("m/s/s", "a", 1.0), ("m s^-2", "a", 1.0),
+    ("m s-2", "a", 1.0), ("cm/s^2", "a", 0.01), ("cm/s²", "a", 0.01), ("in/s^2", "a", 0.0254),
+    ("ft/s**2", "a", 0.3048), ("mm/s^2", "s_ddot", 1e-3), ("m/(s^2)", "a", 1.0),
+    ("N", "f", 1.0), ("kN", "r", 1e3), ("MN", "f", 1e6), ("lb", "f", POUND_FORCE),
+    ("lbf", "r", POUND_FORCE), ("lbs", "f", POUND_FORCE), ("kip", "f", 1e3 * POUND_FORCE),
+    ("kips", "f", 1e3 * POUND_FORCE), ("kgf", "f", 9.80665), ("kg*m/s^2", "f", 1.0),
+    ("m", "x", 1.0), ("mm", "x", 1e-3), ("in", "x", 0.0254), ("ft", "s", 0.3048),
+    ("um", "x", 1e-6), ("µm", "x", 1e-6),
+    ("in/s", "v", 0.0254), ("mm/s", "s_dot", 1e-3), ("cm/s", "v", 0.01),
+    ("s", "time", 1.0), ("ms", "time", 1e-3), ("us", "time", 1e-6), ("µs", "time", 1e-6),
+    ("ns", "time", 1e-9), ("min", "time", 60.0), ("sec", "time", 1.0),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("unit", "signal", "factor"), KNOWN)
+def test_known_factors(unit: str, signal: str, factor: float) -> None:
+    assert to_si(unit, signal) == pytest.approx(factor, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "signal"),
+    [("g", "f"), ("kg", "f"), ("lb", "x"), ("m", "a"), ("mm/s", "a"), ("Hz", "time"), ("kn", "f")],
+)
+def test_another_dimension_names_unit_signal_and_examples(unit: str, signal: str) -> None:
+    what, si, examples = SIGNALS[signal]
+    with pytest.raises(ValueError, match=f"unit='{unit}'") as caught:
+        to_si(unit, signal)
+    for part in (f"signal {signal} is {what}", si, examples, "another dimension"):
+        assert part in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "unit",
+    ["", "-", "furlongz", "m/s^2; import os", "__import__('os')", "m[0]", "9^9^9^9^9", "m^99",
+     "m^(9^9^9)", "0 m", "-1 m", "m" * 40, "((((((9)^9)^9)^9)^9)^9)", "m/", "m\n", "lambda",
+     "2^9^9", "m**-9**9"],
+)  # fmt: skip
+def test_what_is_no_length_is_refused_at_once(unit: str) -> None:
+    started = time.perf_counter()
+    with pytest.raises(ValueError, match="signal x is a displacement") as caught:
+        to_si(unit, "x")
+    assert time.perf_counter() - started < 5.0
+    assert caught.value.__cause__ is None
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_signal() -> None:
+    with pytest.raises(ValueError, match="signal='z': choose time, f"):
+        to_si("m", "z")
+
+
+def test_units_in_round_brackets_are_known_symbols() -> None:
+    assert is_unit("m/s^2")
+    assert is_unit("µs")
+    assert not is_unit("filtered")
+    assert not is_unit("1")

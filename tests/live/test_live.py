@@ -1,0 +1,434 @@
+"""python -m live: streams equal the batch, faults are survived, what it says and writes."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from rich.console import Console
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from data.record import Record
+from data.sample import Sample
+from live import __main__ as live
+from live import samples
+from live import source as live_source
+from live.alarm import LEARNING, ResidualAlarm
+from live.monitor import LiveMonitor
+from live.view import BARS, LiveView, bars
+from models.checkpoint import save_estimator
+from models.online.adaptive import Online
+from models.online.laws.frozen import Frozen
+from models.online.scores import running_error
+from models.online.stream import started
+from models.training.assemble import data_from, estimator_from
+from models.vwnn import VWNN
+from report.run.rescore import restore
+from runner.command_line import composed
+from runner.run_folder import (
+    CHECKPOINT,
+    begin_run,
+    config_text,
+    finish_run,
+    identity_of,
+    plain,
+    read_run,
+)
+
+ROOT = Path(__file__).parents[2]
+DT = 0.01
+
+
+@pytest.fixture
+def run(monkeypatch, tmp_path, capsys):
+    """(words, text on standard input) → (exit status, stdout, stderr), in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+
+    def of(*words: str, text: str | io.BytesIO = "", program=live) -> tuple[int, str, str]:
+        file = io.BytesIO(text.encode()) if isinstance(text, str) else text
+        monkeypatch.setattr(live_source, "standard_input", lambda: file)
+        status = 0
+        try:
+            program.main(words)
+        except SystemExit as end:
+            status = int(end.code or 0)
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    return of
+
+
+def finished(folder: Path, *words: str) -> Path:
+    """A finished run, identified on its 10 s of training motion."""
+    cfg = composed("data.duration=10", "baselines=none", *words)
+    data = data_from(cfg)
+    data.setup()
+    estimator = estimator_from(cfg.model, data)
+    begin_run(folder, config_text(cfg), identity_of(plain(cfg)))
+    estimator.identify(data.loader("train"))
+    save_estimator(estimator, folder / CHECKPOINT, cfg.model.name)
+    finish_run(folder, {})
+    return folder
+
+
+@pytest.fixture(scope="module")
+def online(tmp_path_factory) -> Path:
+    return finished(tmp_path_factory.mktemp("online") / "run", "model=online_vwnn")
+
+
+@pytest.fixture(scope="module")
+def lines(bilinear_record: Record) -> str:
+    """4 s of a yielding structure as CSV."""
+    record = bilinear_record.measured().window(0, 400)
+    return "\n".join(samples.lines_of(record, base=False, speed=math.inf)) + "\n"
+
+
+def estimates(path: Path | str) -> torch.Tensor:
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    return torch.from_numpy(np.stack([table[f"estimate{i}"] for i in (1, 2, 3)], axis=1))
+
+
+def near(u: torch.Tensor, v: torch.Tensor) -> bool:
+    return u.shape == v.shape and bool((u - v).abs().max() < 1e-9 * v.abs().max())
+
+
+# The batch, line by line
+
+
+def test_lines_from_nothing_are_the_batch_from_nothing(run, lines, bilinear_record):
+    status, out, _ = run("-", "--rate", "100", "--output", "made.csv", text=lines)
+    assert status == 0
+    assert "400 samples: relative error" in out
+    record = bilinear_record.measured().window(0, 400)
+    model = Online(3, record.excitation.shape[-1], DT)
+    nothing = started(model.estimator, model.law, from_nothing=True)
+    wanted, _ = model.follow(record, model.law, nothing)
+    assert near(estimates("made.csv"), wanted)
+
+
+def test_a_frozen_run_is_the_batch_to_rounding(run, online):
+    words = ("test", "--run", str(online), "adaptation=frozen", "--speed", "inf")
+    status, out, _ = run(*words, "--output", "made.csv")
+    assert status == 0
+    model, data = restored(online)
+    (record,) = data.records["test"]
+    wanted = model.estimates(record.measured())["frozen"]
+    assert near(estimates("made.csv"), wanted)
+    error = 100.0 * float((wanted - record.a).norm() / record.a.norm())
+    assert f"relative error {error:.2f} %" in out
+
+
+def restored(folder: Path):
+    """Its model and its data."""
+    cfg, _ = read_run(folder)
+    data = data_from(cfg)
+    data.setup()
+    return restore(cfg, folder), data
+
+
+def test_a_run_goes_on_from_where_training_ended(run, online):
+    assert run("test", "--run", str(online), "--speed", "inf", "--output", "made.csv")[0] == 0
+    model, data = restored(online)
+    (record,) = data.records["test"]
+    assert near(estimates("made.csv"), model(record.measured()))
+
+
+def test_a_batch_run_stays_as_it_was_identified(run, tmp_path):
+    folder = finished(tmp_path / "run", "model=vwnn")
+    assert run("test", "--run", str(folder), "--speed", "inf", "--output", "made.csv")[0] == 0
+    model, data = restored(folder)
+    (record,) = data.records["test"]
+    assert near(estimates("made.csv"), model(record.measured()))
+
+
+def test_a_shaken_frame_by_its_own_names(run, tmp_path):
+    """A record of base excitation: replayed, and printed and read again, it is the same stream."""
+    t = DT * np.arange(300)
+    ground, top = np.sin(9.0 * t), np.sin(9.0 * t) + np.sin(11.0 * t + 1.0)
+    table = np.column_stack([t, ground, top, 0.5 * top])
+    np.savetxt(
+        "frame.csv", table, delimiter=",", header="time,s_ddot1,a1,a2", comments="", fmt="%.17g"
+    )
+    status, out, _ = run("--replay", "frame.csv", "--speed", "inf", "--output", "one.csv")
+    assert (status, "300 samples" in out) == (0, True)
+    status, printed, _ = run("--replay", "frame.csv", "--speed", "inf", program=samples)
+    assert (status, printed.splitlines()[0]) == (0, "t,s_ddot1,a1,a2")
+    assert run("-", "--rate", "100", "--output", "two.csv", text=printed)[0] == 0
+    one, two = (np.genfromtxt(p, delimiter=",", skip_header=1) for p in ("one.csv", "two.csv"))
+    np.testing.assert_allclose(one[:, 1:5], two[:, 1:5], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(one[:, 1] + ground, top, rtol=0, atol=1e-12)
+
+
+def test_a_fresh_motion_of_the_run_s_own_system(run, online):
+    words = ("simulation", "--run", str(online), "data.duration=3", "--speed", "inf")
+    said = [run(*words, *more)[1].splitlines()[0] for more in ((), ("seed=1",), ("seed=2",))]
+    assert said[0] == said[1] != said[2]  # seed 0 was trained on
+    assert "300 samples" in said[0]
+
+
+# Faults
+
+
+def test_bad_samples_and_lines_are_survived_and_named(run, lines):
+    rows = lines.splitlines()
+    rows[100] = "nonsense"
+    rows[150] = rows[150].replace(",", ",,", 1).rpartition(",")[0]  # f1 is missing
+    rows[200] = rows[199]
+    rows[300] = rows[300].rpartition(",")[0] + ","
+    status, out, _ = run("-", "--rate", "100", text="\n".join(rows))
+    assert status == 0
+    assert "bad lines: 1; the last: line 101: 1 cells" in out
+    events = next(line for line in out.splitlines() if line.startswith("events: "))
+    assert "2 dropped" in events  # the nonsense, and what came twice in its own place
+    assert "1 repeated" in events
+    assert "not_finite" in events
+    assert "nan" not in out
+
+
+def test_nothing_in_the_input_is_executed(run, lines, tmp_path):
+    target = tmp_path / "written"
+    cell = f"__import__('pathlib').Path({str(target)!r}).touch()"
+    rows = lines.splitlines()
+    rows[50] = ",".join([cell] * len(rows[0].split(",")))
+    header = rows[0] + ',"$(touch written)",`touch written`'
+    assert run("-", "--rate", "100", text="\n".join([header, *rows[1:]]))[0] == 0
+    assert run("-", "--rate", "100", text="\n".join(rows))[0] == 0
+    assert not target.exists()
+    assert not Path("written").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "text", "message"),
+    [
+        (["-", "--rate", "100"], "t,f1\n0,1\n", "expected accelerations a1"),
+        (["-", "--rate", "100"], "", "the input ended before its first line"),
+        (["-", "--rate", "0"], "t,f1,a1\n", "--rate 0 Hz must be positive"),
+        (["-"], "t,f1,a1\n", "--rate HZ"),
+        (["-", "--rate", "100", "--output", "is_there"], "t,f1,a1\n", "File exists: is_there"),
+        (["-", "--rate", "100", "--sound", "3"], "t,f1,a1\n", "--sound 3 s: expected at least"),
+        (["-", "--rate", "100", "--every", "0"], "t,f1,a1\n", "--every 0 s must be positive"),
+        (["-", "--rate", "100", "model=vwnn"], "t,f1,a1\n", "cannot begin from nothing"),
+        (["-", "--rate", "100", "model=online_linear"], "t,f1,a1\n0,1,1\n", "which the sample lac"),
+        (["-", "--rate", "100", "model.cut=3"], "t,f1,a1\n", "cut"),
+        (["-", "--rate", "x"], "", "invalid float value"),
+        (["simulation", "-"], "", "expected one of simulation, test"),
+        ([], "", "no source was given"),
+        (["test", "--run", "nowhere"], "", "nowhere is not a finished run"),
+        (["--replay", "nowhere.csv"], "", "there is no such file or folder"),
+        (["--listen", "70000", "--rate", "9"], "", "expected a port"),
+    ],
+)
+def test_bad_words_end_in_one_line(run, tmp_path, words, text, message):
+    (tmp_path / "is_there").touch()
+    status, _, err = run(*words, text=text)
+    assert status == 1
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_a_run_says_what_does_not_fit(run, online, lines):
+    where = ("--run", str(online))
+    rows = lines.splitlines()
+    fewer = "\n".join(row.rpartition(",")[0] for row in rows)
+    status, _, err = run("-", *where, text=fewer)
+    assert (status, "identified with 3 and" in err) == (1, True)
+    status, _, err = run("-", *where, "--rate", "50", text=lines)
+    assert (status, "the run every 0.01 s" in err) == (1, True)
+    status, _, err = run("test", *where, "model.estimator.cutoff=10")
+    assert (status, "a run brings its model along" in err) == (1, True)
+
+
+def test_weights_that_do_not_enter_linearly_are_refused(run, tmp_path):
+    folder = finished(tmp_path / "run", "model=last_value")
+    status, _, err = run("test", "--run", str(folder))
+    assert (status, "do not enter linearly" in err) == (1, True)
+
+
+# The end
+
+
+class Interrupted(io.BytesIO):
+    """Somebody presses Ctrl-C where the lines end."""
+
+    def readline(self, size: int | None = -1) -> bytes:
+        line = super().readline(size)
+        if not line:
+            raise KeyboardInterrupt
+        return line
+
+
+def test_ctrl_c_ends_with_a_summary(run, lines):
+    status, out, err = run("-", "--rate", "100", text=Interrupted(lines.encode()))
+    assert (status, err) == (130, "")
+    assert "400 samples: relative error" in out
+    assert "time per sample: median" in out
+    assert run("-", "--rate", "100", text=Interrupted())[0] == 130
+
+
+def test_a_signal_ends_the_program_while_it_waits(lines):
+    command = [sys.executable, "-m", "live", "-", "--rate", "100", "--every", "1"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, cwd=ROOT, text=True, **pipes) as program:
+        program.stdin.write(lines)
+        program.stdin.flush()
+        first = program.stdout.readline()
+        time.sleep(1.0)
+        program.send_signal(signal.SIGINT)
+        out, err = program.communicate(timeout=180)
+    assert first.startswith("t = 1.0 s, ")
+    assert (program.returncode, err) == (130, "")
+    assert "relative error" in out
+
+
+# What is shown and left behind
+
+
+def test_estimates_and_scalars_are_written_as_it_runs(run, lines):
+    words = ("-", "--rate", "100", "--output", "made.csv", "--log", "logs", "--every", "1")
+    status, out, _ = run(*words, text=lines)
+    assert status == 0
+    assert [line[:9] for line in out.splitlines()[:3]] == [f"t = {k}.0 s" for k in (1, 2, 3)]
+    tags = EventAccumulator("logs").Reload()
+    wanted = {"a1/measured", "a3/estimated", "error/running_percent", "weights/norm"}
+    assert wanted <= set(tags.Tags()["scalars"])
+    assert 60 < len(tags.Scalars("a1/measured")) <= 81  # of 400 samples, 20 a second
+    measured = np.genfromtxt("made.csv", delimiter=",", names=True)["a1"]
+    event = tags.Scalars("a1/measured")[10]
+    assert event.value == pytest.approx(measured[event.step], rel=1e-6)
+    assert run("-", "--rate", "100", "--output", "made.csv", text=lines)[0] == 1
+    assert run("-", "--rate", "100", "--output", "made.csv", "--force", text=lines)[0] == 0
+
+
+def followed(record: Record, offset: float = 0.0) -> LiveMonitor:
+    """A monitor of estimates that are all off by the same share."""
+    stream = Online(record.dofs, record.excitation.shape[-1], record.dt).stream(from_nothing=True)
+    monitor = LiveMonitor(stream, record.dt)
+    for k in range(record.samples):
+        sample = Sample(record.f[k], record.a[k], time=k * record.dt)
+        stream.step(sample)
+        monitor.saw(sample, ((1.0 + offset) * record.a[k]).numpy())
+        monitor.took(1e-5, 0.0)
+    return monitor
+
+
+def test_the_running_error_is_that_of_the_reports(bilinear_record):
+    record = bilinear_record.measured()
+    monitor = followed(record, 0.1)
+    assert monitor.running_error()[0] == pytest.approx(10.0)
+    assert monitor.running_error()[1] == pytest.approx([10.0] * 3)
+    assert monitor.error()[0] == pytest.approx(10.0)
+    monitor.estimated[:] = 0.0
+    assert monitor.running_error()[0] == pytest.approx(100.0)
+    assert float(running_error(0.0 * record.a, record)[-1]) == pytest.approx(100.0)
+    measured, _ = monitor.window()
+    np.testing.assert_array_equal(measured, record.a[-200:].numpy())
+
+
+def test_an_overrun_is_later_than_the_next_sample():
+    t = DT * torch.arange(4, dtype=torch.float64)[:, None]
+    monitor = followed(Record(DT, torch.sin(t), t))
+    for late in (0.5 * DT, 0.99 * DT, 1.01 * DT, 3.0 * DT):
+        monitor.took(1e-5, late)
+    assert monitor.overruns == 2
+    assert monitor.latency() == pytest.approx((1e-5, 1e-5))
+
+
+def test_events_are_counted_though_few_are_kept(bilinear_record):
+    stream = Online(3, bilinear_record.excitation.shape[-1], DT).stream(from_nothing=True)
+    monitor = LiveMonitor(stream, DT)
+    for k in range(3000):
+        sample = Sample(bilinear_record.f[k % 900], bilinear_record.a[k % 900], time=2 * k * DT)
+        stream.step(sample)
+        monitor.saw(sample, np.zeros(3))
+    assert len(stream.events) == 1000
+    assert monitor.kinds["dropped"] == 2999
+
+
+def test_bars_rise_with_the_signal_and_stay_with_it():
+    signal = np.array([-1.0, 0.0, 1.0, math.nan])
+    assert bars(signal, 1.0, 0) == BARS[1] + BARS[5] + BARS[8] + "?"
+    assert bars(np.zeros(3), 0.0, 0) == "▄▄▄"
+    assert bars(np.zeros(0), 1.0, 0) == ""
+    wave = np.sin(0.07 * np.arange(400))
+    one, two = bars(wave[0:240], 1.0, 0), bars(wave[4:244], 1.0, 4)
+    assert one[1:] == two[:-1]
+    assert bars(wave[2:242], 1.0, 2)[:-1] == one[1:]
+
+
+def test_the_table_of_a_terminal(bilinear_record):
+    monitor = followed(bilinear_record.measured(), 0.1)
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=True, width=110, color_system=None)
+    with LiveView(monitor, None, console, 5.0) as view:
+        view.tick()
+    text = file.getvalue()
+    assert "1,000 samples: error 10.0 %" in text
+    assert text.count("measured") >= 3
+    assert set("▁█") & set(text)
+
+
+# The alarm
+
+
+def noise(seconds: int, seed: int) -> torch.Tensor:
+    """Residuals (seconds · 100, 3) of unit variance."""
+    rng = torch.Generator().manual_seed(seed)
+    return torch.randn(100 * seconds, 3, generator=rng, dtype=torch.float64)
+
+
+def test_a_louder_residual_raises_an_alarm_at_its_dof():
+    residuals = noise(400, 0)
+    residuals[30_000:, 1] *= 1.3
+    alarm = ResidualAlarm(3, DT, sound=160.0)
+    raised = [(k, found) for k, u in enumerate(residuals) if (found := alarm.update(u)) is not None]
+    (first, found), *more = raised
+    assert 300.0 < first * DT < 310.0
+    assert found.dof == 2
+    assert not more  # one alarm, not one a second
+
+
+def test_while_nothing_changes_there_is_no_alarm():
+    alarm = ResidualAlarm(3, DT, sound=LEARNING + 100.0)
+    assert not [k for k, u in enumerate(noise(300, 1)) if alarm.update(u) is not None]
+    assert alarm.level() is not None
+    assert 0.0 < float(alarm.level().max()) < 1.0
+
+
+def test_a_loss_of_stiffness_is_announced_with_its_time(run, tmp_path):
+    words = ["model=vwnn", "system=shear_frame", "data.duration=60"]
+    folder = finished(tmp_path / "run", *words)
+    hurt = ["damage=sudden", "damage.time=90", "damage.fraction=0.6", "data.duration=120"]
+    status, out, _ = run(
+        "simulation", "--run", str(folder), *hurt, "--speed", "inf", "--sound", "80"
+    )
+    assert status == 0
+    line = out.splitlines()[-1]
+    assert line.startswith("ALARM at ")
+    assert 90.0 < float(line.split()[2]) < 120.0
+
+
+def test_a_frozen_law_learns_nothing(bilinear_record):
+    inputs = bilinear_record.excitation.shape[-1]
+    model = Online(3, inputs, DT, VWNN(3, inputs, DT), Frozen())
+    stream = model.stream(from_nothing=True)
+    for k in range(50):
+        stream.step(Sample(bilinear_record.f[k], bilinear_record.a[k]))
+    assert not stream.weights[0].any()
+
+
+def test_json_lines_go_the_same_way(run, lines):
+    heads, *rows = (row.split(",") for row in lines.splitlines())
+    objects = [dict(zip(heads, map(float, row), strict=True)) for row in rows]
+    text = "\n".join(map(json.dumps, objects))
+    assert run("-", "--rate", "100", "--output", "json.csv", text=text)[0] == 0
+    assert run("-", "--rate", "100", "--output", "csv.csv", text=lines)[0] == 0
+    assert Path("json.csv").read_text() == Path("csv.csv").read_text()

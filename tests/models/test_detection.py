@@ -1,0 +1,388 @@
+"""Change detectors: run lengths, planted changes, thresholds, causality, streams, localisation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+from data.record import Record
+from data.sample import samples_of
+from data.simulation.damage import StiffnessLoss
+from data.simulation.elements import Polynomial
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.records import Simulation
+from data.simulation.scenario import FullState
+from data.simulation.structure import Structure
+from models.detection.cumulative_sum import CumulativeSum, log_energy, siegmund
+from models.detection.detector import Alarm, Detector, conformal_threshold, first_alarm
+from models.detection.high_pass import HighPass
+from models.detection.looks import residual_looks, weight_looks
+from models.detection.monitor import Monitor
+from models.detection.residual_level import ResidualLevel
+from models.detection.weight_distance import WeightDistance
+from models.detection.weight_drift import WeightDrift
+from models.linear import EquivalentLinear
+from models.online.adaptive import Online
+from models.online.laws.recursive_least_squares import RecursiveLeastSquares
+
+EVERY = 50
+
+
+def noise(*shape: int, seed: int = 0) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    return torch.randn(shape, generator=generator, dtype=torch.float64)
+
+
+@pytest.mark.parametrize(("slack", "level"), [(0.5, 3.0), (0.25, 5.0)])
+def test_the_mean_run_length_of_the_cusum_is_siegmunds(slack, level):
+    """In steps of a CUSUM of independent normal z, from zero to the first alarm."""
+    detector, runs = CumulativeSum(slack), 2000
+    memory, length, alive = None, torch.zeros(runs), torch.ones(runs, dtype=torch.bool)
+    generator = torch.Generator().manual_seed(1)
+    while alive.any():
+        z = torch.randn(runs, 1, generator=generator, dtype=torch.float64)
+        memory, _ = detector.add(memory, z)
+        length += alive
+        alive &= memory[0, :, 0] <= level
+    expected = siegmund(slack, level)
+    assert float(length.mean()) == pytest.approx(expected, rel=0.08)
+    assert float(length.mean()) > 50.0
+
+
+def test_siegmunds_formula_at_published_values():
+    """Montgomery, Introduction to Statistical Quality Control, Sect. 9.1: κ = 1/2, both sides."""
+    assert siegmund(0.5, 5.0) == pytest.approx(938.2, rel=1e-4)  # his own example of the formula
+    assert siegmund(0.5, 4.0) / 2 == pytest.approx(168.0, rel=0.01)  # table of exact lengths
+    assert siegmund(0.5, 5.0) / 2 == pytest.approx(465.0, rel=0.01)
+
+
+def test_a_change_of_energy_is_found_after_the_number_of_looks_it_takes():
+    """A lasting rise of z by δ passes a level h after about h/(δ − κ) looks."""
+    sound = noise(40, 200, EVERY, 2)
+    detector = CumulativeSum(slack=0.5)
+    detector.learn(sound)
+    changed = noise(1, 200, EVERY, 2, seed=5)
+    factor = float(torch.exp(0.5 * 2.0 * detector.sigma[0]))  # of DOF 1: z rises by 2
+    changed[0, 100:, :, 0] *= factor
+    statistic = detector.statistics(changed)[0]
+    beyond = torch.nonzero(statistic[100:, 0] > 12.0)
+    assert int(beyond[0]) + 1 == pytest.approx(12.0 / 1.5, abs=3)
+    assert float(statistic[:100].max()) < 12.0
+    assert float(statistic[:, 1].max()) < 12.0
+
+
+def test_a_fall_of_the_energy_is_found_as_well():
+    detector = CumulativeSum()
+    detector.learn(noise(40, 200, EVERY, 1))
+    quieter = noise(1, 200, EVERY, 1, seed=5)
+    quieter[0, 100:] *= 0.7
+    statistic = detector.statistics(quieter)[0, :, 0]
+    assert float(statistic[199]) > 10.0 * float(statistic[:100].max())
+
+
+def test_log_energies_are_those_of_chi_squared():
+    z = log_energy(noise(1, 20000, EVERY, 1)).exp().flatten() * EVERY
+    for q in (0.1, 0.5, 0.9):
+        assert float(z.quantile(q)) == pytest.approx(chi2.ppf(q, EVERY), rel=0.02)
+
+
+def test_distances_of_gaussian_weights_are_those_of_chi_squared():
+    mixing = noise(6, 6, seed=3)
+
+    def weights(records: int, seed: int) -> torch.Tensor:
+        return torch.stack([noise(records, 100, 6, seed=seed + i) @ mixing for i in range(2)], -1)
+
+    detector = WeightDistance(ridge=0.0)
+    detector.learn(weights(200, 10) + 7.0)
+    distance = detector.statistics(weights(100, 20) + 7.0)
+    for i in range(2):
+        for q in (0.1, 0.5, 0.95):
+            squared = distance[..., i].square().flatten()
+            assert float(squared.quantile(q)) == pytest.approx(chi2.ppf(q, 6), rel=0.03)
+
+
+def test_a_lasting_departure_adds_up_and_one_that_alternates_does_not():
+    detector = WeightDrift(slack=1.0, ridge=0.0)
+    detector.learn(noise(200, 100, 3, 1))
+    lasting = torch.zeros(1, 40, 3, 1, dtype=torch.float64)
+    lasting[..., 1, 0] = 1.5
+    alternating = lasting.clone()
+    alternating[:, ::2] *= -1.0
+    assert float(detector.statistics(lasting)[0, -1, 0]) == pytest.approx(40 * 0.5, rel=0.05)
+    assert float(detector.statistics(alternating).max()) < 1.0
+
+
+class Peaks(Detector):
+    """The numbers it sees: a record's peak is its largest."""
+
+    def learn(self, sound: torch.Tensor) -> None:
+        pass
+
+    def step(self, memory, seen):
+        return None, seen.amax(dim=-2)
+
+
+@pytest.mark.parametrize(("records", "rate"), [(19, 0.05), (59, 1 / 30), (38, 0.1)])
+def test_the_threshold_keeps_its_rate_whatever_the_distribution(records, rate):
+    """Heavy-tailed peaks; over many calibrations the share is 1 − j/(m + 1)."""
+    peaks = noise(20000, records + 1, seed=2).abs() ** 3
+    thresholds = torch.tensor([conformal_threshold(p[:-1], rate) for p in peaks])
+    share = float((peaks[:, -1] > thresholds).double().mean())
+    exact = 1.0 - np.ceil((records + 1) * (1.0 - rate) - 1e-9) / (records + 1)
+    assert exact <= rate + 1e-12
+    assert share == pytest.approx(exact, abs=4.0 * np.sqrt(exact / 20000))
+
+
+def test_too_few_records_or_an_impossible_rate_are_refused():
+    with pytest.raises(ValueError, match=r"18 sound records.*at least 19 are needed"):
+        conformal_threshold(torch.rand(18), 0.05)
+    for rate in (0.0, 1.0, float("nan")):
+        with pytest.raises(ValueError, match=r"rate=.*between 0 and 1"):
+            conformal_threshold(torch.rand(18), rate)
+
+
+def test_what_is_learnt_and_what_sets_the_threshold_are_kept_apart():
+    """The threshold follows the held records alone; the scale the learnt ones alone."""
+    learnt, held = noise(20, 30, EVERY, 2), noise(19, 30, EVERY, 2, seed=1)
+    one, other = ResidualLevel(), ResidualLevel()
+    one.calibrate(learnt, held, 0.05)
+    other.calibrate(learnt, 2.0 * held, 0.05)
+    assert torch.equal(one.sigma, other.sigma)
+    assert other.threshold == pytest.approx(2.0 * one.threshold)
+    assert one.threshold == float((one.statistics(held) / one.usual).max())
+
+
+DETECTORS = {
+    "level": lambda: ResidualLevel(settle=3),
+    "cumulative_sum": lambda: CumulativeSum(settle=3),
+    "distance": lambda: WeightDistance(settle=3),
+    "drift": lambda: WeightDrift(settle=3),
+}
+
+
+@pytest.fixture(params=DETECTORS)
+def calibrated(request) -> Detector:
+    """On coloured noise, five columns of 'residuals' or 'weights' a look."""
+    coloured = lfilter([1.0], [1.0, -0.6], noise(80, 40, 5, 3).numpy(), axis=1)
+    detector = DETECTORS[request.param]()
+    detector.calibrate(torch.from_numpy(coloured[:50]), torch.from_numpy(coloured[50:]), 0.05)
+    return detector
+
+
+def test_no_level_depends_on_what_comes_later(calibrated):
+    looks = noise(1, 40, 5, 3, seed=9)
+    changed = looks.clone()
+    changed[:, 25:] = 50.0
+    before, after = calibrated.levels(looks), calibrated.levels(changed)
+    assert torch.equal(before[:, :25], after[:, :25])
+    assert (after[:, 25] > before[:, 25]).all()
+
+
+def test_a_batch_is_its_records_one_by_one(calibrated):
+    looks = noise(4, 40, 5, 3, seed=9)
+    together = calibrated.levels(looks)
+    for i, one in enumerate(looks):
+        torch.testing.assert_close(calibrated.levels(one), together[i], rtol=1e-12, atol=0.0)
+
+
+def test_nothing_is_said_before_it_has_settled(calibrated):
+    levels = calibrated.levels(100.0 * noise(1, 40, 5, 3, seed=9))
+    assert (levels[:, :3] == 0.0).all()
+    assert calibrated.alarm(100.0 * noise(40, 5, 3, seed=9)).look == 3
+
+
+def test_an_alarm_names_the_first_look_and_its_largest_dof():
+    levels = torch.tensor([[0.2, 0.9], [0.3, 1.0], [1.1, 1.4], [5.0, 0.0]])
+    assert first_alarm(levels) == Alarm(2, 2, pytest.approx(1.4))
+    assert first_alarm(levels, start=3) == Alarm(3, 1, 5.0)
+    assert first_alarm(levels[:2]) is None
+
+
+def test_a_detector_without_calibration_says_so():
+    with pytest.raises(ValueError, match="not calibrated"):
+        ResidualLevel().levels(noise(3, 5, 2))
+    with pytest.raises(ValueError, match="not calibrated"):
+        Monitor(WeightDrift(), 10)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: CumulativeSum(slack=-0.1), "slack=-0.1"),
+        (lambda: WeightDrift(slack=float("nan")), "slack=nan"),
+        (lambda: WeightDistance(ridge=-1.0), "ridge=-1.0"),
+        (lambda: ResidualLevel(settle=-1), "settle=-1"),
+        (lambda: HighPass(60.0, 0.01), "Nyquist frequency 50 Hz"),
+        (lambda: HighPass(0.0, 0.01), "cutoff=0"),
+    ],
+)
+def test_settings_without_meaning_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+# A frame of linear springs: the equivalent linear system is the truth, weights have known values
+
+
+@pytest.fixture(scope="module")
+def frame() -> Simulation:
+    ends = {"r1": ("s1", "x1"), "r2": ("x1", "x2"), "r3": ("x2", "x3")}
+    springs = {
+        name: Polynomial(between=nodes, stiffness=400.0, damping=1.5)
+        for name, nodes in ends.items()
+    }
+    excitation = Excitation(force=BandLimitedGaussian(2.0, (0.0, 8.0)))
+    structure = Structure([1.0, 1.0, 1.0], springs)
+    return Simulation(structure, excitation, FullState(), 0.01, 30.0)
+
+
+def noisy(record: Record, seed: int) -> Record:
+    return replace(record, a=record.a + 0.05 * noise(*record.a.shape, seed=seed))
+
+
+@pytest.fixture(scope="module")
+def motions(frame) -> dict[str, list[Record]]:
+    """Training motions, sound test motions, and test motions that lose r2 at 15 s."""
+    hurt = replace(frame, damage=StiffnessLoss("r2", 15.0, 0.2))
+    drawn = {
+        "train": frame.records("train", 31, 0)[0],
+        "sound": frame.records("test", 4, 0)[0],
+        "damaged": hurt.records("test", 4, 0)[0],
+    }
+    return {
+        split: [noisy(r, 100 * j + i) for i, r in enumerate(records)]
+        for j, (split, records) in enumerate(drawn.items())
+    }
+
+
+def adaptive(record: Record, memory: float = 2.0) -> Online:
+    law = RecursiveLeastSquares(forgetting=1.0 - 0.01 / memory)
+    online = Online(3, 3, 0.01, EquivalentLinear(3, 3, 0.01), law)
+    online.identify([record])
+    return online
+
+
+def test_weights_go_to_those_of_the_damaged_structure(motions):
+    """Stiffness over mass: 800 and −400 before, 720 and −320 after, for the first DOF."""
+    looks = weight_looks(adaptive(motions["train"][0]), motions["damaged"], EVERY)
+    before, after = looks[:, 29, 3:6, 0], looks[:, -1, 3:6, 0]  # weights of x on ẍ1
+    wanted = torch.tensor([-800.0, 400.0, 0.0]).double(), torch.tensor([-720.0, 320.0, 0.0])
+    assert float((before.mean(0) - wanted[0]).abs().max()) < 8.0
+    assert float((after.mean(0) - wanted[1]).abs().max()) < 8.0
+
+
+@pytest.mark.parametrize("kind", [WeightDistance, WeightDrift])
+def test_a_loss_is_found_soon_and_points_to_the_dofs_it_joins(motions, kind):
+    online, detector = adaptive(motions["train"][0]), kind(settle=10)
+    train = weight_looks(online, motions["train"][1:], EVERY)
+    detector.calibrate(train[:11], train[11:], 0.05)
+    damaged = detector.levels(weight_looks(online, motions["damaged"], EVERY))
+    for record in damaged:
+        alarm = first_alarm(record, start=30)
+        assert alarm is not None
+        assert alarm.look < 30 + 6  # 3 s
+        assert alarm.dof in (1, 2)
+        assert set(record[-1].argsort()[1:].tolist()) == {0, 1}
+        assert float(record[-1, :2].min()) > 3.0 * float(record[-1, 2])
+    sound = detector.levels(weight_looks(online, motions["sound"], EVERY))
+    assert torch.equal(sound[:, :29], damaged[:, :29]) is False  # other sensor noise
+    assert int((sound.amax(dim=(1, 2)) > 1.0).sum()) <= 2
+
+
+def test_the_residual_of_a_frozen_model_grows_where_the_element_is(motions):
+    estimator = EquivalentLinear(3, 3, 0.01)
+    estimator.identify(motions["train"][:1])
+    detector = CumulativeSum(settle=10)
+    train = residual_looks(estimator, motions["train"][1:], EVERY)
+    detector.calibrate(train[:11], train[11:], 0.05)
+    for record in detector.levels(residual_looks(estimator, motions["damaged"], EVERY)):
+        alarm = first_alarm(record, start=30)
+        assert alarm is not None
+        assert alarm.dof in (1, 2)
+        assert alarm.look < 30 + 6
+        assert float(record[-1, 2]) < 0.3 * float(record[-1, :2].min())
+
+
+def test_sample_by_sample_gives_the_alarms_of_the_whole_record(motions):
+    online, high_pass = adaptive(motions["train"][0]), HighPass(0.5, 0.01)
+    record = motions["damaged"][0]
+    filtered = [HighPass(0.5, 0.01).record(r) for r in motions["train"]]
+    for detector in (WeightDrift(settle=10), CumulativeSum(settle=10)):
+        looks = weight_looks if isinstance(detector, WeightDistance) else residual_looks
+        train = looks(online, filtered[1:], EVERY)
+        detector.calibrate(train[:11], train[11:], 0.05)
+        whole = detector.levels(looks(online, [high_pass.record(record)], EVERY))[0]
+        stream, monitor, sensor = online.stream(), Monitor(detector, EVERY), HighPass(0.5, 0.01)
+        first = None
+        for sample in samples_of(record.measured()):
+            now = sensor.sample(sample)
+            estimate = stream.step(now)
+            alarm = monitor.step(now.a - estimate, stream.weights[0])
+            first = first or alarm
+        torch.testing.assert_close(monitor.level, whole[-1], rtol=1e-6, atol=1e-9)
+        expected = first_alarm(whole)
+        assert first is not None
+        assert (first.look, first.dof) == (expected.look, expected.dof)
+
+
+def test_the_filter_leaves_a_linear_structure_its_equation_of_motion(frame):
+    """Identified on filtered signals, without noise, it is the same structure to rounding."""
+    (record,), _ = frame.records("train", 1, 3)
+    plain, filtered = EquivalentLinear(3, 3, 0.01), EquivalentLinear(3, 3, 0.01)
+    plain.identify([record])
+    filtered.identify([HighPass(1.0, 0.01).record(record)])
+    torch.testing.assert_close(plain.weights, filtered.weights, rtol=1e-5, atol=1e-4)
+
+
+def test_the_filter_stops_what_is_slow_and_knows_no_future(frame):
+    (record,), _ = frame.records("train", 1, 3)
+    sensor = HighPass(1.0, 0.01)
+    drifting = replace(record, x=record.x + 5.0)
+    settled = slice(500, None)
+    drift = (sensor.record(drifting).x - sensor.record(record).x)[settled]
+    assert float(drift.abs().max()) < 1e-6
+    late = replace(record, a=record.a.clone())
+    late.a[2000:] = 1e3
+    assert torch.equal(sensor.record(late).a[:2000], sensor.record(record).a[:2000])
+
+
+def test_weights_of_several_heads_are_of_no_one_dof(motions):
+    online = adaptive(motions["train"][0])
+    online.states = lambda: [None, None]
+    with pytest.raises(ValueError, match="2 heads; watch its residuals"):
+        weight_looks(online, motions["sound"], EVERY)
+    with pytest.raises(ValueError, match="look of 4000 samples"):
+        residual_looks(adaptive(motions["train"][0]), motions["sound"], 4000)
+
+
+@pytest.mark.parametrize("missing", [None, torch.full((3,), torch.nan).double()])
+def test_missing_samples_neither_alarm_nor_deafen(missing):
+    """A whole look is missing, and part of another; what follows is found as without."""
+    detector = CumulativeSum()
+    detector.calibrate(noise(50, 40, EVERY, 3), noise(30, 40, EVERY, 3, seed=1), 0.05)
+    residuals = noise(40 * EVERY, 3, seed=2)
+    residuals[30 * EVERY :, 1] *= 2.0
+    gap = range(10 * EVERY - 7, 12 * EVERY + 7)
+    whole, holed = Monitor(detector, EVERY), Monitor(detector, EVERY)
+    alarms: dict[Monitor, list[Alarm]] = {whole: [], holed: []}
+    for k, residual in enumerate(residuals):
+        for monitor in alarms:
+            seen = missing if monitor is holed and k in gap else residual
+            alarms[monitor] += [alarm] if (alarm := monitor.step(seen)) else []
+    assert [a.look for a in alarms[holed]] == [a.look for a in alarms[whole]]
+    assert alarms[holed][0].look in range(30, 36)
+    assert alarms[holed][0].dof == 2
+
+
+def test_a_detector_of_weights_asks_for_them():
+    detector = WeightDistance()
+    detector.calibrate(noise(20, 10, 4, 2), noise(20, 10, 4, 2, seed=1), 0.05)
+    with pytest.raises(ValueError, match="WeightDistance watches weights"):
+        Monitor(detector, 1).step(torch.zeros(2))
+    with pytest.raises(ValueError, match="every=0"):
+        Monitor(detector, 0)

@@ -1,0 +1,304 @@
+"""Element networks: planted structures are recovered, from accelerations alone where need be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from data.record import Record, stack
+from data.simulation.elements import BoucWen, Element, LimitedSlip, Polynomial
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.structure import Structure
+from models.checkpoint import load_estimator, save_estimator
+from models.composition.composite import Composite
+from models.element_network import ElementNetwork
+from models.training.objective import FreeRun
+from models.training.problem import FreeRunProblem
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+
+DT = 0.01
+CHAIN = [["ground", "x1"], ["x1", "x2"]]
+MASSES = [1.0, 1.5]
+FORCES = Excitation(force=BandLimitedGaussian(1.0, (0.0, 4.0)))
+SHAKING = Excitation(support=BandLimitedGaussian(0.05, (0.0, 4.0)), dofs=[])
+
+
+def chain(first: Element, **second: float) -> Structure:
+    """x1 held by the ground or a support, x2 by x1 on a damped spring."""
+    settings = {"stiffness": 50.0, "damping": 0.6, **second}
+    return Structure(MASSES, {"r1": first, "r2": Polynomial(between=("x1", "x2"), **settings)})
+
+
+def linear(fixed: str = "ground", damping: float = 0.6) -> Structure:
+    """`damping` of the second element; 0.5 N s/m is in the proportion of the stiffnesses."""
+    return chain(Polynomial(between=(fixed, "x1"), stiffness=80.0, damping=0.8), damping=damping)
+
+
+def train(model: Composite, record: Record, *horizons: int | None, iterations: int = 30) -> None:
+    """Stages of a free run, on a batch of records."""
+    objective, free = FreeRun(horizons), [p for p in model.parameters() if p.requires_grad]
+    for stage in range(len(horizons)):
+        solver = LevenbergMarquardt(
+            free, iterations, damping=1e-4, decrease=0.2, increase=4.0, largest=1e6, scaled=True
+        )
+        while not solver.finished:
+            solver.solve(objective.problem(model, record, stage))
+
+
+@torch.no_grad()
+def free_run_error(model: Composite, record: Record) -> float:
+    return float((model.free_run(record.drive()).a - record.a).norm() / record.a.norm())
+
+
+def assert_recovered(model: ElementNetwork, planted: dict[str, float], tolerance: float) -> None:
+    for name, value in planted.items():
+        first = getattr(model.laws, name)()[0].reshape(-1)[0]
+        assert first.item() == pytest.approx(value, rel=tolerance, abs=tolerance), name
+
+
+# Planted structures
+
+
+@pytest.mark.parametrize("elements", [None, CHAIN], ids=["all pairs", "chain"])
+def test_a_linear_structure_is_solved_exactly(record_of, elements):
+    model = ElementNetwork(2, 2, DT, elements)
+    model.identify([record_of(linear(), FORCES, 10.0)])
+    assert torch.allclose(model.mass(), torch.tensor(MASSES).double(), rtol=1e-9)
+    ends = [0, -1]
+    assert model.laws.stiffness()[ends].tolist() == pytest.approx([80.0, 50.0], rel=1e-9)
+    assert model.laws.damping()[ends].tolist() == pytest.approx([0.8, 0.6], rel=1e-9)
+
+
+def test_hysteresis_of_bouc_and_wen_is_recovered_from_the_linear_start(record_of):
+    """b₊ = γ − β and b₋ = −γ − β, with the signs as printed."""
+    first = BoucWen(between=("ground", "x1"), stiffness=40.0, beta=10.0, gamma=-10.0)
+    record = stack([record_of(chain(first, cubic_stiffness=4000.0), FORCES, 15.0)])
+    model = ElementNetwork(2, 2, DT, CHAIN, hinges=0, units=1)
+    model.identify([record])
+    before = free_run_error(model, record)
+    train(model, record, 1, 20, None)
+    assert before > 0.1
+    assert free_run_error(model, record) < 2e-3
+    assert model.mass().tolist() == pytest.approx(MASSES, rel=0.01)
+    planted = {"stiffness": 40.0, "unit_stiffness": 40.0, "unit_rising": -20.0}
+    assert_recovered(model, planted, 0.01)
+    assert model.laws.unit_falling()[0, 0].item() == pytest.approx(0.0, abs=0.2)
+    assert model.laws.stiffness()[1].item() == pytest.approx(50.0, rel=0.01)
+    assert model.laws.cubic()[1].item() == pytest.approx(4000.0, rel=0.01)
+
+
+def test_slip_and_a_gap_are_recovered_from_a_start_nearby(record_of):
+    first = LimitedSlip(
+        between=("ground", "x1"), yield_displacement=0.02, stiffness=40.0, gap_stiffness=60.0,
+        damping=0.5, slip_damping=0.5, gap=0.05,
+    )  # fmt: skip
+    record = stack([record_of(chain(first, cubic_stiffness=4000.0), FORCES, 15.0)])
+    model = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=1)
+    model.identify([record])
+    model.laws.unit_stiffness.theta.data[0] = 0.5
+    model.laws.unit_limit.start(torch.tensor([[0.03], [1.0]]))
+    model.laws.hinge_stiffness.theta.data[0] = 0.5
+    model.laws.hinge_gap.start(torch.tensor([[0.04], [0.04]]))
+    train(model, record, 20, None, iterations=40)
+    assert free_run_error(model, record) < 2e-3
+    assert model.mass().tolist() == pytest.approx(MASSES, rel=0.01)
+    planted = {
+        "stiffness": 40.0,
+        "damping": 0.5,
+        "hinge_stiffness": 60.0,
+        "hinge_gap": 0.05,
+        "unit_stiffness": 40.0,
+        "unit_limit": 0.02,
+    }
+    assert_recovered(model, planted, 0.01)
+    assert model.laws.stiffness()[1].item() == pytest.approx(50.0, rel=0.01)
+
+
+@pytest.mark.parametrize("states", [True, False], ids=["x and v not looked at", "no x and v"])
+def test_accelerations_and_forces_alone_give_masses_and_stiffness(record_of, states):
+    record = record_of(linear(), FORCES, 20.0)
+    model = ElementNetwork(2, 2, DT, CHAIN, from_accelerations=states)
+    model.identify([record if states else replace(record, x=None, v=None)])
+    assert model.mass().tolist() == pytest.approx(MASSES, rel=0.01)
+    assert model.laws.stiffness().tolist() == pytest.approx([80.0, 50.0], rel=0.01)
+    assert free_run_error(model, record) < 0.02
+
+
+def test_a_shaken_support_leaves_the_scale_open_and_gives_the_rest(record_of):
+    record = stack([record_of(linear("s1"), SHAKING, 15.0)])
+    model = ElementNetwork(
+        2, 2, DT, [["s1", "x1"], ["x1", "x2"]], forced=[], hinges=0, units=0, cubic=False
+    )
+    model.identify([record])
+    train(model, record, 20, None, iterations=20)
+    mass, stiffness = model.mass(), model.laws.stiffness()
+    assert (mass[1] / mass[0]).item() == pytest.approx(1.5, rel=0.01)
+    assert (stiffness / mass[0]).tolist() == pytest.approx([80.0, 50.0], rel=0.01)
+    assert free_run_error(model, record) < 2e-3
+
+
+def test_known_masses_are_held(record_of):
+    record = record_of(linear(), FORCES, 5.0)
+    model = ElementNetwork(2, 2, DT, CHAIN, MASSES, hinges=1, units=1)
+    model.identify([record])
+    train(model, stack([record]), None, iterations=3)
+    assert model.mass().tolist() == pytest.approx(MASSES, rel=1e-12)
+
+
+# Structure of the network
+
+
+def test_all_pairs_or_only_those_that_are_named():
+    assert ElementNetwork(3, 3, DT).elements == [
+        ["ground", "x1"],
+        ["ground", "x2"],
+        ["ground", "x3"],
+        ["x1", "x2"],
+        ["x1", "x3"],
+        ["x2", "x3"],
+    ]
+    assert ElementNetwork(1, 5, DT, forced=[1]).elements == [["s1", "x1"], ["s2", "x1"]]
+    model = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=1)
+    assert model.composition().laws.value.shape[0] == 2
+    assert torch.equal(model.B, torch.tensor([[1.0, 0.0], [-1.0, 1.0]]).double())
+
+
+def test_masses_times_accelerations_are_forces_less_those_of_the_elements(record_of):
+    first = BoucWen(between=("ground", "x1"), stiffness=40.0, beta=10.0, gamma=-10.0)
+    record = record_of(chain(first), FORCES, 5.0)
+    model = ElementNetwork(2, 2, DT)
+    model.identify([record])
+    model.laws.unit_stiffness.theta.data += 0.3
+    y, r = model.element_loops(record.drive())
+    with torch.no_grad():
+        run = model.free_run(record.drive())
+    assert torch.allclose(y, run.x @ model.B.T, atol=1e-12)
+    inertia = record.f - r @ model.B
+    assert torch.allclose(model.mass() * run.a, inertia, atol=1e-9)
+
+
+def test_half_the_time_step_is_the_same_motion(record_of):
+    record = record_of(linear(), FORCES, 5.0)
+    model = ElementNetwork(2, 2, DT)
+    model.identify([record])
+    model.laws.unit_stiffness.theta.data += 0.2
+    model.laws.hinge_stiffness.theta.data += 0.3
+    u = torch.stack([record.f[:-1], 0.5 * (record.f[1:] + record.f[:-1])], dim=1).flatten(0, 1)
+    drive = record.drive()
+    with torch.no_grad():
+        coarse = model.free_run(drive)
+        fine = model.free_run(replace(drive, dt=0.5 * DT, u=u))
+    assert (fine.a[::2] - coarse.a[:-1]).norm() < 0.01 * coarse.a.norm()
+
+
+def test_another_start_spreads_hinges_and_limits_and_keeps_the_linear_structure(record_of):
+    model = ElementNetwork(2, 2, DT)
+    model.identify([record_of(linear(), FORCES, 5.0)])
+    stiffness, gap, limit = (
+        getattr(model.laws, name)().detach().clone()
+        for name in ("stiffness", "hinge_gap", "unit_limit")
+    )
+    model.restart(torch.Generator().manual_seed(1))
+    assert torch.equal(model.laws.stiffness(), stiffness)
+    assert not torch.equal(model.laws.hinge_gap(), gap)
+    assert not torch.equal(model.laws.unit_limit(), limit)
+
+
+def test_a_checkpoint_holds_it_completely(record_of, tmp_path):
+    record = record_of(linear(), FORCES, 5.0)
+    model, other = (ElementNetwork(2, 2, DT, hinges=1, units=1) for _ in range(2))
+    model.identify([record])
+    model.laws.hinge_stiffness.theta.data += 0.3
+    save_estimator(model, tmp_path / "it.safetensors", "it")
+    load_estimator(other, tmp_path / "it.safetensors", "it")
+    with torch.no_grad():
+        assert torch.equal(other.free_run(record.drive()).a, model.free_run(record.drive()).a)
+
+
+# Inputs that do not fit
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"elements": [["x1", "x3"]]}, r"model\.elements holds \['x1', 'x3'\].*x1, x2 and ground"),
+        ({"elements": [["x1", "x1"]]}, "expected two different ones"),
+        ({"elements": [["x1"]]}, "expected two different ones"),
+        ({"elements": [["s1", "x1"]]}, "expected two different ones of x1, x2 and ground"),
+        ({"masses": [1.0]}, r"model\.masses=\[1\.0\]: expected 2 positive masses"),
+        ({"masses": [1.0, 0.0]}, "expected 2 positive masses"),
+        ({"forced": [1]}, r"model\.forced=\[1\] does not fit 2 DOFs and 2 channels"),
+        ({"forced": [1, 3]}, "does not fit 2 DOFs"),
+        ({"forced": [1, 2, 2]}, "does not fit 2 DOFs"),
+        ({"hinges": -1}, "hinges=-1"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        ElementNetwork(2, 2, DT, **wrong)
+
+
+def test_signals_of_the_wrong_sign_give_no_masses(record_of):
+    record = record_of(linear(), FORCES, 5.0)
+    with pytest.raises(ValueError, match="check the signs and units"):
+        ElementNetwork(2, 2, DT, CHAIN).identify([replace(record, f=-record.f)])
+
+
+def test_from_accelerations_alone_x_and_v_change_nothing(record_of):
+    record = record_of(linear(), FORCES, 10.0)
+    model = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=1, from_accelerations=True)
+    model.identify([record])
+    lies = replace(record, x=record.a, v=record.a)
+    with torch.no_grad():
+        assert torch.equal(model(lies), model(record))
+    other = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=1, from_accelerations=True)
+    other.identify([lies])
+    assert torch.equal(other.laws.stiffness(), model.laws.stiffness())
+    with pytest.raises(ValueError, match=r"objective\.restart=false"):
+        model.restarted_run(record, 1)
+
+
+def test_limits_are_pulled_outwards_in_the_last_stage_only(record_of):
+    """A limit that no motion has reached is no limit; before, the spread of limits is the start."""
+    model = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=2)
+    model.identify([record_of(linear(), FORCES, 10.0)])
+    before, last = model.pull(False), model.pull(True)
+    assert before[0] == last[0] == model.prior
+    assert (before[1] == 0.0).all()
+    limits = model.laws.unit_limit
+    ten_times = 10.0 * model.linear[2][:, None]  # the largest deformations
+    pulled_to = limits.unit * (limits.theta.detach() - limits.deviation(True).detach()).exp()
+    assert torch.allclose(pulled_to, ten_times.expand_as(pulled_to))
+    assert int((last[1] != 0.0).sum()) == limits.theta.numel()
+
+
+def test_what_motion_does_not_determine_is_held_back_harder_until_the_last_stage(record_of):
+    """So an early stage ends with less of it: the smallest Σ θ² of two fits of the same motion."""
+    record, sizes = record_of(linear(), FORCES, 10.0), []
+    for early in (None, 1e-3):
+        model = ElementNetwork(
+            2, 2, DT, CHAIN, hinges=0, tanhs=2, units=1, cubic=False, prior=1e-9, early_prior=early
+        )
+        model.identify([record])
+        assert model.pull(True)[0] == 1e-9
+        with torch.no_grad():
+            model.laws.tanh_stiffness.theta.fill_(0.1)
+        free = [p for p in model.parameters() if p.requires_grad]
+        solver = LevenbergMarquardt(free, scaled=True)
+        for _ in range(3):
+            solver.solve(FreeRunProblem(model, record, 20, last=False))
+        sizes.append(float(model.pull(False)[1].detach().square().sum()))
+    assert sizes[1] < 0.1 * sizes[0]
+
+
+def test_only_what_is_learned_is_counted():
+    model = ElementNetwork(2, 2, DT, CHAIN, [1.0, 1.0], hinges=1, units=1, cubic=False)
+    assert model.identified_parameters == len(CHAIN) * (2 + 2 + 4)
+
+
+def test_what_is_not_identified_says_so(record_of):
+    model = ElementNetwork(2, 2, DT, CHAIN)
+    with pytest.raises(ValueError, match="not identified yet"):
+        model.free_run(record_of(linear(), FORCES, 10.0).drive())

@@ -1,0 +1,456 @@
+"""The contract that every estimator meets, and planted models that each recovers."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+
+import models.vwnn
+from data.record import Record, Truth, stack
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
+from models.element_network import ElementNetwork
+from models.estimator import Estimator
+from models.latent_hysteresis_network import LatentHysteresisNetwork
+from models.linear import EquivalentLinear
+from models.neural_state_space import NeuralStateSpace
+from models.online.adaptive import Online
+from models.polynomial import ModalPolynomial
+from models.recurrent import Recurrent
+from models.training.metrics import score
+from models.vwnn import VWNN
+from models.vwnn_forward import ForwardVWNN
+
+DT = 0.01
+ESTIMATORS = {
+    "vwnn_order_1": partial(VWNN, order=1),
+    "vwnn_order_2": partial(VWNN, order=2),
+    "vwnn_order_3": partial(VWNN, order=3),
+    "vwnn_unfiltered": partial(VWNN, order=2, unfiltered_excitation=True),
+    "equivalent_linear": EquivalentLinear,
+    "power_series_residual": partial(ModalPolynomial, fits="residual", order=3),
+    "power_series_restoring_force": partial(ModalPolynomial, fits="restoring_force", order=3),
+    "chebyshev_restoring_force": partial(ModalPolynomial, basis="chebyshev", order=3),
+    "last_value": LastValue,
+    "two_point": TwoPoint,
+    "filtered_extrapolation": FilteredExtrapolation,
+}
+SIMULATORS = {  # what they estimate is a simulation, or needs no acceleration at all
+    "gru": partial(Recurrent, cell="gru", hidden=4),
+    "lstm": partial(Recurrent, cell="lstm", hidden=4),
+    "neural_state_space": partial(NeuralStateSpace, memory=2, hidden=4, past=3),
+    "vwnn_forward": partial(ForwardVWNN, refinements=1),
+    "element_network": partial(ElementNetwork, hinges=1, units=1),
+    "latent_hysteresis_network": partial(LatentHysteresisNetwork, elements=3, hinges=1, units=1),
+}
+ADAPTING = {"online": Online}  # their weights move while they estimate
+ZOO = {**ESTIMATORS, **SIMULATORS, **ADAPTING}
+SEE_STATE = [name for name in ESTIMATORS if "linear" in name or "_r" in name]
+SEE_ACCELERATION = [name for name in ESTIMATORS if name not in SEE_STATE]
+SOLVED = [name for name in ESTIMATORS if "vwnn" in name or name in SEE_STATE]
+SEE_FORCE = [*SOLVED, *SIMULATORS, *ADAPTING]
+
+
+@pytest.fixture(scope="module")
+def identified(bilinear_records):
+    """Every estimator of the zoo, identified from two records of the yielding structure."""
+    torch.manual_seed(0)
+    zoo = {name: build(3, 3, DT) for name, build in ZOO.items()}
+    for estimator in zoo.values():
+        estimator.identify(bilinear_records[:2])
+    return zoo
+
+
+@pytest.fixture(params=ESTIMATORS)
+def estimator(request, identified) -> Estimator:
+    return identified[request.param]
+
+
+@pytest.fixture(params=ZOO)
+def anyone(request, identified) -> Estimator:
+    return identified[request.param]
+
+
+def changed_from(record: Record, name: str, k: int, end: int | None = None) -> Record:
+    signal = getattr(record, name).clone()
+    signal[k:end] += 1.0
+    return replace(record, **{name: signal})
+
+
+def difference(estimator: Estimator, one: Record, other: Record) -> torch.Tensor:
+    with torch.no_grad():
+        return (estimator(one) - estimator(other)).abs().amax(dim=-1)  # (T,)
+
+
+def permuted(record: Record, order: list[int]) -> Record:
+    moved = {name: u[..., order] for name, u in record.signals().items()}
+    return replace(record.measured(), **moved)
+
+
+@pytest.mark.parametrize("k", [0, 1, 500, 999])
+def test_an_estimate_does_not_see_the_acceleration_it_estimates(anyone, bilinear_record, k):
+    changed = changed_from(bilinear_record, "a", k)
+    assert difference(anyone, bilinear_record, changed)[: k + 1].max() == 0.0
+
+
+@pytest.mark.parametrize("name", SEE_ACCELERATION)
+def test_an_estimate_sees_the_acceleration_just_before(identified, bilinear_record, name):
+    changed = changed_from(bilinear_record, "a", 500, 501)
+    assert difference(identified[name], bilinear_record, changed)[501] > 1e-3
+
+
+@pytest.mark.parametrize("signal", ["f", "x", "v"])
+def test_an_estimate_does_not_see_what_is_to_come(anyone, bilinear_record, signal):
+    changed = changed_from(bilinear_record, signal, 501)
+    assert difference(anyone, bilinear_record, changed)[:501].max() == 0.0
+
+
+@pytest.mark.parametrize("name", SEE_FORCE)
+def test_an_estimate_sees_the_force(identified, bilinear_record, name):
+    changed = changed_from(bilinear_record, "f", 500, 501)
+    assert difference(identified[name], bilinear_record, changed)[500:502].max() > 1e-3
+
+
+def test_gradients_reach_the_past_of_the_acceleration_and_nothing_else(estimator, bilinear_record):
+    record = bilinear_record.window(0, 300).map(lambda u: u.clone().requires_grad_())
+    estimator(record)[200].sum().backward()
+    if "a" in estimator.reads:
+        assert (record.a.grad[199] != 0.0).all()
+        assert not record.a.grad[200:].any()
+    if "x" in estimator.reads:
+        assert (record.x.grad[200] != 0.0).all()
+    assert record.truth.a.grad is None
+
+
+def test_a_batch_is_estimated_record_by_record(anyone, bilinear_records):
+    together = anyone(stack(bilinear_records))
+    assert together.shape == (3, 1000, 3)
+    for estimate, record in zip(together, bilinear_records, strict=True):
+        assert torch.allclose(estimate, anyone(record), rtol=0, atol=1e-8)
+
+
+def test_estimates_are_finite_and_in_double_precision(anyone, bilinear_record):
+    estimate = anyone(bilinear_record)
+    assert estimate.dtype == torch.float64
+    assert estimate.shape == bilinear_record.a.shape
+    assert torch.isfinite(estimate).all()
+
+
+def test_the_truth_is_never_read(anyone, bilinear_records):
+    unknown = Truth(*(torch.full((1000, 1), torch.nan) for _ in fields(Truth)))
+    records = [replace(record, truth=unknown) for record in bilinear_records[:2]]
+    fresh = type(anyone)(3, 3, DT)
+    fresh.identify(records)
+    assert torch.isfinite(fresh(records[0])).all()
+    assert torch.equal(anyone(records[0]), anyone(bilinear_records[0]))
+
+
+def test_a_record_is_left_as_it_was(anyone, bilinear_record):
+    before = bilinear_record.map(torch.clone)
+    type(anyone)(3, 3, DT).identify([bilinear_record])
+    anyone(bilinear_record)
+    for name, signal in bilinear_record.signals().items():
+        assert torch.equal(signal, getattr(before, name))
+
+
+@pytest.mark.parametrize("name", ZOO)
+def test_a_saved_state_restores_the_estimates_exactly(identified, bilinear_record, name):
+    fresh = ZOO[name](3, 3, DT)
+    fresh.load_state_dict(identified[name].state_dict())
+    assert torch.equal(fresh(bilinear_record), identified[name](bilinear_record))
+
+
+@pytest.mark.parametrize("name", SOLVED)
+def test_an_estimator_that_was_not_identified_says_so(bilinear_record, name):
+    with pytest.raises(ValueError, match=r"is not identified yet; call identify"):
+        ESTIMATORS[name](3, 3, DT)(bilinear_record)
+
+
+@pytest.mark.parametrize("name", SOLVED)
+def test_identification_is_solved_and_leaves_nothing_to_a_solver(identified, name):
+    assert not any(p.requires_grad for p in identified[name].parameters())
+    heads = dict(identified[name].named_parameters())
+    assert identified[name].identified_parameters == sum(w.numel() for w in heads.values())
+    assert heads
+
+
+def test_a_record_of_another_time_step_is_refused(estimator, bilinear_record):
+    with pytest.raises(ValueError, match=r"dt=0\.02 s, the estimator was built for dt=0\.01 s"):
+        estimator(replace(bilinear_record, dt=0.02))
+
+
+def test_a_record_of_another_structure_is_refused(anyone, bilinear_record):
+    smaller = {name: getattr(bilinear_record, name)[:, :2] for name in "xva"}
+    with pytest.raises(ValueError, match="has 2 DOFs and 3 channels"):
+        anyone(replace(bilinear_record.measured(), **smaller))
+    with pytest.raises(ValueError, match="has 3 DOFs and 2 channels"):
+        anyone(replace(bilinear_record, f=bilinear_record.f[:, :2]))
+
+
+@pytest.mark.parametrize("missing", ["x", "v"])
+def test_a_missing_signal_is_named(identified, bilinear_record, missing):
+    with pytest.raises(ValueError, match=f"EquivalentLinear reads {missing}, which the record"):
+        identified["equivalent_linear"](replace(bilinear_record, **{missing: None}))
+
+
+def test_accelerations_and_forces_alone_are_enough_for_all_others(identified, bilinear_record):
+    poor = Record(DT, bilinear_record.a, bilinear_record.f)
+    for name in SEE_ACCELERATION:
+        assert torch.equal(identified[name](poor), identified[name](bilinear_record))
+
+
+@pytest.mark.parametrize(
+    ("name", "dofs"),
+    [(name, dofs) for name in ESTIMATORS for dofs in (1, 5) if (name, dofs) != ("vwnn_order_3", 5)],
+)
+def test_structures_of_any_size_are_identified(linear_chain, record_of, name, dofs):
+    excitation = Excitation(force=BandLimitedGaussian(2.0, (0.0, 4.5)))
+    records = [record_of(linear_chain(dofs), excitation, 6.0, seed) for seed in range(2)]
+    estimator = ESTIMATORS[name](dofs, dofs, DT)
+    estimator.identify(records)
+    batch = stack(records)
+    assert estimator(batch).shape == (2, 600, dofs)
+    assert (estimator(batch) - batch.a).norm() < 0.25 * batch.a.norm()
+
+
+@pytest.mark.parametrize("name", ["vwnn_order_1", "vwnn_order_2", "equivalent_linear"])
+def test_fewer_forces_than_masses_and_moving_supports_are_channels(
+    linear_structure, record_of, name
+):
+    shaken = Excitation(
+        force=BandLimitedGaussian(2.0, (0.0, 4.5)),
+        support=BandLimitedGaussian(0.05, (0.0, 4.0)),
+        dofs=[2],
+    )
+    record = record_of(linear_structure, shaken, 20.0)
+    estimator = ESTIMATORS[name](3, 7, DT)
+    estimator.identify([record])
+    assert (estimator(record) - record.a).norm() < 0.15 * record.a.norm()
+
+
+@pytest.mark.parametrize("name", SOLVED)
+def test_records_one_by_one_in_a_batch_or_in_another_order_identify_the_same(
+    identified, bilinear_records, name
+):
+    one, two = bilinear_records[:2]
+    reference = identified[name](bilinear_records[2])
+    for batches in ([stack([one, two])], [two, one]):
+        estimator = ESTIMATORS[name](3, 3, DT)
+        estimator.identify(batches)
+        estimate = estimator(bilinear_records[2])
+        assert torch.allclose(estimate, reference, rtol=0, atol=1e-6 * float(reference.abs().max()))
+
+
+@pytest.mark.parametrize("name", ["vwnn_order_1", "vwnn_order_2", "equivalent_linear"])
+def test_renumbered_masses_give_renumbered_estimates(identified, bilinear_records, name):
+    order = [2, 0, 1]
+    estimator = ESTIMATORS[name](3, 3, DT)
+    estimator.identify([permuted(record, order) for record in bilinear_records[:2]])
+    estimate = estimator(permuted(bilinear_records[2], order))
+    expected = identified[name](bilinear_records[2])[:, order]
+    assert torch.allclose(estimate, expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_ten_times_the_signals_with_a_tenth_of_lambda_is_the_same_problem(bilinear_records, order):
+    tenfold = [record.map(lambda u: 10.0 * u) for record in bilinear_records]
+    errors = []
+    for records, weight in ((bilinear_records, 0.05), (tenfold, 0.005)):
+        estimator = VWNN(3, 3, DT, sigmoid_weight=weight, order=order)
+        estimator.identify(records[:2])
+        errors.append(score(estimator, records)["relative_rms_percent"])
+    assert errors[0] == pytest.approx(errors[1], rel=1e-9)
+
+
+def test_lambda_matters_on_the_same_signals(bilinear_records):
+    errors = []
+    for weight in (0.05, 0.5):
+        estimator = VWNN(3, 3, DT, sigmoid_weight=weight)
+        estimator.identify(bilinear_records[:2])
+        errors.append(score(estimator, bilinear_records[:2])["relative_rms_percent"])
+    assert abs(errors[0] - errors[1]) > 0.01
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 64, 999])
+def test_a_vwnn_in_chunks_equals_the_whole(monkeypatch, identified, bilinear_records, chunk):
+    whole = identified["vwnn_unfiltered"]
+    monkeypatch.setattr(models.vwnn, "CHUNK", 2 * chunk)
+    batch = stack(bilinear_records[:2])
+    assert torch.allclose(whole(batch)[0], whole(bilinear_records[0]), rtol=0, atol=1e-9)
+    if chunk > 1:
+        chunked = ESTIMATORS["vwnn_unfiltered"](3, 3, DT)
+        chunked.identify([batch])
+        difference = chunked(bilinear_records[2]) - whole(bilinear_records[2])
+        assert difference.abs().max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["vwnn_order_1", "equivalent_linear"])
+def test_warm_up_samples_are_not_fitted(monkeypatch, bilinear_record, name):
+    warm = replace(bilinear_record, warmup=300)
+    estimator, cut = (ESTIMATORS[name](3, 3, DT) for _ in range(2))
+    monkeypatch.setattr(models.vwnn, "CHUNK", 128)
+    estimator.identify([warm])
+    features = (
+        torch.cat([phi for _, phi in estimator.features(warm)])
+        if name == "vwnn_order_1"
+        else estimator.state(warm)
+    )
+    by_hand = np.linalg.lstsq(features[300:].numpy(), warm.a[300:].numpy())[0]
+    assert np.abs(estimator.weights.numpy() - by_hand).max() < 1e-9
+    cut.identify([bilinear_record])
+    assert (cut.weights - estimator.weights).abs().max() > 1e-6
+
+
+def test_after_the_warm_up_a_window_is_estimated_as_in_its_record(estimator, bilinear_record):
+    whole = estimator(bilinear_record)[400:800]
+    window = estimator(bilinear_record.window(300, 500, warmup=100))[100:]
+    assert torch.allclose(window, whole, rtol=0, atol=1e-8)
+
+
+def test_equivalent_linear_recovers_the_matrices_of_a_linear_structure(
+    linear_structure, linear_record
+):
+    estimator = EquivalentLinear(3, 3, DT)
+    report = estimator.identify([linear_record])
+    M, C, K = linear_structure.linearised()
+    inverse = np.linalg.inv(M)
+    for ours, planted in zip(
+        estimator.matrices(), (inverse @ C, inverse @ K, inverse), strict=True
+    ):
+        assert np.abs(ours.numpy() - planted).max() < 1e-6 * np.abs(planted).max()
+    assert report["rank"] == 9
+    assert 1.0 < report["condition"] < 1e3
+    assert score(estimator, [linear_record])["relative_rms_percent"] < 1e-8
+
+
+def test_equivalent_linear_recovers_how_supports_drive_the_structure(linear_structure, record_of):
+    shaken = Excitation(
+        BandLimitedGaussian(2.0, (0.0, 4.5)), BandLimitedGaussian(0.05, (0.0, 4.5)), dofs=[1]
+    )
+    estimator = EquivalentLinear(3, 7, DT)
+    estimator.identify([record_of(linear_structure, shaken, 10.0)])
+    M, _, _ = linear_structure.linearised()
+    B, B_s = linear_structure.incidence()
+    stiffness, damping = np.array([e.tangent() for e in linear_structure.elements.values()]).T
+    force = np.array([[1.0], [0.0], [0.0]])
+    by_hand = np.hstack([force, -(B.T * stiffness) @ B_s, -(B.T * damping) @ B_s])
+    inputs = estimator.matrices()[2].numpy()
+    assert np.abs(inputs - np.linalg.inv(M) @ by_hand).max() < 1e-6
+
+
+def test_a_ridge_shrinks_the_equivalent_linear_system(linear_record):
+    norms = []
+    for ridge in (0.0, 0.1, 10.0):
+        estimator = EquivalentLinear(3, 3, DT, ridge=ridge)
+        estimator.identify([linear_record])
+        norms.append(float(estimator(linear_record).norm()))
+    assert norms[0] > norms[1] > norms[2]
+
+
+def planted_motion(vwnn: VWNN, f: torch.Tensor) -> Record:
+    """A motion that obeys the network exactly: sample by sample, from past samples alone."""
+    a = torch.zeros(len(f), 1, dtype=torch.float64)
+    state = torch.zeros(vwnn.filters.stages, 2, dtype=torch.float64)
+    for k in range(len(f)):
+        zeta = torch.cat([a[k : k + 1], f[k : k + 1]], dim=1)
+        xi, _ = vwnn.filters(zeta, state)
+        a[k] = (vwnn.activation(xi) @ vwnn.weights)[0]
+        zeta = torch.cat([a[k : k + 1], f[k : k + 1]], dim=1)
+        state = vwnn.filters(zeta, state)[1]
+    return Record(DT, a, f)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_a_vwnn_recovers_the_weights_of_a_planted_network(order):
+    generator = torch.Generator().manual_seed(order)
+    planted, ours = (VWNN(1, 1, DT, sigmoid_weight=0.8, order=order) for _ in range(2))
+    features = planted.activation.features
+    planted.weights.copy_(0.3 * torch.randn(features, 1, generator=generator, dtype=torch.float64))
+    record = planted_motion(planted, 2.0 * torch.randn(1500, 1, generator=generator).double())
+    assert 0.1 < record.a.std() < 10.0
+    report = ours.identify([record])
+    assert report["rank"] == features
+    assert torch.allclose(ours.weights, planted.weights, rtol=0, atol=1e-6)
+    assert torch.allclose(ours(record), record.a, rtol=0, atol=1e-9)
+
+
+def test_with_the_force_itself_a_linear_structure_is_within_reach(linear_chain, record_of):
+    excitation = Excitation(force=BandLimitedGaussian(1.7, (0.0, 4.5)))
+    train, test = (record_of(linear_chain(3), excitation, 10.0, seed) for seed in range(2))
+    errors = {}
+    for unfiltered in (False, True):
+        estimator = VWNN(3, 3, DT, sigmoid_weight=1e-4, order=1, unfiltered_excitation=unfiltered)
+        estimator.identify([train])
+        errors[unfiltered] = score(estimator, [test])["relative_rms_percent"]
+    assert errors[True] < 0.1
+    assert errors[False] > 1.0
+
+
+def test_silent_forces_leave_a_vwnn_undetermined_unless_it_has_a_ridge(bilinear_record):
+    silent = replace(bilinear_record, f=torch.zeros_like(bilinear_record.f))
+    with pytest.raises(ValueError, match="rank-deficient features"):
+        VWNN(3, 3, DT).identify([silent])
+    report = VWNN(3, 3, DT, ridge=1e-8).identify([silent])
+    assert report["rank"] < 91
+
+
+def test_last_value_knows_a_constant_and_two_point_a_straight_line(bilinear_record):
+    k = torch.arange(50.0, dtype=torch.float64)[:, None]
+    constant, line = (Record(DT, a, torch.zeros_like(a)) for a in (torch.ones_like(k), 3.0 * k))
+    assert torch.equal(LastValue(1, 1, DT)(constant)[1:], constant.a[1:])
+    assert torch.equal(LastValue(1, 1, DT)(line)[1:], line.a[:-1])
+    assert torch.equal(TwoPoint(1, 1, DT)(line)[2:], line.a[2:])
+
+
+def test_baselines_start_from_rest(bilinear_record):
+    a = bilinear_record.a
+    assert not LastValue(3, 3, DT)(bilinear_record)[0].any()
+    assert not TwoPoint(3, 3, DT)(bilinear_record)[0].any()
+    assert torch.equal(TwoPoint(3, 3, DT)(bilinear_record)[1], 2.0 * a[0])
+    assert not FilteredExtrapolation(3, 3, DT)(bilinear_record)[0].any()
+
+
+@pytest.mark.parametrize("hertz", [0.5, 2.0, 5.0])
+def test_filtered_extrapolation_misses_a_sinusoid_by_one_less_h_squared(hertz):
+    t = DT * torch.arange(2000.0, dtype=torch.float64)[:, None]
+    record = Record(DT, torch.sin(2 * np.pi * hertz * t), torch.zeros_like(t))
+    missed = (FilteredExtrapolation(1, 1, DT)(record) - record.a)[500:]
+    decay, z = np.exp(-50.0 * DT), np.exp(2j * np.pi * hertz * DT)
+    gain = abs(1.0 - (1.0 - decay) / (z - decay)) ** 2
+    assert float(missed.abs().max()) == pytest.approx(gain, rel=1e-2)
+
+
+@pytest.mark.parametrize("name", SIMULATORS)
+def test_a_simulation_from_the_drive_alone_is_finite_and_causal(identified, bilinear_record, name):
+    calm = bilinear_record.map(lambda u: 0.2 * u)
+    pushed = changed_from(calm, "f", 501)
+    with torch.no_grad():
+        run, other = (identified[name].free_run(r.drive()) for r in (calm, pushed))
+    for signal in ("x", "v", "a"):
+        one, two = getattr(run, signal), getattr(other, signal)
+        assert one.shape == calm.a.shape
+        assert torch.isfinite(one).all()
+        assert torch.equal(one[:501], two[:501])
+    assert (run.a[501:] != other.a[501:]).any()
+
+
+def test_baselines_have_nothing_to_identify(identified, bilinear_record):
+    for name in ("last_value", "two_point", "filtered_extrapolation"):
+        assert identified[name].identified_parameters == 0
+        assert identified[name].identify([bilinear_record]) == {}
+
+
+@pytest.mark.parametrize("build", ZOO.values(), ids=ZOO)
+@pytest.mark.parametrize(("dofs", "inputs", "dt"), [(0, 3, DT), (3, -1, DT), (3, 3, 0.0)])
+def test_an_estimator_of_nothing_is_refused(build, dofs, inputs, dt):
+    with pytest.raises(ValueError, match=r"dofs=|dt="):
+        build(dofs, inputs, dt)
+
+
+def test_a_vwnn_above_the_nyquist_frequency_is_refused():
+    with pytest.raises(ValueError, match="Nyquist"):
+        VWNN(3, 3, 0.1)

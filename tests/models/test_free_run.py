@@ -1,0 +1,394 @@
+"""Free runs: exact where theory is, honest about what they see, scored beside one-step errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.signal import lsim
+from torch.nn.functional import pad
+
+from data.record import Drive, Record, Response, Truth, stack
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.records import Simulation
+from data.simulation.scenario import Noisy
+from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
+from models.estimator import Estimator, NoFreeRunError
+from models.layers.integrate import between, runge_kutta
+from models.linear import EquivalentLinear
+from models.mlp import GlobalMLP, ResidualMLP
+from models.polynomial import ModalPolynomial
+from models.training.free_run import periodic_run, simulate
+from models.training.metrics import FreeRunScore, free_run_score, score
+from models.vwnn import VWNN
+from report.run.figures import free_run_acceleration, free_run_displacement
+from report.run.table import error_table, rows_of, why_no_free_run
+
+DT = 0.01
+SIMULATORS = {
+    "equivalent_linear": lambda: EquivalentLinear(3, 3, DT),
+    "power_series_residual": lambda: ModalPolynomial(3, 3, DT, fits="residual", order=3),
+    "chebyshev": lambda: ModalPolynomial(3, 3, DT, basis="chebyshev", order=3),
+    "shared_pairs": lambda: ModalPolynomial(
+        3, 3, DT, order=2, pairs=[["u1", "u1_dot"], ["u2", "u3"]]
+    ),
+    "global_mlp": lambda: GlobalMLP(3, 3, DT),
+    "residual_mlp": lambda: ResidualMLP(3, 3, DT),
+}
+
+
+@pytest.fixture(scope="module")
+def zoo(bilinear_records):
+    """Every estimator that integrates itself; the networks with small random weights."""
+    torch.manual_seed(0)
+    estimators = {name: build() for name, build in SIMULATORS.items()}
+    for estimator in estimators.values():
+        estimator.identify(bilinear_records[:2])
+        for p in estimator.parameters():
+            if p.requires_grad:
+                p.data *= 0.3
+    return estimators
+
+
+def short(record: Record) -> Record:
+    """Three seconds of less than the motion that was trained on: all models stay with it."""
+    return record.window(0, 300).map(lambda u: 0.2 * u)
+
+
+def oscillator(stiffness: float = 40.0, damping: float = 0.8, mass: float = 2.0):
+    """A single mass as an equivalent linear system, identified by hand."""
+    estimator = EquivalentLinear(1, 1, DT)
+    estimator.weights.copy_(torch.tensor([[-damping], [-stiffness], [1.0]]).double() / mass)
+    return estimator
+
+
+def random_drive(hold: str, samples: int = 400, channels: int = 1) -> Drive:
+    u = torch.randn(samples, channels, generator=torch.Generator().manual_seed(3)).double()
+    x0, v0 = torch.full((channels,), 0.02).double(), torch.full((channels,), -0.3).double()
+    return Drive(DT, u, x0, v0, hold)
+
+
+@pytest.mark.parametrize(("hold", "interpolate"), [("linear", True), ("zero_order", False)])
+def test_a_linear_free_run_is_that_of_scipy(linear_structure, hold, interpolate):
+    M, C, K = linear_structure.linearised()
+    inverse = np.linalg.inv(M)
+    estimator = EquivalentLinear(3, 3, DT)
+    estimator.weights.copy_(
+        torch.from_numpy(np.vstack([-(inverse @ C).T, -(inverse @ K).T, inverse.T]))
+    )
+    drive = random_drive(hold, channels=3)
+    A = np.block([[np.zeros((3, 3)), np.eye(3)], [-inverse @ K, -inverse @ C]])
+    B = np.vstack([np.zeros((3, 3)), inverse])
+    t, start = DT * np.arange(drive.samples), torch.cat([drive.x0, drive.v0]).numpy()
+    system = (A, B, np.eye(6), np.zeros((6, 3)))
+    _, states, _ = lsim(system, drive.u.numpy(), t, X0=start, interp=interpolate)
+    ours = estimator.free_run(drive)
+    motion = torch.cat([ours.x, ours.v], dim=-1).numpy()
+    assert np.abs(motion - states).max() < 1e-10 * np.abs(states).max()
+    a = (
+        drive.u.numpy() @ inverse.T
+        - states[:, :3] @ (inverse @ K).T
+        - states[:, 3:] @ (inverse @ C).T
+    )
+    assert np.abs(ours.a.numpy() - a).max() < 1e-10 * np.abs(a).max()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"order": 3, "stages": 3},
+        {"order": [1, 3], "bias": False, "unfiltered_excitation": True},
+        {"squares": False, "stages": 1},
+    ],
+)
+def test_the_compiled_free_run_of_the_vwnn_is_that_of_torch(settings):
+    model = VWNN(3, 2, DT, sigmoid_weight=0.3, **settings)
+    random = torch.Generator().manual_seed(1)
+    model.weights.copy_(torch.randn(model.weights.shape, generator=random).double() / 20.0)
+    u, rest = torch.randn(2, 4, 300, 2, generator=random).double(), torch.zeros(2, 4, 3).double()
+    drive = Drive(DT, u, rest, rest)
+    reference = model._run(drive)
+    assert float(reference.std()) > 1e-3
+    assert torch.allclose(model.free_run(drive).a, reference, rtol=1e-11, atol=1e-13)
+
+
+def duffing(x: torch.Tensor, v: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+    return u - 0.4 * v - 9.0 * x - 6.0 * x**3
+
+
+def test_the_integrator_is_of_fourth_order():
+    """A cubic oscillator under a sine, whose middle samples are known to the band-limited hold."""
+    motions = []
+    for samples in (64, 128, 256, 2048):
+        t = 4.0 * np.pi / samples * torch.arange(samples, dtype=torch.float64)
+        zero = torch.zeros(1, dtype=torch.float64)
+        drive = Drive(4.0 * np.pi / samples, torch.sin(t)[:, None], zero, zero, "band_limited")
+        motions.append(runge_kutta(duffing, drive).x[:: samples // 64])
+    *coarse, exact = motions
+    errors = [float((x - exact).abs().max()) for x in coarse]
+    orders = np.log2([errors[0] / errors[1], errors[1] / errors[2]])
+    assert (np.abs(orders - 4.0) < 0.3).all(), orders
+
+
+def test_a_band_limited_hold_knows_what_a_sine_does_between_samples():
+    for samples in (50, 51):
+        phase = 2.0 * np.pi * 7.0 * torch.arange(samples).double() / samples
+        middle = between(torch.sin(phase)[:, None], "band_limited", 2)[:, 0]
+        exact = torch.sin(phase + np.pi * 7.0 / samples)[:-1, None]
+        assert (middle - exact).abs().max() < 1e-12
+
+
+def test_the_integrator_stops_where_every_run_is_lost():
+    calls = []
+
+    def unstable(x, v, u):
+        calls.append(None)
+        return 1e3 * x**3 + u
+
+    drive = Drive(
+        DT, torch.ones(5000, 1).double(), torch.zeros(1).double(), torch.zeros(1).double()
+    )
+    with torch.inference_mode():
+        response = runge_kutta(unstable, drive)
+    assert response.a.shape == (5000, 1)
+    assert response.a[-1].isnan().all()
+    assert len(calls) < 4 * 4000
+
+
+def test_a_free_run_is_as_good_as_one_step_where_the_model_is_exact(linear_record):
+    estimator = EquivalentLinear(3, 3, DT)
+    estimator.identify([linear_record])
+    errors = free_run_score(estimator, [linear_record])
+    assert errors["relative_rms_percent"] < 1e-3
+    assert errors["displacement_percent"] < 1e-3
+    assert errors["diverged"] == 0
+    assert errors["left_after_s"] == []
+
+
+@pytest.mark.parametrize("name", SIMULATORS)
+def test_a_free_run_never_sees_the_measured_motion(zoo, bilinear_record, name):
+    record = replace(short(bilinear_record), initial_state="given")
+    changed = {s: getattr(record, s).clone() for s in "axv"}
+    for signal in changed.values():
+        signal[1:] += 1.0
+    changed["a"][0] += 1.0
+    one, other = (simulate(zoo[name], r) for r in (record, replace(record, **changed)))
+    assert torch.equal(one.a, other.a)
+    assert torch.equal(one.a[:1], zoo[name].free_run(record.window(0, 2).drive()).a[:1])
+
+
+@pytest.mark.parametrize("name", SIMULATORS)
+def test_a_free_run_does_not_see_what_is_to_come(zoo, bilinear_record, name):
+    record = short(bilinear_record)
+    f = record.f.clone()
+    f[200:] += 1.0
+    one, other = simulate(zoo[name], record), simulate(zoo[name], replace(record, f=f))
+    assert torch.equal(one.a[:199], other.a[:199])
+    assert not torch.equal(one.a[200:], other.a[200:])
+
+
+@pytest.mark.parametrize("name", SIMULATORS)
+def test_a_batch_of_free_runs_is_its_runs(zoo, bilinear_records, name):
+    records = [short(record) for record in bilinear_records]
+    together = zoo[name].free_run(stack(records).drive())
+    for i, record in enumerate(records):
+        alone = zoo[name].free_run(record.drive())
+        assert torch.allclose(together.a[i], alone.a, rtol=0, atol=1e-9)
+        assert torch.allclose(together.x[i], alone.x, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", SIMULATORS)
+def test_a_free_run_obeys_its_own_equation(zoo, bilinear_record, name):
+    """One-step estimates along a free run are the run's own accelerations."""
+    record = short(bilinear_record)
+    run = simulate(zoo[name], record)
+    along = Record(DT, run.a, record.f, run.x, run.v)
+    estimate = zoo[name](along)
+    assert torch.allclose(estimate, run.a, rtol=0, atol=1e-9 * float(run.a.detach().abs().max()))
+
+
+def test_a_residual_network_that_says_nothing_leaves_the_linear_system(bilinear_record):
+    linear, residual = EquivalentLinear(3, 3, DT), ResidualMLP(3, 3, DT)
+    for estimator in (linear, residual):
+        estimator.identify([bilinear_record])
+    for p in residual.network.layers.parameters():
+        p.data.zero_()
+    residual.network.output_scale.centre.zero_()
+    record = short(bilinear_record)
+    ours, exact = simulate(residual, record), simulate(linear, record)
+    integrated = runge_kutta(linear.acceleration, record.drive())
+    assert torch.allclose(ours.a, integrated.a, rtol=0, atol=1e-12)
+    assert torch.allclose(ours.x, exact.x, rtol=0, atol=1e-3 * float(exact.x.abs().max()))
+
+
+def test_a_diverging_model_is_reported_with_its_time(linear_record):
+    estimator = EquivalentLinear(3, 3, DT)
+    estimator.identify([linear_record])
+    estimator.weights[:3] += 4.0 * torch.eye(3, dtype=torch.float64)  # negative damping
+    errors = free_run_score(estimator, [linear_record])
+    assert errors["diverged"] == 1
+    a = simulate(estimator, linear_record).a
+    beyond = (a.abs() > 100.0 * linear_record.a.abs().max()).any(dim=-1)
+    assert errors["left_after_s"] == [pytest.approx(DT * int(beyond.int().argmax()))]
+    assert 0.0 < errors["left_after_s"][0] < 10.0
+    assert errors["relative_rms_percent"] is None
+    assert errors["displacement_percent"] is None
+    assert errors["per_dof_percent_true"] == [None, None, None]
+
+
+class Fixed(Estimator):
+    """Runs as it was told to, where the excitation is positive; else stays at rest."""
+
+    def __init__(self, factor: float) -> None:
+        super().__init__(1, 1, DT)
+        self.factor = factor
+
+    def free_run(self, drive):
+        a = torch.where(drive.u > 0.0, self.factor * drive.u, drive.u)
+        return Response(a, a, a)
+
+
+def one_record(u: torch.Tensor, true: torch.Tensor | None = None) -> Record:
+    truth = None if true is None else Truth(true, true, true, true, true)
+    return Record(DT, u, u, truth=truth)
+
+
+def test_one_diverged_record_of_a_split_is_never_dropped():
+    calm, lost = -torch.ones(50, 1).double(), torch.ones(50, 1).double()
+    score = FreeRunScore()
+    score.update(Fixed(101.0), stack([one_record(calm), one_record(lost)]))
+    score.update(Fixed(float("nan")), one_record(pad(lost[7:], (0, 0, 7, 0), value=-1.0)))
+    errors = score.percent()
+    assert errors["diverged"] == 2
+    assert errors["left_after_s"] == pytest.approx([0.0, 0.07])
+    assert errors["relative_rms_percent"] is None
+
+
+def test_a_free_run_is_scored_by_hand_against_measured_and_true():
+    u = torch.ones(50, 1).double()
+    errors = free_run_score(Fixed(1.2), [one_record(u)])
+    assert errors["relative_rms_percent"] == pytest.approx(20.0)
+    assert "displacement_percent" not in errors  # there is none to compare with
+    errors = free_run_score(Fixed(1.2), [one_record(u, true=1.25 * u)])
+    assert errors["relative_rms_percent_true"] == pytest.approx(4.0)
+    assert errors["displacement_percent"] == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("name", SIMULATORS)
+def test_a_free_run_has_the_keys_of_a_one_step_score(zoo, bilinear_record, name):
+    record = short(bilinear_record)
+    more = {"displacement_percent", "diverged", "left_after_s"}
+    assert (
+        free_run_score(zoo[name], [record]).keys()
+        == score(zoo[name], [record]).keys() - {"own_residual"} | more
+    )
+
+
+@pytest.mark.parametrize("build", [LastValue, TwoPoint, FilteredExtrapolation])
+def test_an_extrapolation_says_why_it_has_no_free_run(build, bilinear_record):
+    estimator = build(3, 3, DT)
+    with pytest.raises(NoFreeRunError, match="knows no excitation"):
+        estimator.free_run(bilinear_record.drive())
+    result = FreeRunScore()
+    result.update(estimator, bilinear_record)
+    assert "knows no excitation" in result.percent()["none"]
+    assert result.over_time() is None
+    assert result.example is None
+
+
+def test_a_record_that_begins_in_motion_without_its_state_says_so(zoo, bilinear_record):
+    record = replace(bilinear_record, x=None, v=None, initial_state="given")
+    assert "begins in motion" in free_run_score(zoo["equivalent_linear"], [record])["none"]
+
+
+@pytest.mark.parametrize("samples", [300, 301])
+def test_a_periodic_steady_state_is_the_frequency_response(samples):
+    estimator = oscillator(damping=14.0)
+    omega = 2.0 * np.pi * 4.0 / (samples * DT)
+    t = DT * torch.arange(samples, dtype=torch.float64)
+    rest = torch.zeros(1, dtype=torch.float64)
+    drive = Drive(DT, 5.0 * torch.cos(omega * t)[:, None], rest, rest, "band_limited")
+    response = periodic_run(estimator, drive)
+    receptance = 5.0 / (40.0 - 2.0 * omega**2 + 14.0j * omega)
+    wanted = (receptance * np.exp(1j * omega * t.numpy())).real
+    assert np.abs(response.x[:, 0].numpy() - wanted).max() < 1e-5 * abs(receptance)
+    assert response.a.shape == (samples, 1)
+
+
+def test_a_periodic_record_is_scored_in_its_steady_state():
+    estimator = oscillator(damping=14.0)
+    f = torch.sin(2.0 * np.pi * torch.arange(400).double() / 100.0)[:, None]
+    drive = Record(DT, f, f, hold="band_limited").drive()
+    steady = periodic_run(estimator, drive)
+    record = Record(DT, steady.a, f, steady.x, steady.v, hold="band_limited")
+    assert free_run_score(estimator, [record])["relative_rms_percent"] > 1.0
+    periodic = replace(record, initial_state="periodic")
+    assert free_run_score(estimator, [periodic])["relative_rms_percent"] < 1e-6
+
+
+def test_gradients_go_through_a_free_run(bilinear_record):
+    torch.manual_seed(0)
+    estimator = GlobalMLP(3, 3, DT)
+    estimator.identify([bilinear_record])
+    estimator.free_run(bilinear_record.window(0, 20).drive()).a.square().sum().backward()
+    assert all(p.grad is not None and p.grad.isfinite().all() for p in estimator.parameters())
+
+
+def printed(rows) -> list[list[str]]:
+    table = error_table("", rows, 2)
+    return list(zip(*(column.cells for column in table.columns), strict=True))
+
+
+def test_the_table_tells_free_runs_from_estimates():
+    fine = {"relative_rms_percent": 1.0, "per_dof_percent": [2.0, 3.0]}
+    lost = {"relative_rms_percent": None, "per_dof_percent": [None] * 2}
+    one_step = {"train": fine, "test": fine}
+    left = {**lost, "diverged": 2, "left_after_s": [7.0, 3.2]}
+    free = {**fine, "diverged": 0, "left_after_s": []}
+    rows = printed(rows_of("a", {**one_step, "free_run_train": free, "free_run": left}))
+    assert [row[0] for row in rows] == ["a", "  free run"]
+    assert rows[1][1:] == ("1.00", "2.00", "3.00", "2 left from 3.2 s", "–", "–")
+    none = {"free_run_train": {"none": "why"}, "free_run": {"none": "why"}}
+    rows = printed(rows_of("b", {**one_step, **none}))
+    assert rows[1] == ("  no free run", *["–"] * 6)
+    assert why_no_free_run({"b": none, "c": none}) == ["no free run of b, c: why"]
+    assert printed(rows_of("d", {"failed": "reason"}))[0][:2] == ("d", "failed")
+
+
+def test_a_run_that_leaves_is_drawn_while_it_does(bilinear_record):
+    response = simulate(oscillator_of(bilinear_record), bilinear_record)
+    for draw in (free_run_acceleration, free_run_displacement):
+        figure = draw(bilinear_record, response, seconds=2.0)
+        true, own = figure.axes[0].lines
+        assert true.get_label() == "true"
+        drawn = np.isfinite(own.get_ydata())
+        assert drawn.any()
+        assert not drawn.all()
+        assert np.nanmax(np.abs(own.get_ydata())) < 1e3
+
+
+def oscillator_of(record: Record) -> EquivalentLinear:
+    """An unstable system of the record's size."""
+    estimator = EquivalentLinear(3, 3, DT)
+    estimator.identify([record])
+    estimator.weights[:3] += 8.0 * torch.eye(3, dtype=torch.float64)
+    return estimator
+
+
+def test_a_model_is_judged_under_the_force_that_acted_where_its_sensor_erred(linear_chain):
+    """The exact model: no error against the truth, the sensor's against what was measured."""
+    excitation = Excitation(force=BandLimitedGaussian(std=2.0, band=(0.0, 3.0)))
+    scenario = Noisy(level=0.1, signals=["f"])
+    simulation = Simulation(linear_chain(3), excitation, scenario, DT, 20.0)
+    (noisy,), _ = simulation.records("train", 1, seed=0)
+    clean = noisy.truly_driven()
+    assert not torch.equal(clean.f, noisy.f)
+    model = EquivalentLinear(noisy.dofs, noisy.f.shape[-1], DT)
+    model.identify([clean])
+    scores = free_run_score(model, [noisy])
+    assert scores["relative_rms_percent_true"] < 0.1
+    assert scores["displacement_percent"] < 0.1
+    assert scores["relative_rms_percent"] > 3.0

@@ -1,0 +1,251 @@
+"""Each adaptation law against a case with a known answer, and against its compiled twin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from models.online.laws.frozen import Frozen
+from models.online.laws.law import Adapted, Law
+from models.online.laws.normalised_gradient import NormalisedGradient
+from models.online.laws.random_walk import RandomWalk
+from models.online.laws.recursive_least_squares import RecursiveLeastSquares
+
+LAWS = {
+    "frozen": Frozen(),
+    "least_squares": RecursiveLeastSquares(1.0, variance=10.0),
+    "forgetting": RecursiveLeastSquares(0.98, variance=0.5),
+    "gradient": NormalisedGradient(0.8, dead_zone=0.4, leakage=1e-3, bound=0.7),
+    "random_walk": RandomWalk(walk=1e-3, noise=0.1, variance=0.2),
+}
+
+
+@pytest.fixture(scope="module")
+def samples() -> tuple[torch.Tensor, torch.Tensor]:
+    """Features (300, 7), the last of them silent, and two noisy targets (300, 2)."""
+    rng = torch.Generator().manual_seed(3)
+    phi = torch.randn(300, 7, generator=rng, dtype=torch.float64)
+    phi[:, 1] = phi[:, 0] + 0.1 * phi[:, 1]
+    phi[:, 6] = 0.0
+    planted = torch.randn(7, 2, generator=rng, dtype=torch.float64)
+    noise = torch.randn(300, 2, generator=rng, dtype=torch.float64)
+    return phi, phi @ planted + 0.1 * noise
+
+
+def zero(law: Law, features: int = 7, targets: int = 2) -> Adapted:
+    return law.start(torch.zeros(features, targets, dtype=torch.float64))
+
+
+def stepped(law: Law, phi: torch.Tensor, y: torch.Tensor) -> tuple[torch.Tensor, Adapted]:
+    """Estimates and the last state, a PyTorch step at a time."""
+    state, made = zero(law, phi.shape[1], y.shape[1]), []
+    for u, target in zip(phi, y, strict=True):
+        made.append(u @ state.weights)
+        state = law.adapt(state, u, target - made[-1])
+    return torch.stack(made), state
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_the_compiled_law_is_that_in_pytorch(law, samples):
+    made, state = stepped(law, *samples)
+    compiled, after = law.follow(zero(law), *samples)
+    assert torch.allclose(compiled, made, rtol=0, atol=1e-10)
+    assert torch.allclose(after.weights, state.weights, rtol=0, atol=1e-10)
+    assert torch.allclose(after.memory, state.memory, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_an_estimate_comes_before_its_target_and_leaves_the_state_as_it_was(law, samples):
+    phi, y = samples
+    state = zero(law)
+    before = (state.weights.clone(), state.memory.clone())
+    made, _ = law.follow(state, phi, y)
+    moved = y.clone()
+    moved[200:] += 1.0
+    other, _ = law.follow(state, phi, moved)
+    assert torch.equal(made[:201], other[:201])
+    assert torch.equal(made[201:], other[201:]) == isinstance(law, Frozen)
+    assert torch.equal(state.weights, before[0])
+    assert torch.equal(state.memory, before[1])
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_a_pass_in_two_parts_is_the_whole(law, samples):
+    phi, y = samples
+    whole, end = law.follow(zero(law), phi, y)
+    first, middle = law.follow(zero(law), phi[:130], y[:130])
+    second, last = law.follow(middle, phi[130:], y[130:])
+    assert torch.equal(torch.cat([first, second]), whole)
+    assert torch.equal(last.weights, end.weights)
+
+
+@pytest.mark.parametrize("forgetting", [1.0, 0.97])
+def test_recursive_least_squares_is_the_weighted_least_squares_fit(samples, forgetting):
+    """Weights by lstsq of the rows √λᴺ⁻ᵏ φ_k and of the prior √(λᴺ/p0): the textbook's problem."""
+    phi, y = samples
+    law = RecursiveLeastSquares(forgetting, variance=4.0, limit=float("inf"))
+    _, state = law.follow(zero(law), phi, y)
+    N, P = phi.shape
+    weight = forgetting ** (0.5 * np.arange(N - 1, -1, -1))[:, None]
+    prior = np.sqrt(forgetting**N / 4.0) * np.eye(P)
+    rows = np.concatenate([weight * phi.numpy(), prior])
+    wanted = np.concatenate([weight * y.numpy(), np.zeros((P, 2))])
+    by_hand = np.linalg.lstsq(rows, wanted)[0]
+    assert np.abs(state.weights.numpy() - by_hand).max() < 1e-11
+    covariance = (state.memory @ state.memory.T).numpy()
+    inverse = np.linalg.inv(rows.T @ rows)
+    assert np.abs(covariance - inverse).max() < 1e-10 * np.abs(inverse).max()
+
+
+def test_the_limit_holds_back_no_more_than_it_must(samples):
+    """Excited weights are those without a limit; the silent one's variance stays at the limit."""
+    phi, y = samples[0][:, 2:], samples[1]
+    limited, free = (
+        RecursiveLeastSquares(0.95, variance=4.0, limit=u) for u in (1.0, float("inf"))
+    )
+    _, held = limited.follow(zero(limited, 5), phi, y)
+    _, grown = free.follow(zero(free, 5), phi, y)
+    variance = {"held": held.memory.square().sum(1), "grown": grown.memory.square().sum(1)}
+    assert float(variance["held"].max()) <= 4.0 * (1.0 + 1e-12)
+    assert float(variance["grown"][4]) == pytest.approx(4.0 * 0.95**-300, rel=1e-9)
+    assert torch.allclose(variance["held"][:4], variance["grown"][:4], rtol=1e-6)
+    assert torch.allclose(held.weights[:4], grown.weights[:4], rtol=0, atol=1e-6)
+
+
+def test_after_silence_a_limited_law_does_not_burst():
+    """A weight that was not excited for long takes noise for news, if nothing limits its gain."""
+    rng = torch.Generator().manual_seed(1)
+    phi = torch.ones(4000, 2, dtype=torch.float64)
+    phi[:3990, 1] = 0.0
+    phi[3990:, 1] = 1e-3
+    y = phi[:, :1] + 1e-2 * torch.randn(4000, 1, generator=rng, dtype=torch.float64)
+    weights = []
+    for limit in (1.0, float("inf")):
+        law = RecursiveLeastSquares(0.99, variance=1.0, limit=limit)
+        _, state = law.follow(zero(law, 2, 1), phi, y)
+        weights.append(float(state.weights[1, 0].abs()))
+    assert weights[0] < 1e-3
+    assert weights[1] > 0.1
+
+
+def test_the_gradient_with_a_gain_of_one_leaves_no_error_of_its_sample(samples):
+    phi, y = samples
+    state = zero(NormalisedGradient())
+    for gain, left in ((1.0, 0.0), (0.5, 0.5), (1.5, -0.5)):
+        law = NormalisedGradient(gain, floor=0.0)
+        error = y[0] - phi[0] @ state.weights
+        after = law.adapt(state, phi[0], error)
+        assert torch.allclose(y[0] - phi[0] @ after.weights, left * error, rtol=0, atol=1e-12)
+
+
+def test_the_gradient_converges_at_its_known_rate():
+    """Along orthogonal features of unit length the error shrinks by 1 − γ at each visit."""
+    law = NormalisedGradient(0.3, floor=0.0)
+    phi = torch.eye(4, dtype=torch.float64).repeat(25, 1)
+    planted = torch.tensor([[1.0], [-2.0], [0.5], [3.0]], dtype=torch.float64)
+    _, state = law.follow(zero(law, 4, 1), phi, phi @ planted)
+    assert torch.allclose(planted - state.weights, 0.7**25 * planted, rtol=1e-9)
+
+
+def test_the_gradient_overshoots_from_two_on():
+    phi = torch.ones(60, 1, dtype=torch.float64)
+    left = []
+    for gain in (1.9, 2.1):
+        law = NormalisedGradient(gain, floor=0.0)
+        _, state = law.follow(zero(law, 1, 1), phi, phi)
+        left.append(abs(1.0 - float(state.weights)))
+    assert left[0] == pytest.approx(0.9**60, rel=1e-6)
+    assert left[1] == pytest.approx(1.1**60, rel=1e-6)
+
+
+def test_dead_zone_leakage_and_bound_do_what_they_say(samples):
+    phi, y = samples
+    still = NormalisedGradient(dead_zone=1e6)
+    assert not still.follow(zero(still), phi, y)[1].weights.any()
+    fading = NormalisedGradient(0.5, leakage=0.01)
+    start = fading.start(torch.ones(7, 2, dtype=torch.float64))
+    _, state = fading.follow(start, torch.zeros_like(phi), y)
+    assert torch.allclose(state.weights, start.weights * 0.995**300, rtol=1e-12)
+    bounded = NormalisedGradient(bound=0.7)
+    _, state = bounded.follow(zero(bounded), phi, y)
+    lengths = torch.linalg.vector_norm(state.weights, dim=0)
+    assert float(lengths.max()) == pytest.approx(0.7, rel=1e-12)
+
+
+def test_a_scalar_random_walk_settles_at_the_riccati_solution():
+    """p − q = p⁻, p = p⁻R/(p⁻ + R): the steady covariance after a sample, from a quadratic."""
+    walk, noise = 0.03, 0.5
+    law = RandomWalk(walk, noise, variance=10.0)
+    ones = torch.ones(400, 1, dtype=torch.float64)
+    _, state = law.follow(zero(law, 1, 1), ones, ones)
+    ahead = 0.5 * (walk + np.sqrt(walk**2 + 4.0 * walk * noise))
+    assert float(state.memory) == pytest.approx(ahead * noise / (ahead + noise), rel=1e-12)
+
+
+def test_a_random_walk_that_stands_still_is_recursive_least_squares(samples):
+    still = RandomWalk(walk=0.0, noise=0.25, variance=2.0)
+    squares = RecursiveLeastSquares(1.0, variance=8.0)
+    made, state = still.follow(zero(still), *samples)
+    other, root = squares.follow(zero(squares), *samples)
+    assert torch.allclose(made, other, rtol=0, atol=1e-10)
+    assert torch.allclose(state.memory, 0.25 * root.memory @ root.memory.T, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("law", "lag"),
+    [
+        (RecursiveLeastSquares(0.95, variance=1e3, limit=float("inf")), 0.95 / 0.05),
+        (NormalisedGradient(0.1, floor=0.0), 0.9 / 0.1),
+        (RecursiveLeastSquares(1.0, variance=1e3), 1000.0 * 0.5),
+    ],
+    ids=["forgetting", "gradient", "least_squares"],
+)
+def test_a_weight_that_drifts_steadily_is_followed_at_a_known_distance(law, lag):
+    """w = c k under φ = 1: forgetting lags λ/(1−λ) samples, the gradient (1−γ)/γ, the mean T/2."""
+    ones = torch.ones(1000, 1, dtype=torch.float64)
+    drifting = 1e-3 * torch.arange(1000, dtype=torch.float64)[:, None]
+    _, state = law.follow(zero(law, 1, 1), ones, drifting)
+    behind = float(drifting[-1] - state.weights) / 1e-3
+    assert behind == pytest.approx(lag, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", ["least_squares", "forgetting", "random_walk"])
+def test_covariances_stay_positive_definite_where_the_motion_excites_little(name):
+    """Long silence, collinear and tiny features: no NaN, no growth, eigenvalues above zero."""
+    rng = torch.Generator().manual_seed(0)
+    phi = torch.randn(20_000, 6, generator=rng, dtype=torch.float64)
+    phi[:, 1] = phi[:, 0] * (1.0 + 1e-9)
+    phi[:, 2] *= 1e-6
+    phi[5_000:15_000] = 0.0
+    phi[:, 5] = 0.0
+    law = LAWS[name]
+    made, state = law.follow(zero(law, 6, 1), phi, phi[:, :1])
+    assert torch.isfinite(made).all()
+    root = name != "random_walk"
+    covariance = state.memory @ state.memory.T if root else state.memory
+    assert torch.equal(covariance, covariance.T) or root
+    assert float(torch.linalg.eigvalsh(covariance).min()) > 0.0
+    assert float(covariance.diagonal().max()) <= law.settings()[-1] * (1.0 + 1e-9) or root
+    if name == "least_squares":
+        assert float(covariance.diagonal().max()) <= 10.0 * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("law", "setting"),
+    [
+        (RecursiveLeastSquares, {"forgetting": 0.0}),
+        (RecursiveLeastSquares, {"forgetting": 1.01}),
+        (RecursiveLeastSquares, {"variance": -1.0}),
+        (RecursiveLeastSquares, {"limit": 0.5}),
+        (NormalisedGradient, {"gain": 0.0}),
+        (NormalisedGradient, {"leakage": -0.1}),
+        (NormalisedGradient, {"bound": 0.0}),
+        (RandomWalk, {"noise": 0.0}),
+        (RandomWalk, {"walk": -1.0}),
+    ],
+)
+def test_a_setting_out_of_range_is_named(law, setting):
+    (name,) = setting
+    with pytest.raises(ValueError, match=rf"adaptation\.{name}="):
+        law(**setting)

@@ -1,0 +1,247 @@
+"""Sample by sample: the batch estimator where nothing adapts, and what bad samples do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import pytest
+import torch
+
+from data.record import Record
+from data.sample import samples_of
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from models.linear import EquivalentLinear
+from models.linear_in_weights import LinearInWeights
+from models.online.guard import Guard
+from models.online.laws.frozen import Frozen
+from models.online.laws.recursive_least_squares import RecursiveLeastSquares
+from models.online.stream import Stream
+from models.online.vwnn_stream import VWNNStream
+from models.polynomial import ModalPolynomial
+from models.vwnn import VWNN
+
+DT = 0.01
+ESTIMATORS = {
+    "vwnn": VWNN,
+    "vwnn_first_order": partial(VWNN, order=1),
+    "vwnn_third_order": partial(VWNN, order=3, stages=1),
+    "vwnn_odd": partial(VWNN, order=[1, 3], stages=1, bias=False),
+    "vwnn_unfiltered": partial(VWNN, unfiltered_excitation=True, squares=False),
+    "vwnn_three_stages": partial(VWNN, order=1, stages=3),
+    "equivalent_linear": EquivalentLinear,
+    "power_series_residual": partial(ModalPolynomial, fits="residual", order=3),
+    "chebyshev_restoring_force": partial(ModalPolynomial, basis="chebyshev", order=3),
+    "coupled_modes": partial(ModalPolynomial, order=2, pairs=[["u1", "u2"], ["u1", "u1_dot"]]),
+}
+STREAMS = [(name, Stream) for name in ESTIMATORS]
+STREAMS += [(name, VWNNStream) for name in ESTIMATORS if "vwnn" in name]
+
+
+@pytest.fixture(scope="module")
+def identified(bilinear_records) -> dict[str, LinearInWeights]:
+    zoo = {name: build(3, 3, DT) for name, build in ESTIMATORS.items()}
+    for estimator in zoo.values():
+        estimator.identify(bilinear_records[:1])
+    return zoo
+
+
+@pytest.fixture(scope="module")
+def record(bilinear_records) -> Record:
+    return bilinear_records[1].window(0, 500).measured()
+
+
+def run(stream: Stream, record: Record) -> torch.Tensor:
+    return torch.stack([stream.step(sample) for sample in samples_of(record)])
+
+
+def spoilt(record: Record, name: str, k: int, value: float, channel: int = 0) -> Record:
+    signal = getattr(record, name).clone()
+    signal[k, channel] = value
+    return replace(record, **{name: signal})
+
+
+def found(stream: Stream) -> list[tuple[int, str, str]]:
+    return [(event.sample, event.kind, event.channel) for event in stream.events]
+
+
+@pytest.mark.parametrize(("name", "kind"), STREAMS)
+def test_a_frozen_stream_is_the_batch_estimator(identified, record, name, kind):
+    stream = kind(identified[name], Frozen())
+    whole = identified[name](record)
+    assert torch.allclose(run(stream, record), whole, rtol=0, atol=1e-11 * float(whole.abs().max()))
+    assert not stream.events
+
+
+@pytest.mark.parametrize("kind", [Stream, VWNNStream])
+def test_supports_are_channels_of_a_stream_too(linear_structure, record_of, kind):
+    shaken = Excitation(
+        force=BandLimitedGaussian(2.0, (0.0, 4.5)),
+        support=BandLimitedGaussian(0.05, (0.0, 4.0)),
+        dofs=[2],
+    )
+    moved = record_of(linear_structure, shaken, 5.0)
+    estimator = VWNN(3, 7, DT, order=1, ridge=1e-10)
+    estimator.identify([moved])
+    assert torch.allclose(
+        run(kind(estimator, Frozen()), moved), estimator(moved), rtol=0, atol=1e-10
+    )
+
+
+@pytest.mark.parametrize("name", [name for name in ESTIMATORS if "vwnn" in name])
+def test_the_compiled_stream_adapts_as_that_in_pytorch(identified, record, name):
+    law = RecursiveLeastSquares(0.995, variance=1e3)
+    ours, compiled = (kind(identified[name], law) for kind in (Stream, VWNNStream))
+    assert torch.allclose(run(compiled, record), run(ours, record), rtol=0, atol=1e-7)
+    assert torch.allclose(compiled.weights[0], ours.weights[0], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "kind"), STREAMS)
+def test_an_estimate_is_made_before_its_acceleration_is_used(identified, record, name, kind):
+    law = RecursiveLeastSquares(0.99, variance=1e2)
+    stream, other = kind(identified[name], law), kind(identified[name], law)
+    here = run(stream, record)
+    there = run(other, spoilt(record, "a", 300, 5.0))
+    assert torch.equal(here[:301], there[:301])
+    assert not torch.equal(here[301:], there[301:])
+
+
+def test_an_estimator_is_left_as_it_was(identified, record):
+    for name, kind in STREAMS:
+        before = {key: u.clone() for key, u in identified[name].state_dict().items()}
+        run(kind(identified[name], RecursiveLeastSquares(0.99)), record.window(0, 50))
+        for key, u in identified[name].state_dict().items():
+            assert torch.equal(u, before[key])
+
+
+@pytest.mark.parametrize(("value", "kind"), [(torch.nan, "not_finite"), (99.0, "saturated")])
+@pytest.mark.parametrize("stream", [Stream, VWNNStream])
+def test_a_bad_acceleration_is_named_and_survived(identified, record, value, kind, stream):
+    """Nothing is learnt from it, and soon the estimates are those of a record without it."""
+    law, guard = RecursiveLeastSquares(1.0, variance=1e3), Guard(full_scale=50.0)
+    sound, hit = (stream(identified["vwnn"], law, guard=guard) for _ in range(2))
+    expected = run(sound, record)
+    estimates = run(hit, spoilt(record, "a", 200, value, channel=1))
+    assert found(hit) == [(200, kind, "a2")]
+    assert hit.events[0].time == pytest.approx(2.0)
+    assert torch.equal(estimates[:201], expected[:201])
+    scale = float(record.a.abs().max())
+    assert float((estimates - expected)[201:].abs().max()) < 0.2 * scale
+    assert float((estimates - expected)[260:].abs().max()) < 0.01 * scale
+
+
+def test_a_bad_sample_and_those_that_remember_it_teach_nothing(identified, record):
+    guard, bad = Guard(settle=10), spoilt(record, "a", 200, torch.nan)
+    stream, weights = Stream(identified["vwnn"], RecursiveLeastSquares(), guard=guard), []
+    for sample in samples_of(bad):
+        stream.step(sample)
+        weights.append(stream.weights[0])
+    moved = [not torch.equal(weights[k], weights[k - 1]) for k in range(195, 216)]
+    assert moved == [True] * 5 + [False] * 11 + [True] * 5
+
+
+@pytest.mark.parametrize("name", ["vwnn", "equivalent_linear"])
+def test_a_bad_input_keeps_its_last_sound_value(identified, record, name):
+    law = Frozen()
+    nan = spoilt(record, "f", 200, torch.nan, channel=2)
+    held = spoilt(record, "f", 200, float(record.f[199, 2]), channel=2)
+    stream = Stream(identified[name], law)
+    assert torch.equal(run(stream, nan), run(Stream(identified[name], law), held))
+    assert found(stream) == [(200, "not_finite", "f3")]
+
+
+def test_a_stuck_sensor_is_found_and_a_structure_at_rest_is_not(identified, record):
+    stuck = record.a.clone()
+    stuck[200:240, 0] = stuck[200, 0]
+    stream = Stream(identified["vwnn"], Frozen(), guard=Guard(repeats=3))
+    run(stream, replace(record, a=stuck))
+    assert found(stream) == [(203, "repeated", "a1")]
+    still = record.map(lambda u: torch.cat([torch.zeros_like(u[:100]), u[:50]]))
+    quiet = Stream(identified["vwnn"], Frozen())
+    run(quiet, still)
+    assert not quiet.events
+    assert not Guard().finds(still)
+    assert Guard().finds(replace(record, a=stuck))
+
+
+@pytest.mark.parametrize("kind", [Stream, VWNNStream])
+def test_samples_that_did_not_come_are_bridged(identified, record, kind):
+    samples = list(samples_of(record))
+    stream = kind(identified["vwnn"], Frozen())
+    estimates = [stream.step(s) for s in samples[:200] + samples[205:]]
+    assert found(stream) == [(200, "dropped", "all")]
+    whole = identified["vwnn"](record)
+    scale = float(record.a.abs().max())
+    assert torch.allclose(torch.stack(estimates[260:]), whole[265:], rtol=0, atol=0.01 * scale)
+
+
+@pytest.mark.parametrize("kind", [Stream, VWNNStream])
+def test_after_a_long_gap_the_filters_begin_at_rest(identified, record, kind):
+    samples = list(samples_of(record))
+    stream = kind(identified["vwnn"], Frozen(), guard=Guard(longest=20))
+    for sample in samples[:200]:
+        stream.step(sample)
+    later = torch.stack([stream.step(s) for s in samples[300:]])
+    anew = identified["vwnn"](record.window(300, 200))
+    assert torch.allclose(later, anew, rtol=0, atol=1e-11)
+
+
+def test_a_clock_that_is_set_anew_is_a_gap(identified, record):
+    samples = list(samples_of(record))
+    stream = Stream(identified["vwnn"], Frozen(), guard=Guard(longest=20))
+    for sample in samples[:200]:
+        stream.step(sample)
+    later = torch.stack([stream.step(s) for s in samples[:100]])
+    assert found(stream) == [(200, "dropped", "all")]
+    assert torch.allclose(later, identified["vwnn"](record)[:100], rtol=0, atol=1e-11)
+
+
+def test_a_clock_that_jitters_or_stops_is_no_fault(identified, record):
+    stream, shifts = Stream(identified["vwnn"], Frozen()), torch.linspace(-0.2, 0.2, 500)
+    times = [
+        1e9 + sample.time + 0.01 * float(u)
+        for sample, u in zip(samples_of(record), shifts, strict=True)
+    ]
+    times[100:200] = [None] * 50 + [float("nan")] * 50
+    for sample, time in zip(samples_of(record), times, strict=True):
+        stream.step(replace(sample, time=time))
+    assert not stream.events
+
+
+def test_a_sample_that_came_twice_counts_once(identified, record):
+    samples = list(samples_of(record))
+    law = RecursiveLeastSquares(0.999)
+    stream, once = (VWNNStream(identified["vwnn"], law) for _ in range(2))
+    for k, sample in enumerate(samples):
+        estimate = stream.step(sample)
+        assert torch.equal(estimate, once.step(sample))
+        if k == 100:
+            assert torch.equal(stream.step(sample), estimate)
+    assert found(stream) == [(100, "repeated", "all")]
+    assert torch.equal(stream.weights[0], once.weights[0])
+
+
+def test_an_acceleration_that_never_came_is_a_dropped_one(identified, record):
+    stream = Stream(identified["vwnn"], Frozen())
+    for k, sample in enumerate(samples_of(record)):
+        estimate = stream.estimate(sample)
+        if k != 100:
+            stream.update(sample.a)
+    assert found(stream) == [(100, "dropped", "a")]
+    assert torch.isfinite(estimate).all()
+    with pytest.raises(ValueError, match="call estimate first"):
+        stream.update(sample.a)
+
+
+def test_a_sample_that_does_not_fit_says_how(identified, record):
+    sample = next(samples_of(record))
+    with pytest.raises(ValueError, match="2 channels of excitation"):
+        Stream(identified["vwnn"], Frozen()).step(replace(sample, f=sample.f[:2]))
+    with pytest.raises(ValueError, match="must be float64"):
+        VWNNStream(identified["vwnn"], Frozen()).step(replace(sample, a=sample.a.float()))
+    with pytest.raises(ValueError, match="EquivalentLinear reads x, which the sample lacks"):
+        Stream(identified["equivalent_linear"], Frozen()).step(replace(sample, x=None))
+    with pytest.raises(ValueError, match="give its records one by one"):
+        next(samples_of(record.map(lambda u: u[None])))
+    with pytest.raises(ValueError, match=r"guard\.repeats=0"):
+        Guard(repeats=0)

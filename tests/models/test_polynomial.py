@@ -1,0 +1,223 @@
+"""Polynomial methods: planted restoring forces, equal spans, extents, modes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from numpy.polynomial import chebyshev as numpy_chebyshev
+from torch import nn
+
+from data.record import Record
+from data.simulation.elements import Polynomial
+from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.structure import Structure
+from models.estimator import weight_matrix
+from models.layers.series import chebyshev, double_series, double_series_terms, powers
+from models.linear import EquivalentLinear
+from models.polynomial import ModalPolynomial, real_modes
+from models.training.metrics import score
+
+FORCE = Excitation(force=BandLimitedGaussian(std=12.0, band=(0.0, 3.4)))
+METHODS = {
+    "power_series_residual": {"fits": "residual", "basis": "power"},
+    "power_series_restoring_force": {"fits": "restoring_force", "basis": "power"},
+    "chebyshev_restoring_force": {"fits": "restoring_force", "basis": "chebyshev"},
+}
+
+
+def identified(records: list[Record], **choices) -> ModalPolynomial:
+    estimator = ModalPolynomial(records[0].dofs, records[0].dofs, records[0].dt, **choices)
+    estimator.identify(records)
+    return estimator
+
+
+@pytest.fixture(scope="module")
+def duffing_record(record_of):
+    """A mass on a cubic spring: its force is in the space of the series."""
+    spring = Polynomial(between=("ground", "x1"), stiffness=40.0, damping=0.5, cubic_stiffness=30.0)
+    return record_of(Structure([1.0], {"spring": spring}), FORCE, 20.0)
+
+
+@pytest.fixture(scope="module")
+def polynomial_record(polynomial_structure, record_of):
+    return record_of(polynomial_structure, FORCE, 20.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_planted_cubic_spring_is_recovered_to_rounding(duffing_record, method, monkeypatch):
+    def true_linear_part(self, batches):
+        self.weights.copy_(torch.tensor([[-0.5], [-40.0], [1.0]]).double())
+
+    monkeypatch.setattr(EquivalentLinear, "identify", true_linear_part)
+    estimator = identified([duffing_record], **METHODS[method])
+    assert score(estimator, [duffing_record])["relative_rms_percent"] < 1e-9
+    u, u_dot = duffing_record.x[:, 0], duffing_record.v[:, 0]
+    larger = replace(duffing_record.map(lambda signal: 1.2 * signal), truth=None)  # unseen motion
+    wanted = larger.f[:, 0] - 40.0 * 1.2 * u - 0.5 * 1.2 * u_dot - 30.0 * (1.2 * u) ** 3
+    assert torch.allclose(estimator(larger)[:, 0], wanted, rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_least_squares_mass_is_what_a_cubic_spring_is_missed_by(duffing_record, method):
+    """Eq. 8 takes part of the cubic force for mass, so that the series cannot be exact."""
+    estimator = identified([duffing_record], **METHODS[method])
+    assert abs(float(estimator.matrices()[2]) - 1.0) > 1e-4
+    assert 1e-3 < score(estimator, [duffing_record])["relative_rms_percent"] < 20.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("pairs", [None, [["u1", "u1_dot"], ["u1", "u2"]]])
+def test_all_modes_at_once_are_the_modes_one_by_one(polynomial_record, method, pairs):
+    estimator = identified([polynomial_record], **METHODS[method], order=3, pairs=pairs)
+    x, v, f = polynomial_record.x, polynomial_record.v, polynomial_record.f
+    series = zip(estimator._terms(x, v), estimator.coefficients, strict=True)
+    h = torch.cat([terms @ weights for terms, weights in series], dim=-1)
+    force = torch.linalg.solve(estimator.modes.T, h.T).T  # Φ⁻ᵀ h
+    if METHODS[method]["fits"] == "residual":
+        wanted = torch.cat([v, x, f], dim=-1) @ estimator.weights - force  # Eq. 9
+    else:
+        wanted = (f - force) @ estimator.matrices()[2].T  # Eq. 10
+    estimate = estimator(polynomial_record)
+    assert (estimate - wanted).abs().max() < 1e-11 * wanted.abs().max()
+
+
+@pytest.mark.parametrize("fits", ["residual", "restoring_force"])
+def test_powers_and_chebyshev_polynomials_agree(polynomial_record, fits):
+    power = identified([polynomial_record], fits=fits, basis="power")
+    cheb = identified([polynomial_record], fits=fits, basis="chebyshev")
+    scale = polynomial_record.a.abs().max()
+    assert (power(polynomial_record) - cheb(polynomial_record)).abs().max() < 1e-10 * scale
+
+
+def test_series_hold_all_products_and_know_numpy_chebyshev():
+    q, q_dot = torch.linspace(-1.3, 1.3, 9, dtype=torch.float64), torch.full((9,), 0.4).double()
+    both = torch.stack([q, q_dot], dim=-1)
+    terms = double_series_terms([(0, 1)], 5)
+    assert double_series("power", 5, terms, both).shape == (9, 36)
+    assert torch.allclose(powers(q, 5)[:, 4], q**4)
+    for k in range(6):
+        wanted = numpy_chebyshev.chebval(q.numpy(), np.eye(6)[k])
+        assert np.allclose(chebyshev(q, 5)[:, k].numpy(), wanted, atol=1e-13)
+    product = powers(q, 2)[:, 2] * powers(q_dot, 2)[:, 1]
+    column = double_series_terms([(0, 1)], 2).index((0, 2, 1, 1))
+    series = double_series("power", 2, double_series_terms([(0, 1)], 2), both)
+    assert torch.allclose(series[:, column], product)
+
+
+def test_the_31_printed_terms_of_eq_22_lack_the_damping(polynomial_record):
+    """Without pure powers of the rate the errors are far larger than with the 36 it speaks of."""
+    whole = identified([polynomial_record], fits="restoring_force")
+    printed = ModalPolynomial(3, 3, 0.01, fits="restoring_force")
+    printed.terms = [[t for t in terms if t[1] > 0 or t[3] == 0] for terms in printed.terms]
+    printed.coefficients = nn.ParameterList([weight_matrix(31, 1) for _ in range(3)])
+    printed.identify([polynomial_record])
+    errors = [score(e, [polynomial_record])["relative_rms_percent"] for e in (printed, whole)]
+    assert errors[0] > 1.5 * errors[1]
+
+
+def test_pairs_that_share_a_coordinate_share_its_terms():
+    """Three powers of each of three coordinates, nine products of each pair, one constant."""
+    terms = double_series_terms([(0, 1), (0, 2)], 3)
+    assert len(terms) == len(set(terms)) == 3 * 3 + 2 * 9 + 1
+
+
+def test_a_pair_of_coordinates_that_a_coupled_force_needs_is_what_finds_it(polynomial_record):
+    """Forces that couple two modes are out of reach of own modes and within reach of the pair."""
+    own = identified([polynomial_record], fits="residual", order=3)
+    u = own._modal(polynomial_record.x, polynomial_record.v)
+    coupled = 3.0 * (u[:, :1] * u[:, 1:2]) @ torch.linalg.inv(own.modes)[:1]  # on h_1 alone
+    record = replace(polynomial_record, a=polynomial_record.a + coupled, truth=None)
+    pairs = [["u1", "u1_dot"], ["u2", "u2_dot"], ["u3", "u3_dot"], ["u1", "u2"]]
+    with_pair = identified([record], fits="residual", order=3, pairs=pairs)
+    alone = identified([record], fits="residual", order=3)
+    better = score(with_pair, [record])["relative_rms_percent"]
+    assert better < 0.7 * score(alone, [record])["relative_rms_percent"]
+
+
+@pytest.mark.parametrize("pair", [["u1", "u4"], ["u1", "u1"], ["u1"], ["x1", "u1"]])
+def test_pairs_of_unknown_coordinates_are_refused(pair):
+    with pytest.raises(ValueError, match="expected two different ones of u1, u2, u3, u1_dot"):
+        ModalPolynomial(3, 3, 0.01, pairs=[pair])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_extents_are_those_of_training_alone(polynomial_record, method):
+    estimator = identified([polynomial_record], **METHODS[method])
+    before = estimator.scale.reach.clone()
+    larger = polynomial_record.map(lambda u: 3.0 * u)
+    estimator(larger)
+    assert torch.equal(estimator.scale.reach, before)
+    scaled = estimator.scale(estimator._modal(polynomial_record.x, polynomial_record.v))
+    assert torch.allclose(scaled.amax(dim=0), torch.ones(6).double())
+    assert torch.allclose(scaled.amin(dim=0), -torch.ones(6).double())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_renumbered_masses_give_renumbered_estimates(polynomial_record, method):
+    order = [2, 0, 1]
+    renumbered = replace(polynomial_record.map(lambda u: u[..., order]), truth=None)
+    one = identified([polynomial_record], **METHODS[method])(polynomial_record)
+    other = identified([renumbered], **METHODS[method])(renumbered)
+    assert torch.allclose(other, one[..., order], rtol=0.0, atol=1e-8 * float(one.abs().max()))
+
+
+def test_more_terms_never_fit_training_worse(polynomial_record):
+    errors = [
+        score(identified([polynomial_record], fits="residual", order=order), [polynomial_record])
+        for order in (1, 3, 5)
+    ]
+    totals = [error["relative_rms_percent"] for error in errors]
+    assert totals[0] > totals[1] > totals[2]
+
+
+def test_complex_modes_become_a_real_basis_of_the_same_motion():
+    turning = torch.tensor([[2.0, -1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 5.0]]).double()
+    modes = real_modes(turning)
+    assert torch.linalg.cond(modes) < 10.0
+    block = torch.linalg.solve(modes, turning @ modes)
+    assert torch.allclose(block[2, :2], torch.zeros(2).double(), atol=1e-12)
+    assert torch.allclose(block[:2, 2], torch.zeros(2).double(), atol=1e-12)
+
+
+def test_real_modes_of_a_frame_are_its_modes(linear_structure):
+    M, _, K = linear_structure.linearised()
+    matrix = torch.from_numpy(np.linalg.solve(M, K))
+    modes = real_modes(matrix)
+    values = torch.linalg.solve(modes, matrix @ modes)
+    frequencies = np.sqrt(np.diag(values.numpy())) / (2.0 * np.pi)
+    assert np.allclose(frequencies, linear_structure.natural_frequencies())
+
+
+def test_a_mass_matrix_that_the_motion_does_not_determine_is_named(polynomial_record):
+    estimator = ModalPolynomial(3, 3, 0.01)
+    estimator.identify([polynomial_record])
+    estimator.weights[-3:, 1] = 0.0
+    with pytest.raises(ValueError, match="inverse mass matrix is singular"):
+        estimator._require_regular()
+
+
+def test_fewer_forces_than_masses_are_refused():
+    with pytest.raises(ValueError, match="one force per DOF"):
+        ModalPolynomial(3, 1, 0.01)
+
+
+@pytest.mark.parametrize("wrong", [{"fits": "mass"}, {"basis": "fourier"}, {"order": 0}])
+def test_unknown_choices_are_refused(wrong):
+    with pytest.raises(ValueError, match="expected residual or restoring_force"):
+        ModalPolynomial(3, 3, 0.01, **wrong)
+
+
+@pytest.mark.parametrize("fits", ["residual", "restoring_force"])
+def test_under_base_excitation_no_mass_need_be_known(fits):
+    """ẍ = f ι − M⁻¹(K x + C ẋ), M⁻¹K symmetric so that ΦᵀM⁻¹r decouples: exact on any signals."""
+    rng = np.random.default_rng(0)
+    x, v, f = (torch.from_numpy(rng.standard_normal((400, c))) for c in (2, 2, 1))
+    stiffness = torch.tensor([[50.0, -20.0], [-20.0, 30.0]]).double()
+    damping = 0.01 * stiffness
+    record = Record(0.01, f - x @ stiffness.T - v @ damping.T, f, x, v)
+    model = ModalPolynomial(2, 1, 0.01, fits=fits, order=1, forced="base")
+    model.identify([record])
+    assert torch.allclose(model(record), record.a, rtol=0.0, atol=1e-8)

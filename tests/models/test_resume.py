@@ -1,0 +1,167 @@
+"""Training that was broken off ends where it would have ended; no file is trusted blindly."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+import torch
+from lightning.pytorch import Callback, Trainer
+
+from data.datamodule import Data
+from models.mlp import GlobalMLP
+from models.training.identification import Identification
+from models.training.objective import FreeRun
+from models.training.problem import Problem
+from models.training.resume import SaveProgress, belongs
+from models.training.solvers.adam import Adam
+from models.training.solvers.lbfgs import LBFGS
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from tests.models.test_objective import DT, motion
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+RUN = {"config": "one", "code": "two"}
+
+
+class Motions(Data):
+    name, dt, dofs, inputs = "two masses", DT, 2, 2
+
+    def make_records(self):
+        return {"train": [motion(200), motion(200, 1)], "test": [motion(200, 2)]}
+
+
+class KilledError(Exception):
+    pass
+
+
+class KillAfter(Callback):
+    def __init__(self, epochs: int) -> None:
+        self.epochs = epochs
+
+    def on_train_epoch_start(self, trainer, pl_module) -> None:
+        if trainer.current_epoch == self.epochs:
+            raise KilledError
+
+
+CASES = {
+    "lbfgs": (lambda p: LBFGS(p, iterations=60, patience=5, change=0.0), None, {}),
+    "levenberg_marquardt": (lambda p: LevenbergMarquardt(p, iterations=12), None, {}),
+    "shuffled_mini_batches": (
+        lambda p: Adam(p, iterations=60, rate=0.02),
+        None,
+        {"window": 20, "batch": 4, "validation": 0.2},
+    ),
+    "stages_and_finalists": (
+        lambda p: LevenbergMarquardt(p, iterations=3),
+        lambda: FreeRun([5, 20], starts=3, start_iterations=2, finalists=2),
+        {},
+    ),
+}
+
+
+def trained(case: str, folder, *callbacks, go_on: bool = False) -> Identification:
+    make_solver, objective, cut = CASES[case]
+    torch.manual_seed(7)
+    module = Identification(
+        GlobalMLP(2, 2, DT, hidden=(4,)), make_solver, 3, objective and objective()
+    )
+    path = folder / "training.ckpt"
+    trainer = Trainer(
+        accelerator="cpu",
+        max_epochs=-1,
+        num_sanity_val_steps=0,
+        logger=False,
+        callbacks=[SaveProgress(path, RUN, 0.0), *callbacks],
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        log_every_n_steps=1,
+        default_root_dir=folder,
+        limit_val_batches=None if "validation" in cut else 0,
+    )
+    data = Motions(**cut)
+    resumed = {"ckpt_path": path if go_on else None, "weights_only": True}
+    trainer.fit(module, datamodule=data, **resumed)
+    return module
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_training_that_is_broken_off_ends_where_it_would_have_ended(case, tmp_path):
+    undisturbed = trained(case, tmp_path / "undisturbed")
+    epochs = {"shuffled_mini_batches": 2}.get(case, 5)
+    with pytest.raises(KilledError):
+        trained(case, tmp_path, KillAfter(epochs))
+    assert belongs(tmp_path / "training.ckpt", RUN)
+    with pytest.raises(KilledError):  # and once more, a little later
+        trained(case, tmp_path, KillAfter(epochs + 1), go_on=True)
+    resumed = trained(case, tmp_path, go_on=True)
+    assert len(resumed.losses) > epochs
+    assert resumed.losses == undisturbed.losses
+    assert resumed.ended == undisturbed.ended
+    pairs = zip(resumed.estimator.parameters(), undisturbed.estimator.parameters(), strict=True)
+    assert all(torch.equal(ours, theirs) for ours, theirs in pairs)
+
+
+class Hostile:
+    def __reduce__(self):
+        return exec, ("raise SystemExit('code of a checkpoint was run')",)
+
+
+def test_only_the_own_file_is_gone_on_from(tmp_path):
+    with pytest.raises(KilledError):
+        trained("lbfgs", tmp_path, KillAfter(1))
+    path = tmp_path / "training.ckpt"
+    assert not belongs(path, {**RUN, "code": "three"})
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert not belongs(path, RUN)
+    path.write_bytes(b"")
+    assert not belongs(path, RUN)
+    path.unlink()
+    assert not belongs(path, RUN)
+    torch.save({"identity": RUN, "payload": Hostile()}, path)
+    assert not belongs(path, RUN)
+    path.write_bytes(pickle.dumps({"identity": RUN, "payload": Hostile()}, protocol=2))
+    assert not belongs(path, RUN)
+
+
+def test_a_saving_that_never_ends_leaves_the_one_before(tmp_path, monkeypatch):
+    with pytest.raises(KilledError):
+        trained("lbfgs", tmp_path, KillAfter(1))
+
+    def half(self, path, *_: object, **__: object) -> None:
+        path.write_bytes(b"half of it")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Trainer, "save_checkpoint", half)
+    with pytest.raises(OSError, match="No space"):
+        trained("lbfgs", tmp_path, go_on=True)
+    assert belongs(tmp_path / "training.ckpt", RUN)
+
+
+def test_a_negative_interval_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="checkpoint_seconds=-1"):
+        SaveProgress(tmp_path / "training.ckpt", RUN, -1)
+
+
+def test_a_validation_is_of_all_records_together(tmp_path):
+    """Handed out one by one, they would be compared with one another."""
+    with pytest.raises(KilledError):
+        trained("shuffled_mini_batches", tmp_path, KillAfter(1))
+    checkpoint = torch.load(tmp_path / "training.ckpt", weights_only=True)
+    kept = checkpoint["progress"]["identification"]
+    estimator = GlobalMLP(2, 2, DT, hidden=(4,))
+    data = Motions(**CASES["shuffled_mini_batches"][2])
+    data.setup()
+    assert len(data.loader("validation")) == 2
+    state = {k.removeprefix("estimator."): v for k, v in checkpoint["state_dict"].items()}
+    estimator.load_state_dict(state)
+    with torch.no_grad():
+        losses = [float(Problem(estimator, record).loss()) for record in data.loader("validation")]
+    assert kept["best"][0] == pytest.approx(sum(losses) / 2.0, rel=1e-12)
+    assert kept["fails"] == 0

@@ -1,0 +1,207 @@
+"""Every choice a person can type composes, instantiates, fits, and stands in the help."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig, OmegaConf
+
+from models.training.assemble import (
+    build,
+    changed,
+    data_from,
+    estimator_from,
+    objective_from,
+    solver_from,
+)
+from models.training.metrics import score
+from runner.command_line import CONF, GROUPS, help_text, prepare_hydra
+from runner.paper_values import paper_values
+
+ROOT = Path(__file__).parents[2]
+
+
+NEED_MORE = {"given", "earthquake", "none"}  # a file, an extra, measured records
+NEED_RECORDS = {
+    "bouc_wen_benchmark",
+    "shake_table",
+    "friction_damper",
+    "earthquakes",
+}  # experiments on them
+ELEMENT_TESTS = {"hysteretic_element", "restoring_force_surface"}  # models of an imposed motion
+
+
+def choices(group: str) -> list[str]:
+    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+
+
+def composed(*overrides: str, config: str = "train") -> DictConfig:
+    prepare_hydra()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose(config, list(overrides))
+
+
+def fits(*overrides: str) -> dict:
+    """Errors of a short run with these choices, of the stages the last, for a few iterations."""
+    cfg = composed(*overrides, "data.duration=40")
+    cfg = changed(cfg, {"solver": {"iterations": 3}})
+    if "horizons" in cfg.objective:
+        cfg = changed(cfg, {"objective": {"horizons": [None], "finalists": 1}})
+        cfg = changed(cfg, {"data": {"duration": 10.0}})
+    if "refinements" in cfg.model:
+        cfg = changed(cfg, {"model": {"refinements": 1}})
+    data = data_from(cfg)
+    data.setup()
+    torch.manual_seed(0)
+    estimator = estimator_from(cfg.model, data)
+    estimator.identify(data.loader("train"))
+    free = [p for p in estimator.parameters() if p.requires_grad]
+    objective, make_solver = objective_from(cfg.objective), solver_from(cfg.solver)
+    for stage in range(len(objective.stages) if free else 0):
+        solver = make_solver(free)
+        while not solver.finished:
+            batch = next(iter(data.train_dataloader()))
+            solver.solve(objective.problem(estimator, batch, stage))
+    return score(estimator, data.loader("test"))
+
+
+@pytest.mark.parametrize("system", sorted(set(choices("system")) - {"measured"}))
+@pytest.mark.parametrize("model", sorted(set(choices("model")) - ELEMENT_TESTS))
+def test_every_model_on_every_system(model, system):
+    errors = fits(f"model={model}", f"system={system}")
+    assert 0.0 < errors["relative_rms_percent"] < 200.0
+    masses = composed(f"system={system}").system.structure.masses
+    assert len(errors["per_dof_percent"]) == len(masses)
+
+
+def test_a_solver_does_not_change_how_another_model_is_scored():
+    """Adam is fitted on windows; whole records are scored."""
+    warm = ("model=two_point", "data.warmup=1")
+    assert fits(*warm, "solver=adam") == fits(*warm)
+
+
+@pytest.mark.parametrize("scenario", choices("scenario"))
+@pytest.mark.parametrize("model", ["vwnn_first_order", "linear"])
+def test_every_scenario(model, scenario):
+    assert 0.0 < fits(f"model={model}", f"scenario={scenario}")["relative_rms_percent"] < 200.0
+
+
+@pytest.mark.parametrize("excitation", sorted(set(choices("excitation")) - NEED_MORE))
+def test_every_excitation(excitation):
+    errors = fits("model=two_point", f"excitation={excitation}")
+    assert 0.0 < errors["relative_rms_percent"] < 10.0
+
+
+@pytest.mark.parametrize("law", choices("adaptation"))
+def test_every_adaptation_law(law):
+    errors = fits("model=online_linear", f"adaptation={law}")
+    assert 0.0 < errors["relative_rms_percent"] < 200.0
+    assert (errors["relative_rms_percent"] < 50.0) == (
+        law in ("recursive_least_squares", "random_walk")
+    )
+
+
+def test_given_forces_drive_the_structure(tmp_path):
+    rng = torch.Generator().manual_seed(0)
+    force = torch.cumsum(torch.randn(8000, 3, generator=rng), 0) / 10.0
+    path = tmp_path / "forces.csv"
+    path.write_text("\n".join(",".join(f"{u:.6f}" for u in row) for row in force.tolist()))
+    choices = ["excitation=given", f"excitation.force.path={path}", "model=two_point"]
+    assert 0.0 < fits(*choices)["relative_rms_percent"] < 50.0
+
+
+@pytest.mark.parametrize("experiment", sorted(set(choices("experiment")) - NEED_RECORDS))
+def test_every_experiment_composes(experiment):
+    cfg = composed(f"experiment={experiment}")
+    data_from(cfg)
+
+
+@pytest.mark.parametrize("trainer", choices("trainer"))
+def test_every_trainer_composes(trainer):
+    assert composed(f"trainer={trainer}").trainer.accelerator in ("cpu", "gpu")
+
+
+@pytest.mark.parametrize("baselines", choices("baselines"))
+def test_every_set_of_baselines_builds(baselines):
+    cfg = composed(f"baselines={baselines}")
+    data = data_from(cfg)
+    for node in cfg.baselines.values():
+        estimator_from(node, data)
+
+
+def test_name_of_a_config_is_its_file_name():
+    for group in ("system", "scenario", "model"):
+        for choice in choices(group):
+            assert composed(f"{group}={choice}")[group].name == choice
+
+
+def test_help_describes_every_choice_in_a_line():
+    lines = help_text("train").splitlines()
+    for group in GROUPS:
+        assert f"{group}=" in lines
+        for choice in choices(group):
+            described = [s for s in lines if re.fullmatch(rf" +{choice} +\S.*", s)]
+            assert described, f"{group}={choice} has no line in the help"
+
+
+def test_readme_and_docs_commands_compose():
+    """Each train.py or evaluate.py line with its overrides is one that Hydra accepts."""
+    seen = 0
+    for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
+        for program, rest in re.findall(
+            r"python (train|evaluate)\.py([^\n`]*)",
+            re.sub(r"\\\n\s*", "", page.read_text("utf-8")),  # lines that go on
+        ):
+            if "my_" in rest or "--config-dir" in rest:  # about files that the reader makes
+                continue
+            words = [w for w in shlex.split(rest, comments=True) if "=" in w]
+            words = [w for w in words if not w.startswith(("hydra.", "hydra/"))]
+            # a sweep's lists are tried by their first value
+            words = [re.sub(r"=range\(.*", "=1", w) for w in words]
+            words = [re.sub(r",(?![^\[]*\]).*", "", w) for w in words]
+            composed(*words, config=program)
+            seen += 1
+    assert seen >= 5
+
+
+def test_paper_cells_are_all_there():
+    assert paper_values("vwnn", "bilinear", "full_state")["test"]["relative_rms_percent"] == 10.79
+    assert paper_values("global_mlp", "bouc_wen", "full_state")["test"]["per_dof_percent"] == [
+        199.10,
+        85.50,
+        119.56,
+    ]
+    assert paper_values("linear", "bilinear", "full_state") == {}
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        "os.system",
+        "subprocess.Popen",
+        "data.simulation.excitation.np.load",
+        "data.simulation.records.ThreadPoolExecutor",
+        "data.simulation.excitation.Path",
+        "models.vwnn.__builtins__",
+        "data.nothing.Here",
+        "builtins.eval",
+    ],
+)
+def test_a_config_can_only_build_classes_of_this_project(target):
+    with pytest.raises(ValueError, match="_target_"):
+        build(OmegaConf.create({"_target_": target}))
+    with pytest.raises(ValueError, match="_target_"):
+        build(changed(composed(), {"excitation": {"force": {"_target_": target}}}).excitation)
+
+
+def test_a_misspelt_argument_names_the_nearest():
+    node = changed(composed(), {"model": {"name": "vwnn"}}).model.copy()
+    OmegaConf.set_struct(node, False)
+    node.cutof = 3.0
+    with pytest.raises(ValueError, match="did you mean 'cutoff'"):
+        build(node, dofs=3, inputs=3, dt=0.01)

@@ -1,0 +1,63 @@
+"""benchmarks/kills.py in small, and that it would see what it looks for."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+from safetensors.torch import save_file
+
+from benchmarks.kills import damaged, same
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_a_sweep_killed_again_and_again_ends_like_an_undisturbed_one():
+    words = [sys.executable, "-m", "benchmarks.kills", "--quick"]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    printed = done.stdout.splitlines()
+    assert printed[-1] == "6 results, 0 damaged, 6 equal to the undisturbed sweep, 3 kills"
+    assert sum(line.startswith("kill ") for line in printed) == 3
+
+
+@pytest.fixture
+def sweeps(tmp_path) -> tuple[Path, Path]:
+    """Two sweeps of one run each, that differ in what they took."""
+    keys = ("system", "scenario", "model", "data", "excitation", "seed", "threads")
+    for number, name in enumerate(("first", "second")):
+        folder = tmp_path / name / "run"
+        folder.mkdir(parents=True)
+        OmegaConf.save(OmegaConf.create(dict.fromkeys(keys, 1)), folder / "config.yaml")
+        save_file({"weight": torch.zeros(3)}, folder / "model.safetensors")
+        metrics = {"test": {"error": 0.1}, "fit_seconds": number, "versions": {"torch": number}}
+        (folder / "metrics.json").write_text(json.dumps(metrics))
+    return tmp_path / "first", tmp_path / "second"
+
+
+def test_times_are_no_difference_and_one_bit_is(sweeps):
+    first, second = (sweep / "run" for sweep in sweeps)
+    assert same(first, second)
+    save_file({"weight": torch.tensor([0.0, 0.0, 1e-45])}, second / "model.safetensors")
+    assert not same(first, second)
+    save_file({"weight": torch.zeros(3)}, second / "model.safetensors")
+    (second / "metrics.json").write_text(json.dumps({"test": {"error": 0.1 + 1e-16}}))
+    assert not same(first, second)
+
+
+@pytest.mark.parametrize("name", ["metrics.json", "model.safetensors", "config.yaml"])
+def test_half_a_file_is_damage(name, sweeps):
+    assert damaged(sweeps[0]) == []
+    path = sweeps[0] / "run" / name
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert damaged(sweeps[0]) == ["run"]
+
+
+def test_a_file_left_aside_is_damage(sweeps):
+    (sweeps[0] / "run" / "model.part").touch()
+    assert damaged(sweeps[0]) == ["run"]

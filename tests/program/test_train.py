@@ -1,0 +1,375 @@
+"""train.py and evaluate.py as a person runs them: files, numbers, mistakes."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from hydra.core.global_hydra import GlobalHydra
+from safetensors.torch import load_file, save_file
+
+import evaluate
+import train
+from models.checkpoint import load_estimator, save_estimator
+from models.training.assemble import data_from, estimator_from
+from runner.run_folder import read_run
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+QUICK = ["data.duration=20", "trainer.enable_progress_bar=false"]
+
+
+def run(program, monkeypatch, *words: str) -> int:
+    """Exit status of `python program.py words`, in this process."""
+    GlobalHydra.instance().clear()
+    monkeypatch.setattr(sys, "argv", [f"{program.__name__}.py", *words])
+    try:
+        program.cli()
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A finished run of the VWNN."""
+    folder = tmp_path_factory.mktemp("runs") / "vwnn"
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert run(train, monkeypatch, *QUICK, f"hydra.run.dir={folder}") == 0
+    return folder
+
+
+@pytest.fixture
+def copy(finished, tmp_path):
+    """A run to damage."""
+    return Path(
+        shutil.copytree(finished, tmp_path / "copy", ignore=shutil.ignore_patterns("evaluation"))
+    )
+
+
+def numbers(folder: Path) -> dict:
+    metrics = json.loads((folder / "metrics.json").read_text())
+    metrics.pop("fit_seconds")
+    return metrics
+
+
+def test_a_run_leaves_everything_behind(finished):
+    metrics = json.loads((finished / "metrics.json").read_text())
+    assert metrics.keys() >= {"model", "system", "scenario", "seed", "fit_seconds", "parameters"}
+    assert metrics["model"] == "vwnn"
+    assert metrics["parameters"] == 91 * 3
+    for split in ("train", "test"):
+        assert len(metrics[split]["per_dof_percent"]) == 3
+        assert metrics[split]["relative_rms_percent"] == metrics[split]["relative_rms_percent_true"]
+    assert metrics["baselines"].keys() >= {"two_point", "linear", "vwnn_first_order"}
+    assert metrics["simulation_error"] < 1e-5
+    assert metrics["baselines"]["linear"].keys() == {"train", "test", "free_run_train", "free_run"}
+    for scores in (metrics, metrics["baselines"]["linear"]):
+        for split, free in (("train", "free_run_train"), ("test", "free_run")):
+            assert "none" in scores[free] or scores[free].keys() > scores[split].keys()
+    assert "none" in metrics["baselines"]["two_point"]["free_run"]
+    assert (finished / "model.safetensors").is_file()
+    assert not list(finished.glob("*.part"))
+
+
+def test_the_saved_config_is_resolved_and_complete(finished):
+    text = (finished / "config.yaml").read_text()
+    assert "${" not in text
+    cfg, _ = read_run(finished)
+    assert cfg.model.sigmoid_weight == 0.05
+
+
+def test_tensorboard_has_scalars_and_figures(finished):
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    tags: dict = {"scalars": set(), "images": set()}
+    for folder in {path.parent for path in finished.rglob("events.*")}:
+        events = EventAccumulator(str(folder)).Reload().Tags()
+        tags = {kind: tags[kind] | set(events[kind]) for kind in tags}
+    assert {"acceleration", "error_over_time", "element_loops"} <= tags["images"]
+    assert {"test/relative_rms_percent", "test/per_dof_percent/x1"} <= tags["scalars"]
+    assert "test/relative_rms_percent_over_time" in tags["scalars"]
+
+
+def test_the_same_seed_gives_the_same_numbers(finished, tmp_path, monkeypatch):
+    assert run(train, monkeypatch, *QUICK, f"hydra.run.dir={tmp_path}") == 0
+    assert numbers(tmp_path) == numbers(finished)
+
+
+def test_another_seed_gives_other_numbers(finished, tmp_path, monkeypatch):
+    assert run(train, monkeypatch, *QUICK, "seed=1", f"hydra.run.dir={tmp_path}") == 0
+    assert numbers(tmp_path)["test"] != numbers(finished)["test"]
+
+
+def test_evaluate_gives_the_same_numbers_to_the_last_digit(finished, monkeypatch, capsys):
+    assert run(evaluate, monkeypatch, f"run={finished}") == 0
+    assert "equal to metrics.json to the last digit" in capsys.readouterr().out
+    scores = json.loads((finished / "evaluation/as_trained/scores.json").read_text())
+    assert scores["0"]["test"] == numbers(finished)["test"]
+    for name in ("acceleration", "error_over_time", "element_loops"):
+        for kind, magic in (("png", b"\x89PNG"), ("pdf", b"%PDF")):
+            picture = finished / f"evaluation/as_trained/{name}.{kind}"
+            assert picture.read_bytes().startswith(magic)
+
+
+def test_a_run_on_a_damaged_structure_is_scored_again_as_it_was(tmp_path, monkeypatch, capsys):
+    words = ["damage=sudden", "damage.time=12.5", "model=linear", f"hydra.run.dir={tmp_path}"]
+    assert run(train, monkeypatch, *QUICK, *words) == 0
+    sound = tmp_path / "sound"
+    assert run(train, monkeypatch, *QUICK, "model=linear", f"hydra.run.dir={sound}") == 0
+    assert run(evaluate, monkeypatch, f"run={tmp_path}") == 0
+    assert "equal to metrics.json to the last digit" in capsys.readouterr().out
+    assert numbers(tmp_path)["train"] == numbers(sound)["train"]
+    assert numbers(tmp_path)["test"] != numbers(sound)["test"]
+
+
+def test_the_free_run_stands_in_everything_a_run_leaves(tmp_path, monkeypatch, capsys):
+    words = [*QUICK, "model=linear", "baselines=none", f"hydra.run.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    printed = capsys.readouterr().out
+    free = json.loads((tmp_path / "metrics.json").read_text())["free_run"]
+    assert f"{free['relative_rms_percent']:.2f}" in printed
+    assert "free run" in printed
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    tags: set[str] = set()
+    for folder in {path.parent for path in tmp_path.rglob("events.*")}:
+        events = EventAccumulator(str(folder)).Reload().Tags()
+        tags |= {*events["scalars"], *events["images"]}
+    for key in ("free_run", "free_run_train"):
+        errors = ("relative_rms_percent", "displacement_percent", "per_dof_percent/x3")
+        assert {f"{key}/{error}" for error in errors} <= tags
+        assert f"{key}/relative_rms_percent_over_time" in tags
+    assert {"free_run_acceleration", "free_run_displacement"} <= tags
+    assert run(evaluate, monkeypatch, f"run={tmp_path}") == 0
+    assert "equal to metrics.json to the last digit" in capsys.readouterr().out
+    assert (tmp_path / "evaluation/as_trained/free_run_displacement.pdf").is_file()
+
+
+def test_evaluate_sees_a_free_run_that_has_changed(copy, monkeypatch, capsys):
+    metrics = json.loads((copy / "metrics.json").read_text())
+    metrics["free_run"] = {"none": "of another code"}
+    (copy / "metrics.json").write_text(json.dumps(metrics))
+    assert run(evaluate, monkeypatch, f"run={copy}") == 1
+    assert "the scores differ from metrics.json" in capsys.readouterr().err
+    for key in ("free_run", "free_run_train"):
+        metrics.pop(key)
+    (copy / "metrics.json").write_text(json.dumps(metrics))
+    assert run(evaluate, monkeypatch, f"run={copy}") == 0
+    assert "no free run to compare with" in capsys.readouterr().out
+
+
+def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
+    words = [f"run={finished}", "scenario=noisy", "seeds=[5,6]", "data.duration=25", "label=noise"]
+    assert run(evaluate, monkeypatch, *words) == 0
+    scores = json.loads((finished / "evaluation/noise/scores.json").read_text())
+    assert list(scores) == ["5", "6"]
+    clean = numbers(finished)["test"]["relative_rms_percent"]
+    for splits in scores.values():
+        assert list(splits) == [
+            "test",
+            "free_run",
+        ]  # the seeds' training motions were seen by nobody here
+        assert splits["test"]["relative_rms_percent"] > clean
+        assert splits["test"]["relative_rms_percent_true"] < splits["test"]["relative_rms_percent"]
+
+
+def test_a_longer_record_is_no_training_motion(finished, monkeypatch, capsys):
+    assert run(evaluate, monkeypatch, f"run={finished}", "data.duration=30", "label=long") == 0
+    scores = json.loads((finished / "evaluation/long/scores.json").read_text())
+    assert list(scores["0"]) == ["test", "free_run"]
+
+
+def test_a_model_is_not_used_at_another_time_step(finished, monkeypatch, capsys):
+    assert run(evaluate, monkeypatch, f"run={finished}", "data.dt=0.005", "label=fine") == 1
+    assert "built for dt=0.01 s" in capsys.readouterr().err
+
+
+def test_a_checkpoint_restores_the_estimator_completely(finished):
+    cfg, _ = read_run(finished)
+    data = data_from(cfg)
+    data.setup()
+    (record,) = data.loader("test")
+    estimator, other = (estimator_from(cfg.model, data) for _ in range(2))
+    estimator.identify(data.loader("train"))
+    with torch.no_grad():
+        other.filters.decay.fill_(0.5)
+        other.activation.weight.fill_(1.0)
+    load_estimator(other, finished / "model.safetensors", "vwnn")
+    assert torch.equal(other(record), estimator(record))
+
+
+def test_estimators_without_tensors_can_be_saved(tmp_path, finished):
+    data = data_from(read_run(finished)[0])
+    from models.baselines import TwoPoint
+
+    path = tmp_path / "model.safetensors"
+    estimator = TwoPoint(data.dofs, data.inputs, 0.01)
+    save_estimator(estimator, path, "two_point")
+    load_estimator(estimator, path, "two_point")
+
+
+class Bomb:
+    def __reduce__(self):
+        return (exec, ("raise SystemExit('code of a checkpoint was run')",))
+
+
+def truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def hostile(path: Path) -> None:
+    path.write_bytes(pickle.dumps(Bomb()))
+
+
+def foreign(path: Path) -> None:
+    save_file(load_file(path), path, metadata={"model": "linear"})
+
+
+def reshaped(path: Path) -> None:
+    tensors = load_file(path)
+    tensors["weights"] = tensors["weights"][:-1].contiguous()
+    save_file(tensors, path, metadata={"model": "vwnn"})
+
+
+def incomplete(path: Path) -> None:
+    tensors = load_file(path)
+    del tensors["filters.decay"]
+    save_file(tensors, path, metadata={"model": "vwnn"})
+
+
+@pytest.mark.parametrize("damage", [truncate, empty, hostile, foreign, reshaped, incomplete])
+def test_a_damaged_checkpoint_is_one_clear_line(damage, copy, monkeypatch, capsys):
+    damage(copy / "model.safetensors")
+    assert run(evaluate, monkeypatch, f"run={copy}") == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: checkpoint")
+    assert not (copy / "evaluation").exists()
+
+
+@pytest.mark.parametrize("name", ["config.yaml", "metrics.json", "model.safetensors"])
+def test_an_unfinished_run_is_not_evaluated(name, copy, monkeypatch, capsys):
+    (copy / name).unlink()
+    assert run(evaluate, monkeypatch, f"run={copy}") == 1
+    assert name in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("find", "put"),
+    [
+        ("models.VWNN", "os.system"),
+        ("data.FullState", "subprocess.Popen"),
+        ("data.Bilinear", "!!python/object/apply:os.system ['false']"),
+    ],
+)
+def test_a_hostile_config_runs_nothing(find, put, copy, monkeypatch, capsys):
+    path = copy / "config.yaml"
+    path.write_text(path.read_text().replace(find, put))
+    assert run(evaluate, monkeypatch, f"run={copy}") == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+
+
+MISTAKES = {
+    "model=vwn": "did you mean vwnn",
+    "system=bilinaer": "did you mean bilinear",
+    "scenario=noise": "did you mean noisy",
+    "sede=1": "did you mean seed",
+    "model.cutof=30": "did you mean model.cutoff",
+    "model.cutoff=400": "Nyquist frequency 314 rad/s",
+    "model.cutoff=0": "cutoff=0",
+    "model.sigmoid_weight=0": "λ=0",
+    "model.order=4": "choose 1, 2 or 3",
+    "model.ridge=-1": "must not be negative",
+    "data.dt=0": "data.dt=0",
+    "data.dt=-0.01": "data.dt=-0.01",
+    "data.duration=0.01": "at least 2",
+    "data.train_records=0": "at least 1",
+    "data.window=2001": "data.window=2001",
+    "data.tolerance=0": "tolerance=0",
+    "data.duration=0.5": "rank-deficient",
+    "seed=-1": "seed=-1",
+    "threads=0": "threads=0",
+    "scenario=integrated scenario.cutoff=60": "Nyquist frequency 50 Hz",
+    "scenario=noisy scenario.level=-1": "scenario.level=-1",
+    "data.window=100 data.warmup=100": "data.warmup=100",
+    "system.structure.masses=[0.8,0.0,1.2]": "mass of x2 is 0 kg",
+    "system.structure.masses=[0.8,-2.0,1.2]": "mass of x2 is -2 kg",
+    "system.structure.masses=[0.8,2.0,1.2,1.0]": "disconnected structure",
+    "system.structure.elements.r1.damping=-0.1": "damping=-0.1",
+    "system.structure.elements.r1.between=[s1,x9]": "unknown node 'x9'",
+    "excitation.force.band=[0,60]": "Nyquist frequency 50 Hz",
+    "excitation.force.std=0": "std=0",
+    "system=polynomial excitation.force.std=60": "escaped at t =",
+    "excitation=given excitation.force.path=none.csv": "no file none.csv",
+    "trainer.accelerator=abacus": "abacus",
+    "solver=levenberg": "did you mean levenberg_marquardt",
+    "model=global_mlp solver.iterations=0": "solver.iterations=0",
+    "model=global_mlp solver=levenberg_marquardt solver.patience=0": "patience=0",
+    "model=global_mlp model.hidden=20": "GlobalMLP",
+    "model=global_mlp model.activation=step": "activation='step'",
+    "model=power_series_residual model.pairs=[[u1,u9]]": "u1_dot",
+    "model=power_series_residual model.pairs=[]": "pairs is empty",
+    "model=power_series_residual excitation=support_motion": "one force per DOF",
+    "data.validation=1.5": "data.validation=1.5",
+    "damage=sudden damage.time=30": "damage.time=30 s lies outside the record",
+    "damage=sudden damage.time=10 damage.element=spring": "choose one of r1, r2",
+    "damage=hysteretic": "only BoucWen has η",
+    "max_fail=0": "max_fail=0",
+    "seed=many": "seed=many",
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_mistake_is_answered_with_one_line(words, tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "run"
+    status = run(train, monkeypatch, *QUICK, *words.split(), f"hydra.run.dir={folder}")
+    error = capsys.readouterr().err
+    assert status == 1
+    assert error.startswith("error: ")
+    assert len(error.splitlines()) == 1
+    assert MISTAKES[words] in error
+    assert not (folder / "metrics.json").exists()
+    assert not (folder / "model.safetensors").exists()
+
+
+def test_an_unwritable_folder_is_one_line(tmp_path, monkeypatch, capsys):
+    (tmp_path / "file").write_text("in the way")
+    status = run(train, monkeypatch, *QUICK, f"hydra.run.dir={tmp_path / 'file' / 'run'}")
+    assert status == 1
+    assert "choose another hydra.run.dir" in capsys.readouterr().err
+
+
+def test_a_failing_run_does_not_stop_a_sweep(tmp_path, monkeypatch, capsys):
+    words = ["-m", *QUICK, "model=linear", "seed=0,-1,1", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 1
+    out = capsys.readouterr().out
+    assert "2 done, 1 failed" in out
+    assert "seed=-1 must be a whole number" in out
+    assert len(list(tmp_path.glob("*/metrics.json"))) == 2
+    assert len(list(tmp_path.glob("*/failed.json"))) == 1
+
+
+def test_a_rerun_into_a_folder_never_leaves_the_old_result_beside_a_failure(
+    copy, monkeypatch, capsys
+):
+    words = [*QUICK, "system=polynomial", "excitation.force.std=60", f"hydra.run.dir={copy}"]
+    assert run(train, monkeypatch, *words) == 1
+    assert not (copy / "metrics.json").exists()
+
+
+def test_windows_and_many_records_run(tmp_path, monkeypatch):
+    words = ["data.window=200", "data.warmup=50", "data.train_records=2", "data.batch=3"]
+    assert run(train, monkeypatch, *QUICK, *words, f"hydra.run.dir={tmp_path}") == 0

@@ -1,0 +1,164 @@
+"""Runs compared by a choice: groups, what is counted, messages, pictures."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import evaluate
+from report.collection.compare import Comparison, as_table, compare
+from report.collection.figure import draw_comparison
+from report.collection.long_table import long_table
+from report.collection.runs import collect
+from tests.program.test_train import run
+from tests.report.test_free_run_rows import LOST, NO_FREE_RUN, add_run
+
+
+def compared(folder, *by: str, metric: str = "relative_rms_percent") -> Comparison:
+    return compare(collect([folder]), by, metric, "free_run")
+
+
+def rows(comparison: Comparison) -> dict[tuple, tuple[int, int, int]]:
+    """{labels: (values, diverged, failed)}."""
+    return {g.labels: (len(g.values), g.diverged, g.failed) for g in comparison.groups}
+
+
+@pytest.fixture
+def cutoffs(tmp_path):
+    """Three cutoffs, three seeds; at the largest one diverged and one failed."""
+    for cutoff in (9.0, 10.0, 100.0):
+        for seed in range(3):
+            lost = cutoff == 100.0 and seed > 0
+            error = LOST if lost else cutoff + seed
+            add_run(tmp_path, error, seed=seed, cutoff=cutoff, failed=lost and seed == 2)
+    return tmp_path
+
+
+def test_groups_count_what_diverged_and_what_failed(cutoffs):
+    comparison = compared(cutoffs, "model.cutoff")
+    assert rows(comparison) == {(9.0,): (3, 0, 0), (10.0,): (3, 0, 0), (100.0,): (2, 1, 1)}
+    assert list(rows(comparison)) == [(9.0,), (10.0,), (100.0,)]  # by size, not as words
+    assert comparison.groups[2].values == [100.0, math.inf]
+
+
+def test_the_printed_table_is_what_pandas_makes_of_the_long_one(cutoffs):
+    table = long_table(collect([cutoffs])).to_pandas()
+    some = table[(table.split == "free_run") & (table.metric == "relative_rms_percent")]
+    of_pandas = some.groupby("model.cutoff").value.agg(["median", "min", "max"])
+    for group in compared(cutoffs, "model.cutoff").groups:
+        values = of_pandas.loc[group.labels[0]]
+        assert np.median(group.values) == values["median"]
+        assert (min(group.values), max(group.values)) == (values["min"], values["max"])
+    cells = list(as_table(compared(cutoffs, "model.cutoff")).columns[2].cells)
+    assert cells == ["10.00 (9.00 – 11.00)", "11.00 (10.00 – 12.00)", "diverged (100 – diverged)"]
+
+
+def test_systems_and_models_are_never_mixed(tmp_path):
+    for system in ("bilinear", "bouc_wen"):
+        for model in ("linear", "vwnn"):
+            for cutoff in (1.0, 2.0):
+                add_run(tmp_path, 5.0, system=system, model=model, cutoff=cutoff)
+    comparison = compared(tmp_path, "model.cutoff")
+    assert comparison.keys == ("system", "model", "model.cutoff")
+    assert len(comparison.groups) == 8
+    assert comparison.notes == []
+    (note,) = compared(tmp_path, "model").notes
+    assert "model.cutoff" in note  # two cutoffs in one group are said to be
+
+
+def test_runs_without_the_choice_or_the_number_are_told(tmp_path):
+    add_run(tmp_path, 5.0, cutoff=1.0)
+    add_run(tmp_path, NO_FREE_RUN, cutoff=2.0)
+    add_run(tmp_path, 5.0, model="vwnn")
+    comparison = compared(tmp_path, "model.cutoff")
+    assert "1 runs have no model.cutoff" in comparison.notes[0]
+    assert [group.without for group in comparison.groups] == [0, 1]
+
+
+def test_numbers_of_other_estimates_dofs_and_of_the_run(tmp_path):
+    path = add_run(tmp_path, 5.0, cutoff=1.0)
+    add_run(tmp_path, 6.0, cutoff=2.0)
+    metrics = json.loads((path / "metrics.json").read_text())
+    metrics["free_run"] |= {"own_residual": {"relative_rms_percent": 7.0}, "per_dof_percent": [8.0]}
+    (path / "metrics.json").write_text(json.dumps(metrics))
+    for metric, value in {
+        "own_residual/relative_rms_percent": 7.0,
+        "per_dof_percent/x1": 8.0,
+        "fit_seconds": 0.5,
+    }.items():
+        assert compared(tmp_path, "model.cutoff", metric=metric).groups[0].values == [value]
+
+
+MISTAKES = {
+    "by=model.cutof": "did you mean model.cutoff",
+    "by=model.name": "",  # the name of a model is its column
+    "by=data.train_records": "is 8 in all of these runs; there vary model.cutoff, seed",
+    "by=model.cutoff split=fre_run": "did you mean free_run",
+    "by=model.cutoff metric=relative_rms": "did you mean relative_rms_percent",
+    "by=nothing_like_it": "choose model.cutoff, seed",
+    "by=model.cutoff page=x.md": "",
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_misspelt_question_is_answered_in_one_line(words, cutoffs, monkeypatch, capsys):
+    said = MISTAKES[words]
+    assert run(evaluate, monkeypatch, f"runs={cutoffs}", *words.split()) == (1 if said else 0)
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.splitlines()) == (1 if said else 0)
+
+
+def test_by_wants_runs(monkeypatch, capsys):
+    assert run(evaluate, monkeypatch, "by=model") == 1
+    assert "runs=FOLDER" in capsys.readouterr().err
+
+
+def test_a_number_is_drawn_as_a_line_with_its_range(cutoffs):
+    (axes,) = draw_comparison(compared(cutoffs, "model.cutoff")).axes
+    line, edge = axes.lines
+    assert line.get_xdata().tolist() == [9.0, 10.0, 100.0]
+    assert line.get_ydata()[:2].tolist() == [10.0, 11.0]
+    assert math.isnan(line.get_ydata()[2])  # the median diverged
+    assert edge.get_xdata().tolist() == [100.0]
+    assert axes.get_xlabel() == "model.cutoff"
+
+
+def test_values_drawn_at_random_are_not_joined_by_a_line(tmp_path):
+    for seed in range(20):
+        add_run(tmp_path, 5.0, seed=seed, cutoff=1.0 + 1.7 * seed)
+    (axes,) = draw_comparison(compared(tmp_path, "model.cutoff")).axes
+    assert axes.lines[0].get_linestyle() == "None"
+    assert len(axes.lines[0].get_xdata()) == 20
+
+
+def test_words_are_drawn_as_rows_of_runs(tmp_path):
+    for model, error in (("linear", 10.0), ("vwnn", LOST)):
+        for seed in range(3):
+            add_run(tmp_path, error, model=model, seed=seed)
+    (axes,) = draw_comparison(compared(tmp_path, "model")).axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["linear", "vwnn"]
+    assert axes.lines[0].get_xdata().tolist() == [10.0] * 3
+    assert [text.get_text() for text in axes.texts] == ["3 diverged"]
+
+
+def test_each_system_has_a_panel_and_a_model_one_colour(tmp_path):
+    for system in ("bilinear", "bouc_wen"):
+        for cutoff in (1.0, 2.0):
+            for model in ("vwnn", "mine"):
+                add_run(tmp_path, cutoff, system=system, model=model, cutoff=cutoff)
+    figure = draw_comparison(compared(tmp_path, "model.cutoff"))
+    assert [axes.get_title() for axes in figure.axes] == ["bilinear", "bouc_wen"]
+    colours = [[line.get_color() for line in axes.lines] for axes in figure.axes]
+    assert colours[0] == colours[1]
+    assert colours[0][0] != colours[0][1]
+
+
+def test_evaluate_draws_a_png(cutoffs, monkeypatch, capsys):
+    assert run(evaluate, monkeypatch, f"runs={cutoffs}", "by=model.cutoff", "split=free_run") == 0
+    assert "diverged (100 – diverged)" in capsys.readouterr().out
+    picture = cutoffs / "results" / "free_run_relative_rms_percent_by_model.cutoff.png"
+    assert picture.read_bytes().startswith(b"\x89PNG")

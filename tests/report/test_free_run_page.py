@@ -1,0 +1,141 @@
+"""The page of free runs: filled from the leaderboard's rows, and it says what no run answers."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import pytest
+from omegaconf import OmegaConf
+
+from report.free_run.beyond import CHANGES, FILE
+from report.free_run.models import TOLD, contains, told
+from report.free_run.page import BEGIN, END, matrix, settings, write_free_run_page
+from report.free_run.rows import SYSTEMS, entries_of, leaderboard
+from report.paper.cells import read_runs
+from runner.command_line import CONF
+from tests.report.test_free_run_rows import LOST, add_run
+
+NOISY = {"level": 0.05, "signals": ["a", "f"]}
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Some models on two systems; one diverged; one record; noise."""
+    folder = tmp_path / "free_run"
+    for system in ("bilinear", "bouc_wen"):
+        for seed in (0, 1):
+            case = {"system": system, "seed": seed}
+            add_run(folder, 0.25 + seed, model="element_network", **case)
+            add_run(folder, 33.0, model="linear", **case)
+            lost = LOST if (system, seed) == ("bouc_wen", 1) else 12.5
+            add_run(folder, lost, model="vwnn_forward", **case)
+            add_run(folder, 1.75, model="element_network", train_records=1, **case)
+            noisy = {"model": "element_network_accelerations", "scenario": "noisy"}
+            add_run(folder, 0.5, settings=NOISY, **noisy, **case)
+    return folder
+
+
+def write(tmp_path, runs, asked=None, drawn=()):
+    page = tmp_path / "docs" / "free_run.md"
+    more = entries_of(read_runs(asked)) if asked else []
+    write_free_run_page(page, entries_of(read_runs(runs)), more, drawn)
+    return page.read_text("utf-8")
+
+
+def test_all_is_filled_in_and_the_figures_are_beside_it(runs, tmp_path):
+    drawn = [tmp_path / f"loops_element_network_bilinear.{kind}" for kind in ("png", "pdf")]
+    for path in drawn:
+        path.write_bytes(b"picture")
+    text = write(tmp_path, runs, drawn=drawn)
+    assert "$" not in text
+    assert "of the 20 runs 1 diverged and 0\nfailed" in text
+    assert "| `element_network` | 0.75 (0.25 – 1.25) † | 0.75 (0.25 – 1.25) † |" in text
+    assert "| `vwnn_forward` | 12.50 (12.50 – 12.50) | diverged (12.50 – diverged) |" in text
+    assert "**Incomplete:** no runs of polynomial yet; the experiment names `element" in text
+    assert "20 runs were made by earlier code" in text
+    assert "There is none among these." in text
+    assert "| `linear` | 3.00 → 33.00 | 3.00 → 33.00 |" in text
+    assert "| `element_network`, 1 record | 1.75 (1.75 – 1.75) † |" in text
+    assert "### 8 training records, `scenario=noisy level=0.05 signals=[a,f]`" in text
+    assert "| `vwnn_forward` | bouc_wen | 8 training records, full_state | 2 | 1 | 0 |" in text
+    assert "(figures/loops_element_network_bilinear.png)" in text
+    assert (tmp_path / "docs" / "figures" / "loops_element_network_bilinear.png").is_file()
+    assert not (tmp_path / "docs" / "figures" / "loops_element_network_bilinear.pdf").exists()
+
+
+def test_what_no_run_answers_names_the_command(runs, tmp_path):
+    text = write(tmp_path, runs)
+    assert text.count("`python train.py -m experiment=free_run_questions` does it") == 3
+    assert text.count("`python -m report.free_run.beyond` does it") == 2
+
+
+def test_questions_and_motions_beyond_are_rows(runs, tmp_path):
+    asked = tmp_path / "questions"
+    add_run(asked, 0.9, model="element_network", train_records=2)
+    score = {"relative_rms_percent_true": 4.5, "diverged": 0, "left_after_s": []}
+    for entry in entries_of(read_runs(runs)):
+        scores = dict.fromkeys(CHANGES[1:], score)
+        (entry.run.folder / FILE).write_text(json.dumps({"scores": scores}))
+    text = write(tmp_path, runs, asked)
+    assert "**bilinear: data.train_records**" in text
+    assert "| `element_network` | 2 | 1 | 0 | 0 | 0.90 |" in text
+    assert "| `element_network` | excitation.force.std*1.5 | 2 | 0 | 4.50 |" in text
+    assert "| `element_network` | data.dt=0.02 | 2 | 0 | 4.50 |" in text
+    assert "report.free_run.beyond` does it" not in text
+
+
+def test_a_fit_that_was_caught_is_named_with_its_seed(runs, tmp_path):
+    for seed, error in ((2, 0.25), (3, 0.25), (4, 26.0)):
+        add_run(runs, error, model="element_network", system="bilinear", seed=seed)
+    text = write(tmp_path, runs)
+    assert "| `element_network` | bilinear | 8 records | 4 | 0.25 | 26.00 | failed |" in text
+
+
+def test_the_overview_goes_between_the_marks_of_the_readme(runs, tmp_path):
+    readme = tmp_path / "README.md"
+    readme.write_text(f"before\n{BEGIN}\nof yesterday\n{END}\nafter\n")
+    for _ in range(2):  # again is the same
+        write(tmp_path, runs)
+    text = readme.read_text("utf-8")
+    assert text.startswith(f"before\n{BEGIN}\n| model | bilinear | Bouc–Wen |")
+    assert text.endswith(f"\n{END}\nafter\n")
+    assert "of yesterday" not in text
+
+
+def test_a_readme_without_marks_is_left_alone(runs, tmp_path):
+    (tmp_path / "README.md").write_text("before\n")
+    write(tmp_path, runs)
+    assert (tmp_path / "README.md").read_text() == "before\n"
+
+
+def test_settings_without_noise_and_with_most_records_come_first_the_best_model_on_top(runs):
+    rows = leaderboard(entries_of(read_runs(runs)))
+    firsts = [same[0] for same in settings(rows).values()]
+    found = [(row.scenario.split()[0], row.train_records) for row in firsts]
+    assert found == [("full_state", 8), ("full_state", 1), ("noisy", 8)]
+    lines = matrix(rows, lambda row: "").splitlines()[2:]
+    models = [line.split("`")[1] for line in lines]
+    assert models[:3] == ["element_network", "linear", "vwnn_forward"]  # half diverged is diverged
+    assert max(row.median_percent or 0.0 for row in rows) == math.inf
+
+
+def test_every_model_of_the_leaderboard_says_what_it_is_told():
+    cfg = OmegaConf.load(CONF / "experiment" / "free_run.yaml")
+    grids = cfg.hydra.sweeper.grids.values()
+    assert {name for grid in grids for name in grid.model.split(",")} <= set(TOLD)
+    assert told("unheard_of") == ""
+
+
+def test_whether_the_truth_is_inside_depends_on_model_and_system(runs):
+    rows = leaderboard(entries_of(read_runs(runs)))
+    assert {row.model: contains(row) for row in rows if row.system == "bouc_wen"} == {
+        "element_network": "yes",
+        "element_network_accelerations": "yes",
+        "linear": "no",
+        "vwnn_forward": "no",
+    }
+    tanh = [replace(rows[0], model="element_network_tanh", system=s) for s in SYSTEMS]
+    assert [contains(row) for row in tanh] == ["no", "no", "yes"]
+    assert contains(replace(rows[0], system="my_frame")) == ""

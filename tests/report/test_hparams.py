@@ -1,0 +1,73 @@
+"""TensorBoard's HParams tab: every choice that is swept, the numbers named as in the long table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.plugins.hparams import metadata
+
+import train
+from report.collection.long_table import long_table
+from report.collection.runs import collect
+from report.collection.scores import scores_of
+from report.run.hparams import swept
+from tests.program.test_every_config import composed
+from tests.program.test_train import QUICK, run
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "network"
+    words = [*QUICK, "model=residual_mlp", "solver.iterations=3", "baselines=none", "figures=false"]
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert run(train, monkeypatch, *words, f"hydra.run.dir={folder}") == 0
+    return folder
+
+
+def events_of(folder: Path) -> list[EventAccumulator]:
+    places = {path.parent for path in folder.rglob("events.*")}
+    return [EventAccumulator(str(place)).Reload() for place in places]
+
+
+def test_the_plugin_has_the_choices_by_their_dotted_names(finished):
+    found = {}
+    for events in events_of(finished):
+        for tag, content in events.summary_metadata.items():
+            if tag == metadata.SESSION_START_INFO_TAG:
+                started = metadata.parse_session_start_info_plugin_data(content.plugin_data.content)
+                found = dict(started.hparams)
+    assert found["model"].string_value == "residual_mlp"
+    assert found["model.hidden"].string_value == "[15]"
+    assert found["solver.iterations"].number_value == 3
+    assert found["data.duration"].number_value == 20
+    assert found["model.ridge"].number_value == 0.0
+    assert found["seed"].number_value == 0
+    assert found["system"].string_value == "bilinear"
+    assert not [name for name in found if name.startswith("system.")]
+
+
+def test_the_numbers_have_the_names_and_values_of_the_long_table(finished):
+    (of_run,) = collect([finished])
+    logged: dict[str, float] = {}
+    for events in events_of(finished):
+        logged |= {tag: events.Scalars(tag)[-1].value for tag in events.Tags()["scalars"]}
+    expected = {score.name: score.value for score in scores_of(of_run.metrics)}
+    assert len(expected) == long_table([of_run]).num_rows
+    assert {"test/own_residual/relative_rms_percent", "free_run/per_dof_percent/x3"} <= set(
+        expected
+    )
+    assert {name: logged[name] for name in expected} == pytest.approx(expected, rel=1e-6)
+
+
+def test_where_files_lie_is_no_choice():
+    cfg = composed("data=measured", "data.path=/records/a.csv", "scenario=noisy")
+    assert not [name for name, value in swept(cfg).items() if "records" in str(value)]
+    assert swept(cfg)["scenario.level"] == cfg.scenario.level

@@ -1,0 +1,241 @@
+"""Any collection of runs → one long table: nothing left out, nothing twice, the same read back."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from omegaconf import OmegaConf
+
+import evaluate
+from report.collection import long_table as long_form
+from report.collection.long_table import long_table, write_long
+from report.collection.runs import collect, dotted, folders_of, read_choices
+from runner.run_folder import plain
+from tests.program.test_docs import ROOT, blocks
+from tests.program.test_every_config import choices, composed
+from tests.program.test_train import run
+from tests.report.test_free_run_rows import LOST, NO_FREE_RUN, add_run
+
+IDENTITY = ["model", "system", "scenario", "seed"]
+
+
+def table_of(*folders: Path) -> pd.DataFrame:
+    return long_table(collect(list(folders))).to_pandas()
+
+
+def add_unfinished(folder: Path, seed: int = 7) -> Path:
+    path = add_run(folder, 1.0, seed=seed)
+    (path / "metrics.json").unlink()
+    return path
+
+
+def add_damaged(folder: Path, seed: int = 8) -> Path:
+    path = add_run(folder, 1.0, seed=seed)
+    (path / "metrics.json").write_text('{"model": "lin')
+    return path
+
+
+def test_a_row_is_a_run_a_split_and_a_metric(tmp_path):
+    path = add_run(tmp_path, 12.5, seed=3)
+    metrics = json.loads((path / "metrics.json").read_text())
+    metrics["test"] |= {"own_residual": {"relative_rms_percent": 30.0}}
+    metrics["test"]["per_dof_percent"] = [3.0, 4.0]
+    (path / "metrics.json").write_text(json.dumps(metrics))
+    table = table_of(tmp_path)
+    keys = ["split", "estimate", "metric", "dof"]
+    assert not table.duplicated(keys).any()
+    values = {tuple(key): value for *key, value in table[[*keys, "value"]].fillna(0).to_numpy()}
+    assert values["free_run", "", "relative_rms_percent", 0] == 12.5
+    assert values["free_run", "", "displacement_percent", 0] == 25.0
+    assert values["test", "", "per_dof_percent", 2] == 4.0
+    assert values["test", "own_residual", "relative_rms_percent", 0] == 30.0
+    assert values["", "", "fit_seconds", 0] == 0.5
+    assert table[IDENTITY].drop_duplicates().to_numpy().tolist() == [
+        ["linear", "bilinear", "full_state", 3]
+    ]
+
+
+def test_what_diverged_is_infinite_and_says_so(tmp_path):
+    add_run(tmp_path, LOST)
+    table = table_of(tmp_path)
+    lost = table[(table.split == "free_run") & (table.metric == "relative_rms_percent")]
+    assert lost[["value", "status"]].to_numpy().tolist() == [[math.inf, "diverged"]]
+    assert set(table[table.split == "test"].status) == {"finished"}
+
+
+def test_what_an_online_model_learns_and_never_reaches(tmp_path):
+    path = add_run(tmp_path, 1.0)
+    metrics = json.loads((path / "metrics.json").read_text())
+    way = {"settle_s": {"5": None, "10": 2.5}, "worst_percent": None, "unstable_s": None}
+    ways = {"adapting": way, "frozen": way}
+    metrics["online"] = {"ways": ways, "learnt_percent": {"10": 7.0}}
+    (path / "metrics.json").write_text(json.dumps(metrics))
+    table = table_of(tmp_path).set_index(["estimate", "metric"])
+    assert table.loc[("", "settle_s/10"), "value"] == 2.5
+    assert table.loc[("frozen", "settle_s/5"), "value"] == math.inf
+    assert table.loc[("frozen", "settle_s/5"), "status"] == "finished"
+    assert table.loc[("frozen", "worst_percent"), "status"] == "diverged"
+    assert table.loc[("", "learnt_percent/10"), "value"] == 7.0
+
+
+def test_a_model_without_a_free_run_has_no_row_for_it(tmp_path):
+    add_run(tmp_path, NO_FREE_RUN)
+    assert "free_run" not in set(table_of(tmp_path).split)
+
+
+def test_runs_without_numbers_are_listed_with_their_reasons(tmp_path):
+    add_run(tmp_path, 1.0, seed=0)
+    add_run(tmp_path, LOST, failed=True, seed=1)
+    add_unfinished(tmp_path, seed=2)
+    add_damaged(tmp_path, seed=3)
+    table = table_of(tmp_path)
+    bad = table[table.status != "finished"].sort_values("run")
+    assert bad.status.tolist() == ["failed", "unfinished", "damaged"]
+    assert bad.reason.iloc[0] == "the motion escaped"
+    assert "metrics.json" in bad.reason.iloc[1]
+    assert "repeat the run" in bad.reason.iloc[2]
+    assert bad.metric.tolist() == ["", "", ""]
+    assert bad.value.isna().all()
+    assert bad.seed.tolist()[:2] == [1, 2]
+
+
+def test_choices_that_differ_are_columns_of_their_type(tmp_path):
+    for seed, (cutoff, hidden, order) in enumerate([(10.0, [5], 2), (50.0, [5, 5], None)]):
+        add_run(tmp_path, 1.0, seed=seed, cutoff=cutoff, hidden=hidden, stages=2, order=order)
+    add_run(tmp_path, 1.0, model="vwnn", seed=2, stages=2)
+    table = table_of(tmp_path)
+    columns = [name for name in table.columns if "." in name]
+    assert columns == ["model.cutoff", "model.hidden", "model.order"]  # not model.stages
+    by_seed = table.groupby("seed").first()
+    assert by_seed["model.cutoff"].tolist()[:2] == [10.0, 50.0]
+    assert math.isnan(by_seed["model.cutoff"][2])
+    assert by_seed["model.hidden"].tolist()[:2] == ["[5]", "[5,5]"]
+    assert by_seed["model.order"][0] == 2
+    assert table["model.order"].dtype.kind == "f"  # null beside numbers
+
+
+def test_what_the_name_of_a_system_tells_is_no_column(tmp_path):
+    def add(system: str, seed: int, mass: float) -> None:
+        path = add_run(tmp_path, 1.0, system=system, seed=seed)
+        cfg = OmegaConf.load(path / "config.yaml")
+        cfg.system.mass = mass
+        OmegaConf.save(cfg, path / "config.yaml")
+
+    add("bilinear", 0, 1.0)
+    add("bouc_wen", 0, 2.0)
+    assert "system.mass" not in table_of(tmp_path).columns
+    add("bouc_wen", 1, 3.0)
+    assert set(table_of(tmp_path)["system.mass"]) == {1.0, 2.0, 3.0}
+
+
+def test_the_files_hold_what_the_table_holds(tmp_path):
+    add_run(tmp_path, 1.0 / 3.0, seed=0, cutoff=0.1)
+    add_run(tmp_path, LOST, seed=1, cutoff=0.2)
+    add_run(tmp_path, LOST, failed=True, seed=2)
+    table = table_of(tmp_path)
+    parquet, text = write_long(long_table(collect([tmp_path])), tmp_path / "out")
+    pd.testing.assert_frame_equal(pd.read_parquet(parquet), table)
+    again = pd.read_csv(text, keep_default_na=False, na_values={"dof": [""], "value": ["nan"]})
+    assert again.value.tolist() == pytest.approx(table.value.tolist(), nan_ok=True, rel=1e-15)
+    assert again.metric.tolist() == table.metric.tolist()
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "results.parquet",
+        "results.csv",
+    }
+
+
+def test_a_full_disk_leaves_the_table_of_before(tmp_path, monkeypatch):
+    add_run(tmp_path / "runs", 1.0)
+    table = long_table(collect([tmp_path / "runs"]))
+    before = write_long(table, tmp_path)[0].read_bytes()
+
+    def full(table, path):
+        Path(path).write_bytes(b"half of it")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(long_form.pa.parquet, "write_table", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_long(table, tmp_path)
+    assert (tmp_path / "results.parquet").read_bytes() == before
+
+
+@pytest.mark.parametrize("model", choices("model"))
+def test_choices_are_read_as_hydra_wrote_them(model, tmp_path):
+    """The fast reader cuts a config into blocks; OmegaConf reads the whole."""
+    cfg = composed(f"model={model}", "scenario=noisy", "data.tolerance=1e-7", "+note='a: b\n c'")
+    path = tmp_path / "config.yaml"
+    path.write_text(OmegaConf.to_yaml(cfg, resolve=True))
+    assert read_choices(path) == dotted(plain(cfg))
+
+
+def test_a_list_a_pattern_and_a_folder_name_the_same_runs_once(tmp_path):
+    for sweep in ("a", "b", "deep/c"):
+        (tmp_path / sweep).mkdir(parents=True)
+        add_run(tmp_path / sweep, 1.0)
+    (tmp_path / "a" / "note.txt").write_text("no folder")
+    found = {
+        "all": folders_of(str(tmp_path)),
+        "pattern": folders_of(f"{tmp_path}/*/"),
+        "nested": folders_of(f"{tmp_path}/**"),
+        "list": folders_of([f"{tmp_path}/a", f"{tmp_path}/*", f"{tmp_path}/deep"]),
+    }
+    assert {name: len(collect(folders)) for name, folders in found.items()} == {
+        "all": 3,
+        "pattern": 3,
+        "nested": 3,
+        "list": 3,
+    }
+    assert len(collect(folders_of([f"{tmp_path}/a", f"{tmp_path}/b"]))) == 2
+    with pytest.raises(ValueError, match="there is no folder"):
+        folders_of([f"{tmp_path}/a", f"{tmp_path}/z"])
+    with pytest.raises(ValueError, match="no folder matches"):
+        folders_of(f"{tmp_path}/z*")
+    with pytest.raises(ValueError, match="no runs in"):
+        collect([tmp_path / "deep" / "c" / "nothing"])
+
+
+def test_evaluate_writes_it_beside_the_tables_and_counts_what_is_missing(
+    tmp_path, monkeypatch, capsys
+):
+    for sweep in ("a", "b"):
+        (tmp_path / sweep).mkdir()
+    add_run(tmp_path / "a", 10.0, seed=0)
+    add_run(tmp_path / "b", LOST, failed=True, seed=1)
+    add_unfinished(tmp_path / "b", seed=2)
+    words = [f"runs=[{tmp_path}/a,{tmp_path}/b]", f"output={tmp_path / 'out'}"]
+    assert run(evaluate, monkeypatch, *words) == 0
+    out = capsys.readouterr().out
+    assert "3 runs: 1 finished, 1 failed, 1 unfinished" in out
+    assert "the motion escaped" in out
+    table = pd.read_parquet(tmp_path / "out" / "results.parquet")
+    assert table.groupby("run").status.first().value_counts().to_dict() == {
+        "finished": 1,
+        "failed": 1,
+        "unfinished": 1,
+    }
+    assert (tmp_path / "out" / "leaderboard.md").is_file()
+
+
+def test_runs_that_make_no_table_of_the_paper_still_make_the_long_one(tmp_path, monkeypatch):
+    path = add_run(tmp_path, 10.0, system="mine")
+    metrics = json.loads((path / "metrics.json").read_text())
+    metrics.pop("free_run")
+    (path / "metrics.json").write_text(json.dumps(metrics))
+    assert run(evaluate, monkeypatch, f"runs={tmp_path}") == 0
+    assert len(pd.read_csv(tmp_path / "results" / "results.csv")) > 3
+
+
+def test_the_example_of_the_docs_reads_the_table(tmp_path, monkeypatch, capsys):
+    (example,) = blocks(ROOT / "docs" / "comparing.md", "python")
+    for seed, cutoff in enumerate((20.0, 50.0)):
+        add_run(tmp_path / "runs" / "cutoffs", 5.0, seed=seed, cutoff=cutoff)
+    monkeypatch.chdir(tmp_path)
+    write_long(long_table(collect([Path("runs/cutoffs")])), Path("runs/cutoffs/results"))
+    exec(compile(example, "comparing.md", "exec"), {})
+    printed = capsys.readouterr().out
+    assert "bilinear 20.0              1     3.0  3.0" in printed
+    assert "finished    2" in printed

@@ -1,0 +1,170 @@
+"""From a folder of runs to the paper's cells: medians, ranges, failures, three formats."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from report.paper.cells import METHODS, Cell, as_configured, of, read_runs, study_cells
+from report.paper.changes import changes
+from report.paper.results import count
+from report.paper.tables import as_csv, as_latex, as_markdown, write_tables
+from runner.paper_values import paper_cells
+
+COLUMNS = (
+    "table, method, split, dof, paper_percent, median_percent, q25_percent, q75_percent, "
+    "min_percent, max_percent, seeds, failed, inside"
+)
+
+
+def add_run(folder: Path, error: float | None, **choices) -> Path:
+    """A run as train.py leaves it; failed where there is no error."""
+    case = {"model": "vwnn", "system": "bilinear", "scenario": "full_state", "seed": 0} | choices
+    settings, extra = case.pop("scenario_settings", {}), case.pop("extra", {})
+    run = folder / "-".join(str(value) for value in (*case.values(), *settings.values()))
+    run.mkdir()
+    if error is None:
+        names = {k: {"name": case[k]} for k in ("model", "system", "scenario")}
+        names["scenario"] |= settings
+        OmegaConf.save(OmegaConf.create({**names, "seed": case["seed"]}), run / "config.yaml")
+        (run / "failed.json").write_text('{"reason": "the motion escaped"}')
+        return run
+    scores = {"relative_rms_percent": error, "per_dof_percent": [error, 2 * error, 3 * error]}
+    if case["model"] == "residual_mlp":
+        scores["own_residual"] = {"relative_rms_percent": 10 * error}
+    splits = {"train": scores, "test": scores}
+    metrics = {**case, "scenario_settings": settings, **splits, **extra}
+    (run / "metrics.json").write_text(json.dumps(metrics))
+    return run
+
+
+def cell_of(cells: list[Cell], method: str, split: str, dof: str = "total") -> Cell:
+    (found,) = (c for c in cells if (c.method, c.split, c.dof) == (method, split, dof))
+    return found
+
+
+def test_a_cell_is_median_quartiles_range_and_counts(tmp_path):
+    for seed, error in enumerate([9.0, 12.0, 10.0, 11.0, None]):
+        add_run(tmp_path, error, seed=seed)
+    cell = cell_of(study_cells(read_runs(tmp_path)), "vwnn", "test")
+    assert (cell.table, cell.paper_percent) == (3, 10.79)
+    assert (cell.median_percent, cell.min_percent, cell.max_percent) == (10.5, 9.0, 12.0)
+    assert (cell.q25_percent, cell.q75_percent) == (9.75, 11.25)
+    assert (cell.seeds, cell.failed, cell.inside) == (4, 1, True)
+
+
+@pytest.mark.parametrize(("errors", "inside"), [((9.0, 10.0), False), ((10.79, 12.0), True)])
+def test_inside_means_between_smallest_and_largest(tmp_path, errors, inside):
+    for seed, error in enumerate(errors):
+        add_run(tmp_path, error, seed=seed)
+    assert cell_of(study_cells(read_runs(tmp_path)), "vwnn", "test").inside is inside
+
+
+def test_a_method_that_always_failed_has_a_row_of_failures(tmp_path):
+    for seed in range(3):
+        add_run(tmp_path, None, seed=seed)
+    cell = cell_of(study_cells(read_runs(tmp_path)), "vwnn", "train")
+    assert (cell.median_percent, cell.seeds, cell.failed, cell.inside) == (None, 0, 3, None)
+    assert ",,,,," in as_csv([cell])
+
+
+def test_table_6_is_table_5_by_dof(tmp_path):
+    add_run(tmp_path, 2.0, system="bouc_wen")
+    cells = study_cells(read_runs(tmp_path))
+    assert {c.table for c in cells} == {5, 6}
+    assert cell_of(cells, "vwnn", "test", "3").median_percent == 6.0
+    assert cell_of(cells, "vwnn", "test", "3").paper_percent == 3.42
+
+
+def test_both_ways_of_feeding_the_residual_back_stand_beside_the_one_printed_value(tmp_path):
+    add_run(tmp_path, 4.0, model="residual_mlp")
+    cells = study_cells(read_runs(tmp_path))
+    measured, own = (
+        cell_of(cells, m, "test") for m in ("residual_mlp", "residual_mlp_own_residual")
+    )
+    assert (measured.median_percent, own.median_percent) == (4.0, 40.0)
+    assert measured.paper_percent == own.paper_percent == 42.25
+
+
+def test_a_baseline_has_no_paper_value_and_is_not_judged(tmp_path):
+    add_run(tmp_path, 4.0, model="two_point")
+    cell = cell_of(study_cells(read_runs(tmp_path)), "two_point", "test")
+    assert cell.paper_percent is None
+    assert cell.inside is None
+
+
+def test_other_noise_levels_are_a_sweep_not_table_8(tmp_path):
+    usual = {"level": 0.1, "signals": ["x", "v", "a"]}
+    for level, error in ((0.1, 13.0), (0.3, 35.0)):
+        settings = usual | {"level": level}
+        choices = {"system": "polynomial", "scenario": "noisy", "scenario_settings": settings}
+        add_run(tmp_path, error, **choices)
+    runs = read_runs(tmp_path)
+    assert [run.settings["level"] for run in as_configured(runs)] == [0.1]
+    assert cell_of(study_cells(runs), "vwnn", "test").max_percent == 13.0
+
+
+def test_the_same_seed_twice_is_an_error_that_names_both(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        add_run(tmp_path / name, 3.0)
+    with pytest.raises(ValueError, match=r"seed 0, that differ.*one.*two"):
+        of(read_runs(tmp_path), "vwnn", "bilinear", "full_state")
+
+
+def test_a_folder_without_runs_says_how_to_make_some(tmp_path):
+    with pytest.raises(ValueError, match="experiment=table3"):
+        read_runs(tmp_path)
+
+
+def test_csv_has_the_promised_columns_and_full_precision(tmp_path):
+    add_run(tmp_path, 1.0 / 3.0)
+    lines = as_csv(study_cells(read_runs(tmp_path))).splitlines()
+    assert lines[0] == COLUMNS.replace(" ", "")
+    (row,) = (r for r in csv.DictReader(lines) if r["split"] == "test")
+    assert float(row["median_percent"]) == 1.0 / 3.0
+
+
+def test_markdown_and_latex_hold_the_same_figures(tmp_path):
+    for seed, error in enumerate((10.0, 11.5)):
+        add_run(tmp_path, error, seed=seed)
+    cells = study_cells(read_runs(tmp_path))
+    markdown, latex = as_markdown(cells), as_latex(cells)
+    assert len({line.count("|") for line in markdown.splitlines()}) == 1
+    for figure in ("10.79", "10.75", "10.00", "11.50", "yes"):
+        assert figure in markdown
+        assert figure in latex
+    assert latex.count(r"\toprule") == latex.count(r"\bottomrule") == 1
+    body = latex[latex.index(r"\midrule") : latex.index(r"\bottomrule")].splitlines()[1:]
+    columns = latex[latex.index("tabular}{") + 9 :].split("}")[0]
+    assert all(row.count(" & ") == len(columns) - 1 for row in body)
+
+
+def test_each_table_is_a_file_in_three_formats(tmp_path):
+    add_run(tmp_path, 2.0, system="bouc_wen")
+    names = {path.name for path in write_tables(study_cells(read_runs(tmp_path)), tmp_path / "out")}
+    assert names == {f"table{t}.{kind}" for t in (5, 6) for kind in ("csv", "md", "tex")}
+
+
+def test_every_printed_cell_has_a_method_of_ours():
+    cells = paper_cells()
+    assert len(cells) == 96
+    assert {cell.method for cell in cells} <= set(METHODS)
+
+
+def test_hits_are_counted_by_what_the_residual_network_is_fed(tmp_path):
+    """Training: measured 2.40 hits; testing: own 42.25 hits; the paired count has both."""
+    for seed, error in enumerate((2.0, 5.0)):
+        add_run(tmp_path, error, model="residual_mlp", seed=seed)
+    lines = count(study_cells(read_runs(tmp_path))).splitlines()
+    assert [line.split(" (")[0] for line in lines] == ["1 of 2", "1 of 2", "2 of 2"]
+
+
+def test_a_change_is_named_as_it_would_be_typed():
+    usual = {"excitation.force.std": 12.0, "data.dt": 0.01, "scenario.signals": ["x", "v", "a"]}
+    config = usual | {"excitation.force.std": 14.0, "scenario.signals": ["a"], "new": 1}
+    assert changes(config, usual) == "excitation.force.std=14.0 scenario.signals=['a']"

@@ -1,0 +1,164 @@
+"""The study's pictures: loops against the textbook, and which files a set of runs gives."""
+
+from __future__ import annotations
+
+import warnings
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from numpy.testing import assert_allclose
+
+import train
+from report.paper.cells import METHODS, Run, read_runs
+from report.paper.figures import draw_study, error_curves, errors_against, errors_over_seeds
+from report.paper.signals import (
+    COLOURS,
+    TURNS,
+    accelerations,
+    behaviour,
+    of_one_seed,
+    paper_elements,
+    phase_planes,
+    sample_loops,
+    slowly,
+)
+from runner.command_line import CONF, prepare_hydra
+
+QUICK = ("data.duration=15", "figures=false", "baselines=none", "trainer.enable_progress_bar=false")
+
+
+def identify(folder: Path, *choices: str) -> None:
+    prepare_hydra()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = compose("train", [*QUICK, *choices])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Lightning's
+        train.identify(cfg, folder)
+
+
+@pytest.fixture(scope="module")
+def small_study(tmp_path_factory) -> list[Run]:
+    """Three methods at seed 1 of the bilinear structure; only one of them at seed 0."""
+    folder = tmp_path_factory.mktemp("study")
+    identify(folder / "a", "model=vwnn_first_order", "seed=0")
+    identify(folder / "b", "model=power_series_restoring_force", "seed=0")
+    identify(folder / "c", "model=power_series_restoring_force", "seed=1")
+    few = ("solver=levenberg_marquardt", "solver.iterations=2")
+    identify(folder / "d", "model=residual_mlp", "seed=1", *few)
+    return read_runs(folder)
+
+
+def scored(model: str, scenario: str, seed: int, percent: float, **settings: float) -> Run:
+    """A run of the polynomial structure of which only the score is known."""
+    metrics = {"test": {"relative_rms_percent": percent}}
+    return Run(Path("none"), model, "polynomial", scenario, settings, seed, metrics)
+
+
+def test_the_loops_have_the_papers_slopes():
+    element = paper_elements()["r1"]
+    motion = slowly(element, (0.05, -0.05))
+    y, r = motion.y[:, 0], motion.r[:, 0]
+    loading, unloading = np.arange(y.size) < 400, np.arange(y.size) > 400
+    for branch, slope in (
+        (loading & (y < 0.019), element.stiffness),
+        (loading & (y > 0.021), element.post_yield_stiffness),
+        (unloading & (y > 0.011), element.stiffness),
+        (unloading & (y < 0.009), element.post_yield_stiffness),
+    ):
+        assert_allclose(np.polyfit(y[branch], r[branch], 1)[0], slope, rtol=1e-3)
+
+
+def test_a_slow_bilinear_loop_takes_up_the_energy_of_a_parallelogram():
+    element = paper_elements()["r1"]
+    work = slowly(element, (0.05, -0.05, 0.05)).work[:, 0]
+    lost = element.stiffness - element.post_yield_stiffness
+    closed_form = 4.0 * lost * element.yield_displacement * (0.05 - element.yield_displacement)
+    assert_allclose(work[1200] - work[400], closed_form, rtol=2e-3)
+
+
+def test_the_marks_of_fig_5_stand_on_the_loops():
+    for axes in sample_loops().axes:
+        lines = [line.get_xydata() for line in axes.lines]
+        (loop,) = (line for line in lines if len(line) > 400 * len(TURNS))
+        marks = [line[0] for line in lines if len(line) == 1]
+        assert len(marks) >= 2
+        for mark in marks:
+            assert np.abs((loop - mark) / np.ptp(loop, axis=0)).sum(axis=1).min() < 0.01
+
+
+def test_elements_are_called_what_the_paper_calls_them():
+    names = {
+        s: [behaviour(e) for e in paper_elements(s).values()] for s in ("bilinear", "polynomial")
+    }
+    inner, outer = "limited slip", "bilinear"
+    assert names["bilinear"] == [outer, inner, inner, inner, outer, outer]
+    assert names["polynomial"] == [
+        {outer: "hardening", inner: "softening"}[n] for n in names["bilinear"]
+    ]
+
+
+def test_every_method_has_a_colour_of_its_own():
+    assert set(COLOURS) == set(METHODS)
+    assert len(set(COLOURS.values())) == len(METHODS)
+
+
+def test_a_study_draws_what_its_runs_allow(small_study, tmp_path):
+    names = (
+        "fig05_element_loops", "fig06_phase_plane_bilinear", "fig09_acceleration_bilinear",
+        "test_error_over_seeds",
+    )  # fmt: skip
+    paths = draw_study(small_study, tmp_path)
+    assert [path.name for path in paths] == [
+        f"{n}.{kind}" for n in names for kind in ("png", "pdf")
+    ]
+    assert sorted(paths) == sorted(tmp_path.iterdir())
+    assert all(path.stat().st_size > 5000 for path in paths)
+
+
+def test_methods_are_compared_at_the_lowest_seed_that_all_have(small_study):
+    compared = of_one_seed(small_study, "bilinear", "full_state")
+    assert {(run.model, run.seed) for run in compared} == {
+        ("power_series_restoring_force", 1),
+        ("residual_mlp", 1),
+    }
+    assert of_one_seed(small_study, "bouc_wen", "full_state") == []
+
+
+def test_accelerations_show_both_ways_of_feeding_the_residual_back(small_study):
+    figure = accelerations(of_one_seed(small_study, "bilinear", "full_state"), seconds=4.0)
+    assert len(figure.axes) == 3
+    for axes in figure.axes:
+        assert len(axes.lines) == 1 + 3  # measured; restoring force; measured and own residual
+        assert {len(line.get_xdata()) for line in axes.lines} == {400}
+
+
+def test_an_estimate_that_runs_away_is_cut_off_and_named(small_study):
+    compared = of_one_seed(small_study, "bilinear", "full_state")
+    (first, *_) = accelerations(compared, room=-0.45).axes
+    assert "cut off: power_series_restoring_force" in first.texts[0].get_text()
+
+
+def test_fig_6_has_identical_scales(small_study):
+    same, own = (phase_planes(small_study[0], identical).axes for identical in (True, False))
+    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in same}) == 1
+    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in own}) == 6
+
+
+def test_curves_begin_without_noise_and_keep_to_the_seeds_in_common():
+    runs = [scored("linear", "noisy", seed, 100 * level, level=level) for seed, level in
+            product(range(3), (0.1, 0.2))]  # fmt: skip
+    runs += [scored("linear", "full_state", seed, 1.0) for seed in range(1, 5)]
+    curve = errors_against(runs, "linear", "noisy", "level")
+    assert curve == {0.0: [1.0, 1.0], 0.1: [10.0, 10.0], 0.2: [20.0, 20.0]}
+    assert errors_against(runs, "vwnn", "noisy", "level") == {}
+    (axes,) = error_curves({"linear": curve}, "noisy", "level").axes
+    assert_allclose(axes.lines[0].get_xydata(), [[0, 1], [10, 10], [20, 20]])
+
+
+def test_errors_over_seeds_have_a_panel_for_each_setting_with_runs():
+    runs = [scored("vwnn", s, seed, 4.0 + seed) for s in ("full_state", "noisy") for seed in (0, 1)]
+    titles = [axes.get_title() for axes in errors_over_seeds(runs).axes]
+    assert titles == ["polynomial, full_state", "polynomial, noisy"]

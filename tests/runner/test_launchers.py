@@ -1,0 +1,181 @@
+"""The same sweep by each launcher: the same results, whatever is lost on the way."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
+
+from hydra_plugins.launchers.launcher import THREADS
+from hydra_plugins.launchers.processes import TRIES, run_side_by_side
+from runner.command_line import CONF, prepare_hydra
+from tests.clusters import kill, processes_of, ray_nodes, slurm, why_no_slurm
+from tests.runner.test_sweep import QUICK, results
+
+ROOT = Path(__file__).parents[2]
+SWEEP = [sys.executable, "train.py", "-m", *QUICK, "model=linear,vwnn", "seed=range(0,6)"]
+needs_ray = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="no Ray: '.[ray]'")
+needs_slurm = pytest.mark.skipif(bool(why_no_slurm()), reason=str(why_no_slurm()))
+
+
+def sweep(folder: Path, *words: str, **environment: str) -> subprocess.Popen:
+    """Twelve cheap runs, begun."""
+    env = {name: value for name, value in os.environ.items() if name not in THREADS}
+    return subprocess.Popen(
+        [*SWEEP, f"hydra.sweep.dir={folder}", *words],
+        cwd=ROOT,
+        env=env | environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def wait_until(condition: Callable[[], object], process: subprocess.Popen) -> None:
+    until = time.monotonic() + 180.0
+    while not condition():
+        assert process.poll() is None, process.stdout.read()
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory) -> dict[str, dict]:
+    """What one process finds, run after run."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    printed = (process := sweep(folder, "hydra/launcher=basic")).communicate()[0]
+    assert process.returncode == 0, printed
+    assert len(results(folder)) == 12
+    return results(folder)
+
+
+@pytest.mark.parametrize("launcher", ["joblib", "ray", "slurm"])
+def test_each_launcher_is_one_word(launcher):
+    prepare_hydra()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = compose("train", [f"hydra/launcher={launcher}"], return_hydra_config=True)
+    cfg.hydra.runtime.cwd = str(ROOT)
+    instantiate(cfg.hydra.launcher)
+    assert (CONF / f"hydra/launcher/{launcher}.yaml").read_text("utf-8").startswith("# ")
+
+
+def test_a_lost_process_is_replaced_and_costs_no_other_run(tmp_path):
+    class Fatal:
+        """Its run `die` kills the process; the others leave a file."""
+
+        environment = {"OMP_NUM_THREADS": "3"}  # noqa: RUF012
+
+        def __call__(self, words):
+            if words == ["die"]:
+                os.kill(os.getpid(), signal.SIGKILL)
+            if words == ["raise"]:
+                raise MemoryError("of this run")
+            (tmp_path / words[0]).write_text(os.environ["OMP_NUM_THREADS"])
+            return "said so" if words == ["5"] else None
+
+    jobs = [["die"], ["raise"], *([str(n)] for n in range(6))]
+    lost = run_side_by_side(Fatal(), jobs, 2)
+    assert {path.name for path in tmp_path.iterdir()} == {str(n) for n in range(6)}
+    assert {path.read_text() for path in tmp_path.iterdir()} == {"3"}
+    assert lost.keys() == {"die", "raise", "5"}
+    assert lost["5"] == "said so"
+    assert "of this run" in lost["raise"]
+    assert f"lost {TRIES} times" in lost["die"]
+
+
+def test_all_cores_lose_a_process_and_no_run(tmp_path, undisturbed):
+    process = sweep(tmp_path, "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+    wait_until(lambda: len(results(tmp_path)) >= 2, process)
+    workers = [pid for pid, name in processes_of(process).items() if "LokyProcess" in name]
+    assert len(workers) == 2
+    os.kill(workers[0], signal.SIGKILL)
+    printed = process.communicate()[0]
+    assert process.returncode == 0, printed
+    assert "12 done, 0 failed" in printed
+    assert results(tmp_path) == undisturbed
+
+
+def test_nobody_works_on_after_a_sweep_was_killed(tmp_path):
+    process = sweep(tmp_path, "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+    wait_until(lambda: results(tmp_path), process)
+    workers = [pid for pid, name in processes_of(process).items() if "LokyProcess" in name]
+    process.kill()
+    process.communicate()
+    time.sleep(1.0)
+    assert not [pid for pid in workers if command_line(pid)]
+
+
+def command_line(pid: int) -> str:
+    """Empty where it has ended."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text()
+    except OSError:
+        return ""
+
+
+@needs_ray
+def test_a_ray_cluster_loses_a_node_and_no_run(tmp_path, undisturbed):
+    with ray_nodes() as (address, environment, second):
+        words = ["hydra/launcher=ray", f"hydra.launcher.address={address}"]
+        process = sweep(tmp_path, *words, **environment)
+        wait_until(lambda: len(results(tmp_path)) >= 3, process)
+        wait_until(lambda: busy(second), process)
+        kill(second)
+        assert len(results(tmp_path)) < 10
+        printed = process.communicate()[0]
+    assert process.returncode == 0, printed
+    assert "12 done, 0 failed" in printed
+    assert results(tmp_path) == undisturbed
+
+
+@needs_ray
+def test_a_cluster_that_is_not_there_is_told_in_one_line(tmp_path):
+    words = ["hydra/launcher=ray", "hydra.launcher.address=127.0.0.1:1"]
+    printed = (process := sweep(tmp_path, *words)).communicate()[0].splitlines()
+    assert process.returncode == 1
+    assert printed[-1].startswith("error: hydra.launcher.address=127.0.0.1:1 does not answer")
+
+
+def busy(node: subprocess.Popen) -> bool:
+    """Whether a Ray node does a run now: its processes are renamed then."""
+    names = processes_of(node).values()
+    return any(
+        name.startswith("ray::") and "IDLE" not in name and "Agent" not in name for name in names
+    )
+
+
+@needs_slurm
+def test_slurm_does_a_sweep_whose_command_was_killed(tmp_path, undisturbed):
+    with slurm() as environment:
+        words = ["hydra/launcher=slurm", "hydra.launcher.jobs=2", "hydra.launcher.hours=1"]
+        process = sweep(tmp_path, *words, **environment)
+        wait_until(lambda: len(results(tmp_path)) >= 3, process)
+        process.kill()
+        process.communicate()
+        assert len(results(tmp_path)) < 12
+        printed = (process := sweep(tmp_path, *words, **environment)).communicate()[0]
+    assert process.returncode == 0, printed
+    assert "12 done (" in printed
+    assert results(tmp_path) == undisturbed
+    assert all(json.loads(path.read_text()) == {} for path in tmp_path.glob("slurm/lost*.json"))
+
+
+@needs_slurm
+def test_what_slurm_refuses_is_told_in_one_line(tmp_path):
+    with slurm() as environment:
+        words = ["hydra/launcher=slurm", "hydra.launcher.partition=fast"]
+        process = sweep(tmp_path, *words, **environment)
+        printed = process.communicate()[0].splitlines()
+    assert process.returncode == 1
+    assert printed[-1].startswith("error: Slurm does not take the sweep")
+    assert "invalid partition specified: fast" in printed[-1]

@@ -1,0 +1,328 @@
+"""A search: judged on held-back motion alone, over seeds; resumed after a kill."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from statistics import median
+
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.plugins import Plugins
+from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+import train
+from data.record import stack
+from models.baselines import TwoPoint
+from models.training.assemble import data_from, estimator_from
+from models.training.metrics import score
+from report.tuning import page as tuning_page
+from report.tuning.cases import ONSET, after_onset, read_cases
+from runner.command_line import CONF, prepare_hydra
+from runner.run_folder import code_version, read_run, write_failure
+from runner.search import distribution, start_of
+from runner.validation import validation_error
+from tests.program.test_every_config import composed
+from tests.program.test_train import run
+from tests.runner.test_sweep import QUICK
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+HELD = ["data.validation=0.2", "data.warmup=50"]
+LAUNCHER = "hydra._internal.core_plugins.basic_launcher.BasicLauncher"
+BEST = 80.0  # rad/s, of the planted error
+SEARCH = ["-m", "experiment=tune_vwnn", "hydra/launcher=basic", "system=bilinear"]
+
+
+def test_a_run_scores_what_it_held_back_and_its_fit_has_not_seen_it(tmp_path, monkeypatch):
+    words = [*QUICK, *HELD, "model=linear", f"hydra.run.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    cfg, metrics = read_run(tmp_path)
+    data = data_from(cfg)
+    data.setup()
+    (held_back,) = data.records["validation"]
+    assert held_back.samples == 200
+    fitted = estimator_from(cfg.model, data)
+    fitted.identify([data.loader("train").collate_fn([record]) for record in data.windows("train")])
+    assert data.records["train"][0].samples == 800
+    assert metrics["validation"] == score(fitted, data.loader("validation"))
+    assert validation_error(metrics) == metrics["validation"]["relative_rms_percent"]
+
+
+def test_hydra_is_told_the_validation_error_and_infinity_where_a_run_failed(tmp_path, monkeypatch):
+    told: list[list[float | None]] = []
+    launcher = Plugins.instance().class_name_to_class[LAUNCHER]
+    launch = launcher.launch
+
+    def spy(self, jobs, initial_job_idx):
+        results = launch(self, jobs, initial_job_idx=initial_job_idx)
+        told.append([result.return_value for result in results])
+        return results
+
+    monkeypatch.setattr(launcher, "launch", spy)
+    words = ["-m", *QUICK, "model=linear", f"hydra.sweep.dir={tmp_path}", "seed=0,-1"]
+    run(train, monkeypatch, *words, *HELD)
+    run(train, monkeypatch, *words, "seed=0")
+    runs = [json.loads(path.read_text()) for path in tmp_path.glob("*seed0*/metrics.json")]
+    (error,) = [m["validation"]["relative_rms_percent"] for m in runs if "validation" in m]
+    assert told == [[error, math.inf], [None]]
+
+
+def test_a_run_without_validation_cannot_be_judged():
+    with pytest.raises(ValueError, match=r"data\.validation=0\.2"):
+        validation_error({"test": {"relative_rms_percent": 1.0}})
+    assert validation_error({"validation": {"relative_rms_percent": None}}) == math.inf
+
+
+def test_without_warm_up_the_start_of_the_filters_is_what_is_judged():
+    """The held-back part begins in motion, the VWNN's filters at rest."""
+    errors = []
+    for warmup in (0, 100):
+        cfg = composed(
+            "system=bouc_wen", "model.cutoff=200", "data.validation=0.2", f"data.warmup={warmup}",
+            "data.duration=20",
+        )  # fmt: skip
+        data = data_from(cfg)
+        data.setup()
+        vwnn = estimator_from(cfg.model, data)
+        vwnn.identify(data.loader("train"))
+        errors.append(score(vwnn, data.loader("validation"))["relative_rms_percent"])
+    assert errors[0] > 2.0 * errors[1]
+
+
+def test_hydras_words_are_optunas_distributions():
+    parser = OverridesParser.create()
+    for text, expected in {
+        "a=interval(5,314)": FloatDistribution(5.0, 314.0),
+        "a=tag(log,interval(1e-3,10))": FloatDistribution(1e-3, 10.0, log=True),
+        "a=range(1,4)": IntDistribution(1, 3),
+        "a=choice([15],[10,10])": CategoricalDistribution(["[15]", "[10,10]"]),
+    }.items():
+        assert distribution(parser.parse_override(text)) == expected
+    with pytest.raises(ValueError, match="a=5: what is tuned is an interval"):
+        distribution(parser.parse_override("a=5"))
+
+
+def test_the_first_trial_is_the_config_itself_moved_into_the_intervals():
+    cfg = composed("model=global_mlp", "data.warmup=7", "+model.ridge=0.0")
+    space = {
+        "model.ridge": FloatDistribution(1e-9, 1.0, log=True),
+        "data.warmup": IntDistribution(1, 9),
+        "model.hidden": CategoricalDistribution(["[5]", "[10,10]"]),
+        "model.activation": CategoricalDistribution(["silu", "relu"]),
+    }
+    start = start_of(cfg, space)
+    assert start == {"model.ridge": 1e-9, "data.warmup": 7, "model.hidden": "[10,10]"}
+
+
+class Planted:
+    """Instead of runs: an error with one minimum, at BEST; one seed of three escapes."""
+
+    def __init__(self, monkeypatch, killed_after: float = math.inf, lost: int = 0) -> None:
+        """Killed after some runs; or one of them lost: the first is 1."""
+        self.launched: list[Path] = []
+        self.killed_after, self.lost = killed_after, lost
+        launcher = Plugins.instance().class_name_to_class[LAUNCHER]
+
+        def launch(own, jobs, initial_job_idx):
+            self(own, jobs)
+            return []
+
+        monkeypatch.setattr(launcher, "launch", launch)
+
+    def __call__(self, launcher, jobs) -> None:
+        loader = launcher.hydra_context.config_loader
+        for job in jobs:
+            cfg = loader.load_sweep_config(launcher.config, list(job))
+            folder = Path(cfg.hydra.sweep.dir) / cfg.hydra.sweep.subdir
+            if len(self.launched) >= self.killed_after:
+                raise KeyboardInterrupt
+            self.launched.append(folder)
+            folder.mkdir(parents=True, exist_ok=True)
+            if len(self.launched) == self.lost:
+                write_failure(folder, None, "No space left on device", "", False)
+                continue
+            if cfg.seed == 82:
+                write_failure(folder, None, "the motion escaped", "", True)
+                continue
+            error = 3.0 + math.log(cfg.model.cutoff / BEST) ** 2 + 0.1 * (cfg.seed - 80)
+            scores = {"relative_rms_percent": error}
+            names = {"model": "vwnn", "system": "bilinear", "scenario": "full_state"}
+            content = {**names, "train": scores, "test": scores}
+            content["identity"] = {"code": code_version()}
+            held = {"validation": scores} if cfg.data.validation else {}
+            (folder / "metrics.json").write_text(json.dumps({**content, **held}))
+
+
+def search(folder: Path, monkeypatch, *words: str) -> int:
+    return run(train, monkeypatch, *SEARCH, f"hydra.sweep.dir={folder}", *words)
+
+
+def found(folder: Path) -> dict:
+    (told,) = json.loads((folder / "search.json").read_text()).values()
+    return told
+
+
+def test_a_search_finds_the_planted_optimum_over_seeds_one_of_which_fails(
+    tmp_path, monkeypatch, capsys
+):
+    planted = Planted(monkeypatch)
+    words = ("hydra.sweeper.trials=16", "hydra.sweeper.final.seed='60,61'")
+    fixed = ("model.stages=2", "model.order=2", "model.ridge=0.0", "model.sigmoid_weight=0.05")
+    assert search(tmp_path, monkeypatch, *words, *fixed) == 0
+    told = found(tmp_path)
+    assert len(told["trials"]) == 16
+    assert told["trials"][0]["settings"]["model.cutoff"] == 50.0  # the config's own
+    first = math.log(50.0 / BEST) ** 2
+    assert told["first_percent"] == pytest.approx(median([3.0 + first, 3.1 + first, math.inf]))
+    assert abs(math.log(told["best"]["model.cutoff"] / BEST)) < 0.2
+    assert told["best_percent"] == min(t["percent"] for t in told["trials"])
+    final = [path for path in planted.launched if int(path.name.split("-")[3][4:]) < 80]
+    assert {path.name for path in final} == {*told["final"]["configured"], *told["final"]["tuned"]}
+    assert len(final) == 4
+    assert "4 done, 0 failed" in capsys.readouterr().out
+
+
+def test_a_killed_search_ends_like_an_undisturbed_one(tmp_path, monkeypatch):
+    undisturbed = Planted(monkeypatch)
+    words = ("hydra.sweeper.trials=6", "hydra.sweeper.final.seed='60,61'")
+    assert search(tmp_path / "undisturbed", monkeypatch, *words) == 0
+    total = len(undisturbed.launched)
+    for after in (4, 3, 5, 1):
+        Planted(monkeypatch, killed_after=after)
+        assert search(tmp_path / "disturbed", monkeypatch, *words) == 130
+    rest = Planted(monkeypatch)
+    assert search(tmp_path / "disturbed", monkeypatch, *words) == 0
+    assert len(rest.launched) == total - (4 + 3 + 5 + 1)  # nothing twice
+    assert found(tmp_path / "disturbed") == found(tmp_path / "undisturbed")
+    again = Planted(monkeypatch)
+    assert search(tmp_path / "disturbed", monkeypatch, *words) == 0
+    assert again.launched == []
+
+
+def test_a_setting_is_not_judged_by_a_run_that_was_lost(tmp_path, monkeypatch, capsys):
+    Planted(monkeypatch, lost=2)
+    words = ("hydra.sweeper.trials=2", "hydra.sweeper.final.seed=60")
+    assert search(tmp_path, monkeypatch, *words) == 1
+    assert "1 runs of the search were lost; repeat the command" in capsys.readouterr().err
+    again = Planted(monkeypatch)
+    assert search(tmp_path, monkeypatch, *words) == 0
+    assert [path.name.split("-")[3] for path in again.launched[:2]] == ["seed81", "seed80"]
+    assert len(found(tmp_path)["trials"]) == 2
+
+
+def test_a_value_that_is_typed_is_not_tuned_and_an_interval_is(tmp_path, monkeypatch):
+    Planted(monkeypatch)
+    words = ["model.order=1", "model.cutoff=interval(60,70)", "hydra.sweeper.trials=2"]
+    assert search(tmp_path, monkeypatch, *words, "hydra.sweeper.final.seed=60") == 0
+    told = found(tmp_path)
+    assert "model.order=1" in told["case"]
+    assert "model.order" not in told["best"]
+    assert {t["settings"]["model.cutoff"] >= 60.0 for t in told["trials"]} == {True}
+    assert told["trials"][0]["settings"]["model.cutoff"] == 60.0  # 50, moved into the interval
+
+
+def test_settings_that_all_fail_are_one_line(tmp_path, monkeypatch, capsys):
+    Planted(monkeypatch)
+    assert search(tmp_path, monkeypatch, "seed=82", "hydra.sweeper.trials=2") == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "every setting failed" in line
+
+
+def test_without_optuna_one_line_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    monkeypatch.delitem(sys.modules, "runner.search")
+    assert search(tmp_path, monkeypatch) == 1
+    assert "pip install -c constraints.txt -e '.[optuna]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["tune_vwnn", "tune_polynomial", "tune_networks"])
+def test_searches_and_tables_share_no_seed(name):
+    prepare_hydra()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = compose("train", [f"experiment={name}"], return_hydra_config=True)
+    sweeper = cfg.hydra.sweeper
+    parser = OverridesParser.create()
+
+    def seeds(text: str) -> set[int]:
+        return {int(s) for s in parser.parse_override(f"seed={text}").sweep_string_iterator()}
+
+    searched, final = seeds(sweeper.params.seed), seeds(sweeper.final.seed)
+    tables = {*range(20, 48)}  # of the study and the leaderboard
+    assert not searched & final
+    assert not (searched | final) & tables
+    assert cfg.data.validation > 0.0
+    assert cfg.data.warmup > 0
+    assert float(sweeper.final["data.validation"]) == 0.0
+
+
+@pytest.fixture(scope="module")
+def small_search(tmp_path_factory) -> Path:
+    """A real one, of two trials."""
+    folder = tmp_path_factory.mktemp("tune")
+    words = ["-m", *QUICK, "hydra/launcher=basic", "experiment=tune_polynomial", "seed=80,81"]
+    words += ["model=power_series_residual", "model.order=3", "hydra.sweeper.trials=2"]
+    words += ["system=bilinear", "hydra.sweeper.final.seed='60,61'", f"hydra.sweep.dir={folder}"]
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert run(train, monkeypatch, *words) == 0
+    return folder
+
+
+def test_a_real_search_is_judged_by_what_its_runs_held_back(small_search):
+    told = found(small_search)
+    judged = []
+    for path in small_search.glob("*/metrics.json"):
+        metrics = json.loads(path.read_text())
+        if metrics["seed"] >= 80:
+            judged.append(metrics["validation"]["relative_rms_percent"])
+        else:
+            assert "validation" not in metrics
+    assert len(judged) == 4
+    assert told["best_percent"] <= told["first_percent"]
+    assert min(judged) <= told["best_percent"] <= max(judged)
+
+
+def test_the_page_is_filled_from_the_runs_on_fresh_seeds(small_search, tmp_path, monkeypatch):
+    (case,) = read_cases([small_search, tmp_path / "none"])
+    page = tmp_path / "docs" / "tuning.md"
+    monkeypatch.setattr(tuning_page, "_held_back", lambda *words: "1.23")
+    tuning_page.write_tuning_page(page, [case])
+    text = page.read_text("utf-8")
+    assert "$" not in text
+    assert (page.parent / "figures" / "tuning.png").is_file()
+    errors = []
+    for name in told_folders(case, "tuned"):
+        metrics = json.loads((small_search / name / "metrics.json").read_text())
+        errors.append(metrics["test"]["relative_rms_percent"])
+    assert f"{median(errors):.2f} ({min(errors):.2f} – {max(errors):.2f}) |" in text
+    assert "Not run for this page: `tune_vwnn`, `tune_networks`." in text
+    assert f"ridge {case.told['best']['model.ridge']:.3g}" in text
+
+
+def told_folders(case, way: str) -> list[str]:
+    return case.told["final"][way]
+
+
+def test_the_first_second_is_left_out_as_in_the_search(small_search):
+    (case,) = read_cases([small_search])
+    folder = case.folders["tuned"][60]
+    cfg, _ = read_run(folder)
+    data = data_from(cfg)
+    data.setup()
+    (record,) = data.records["test"]
+    late = record.window(0, record.samples, ONSET)
+    line = TwoPoint(data.dofs, data.inputs, data.dt)
+    own, of_line = after_onset(folder)
+    assert of_line == pytest.approx(score(line, [stack([late])])["relative_rms_percent"])
+    assert own != case.errors("tuned")[60]
+
+
+def test_no_search_no_page_and_the_command_that_makes_one(tmp_path):
+    with pytest.raises(ValueError, match="experiment=tune_vwnn"):
+        read_cases([tmp_path])

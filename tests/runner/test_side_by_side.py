@@ -1,0 +1,172 @@
+"""Runs side by side: the numbers and files of runs alone; what is amiss is done alone."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+import evaluate
+import train
+from data.record import Record
+from models.layers.least_squares import LeastSquares, RankDeficientError
+from runner import side_by_side as batch
+from runner.command_line import composed
+from runner.side_by_side import can_be_batched
+from tests.program.test_train import run
+
+QUICK = ["data.duration=8", "trainer.enable_progress_bar=false", "figures=false"]
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+
+
+def numbers(value, name: str = ""):
+    """Leaves of nested results, by name; without times."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            if key != "fit_seconds":
+                yield from numbers(inner, f"{name}/{key}")
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            yield from numbers(inner, f"{name}/{i}")
+    else:
+        yield name, value
+
+
+def metrics_by_run(folder: Path) -> dict[str, dict]:
+    return {
+        path.parent.name: dict(numbers(json.loads(path.read_text())))
+        for path in folder.glob("*/metrics.json")
+    }
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["model=vwnn", "scenario=noisy", "scenario.signals=[a,f]", "baselines=none"],
+        ["model=linear", "scenario=noisy_integrated", "data.warmup=20", "data.train_records=2"],
+        ["model=vwnn_first_order", "model.unfiltered_excitation=true", "data.test_records=3"],
+    ],
+)
+def test_side_by_side_is_as_alone(words, tmp_path, monkeypatch):
+    seeds = [*QUICK, *words, "seed=0,1,2,3"]
+    monkeypatch.setattr(batch, "AT_ONCE", 3)
+    for launcher in ("basic", "batched"):
+        place = f"hydra.sweep.dir={tmp_path / launcher}"
+        assert run(train, monkeypatch, "-m", *seeds, f"hydra/launcher={launcher}", place) == 0
+    alone, together = (metrics_by_run(tmp_path / name) for name in ("basic", "batched"))
+    assert len(alone) == 4
+    assert alone.keys() == together.keys()
+    for name, ours in together.items():
+        assert ours.keys() == alone[name].keys()
+        for key, value in ours.items():
+            # a displacement is twice the integral of what errs by rounding
+            exact = 1e-6 if "displacement" in key else 1e-9
+            expected = alone[name][key]
+            near = isinstance(value, float) and isinstance(expected, float)
+            assert value == (pytest.approx(expected, rel=exact) if near else expected), key
+        one, other = (tmp_path / place / name for place in ("basic", "batched"))
+        assert (one / "config.yaml").read_text() == (other / "config.yaml").read_text()
+        weights = (load_file(place / "model.safetensors")["weights"] for place in (one, other))
+        assert torch.allclose(*weights, rtol=1e-7, atol=1e-10)
+
+
+def test_a_batched_run_is_evaluated_as_any_other(tmp_path, monkeypatch, capsys):
+    words = ["-m", *QUICK, "model=vwnn", "seed=5,6", "baselines=none", "hydra/launcher=batched"]
+    assert run(train, monkeypatch, *words, f"hydra.sweep.dir={tmp_path}") == 0
+    folder = next(tmp_path.glob("*seed5*"))
+    assert run(evaluate, monkeypatch, f"run={folder}", f"hydra.run.dir={tmp_path}") == 0
+    scores = json.loads((folder / "evaluation" / "as_trained" / "scores.json").read_text())
+    expected = json.loads((folder / "metrics.json").read_text())["test"]
+    assert "relative_rms_percent" in expected
+    found = dict(numbers(scores))
+    same = [v for k, v in found.items() if k.endswith("test/relative_rms_percent")]
+    assert same
+    assert same[0] == pytest.approx(expected["relative_rms_percent"], rel=1e-12)
+
+
+def test_what_fails_fails_alone_and_says_why(tmp_path, monkeypatch, capsys):
+    """A seed that is none, and polynomial motions of which some escape."""
+    words = ["-m", "model=linear", "baselines=none", "trainer.enable_progress_bar=false"]
+    words += [
+        "system=polynomial",
+        "system.excitation.std=15",
+        "data.duration=30",
+        "seed=range(-1,6)",
+        "figures=false",
+    ]
+    for launcher in ("basic", "batched"):
+        place = f"hydra.sweep.dir={tmp_path / launcher}"
+        assert run(train, monkeypatch, *words, f"hydra/launcher={launcher}", place) == 1
+    reasons = [
+        {
+            path.parent.name: json.loads(path.read_text())["reason"]
+            for path in (tmp_path / launcher).glob("*/failed.json")
+        }
+        for launcher in ("basic", "batched")
+    ]
+    assert 2 <= len(reasons[0]) < 7  # some escape, not all
+    assert reasons[0] == reasons[1]
+    assert metrics_by_run(tmp_path / "basic").keys() == metrics_by_run(tmp_path / "batched").keys()
+
+
+def test_what_cannot_go_side_by_side_is_told_apart():
+    assert can_be_batched(composed("model=vwnn"))
+    assert can_be_batched(composed("model=linear", "scenario=noisy"))
+    for words in (
+        ["model=global_mlp", "baselines=none"],
+        ["model=residual_mlp", "baselines=none"],
+        ["model=power_series_residual", "baselines=none"],
+        ["model=vwnn", "data.validation=0.2"],
+        ["model=vwnn", "data.window=50"],
+        ["model=vwnn", "scenario.level=${seed}", "scenario=noisy"],
+    ):
+        assert not can_be_batched(composed(*words)), words
+
+
+def test_least_squares_side_by_side_are_those_alone():
+    random = torch.Generator().manual_seed(0)
+    phi, y = (torch.randn(5, 40, c, generator=random).double() for c in (6, 2))
+    together = LeastSquares(each=True)
+    for start in (0, 15):
+        span = slice(start, start + 15 if start == 0 else None)
+        together.add(phi[:, span], y[:, span])
+    solution = together.solve()
+    for place in range(5):
+        alone = LeastSquares()
+        alone.add(phi[place], y[place])
+        assert torch.allclose(solution.weights[place], alone.solve().weights, rtol=1e-11)
+        assert solution.told()["rank"][place] == 6
+        assert solution.told()["condition"][place] == pytest.approx(alone.solve().condition)
+    phi[3, :, 2] = phi[3, :, 4]
+    deficient = LeastSquares(each=True)
+    deficient.add(phi, y)
+    with pytest.raises(RankDeficientError, match="5 of 6"):
+        deficient.solve()
+
+
+def test_the_weights_of_each_run_meet_its_own_records():
+    """Estimates of S runs with S sets of weights, against each alone; one step and free run."""
+    from models.linear import EquivalentLinear
+    from models.vwnn import VWNN
+
+    random = torch.Generator().manual_seed(2)
+    a, f, x, v = (torch.randn(3, 2, 60, 2, generator=random).double() for _ in range(4))
+    records = Record(0.01, a, f, x, v)
+    for build in (EquivalentLinear, VWNN):
+        together = build(2, 2, 0.01)
+        together.each = True
+        together.identify([records])
+        one_step, free = together(records), together.free_run(records.drive())
+        for place in range(3):
+            own = records.map(lambda signal, place=place: signal[place])
+            alone = build(2, 2, 0.01)
+            alone.identify([own])
+            assert torch.allclose(one_step[place], alone(own), rtol=1e-9)
+            assert torch.allclose(free.a[place], alone.free_run(own.drive()).a, rtol=1e-8)

@@ -1,0 +1,206 @@
+"""Sweeps: several grids, each run once, finished ones skipped, unfinished ones done again."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+import train
+from report.paper.cells import read_runs
+from runner import run_folder as runs_module
+from runner.command_line import CONF, prepare_hydra
+from runner.progress import is_finished
+from runner.run_folder import config_digest, config_text, identity_of, plain, read_failure, run_name
+from runner.seeds import SeedsOf
+from tests.program.test_train import run
+
+ROOT = Path(__file__).parents[2]
+QUICK = ["data.duration=10", "trainer.enable_progress_bar=false", "figures=false", "baselines=none"]
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+
+
+def config(*words: str):
+    prepare_hydra()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("train", list(words))
+
+
+def results(folder: Path) -> dict[str, dict]:
+    """Metrics of a sweep by run, without times."""
+    found = {}
+    for path in folder.glob("*/metrics.json"):
+        found[path.parent.name] = json.loads(path.read_text())
+        found[path.parent.name].pop("fit_seconds")
+    return found
+
+
+def test_the_digest_tells_choices_that_change_numbers_and_no_others():
+    usual = config_digest(plain(config()))
+    inert = config("figures=false", "trainer.enable_progress_bar=false", "checkpoint_seconds=5")
+    assert usual == config_digest(plain(inert))
+    changes = ("threads=2", "trainer.max_epochs=5", "seed=1")
+    for word in (*changes, "model.cutoff=51", "system.excitation.std=1.8", "data.tolerance=1e-8"):
+        assert config_digest(plain(config(word))) != usual
+
+
+def test_runs_of_other_seeds_are_named_and_written_without_composing_them():
+    of = SeedsOf(config("model=linear", "seed=3"))
+    assert of.alone
+    for seed in (0, 3, 1234):
+        own = config("model=linear", f"seed={seed}")
+        assert of.name(seed) == run_name(own)
+        assert of.identity(seed) == identity_of(plain(own))
+        assert of.text(seed) == config_text(own)
+    assert not SeedsOf(config("data.duration='${seed}'", "seed=3")).alone
+
+
+@pytest.mark.parametrize("launcher", ["basic", "batched"])
+def test_folders_are_named_after_all_that_follows_from_the_seed(launcher, tmp_path, monkeypatch):
+    words = ["-m", *QUICK, "model=linear", "seed=7,8", f"hydra/launcher={launcher}"]
+    length, place = "data.duration=${seed}", f"hydra.sweep.dir={tmp_path}"
+    assert run(train, monkeypatch, *words, length, place) == 0
+    folders = [path.parent for path in tmp_path.glob("*/metrics.json")]
+    configs = [OmegaConf.load(folder / "config.yaml") for folder in folders]
+    assert sorted(cfg.data.duration for cfg in configs) == [7, 8]
+    assert [folder.name for folder in folders] == [run_name(cfg) for cfg in configs]
+    own = "hydra.sweep.subdir=mine-${seed}"
+    assert run(train, monkeypatch, *words, own, f"hydra.sweep.dir={tmp_path / 'own'}") == 0
+    assert sorted(path.parent.name for path in tmp_path.glob("own/*/metrics.json")) == [
+        "mine-7",
+        "mine-8",
+    ]
+
+
+def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):
+    words = ["-m", *QUICK, "model=linear", "seed=0,1", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/metrics.json")}
+    assert len(before) == 2
+    words[words.index("seed=0,1")] = "seed=0,1,2"
+    assert run(train, monkeypatch, *words) == 0
+    out = capsys.readouterr().out
+    assert "2 of 3 runs were finished before" in out
+    assert "3 done (2 of them before), 0 failed" in out
+    after = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/metrics.json")}
+    assert len(after) == 3
+    assert all(after[path] == made for path, made in before.items())
+
+
+@pytest.mark.parametrize("launcher", ["basic", "batched", "joblib"])
+def test_a_sweep_without_a_folder_goes_on_in_its_own(launcher, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = [*QUICK, "model=linear", f"hydra/launcher={launcher}"]
+    assert run(train, monkeypatch, "-m", *words, "seed=0,1") == 0
+    assert run(train, monkeypatch, "-m", "seed=0,1", *reversed(words)) == 0
+    assert "2 done (2 of them before), 0 failed" in capsys.readouterr().out
+    assert run(train, monkeypatch, "-m", *words, "seed=1,2") == 0  # another sweep
+    assert sorted(len(list(sweep.iterdir())) for sweep in (tmp_path / "runs").iterdir()) == [2, 2]
+
+
+def test_results_of_other_code_are_made_again(tmp_path, monkeypatch):
+    words = ["-m", *QUICK, "model=linear", "seed=0", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    (folder,) = (path.parent for path in tmp_path.glob("*/metrics.json"))
+    assert is_finished(folder)
+    runs_module.code_version.cache_clear()
+    monkeypatch.setattr(runs_module, "ROOT", tmp_path)
+    assert not is_finished(folder)
+    runs_module.code_version.cache_clear()
+
+
+def test_a_failed_run_is_tried_again_when_asked(tmp_path, monkeypatch, capsys):
+    words = ["-m", *QUICK, "model=linear", "seed=-1,0", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 1
+    (failed,) = tmp_path.glob("*/failed.json")
+    assert (failed.parent / "config.yaml").is_file()
+    made = failed.stat().st_mtime_ns
+    capsys.readouterr()
+    assert run(train, monkeypatch, *words) == 1
+    assert "1 done (1 of them before), 1 failed (1 of them before, not tried again" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    assert failed.stat().st_mtime_ns == made
+    assert run(train, monkeypatch, *words, "hydra.sweeper.retry_failed=true") == 1
+    assert failed.stat().st_mtime_ns > made
+    assert {run.reason for run in read_runs(tmp_path) if run.metrics is None} == {
+        "seed=-1 must be a whole number, not negative"
+    }
+
+
+def test_what_a_machine_did_to_a_run_is_no_failure_of_its_own(tmp_path, monkeypatch):
+    """A full disk, say: the next call takes the run up again, without being asked."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "model.safetensors")
+
+    words = ["-m", *QUICK, "model=linear", "seed=0", f"hydra.sweep.dir={tmp_path}"]
+    with monkeypatch.context() as broken:
+        broken.setattr(train, "save_estimator", full)
+        assert run(train, broken, *words) == 1
+    (folder,) = tmp_path.iterdir()
+    assert "No space left on device" in read_failure(folder)["reason"]
+    assert run(train, monkeypatch, *words) == 0
+    assert is_finished(folder)
+    assert not (folder / "failed.json").exists()
+
+
+def test_a_config_composed_for_another_seed_is_that_of_its_own_seed(tmp_path, monkeypatch):
+    """What each run is given by the shared composition is what Hydra would give it alone."""
+    words = [*QUICK, "model=vwnn,linear", "seed=3,4", "data.tolerance=1e-6"]
+    assert run(train, monkeypatch, "-m", *words, f"hydra.sweep.dir={tmp_path}") == 0
+    for model in ("vwnn", "linear"):
+        for seed in (3, 4):
+            alone = config(*QUICK, f"model={model}", f"seed={seed}", "data.tolerance=1e-6")
+            (folder,) = tmp_path.glob(f"{model}-*seed{seed}-*")
+            assert OmegaConf.load(folder / "config.yaml") == OmegaConf.create(plain(alone))
+
+
+def test_grids_are_added_up_and_the_command_line_has_the_last_word(tmp_path, monkeypatch, capsys):
+    """Tables 5 and 6 are the same runs."""
+    words = ["-m", "experiment=table6", *QUICK, "seed=0", "model=linear,two_point"]
+    words += [f"hydra.sweep.dir={tmp_path}", "hydra/launcher=basic"]
+    assert run(train, monkeypatch, *words) == 0
+    words[1] = "experiment=table5"
+    assert run(train, monkeypatch, *words) == 0
+    assert "2 done (2 of them before)" in capsys.readouterr().out
+    grids = config("experiment=paper")
+    assert grids.system.name == "bilinear"
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = compose("train", ["experiment=paper"], return_hydra_config=True)
+    tables = {"bilinear", "polynomial", "bouc_wen", "integrated", "noisy"}
+    assert set(cfg.hydra.sweeper.grids) == tables | {"noise_levels", "cutoffs"}
+    assert OmegaConf.select(cfg, "hydra.launcher._target_").endswith("JoblibLauncher")
+
+
+def test_a_killed_sweep_goes_on_and_ends_like_an_undisturbed_one(tmp_path):
+    """Killed outright with some runs done; the second call does the rest, with the same numbers."""
+    words = [sys.executable, "train.py", "-m", *QUICK, "model=linear,vwnn", "seed=range(0,6)"]
+    disturbed = [*words, f"hydra.sweep.dir={tmp_path / 'disturbed'}"]
+    quiet = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen(disturbed, **quiet, start_new_session=True)
+    until = time.monotonic() + 120.0
+    while len(results(tmp_path / "disturbed")) < 2 and time.monotonic() < until:
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    half = set(results(tmp_path / "disturbed"))
+    assert 2 <= len(half) < 12
+    assert subprocess.run(disturbed, **quiet, check=False).returncode == 0
+    undisturbed = [*words, f"hydra.sweep.dir={tmp_path / 'undisturbed'}"]
+    assert subprocess.run(undisturbed, **quiet, check=False).returncode == 0
+    assert results(tmp_path / "disturbed") == results(tmp_path / "undisturbed")
+    assert len(results(tmp_path / "undisturbed")) == 12
