@@ -21,10 +21,12 @@ from data.measured.channels import (
     stated_dt,
 )
 from data.measured.clock_faults import Finding, time_step
-from data.measured.files.signature import SUFFIXES
-from data.measured.files.table import Table, read_table
+from data.measured.files.format import suffixes_of
+from data.measured.files.table import FORMATS, Table, read_table
 from data.measured.signal_faults import Statistics, findings, statistics
 from data.measured.units import SIGNALS, to_si
+
+SUFFIXES = suffixes_of(FORMATS)
 
 
 @dataclass(frozen=True)

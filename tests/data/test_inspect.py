@@ -231,7 +231,8 @@ def test_hydra_composes_the_config(run, vibration):
         ("mine.yaml", "data/mine.yaml"),
     ],
 )
-def test_configs_lie_where_hydra_looks(wanted, found):
+def test_configs_lie_where_hydra_looks(tmp_path, monkeypatch, wanted, found):
+    monkeypatch.chdir(tmp_path)  # a folder that is not called data
     assert config_path(wanted, Path("run 3.csv")) == Path(found)
 
 
