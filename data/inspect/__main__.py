@@ -22,8 +22,9 @@ from data.inspect.config import command, config_path, write_config
 from data.inspect.findings import Inspected, inspected, places
 from data.inspect.picture import dominant, draw
 from data.measured.channels import CHANNEL
-from data.measured.clock_faults import GAP, shared_clocks
+from data.measured.clock_faults import shared_clocks
 from data.measured.files.table import FileError
+from data.measured.time_step import GAP
 
 CONFIGS = "configs"  # folder of configs, where --config names none
 

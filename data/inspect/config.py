@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from data.measured.clock_faults import Finding
+from data.measured.finding import Finding
 from data.measured.units import to_si
 
 NAMES = (  # in a column's name → signal

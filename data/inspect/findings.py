@@ -12,18 +12,15 @@ import numpy as np
 
 from data.inspect.config import suggest
 from data.inspect.picture import Spectrum, spectrum
-from data.measured.channels import (
-    CHANNEL,
-    RawRecord,
-    by_name,
-    read_record,
-    record_of,
-    stated_dt,
-)
-from data.measured.clock_faults import Finding, time_step
+from data.measured.channels import CHANNEL
 from data.measured.files.format import suffixes_of
 from data.measured.files.table import FORMATS, Table, read_table
-from data.measured.signal_faults import Statistics, findings, statistics
+from data.measured.finding import Finding
+from data.measured.raw_record import RawRecord
+from data.measured.reading import by_name, read_record, record_of, stated_dt
+from data.measured.signal_faults import findings
+from data.measured.statistics import Statistics, statistics
+from data.measured.time_step import time_step
 from data.measured.units import SIGNALS, to_si
 
 SUFFIXES = suffixes_of(FORMATS)

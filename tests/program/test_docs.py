@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from data.measured.channels import read_record
 from data.measured.files import table
+from data.measured.reading import read_record
 from data.record import stack
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
