@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from data.inspect.config import suggest
+from data.inspect.guesses import suggest
 from data.inspect.picture import Spectrum, spectrum
 from data.measured.channels import CHANNEL
 from data.measured.files.format import suffixes_of
@@ -27,52 +27,41 @@ SUFFIXES = suffixes_of(FORMATS)
 
 
 @dataclass(frozen=True)
-class Inspected:
+class Inspection:
     """One record with its statistics, spectra and faults; raw columns where nothing is mapped."""
 
     path: Path
     raw: RawRecord
     units: dict[str, str]  # of each channel, to print
-    guesses: dict[str, str] = field(default_factory=dict)  # {column: channel}, if nothing is mapped
-    signals: dict[str, str] = field(default_factory=dict)  # of guessed columns in SI
-    of: dict[str, Statistics] = field(default_factory=dict)
-    spectra: dict[str, Spectrum | None] = field(default_factory=dict)
-    found: list[Finding] = field(default_factory=list)
-
-    def step(self, channel: str) -> float:
-        """Time step [s] of a channel; 1 where nobody knows."""
-        clock = self.raw.clocks.get(channel, self.raw.time)
-        dt = self.raw.dt if clock is None else time_step(clock[:100_000])[0]
-        return dt if dt is not None and 0.0 < dt < np.inf else 1.0
-
-    def look(self) -> None:
-        """Fill in what is computed."""
-        for name, signal in self.raw.channels.items():
-            self.of[name] = statistics(signal)
-            self.spectra[name] = spectrum(signal, self.step(name))
-        self.found.extend(findings(self.raw, self.of, self.signals))
+    guesses: dict[str, str]  # {column: channel}, where nothing is mapped
+    statistics: dict[str, Statistics]  # by channel
+    spectra: dict[str, Spectrum | None]  # by channel
+    findings: list[Finding]
 
 
-def inspected(
+def inspection(
     path: Path, channels: Mapping[str, str], units: Mapping[str, str], **reader: Any
-) -> Inspected:
-    """A record as `channels` map it, by its columns' names, or as it is. Raises ValueError."""
+) -> Inspection:
+    """Read and examine one record: mapped by `channels`, by its columns' names, or not at all.
+
+    channels, units, reader: as in `data.measured.reading.read_record`. Raises FileError for a file
+    that cannot be read, ValueError for channels and units that do not fit it.
+    """
     if channels:
-        raw = read_record(path, channels, units, **reader)
-        return _mapped(path, raw)
+        return _mapped(path, read_record(path, channels, units, **reader))
     table = read_table(path, **reader)
     if any(CHANNEL.fullmatch(name) for name in table.columns):
         return _mapped(path, record_of(path, table, by_name(table), units))
     return _unmapped(path, table, units)
 
 
-def _mapped(path: Path, raw: RawRecord) -> Inspected:
+def _mapped(path: Path, raw: RawRecord) -> Inspection:
     units = {name: SIGNALS[name.rstrip("0123456789")][1] for name in raw.channels}
-    return Inspected(path, raw, units)
+    return _examined(path, raw, units, {}, {})
 
 
-def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspected:
-    """All columns by their own names; a clock is only taken for one where it surely runs."""
+def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
+    """All columns by their own names; a column is the clock only where its values surely rise."""
     guesses = suggest(list(table.columns), table.units)
     clock = next((c for c, channel in guesses.items() if channel == "time"), None)
     time, notes = None, list(table.notes)
@@ -84,13 +73,36 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspected:
     signals = {c: g.rstrip("0123456789") for c, g in guesses.items() if g != "time"}
     in_si = {c: s for c, s in signals.items() if to_si(table.units.get(c, SIGNALS[s][1]), s) == 1.0}
     raw = RawRecord(path.name, time, stated_dt([table]), columns, notes=tuple(notes))
-    return Inspected(path, raw, dict(table.units), guesses, in_si)
+    return _examined(path, raw, dict(table.units), guesses, in_si)
+
+
+def _examined(
+    path: Path,
+    raw: RawRecord,
+    units: dict[str, str],
+    guesses: dict[str, str],
+    signals: Mapping[str, str],
+) -> Inspection:
+    """The record with all that is computed; `signals` says what guessed columns in SI units are."""
+    known = {name: statistics(signal) for name, signal in raw.channels.items()}
+    spectra = {name: spectrum(x, step_of(raw, name)) for name, x in raw.channels.items()}
+    return Inspection(path, raw, units, guesses, known, spectra, findings(raw, known, signals))
+
+
+def step_of(raw: RawRecord, channel: str) -> float:
+    """Time step [s] of a channel of a record; 1 where nobody knows."""
+    clock = raw.clocks.get(channel, raw.time)
+    dt = raw.dt if clock is None else time_step(clock[:100_000])[0]
+    return dt if dt is not None and 0.0 < dt < np.inf else 1.0
 
 
 def places(wanted: Sequence[str], channels: Mapping[str, str]) -> list[tuple[Path, bool]]:
-    """Records to inspect, and whether each was named; of a folder every file that can hold one."""
+    """Records to inspect, and whether each was named; of a folder every file that can hold one.
+
+    wanted: files, folders and patterns. Raises ValueError for a folder without such a file.
+    """
     in_folder = any(":" in where for where in channels.values())
-    found: list[tuple[Path, bool]] = []
+    records: list[tuple[Path, bool]] = []
     for pattern in wanted:
         hits = [pattern] if Path(pattern).exists() else sorted(glob(pattern)) or [pattern]
         for place in map(Path, hits):
@@ -98,7 +110,7 @@ def places(wanted: Sequence[str], channels: Mapping[str, str]) -> list[tuple[Pat
                 files = sorted(p for p in place.iterdir() if p.suffix.lower() in SUFFIXES)
                 if not files:
                     raise ValueError(f"{place} holds no file of {', '.join(SUFFIXES)}")
-                found += [(file, False) for file in files]
+                records += [(file, False) for file in files]
             else:
-                found.append((place, True))
-    return found
+                records.append((place, True))
+    return records
