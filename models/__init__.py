@@ -50,6 +50,7 @@ PUBLIC = {  # class → the module that defines it
     "LBFGS": "models.training.solvers.lbfgs",
     "LevenbergMarquardt": "models.training.solvers.levenberg_marquardt",
     "OneStep": "models.training.objective",
+    "Trainable": "models.training.trainable",
 }
 __all__ = list(PUBLIC)
 
