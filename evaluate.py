@@ -32,9 +32,9 @@ from report.paper.results import (
     report_study,
     report_usual,
 )
-from report.run.rescore import draw_figures, print_evaluation, restore, score_seeds
+from report.run.rescore import draw_figures, print_evaluation, score_seeds
 from runner.command_line import CONF, absolute, job_errors, one_line_errors, prepare_hydra
-from runner.run_folder import read_run, write_json
+from runner.run_folder import read_run, restore, write_json
 
 prepare_hydra()
 

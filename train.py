@@ -14,48 +14,27 @@ import hydra
 import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from lightning.pytorch import Trainer, seed_everything
+from lightning.pytorch import Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.plugins.environments import LightningEnvironment
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
-from models.checkpoint import save_estimator
-from models.training.assemble import data_from, estimator_from, objective_from, solver_from
-from models.training.identification import Identification
+from models.training.assemble import assembled
 from models.training.resume import SaveProgress
-from report.run.summary import compare_baselines, log_run, metrics_of, print_run
+from report.run.summary import log_run, print_run
 from runner.command_line import CONF, job_errors, one_line_errors, prepare_hydra, quiet_lightning
-from runner.run_folder import (
-    CHECKPOINT,
-    PROGRESS,
-    begin_run,
-    config_text,
-    finish_run,
-    identity_of,
-    plain,
-)
-from runner.validation import validation_error
+from runner.outcome import compare_baselines, metrics_of, validation_error
+from runner.run_folder import Run
 
 prepare_hydra()
 
 
 def identify(cfg: DictConfig, folder: Path) -> dict:
     """One run: data, fit, test, files; returns what `metrics.json` holds."""
-    if cfg.threads < 1:
-        raise ValueError(f"threads={cfg.threads} must be at least 1")
     quiet_lightning()
-    if not isinstance(cfg.seed, int) or cfg.seed < 0:
-        raise ValueError(f"seed={cfg.seed} must be a whole number, not negative")
-    data = data_from(cfg)
-    seed_everything(cfg.seed, verbose=False)
-    estimator = estimator_from(cfg.model, data)
-    module = Identification(
-        estimator, solver_from(cfg.solver), cfg.max_fail, objective_from(cfg.objective)
-    )
-    baselines = {name: estimator_from(node, data) for name, node in cfg.baselines.items()}
-    identity = identity_of(plain(cfg))
-    unfinished = begin_run(folder, config_text(cfg), identity)
+    data, module, baselines = assembled(cfg)
+    run = Run.begin(folder, cfg, data.sensors)
     data.setup()
 
     torch.set_num_threads(cfg.threads)
@@ -65,22 +44,22 @@ def identify(cfg: DictConfig, folder: Path) -> dict:
         logger=logger,
         plugins=LightningEnvironment(),  # a run is one process, in a Slurm job too
         default_root_dir=folder,
-        callbacks=SaveProgress(folder / PROGRESS, identity, cfg.checkpoint_seconds),
+        callbacks=SaveProgress(run.progress, run.identity, cfg.checkpoint_seconds),
         enable_checkpointing=False,
         enable_model_summary=False,
         limit_val_batches=None if data.validation else 0,
         **cfg.trainer,
     )
     try:
-        trainer.fit(module, datamodule=data, ckpt_path=unfinished, weights_only=True)
+        trainer.fit(module, datamodule=data, ckpt_path=run.unfinished, weights_only=True)
         trainer.test(module, datamodule=data, verbose=False)
     except SystemExit:  # what Lightning makes of Ctrl-C
         raise KeyboardInterrupt from None
 
-    metrics = metrics_of(cfg, identity, module, data, compare_baselines(baselines, data))
-    save_estimator(module.estimator, folder / CHECKPOINT, cfg.model.name)
-    log_run(logger, module, data, metrics, cfg)
-    finish_run(folder, metrics)
+    metrics = metrics_of(run, module, data, compare_baselines(baselines, data))
+    run.save(module.estimator)
+    log_run(logger, run.choices, module, data, metrics)
+    run.finish(metrics)
     return metrics
 
 

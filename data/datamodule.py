@@ -13,6 +13,7 @@ from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
 from data.record import Escape, Record, stack
+from data.sample import Sensors
 from data.windows import WindowDataset
 
 
@@ -30,6 +31,7 @@ class Data(LightningDataModule):
     dofs: int
     inputs: int  # channels of excitation that an estimator may read
     forced: list[int] | str | None = None  # DOFs that carry the forces; "base": all, by M ι s̈
+    quantity: str = "acceleration"  # what is estimated, see data.record.QUANTITIES
     elements: tuple[str, ...] = ()  # names, where the elements are known
 
     def __init__(
@@ -48,6 +50,13 @@ class Data(LightningDataModule):
         self.escapes: list[Escape] = []  # motions that were left out
         self.notes: dict[str, list[str]] = {}  # by record, what was noticed and done
         self.records: dict[str, list[Record]] = {}
+        self.units: dict[str, str] = {}  # of the records' values, by channel, where known
+
+    @property
+    def sensors(self) -> Sensors:
+        """What a model must know of the records to be built for them."""
+        known = (self.forced, self.quantity, tuple(self.units), self.units)
+        return Sensors(self.dt, self.dofs, self.inputs, *known)
 
     @abstractmethod
     def make_records(self) -> dict[str, list[Record]]:

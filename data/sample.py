@@ -5,8 +5,8 @@ n DOFs, m force channels, p supports.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import torch
@@ -62,12 +62,22 @@ class Sized(Protocol):
 
 @dataclass(frozen=True)
 class Sensors:
-    """Channels of a source of samples. `forced` as in `data.datamodule.Data`."""
+    """All that must be known of records, or of a stream, to build a model for their channels.
+
+    Plain values: `Sensors(**json.loads(json.dumps(asdict(sensors))))` equals `sensors`.
+    `forced` as in `data.datamodule.Data`, `quantity` as in `data.record.Record`.
+    """
 
     dt: float  # [s]
-    dofs: int  # accelerations
+    dofs: int  # channels that are estimated
     inputs: int  # channels of excitation
     forced: list[int] | str | None = None
+    quantity: str = "acceleration"
+    channels: Sequence[str] = ()  # names, such as f1 and a1, where files have them
+    units: Mapping[str, str] = field(default_factory=dict)  # of a record's values, by channel
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", tuple(self.channels))  # JSON makes a list of it
 
     def check(self, estimator: Sized) -> None:
         """Raise ValueError unless an identified estimator can use them."""

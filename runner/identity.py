@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -22,6 +23,7 @@ ROOT = Path(__file__).parent.parent
 FRONTS = {"data": data.PUBLIC, "models": models.PUBLIC}
 CORE = ("models.training.assemble", "models.training.identification", "runner.outcome")  # of all
 INERT = ("figures", "checkpoint_seconds")  # they change no number,
+EVERY_CLASS = frozenset(f"{room}.{name}" for room, names in FRONTS.items() for name in names)
 INERT_TRAINER = ("enable_progress_bar", "log_every_n_steps")  # nor do these of the trainer
 
 
@@ -37,25 +39,38 @@ def config_digest(content: dict[str, Any]) -> str:
     return digest(json.dumps(content, sort_keys=True, ensure_ascii=False))
 
 
-def code_version(content: dict[str, Any], root: Path = ROOT) -> str:
-    """Ten characters that change with the code of a run with these resolved values."""
-    return _code_of(frozenset(_targets(content)), root)
+def front_name(target: str) -> str:
+    """A class as the fronts name it: `models.mlp.GlobalMLP`, as older configs say, is theirs."""
+    room, _, place = target.partition(".")
+    name = place.rpartition(".")[2]
+    return f"{room}.{name}" if name in FRONTS.get(room, {}) else target
+
+
+def targets_of(node: Any) -> frozenset[str]:
+    """Every `_target_` of resolved values."""
+    inner = node.values() if isinstance(node, dict) else node if isinstance(node, list) else ()
+    own = {str(node["_target_"])} if isinstance(node, dict) and "_target_" in node else set()
+    return frozenset(own.union(*map(targets_of, inner)))
+
+
+def code_version(targets: frozenset[str], root: Path = ROOT) -> str:
+    """Ten characters that change with the code of a run of these classes."""
+    return _code_of(frozenset(map(front_name, targets)), root)
+
+
+def written_code_version(config: Path) -> str:
+    """The same for the run that a config.yaml describes; "" where there is none.
+
+    The file is not parsed: a sweep has many.
+    """
+    if not config.is_file():
+        return ""
+    return code_version(frozenset(re.findall(r"_target_: (\S+)", config.read_text("utf-8"))))
 
 
 def identity_of(content: dict[str, Any]) -> dict[str, str]:
     """What a run's numbers follow from: its resolved values and the code."""
-    return {"config": config_digest(content), "code": code_version(content)}
-
-
-def _targets(node: Any) -> Iterator[str]:
-    """Every `_target_` of a config."""
-    if isinstance(node, dict):
-        if "_target_" in node:
-            yield str(node["_target_"])
-        node = list(node.values())
-    if isinstance(node, list):
-        for value in node:
-            yield from _targets(value)
+    return {"config": config_digest(content), "code": code_version(targets_of(content))}
 
 
 @cache

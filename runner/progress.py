@@ -17,7 +17,8 @@ from rich.text import Text
 
 from report.free_run.rows import free_run_error, quantile
 from report.paper.tables import percent
-from runner.run_folder import FAILED, METRICS, code_version, read_failure
+from runner.identity import written_code_version
+from runner.run_folder import CONFIG, FAILED, METRICS, read_failure
 
 
 def read_metrics(folder: Path) -> dict[str, Any]:
@@ -29,7 +30,9 @@ def is_finished(folder: Path) -> bool:
     """Whether a run is complete and was made by this code. The folder's name tells its config."""
     if not (folder / METRICS).is_file():
         return False
-    return read_metrics(folder).get("identity", {}).get("code") == code_version()
+    return read_metrics(folder).get("identity", {}).get("code") == written_code_version(
+        folder / CONFIG
+    )
 
 
 def would_fail_again(folder: Path) -> bool:
@@ -37,7 +40,7 @@ def would_fail_again(folder: Path) -> bool:
     if not (folder / FAILED).is_file():
         return False
     failure = read_failure(folder)
-    return failure["own"] and failure["code"] == code_version()
+    return failure["own"] and failure["code"] == written_code_version(folder / CONFIG)
 
 
 class Watch:

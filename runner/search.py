@@ -33,8 +33,9 @@ from rich.text import Text
 
 from report.collection.runs import typed
 from report.paper.tables import percent
-from runner.run_folder import METRICS, code_version, write_json
-from runner.validation import validation_error
+from runner.identity import EVERY_CLASS, code_version
+from runner.outcome import validation_error
+from runner.run_folder import METRICS, write_json
 
 STORAGE, FILE = "search.sqlite3", "search.json"
 AT_RANDOM = 8  # trials before the sampler has something to go by
@@ -91,7 +92,7 @@ class Search:
         self.trials, self.sampler_seed = trials, sampler_seed
         self.name = " ".join(word for word in case if not word.startswith("experiment="))
         content = {key: distribution_to_json(of_key) for key, of_key in space.items()}
-        text = json.dumps([content, self.case, self.seeds, sampler_seed, code_version()])
+        text = json.dumps([content, self.case, self.seeds, sampler_seed, code_version(EVERY_CLASS)])
         digest = hashlib.sha256(text.encode()).hexdigest()[:10]
         self.study = optuna.create_study(
             storage=f"sqlite:///{folder / STORAGE}",

@@ -11,7 +11,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from runner.run_folder import config_text, identity_of, name_of, plain
+from runner.run_folder import config_text, name_of, plain
 
 
 class SeedsOf:
@@ -30,9 +30,6 @@ class SeedsOf:
 
     def name(self, seed: int) -> str:
         return name_of(self.of(seed))
-
-    def identity(self, seed: int) -> dict[str, str]:
-        return identity_of(self.of(seed))
 
     def text(self, seed: int) -> str:
         """The content of config.yaml."""

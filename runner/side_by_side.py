@@ -21,14 +21,13 @@ from omegaconf import DictConfig
 from data.record import Record, Response, stack
 from data.simulation.datamodule import SimulatedData
 from data.windows import WindowDataset
-from models.checkpoint import save_estimator
 from models.estimator import Estimator, NoFreeRunError
 from models.training.assemble import data_from, estimator_from
 from models.training.free_run import simulate
 from models.training.identification import SPLITS, Identification
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
-from report.run.summary import metrics_of
-from runner.run_folder import CHECKPOINT, begin_run, finish_run
+from runner.outcome import metrics_of
+from runner.run_folder import Run
 from runner.seeds import SeedsOf
 
 AT_ONCE = 4  # runs on each core; more take more memory and no less time
@@ -93,13 +92,12 @@ def _run_side_by_side(
     fitted = fit_each(cfg.model, each)
     baselines = {name: fit_each(model, each) for name, model in cfg.baselines.items()}
     for place, (seed, own) in enumerate(data.items()):
-        identity = of.identity(seed)
-        begin_run(places[seed], of.text(seed), identity)
-        module = fitted[place]
+        run = Run(places[seed], of.of(seed))
+        run.start(of.text(seed), own.sensors)
         others = {name: modules[place].results() for name, modules in baselines.items()}
-        metrics = {**metrics_of(cfg, identity, module, own, others), "seed": seed}
-        save_estimator(module.estimator, places[seed] / CHECKPOINT, cfg.model.name)
-        finish_run(places[seed], metrics)
+        metrics = metrics_of(run, fitted[place], own, others)
+        run.save(fitted[place].estimator)
+        run.finish(metrics)
 
 
 @torch.inference_mode()

@@ -20,10 +20,12 @@ from torch import Tensor
 from data.datamodule import Data
 from data.measured.channels import RawRecord, between, read_record
 from data.measured.mend import Mending
+from data.measured.units import SIGNALS
 from data.record import Record
 from data.simulation.scenario import Scenario
 
 OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
+SI_UNITS = {signal: unit for signal, (_, unit, _) in SIGNALS.items()}
 
 
 class MeasuredData(Data):
@@ -76,8 +78,8 @@ class MeasuredData(Data):
         if not 0.0 < split < 1.0:
             raise ValueError(f"data.split={split} must lie between 0 and 1")
         self.name, self.seed, self.scenario, self.mend = name, seed, scenario, mend
-        self.quantity, self.initial_state, self.hold = quantity, initial_state, hold
-        self.stated_dt = dt
+        self.initial_state, self.hold = initial_state, hold
+        self.stated_dt, self.stated_quantity = dt, quantity
         text = {"skip_rows": skip_rows, "delimiter": delimiter, "decimal": decimal}
         reader = {**text, "group": group, "header": header}
         raws = {}
@@ -92,6 +94,7 @@ class MeasuredData(Data):
         self.setup()
         first = self.records["train"][0]
         self.dt, self.dofs, self.inputs = first.dt, first.dofs, first.excitation.shape[-1]
+        self.quantity = first.quantity
         self._check_alike()
 
     def _parts(
@@ -125,7 +128,7 @@ class MeasuredData(Data):
     def _record(self, dt: float, channels: dict[str, np.ndarray], whole: bool) -> Record:
         usual = ("acceleration", "force", "displacement")
         held = [q for q in usual if numbered(channels, OUTPUTS[q])]
-        quantity = self.quantity or next(iter(held), None)
+        quantity = self.stated_quantity or next(iter(held), None)
         output = None if quantity is None else matrix(channels, OUTPUTS[quantity])
         if quantity is None or output is None:
             raise ValueError(
@@ -133,6 +136,7 @@ class MeasuredData(Data):
                 "expected accelerations a1, …, displacements x1, … or forces of an element r1"
             )
         self.forced, f = numbered(channels, "f"), matrix(channels, "f")
+        self.units = {c: SI_UNITS[c.rstrip("0123456789")] for c in channels}
         ground = matrix(channels, "s_ddot")
         if ground is not None:
             output, f = self._relative(output, f, ground, channels)

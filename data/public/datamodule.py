@@ -68,6 +68,9 @@ class BenchmarkData(Data):
         self.name, self.dt = name or benchmark, first.dt
         self.dofs, self.inputs = first.y.shape[1], first.u.shape[1]
         self.forced = [1]  # where the input acts, or is taken to act
+        self.quantity = about.quantity
+        self.units = {f"u{i}": about.input_unit for i in range(1, self.inputs + 1)}
+        self.units |= {f"y{i}": about.unit for i in range(1, self.dofs + 1)}
         same = [s.y for s in known[0] if s.initial_state == "periodic" and s.warmup == 0]
         self.noise = noise_floor(np.stack(same)) if same else None
         self.made: dict[str, list[Record]] = {}

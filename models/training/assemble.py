@@ -14,6 +14,7 @@ from typing import Any
 import torch
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
+from lightning.pytorch import seed_everything
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from torch import nn
 
@@ -23,6 +24,7 @@ from data.datamodule import Data
 from data.sample import Sensors
 from data.simulation.datamodule import SimulatedData
 from models.estimator import Estimator
+from models.training.identification import Identification
 from models.training.objective import Objective
 from models.training.solvers.solver import Solver
 
@@ -128,3 +130,22 @@ def solver_from(solver: DictConfig) -> Callable[[Iterable[nn.Parameter]], Solver
 def objective_from(objective: DictConfig) -> Objective:
     """What the solver minimises."""
     return build(objective)
+
+
+def assembled(cfg: DictConfig) -> tuple[Data, Identification, dict[str, Estimator]]:
+    """Everything that a run needs: its data, its model with solver and objective, its baselines.
+
+    The starting weights are drawn from the run's seed. Raises ValueError for settings that do not
+    fit together, before any work is done.
+    """
+    if cfg.threads < 1:
+        raise ValueError(f"threads={cfg.threads} must be at least 1")
+    if not isinstance(cfg.seed, int) or cfg.seed < 0:
+        raise ValueError(f"seed={cfg.seed} must be a whole number, not negative")
+    data = data_from(cfg)
+    seed_everything(cfg.seed, verbose=False)
+    estimator = estimator_from(cfg.model, data)
+    module = Identification(
+        estimator, solver_from(cfg.solver), cfg.max_fail, objective_from(cfg.objective)
+    )
+    return data, module, {name: estimator_from(node, data) for name, node in cfg.baselines.items()}

@@ -29,9 +29,9 @@ from models.training.metrics import FreeRunScore
 from report.free_run.rows import FREE_RUN, Entry, Row, entries_of, rank, row_of
 from report.free_run.tables import COLUMNS, Columns, as_printed, sections, write_rows
 from report.paper.cells import Run, read_runs
-from report.run.rescore import restore
 from runner.command_line import one_line_errors, quiet_lightning
-from runner.run_folder import code_version, read_run, write_json
+from runner.identity import written_code_version
+from runner.run_folder import CONFIG, read_run, restore, write_json
 
 FILE = "beyond.json"
 MODELS = (
@@ -61,7 +61,7 @@ def beyond_config(cfg: DictConfig, change: str) -> DictConfig:
 def score_beyond(run: Run) -> None:
     """Write the scores of a run under all changes, unless they are there and of this code."""
     assert run.metrics is not None
-    origin = {"run": run.metrics.get("identity"), "code": code_version()}
+    origin = {"run": run.metrics.get("identity"), "code": written_code_version(run.folder / CONFIG)}
     path = run.folder / FILE
     kept = json.loads(path.read_text("utf-8")) if path.is_file() else {}
     scores = kept["scores"] if kept.get("origin") == origin else {}

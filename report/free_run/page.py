@@ -44,7 +44,8 @@ from report.free_run.tables import (
 )
 from report.paper.tables import percent
 from runner.command_line import CONF
-from runner.run_folder import code_version, write_text
+from runner.progress import is_finished
+from runner.run_folder import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
 BEGIN, END = "<!-- free runs: begin -->", "<!-- free runs: end -->"  # of the table in README.md
@@ -100,8 +101,7 @@ def _missing(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
     if lacking:
         names = ", ".join(f"`{model}`" for model in lacking)
         lines.append(f"the experiment names {names} too, which were not run yet")
-    codes = [e.run.metrics.get("identity", {}).get("code") for e in entries if e.run.metrics]
-    older = sum(code != code_version() for code in codes)
+    older = sum(bool(e.run.metrics) and not is_finished(e.run.folder) for e in entries)
     if older:
         lines.append(f"{older} runs were made by earlier code of `data/` or `models/`")
     return f"\n**Incomplete:** {'; '.join(lines)}.\n" if lines else ""

@@ -27,8 +27,7 @@ from models.training.metrics import displacement_of
 from report.free_run.rows import Entry
 from report.paper.signals import COLOURS, behaviour
 from report.run.figures import MEASURED
-from report.run.rescore import restore
-from runner.run_folder import read_run
+from runner.run_folder import read_run, restore
 
 NEW = {  # what the study lacks: Tol (2021)
     "element_network": "#EE3377",

@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from runner.command_line import CONF
 from runner.paper_values import PaperCell, paper_cells
-from runner.run_folder import CONFIG, FAILED, METRICS, read_failure, settings_of
+from runner.run_folder import CONFIG, FAILED, METRICS, plain, read_failure, settings_of
 
 OWN_RESIDUAL = "own_residual"
 OWN = f"residual_mlp_{OWN_RESIDUAL}"
@@ -112,7 +112,7 @@ def _failed(folder: Path) -> Run:
     cfg = OmegaConf.load(folder / CONFIG)
     assert isinstance(cfg, DictConfig)
     case = (cfg.model.name, cfg.system.name, cfg.scenario.name)
-    return Run(folder, *case, settings_of(cfg.scenario), cfg.seed, None, reason)
+    return Run(folder, *case, settings_of(plain(cfg.scenario)), cfg.seed, None, reason)
 
 
 def as_configured(runs: Sequence[Run]) -> list[Run]:
@@ -122,7 +122,7 @@ def as_configured(runs: Sequence[Run]) -> list[Run]:
         path = CONF / "scenario" / f"{name}.yaml"
         node = OmegaConf.load(path) if path.is_file() else DictConfig({})
         assert isinstance(node, DictConfig)
-        usual[name] = settings_of(node)
+        usual[name] = settings_of(plain(node))
     return [run for run in runs if run.settings == usual[run.scenario]]
 
 

@@ -22,8 +22,8 @@ from report.paper.cells import OWN, Cell, Run, listed, read_runs, study_cells
 from report.paper.figures import draw_study
 from report.paper.tables import SPLITS, as_csv, by_label, percent, write_tables
 from report.run.figures import save_figure
-from runner.progress import reasons
-from runner.run_folder import FAILED, METRICS, code_version, write_text
+from runner.progress import is_finished, reasons
+from runner.run_folder import FAILED, METRICS, write_text
 
 MEASURED = "residual_mlp"
 NOT_PAIRED = {(OWN, "train"), (MEASURED, "test")}  # measured in training, own in testing
@@ -170,8 +170,7 @@ def _has_runs(folder: Path) -> bool:
 
 def _finish(console: Console, runs: Sequence[Run], paths: list[Path], output: Path) -> None:
     """What was written, which runs are of other code, which failed and why."""
-    codes = {r.metrics.get("identity", {}).get("code") for r in runs if r.metrics is not None}
-    if codes != {code_version()}:
+    if any(run.metrics is not None and not is_finished(run.folder) for run in runs):
         console.print("some of these runs were made by other code than this; repeat the sweep")
     console.print(f"{len(paths)} files in {output}", soft_wrap=True)
     failed = {run.folder.name: run.reason for run in runs if run.metrics is None}

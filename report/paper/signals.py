@@ -24,9 +24,8 @@ from data.simulation.structure import Structure
 from models.training.assemble import build, simulated_from
 from report.paper.cells import METHODS, OWN_RESIDUAL, Run, of
 from report.run.figures import MEASURED, element_loops
-from report.run.rescore import restore
 from runner.command_line import CONF
-from runner.run_folder import read_run
+from runner.run_folder import read_run, restore
 
 COLOURS = {  # distinct to the colour-blind: Okabe & Ito (2008), and of Tol (2021) what they lack
     "vwnn": "#D55E00",

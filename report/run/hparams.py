@@ -9,19 +9,15 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from omegaconf import DictConfig
-
 from report.collection.runs import dotted, typed
 from report.collection.scores import scores_of
-from runner.run_folder import plain
 
 GROUPS = ("scenario", "excitation", "data", "model", "solver", "objective")
 FILES = ("path", "folder")  # where things lie is no choice that changes a number
 
 
-def swept(cfg: DictConfig) -> dict[str, int | float | bool | str]:
+def swept(content: Mapping[str, Any]) -> dict[str, int | float | bool | str]:
     """The choices that a person sweeps; a system is told by its name alone."""
-    content = plain(cfg)
     found: dict[str, Any] = {
         name: content[name]["name"] for name in ("model", "system", "scenario")
     }

@@ -6,30 +6,19 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import torch
 from omegaconf import DictConfig
 from rich.console import Console
 
 from data.datamodule import Data
 from data.simulation.motion import EscapedMotionError
-from models.checkpoint import load_estimator
 from models.estimator import Estimator
-from models.training.assemble import changed, data_from, estimator_from
+from models.training.assemble import changed, data_from
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from report.run.figures import run_figures, save_figure
 from report.run.online_figures import online_figures
 from report.run.table import error_table, rows_of, why_no_free_run
-from runner.run_folder import CHECKPOINT
 
 SPLITS = ("train", "test")
-
-
-def restore(run: DictConfig, folder: Path) -> Estimator:
-    """The identified estimator of a run, of the size and time step it was identified with."""
-    torch.set_num_threads(run.threads)  # the same threads, the same bits
-    estimator = estimator_from(run.model, data_from(run))
-    load_estimator(estimator, folder / CHECKPOINT, run.model.name)
-    return estimator.eval()
 
 
 def score_split(

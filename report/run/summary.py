@@ -2,111 +2,42 @@
 
 from __future__ import annotations
 
-import math
-import platform
 from pathlib import Path
 from typing import Any
 
-import lightning
-import numpy
 import torch
 from lightning.pytorch.loggers import TensorBoardLogger
-from omegaconf import DictConfig
 from rich.console import Console
 from torch import Tensor
 
 from data.datamodule import Data
 from data.record import QUANTITIES
-from models.estimator import Estimator
-from models.online.scores import online_scores
 from models.training.identification import SPLITS, Identification
-from models.training.metrics import FREE_RUNS, free_run_score, score
+from models.training.metrics import FREE_RUNS
 from report.run.figures import run_figures
 from report.run.hparams import numbers, swept
 from report.run.online_figures import online_figures
 from report.run.table import error_table, rows_of, why_no_free_run
-from runner.paper_values import paper_values
-from runner.public_scores import benchmark_lines, benchmark_scores
-from runner.run_folder import settings_of
-
-
-def compare_baselines(baselines: dict[str, Estimator], data: Data) -> dict[str, Any]:
-    """Errors of each baseline on the same records, one step ahead and in free run.
-
-    One that cannot be identified says why.
-    """
-    results: dict[str, Any] = {}
-    for name, baseline in baselines.items():
-        try:
-            baseline.identify(data.loader("train"))
-            one_step = {split: score(baseline, data.loader(split)) for split in SPLITS}
-            free = {key: free_run_score(baseline, data.loader(s)) for s, key in FREE_RUNS.items()}
-            results[name] = {**one_step, **free}
-        except ValueError as error:
-            results[name] = {"failed": str(error)}
-    return results
-
-
-def metrics_of(
-    cfg: DictConfig,
-    identity: dict[str, str],
-    module: Identification,
-    data: Data,
-    baselines: dict[str, Any],
-) -> dict[str, Any]:
-    """What `metrics.json` holds; errors in percent, times in seconds."""
-    estimator, names = module.estimator, (cfg.model.name, cfg.system.name, cfg.scenario.name)
-    return {
-        "model": cfg.model.name,
-        "system": cfg.system.name,
-        "scenario": cfg.scenario.name,
-        "scenario_settings": settings_of(cfg.scenario),
-        "seed": cfg.seed,
-        "identity": identity,
-        "fit_seconds": module.fit_seconds,
-        "parameters": estimator.identified_parameters,
-        "identification": {
-            key: value if math.isfinite(value) else None for key, value in module.solution.items()
-        },
-        "training": module.how_trained(),
-        **module.results(),
-        "quantity": data.records["test"][0].quantity,
-        "peak": {  # in the unit of the quantity
-            split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
-        },
-        "records": data.notes,
-        "benchmark": benchmark_scores(data, module),
-        "online": online_scores(module, data),
-        "simulation_error": data.own_error(),
-        "escaped": [vars(escape) for escape in data.escapes],
-        "baselines": baselines,
-        "paper": paper_values(*names) if data.forced not in ([], "base") else {},
-        "versions": {
-            "python": platform.python_version(),
-            "torch": torch.__version__,
-            "numpy": numpy.__version__,
-            "lightning": lightning.__version__,
-        },
-    }
+from runner.public_scores import benchmark_lines
 
 
 def log_run(
     logger: TensorBoardLogger,
+    choices: dict[str, Any],
     module: Identification,
     data: Data,
     metrics: dict[str, Any],
-    cfg: DictConfig,
 ) -> None:
     """Choices, scalars, error over time and, where asked for, figures for TensorBoard."""
     board = logger.experiment
     over_time = errors_over_time(module)
-    logger.log_hyperparams(swept(cfg), numbers(metrics))
+    logger.log_hyperparams(swept(choices), numbers(metrics))
     for key, error in over_time.items():
         for step in range(0, len(error), max(1, len(error) // 200)):
             if torch.isfinite(error[step]):
                 board.add_scalar(f"{key}/relative_rms_percent_over_time", 100.0 * error[step], step)
     names = list(data.elements)
-    if cfg.figures:
+    if choices["figures"]:
         record, estimates = module.examples["test"]
         errors = {split: over_time[split] for split in SPLITS}
         example = module.free_runs["test"].example

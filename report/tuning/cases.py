@@ -24,9 +24,8 @@ from models.training.metrics import score
 from report.collection.runs import collected
 from report.free_run.rows import SYSTEMS, free_run_error, quantile
 from report.paper.tables import percent
-from report.run.rescore import restore
 from runner.command_line import one_line_errors
-from runner.run_folder import METRICS, read_run
+from runner.run_folder import METRICS, read_run, restore
 
 USUAL = tuple(Path(f"runs/tune_{what}") for what in ("vwnn", "polynomial", "networks"))
 FILE = "search.json"  # of runner/search.py, which needs Optuna; this does not

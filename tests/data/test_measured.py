@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from data.measured.channels import read_record
 from data.measured.datamodule import MeasuredData
 from data.measured.mend import Mending
 from data.record import Record
+from data.sample import Sensors
 from data.simulation.elements import Element, Polynomial
 from data.simulation.motion import simulate
 from data.simulation.scenario import FullState, Integrated
@@ -88,6 +89,9 @@ def test_channels_and_units_are_named(tmp_path):
     assert record.f[:, 0].tolist() == [0.0, 1000.0, 2000.0, 3000.0]
     assert record.a[0, 0] == pytest.approx(9.80665 / 8)
     assert data.forced == [2]
+    sensors = Sensors(0.01, 1, 1, [2], "acceleration", ("f2", "a1"), {"f2": "N", "a1": "m/s^2"})
+    assert replace(data.sensors, dt=0.01) == sensors
+    assert Sensors(**json.loads(json.dumps(asdict(data.sensors)))) == data.sensors
 
 
 def test_one_file_per_sensor_makes_one_record(tmp_path):

@@ -154,6 +154,7 @@ def test_a_prepared_folder_needs_neither_package_nor_network(name, folder, monke
         assert (record.quantity, record.hold) == (about.quantity, about.hold)
     assert data.dofs == (3 if name == "f16" else 1)
     assert data.unit
+    assert (data.sensors.quantity, data.sensors.units["y1"]) == (about.quantity, about.unit)
     assert (data.noise is None) == (name != "bouc_wen")
 
 

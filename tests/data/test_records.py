@@ -9,6 +9,8 @@ import pytest
 import torch
 
 from data.record import Escape
+from data.sample import Sensors
+from data.simulation.datamodule import SimulatedData
 from data.simulation.elements import Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation, Given
 from data.simulation.motion import EscapedMotionError, simulate
@@ -56,6 +58,13 @@ def test_moving_supports_are_part_of_the_record(simulation):
     motion = simulate(simulation.structure, np.zeros((300, 3)), 0.01, *_supports(record))
     assert np.array_equal(record.a, motion.a)
     assert record.excitation.shape == (300, 6)
+
+
+def test_sensors_of_simulated_data_are_known_before_its_motions(bilinear_structure):
+    push = Excitation(FORCE, dofs=[1])
+    data = SimulatedData(bilinear_structure, push, FullState(), seed=0)
+    assert not data.records
+    assert data.sensors == Sensors(0.01, bilinear_structure.dofs, 1, [1], "acceleration")
 
 
 def _supports(record):

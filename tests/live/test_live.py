@@ -25,24 +25,14 @@ from live import source as live_source
 from live.alarm import LEARNING, ResidualAlarm
 from live.monitor import LiveMonitor
 from live.view import BARS, LiveView, bars
-from models.checkpoint import save_estimator
 from models.online.adaptive import Online
 from models.online.laws.frozen import Frozen
 from models.online.scores import running_error
 from models.online.stream import started
 from models.training.assemble import data_from, estimator_from
 from models.vwnn import VWNN
-from report.run.rescore import restore
 from runner.command_line import composed
-from runner.run_folder import (
-    CHECKPOINT,
-    begin_run,
-    config_text,
-    finish_run,
-    identity_of,
-    plain,
-    read_run,
-)
+from runner.run_folder import Run, read_run, restore
 
 ROOT = Path(__file__).parents[2]
 DT = 0.01
@@ -73,10 +63,10 @@ def finished(folder: Path, *words: str) -> Path:
     data = data_from(cfg)
     data.setup()
     estimator = estimator_from(cfg.model, data)
-    begin_run(folder, config_text(cfg), identity_of(plain(cfg)))
+    run = Run.begin(folder, cfg, data.sensors)
     estimator.identify(data.loader("train"))
-    save_estimator(estimator, folder / CHECKPOINT, cfg.model.name)
-    finish_run(folder, {})
+    run.save(estimator)
+    run.finish({})
     return folder
 
 

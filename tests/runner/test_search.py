@@ -22,9 +22,10 @@ from models.training.metrics import score
 from report.tuning import page as tuning_page
 from report.tuning.cases import ONSET, after_onset, read_cases
 from runner.command_line import CONF, prepare_hydra
-from runner.run_folder import code_version, read_run, write_failure
+from runner.identity import identity_of
+from runner.outcome import validation_error
+from runner.run_folder import config_text, plain, read_run, write_failure, write_text
 from runner.search import distribution, start_of
-from runner.validation import validation_error
 from tests.program.test_every_config import composed
 from tests.program.test_train import run
 from tests.runner.test_sweep import QUICK
@@ -155,7 +156,8 @@ class Planted:
             scores = {"relative_rms_percent": error}
             names = {"model": "vwnn", "system": "bilinear", "scenario": "full_state"}
             content = {**names, "train": scores, "test": scores}
-            content["identity"] = {"code": code_version()}
+            content["identity"] = identity_of(plain(cfg))
+            write_text(folder / "config.yaml", config_text(cfg))
             held = {"validation": scores} if cfg.data.validation else {}
             (folder / "metrics.json").write_text(json.dumps({**content, **held}))
 

@@ -1,0 +1,88 @@
+"""The numbers of a run: errors of the model and of the baselines, and how the model was fitted."""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Mapping
+from typing import Any
+
+import lightning
+import numpy
+import torch
+
+from data.datamodule import Data
+from models.estimator import Estimator
+from models.online.scores import online_scores
+from models.training.identification import HELD_BACK, SPLITS, Identification
+from models.training.metrics import FREE_RUNS, free_run_score, score
+from runner.paper_values import paper_values
+from runner.public_scores import benchmark_scores
+from runner.run_folder import Run, settings_of
+
+
+def compare_baselines(baselines: dict[str, Estimator], data: Data) -> dict[str, Any]:
+    """Errors of each baseline on the same records, one step ahead and in free run.
+
+    One that cannot be identified says why.
+    """
+    results: dict[str, Any] = {}
+    for name, baseline in baselines.items():
+        try:
+            baseline.identify(data.loader("train"))
+            one_step = {split: score(baseline, data.loader(split)) for split in SPLITS}
+            free = {key: free_run_score(baseline, data.loader(s)) for s, key in FREE_RUNS.items()}
+            results[name] = {**one_step, **free}
+        except ValueError as error:
+            results[name] = {"failed": str(error)}
+    return results
+
+
+def metrics_of(
+    run: Run, module: Identification, data: Data, baselines: dict[str, Any]
+) -> dict[str, Any]:
+    """What `metrics.json` holds; errors in percent, times in seconds."""
+    names = {part: str(run.choices[part]["name"]) for part in ("model", "system", "scenario")}
+    return {
+        **names,
+        "scenario_settings": settings_of(run.choices["scenario"]),
+        "seed": run.choices["seed"],
+        "identity": run.identity,
+        "fit_seconds": module.fit_seconds,
+        "parameters": module.estimator.identified_parameters,
+        "identification": {
+            key: value if math.isfinite(value) else None for key, value in module.solution.items()
+        },
+        "training": module.how_trained(),
+        **module.results(),
+        "quantity": data.records["test"][0].quantity,
+        "peak": {  # in the unit of the quantity
+            split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
+        },
+        "records": data.notes,
+        "benchmark": benchmark_scores(data, module),
+        "online": online_scores(module, data),
+        "simulation_error": data.own_error(),
+        "escaped": [vars(escape) for escape in data.escapes],
+        "baselines": baselines,
+        "paper": paper_values(**names) if data.forced not in ([], "base") else {},
+        "versions": {
+            "python": platform.python_version(),
+            "torch": torch.__version__,
+            "numpy": numpy.__version__,
+            "lightning": lightning.__version__,
+        },
+    }
+
+
+def validation_error(metrics: Mapping[str, Any]) -> float:
+    """Eq. 21 one step ahead, in percent, on the part of the training motion that was held back.
+
+    Against the measured signal; infinite where it overflowed. What a search minimises.
+
+    Raises ValueError for a run that held nothing back.
+    """
+    if HELD_BACK not in metrics:
+        raise ValueError("the run held nothing back to be judged on; set data.validation=0.2")
+    error = metrics[HELD_BACK]["relative_rms_percent"]
+    return math.inf if error is None else error
