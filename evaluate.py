@@ -10,6 +10,7 @@
 The paper's tables and the leaderboard: python -m report.paper, python -m report.free_run.
 As it was trained, a run prints the numbers of `metrics.json`, to the last digit. Under another
 scenario, other seeds or another record the structure, excitation and model stay what they were.
+Where a measured record is gone, the stored scores are printed: the model needs no record to load.
 """
 
 from __future__ import annotations
@@ -22,7 +23,13 @@ from omegaconf import DictConfig
 from models.training.assemble import changed
 from report.collection.report import report_by, report_collection
 from report.collection.runs import folders_of
-from report.run.rescore import draw_figures, print_evaluation, score_seeds
+from report.run.rescore import (
+    draw_figures,
+    print_evaluation,
+    print_stored,
+    record_gone,
+    score_seeds,
+)
 from runner.command_line import CONF, absolute, job_errors, one_line_errors, prepare_hydra
 from runner.run_folder import read_run, restore, write_json
 
@@ -39,6 +46,10 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict:
         run.scenario = cfg.scenario
     seeds = [run.seed] if cfg.seeds is None else list(cfg.seeds)
     altered = cfg.get("scenario") is not None or bool(changes) or cfg.seeds is not None
+    gone = record_gone(run)
+    if gone is not None and not altered:
+        print_stored(metrics, gone)
+        return metrics
 
     results = score_seeds(estimator, run, seeds, same_motions=not changes)
     print_evaluation(results, metrics, altered)
@@ -54,8 +65,10 @@ def report_runs(cfg: DictConfig) -> None:
     output = absolute(cfg.output) if cfg.output else None
     typed = [cfg.runs] if isinstance(cfg.runs, str) else list(cfg.runs or [])
     if not typed:
-        asked = "by= compares the runs of runs=FOLDER" if cfg.by is not None else (
-            "run=FOLDER scores a run again, runs=FOLDER compares many"
+        asked = (
+            "by= compares the runs of runs=FOLDER"
+            if cfg.by is not None
+            else ("run=FOLDER scores a run again, runs=FOLDER compares many")
         )
         raise ValueError(f"{asked}; say which")
     folders = folders_of([str(absolute(name)) for name in typed])
@@ -74,7 +87,7 @@ def main(cfg: DictConfig) -> None:
             return
         if cfg.output or cfg.runs:
             raise ValueError("runs= and output= are for many runs; leave them out with run=")
-        evaluate(cfg, absolute(cfg.run), cfg.label or "as_trained")
+        evaluate(cfg, absolute(cfg.run), (cfg.label or "as_trained").replace("/", "_"))
 
 
 def cli() -> None:

@@ -63,9 +63,7 @@ def sections_markdown(
     return "\n\n".join([*blocks, *([f"{caption}."] if caption else [])]) + "\n"
 
 
-def latex(
-    sections: Sequence[Section], caption: str, groups: Sequence[tuple[str, int]] = ()
-) -> str:
+def latex(sections: Sequence[Section], caption: str, groups: Sequence[tuple[str, int]] = ()) -> str:
     """A tabular for the booktabs package, titles on lines of their own.
 
     groups: headings above the head, (text, columns that it spans).

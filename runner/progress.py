@@ -18,7 +18,6 @@ from runner.result import Result, read_result, spread_of
 from runner.run_folder import CONFIG, FAILED, METRICS, read_failure, read_metrics
 from runner.spread import DIVERGED, percent
 
-SPLITS = ("train", "test")
 OWN = ("model", "system", "scenario", "seed", "grid")  # have columns of their own, or need none
 
 
@@ -180,7 +179,8 @@ def sweep_table(runs: Sequence[tuple[str, Result]]) -> Table:
         case = (str(run.system), str(run.scenario), settings, str(run.model))
         cases.setdefault(case, []).append(run)
     for (system, scenario, settings, model), group in sorted(cases.items()):
-        train, test = (spread_of(group, lambda run, s=split: run.error(s)) for split in SPLITS)
+        train = spread_of(group, lambda run: run.error("train"))
+        test = spread_of(group, lambda run: run.error("test"))
         free = spread_of(group, lambda run: run.free_run)
         head = (Text(t) for t in (model, system, scenario, *([settings] if varied else [])))
         table.add_row(*head, test.counted(), train.text(), test.text(), free.text())

@@ -22,6 +22,8 @@ from runner.result import Result, spread_of
 from runner.spread import DIVERGED, ESCAPED, FAILED, Spread, percent
 
 CASE = ("system", "scenario", "model")  # kept apart, whatever is asked for
+LOST = (DIVERGED, FAILED, ESCAPED)
+SMALL = 0.005  # below it a number has no decimals that count
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,11 @@ from typing import Any
 from joblib import Parallel, delayed
 from omegaconf import DictConfig, OmegaConf
 
+from data.arguments import Parser
 from data.record import stack
 from data.simulation.motion import EscapedMotionError
 from models.training.assemble import changed, simulated_from
 from models.training.metrics import FreeRunScore
-from data.arguments import Parser
 from report.collection.runs import read_runs, results_folder
 from report.free_run.rows import Row, case_of, rank, row_of
 from report.free_run.tables import COLUMNS, Columns, sections, write_rows

@@ -25,14 +25,13 @@ from report.output import code, markdown, sections_markdown
 from runner.progress import is_finished
 from runner.result import Result, against_true
 from runner.run_folder import write_text
-from runner.spread import percent, quantile
+from runner.spread import DIVERGED, ESCAPED, FAILED, percent, quantile
 
 TEMPLATE = Path(__file__).with_name("page.md")
 BEGIN, END = "<!-- free runs: begin -->", "<!-- free runs: end -->"  # of the table in README.md
 FULL_STATE = "full_state"
 PRINTED = {"bouc_wen": "Bouc–Wen"}
 ASK = "python train.py -m experiment=free_run_questions"
-LOST = ("diverged", "failed", "escaped")
 CAUGHT = 10.0  # times the median of the other seeds
 MARKS = {"yes": " †", "possible": " ‡"}
 NOTES = (
@@ -98,7 +97,7 @@ def _paste(readme: Path, table: str) -> None:
 
 def _of_leaderboard(rows: Sequence[Row]) -> Iterator[tuple[str, str]]:
     """Counts, the overview, the rows setting by setting, and what the models know."""
-    for count in ("runs", "diverged", "failed", "escaped"):
+    for count in ("runs", DIVERGED, FAILED, ESCAPED):
         yield count, str(sum(getattr(row.errors, count) for row in rows))
     simulated = [row for row in rows if not row.no_free_run]
     yield "overview", "\n\n".join([matrix(simulated, _spread), " ".join(NOTES)])
@@ -172,15 +171,18 @@ def _tables(rows: Sequence[Row], columns: Columns, title: Title) -> str:
 
 
 def _lost(rows: Sequence[Row]) -> str:
+    """Rows with lost runs, and how many there are of each kind."""
+    escaped = [ESCAPED] if any(row.errors.escaped for row in rows) else []
+    names = ("runs", DIVERGED, FAILED, *escaped)
     lines = []
     for row in rows:
-        counts = [getattr(row.errors, name) for name in LOST]
-        if any(counts):
+        counts = [getattr(row.errors, name) for name in names]
+        if any(counts[1:]):
             where = f"{records_of(row.train_records)}{row.scenario} {row.varied}".strip()
-            lines.append([code(row.model), row.system, where, str(row.errors.runs), *map(str, counts)])
+            lines.append([code(row.model), row.system, where, *map(str, counts)])
     if not lines:
         return "No run diverged and none failed."
-    return markdown(("model", "system", "setting", "runs", *LOST), lines, left=None)
+    return markdown(("model", "system", "setting", *names), lines, left=None)
 
 
 def _caught(runs: Sequence[Result]) -> str:

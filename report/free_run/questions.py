@@ -33,9 +33,7 @@ def question_of(row: Row) -> str:
     return f"{row.system}: {row.varied}"
 
 
-def answers(
-    questions: Sequence[Result], usual: Sequence[Result]
-) -> dict[tuple[str, ...], Answers]:
+def answers(questions: Sequence[Result], usual: Sequence[Result]) -> dict[tuple[str, ...], Answers]:
     """{(system, varied, model): runs by value}, the leaderboard's runs among them."""
     groups: dict[tuple[str, ...], list[Result]] = {}
     for run in questions:

@@ -1,0 +1,99 @@
+"""A sweep of one or several grids of runs: finished ones skipped, with progress and a summary.
+
+hydra:
+  sweeper:
+    params: {seed: "range(0,20)"}       # of every grid; the command line has the last word
+    grids:                              # any number; without them, one grid of `params`
+      first: {system: bilinear, model: "vwnn,linear"}
+    retry_failed: false                 # true: runs that failed by their own fault are run again
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.utils import JobReturn, JobStatus
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig
+
+from runner.composed_once import ComposedOnce
+from runner.launch.launcher import reason_of
+from runner.progress import Watch, is_finished, print_summary, reasons, would_fail_again
+
+
+class GridSweeper(BasicSweeper):
+    """Hydra sweeper of all combinations of the words of each grid."""
+
+    def __init__(
+        self,
+        max_batch_size: int | None = None,
+        params: Mapping[str, str] | None = None,
+        grids: Mapping[str, Mapping[str, str]] | None = None,
+        retry_failed: bool = False,
+    ) -> None:
+        super().__init__(max_batch_size, dict(params or {}))
+        self.grids, self.retry_failed = grids or {"": {}}, retry_failed
+
+    def setup(
+        self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
+    ) -> None:
+        self.loader = ComposedOnce(hydra_context.config_loader.get_search_path())
+        context = HydraContext(config_loader=self.loader, callbacks=hydra_context.callbacks)
+        super().setup(hydra_context=context, task_function=task_function, config=config)
+
+    def sweep(self, arguments: list[str]) -> None:
+        """Do all runs that are left, in the sweep's folder; exit status 1 unless all are done."""
+        assert self.config is not None
+        Path(self.config.hydra.sweep.dir).mkdir(parents=True, exist_ok=True)
+        if not self.finish(self.jobs(arguments)):
+            sys.exit(1)
+
+    def jobs(self, arguments: list[str]) -> dict[Path, list[str]]:
+        """Overrides of each run by its folder; runs that are the same are one."""
+        assert self.config is not None
+        parser = OverridesParser.create(config_loader=self.loader)
+        folders: dict[Path, list[str]] = {}
+        for name, grid in self.grids.items():
+            named = {"grid": name} if name else {}  # the run keeps it
+            words = [f"{key}={value}" for key, value in {**self.params, **grid, **named}.items()]
+            overrides = parser.parse_overrides([*words, *arguments])
+            for job in self.split_arguments(overrides, None)[0]:
+                folders.setdefault(self.loader.folder(self.config, list(job)), list(job))
+        return folders
+
+    def hopeful(self, jobs: Mapping[Path, list[str]]) -> dict[Path, list[str]]:
+        """The jobs that would not fail again by their own fault; all with `retry_failed`."""
+        return {f: job for f, job in jobs.items() if self.retry_failed or not would_fail_again(f)}
+
+    def finish(self, jobs: Mapping[Path, list[str]]) -> bool:
+        """Do the jobs that are left, with progress and a summary; whether all are done then."""
+        left = unfinished(jobs)
+        pending = self.hopeful(left)
+        finished, hopeless = len(jobs) - len(left), len(left) - len(pending)
+        if pending:
+            with Watch(list(pending), len(jobs), hopeless):
+                runs = self.launch(pending)
+            print_lost(runs)
+        return print_summary(jobs, finished, hopeless)
+
+    def launch(self, jobs: Mapping[Path, list[str]]) -> Sequence[JobReturn]:
+        """Let the launcher do the jobs."""
+        assert self.launcher is not None
+        return self.launcher.launch(list(jobs.values()), initial_job_idx=0)
+
+
+def unfinished(jobs: Mapping[Path, list[str]]) -> dict[Path, list[str]]:
+    """The jobs whose folders hold no result of this code."""
+    return {folder: job for folder, job in jobs.items() if not is_finished(folder)}
+
+
+def print_lost(runs: Sequence[JobReturn]) -> None:
+    """Print why runs could not even leave a failed.json: a full disk, a lost process."""
+    failed = [run for run in runs if run.status == JobStatus.FAILED]
+    lost = {" ".join(run.overrides or ()): reason_of(run._return_value) for run in failed}
+    for line in reasons(lost):
+        print(f"lost{line.removeprefix('failed')}", file=sys.stderr)

@@ -1,0 +1,97 @@
+"""Processes side by side on one machine; a lost one is replaced, its run is tried again.
+
+On joblib's processes, and not through hydra-joblib-launcher: there one lost process (memory) ends
+the sweep.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any
+
+from joblib import effective_n_jobs
+from joblib.externals.loky.process_executor import ProcessPoolExecutor
+
+from runner.launch.launcher import SweepLauncher, Worker
+
+TRIES = 4  # of a run whose process is lost; more often, and the run itself is the reason
+_worker: Worker
+
+
+class JoblibLauncher(SweepLauncher):
+    """All cores of this machine, or `n_jobs` processes."""
+
+    def __init__(self, n_jobs: int = -1, **foreign: object) -> None:
+        if foreign:  # Hydra mixes the settings of two launchers of one name
+            raise ValueError("two launchers named joblib; pip uninstall hydra-joblib-launcher")
+        self.n_jobs = n_jobs
+
+    def work(self, worker: Worker, jobs: list[list[str]]) -> dict[str, str]:
+        return run_side_by_side(worker, jobs, effective_n_jobs(self.n_jobs))
+
+
+def _start(worker: Worker, parent: int) -> None:
+    global _worker
+    _worker = worker
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends us
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent ended: two sweeps must not meet in one folder."""
+    while os.getppid() == parent:
+        time.sleep(0.2)
+    os._exit(1)
+
+
+def _run(words: Sequence[str]) -> str | None:
+    return _worker(words)
+
+
+def _process(worker: Worker) -> Any:
+    """A pool of one process that starts afresh, so that losing the process breaks no other."""
+    return ProcessPoolExecutor(
+        1, initializer=_start, initargs=(worker, os.getpid()), env=worker.environment
+    )
+
+
+def run_side_by_side(worker: Worker, jobs: list[list[str]], processes: int) -> dict[str, str]:
+    """Do all jobs; {words of a job: why it has no result} of those that were lost."""
+    waiting, tries, lost = deque(jobs), Counter[str](), dict[str, str]()
+    pools = {_process(worker) for _ in range(min(processes, len(jobs)))}
+    idle, busy = list(pools), dict[Future[str | None], tuple[Any, list[str]]]()
+    try:
+        while waiting or busy:
+            while waiting and idle:
+                pool, words = idle.pop(), waiting.popleft()
+                busy[pool.submit(_run, words)] = pool, words
+            for future in wait(busy, return_when=FIRST_COMPLETED).done:
+                pool, words = busy.pop(future)
+                name, broken = " ".join(words), isinstance(future.exception(), BrokenProcessPool)
+                if broken:
+                    tries[name] += 1
+                    pools.remove(pool)
+                    pools.add(pool := _process(worker))
+                idle.append(pool)
+                if broken and tries[name] < TRIES:
+                    waiting.append(words)
+                elif reason := _reason(future):
+                    lost[name] = reason
+    finally:
+        for pool in pools:
+            pool.shutdown(kill_workers=True)
+    return lost
+
+
+def _reason(future: Future[str | None]) -> str | None:
+    error = future.exception()
+    if isinstance(error, BrokenProcessPool):
+        return f"its process was lost {TRIES} times (not enough memory?)"
+    return f"{type(error).__name__}: {error}" if error else future.result()
