@@ -89,9 +89,9 @@ class NeuralStateSpace(Trainable):
         dofs: int,
         inputs: int,
         dt: float,
-        memory: int = 3,
+        memory: int = 6,
         hidden: int = 10,
-        past: int = 20,
+        past: int = 10,
     ) -> None:
         super().__init__(dofs, inputs, dt)
         if min(memory, hidden, past) < 1:
