@@ -107,17 +107,17 @@ class MeasuredData(Data):
 
     def make_records(self) -> dict[str, list[Record]]:
         """Each part mended and measured on its own; what was read is let go."""
-        made: dict[str, list[Record]] = {}
+        records: dict[str, list[Record]] = {}
         for number, split in enumerate(("train", "test")):
-            made[split] = []
+            records[split] = []
             for i, (name, raw) in enumerate(self.parts[split].items()):
                 dt, channels, done = self.mend(raw)
                 self.notes[f"{split}: {name}"] = [*raw.notes, *done]
                 record = self._record(dt, channels, raw.whole)
                 rng = np.random.default_rng((self.seed, number, i))
-                made[split].append(self.scenario(record, rng))
+                records[split].append(self.scenario(record, rng))
         self.parts = {}
-        return made
+        return records
 
     def _with_clock(self, raw: RawRecord) -> RawRecord:
         if self.stated_dt is None:
@@ -126,8 +126,8 @@ class MeasuredData(Data):
 
     def _record(self, dt: float, channels: dict[str, np.ndarray], whole: bool) -> Record:
         usual = ("acceleration", "force", "displacement")
-        held = [q for q in usual if numbered(channels, OUTPUTS[q])]
-        quantity = self.stated_quantity or next(iter(held), None)
+        measured = [q for q in usual if numbered(channels, OUTPUTS[q])]
+        quantity = self.stated_quantity or next(iter(measured), None)
         output = None if quantity is None else matrix(channels, OUTPUTS[quantity])
         if quantity is None or output is None:
             raise ValueError(
