@@ -14,17 +14,16 @@ import numpy as np
 from torch import Tensor
 
 from data.datamodule import Data
-from data.measured.channels import matrix, numbered
+from data.measured.channels import matrix, numbered, signal_of
 from data.measured.mend import Mending
 from data.measured.raw_record import RawRecord, between
 from data.measured.reading import read_record
 from data.measured.splits import record_places, split_records
-from data.measured.units import SIGNALS
+from data.measured.units import DIMENSIONS
 from data.record import Record
 from data.simulation.scenario import Scenario
 
 OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
-SI_UNITS = {signal: unit for signal, (_, unit, _) in SIGNALS.items()}
 
 
 class MeasuredData(Data):
@@ -135,7 +134,7 @@ class MeasuredData(Data):
                 "expected accelerations a1, …, displacements x1, … or forces of an element r1"
             )
         self.forced, f = numbered(channels, "f"), matrix(channels, "f")
-        self.units = {c: SI_UNITS[c.rstrip("0123456789")] for c in channels}
+        self.units = {c: DIMENSIONS[signal_of(c)][1] for c in channels}
         ground = matrix(channels, "s_ddot")
         if ground is not None:
             output, f = self._relative(output, f, ground, channels)

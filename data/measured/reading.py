@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from data.measured.channels import CHANNEL, CLOCKS, SIGNALS
+from data.measured.channels import CHANNEL, CLOCKS, SIGNALS, signal_of
 from data.measured.files.table import Table, read_table
 from data.measured.raw_record import RawRecord
 from data.measured.units import to_si
@@ -121,7 +121,7 @@ def assembled(
                 f"{', '.join(list(table.columns)[:12])}"
             )
         clock = channel.startswith("time")
-        signal = "time" if clock else channel.rstrip("0123456789")
+        signal = "time" if clock else signal_of(channel)
         own = None if clock else units.get(channel)
         unit = own or units.get(signal) or table.units.get(column)
         values = table.columns[column]

@@ -18,7 +18,7 @@ from typing import BinaryIO
 
 import torch
 
-from data.measured.channels import CHANNEL, CLOCKS, numbered
+from data.measured.channels import CHANNEL, CLOCKS, numbered, signal_of
 from data.measured.files.columns import shorten, split_unit
 from data.measured.files.text_cells import MISSING, NUMBER
 from data.measured.units import to_si
@@ -142,10 +142,7 @@ class SampleLines:
         """Places of each signal among the values. Raises ValueError for what cannot be used."""
         read = ", ".join(self.keys) or "no channel that is known here"
         places = {
-            signal: [
-                self.names.index(f"{signal}{i}")
-                for i in numbered(dict.fromkeys(self.names), signal)
-            ]
+            signal: [self.names.index(f"{signal}{i}") for i in numbered(self.names, signal)]
             for signal in ("f", "x", "v", "a", "s", "s_dot", "s_ddot")
         }
         n = len(places["a"])
@@ -167,7 +164,7 @@ class SampleLines:
         if len(places["x"]) != n or len(places["v"]) != n:
             places["x"] = places["v"] = []
         self.places = {signal: at for signal, at in places.items() if at}
-        forced = "base" if self.base else numbered(dict.fromkeys(self.names), "f")
+        forced = "base" if self.base else numbered(self.names, "f")
         self.sensors = Sensors(self.dt, n, 1 if self.base else len(driven), forced)
 
     def _assembled(self, values: Sequence[float], time: float) -> Sample:
@@ -232,6 +229,6 @@ def _bare(head: str) -> str:
 
 def _factor(name: str, units: Mapping[str, str], stated: Mapping[str, str]) -> float:
     """To SI, by the unit of the channel as stated, of its signal, or in its header."""
-    signal = name if name == "time" else name.rstrip("0123456789")
+    signal = signal_of(name)
     unit = stated.get(name) or stated.get(signal) or units.get(name)
     return 1.0 if unit is None else to_si(unit, signal)
