@@ -8,7 +8,7 @@ equations in PyTorch (models/composition/simulate.py), to which the tests hold i
 zoo's integrator of the true structure (data/simulation/motion.py). Derivatives: forward
 sensitivities by all parameters at once, beside as many runs as finite differences would take,
 and beside PyTorch's forward mode along as many directions, over the first samples only and scaled
-up (its time is one of calls, a sample's being the same). Best of three where it is short; one thread.
+up: every sample takes it the same time. The best of three where it is short; one thread.
 """
 
 from __future__ import annotations

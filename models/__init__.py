@@ -41,6 +41,7 @@ PUBLIC = ESTIMATORS | {
     "LBFGS": "models.training.solvers.lbfgs",
     "LevenbergMarquardt": "models.training.solvers.levenberg_marquardt",
     "OneStep": "models.training.objective",
+    "Trainable": "models.training.trainable",
 }
 __all__ = list(PUBLIC)
 

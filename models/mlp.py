@@ -15,10 +15,10 @@ from torch import Tensor, nn
 from torch.nn.functional import pad
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator
 from models.layers.integrate import runge_kutta, runge_kutta_delayed
 from models.layers.scaling import Extents
 from models.linear import EquivalentLinear
+from models.training.trainable import Trainable
 
 ACTIVATIONS = {"tanh": nn.Tanh, "sigmoid": nn.Sigmoid, "relu": nn.ReLU, "silu": nn.SiLU}
 
@@ -52,7 +52,7 @@ class Perceptron(nn.Module):
         return self.output_scale.inverse(self.layers(self.input_scale(u)))
 
 
-class GlobalMLP(Estimator):
+class GlobalMLP(Trainable):
     """The acceleration as one network of displacements, velocities and excitation.
 
     hidden: neurons of each hidden layer; activation: tanh, sigmoid, relu or silu.
@@ -95,11 +95,11 @@ class GlobalMLP(Estimator):
         return self.network(torch.cat([x, v, u], dim=-1))
 
     def free_run(self, drive: Drive) -> Response:
-        self.check_drive(drive)
+        self.check(drive)
         return runge_kutta(self.acceleration, drive)
 
 
-class ResidualMLP(EquivalentLinear):
+class ResidualMLP(EquivalentLinear, Trainable):
     """What the equivalent linear system (Eq. 8) leaves, as a network with its own delayed output.
 
     The residual ε = M⁻¹ f_NL [m/s²] is that of Eq. 9, as an acceleration: so it needs no inverse of
@@ -108,7 +108,6 @@ class ResidualMLP(EquivalentLinear):
     """
 
     reads = ("x", "v", "a", "f")
-    side_by_side = False
 
     def __init__(
         self,
@@ -159,7 +158,7 @@ class ResidualMLP(EquivalentLinear):
 
     def free_run(self, drive: Drive) -> Response:
         """With its own residual of the sample before."""
-        self.check_drive(drive)
+        self.check(drive)
         self.require_identified(self.weights)
 
         def law(x: Tensor, v: Tensor, u: Tensor, past: Tensor) -> tuple[Tensor, Tensor]:

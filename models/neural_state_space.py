@@ -16,10 +16,10 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator, windows_of
 from models.layers.integrate import between
 from models.layers.sensitivity import trajectory
 from models.linear import EquivalentLinear
+from models.training.trainable import Trainable, windows_of
 
 START = 0.01  # of a Glorot start: the network begins as a small addition to the linear system
 SLOWEST, FASTEST = 5.0, 0.05  # time constants of the memory at the start [s]
@@ -74,7 +74,7 @@ class LatentStep:
         return torch.stack(history)
 
 
-class NeuralStateSpace(Estimator):
+class NeuralStateSpace(Trainable):
     """Starts as the equivalent linear system; its one-step estimate is its free run.
 
     memory: r states beyond x and ẋ; hidden: neurons of each of the two networks; past: samples
@@ -158,7 +158,7 @@ class NeuralStateSpace(Estimator):
 
     def free_run(self, drive: Drive) -> Response:
         """Before the first sample there was rest, as far as the encoder knows."""
-        self.check_drive(drive)
+        self.check(drive)
         now = torch.cat([drive.x0, drive.v0, drive.u[..., 0, :]], dim=-1)[..., None, :]
         before = now.new_zeros(*now.shape[:-2], self.past - 1, now.shape[-1])
         return self._simulated(drive, torch.cat([before, now], dim=-2))
@@ -167,9 +167,9 @@ class NeuralStateSpace(Estimator):
         """The encoder reads the measured samples before each window."""
         if horizon is None or horizon >= record.samples:
             return self.free_run(record.drive()).a
-        drive, which, place = windows_of(record, horizon, warmup)
+        drive, window, place = windows_of(record, horizon, warmup)
         past = self._past(record, horizon, warmup)
-        return self._simulated(drive, past).a[..., which, place, :]
+        return self._simulated(drive, past).a[..., window, place, :]
 
     def _past(self, record: Record, horizon: int, warmup: int) -> Tensor:
         """[x, ẋ, u] (…, windows, past, 2n + m) up to the first sample of every window."""

@@ -41,7 +41,6 @@ class ModalPolynomial(EquivalentLinear):
     mass matrix or the modes are singular.
     """
 
-    side_by_side = False
     modes: Tensor
 
     def __init__(
@@ -175,12 +174,12 @@ class ModalPolynomial(EquivalentLinear):
         return inverse if self.fits == "residual" else inverse @ self._inertia()[1].T
 
     def free_run(self, drive: Drive) -> Response:
-        self.check_drive(drive)
+        self.check(drive)
         self.require_identified(self.coefficients[0])
         return runge_kutta(self.law(), drive)
 
-    def check(self, record: Record) -> None:
-        super().check(record)
+    def _check_record(self, record: Record) -> None:
+        super()._check_record(record)
         if record.s is not None or record.f.shape[-1] != self.inputs:
             raise ValueError(
                 f"polynomial methods need one force per DOF and supports at rest; the record has "

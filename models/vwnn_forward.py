@@ -118,7 +118,7 @@ class ForwardVWNN(Estimator):
 
         Identified from accelerations alone: x and v are twice and once their integral, and drift.
         """
-        self.check_drive(drive)
+        self.check(drive)
         self.require_identified(self.weights)
         return integrated(self._run(drive.u)[0], drive)
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import detrend as without_trend
 
-from data.measured.channels import RawRecord
-from data.measured.clock_faults import Finding
+from data.measured.finding import Finding
+from data.measured.raw_record import RawRecord
 from data.measured.resample import (
     Channels,
     Sampled,

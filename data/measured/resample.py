@@ -13,9 +13,9 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator, make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from data.measured.channels import RawRecord
-from data.measured.clock_faults import time_step
-from data.measured.signal_faults import runs
+from data.measured.raw_record import RawRecord
+from data.measured.statistics import runs
+from data.measured.time_step import time_step
 
 PASS = 0.8  # of the new Nyquist frequency: −6 dB point of the anti-alias filter
 ANTI_ALIAS_ORDER = 8

@@ -6,14 +6,14 @@ What blocks would corrupt every estimate; the rest is a question to whoever know
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
-from data.measured.channels import CHANNEL, RawRecord
-from data.measured.clock_faults import Finding, clock_findings, time_step
-
-__all__ = ["Finding", "Statistics", "blocking", "findings", "runs", "statistics", "time_step"]
+from data.measured.channels import CHANNEL
+from data.measured.clock_faults import clock_findings
+from data.measured.finding import Finding
+from data.measured.raw_record import RawRecord
+from data.measured.statistics import Statistics, runs, statistics
 
 GRAVITY = 9.80665  # m/s²
 BLOCKS = 20  # of a record, whose means show a drift
@@ -24,19 +24,6 @@ LARGEST = {  # what no structure does [SI], and what the unit may be then
     "v": (100.0, "mm/s"), "s_dot": (100.0, "mm/s"), "x": (100.0, "mm"), "s": (100.0, "mm"),
 }  # fmt: skip
 SMALLEST = 1e-4  # m/s², peak
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Of the finite samples of a channel."""
-
-    minimum: float
-    maximum: float
-    mean: float
-    std: float
-    finite: int
-    nans: int
-    infinite: int
 
 
 def findings(
@@ -74,30 +61,6 @@ def _lacking(raw: RawRecord) -> list[Finding]:
         if not whole:
             found += _missing(name, signal, _clock(raw, name))
     return found
-
-
-def statistics(signal: np.ndarray) -> Statistics:
-    """Range, mean and deviation of a channel (T,), without what is not finite."""
-    finite = signal
-    nans = infinite = 0
-    if not np.isfinite(signal.min(initial=0.0) + signal.max(initial=0.0)):
-        nans = int(np.isnan(signal).sum())
-        infinite = int(np.isinf(signal).sum())
-        finite = signal[np.isfinite(signal)]
-    if not len(finite):
-        return Statistics(np.nan, np.nan, np.nan, np.nan, 0, nans, infinite)
-    mean, std = float(finite.mean()), _deviation(finite)
-    low, high = float(finite.min()), float(finite.max())
-    return Statistics(low, high, mean, std, len(finite), nans, infinite)
-
-
-def _deviation(signal: np.ndarray, chunk: int = 65536) -> float:
-    """Standard deviation, in pieces that stay in the cache."""
-    mean, total = signal.mean(), 0.0
-    for start in range(0, len(signal), chunk):
-        piece = signal[start : start + chunk] - mean
-        total += float(piece @ piece)
-    return float(np.sqrt(total / len(signal)))
 
 
 def findings_of(
@@ -145,12 +108,6 @@ def _missing(name: str, signal: np.ndarray, clock: tuple[float, float]) -> Itera
         else:
             text += f"data.mend.fill={longest * dt * 1.001:.3g} interpolates"
         yield Finding(what, name, text, True)
-
-
-def runs(where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and lengths of the runs of true values."""
-    edges = np.flatnonzero(np.diff(where.astype(np.int8), prepend=0, append=0))
-    return edges[::2], edges[1::2] - edges[::2]
 
 
 def _zero_first_row(raw: RawRecord) -> Iterator[Finding]:

@@ -18,8 +18,7 @@ from typing import BinaryIO
 
 import torch
 
-from data.measured.channels import CHANNEL, CLOCKS
-from data.measured.datamodule import numbered
+from data.measured.channels import CHANNEL, CLOCKS, numbered
 from data.measured.files.columns import shorten, split_unit
 from data.measured.files.text_cells import MISSING, NUMBER
 from data.measured.units import to_si

@@ -28,9 +28,9 @@ from models.composition.simulate import (
     simulate,
 )
 from models.composition.simulate_compiled import run
-from models.estimator import Estimator
 from models.layers.integrate import between
 from models.layers.state_variables import corner_frequency, state_variables
+from models.training.trainable import Trainable
 
 MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
 BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities
@@ -46,7 +46,7 @@ class Trace:
     jacobian: Tensor  # (…, T, n, P), or P = 0
 
 
-class Composite(Estimator):
+class Composite(Trainable):
     """Base of the networks of elements. `substeps` divide a sample interval of `dt`.
 
     from_accelerations: x and v are not looked at, even where they are there.
@@ -113,7 +113,7 @@ class Composite(Estimator):
         return sum(p.numel() for p in self.parameters() if p.requires_grad)
 
     def free_run(self, drive: Drive) -> Response:
-        self.check_drive(drive)
+        self.check(drive)
         self.require_identified(self.identified)
         differentiated = torch.is_grad_enabled() and any(p.requires_grad for p in self.parameters())
         if differentiated:
@@ -228,11 +228,8 @@ class Composite(Estimator):
         anchors[..., 0, 0, :], anchors[..., 1, 0, :] = drive.x0, drive.v0
         return anchors
 
-    def check(self, record: Record) -> None:
-        super().check(replace(record, dt=self.dt))  # any time step will do
-
-    def check_drive(self, drive: Drive) -> None:
-        super().check_drive(replace(drive, dt=self.dt))
+    def check(self, signals: Record | Drive) -> None:
+        super().check(replace(signals, dt=self.dt))  # any time step will do
 
     def _substeps(self, dt: float) -> int:
         """As many as keep their length."""

@@ -14,6 +14,8 @@ import pytest
 import yaml
 from omegaconf import OmegaConf
 
+from data.measured.files import table
+from data.measured.reading import read_record
 from data.record import stack
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
@@ -47,12 +49,30 @@ def test_the_structure_and_the_estimator_of_the_docs_work_together():
     simulation = Simulation(structure, Excitation(force), FullState(), dt=0.005, duration=20.0)
     records, _ = simulation.records("train", 1, seed=0)
     scope: dict = {}
-    (code,) = blocks(ADDING, "python")
+    (code,) = (block for block in blocks(ADDING, "python") if "(Estimator)" in block)
     exec(compile(code, "adding.md", "exec"), scope)
     estimator = scope["QuadraticDamping"](structure.dofs, 2, 0.005)
     assert estimator.identify([stack(records)])["rank"] == 8
     assert score(estimator, [stack(records)])["relative_rms_percent"] < 60.0
     assert free_run_score(estimator, [stack(records)])["diverged"] == 0
+
+
+def test_the_file_format_of_the_docs_is_read(tmp_path, monkeypatch):
+    scope: dict = {}
+    (code,) = (block for block in blocks(ADDING, "python") if "Format(" in block)
+    exec(compile(code, "adding.md", "exec"), scope)
+    monkeypatch.setattr(table, "FORMATS", (*table.FORMATS, scope["LOGGER"]))
+    rows = np.array([(1.0, 0.5), (2.0, 0.25), (3.0, 0.0)], dtype=scope["ROW"])
+    raw = b"LOGGER01" + np.array([0.01]).tobytes() + rows.tobytes()
+    (tmp_path / "run.log").write_bytes(raw)
+    read = read_record(tmp_path / "run.log")
+    assert (read.dt, read.channels["f1"].tolist()) == (0.01, [1.0, 2.0, 3.0])
+    (tmp_path / "run.csv").write_bytes(raw)
+    with pytest.raises(ValueError, match=r"content is a file of the logger; rename it to \.log"):
+        read_record(tmp_path / "run.csv")
+    (tmp_path / "cut.log").write_bytes(raw[:-1])
+    with pytest.raises(ValueError, match=r"cut\.log is damaged"):
+        read_record(tmp_path / "cut.log")
 
 
 def test_the_example_of_detection_raises_its_alarm(capsys):

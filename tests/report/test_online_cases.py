@@ -16,7 +16,9 @@ from data.record import Record
 from models.linear import EquivalentLinear
 from models.online.adaptive import Online
 from models.online.scores import LEVELS, learning_curve, running_error, settling_time
-from report.online import cases as online_study
+from report.online.cases import read_online
+from report.online.page import write_online_page
+from report.online.tables import learning_table, settling_tables, stability_table
 from report.run.online_figures import feature_sizes, online_figures
 from tests.program.test_train import QUICK, pytestmark, run
 
@@ -127,21 +129,30 @@ def test_an_on_line_run_is_evaluated_to_the_last_digit(finished, monkeypatch, ca
 
 
 def test_the_tables_tell_the_ratio_to_the_batch_fit(finished):
-    runs = online_study.read_online(finished)
+    runs = read_online(finished)
     errors = {
         name: json.loads((finished / name / "metrics.json").read_text())["test"]
         for name in ("online", "batch")
     }
     ratio = errors["online"]["frozen"]["relative_rms_percent"]
     ratio /= errors["batch"]["relative_rms_percent"]
-    (line,) = online_study.learnt(runs)[2:]
+    (line,) = learning_table(runs)[2:]
     assert "least squares, λ = 0.999" in line
     assert f"| {ratio:.2f} | 1 of 1 |" in line
-    assert len(online_study.settled(runs)) == 7
-    lost = next(line for line in online_study.stable(runs) if "0.999" in line)
+    assert len(settling_tables(runs)) == 7
+    lost = next(line for line in stability_table(runs) if "0.999" in line)
     assert lost.split(" | ")[2:5] == ["1", "0", "0"]
+
+
+def test_the_page_is_its_template_with_these_tables(finished, tmp_path):
+    page, runs = tmp_path / "online.md", read_online(finished)
+    write_online_page(page, finished, finished, settling="linear")
+    text = page.read_text("utf-8")
+    assert "$" not in text
+    for lines in (learning_table(runs), settling_tables(runs), stability_table(runs)):
+        assert "\n".join(lines) in text
 
 
 def test_no_runs_are_one_clear_line(tmp_path):
     with pytest.raises(ValueError, match="no finished runs in"):
-        online_study.read_online(tmp_path)
+        read_online(tmp_path)

@@ -19,8 +19,9 @@ from data.record import stack
 from models.baselines import TwoPoint
 from models.training.assemble import data_from, estimator_from
 from models.training.metrics import score
-from report.tuning import page as tuning_page
-from report.tuning.cases import ONSET, after_onset, read_cases
+from report.tuning.cases import read_cases
+from report.tuning.onset import FILE, ONSET, after_onset, onsets, score_cases
+from report.tuning.page import write_tuning_page
 from runner.command_line import CONF, prepare_hydra
 from runner.identity import identity_of
 from runner.outcome import validation_error
@@ -290,25 +291,48 @@ def test_a_real_search_is_judged_by_what_its_runs_held_back(small_search):
     assert min(judged) <= told["best_percent"] <= max(judged)
 
 
-def test_the_page_is_filled_from_the_runs_on_fresh_seeds(small_search, tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def small_warmup(tmp_path_factory) -> Path:
+    """The runs of experiment=tune_warmup on one system, short."""
+    folder = tmp_path_factory.mktemp("warmup")
+    words = ["-m", *QUICK, "hydra/launcher=basic", "experiment=tune_warmup", "system=bilinear"]
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert run(train, monkeypatch, *words, f"hydra.sweep.dir={folder}") == 0
+    return folder
+
+
+def test_the_page_is_filled_from_finished_runs(small_search, small_warmup, tmp_path):
     (case,) = read_cases([small_search, tmp_path / "none"])
     page = tmp_path / "docs" / "tuning.md"
-    monkeypatch.setattr(tuning_page, "_held_back", lambda *words: "1.23")
-    tuning_page.write_tuning_page(page, [case])
+    for path in small_search.glob(f"*/{FILE}"):
+        path.unlink()
+    with pytest.raises(ValueError, match=r"python -m report\.tuning\.onset"):
+        write_tuning_page(page, [case], small_warmup)
+    assert score_cases([case]) == 4
+    with pytest.raises(ValueError, match="experiment=tune_warmup"):
+        write_tuning_page(page, [case], tmp_path / "none")
+    assert not page.exists()
+    write_tuning_page(page, [case], small_warmup)
     text = page.read_text("utf-8")
     assert "$" not in text
     assert (page.parent / "figures" / "tuning.png").is_file()
     errors = []
-    for name in told_folders(case, "tuned"):
+    for name in final_folders(case, "tuned"):
         metrics = json.loads((small_search / name / "metrics.json").read_text())
         errors.append(metrics["test"]["relative_rms_percent"])
     assert f"{median(errors):.2f} ({min(errors):.2f} – {max(errors):.2f}) |" in text
     assert "Not run for this page: `tune_vwnn`, `tune_networks`." in text
-    assert f"ridge {case.told['best']['model.ridge']:.3g}" in text
+    assert f"ridge {case.search['best']['model.ridge']:.3g}" in text
+    runs = [read_run(path.parent) for path in small_warmup.glob("*/metrics.json")]
+    held = {
+        (c.model.cutoff, c.data.warmup): m["validation"]["relative_rms_percent"] for c, m in runs
+    }
+    assert f"| bilinear | 50 rad/s | {held[50, 0]:.2f} | {held[50, 100]:.2f} |" in text
+    assert f"| bilinear | 200 rad/s | {held[200, 0]:.2f} | {held[200, 100]:.2f} |" in text
 
 
-def told_folders(case, way: str) -> list[str]:
-    return case.told["final"][way]
+def final_folders(case, way: str) -> list[str]:
+    return case.search["final"][way]
 
 
 def test_the_first_second_is_left_out_as_in_the_search(small_search):
@@ -320,9 +344,23 @@ def test_the_first_second_is_left_out_as_in_the_search(small_search):
     (record,) = data.records["test"]
     late = record.window(0, record.samples, ONSET)
     line = TwoPoint(data.dofs, data.inputs, data.dt)
-    own, of_line = after_onset(folder)
-    assert of_line == pytest.approx(score(line, [stack([late])])["relative_rms_percent"])
-    assert own != case.errors("tuned")[60]
+    onset = after_onset(cfg, folder)
+    assert onset.line == pytest.approx(score(line, [stack([late])])["relative_rms_percent"])
+    assert onset.model != case.errors("tuned")[60]
+
+
+def test_a_scored_onset_is_kept_while_the_run_is_the_same(small_search):
+    (case,) = read_cases([small_search])
+    score_cases([case])
+    path = case.folders["tuned"][60] / FILE
+    content = json.loads(path.read_text())
+    assert onsets(case, "tuned")[60].model == content["scores"]["model"]
+    path.write_text(json.dumps({**content, "scores": {"model": 1.0, "line": None}}))
+    score_cases([case])
+    assert onsets(case, "tuned")[60].model == 1.0
+    path.write_text(json.dumps({**content, "origin": {}}))
+    score_cases([case])
+    assert json.loads(path.read_text()) == content
 
 
 def test_no_search_no_page_and_the_command_that_makes_one(tmp_path):

@@ -20,7 +20,9 @@ from data.measured.files.columns import (
     seconds,
     shorten,
 )
+from data.measured.files.format import Format
 from data.measured.files.text import to_times
+from data.measured.files.text_cells import opens_object
 
 LARGEST = GIB  # bytes; Python needs about ten times as much to hold them
 
@@ -54,6 +56,14 @@ def read_json(path: Path, request: Request) -> Contents:
             )
     contents.units = {name: unit for name, unit in units.items() if name in contents.columns}
     return contents
+
+
+def content(head: bytes) -> str:
+    """Name of content with these first bytes that may be JSON, "" for other content."""
+    return "JSON" if b"\0" not in head or opens_object(head) else ""
+
+
+JSON = Format("JSON", (".json",), read_json, content=content)
 
 
 def _parse(path: Path) -> Any:

@@ -23,7 +23,8 @@ from data.measured.files.columns import (
     name_columns,
     seconds,
 )
-from data.measured.files.text_cells import MISSING
+from data.measured.files.format import Format
+from data.measured.files.text_cells import MISSING, opens_object
 from data.measured.files.text_faults import find_fault
 from data.measured.files.text_layout import Layout, layout_of
 
@@ -65,6 +66,20 @@ def read_text(path: Path, request: Request) -> Contents:
                 contents.notes.append(f"column {k + 1} has no name, called {name!r}")
     contents.units = {name: units[name] for name in contents.columns if name in units}
     return contents
+
+
+def content(head: bytes) -> str:
+    """Name of content with these first bytes that may be a table of text, "" for other content."""
+    return "" if b"\0" in head or opens_object(head) else "text"
+
+
+TEXT = Format(
+    "text",
+    (".csv", ".tsv", ".txt", ".dat"),
+    read_text,
+    content=content,
+    options=("skip_rows", "delimiter", "decimal", "header"),
+)
 
 
 def _left_out(path: Path, name: str, request: Request, notes: list[str]) -> None:

@@ -1,7 +1,8 @@
 """hydra/launcher=slurm: a few Slurm jobs, each with its share of the runs of a sweep.
 
-submitit submits them, as one array. Not through hydra-submitit-launcher: it asks for a Slurm job a
-run, which costs the seconds of starting Python each time, and one lost job ends the sweep.
+submitit, an extra that is imported where it is used, submits them as one array. Not through
+hydra-submitit-launcher: it asks for a Slurm job a run, which costs the seconds of starting Python
+each time, and one lost job ends the sweep.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from getpass import getuser
 from pathlib import Path
 from typing import Any
 
-from hydra_plugins.launchers.launcher import SweepLauncher, Worker
-from hydra_plugins.launchers.processes import run_side_by_side
+from runner.launch.launcher import SweepLauncher, Worker
+from runner.launch.processes import run_side_by_side
 
 
 class Share:
-    """What a Slurm job does. One that Slurm starts again goes on where it was stopped."""
+    """The work of one Slurm job. A job that Slurm starts again goes on where it was stopped."""
 
     def __init__(self, worker: Worker, processes: int) -> None:
         self.worker, self.processes = worker, processes
@@ -31,13 +32,15 @@ class Share:
         lost.write_text(json.dumps(reasons), encoding="utf-8")
 
     def checkpoint(self, jobs: list[list[str]], lost: Path) -> Any:
-        """What submitit queues again when the time of the job is up."""
+        """The work that submitit queues again when the time of the job is up."""
         from submitit.helpers import DelayedSubmission
 
         return DelayedSubmission(self, jobs, lost)
 
 
 class SlurmLauncher(SweepLauncher):
+    """`cpus`, `gpus`, `memory_gb` and `hours` of a job; `restarts` of one whose time was up."""
+
     def __init__(
         self,
         folder: str,
@@ -78,8 +81,8 @@ class SlurmLauncher(SweepLauncher):
             raise
         if not all(file.exists() for file in files):
             print(f"lost: Slurm jobs; their logs are in {self.folder}", file=sys.stderr)
-        told = [json.loads(file.read_text("utf-8")) for file in files if file.exists()]
-        return {name: reason for reasons in told for name, reason in reasons.items()}
+        lost = [json.loads(file.read_text("utf-8")) for file in files if file.exists()]
+        return {name: reason for reasons in lost for name, reason in reasons.items()}
 
     def _submit(self, executor: Any, *work: Any) -> None:
         from submitit.core.utils import FailedJobError

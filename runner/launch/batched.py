@@ -1,8 +1,8 @@
-"""Hydra launcher: runs that differ in their seed alone are fitted side by side, in one process.
+"""hydra/launcher=batched: runs that differ in their seed alone, fitted side by side in one process.
 
 python train.py -m model=vwnn seed=range(1000) baselines=none hydra/launcher=batched
 
-What cannot be batched (iterative training, measured data) is done one after the other.
+Runs that cannot be batched (iterative training, measured data) are done one after the other.
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ from hydra.core.utils import JobReturn, setup_globals
 from omegaconf import open_dict
 
 from runner.composed_once import ComposedOnce
+from runner.side_by_side import can_be_batched, run_batch
 
 
 class BatchedLauncher(BasicLauncher):
+    """Groups the jobs of a sweep by all words but the seed, and does each group at once."""
+
     def launch(
         self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int
     ) -> Sequence[JobReturn]:
@@ -38,12 +41,7 @@ class BatchedLauncher(BasicLauncher):
         return groups
 
     def _together(self, jobs: dict[int, Sequence[str]]) -> list[Sequence[str]]:
-        """Run all of a group; returns what has to be run alone."""
-        from runner.side_by_side import (  # slow, not needed for a single run
-            can_be_batched,
-            run_batch,
-        )
-
+        """Run the jobs of a group; returns those that have to be run alone."""
         assert self.hydra_context is not None
         assert self.config is not None
         seeds = [seed for seed in jobs if seed >= 0]

@@ -1,8 +1,8 @@
 """hydra/launcher=ray: the runs of a sweep as tasks of a Ray cluster, of this machine or of many.
 
-Ray keeps a process from run to run, and gives the runs of a lost one to others. Not through
-hydra-ray-launcher: it asks for boto3 and for cloudpickle<3, which Ray and constraints.txt do not
-bear, and its first lost run ends the sweep.
+Ray keeps a process from run to run, and gives the runs of a lost process to others. Ray is an
+extra, imported where it is used. Not through hydra-ray-launcher: it asks for boto3 and for
+cloudpickle<3, against constraints.txt, and its first lost run ends the sweep.
 """
 
 from __future__ import annotations
@@ -10,10 +10,12 @@ from __future__ import annotations
 import os
 import socket
 
-from hydra_plugins.launchers.launcher import SweepLauncher, Worker
+from runner.launch.launcher import SweepLauncher, Worker
 
 
 class RayLauncher(SweepLauncher):
+    """`cpus`, `gpus` and `memory_gb` of a run; `retries` of a run whose process is lost."""
+
     def __init__(
         self,
         address: str = "local",

@@ -1,4 +1,8 @@
-"""Processes side by side on one machine; one that is lost is replaced, its run is tried again."""
+"""Processes side by side on one machine; a lost one is replaced, its run is tried again.
+
+On joblib's processes, and not through hydra-joblib-launcher: there one lost process (memory) ends
+the sweep.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +16,25 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from hydra_plugins.launchers.launcher import Worker
+from joblib import effective_n_jobs
+from joblib.externals.loky.process_executor import ProcessPoolExecutor
+
+from runner.launch.launcher import SweepLauncher, Worker
 
 TRIES = 4  # of a run whose process is lost; more often, and the run itself is the reason
 _worker: Worker
+
+
+class JoblibLauncher(SweepLauncher):
+    """All cores of this machine, or `n_jobs` processes."""
+
+    def __init__(self, n_jobs: int = -1, **foreign: object) -> None:
+        if foreign:  # Hydra mixes the settings of two launchers of one name
+            raise ValueError("two launchers named joblib; pip uninstall hydra-joblib-launcher")
+        self.n_jobs = n_jobs
+
+    def work(self, worker: Worker, jobs: list[list[str]]) -> dict[str, str]:
+        return run_side_by_side(worker, jobs, effective_n_jobs(self.n_jobs))
 
 
 def _start(worker: Worker, parent: int) -> None:
@@ -26,7 +45,7 @@ def _start(worker: Worker, parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """Nobody works on after a sweep was killed: it would meet the next one in the same folder."""
+    """End this process when its parent ended: two sweeps must not meet in one folder."""
     while os.getppid() == parent:
         time.sleep(0.2)
     os._exit(1)
@@ -37,16 +56,14 @@ def _run(words: Sequence[str]) -> str | None:
 
 
 def _process(worker: Worker) -> Any:
-    """A process that starts afresh. One to a pool, so that losing it breaks no other."""
-    from joblib.externals.loky.process_executor import ProcessPoolExecutor
-
+    """A pool of one process that starts afresh, so that losing the process breaks no other."""
     return ProcessPoolExecutor(
         1, initializer=_start, initargs=(worker, os.getpid()), env=worker.environment
     )
 
 
 def run_side_by_side(worker: Worker, jobs: list[list[str]], processes: int) -> dict[str, str]:
-    """Do all jobs, each some words; why a run has no result, by its words."""
+    """Do all jobs; {words of a job: why it has no result} of those that were lost."""
     waiting, tries, lost = deque(jobs), Counter[str](), dict[str, str]()
     pools = {_process(worker) for _ in range(min(processes, len(jobs)))}
     idle, busy = list(pools), dict[Future[str | None], tuple[Any, list[str]]]()

@@ -1,6 +1,6 @@
-"""What launchers share: runs in processes that start afresh, and what is told of lost runs.
+"""What launchers share: runs in processes that start afresh, and the reasons of lost runs.
 
-What tells whether a run is done is its folder; nothing else comes back from where it ran.
+A run's folder says whether the run is done; nothing but the reason of a lost run comes back.
 """
 
 from __future__ import annotations
@@ -12,12 +12,16 @@ from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 
+import cloudpickle
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.singleton import Singleton
 from hydra.core.utils import JobReturn, JobStatus, run_job, setup_globals
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
+
+from runner.command_line import prepare_hydra
+from runner.run_folder import FAILED, METRICS
 
 ROOT = Path(__file__).parent.parent.parent
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -27,10 +31,8 @@ class Worker:
     """Does runs of a sweep, one after another, in any process that sees the same folders."""
 
     def __init__(self, context: HydraContext, config: DictConfig, task: TaskFunction) -> None:
-        import cloudpickle
-
         self.context, self.config = context, config
-        self.task = cloudpickle.dumps(task)  # loads PyTorch; a process that does no run need not
+        self.task = cloudpickle.dumps(task)  # by value: the program is no module of the workers
         self.singletons = Singleton.get_state()
         self.folder = Path.cwd()
         # libraries read these when they are loaded, before a run can say threads=
@@ -39,10 +41,7 @@ class Worker:
         self.environment["PYTHONPATH"] = os.pathsep.join(dict.fromkeys(filter(None, paths)))
 
     def __call__(self, words: Sequence[str]) -> str | None:
-        """One run, from what was typed for it; why it left no result, if the run cannot say so."""
-        from runner.command_line import prepare_hydra
-        from runner.run_folder import FAILED, METRICS
-
+        """Do one run from the words typed for it; why the run left no result, if it cannot say."""
         try:
             os.chdir(self.folder)
             prepare_hydra()
@@ -65,7 +64,7 @@ class Worker:
 
 
 def reason_of(error: Exception) -> str:
-    """In one line, the same for all runs that a full disk stopped."""
+    """An error in one line, the same for all runs that a full disk stopped."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     name = "" if type(error) is RuntimeError else f"{type(error).__name__}: "
@@ -73,7 +72,7 @@ def reason_of(error: Exception) -> str:
 
 
 class SweepLauncher(Launcher):
-    """Gives the runs to workers, and tells which were lost. Subclasses say how, in `work`."""
+    """Gives the runs to workers and returns those that were lost. Subclasses implement `work`."""
 
     def setup(
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
@@ -92,4 +91,4 @@ class SweepLauncher(Launcher):
 
     @abstractmethod
     def work(self, worker: Worker, jobs: list[list[str]]) -> dict[str, str]:
-        """Let all jobs be done, each some words; why a run has no result, by its words."""
+        """Let `worker` do all jobs; {words of a job: why it has no result} of the lost ones."""

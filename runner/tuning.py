@@ -1,4 +1,4 @@
-"""Hydra sweeper: settings proposed by Optuna, judged on held-back training motion, over seeds.
+"""A sweep that tunes settings: Optuna proposes, held-back training motion judges, over seeds.
 
 hydra:
   sweeper:
@@ -21,13 +21,17 @@ from typing import TYPE_CHECKING, Any
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 
-from hydra_plugins.grid_sweeper.grid_sweeper import GridSweeper, tell_lost
+from runner.grids import GridSweeper, print_lost, unfinished
+from runner.progress import would_fail_again
+from runner.run_folder import FAILED, METRICS
 
 if TYPE_CHECKING:
     from runner.search import Search
 
 
-class SearchSweeper(GridSweeper):
+class TuningSweeper(GridSweeper):
+    """Searches, one for each model and system; then runs on fresh seeds."""
+
     def __init__(
         self,
         trials: int,
@@ -42,7 +46,8 @@ class SearchSweeper(GridSweeper):
 
     def sweep(self, arguments: list[str]) -> None:
         try:
-            from runner.search import print_searches, write_searches  # slow, Optuna is an extra
+            # inside, because Optuna is an extra and Hydra imports every sweeper at every start
+            from runner.search import print_searches, write_searches
         except ModuleNotFoundError as error:
             need = "pip install -c constraints.txt -e '.[optuna]'"
             raise ValueError(f"a search needs {error.name}: {need}") from None
@@ -70,8 +75,8 @@ class SearchSweeper(GridSweeper):
             sys.exit(1)
 
     def searches(self, arguments: list[str], folder: Path) -> list[Search]:
-        """One for each combination of the words that are not tuned, but for the seeds."""
-        from runner.search import Search, distribution, start_of
+        """One search for each combination of the words that are not tuned, but for the seeds."""
+        from runner.search import Search, distribution, start_of  # Optuna, as in `sweep`
 
         parser = OverridesParser.create(config_loader=self.loader)
         typed = parser.parse_overrides(arguments)
@@ -83,12 +88,12 @@ class SearchSweeper(GridSweeper):
             seeds = [word for word in job if word.startswith("seed=")]
             case = tuple(word for word in job if word not in seeds)
             cases.setdefault(case, []).extend(seeds)
-        found = []
+        searches = []
         for case, seeds in cases.items():
             start = start_of(self._config([*case, *seeds[:1]]), space)
             settings = (self.trials, self.sampler_seed)
-            found.append(Search(case, seeds, space, start, folder, *settings))
-        return found
+            searches.append(Search(case, seeds, space, start, folder, *settings))
+        return searches
 
     def _tuned(self, parser: OverridesParser, typed: Sequence[Override]) -> list[Override]:
         """Of the config, then of the command line; a value typed there is not tuned any more."""
@@ -107,6 +112,7 @@ class SearchSweeper(GridSweeper):
         return self.loader.shared(self.config, job)
 
     def folders(self, jobs: Sequence[list[str]]) -> dict[Path, list[str]]:
+        """Jobs by the folders of their runs."""
         assert self.config is not None
         return {self.loader.folder(self.config, job): job for job in jobs}
 
@@ -120,38 +126,16 @@ class SearchSweeper(GridSweeper):
         return [list(job) for job in self.split_arguments(overrides, None)[0]]
 
     def run(self, jobs: Mapping[Path, list[str]]) -> None:
-        """Those that are neither finished nor bound to fail again.
+        """Do the runs of some trials, as far as they are not done.
 
         Raises ValueError where some were lost, by the fault of a disk or a machine: a setting is
         not to be judged by that.
         """
-        from runner.run_folder import FAILED, METRICS
-
-        assert self.launcher is not None
-        pending = self._pending(jobs)
+        pending = self.hopeful(unfinished(jobs))
         for folder in pending:
             for name in (FAILED, METRICS):  # of other code, or of a run that was lost
                 (folder / name).unlink(missing_ok=True)
         if pending:
-            tell_lost(self.launcher.launch(list(pending.values()), initial_job_idx=0))
-        if lost := self._pending(pending):
+            print_lost(self.launch(pending))
+        if lost := [f for f in unfinished(pending) if not would_fail_again(f)]:
             raise ValueError(f"{len(lost)} runs of the search were lost; repeat the command")
-
-    @staticmethod
-    def _pending(jobs: Mapping[Path, list[str]]) -> dict[Path, list[str]]:
-        from runner.progress import is_finished, would_fail_again
-
-        return {f: j for f, j in jobs.items() if not is_finished(f) and not would_fail_again(f)}
-
-    def finish(self, jobs: Mapping[Path, list[str]]) -> bool:
-        """The runs on fresh seeds, with progress and a summary; whether all are done."""
-        from runner.progress import Watch, is_finished, print_summary
-
-        assert self.launcher is not None
-        pending, done = self._pending(jobs), sum(map(is_finished, jobs))
-        hopeless = len(jobs) - len(pending) - done
-        if pending:
-            with Watch(list(pending), len(jobs), hopeless):
-                runs = self.launcher.launch(list(pending.values()), initial_job_idx=0)
-            tell_lost(runs)
-        return print_summary(jobs, done, hopeless)

@@ -1,4 +1,4 @@
-"""Hydra sweeper: one or several grids of runs, finished ones skipped, with progress and a summary.
+"""A sweep of one or several grids of runs: finished ones skipped, with progress and a summary.
 
 hydra:
   sweeper:
@@ -21,20 +21,13 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
 
 from runner.composed_once import ComposedOnce
-
-
-def tell_lost(runs: Sequence[JobReturn]) -> None:
-    """Why runs could not even leave a failed.json: a full disk, a lost process."""
-    from hydra_plugins.launchers.launcher import reason_of
-    from runner.progress import reasons
-
-    failed = [run for run in runs if run.status == JobStatus.FAILED]
-    lost = {" ".join(run.overrides or ()): reason_of(run._return_value) for run in failed}
-    for line in reasons(lost):
-        print(f"lost{line.removeprefix('failed')}", file=sys.stderr)
+from runner.launch.launcher import reason_of
+from runner.progress import Watch, is_finished, print_summary, reasons, would_fail_again
 
 
 class GridSweeper(BasicSweeper):
+    """Hydra sweeper of all combinations of the words of each grid."""
+
     def __init__(
         self,
         max_batch_size: int | None = None,
@@ -53,20 +46,10 @@ class GridSweeper(BasicSweeper):
         super().setup(hydra_context=context, task_function=task_function, config=config)
 
     def sweep(self, arguments: list[str]) -> None:
-        from runner.progress import Watch, is_finished, print_summary, would_fail_again  # slow
-
+        """Do all runs that are left, in the sweep's folder; exit status 1 unless all are done."""
         assert self.config is not None
-        assert self.launcher is not None
-        jobs = self.jobs(arguments)  # {folder: overrides}
-        finished = {folder for folder in jobs if is_finished(folder)}
-        hopeless = {f for f in jobs if not self.retry_failed and would_fail_again(f)} - finished
-        pending = {f: job for f, job in jobs.items() if f not in finished | hopeless}
         Path(self.config.hydra.sweep.dir).mkdir(parents=True, exist_ok=True)
-        if pending:
-            with Watch(list(pending), len(jobs), len(hopeless)):
-                runs = self.launcher.launch(list(pending.values()), initial_job_idx=0)
-            tell_lost(runs)
-        if not print_summary(jobs, len(finished), len(hopeless)):
+        if not self.finish(self.jobs(arguments)):
             sys.exit(1)
 
     def jobs(self, arguments: list[str]) -> dict[Path, list[str]]:
@@ -80,3 +63,36 @@ class GridSweeper(BasicSweeper):
             for job in self.split_arguments(overrides, None)[0]:
                 folders.setdefault(self.loader.folder(self.config, list(job)), list(job))
         return folders
+
+    def hopeful(self, jobs: Mapping[Path, list[str]]) -> dict[Path, list[str]]:
+        """The jobs that would not fail again by their own fault; all with `retry_failed`."""
+        return {f: job for f, job in jobs.items() if self.retry_failed or not would_fail_again(f)}
+
+    def finish(self, jobs: Mapping[Path, list[str]]) -> bool:
+        """Do the jobs that are left, with progress and a summary; whether all are done then."""
+        left = unfinished(jobs)
+        pending = self.hopeful(left)
+        finished, hopeless = len(jobs) - len(left), len(left) - len(pending)
+        if pending:
+            with Watch(list(pending), len(jobs), hopeless):
+                runs = self.launch(pending)
+            print_lost(runs)
+        return print_summary(jobs, finished, hopeless)
+
+    def launch(self, jobs: Mapping[Path, list[str]]) -> Sequence[JobReturn]:
+        """Let the launcher do the jobs."""
+        assert self.launcher is not None
+        return self.launcher.launch(list(jobs.values()), initial_job_idx=0)
+
+
+def unfinished(jobs: Mapping[Path, list[str]]) -> dict[Path, list[str]]:
+    """The jobs whose folders hold no result of this code."""
+    return {folder: job for folder, job in jobs.items() if not is_finished(folder)}
+
+
+def print_lost(runs: Sequence[JobReturn]) -> None:
+    """Print why runs could not even leave a failed.json: a full disk, a lost process."""
+    failed = [run for run in runs if run.status == JobStatus.FAILED]
+    lost = {" ".join(run.overrides or ()): reason_of(run._return_value) for run in failed}
+    for line in reasons(lost):
+        print(f"lost{line.removeprefix('failed')}", file=sys.stderr)
