@@ -52,14 +52,14 @@ class Detector(ABC):
 
     def statistics(self, looks: Tensor) -> Tensor:
         """Statistic (…, K, n) of every look (…, K, ·, n), zero before `settle`."""
-        memory, made = None, []
+        memory, statistics = None, []
         for k, seen in enumerate(looks.unbind(dim=-3)):
             if k < self.settle:
-                made.append(torch.zeros_like(seen[..., 0, :]))
+                statistics.append(torch.zeros_like(seen[..., 0, :]))
                 continue
             memory, statistic = self.step(memory, seen)
-            made.append(statistic)
-        return torch.stack(made, dim=-2)
+            statistics.append(statistic)
+        return torch.stack(statistics, dim=-2)
 
     def calibrate(self, learnt: Tensor, held: Tensor, rate: float) -> None:
         """Learn from some sound records (B, K, ·, n) and set the threshold on others, `held`.

@@ -35,13 +35,13 @@ def weight_looks(online: Online, records: Sequence[Record], every: int) -> Tenso
             f"{type(online.estimator).__name__} has {len(online.states())} heads; watch its "
             "residuals, or choose an estimator with one weight matrix, such as online_linear"
         )
-    made = []
+    looks = []
     for record in records:
         count = _count(record.samples, every)
         stretches = online.stretches(record, online.law, online.states(), every)
         weights = [states[0].weights for _, states in stretches]
-        made.append(torch.stack(weights[:count]))
-    return torch.stack(made)
+        looks.append(torch.stack(weights[:count]))
+    return torch.stack(looks)
 
 
 def _count(samples: int, every: int) -> int:
