@@ -43,8 +43,9 @@ class RecordedEarthquake(Waveform):
     files (data/simulation/accelerograms.py). `seed` deals them out: in its order the first
     `train_records` are trained on, and of the others, those of other earthquakes are tested;
     so seeds repeat the identification with other events, until all ways to deal are used up.
-    null: in the order written.  `test_events` are tested whatever the seed, and their earthquakes not trained on.
-    `train_records` is that of the data.  A file counts as an earthquake of its own.
+    None: in the order written. `test_events` are tested whatever the seed, and their earthquakes
+    are not trained on. `train_records` is that of the data. A file counts as an earthquake of its
+    own.
     """
 
     events: Sequence[str]
@@ -72,20 +73,20 @@ class RecordedEarthquake(Waveform):
 
     def split(self) -> tuple[list[str], list[str]]:
         """The events trained on, and those that may be tested, in their order."""
-        held = {earthquake_of(event) for event in self.test_events or ()}
+        tested = {earthquake_of(event) for event in self.test_events or ()}
         order = list(range(len(self.events)))
         if self.seed is not None:
             order = np.random.default_rng(self.seed).permutation(order).tolist()
         dealt = [self.events[i] for i in order]
-        train = [event for event in dealt if earthquake_of(event) not in held]
+        train = [event for event in dealt if earthquake_of(event) not in tested]
         if len(train) < self.train_records:
             raise ValueError(
                 f"data.train_records={self.train_records}, but only {len(train)} of the events of "
                 f"the excitation are left to train on; list more or train on fewer"
             )
         train = train[: self.train_records]
-        seen = {earthquake_of(event) for event in train}
-        test = [event for event in dealt if earthquake_of(event) not in seen]
+        trained = {earthquake_of(event) for event in train}
+        test = [event for event in dealt if earthquake_of(event) not in trained]
         return train, list(test if self.test_events is None else self.test_events)
 
     def check(self, train_records: int) -> None:
