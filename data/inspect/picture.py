@@ -21,7 +21,7 @@ Spectrum = tuple[np.ndarray, np.ndarray]  # frequencies [Hz] and power density [
 
 
 def spectrum(signal: np.ndarray, dt: float) -> Spectrum | None:
-    """Welch's estimate over at most `SEEN` samples; None where fewer than 16, or half, are finite."""
+    """Welch's estimate of at most `SEEN` samples; None where fewer than 16, or half, are finite."""
     first = max(0, (len(signal) - SEEN) // 2)
     piece = signal[first : first + SEEN]
     known = np.isfinite(piece)
