@@ -14,6 +14,7 @@
 
 As it was trained, a run prints the numbers of `metrics.json`, to the last digit. Under another
 scenario, other seeds or another record the structure, excitation and model stay what they were.
+Where a measured record is gone, the stored scores are printed: the model needs no record to load.
 """
 
 from __future__ import annotations
@@ -32,7 +33,13 @@ from report.paper.results import (
     report_study,
     report_usual,
 )
-from report.run.rescore import draw_figures, print_evaluation, score_seeds
+from report.run.rescore import (
+    draw_figures,
+    print_evaluation,
+    print_stored,
+    record_gone,
+    score_seeds,
+)
 from runner.command_line import CONF, absolute, job_errors, one_line_errors, prepare_hydra
 from runner.run_folder import read_run, restore, write_json
 
@@ -49,6 +56,10 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict:
         run.scenario = cfg.scenario
     seeds = [run.seed] if cfg.seeds is None else list(cfg.seeds)
     altered = cfg.get("scenario") is not None or bool(changes) or cfg.seeds is not None
+    gone = record_gone(run)
+    if gone is not None and not altered:
+        print_stored(metrics, gone)
+        return metrics
 
     results = score_seeds(estimator, run, seeds, same_motions=not changes)
     print_evaluation(results, metrics, altered)
@@ -95,7 +106,7 @@ def main(cfg: DictConfig) -> None:
                 "output and pages are for tables of many runs; leave them out with run="
             )
         if cfg.run is not None:
-            evaluate(cfg, absolute(cfg.run), cfg.label or "as_trained")
+            evaluate(cfg, absolute(cfg.run), (cfg.label or "as_trained").replace("/", "_"))
             return
         report_runs(cfg)
 

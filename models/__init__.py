@@ -1,33 +1,24 @@
 """The zoo: one estimator per file, each a plain nn.Module that knows no Lightning.
 
 Every public class by its name, loaded when it is first used: `from models import VWNN`. The same
-names stand in configs as `_target_: models.VWNN`.
+names stand in configs as `_target_: models.VWNN`. A file of this folder is public without a line
+here: its classes are found in its text, and nothing is imported for that.
 """
 
 from __future__ import annotations
 
+import re
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
-PUBLIC = {  # class → the module that defines it
-    # estimators
-    "ElementNetwork": "models.element_network",
-    "EquivalentLinear": "models.linear",
-    "Estimator": "models.estimator",
-    "FilteredExtrapolation": "models.baselines",
-    "ForwardVWNN": "models.vwnn_forward",
-    "GlobalMLP": "models.mlp",
-    "HystereticElement": "models.hysteretic_element",
-    "LastValue": "models.baselines",
-    "LatentHysteresisNetwork": "models.latent_hysteresis_network",
-    "ModalPolynomial": "models.polynomial",
-    "NeuralStateSpace": "models.neural_state_space",
-    "NoFreeRunError": "models.estimator",
-    "Recurrent": "models.recurrent",
-    "ResidualMLP": "models.mlp",
-    "RestoringForceSurface": "models.restoring_force_surface",
-    "TwoPoint": "models.baselines",
-    "VWNN": "models.vwnn",
+ESTIMATORS = {  # class → the module that defines it; parts that are mere layers stay private
+    name: f"models.{file.stem}"
+    for file in sorted(Path(__file__).parent.glob("*.py"))
+    for name in re.findall(r"^class ([A-Z]\w*)\((?!nn\.)", file.read_text("utf-8"), re.MULTILINE)
+}
+PUBLIC = ESTIMATORS | {
+    "Estimator": "models.estimator",  # the interface
     # on line
     "Frozen": "models.online.laws.frozen",
     "Guard": "models.online.guard",
@@ -50,6 +41,7 @@ PUBLIC = {  # class → the module that defines it
     "LBFGS": "models.training.solvers.lbfgs",
     "LevenbergMarquardt": "models.training.solvers.levenberg_marquardt",
     "OneStep": "models.training.objective",
+    "Trainable": "models.training.trainable",
 }
 __all__ = list(PUBLIC)
 

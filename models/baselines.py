@@ -21,7 +21,6 @@ class Extrapolation(Estimator):
     """An estimate from past accelerations alone, which therefore has no free run."""
 
     reads = ("a",)
-    side_by_side = True
 
     def free_run(self, drive: Drive) -> Response:
         raise NoFreeRunError(

@@ -13,10 +13,10 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from data.sample import Sample
-from models.estimator import along, weight_matrix
+from models.estimator import weight_matrix
 from models.layers.integrate import runge_kutta
 from models.layers.least_squares import LeastSquares
-from models.linear_in_weights import LinearInWeights
+from models.linear_in_weights import LinearInWeights, weighted
 
 
 class EquivalentLinear(LinearInWeights):
@@ -26,7 +26,6 @@ class EquivalentLinear(LinearInWeights):
     """
 
     reads: ClassVar[tuple[str, ...]] = ("x", "v", "f")
-    side_by_side: ClassVar[bool] = True
 
     def __init__(self, dofs: int, inputs: int, dt: float, ridge: float = 0.0) -> None:
         super().__init__(dofs, inputs, dt)
@@ -39,7 +38,7 @@ class EquivalentLinear(LinearInWeights):
         return state_of(record)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        fit = LeastSquares(self.ridge, self.each)
+        fit = LeastSquares(self.ridge, self.weights.ndim == 3)
         for record in batches:
             counted = slice(record.warmup, None)
             fit.add(self.state(record)[..., counted, :], record.a[..., counted, :])
@@ -49,8 +48,7 @@ class EquivalentLinear(LinearInWeights):
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
-        state = self.state(record)
-        return state @ along(self.weights, state)
+        return weighted(self.state(record), self.weights)
 
     def heads(self) -> list[nn.Parameter]:
         return [self.weights]
@@ -63,22 +61,21 @@ class EquivalentLinear(LinearInWeights):
 
     def acceleration(self, x: Tensor, v: Tensor, u: Tensor) -> Tensor:
         """ẍ (…, n) of a state and an excitation (…, m)."""
-        state = torch.cat([v, x, u], dim=-1)
-        return state @ along(self.weights, state)
+        return weighted(torch.cat([v, x, u], dim=-1), self.weights)
 
     def free_run(self, drive: Drive) -> Response:
         """Exact for an excitation that is linear or constant between samples."""
-        self.check_drive(drive)
+        self.check(drive)
         self.require_identified(self.weights)
         if drive.hold == "band_limited":
             return runge_kutta(self.acceleration, drive)
         step, first, last = self._exact_step(drive.hold)
         before, after = drive.u[..., :-1, :], drive.u[..., 1:, :]
-        driven = before @ along(first, before) + after @ along(last, after)
+        driven = weighted(before, first) + weighted(after, last)
         state, states = torch.cat([drive.x0, drive.v0], dim=-1), []
         for added in driven.unbind(dim=-2):
             states.append(state)
-            state = state @ along(step, state) + added
+            state = weighted(state, step) + added
         x, v = torch.stack([*states, state], dim=-2).chunk(2, dim=-1)
         return Response(x, v, self.acceleration(x, v, drive.u))
 

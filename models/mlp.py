@@ -8,51 +8,19 @@ Brewick & Masri (2016), Sects. 2.3 and 3.3.3.   B records, T samples, n DOFs, m 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator
 from models.layers.integrate import runge_kutta, runge_kutta_delayed
-from models.layers.scaling import Extents
+from models.layers.perceptron import Perceptron
 from models.linear import EquivalentLinear
-
-ACTIVATIONS = {"tanh": nn.Tanh, "sigmoid": nn.Sigmoid, "relu": nn.ReLU, "silu": nn.SiLU}
-
-
-class Perceptron(nn.Module):
-    """Layers of `hidden` neurons between inputs and outputs that are scaled to [−1, 1].
-
-    Sigmoidal hidden layers, a linear output layer; weights start random (Glorot & Bengio 2010).
-    """
-
-    def __init__(
-        self, inputs: int, hidden: Sequence[int], outputs: int, activation: str = "tanh"
-    ) -> None:
-        super().__init__()
-        if activation not in ACTIVATIONS or not hidden or min(hidden) < 1:
-            raise ValueError(
-                f"hidden={list(hidden)}, activation={activation!r}: expected numbers of neurons "
-                f"and one of {', '.join(ACTIVATIONS)}"
-            )
-        sizes = [inputs, *hidden, outputs]
-        layers: list[nn.Module] = []
-        for columns, rows in pairwise(sizes):
-            layer = nn.Linear(columns, rows, dtype=torch.float64)
-            nn.init.xavier_uniform_(layer.weight)
-            nn.init.zeros_(layer.bias)
-            layers += [layer, ACTIVATIONS[activation]()]
-        self.layers = nn.Sequential(*layers[:-1])
-        self.input_scale, self.output_scale = Extents(inputs), Extents(outputs)
-
-    def forward(self, u: Tensor) -> Tensor:
-        return self.output_scale.inverse(self.layers(self.input_scale(u)))
+from models.training.trainable import Trainable
 
 
-class GlobalMLP(Estimator):
+class GlobalMLP(Trainable):
     """The acceleration as one network of displacements, velocities and excitation.
 
     hidden: neurons of each hidden layer; activation: tanh, sigmoid, relu or silu.
@@ -95,11 +63,11 @@ class GlobalMLP(Estimator):
         return self.network(torch.cat([x, v, u], dim=-1))
 
     def free_run(self, drive: Drive) -> Response:
-        self.check_drive(drive)
+        self.check(drive)
         return runge_kutta(self.acceleration, drive)
 
 
-class ResidualMLP(EquivalentLinear):
+class ResidualMLP(EquivalentLinear, Trainable):
     """What the equivalent linear system (Eq. 8) leaves, as a network with its own delayed output.
 
     The residual ε = M⁻¹ f_NL [m/s²] is that of Eq. 9, as an acceleration: so it needs no inverse of
@@ -108,7 +76,6 @@ class ResidualMLP(EquivalentLinear):
     """
 
     reads = ("x", "v", "a", "f")
-    side_by_side = False
 
     def __init__(
         self,
@@ -159,7 +126,7 @@ class ResidualMLP(EquivalentLinear):
 
     def free_run(self, drive: Drive) -> Response:
         """With its own residual of the sample before."""
-        self.check_drive(drive)
+        self.check(drive)
         self.require_identified(self.weights)
 
         def law(x: Tensor, v: Tensor, u: Tensor, past: Tensor) -> tuple[Tensor, Tensor]:

@@ -12,14 +12,14 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator
 from models.layers.integrate import integrated
 from models.layers.scaling import Extents
+from models.training.trainable import Trainable
 
 CELLS = {"gru": nn.GRU, "lstm": nn.LSTM}
 
 
-class Recurrent(Estimator):
+class Recurrent(Trainable):
     """A simulation and nothing else: its one-step estimate is its free run.
 
     It never reads a measured acceleration, and of x and v only the initial state; the measured
@@ -86,7 +86,7 @@ class Recurrent(Estimator):
         return module, record, module.alike(_motion(record))
 
     def free_run(self, drive: Drive) -> Response:
-        self.check_drive(drive)
+        self.check(drive)
         a, x, v = self._motion(drive).split(self.dofs, dim=-1)
         if not self.signals[1:].any():  # trained on accelerations alone
             return integrated(a, drive)

@@ -71,7 +71,7 @@ class RestoringForceSurface(Estimator):
 
     def free_run(self, drive: Drive) -> Response:
         """The same: a surface has no state. x and v of an element test are imposed."""
-        self.check_drive(drive)
+        self.check(drive)
         self.require_identified(self.weights)
         s, rate = drive.u.split(1, dim=-1)
         return Response(s, rate, self.terms(drive.u) @ self.weights)

@@ -15,12 +15,12 @@ from torch import Tensor, nn
 from data.record import Drive, Record, Response
 from data.sample import Sample
 from models import vwnn_compiled
-from models.estimator import along, weight_matrix
+from models.estimator import weight_matrix
 from models.layers.features import SigmoidProducts
 from models.layers.filters import LowPassCascade
 from models.layers.integrate import integrated
 from models.layers.least_squares import LeastSquares
-from models.linear_in_weights import LinearInWeights
+from models.linear_in_weights import LinearInWeights, weighted
 
 CHUNK = 1 << 15  # samples whose features are held in memory at a time
 
@@ -38,7 +38,6 @@ class VWNN(LinearInWeights):
     """
 
     reads = ("a", "f")
-    side_by_side = True
 
     def __init__(
         self,
@@ -76,7 +75,7 @@ class VWNN(LinearInWeights):
             yield span, self.activation.products_of(xi)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        fit = LeastSquares(self.ridge, self.each)
+        fit = LeastSquares(self.ridge, self.weights.ndim == 3)
         for record in batches:
             for span, phi in self.features(record):
                 counted = max(record.warmup - span.start, 0)
@@ -87,9 +86,7 @@ class VWNN(LinearInWeights):
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
-        return torch.cat(
-            [phi @ along(self.weights, phi) for _, phi in self.features(record)], dim=-2
-        )
+        return torch.cat([weighted(phi, self.weights) for _, phi in self.features(record)], dim=-2)
 
     def heads(self) -> list[nn.Parameter]:
         return [self.weights]
@@ -114,7 +111,7 @@ class VWNN(LinearInWeights):
 
     def free_run(self, drive: Drive) -> Response:
         """The filters start at rest; initial state and excitation between samples do not matter."""
-        self.check_drive(drive)
+        self.check(drive)
         self.require_identified(self.weights)
         run = self._run_compiled if drive.u.device.type == "cpu" else self._run
         return integrated(run(drive), drive)
@@ -128,8 +125,7 @@ class VWNN(LinearInWeights):
             xi = torch.cat([state, filtered], dim=-1).flatten(-2)  # stage by stage, [ẍ, f]
             if self.unfiltered_excitation:
                 xi = torch.cat([xi, u], dim=-1)
-            phi = self.activation(xi)
-            a = phi @ along(self.weights, phi)
+            a = weighted(self.activation(xi), self.weights)
             history.append(a)
             state = self.filters.step(a, state)
         return torch.stack(history, dim=-2)

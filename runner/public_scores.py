@@ -8,7 +8,8 @@ import numpy as np
 from torch import Tensor
 
 from data.datamodule import Data
-from data.public.datamodule import BenchmarkData, in_band_rms
+from data.public.datamodule import BenchmarkData
+from data.public.measures import in_band_rms
 from data.record import Record
 from models.training.identification import Identification
 

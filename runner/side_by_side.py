@@ -21,15 +21,19 @@ from omegaconf import DictConfig
 from data.record import Record, Response, stack
 from data.simulation.datamodule import SimulatedData
 from data.windows import WindowDataset
+from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
 from models.estimator import Estimator, NoFreeRunError
+from models.linear import EquivalentLinear
 from models.training.assemble import data_from, estimator_from
 from models.training.free_run import simulate
 from models.training.identification import SPLITS, Identification
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
+from models.vwnn import VWNN
 from runner.outcome import metrics_of
 from runner.run_folder import Run
 from runner.seeds import SeedsOf
 
+SIDE_BY_SIDE = (EquivalentLinear, VWNN, LastValue, TwoPoint, FilteredExtrapolation)
 AT_ONCE = 4  # runs on each core; more take more memory and no less time
 
 
@@ -43,7 +47,7 @@ def can_be_batched(cfg: DictConfig) -> bool:
         and data.batch is None
         and data.validation == 0.0
         and data.cut["length"] is None
-        and all(estimator_from(model, data).side_by_side for model in models)
+        and all(type(estimator_from(model, data)) in SIDE_BY_SIDE for model in models)
     )
 
 
@@ -106,7 +110,7 @@ def fit_each(model: DictConfig, data: Sequence[SimulatedData]) -> list[Identific
     start = time.perf_counter()
     together = {split: stack([_whole(d, split) for d in data]) for split in SPLITS}
     estimator = estimator_from(model, data[0])
-    estimator.each = True
+    replicate_weights(estimator, len(data))
     solution: Any = estimator.identify([together["train"]])  # lists of S numbers
     seconds = (time.perf_counter() - start) / len(data)
     modules = []
@@ -122,6 +126,12 @@ def fit_each(model: DictConfig, data: Sequence[SimulatedData]) -> list[Identific
     return modules
 
 
+def replicate_weights(estimator: Estimator, runs: int) -> None:
+    """Weights (S, P, n) instead of (P, n): each of S runs has weights of its own."""
+    for weights in estimator.parameters():
+        weights.data = weights.data.repeat(runs, *[1] * weights.ndim)
+
+
 def _whole(data: SimulatedData, split: str) -> Record:
     """The records of a run as its loaders hand them out, (R, T, c)."""
     windows = WindowDataset(data.records[split], warmup=data.cut["warmup"], whole=True)
@@ -131,7 +141,6 @@ def _whole(data: SimulatedData, split: str) -> Record:
 def _alone(estimator: Estimator, place: int) -> Estimator:
     """The estimator of one of the runs."""
     own = deepcopy(estimator)
-    own.each = False
     for weights in own.parameters():
         weights.data = weights.data[place].clone()
     return own

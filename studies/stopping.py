@@ -26,6 +26,7 @@ from models.training.metrics import score
 from models.training.problem import Problem
 from models.training.solvers.lbfgs import LBFGS
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.training.trainable import require_trainable
 from report.paper.cells import SETTINGS
 from runner.command_line import composed
 from runner.paper_values import paper_values
@@ -54,7 +55,7 @@ def ladder(cfg: DictConfig, seed: int) -> dict[str, Snapshot]:
     snapshots: dict[str, Snapshot] = {}
     for name in ("levenberg_marquardt", "lbfgs"):
         torch.manual_seed(seed)
-        estimator = estimator_from(cfg.model, data)
+        estimator = require_trainable(estimator_from(cfg.model, data))
         estimator.identify([record])
         problem = Problem(estimator, record)
         free = [p for p in estimator.parameters() if p.requires_grad]

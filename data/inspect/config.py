@@ -1,6 +1,6 @@
-"""A ready config of a measured record, and cautious guesses of what its columns are.
+"""A ready config of a measured record, with guesses and remedies as comments.
 
-A guess is only ever a comment in that config: somebody who knows the sensors takes the # away.
+Nothing guessed takes effect before somebody who knows the sensors takes its # away.
 """
 
 from __future__ import annotations
@@ -12,58 +12,9 @@ from typing import Any
 
 import yaml
 
-from data.measured.clock_faults import Finding
-from data.measured.units import to_si
-
-NAMES = (  # in a column's name → signal
-    (r"(ground|table|base|shaker?).*acc|acc.*(ground|table|base)|üg|ag\b", "s_ddot"),
-    (r"acc|^a[_ ]?[xyz]?\d*$", "a"),
-    (r"(ground|table|base).*disp", "s"),
-    (r"disp|lvdt|stroke|laser|deflection|position", "x"),
-    (r"vel(o|\b|_|$)|^v[_ ]?\d*$", "v"),
-    (r"force|load|hammer|^f[_ ]?\d*$", "f"),
-)
-CLOCK = r"time|zeit|temps|^t$|^t[_ ]?\[?s\]?$"
-UNITS = (("m/s^2", "a"), ("m/s", "v"), ("m", "x"), ("N", "f"))
-
-
-def is_clock(column: str) -> bool:
-    """Whether a column's name sounds like a clock."""
-    return re.search(CLOCK, column.lower()) is not None
-
-
-def suggest(columns: Sequence[str], units: Mapping[str, str]) -> dict[str, str]:
-    """{column: channel} by the units and names of columns; those that say nothing are left out."""
-    found: dict[str, str] = {}
-    count: dict[str, int] = {}
-    for column in columns:
-        signal = _signal(column, units.get(column))
-        if signal == "time" and "time" not in found.values():
-            found[column] = "time"
-        elif signal is not None and signal != "time":
-            count[signal] = count.get(signal, 0) + 1
-            found[column] = f"{signal}{count[signal]}"
-    return found
-
-
-def _signal(column: str, unit: str | None) -> str | None:
-    if is_clock(column) and (unit is None or _has_dimension(unit, "time")):
-        return "time"
-    named = next((s for pattern, s in NAMES if re.search(pattern, column.lower())), None)
-    if unit is None:
-        return named
-    fits = [signal for _, signal in UNITS if _has_dimension(unit, signal)]
-    if named in ("s_ddot", "s") and {"s_ddot": "a", "s": "x"}[named] in fits:
-        return named
-    return fits[0] if fits else None
-
-
-def _has_dimension(unit: str, signal: str) -> bool:
-    try:
-        to_si(unit, signal)
-    except ValueError:
-        return False
-    return True
+from data.arguments import plain
+from data.measured.channels import signal_of
+from data.measured.finding import Finding
 
 
 def config_path(wanted: str, record: Path) -> Path:
@@ -81,14 +32,14 @@ def config_path(wanted: str, record: Path) -> Path:
 
 def command(config: Path, channels: Iterable[str]) -> str:
     """What to type to train on it; accelerations alone are integrated first."""
-    signals = {channel.rstrip("0123456789") for channel in channels}
+    signals = {signal_of(channel) for channel in channels}
     scenario = " scenario=integrated" if "a" in signals and not {"x", "v"} <= signals else ""
     folder = config.parent.parent
     return f"python train.py --config-dir {folder} data={config.stem} model=vwnn{scenario}"
 
 
 def write_config(
-    path: Path, settings: Mapping[str, Any], guesses: Mapping[str, str], found: Sequence[Finding]
+    path: Path, settings: Mapping[str, Any], guesses: Mapping[str, str], findings: Sequence[Finding]
 ) -> None:
     """Write the settings of `data=measured` for one record; guesses and remedies as comments."""
     chosen = {k: v for k, v in settings.items() if k not in ("path", "channels") and v is not None}
@@ -97,11 +48,11 @@ def write_config(
         *_dumped({"path": settings["path"]}),
         *_channels(channels, guesses),
         *_dumped(chosen),
-        *_remedies(found),
+        *_remedies(findings),
     ]
     text = [
         "# @package _global_",
-        f"# {_plain(Path(settings['path']).name)}, as python -m data.inspect understood it",
+        f"# {plain(Path(settings['path']).name)}, as python -m data.inspect understood it",
         f"# {command(path, channels or guesses.values())}",
         "defaults: [measured, _self_]",
         "data:",
@@ -120,10 +71,10 @@ def _channels(channels: Mapping[str, str], guesses: Mapping[str, str]) -> Iterat
             yield f"  # {_dumped({channel: column})[0]}"
 
 
-def _remedies(found: Sequence[Finding]) -> Iterator[str]:
+def _remedies(findings: Sequence[Finding]) -> Iterator[str]:
     """Settings that the findings name, the longest fill and the fastest rate of each."""
     remedies: dict[str, tuple[str, str]] = {}
-    for finding in found:
+    for finding in findings:
         named = re.search(r"data\.(mend\.\w+|dt)=([\w.+-]+)", finding.message)
         if named is None:
             continue
@@ -134,7 +85,7 @@ def _remedies(found: Sequence[Finding]) -> Iterator[str]:
     mends = {k.removeprefix("mend."): v for k, v in remedies.items() if k.startswith("mend.")}
     if mends:
         yield "# mend: # take away the # of what shall be done, and of this line"
-        yield from (f"#   {key}: {value} # {_plain(why)}" for key, (value, why) in mends.items())
+        yield from (f"#   {key}: {value} # {plain(why)}" for key, (value, why) in mends.items())
 
 
 def _number(text: str) -> float:
@@ -142,10 +93,6 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return 0.0
-
-
-def _plain(text: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def _dumped(settings: Mapping[str, Any]) -> list[str]:

@@ -34,11 +34,11 @@ def spectrum(signal: np.ndarray, dt: float) -> Spectrum | None:
     return welch(piece, 1.0 / dt, nperseg=min(length, len(piece)), detrend="constant")
 
 
-def dominant(of: Spectrum | None, count: int = 3) -> list[float]:
+def dominant(spectrum: Spectrum | None, count: int = 3) -> list[float]:
     """Frequencies [Hz] of the highest peaks that stand 10 dB above their surroundings' median."""
-    if of is None or not of[1].max() > 0.0:
+    if spectrum is None or not spectrum[1].max() > 0.0:
         return []
-    frequency, power = of
+    frequency, power = spectrum
     level = 10.0 * np.log10(np.maximum(power, 1e-16 * power.max()))
     around = median_filter(level, max(31, len(level) // 40))
     peaks = find_peaks(np.concatenate(([level.min()], level)), prominence=6.0)[0] - 1
@@ -106,13 +106,13 @@ def envelope(signal: np.ndarray, columns: int = COLUMNS) -> tuple[np.ndarray, np
     return np.where(lacking, np.nan, low), np.where(lacking, np.nan, high), width
 
 
-def _density(axes: Axes, of: Spectrum | None) -> None:
-    if of is None or not of[1].max() > 0.0:
+def _density(axes: Axes, spectrum: Spectrum | None) -> None:
+    if spectrum is None or not spectrum[1].max() > 0.0:
         axes.text(0.5, 0.5, "no spectrum", ha="center", va="center", transform=axes.transAxes)
         return
-    frequency, power = of
+    frequency, power = spectrum
     axes.semilogy(frequency[1:], np.maximum(power[1:], 1e-14 * power.max()), color=LINE, lw=0.8)
-    peaks = dominant(of)
+    peaks = dominant(spectrum)
     for f in peaks:
         axes.axvline(f, color=LACK, linewidth=0.8, alpha=0.6)
     if peaks:

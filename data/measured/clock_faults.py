@@ -1,203 +1,14 @@
-"""When each sample was taken: the time step, and what is wrong with a clock.   T samples."""
+"""What is wrong with the clocks of a record, each and together.   T samples."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
-from data.measured.channels import RawRecord
-
-JITTER = 0.01  # of dt: steps that differ by less are even
-ROUGH = 0.1  # of dt: stamps rounded to less are worth no word
-GAP = 1.5  # times dt: longer steps have lost samples
-IRREGULAR = 0.2  # of all steps: with more gaps than these there is no rate at all
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Something wrong with a record, and its remedy."""
-
-    what: str  # "dropped samples", "NaN run", "saturation", …
-    channel: str  # "" for the clock
-    message: str  # one line: values, places in seconds and samples, and the remedy
-    blocks: bool = False  # training must not go on unless it is mended
-
-    def __str__(self) -> str:
-        return f"{self.what}{f' in {self.channel}' if self.channel else ''}: {self.message}"
-
-
-def time_step(time: np.ndarray) -> tuple[float, list[Finding]]:
-    """Median step [s] of a clock (T,) [s], and what is wrong with it.
-
-    Stamps that were only rounded when they were written (0.01, 0.02, 0.02, 0.03 at 120 Hz) are
-    told from samples that came at other times: the step is then the slope of a line through all.
-    """
-    if len(time) < 2:
-        return math.nan, [
-            Finding("too short", "", f"{len(time)} samples; expected at least 2", True)
-        ]
-    missing = np.flatnonzero(~np.isfinite(time))
-    if len(missing):
-        text = f"{len(missing)} times are missing, the first at sample {missing[0]}; {_WITHOUT}"
-        return _median(time[np.isfinite(time)]), [Finding("NaN run", "", text, True)]
-    steps = np.diff(time)
-    if not (steps > 0.0).any() or steps.min() < 0.0:
-        return _median(time), [_decreasing(time, steps)]
-    dt, found = _steady(time, steps)
-    return dt, found + _suspicious(dt, time)
-
-
-_WITHOUT = "mend the file, or put data.dt in place of its clock"
-
-
-def _median(time: np.ndarray) -> float:
-    steps = np.diff(time)
-    forward = steps[steps > 0.0]
-    return float(np.median(forward)) if len(forward) else math.nan
-
-
-def _decreasing(time: np.ndarray, steps: np.ndarray) -> Finding:
-    back = np.flatnonzero(steps < 0.0)
-    if not len(back):
-        text = f"all {len(time)} times are {time[0]:.6g} s; {_WITHOUT}"
-        return Finding("duplicate times", "", text, True)
-    at = int(back[0])
-    cause = "the clock started anew or the rows are out of order"
-    if any(abs(-steps[at] / full - 1.0) < 0.01 for full in (2**16, 2**32, 4294.967296)):
-        cause = "the counter ran over"
-    text = (
-        f"{len(back)} times, the first from {time[at]:.6g} s to {time[at + 1]:.6g} s at sample "
-        f"{at + 1} ({cause}); keep one part (data.start, data.stop), or {_WITHOUT}"
-    )
-    return Finding("decreasing times", "", text, True)
-
-
-def _steady(time: np.ndarray, steps: np.ndarray) -> tuple[float, list[Finding]]:
-    """Time step and unevenness of a clock that never goes back."""
-    dt = float(np.median(steps))
-    if dt > 0.0 and np.abs(steps - dt).max() <= JITTER * dt:
-        return float(time[-1] - time[0]) / len(steps), []  # the mean is not quantised
-    resolution, slope = _rounding(time, steps)
-    if resolution:
-        return slope, [_rounded(slope, resolution)] if resolution > ROUGH * slope else []
-    dt = dt or _median(time)
-    return _gaps_and_jitter(time, steps, dt)
-
-
-def _gaps_and_jitter(time: np.ndarray, steps: np.ndarray, dt: float) -> tuple[float, list[Finding]]:
-    found = []
-    long, same = steps > GAP * dt, steps == 0.0
-    if same.any():
-        found.append(_duplicates(time, same))
-    if long.mean() > IRREGULAR:
-        return dt, [*found, _uneven(time, steps, dt, steps >= 0.0)]
-    even = ~long & ~same
-    if np.abs(steps[even] - dt).max() > JITTER * dt:
-        resolution, slope = _rounding_of_longest_piece(time, steps, long | same)
-        dt = slope if resolution else dt
-        if not resolution:
-            found.append(_uneven(time, steps, dt, even))
-        elif resolution > ROUGH * dt:
-            found.append(_rounded(dt, resolution))
-    else:
-        dt = float(steps[even].mean())
-    if long.any():
-        found.insert(0, _dropped(time, steps, dt, long))
-    return dt, found
-
-
-def _rounding_of_longest_piece(
-    time: np.ndarray, steps: np.ndarray, breaks: np.ndarray
-) -> tuple[float, float]:
-    edges = np.concatenate(([-1], np.flatnonzero(breaks), [len(steps)]))
-    k = int(np.diff(edges).argmax())
-    first, last = int(edges[k]) + 1, int(edges[k + 1])
-    return _rounding(time[first : last + 1], steps[first:last])
-
-
-def _rounding(time: np.ndarray, steps: np.ndarray) -> tuple[float, float]:
-    """Resolution [s] of stamps that were rounded, or 0, and the slope of a line through them.
-
-    Rounded stamps take two or three different steps, and stay within their resolution of a line.
-    """
-    dt = float(steps.mean())
-    levels = np.unique(np.rint(steps[:1_000_000] * (1000.0 / dt))) * (dt / 1000.0)
-    rare = np.abs(steps - np.median(steps)) > JITTER * dt
-    if not 2 <= len(levels) <= 6 or rare.sum() < 3:
-        return 0.0, dt
-    if rare.mean() <= 0.05 and steps.max() >= GAP * np.median(steps):
-        return 0.0, dt  # lost samples, rather
-    apart = np.diff(levels)
-    resolution = float(apart[apart > 0.5 * JITTER * dt].min(initial=levels[-1] - levels[0]))
-    middle = np.arange(len(time)) - (len(time) - 1) / 2.0
-    slope = float(middle @ time / (middle @ middle))
-    off = time - slope * middle
-    return (resolution if np.ptp(off) <= 1.2 * resolution else 0.0), slope
-
-
-def _rounded(dt: float, resolution: float) -> Finding:
-    text = (
-        f"to {resolution:.3g} s; taken as even steps of {dt:.6g} s ({1.0 / dt:.6g} Hz); "
-        "say data.dt if you know better"
-    )
-    return Finding("rounded time stamps", "", text)
-
-
-def _duplicates(time: np.ndarray, same: np.ndarray) -> Finding:
-    at = int(same.argmax())
-    text = (
-        f"{same.sum()} times occur twice, the first {time[at]:.6g} s at sample {at + 1}; "
-        f"data.mend.fill leaves the second out, or {_WITHOUT}"
-    )
-    return Finding("duplicate times", "", text, True)
-
-
-def _dropped(time: np.ndarray, steps: np.ndarray, dt: float, long: np.ndarray) -> Finding:
-    lost = np.rint(steps[long] / dt).astype(int) - 1
-    at = int(np.flatnonzero(long)[lost.argmax()])
-    gaps = "1 gap" if len(lost) == 1 else f"{len(lost)} gaps, the longest"
-    text = (
-        f"{gaps} of {lost.max()} samples ({lost.max() * dt:.4g} s) after {time[at]:.6g} s "
-        f"(sample {at}); data.mend.fill={_above(lost.max() * dt)} interpolates"
-    )
-    return Finding("dropped samples", "", text, True)
-
-
-def _above(seconds: float) -> str:
-    """A length with two digits, no shorter than it is."""
-    digit = 10.0 ** (math.floor(math.log10(seconds)) - 1)
-    return f"{math.ceil(seconds / digit - 1e-6) * digit:.3g}"
-
-
-def _uneven(time: np.ndarray, steps: np.ndarray, dt: float, even: np.ndarray) -> Finding:
-    off = np.where(even, np.abs(steps - dt), 0.0)
-    at = int(off.argmax())
-    text = (
-        f"steps of {steps[even].min():.4g} to {steps[even].max():.4g} s around {dt:.6g} s, the "
-        f"worst after {time[at]:.6g} s (sample {at}); data.mend.resample={1.0 / dt:.4g} "
-        f"interpolates, or, where only the stamps are uneven, data.dt={dt:.6g} ignores them"
-    )
-    return Finding("uneven time steps", "", text, True)
-
-
-def _suspicious(dt: float, time: np.ndarray) -> list[Finding]:
-    """Steps that no sensor of a structure takes: the clock counts something else than seconds."""
-    if 1e-6 <= dt < 1.0:
-        return []
-    if dt < 1e-6:
-        text = f"steps of {dt:.4g} s; if these are days or hours say data.units.time=day or h"
-    elif abs(dt - 1.0) < 1e-9 and not (time[:1000] % 1.0).any():
-        text = "steps of exactly 1; if these are sample numbers put data.dt in their place"
-    else:
-        unit, second = ("ms", 1e3) if dt < 500.0 else ("us", 1e6) if dt < 5e5 else ("ns", 1e9)
-        text = (
-            f"steps of {dt:.6g} s; if these are {unit} say data.units.time={unit} "
-            f"({second / dt:.4g} Hz)"
-        )
-    return [Finding("clock in other unit", "", text)]
+from data.measured.finding import Finding
+from data.measured.raw_record import RawRecord
+from data.measured.time_step import time_step
 
 
 def clock_findings(raw: RawRecord) -> list[Finding]:
@@ -206,20 +17,20 @@ def clock_findings(raw: RawRecord) -> list[Finding]:
         return list(_of_own_clocks(raw))
     lengths = {name: len(signal) for name, signal in raw.channels.items()}
     lengths |= {} if raw.time is None else {"time": len(raw.time)}
-    found = []
+    findings: list[Finding] = []
     if len(set(lengths.values())) > 1:
         text = f"{_listed(lengths)} samples; name the clock of each file in data.channels.time"
-        found.append(Finding("unequal lengths", "", text, True))
+        findings.append(Finding("unequal lengths", "", text, True))
     if raw.time is not None:
-        dt, clock = time_step(raw.time)
-        found += clock
+        dt, faults = time_step(raw.time)
+        findings += faults
         if raw.dt is not None and abs(dt / raw.dt - 1.0) > 0.01:
             text = f"steps of {dt:.6g} s, but the file says dt={raw.dt:.6g} s; say data.units.time"
-            found.append(Finding("clock in other unit", "", text))
+            findings.append(Finding("clock in other unit", "", text))
     elif raw.dt is None:
         text = "nobody says when the samples were taken; say data.dt or data.channels.time"
-        found.append(Finding("no clock", "", text, True))
-    return found
+        findings.append(Finding("no clock", "", text, True))
+    return findings
 
 
 def _of_own_clocks(raw: RawRecord) -> Iterator[Finding]:
@@ -228,10 +39,10 @@ def _of_own_clocks(raw: RawRecord) -> Iterator[Finding]:
     steps, starts = {}, {}
     for channels in shared:
         clock, names = raw.clocks[channels[0]], ", ".join(channels)
-        steps[names], found = time_step(clock)
+        steps[names], faults = time_step(clock)
         starts[names] = float(clock[0])
-        for f in found:
-            yield Finding(f.what, "", f"{names}: {f.message}", f.blocks)
+        for fault in faults:
+            yield Finding(fault.what, "", f"{names}: {fault.message}", fault.blocks)
     if len(shared) < 2:
         return
     rate = 1.0 / max(steps.values())
@@ -259,6 +70,6 @@ def shared_clocks(clocks: Mapping[str, np.ndarray]) -> list[list[str]]:
     return shared
 
 
-def _listed(of: Mapping[str, object]) -> str:
-    shown = ", ".join(f"{name} {value}" for name, value in list(of.items())[:6])
-    return shown + (", …" if len(of) > 6 else "")
+def _listed(values: Mapping[str, object]) -> str:
+    shown = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
+    return shown + (", …" if len(values) > 6 else "")

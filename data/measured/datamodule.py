@@ -8,24 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from fnmatch import fnmatch
-from glob import glob
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from data.datamodule import Data
-from data.measured.channels import RawRecord, between, read_record
+from data.measured.channels import matrix, numbered, signal_of
 from data.measured.mend import Mending
-from data.measured.units import SIGNALS
+from data.measured.raw_record import RawRecord, between
+from data.measured.reading import read_record
+from data.measured.splits import record_places, split_records
+from data.measured.units import DIMENSIONS
 from data.record import Record
 from data.simulation.scenario import Scenario
 
 OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
-SI_UNITS = {signal: unit for signal, (_, unit, _) in SIGNALS.items()}
 
 
 class MeasuredData(Data):
@@ -104,21 +102,21 @@ class MeasuredData(Data):
         test: str | Sequence[str] | None,
         split: float,
     ) -> dict[str, dict[str, RawRecord]]:
-        return _splits(raws, train, test, split)
+        return split_records(raws, train, test, split)
 
     def make_records(self) -> dict[str, list[Record]]:
         """Each part mended and measured on its own; what was read is let go."""
-        made: dict[str, list[Record]] = {}
+        records: dict[str, list[Record]] = {}
         for number, split in enumerate(("train", "test")):
-            made[split] = []
+            records[split] = []
             for i, (name, raw) in enumerate(self.parts[split].items()):
                 dt, channels, done = self.mend(raw)
                 self.notes[f"{split}: {name}"] = [*raw.notes, *done]
                 record = self._record(dt, channels, raw.whole)
                 rng = np.random.default_rng((self.seed, number, i))
-                made[split].append(self.scenario(record, rng))
+                records[split].append(self.scenario(record, rng))
         self.parts = {}
-        return made
+        return records
 
     def _with_clock(self, raw: RawRecord) -> RawRecord:
         if self.stated_dt is None:
@@ -127,8 +125,8 @@ class MeasuredData(Data):
 
     def _record(self, dt: float, channels: dict[str, np.ndarray], whole: bool) -> Record:
         usual = ("acceleration", "force", "displacement")
-        held = [q for q in usual if numbered(channels, OUTPUTS[q])]
-        quantity = self.stated_quantity or next(iter(held), None)
+        measured = [q for q in usual if numbered(channels, OUTPUTS[q])]
+        quantity = self.stated_quantity or next(iter(measured), None)
         output = None if quantity is None else matrix(channels, OUTPUTS[quantity])
         if quantity is None or output is None:
             raise ValueError(
@@ -136,7 +134,7 @@ class MeasuredData(Data):
                 "expected accelerations a1, …, displacements x1, … or forces of an element r1"
             )
         self.forced, f = numbered(channels, "f"), matrix(channels, "f")
-        self.units = {c: SI_UNITS[c.rstrip("0123456789")] for c in channels}
+        self.units = {c: DIMENSIONS[signal_of(c)][1] for c in channels}
         ground = matrix(channels, "s_ddot")
         if ground is not None:
             output, f = self._relative(output, f, ground, channels)
@@ -195,85 +193,3 @@ class WholeRecords(MeasuredData):
 
     def _parts(self, raws: dict[str, RawRecord], *_: object) -> dict[str, dict[str, RawRecord]]:
         return {"train": raws, "test": {}}
-
-
-def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None) -> list[Path]:
-    """Files and folders that are one record each."""
-    patterns = [path] if isinstance(path, str) else list(path)
-    found: list[Path] = []
-    for pattern in patterns:
-        hits = [pattern] if Path(pattern).exists() else sorted(glob(pattern))
-        if not hits:
-            raise ValueError(
-                f"data.path={pattern}: there is no such file or folder (seen from {Path.cwd()})"
-            )
-        found += [Path(hit) for hit in hits]
-    one_each = any(":" in where for where in (channels or {}).values())
-    places: list[Path] = []
-    for place in found:
-        whole = place.is_file() or one_each
-        files = [] if whole else sorted(p for p in place.iterdir() if p.is_file())
-        places += [place] if whole else files
-    return places
-
-
-def _splits(
-    raws: dict[str, RawRecord],
-    train: str | Sequence[str] | None,
-    test: str | Sequence[str] | None,
-    split: float,
-) -> dict[str, dict[str, RawRecord]]:
-    """Records of both splits by name, never a sample in both."""
-    names = list(raws)
-    if train is None and test is None:
-        if len(raws) > 1:
-            raise ValueError(
-                f"there are {len(raws)} records, {', '.join(names[:6])}: say which to test on, "
-                f"for example data.test=[{names[-1]}]"
-            )
-        name, raw = next(iter(raws.items()))
-        first, last = raw.span
-        middle = first + split * (last - first)
-        return {
-            "train": {f"{name} (first part)": between(raw, 0.0, middle, closed=False)},
-            "test": {f"{name} (rest)": replace(between(raw, middle, None), whole=False)},
-        }
-    chosen = {"train": _matching(names, train, "train"), "test": _matching(names, test, "test")}
-    for split_, other in (("train", "test"), ("test", "train")):
-        if (train if split_ == "train" else test) is None:
-            chosen[split_] = [name for name in names if name not in chosen[other]]
-    both = set(chosen["train"]) & set(chosen["test"])
-    if both or not all(chosen.values()):
-        raise ValueError(
-            f"data.train={train} and data.test={test} put {', '.join(sorted(both)) or 'nothing'} "
-            f"into {'both' if both else 'one of them'}; the records are {', '.join(names)}"
-        )
-    return {s: {name: raws[name] for name in chosen[s]} for s in chosen}
-
-
-def _matching(names: Sequence[str], wanted: str | Sequence[str] | None, key: str) -> list[str]:
-    patterns = [] if wanted is None else [wanted] if isinstance(wanted, str) else list(wanted)
-    for pattern in patterns:
-        if not any(fnmatch(name, pattern) for name in names):
-            raise ValueError(f"data.{key}: no record is called {pattern}; {', '.join(names)} are")
-    return [name for name in names if any(fnmatch(name, p) for p in patterns)]
-
-
-def numbered(channels: Mapping[str, Any], signal: str) -> list[int]:
-    """Numbers of the channels of a signal, ascending."""
-    ends = [c.removeprefix(signal) for c in channels if c.rstrip("0123456789") == signal]
-    return sorted(int(end) for end in ends)
-
-
-def matrix(channels: Mapping[str, np.ndarray], signal: str) -> Tensor | None:
-    """Channels of a signal (T, c), or None. Raises ValueError for motions that leave a DOF out."""
-    numbers = numbered(channels, signal)
-    if not numbers:
-        return None
-    if signal != "f" and numbers != list(range(1, len(numbers) + 1)):
-        raise ValueError(
-            f"there are the channels {', '.join(f'{signal}{i}' for i in numbers)}; expected "
-            f"{signal}1 … {signal}{len(numbers)} without a gap"
-        )
-    columns = [channels[f"{signal}{i}"] for i in numbers]
-    return torch.from_numpy(np.stack(columns, axis=1).astype(float, copy=False))

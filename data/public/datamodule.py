@@ -1,25 +1,25 @@
-"""Public benchmarks of nonlinearbenchmark.org as training and test records, and their measures.
+"""Public benchmarks of nonlinearbenchmark.org as training and test records.
 
-`python train.py data=benchmark data.name=silverbox data.folder=…`: data/public/splits.py has
-the benchmarks by name, data/public/files.py how their files get here.  T samples, n outputs.
+`python train.py data=benchmark data.name=silverbox data.folder=…`: data/public/benchmarks.py has
+the benchmarks by name, data/public/files.py how their files get here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from data.datamodule import Data
-from data.public.files import Files, cache, download
-from data.public.splits import BENCHMARKS, Benchmark, Series
+from data.public.benchmarks import benchmark_called, files_of
+from data.public.files import cache
+from data.public.measures import noise_floor
+from data.public.series import Series, choose, matching, require_held_out
 from data.record import Record
-from data.simulation.scenario import FullState, Scenario
+from data.simulation.scenario import Scenario
 from data.windows import WindowDataset
 
 
@@ -57,11 +57,11 @@ class BenchmarkData(Data):
         self.about, self.hold = about, hold or about.hold
         self.unit, self.band, self.published = about.unit, about.band, dict(about.published)
         self.files = files_of(benchmark, cache() if folder is None else Path(folder), download)
-        known = about.read(self.files)
-        usual = next(g for g in (*about.usual_test, "*") if chosen(known[1], [g]))
+        series = about.read(self.files)
+        usual = next(g for g in (*about.usual_test, "*") if matching(series[1], [g]))
         self.series = {
-            "train": choose("train", known[0], train or about.usual_train),
-            "test": choose("test", known[1], test or usual),
+            "train": choose("train", series[0], train or about.usual_train),
+            "test": choose("test", series[1], test or usual),
         }
         require_held_out(**self.series)
         first = self.series["train"][0]
@@ -71,12 +71,12 @@ class BenchmarkData(Data):
         self.quantity = about.quantity
         self.units = {f"u{i}": about.input_unit for i in range(1, self.inputs + 1)}
         self.units |= {f"y{i}": about.unit for i in range(1, self.dofs + 1)}
-        same = [s.y for s in known[0] if s.initial_state == "periodic" and s.warmup == 0]
+        same = [s.y for s in series[0] if s.initial_state == "periodic" and s.warmup == 0]
         self.noise = noise_floor(np.stack(same)) if same else None
-        self.made: dict[str, list[Record]] = {}
-        for split, some in self.series.items():
-            self.made[split] = [self._record(series) for series in some]
-            self.notes.update({f"{split}: {s.name}": self._remarks(split, s) for s in some})
+        self.official: dict[str, list[Record]] = {}
+        for split, chosen in self.series.items():
+            self.official[split] = [self._record(series) for series in chosen]
+            self.notes.update({f"{split}: {s.name}": self._remarks(split, s) for s in chosen})
 
     def _record(self, series: Series) -> Record:
         try:
@@ -102,7 +102,7 @@ class BenchmarkData(Data):
         return remarks
 
     def make_records(self) -> dict[str, list[Record]]:
-        return {split: list(records) for split, records in self.made.items()}
+        return {split: list(records) for split, records in self.official.items()}
 
     def setup(self, stage: str | None = None) -> None:
         super().setup(stage)
@@ -146,111 +146,3 @@ class WindowsFromRest(WindowDataset):
         if length == record.samples:
             return super().__getitem__(index)
         return from_rest(record.window(start, length, self.warmup))
-
-
-def benchmark_called(name: str, scenario: Scenario) -> Benchmark:
-    """What is known of a benchmark. Raises ValueError for another name, or sensors of one's own."""
-    if name not in BENCHMARKS:
-        raise ValueError(f"data.name={name}: choose {', '.join(BENCHMARKS)}")
-    if not isinstance(scenario, FullState):
-        raise ValueError(
-            "benchmarks are taken as they were measured; leave scenario=full_state, not "
-            f"{type(scenario).__name__}"
-        )
-    return BENCHMARKS[name]
-
-
-def files_of(name: str, folder: Path, fetch: bool = False) -> Files:
-    """The files of a benchmark, all that it needs. Raises ValueError naming what is missing."""
-    about, files = BENCHMARKS[name], Files(folder)
-    if fetch and files.missing([*about.files, *about.optional]):
-        download(about.loader, folder)
-    missing = files.missing(about.files)
-    if missing:
-        raise ValueError(_how_to_get(name, about, folder, missing))
-    return files
-
-
-def _how_to_get(name: str, about: Benchmark, folder: Path, missing: list[str]) -> str:
-    named = ", ".join(Path(path).name for path in missing)
-    remedy = (
-        f"or let the package nonlinear-benchmarks fetch {'it' if len(missing) == 1 else 'them'} "
-        "with data.download=true"
-        if about.loadable
-        else "the package nonlinear-benchmarks brings only the test signals"
-    )
-    return (
-        f"{name}: {named} {'is' if len(missing) == 1 else 'are'} not in {folder}; get "
-        f"{'it' if len(missing) == 1 else 'them'} from {about.page} and put as {missing[0]} or "
-        f"without its folders into data.folder={folder}; {remedy}"
-    )
-
-
-def chosen(series: Sequence[Series], names: Sequence[str]) -> list[Series]:
-    """The series that one of the names means."""
-    return [s for s in series if any(fnmatchcase(s.name, name) for name in names)]
-
-
-def choose(split: str, series: Sequence[Series], names: str | Sequence[str]) -> list[Series]:
-    """The same. Raises ValueError for a name that means none."""
-    names = [names] if isinstance(names, str) else names
-    for name in names:
-        if not chosen(series, [name]):
-            raise ValueError(f"data.{split} holds {name!r}; choose {_names(series)}")
-    return chosen(series, names)
-
-
-def _names(series: Sequence[Series]) -> str:
-    return ", ".join(s.name for s in series)
-
-
-def require_held_out(train: Sequence[Series], test: Sequence[Series]) -> None:
-    """Raise ValueError where a test series was trained on: the same samples of the same file."""
-    for held in test:
-        counted = held.y[held.warmup :]
-        for seen in train:
-            if np.shares_memory(seen.y[seen.warmup :], counted):
-                raise ValueError(
-                    f"test series {held.name} has samples of training series {seen.name}; "
-                    "change data.train or data.test"
-                )
-
-
-def noise_floor(periods: np.ndarray) -> np.ndarray | None:
-    """RMS (n,) of what differs between repeated periods (P, T, n) in the steady state, its noise.
-
-    Unbiased: Σ (y − ȳ)² / (P − 1). None for a single period.
-    """
-    if len(periods) < 2:
-        return None
-    square: np.ndarray = periods.var(axis=0, ddof=1).mean(axis=0)
-    return np.sqrt(square)
-
-
-def in_band_rms(error: np.ndarray, dt: float, band: tuple[float, float]) -> np.ndarray:
-    """RMS (n,) of the part of `error` (T, n) between the frequencies of `band` [Hz], both counted.
-
-    By Parseval's theorem, Σ e² = Σ |E|² / T, without a window: exact for whole periods, elsewhere
-    what leaks over the edges of the band is lost or gained.
-    """
-    low, high = band
-    if not 0.0 <= low < high:
-        raise ValueError(f"band={band} Hz must rise from 0 or more")
-    T = len(error)
-    frequencies = np.fft.rfftfreq(T, dt)
-    power = np.abs(np.fft.rfft(error, axis=0)) ** 2
-    mirrored = (frequencies > 0.0) & (2 * np.arange(len(frequencies)) < T)
-    power[mirrored] *= 2.0  # the negative frequencies
-    slack = 1e-9 / dt
-    inside = (frequencies >= low - slack) & (frequencies <= high + slack)
-    rms: np.ndarray = np.sqrt(power[inside].sum(axis=0)) / T
-    return rms
-
-
-def official_rmse(estimate: Tensor, record: Record) -> np.ndarray:
-    """Root-mean-square error (n,) of an estimate (T, n) of one record, in the output's unit.
-
-    The benchmarks' metric: the state-initialisation window is not counted.
-    """
-    error = (estimate - record.a)[record.warmup :]
-    return error.square().mean(dim=0).sqrt().numpy(force=True)

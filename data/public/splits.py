@@ -1,59 +1,20 @@
-"""The public benchmarks of nonlinearbenchmark.org: files, units, official splits.
+"""Files of the public benchmarks → their official training and test series.
 
 Splits and state-initialisation windows are those of the package `nonlinear-benchmarks` 1.0.1, and
 tests compare them. Training series get the same window, for they too begin in an unknown state.
-T samples, n outputs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from data.public.files import Files
-
-PAGES = "https://www.nonlinearbenchmark.org/benchmarks"
-
-
-@dataclass(frozen=True)
-class Series:
-    """One official time history."""
-
-    name: str
-    dt: float  # [s]
-    u: np.ndarray  # input (T, 1)
-    y: np.ndarray  # output (T, n)
-    warmup: int = 0  # samples that are not counted
-    initial_state: str = "rest"
-
-    def cut(self, name: str, start: int, stop: int | None = None) -> Series:
-        return replace(self, name=name, u=self.u[start:stop], y=self.y[start:stop])
-
+from data.public.series import Series
 
 Splits = tuple[list[Series], list[Series]]  # training, test
-
-
-@dataclass(frozen=True)
-class Benchmark:
-    """What is known of a benchmark before its files are opened."""
-
-    loader: str  # function of the package that downloads it
-    page: str
-    files: tuple[str, ...]  # as in the package's cache
-    read: Callable[[Files], Splits]
-    hold: str  # what the input does between samples, see data/record.py
-    quantity: str = "output"
-    unit: str = "V"  # of the output
-    input_unit: str = "V"
-    band: tuple[float, float] | None = None  # of the excitation [Hz]
-    usual_train: str = "*"  # names of series, as in a shell
-    usual_test: tuple[str, ...] = ("*",)  # the first of them that is there
-    optional: tuple[str, ...] = ()  # files
-    loadable: bool = True  # the package brings `files`
-    published: Mapping[str, float] = field(default_factory=dict)  # RMSE on the usual test [unit]
 
 
 def _column(signal: np.ndarray) -> np.ndarray:
@@ -84,7 +45,7 @@ BOUC_WEN_DT, BOUC_WEN_PERIOD = 1.0 / 750.0, 8192
 BOUC_WEN_DECAY = 1500  # samples until the initial state is forgotten, to 1 % by the damping alone
 
 
-def _silverbox(files: Files) -> Splits:
+def silverbox(files: Files) -> Splits:
     u, y = files.load(SILVERBOX, "V1", "V2")
     whole = Series("all", 1.0 / 610.35, _column(u), _column(y), warmup=50)
     arrow, multisine = whole.cut("arrow_full", 100, 40575), whole.cut("multisine", 40650, 127400)
@@ -93,19 +54,19 @@ def _silverbox(files: Files) -> Splits:
     return [multisine.cut("multisine", 0, seen)], [multisine.cut("multisine", seen), arrow, inner]
 
 
-def _wiener_hammerstein(files: Files) -> Splits:
+def wiener_hammerstein(files: Files) -> Splits:
     u, y, rate = files.load(WIENER_HAMMERSTEIN, "uBenchMark", "yBenchMark", "fs")
     whole = Series("all", 1.0 / float(rate.item()), _column(u), _column(y), warmup=50)
     return [whole.cut("train", 5200, 105200)], [whole.cut("test", 105200, 184000)]
 
 
-def _cascaded_tanks(files: Files) -> Splits:
+def cascaded_tanks(files: Files) -> Splits:
     u, y, u_test, y_test, dt = files.load(TANKS, "uEst", "yEst", "uVal", "yVal", "Ts")
     train = Series("train", float(dt.flat[0]), _column(u), _column(y), warmup=50)
     return [train], [replace(train, name="test", u=_column(u_test), y=_column(y_test))]
 
 
-def _emps(files: Files) -> Splits:
+def emps(files: Files) -> Splits:
     both = []
     for name, path in zip(("train", "test"), EMPS, strict=True):
         force, position, t = files.load(path, "vir", "qm", "t")
@@ -114,7 +75,7 @@ def _emps(files: Files) -> Splits:
     return [both[0]], [both[1]]
 
 
-def _ced(files: Files) -> Splits:
+def ced(files: Files) -> Splits:
     train: list[Series] = []
     test: list[Series] = []
     for name, u_name, y_name in (("low", "u11", "z11"), ("high", "u12", "z12")):
@@ -125,7 +86,7 @@ def _ced(files: Files) -> Splits:
     return train, test
 
 
-def _f16(files: Files) -> Splits:
+def f16(files: Files) -> Splits:
     """All three accelerations: at the shaker, on the wing side and on the payload side."""
     train: list[Series] = []
     test: list[Series] = []
@@ -137,7 +98,7 @@ def _f16(files: Files) -> Splits:
     return train, test
 
 
-def _bouc_wen(files: Files) -> Splits:
+def bouc_wen(files: Files) -> Splits:
     """Four periods of one multisine and, where they are there, the two official test signals.
 
     All periods are in the steady state, the first too: they differ from each other by noise alone
@@ -168,85 +129,3 @@ def _bouc_wen_tests(files: Files) -> list[Series]:
             u, y = (files.load(path, Path(path).stem)[0] for path in paths)
             tests.append(Series(name, BOUC_WEN_DT, _column(u), _column(y), initial_state=begins))
     return tests
-
-
-BENCHMARKS = {
-    # J. P. Noël & M. Schoukens, Hysteretic benchmark with a dynamic nonlinearity, 2016
-    "bouc_wen": Benchmark(
-        loader="not_splitted_benchmarks.BoucWen",
-        page="https://github.com/JanHHoekstra/Model-Augmentation-Public",  # or make them in MATLAB
-        files=BOUC_WEN,
-        read=_bouc_wen,
-        quantity="displacement",
-        unit="m",
-        input_unit="N",
-        hold="band_limited",
-        band=(5.0, 150.0),
-        usual_train="period_[1-3]",
-        usual_test=("multisine", "period_4"),
-        optional=BOUC_WEN_TESTS,
-        loadable=False,
-        # on the official multisine; as quoted in the README of the shared data
-        published={"linear": 1.6e-4, "PNLSS": 1.3e-5, "neural state space": 7.5e-6},
-    ),
-    # T. Wigren & J. Schoukens, ECC 2013; odd multisines up to 200 Hz, then an arrow of noise
-    "silverbox": Benchmark(
-        loader="Silverbox",
-        page=f"{PAGES}/silverbox",
-        files=(SILVERBOX,),
-        read=_silverbox,
-        hold="band_limited",
-        band=(0.0, 200.0),
-        usual_test=("multisine",),
-    ),
-    # J. P. Noël & M. Schoukens, F-16 aircraft benchmark, 2017
-    "f16": Benchmark(
-        loader="F16",
-        page=f"{PAGES}/f-16-gvt",
-        files=F16,
-        read=_f16,
-        quantity="acceleration",
-        unit="m/s²",
-        input_unit="N",
-        hold="band_limited",
-        band=(2.0, 15.0),
-    ),
-    # J. Schoukens, J. Suykens & L. Ljung, SYSID 2009; Gaussian noise, filtered at 10 kHz
-    "wiener_hammerstein": Benchmark(
-        loader="WienerHammerBenchMark",
-        page=f"{PAGES}/wiener-hammerstein",
-        files=(WIENER_HAMMERSTEIN,),
-        read=_wiener_hammerstein,
-        hold="band_limited",
-        band=(0.0, 10000.0),
-    ),
-    # M. Schoukens, P. Mattsson, T. Wigren & J. P. Noël, Cascaded tanks benchmark, 2016
-    "cascaded_tanks": Benchmark(
-        loader="Cascaded_Tanks",
-        page=f"{PAGES}/cascaded-tanks",
-        files=(TANKS,),
-        read=_cascaded_tanks,
-        hold="zero_order",
-        band=(0.0, 0.0144),
-    ),
-    # A. Janot, M. Gautier & M. Brunot, Data set and reference models of EMPS, 2019
-    "emps": Benchmark(
-        loader="EMPS",
-        page=f"{PAGES}/emps",
-        files=EMPS,
-        read=_emps,
-        quantity="displacement",
-        unit="m",
-        input_unit="N",
-        hold="zero_order",
-    ),
-    # T. Wigren & M. Schoukens, Coupled electric drives data set and reference models, 2017
-    "ced": Benchmark(
-        loader="CED",
-        page=f"{PAGES}/coupled-electric-drives",
-        files=(CED,),
-        read=_ced,
-        unit="ticks/s",
-        hold="zero_order",
-    ),
-}

@@ -43,7 +43,8 @@ class RecordedEarthquake(Waveform):
     files (data/simulation/accelerograms.py). `seed` deals them out: in its order the first
     `train_records` are trained on, and of the others, those of other earthquakes are tested;
     so seeds repeat the identification with other events, until all ways to deal are used up.
-    null: in the order written.  `test_events` are tested whatever the seed, and their earthquakes not trained on.
+    null: in the order written.  `test_events` are tested whatever the seed, and their
+    earthquakes not trained on.
     `train_records` is that of the data.  A file counts as an earthquake of its own.
     """
 

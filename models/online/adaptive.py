@@ -98,8 +98,8 @@ class Online(Estimator):
         states = self.states() if not from_nothing else started(self.estimator, self.law, True)
         return stream_of(self.estimator, self.law, states, self.guard)
 
-    def check(self, record: Record) -> None:
-        self.estimator.check(record)
+    def check(self, signals: Record | Drive) -> None:
+        self.estimator.check(signals)
 
     @torch.no_grad()
     def follow(

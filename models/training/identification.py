@@ -20,6 +20,7 @@ from models.estimator import Estimator
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.training.objective import Objective, OneStep, restore, state_of
 from models.training.solvers.solver import Solver
+from models.training.trainable import Trainable, require_trainable
 
 SPLITS = ("train", "test")  # order of the datamodule's test loaders,
 HELD_BACK = "validation"  # the last of them, where there is one; scored one step ahead
@@ -68,6 +69,11 @@ class Identification(LightningModule):
 
     def free_parameters(self) -> dict[str, nn.Parameter]:
         return {name: p for name, p in self.estimator.named_parameters() if p.requires_grad}
+
+    @property
+    def trainable(self) -> Trainable:
+        """The estimator, which has free parameters."""
+        return require_trainable(self.estimator)
 
     def configure_optimizers(self) -> list[Any]:
         if not self.free_parameters():
@@ -122,7 +128,7 @@ class Identification(LightningModule):
             )
         else:
             batches = OnDevice(loader, self.device)
-            self.objective.begin(self.estimator, batches, self._new_solver, self._note)
+            self.objective.begin(self.trainable, batches, self._new_solver, self._note)
             self.tried = len(self.losses)
 
     def training_step(self, record: Record, index: int) -> None:
@@ -130,7 +136,7 @@ class Identification(LightningModule):
         assert self.solver is not None
         if self.solver.finished:
             self._next_stage()
-        self._note(self.solver.solve(self.objective.problem(self.estimator, record, self.stage)))
+        self._note(self.solver.solve(self.objective.problem(self.trainable, record, self.stage)))
         if self.losses:
             self.log("error_percent", 100.0 * self.losses[-1] ** 0.5, prog_bar=True, logger=False)
         if self.solver.finished:
@@ -157,7 +163,7 @@ class Identification(LightningModule):
         """After the last validation of the stage before, which may have been its best."""
         self._end_stage()
         self.stage, self.fails, self.best = self.stage + 1, 0, (float("inf"), {})
-        self.objective.enter(self.estimator, self.stage)
+        self.objective.enter(self.trainable, self.stage)
         self.solver = self._new_solver(self.free_parameters().values())
 
     def _end_stage(self) -> None:
@@ -171,7 +177,7 @@ class Identification(LightningModule):
 
     def _compare_end(self) -> None:
         whole = self.trainer.datamodule.loader("train")  # type: ignore[attr-defined]
-        loss = self.objective.final_loss(self.estimator, OnDevice(whole, self.device))
+        loss = self.objective.final_loss(self.trainable, OnDevice(whole, self.device))
         if loss < self.chosen[0]:  # with buffers: each start has units of its own
             self.chosen = loss, state_of(self.estimator)
 
@@ -183,7 +189,7 @@ class Identification(LightningModule):
 
     def validation_step(self, record: Record, index: int) -> None:
         assert self.solver is not None
-        problem = self.objective.problem(self.estimator, record, self.stage)
+        problem = self.objective.problem(self.trainable, record, self.stage)
         self.validated.append(float(problem.loss().detach()))
 
     def on_validation_epoch_end(self) -> None:

@@ -19,6 +19,7 @@ from data.record import Record
 from models.estimator import Estimator
 from models.training.problem import FreeRunProblem, Problem
 from models.training.solvers.solver import Minimised, Solver
+from models.training.trainable import Trainable
 
 MakeSolver = Callable[[Iterable[nn.Parameter]], Solver]
 Note = Callable[[list[float]], None]
@@ -30,21 +31,21 @@ class Objective(Protocol):
     stages: Sequence[str]  # in words
     ranked: list[list[Tensor]]  # states of the finalists, the best first
 
-    def problem(self, estimator: Estimator, record: Record, stage: int) -> Minimised:
+    def problem(self, estimator: Trainable, record: Record, stage: int) -> Minimised:
         """What the solver of a stage minimises on a batch."""
         ...
 
     def begin(
-        self, estimator: Estimator, batches: Iterable[Record], make_solver: MakeSolver, note: Note
+        self, estimator: Trainable, batches: Iterable[Record], make_solver: MakeSolver, note: Note
     ) -> None:
         """Choose the start of the first stage; `note` is handed the accepted losses."""
         ...
 
-    def enter(self, estimator: Estimator, stage: int) -> None:
+    def enter(self, estimator: Trainable, stage: int) -> None:
         """Called before every stage but the first."""
         ...
 
-    def final_loss(self, estimator: Estimator, batches: Iterable[Record]) -> float:
+    def final_loss(self, estimator: Trainable, batches: Iterable[Record]) -> float:
         """What the ends of stages are compared by: whole records in the last stage's terms."""
         ...
 
@@ -57,18 +58,18 @@ class OneStep:
     def __init__(self) -> None:
         self.ranked: list[list[Tensor]] = []
 
-    def problem(self, estimator: Estimator, record: Record, stage: int) -> Problem:
+    def problem(self, estimator: Trainable, record: Record, stage: int) -> Problem:
         return Problem(estimator, record)
 
     def begin(
-        self, estimator: Estimator, batches: Iterable[Record], make_solver: MakeSolver, note: Note
+        self, estimator: Trainable, batches: Iterable[Record], make_solver: MakeSolver, note: Note
     ) -> None:
         """The start is that of the estimator."""
 
-    def enter(self, estimator: Estimator, stage: int) -> None:
+    def enter(self, estimator: Trainable, stage: int) -> None:
         """There is no other stage."""
 
-    def final_loss(self, estimator: Estimator, batches: Iterable[Record]) -> float:
+    def final_loss(self, estimator: Trainable, batches: Iterable[Record]) -> float:
         return _mean_loss([Problem(estimator, record) for record in batches])
 
 
@@ -120,7 +121,7 @@ class FreeRun:
         later = [f"{stage}, start {n}" for n in range(2, finalists + 1) for stage in each]
         self.stages: Sequence[str] = each + later
 
-    def problem(self, estimator: Estimator, record: Record, stage: int) -> FreeRunProblem:
+    def problem(self, estimator: Trainable, record: Record, stage: int) -> FreeRunProblem:
         stage %= len(self.horizons)
         horizon, last = self.horizons[stage], stage + 1 == len(self.horizons)
         if not last and record.a.ndim == 3:
@@ -132,7 +133,7 @@ class FreeRun:
         return FreeRunProblem(estimator, record, horizon, self.warmup, last)
 
     def begin(
-        self, estimator: Estimator, batches: Iterable[Record], make_solver: MakeSolver, note: Note
+        self, estimator: Trainable, batches: Iterable[Record], make_solver: MakeSolver, note: Note
     ) -> None:
         """Rank the starts; the first is that of the estimator itself."""
         if self.starts == 1:
@@ -152,14 +153,14 @@ class FreeRun:
         self.ranked = [state for _, state in ends]
         restore(estimator, self.ranked[0])
 
-    def enter(self, estimator: Estimator, stage: int) -> None:
+    def enter(self, estimator: Trainable, stage: int) -> None:
         """The next finalist, where the one before has been through all horizons."""
         finalist, first = divmod(stage, len(self.horizons))
         if first == 0:
             restore(estimator, self.ranked[finalist])
 
     def _first_steps(
-        self, estimator: Estimator, batches: Iterable[Record], solver: Solver, note: Note
+        self, estimator: Trainable, batches: Iterable[Record], solver: Solver, note: Note
     ) -> None:
         done = 0
         while True:
@@ -169,7 +170,7 @@ class FreeRun:
                 if solver.finished or done == self.start_iterations:
                     return
 
-    def final_loss(self, estimator: Estimator, batches: Iterable[Record]) -> float:
+    def final_loss(self, estimator: Trainable, batches: Iterable[Record]) -> float:
         """Of the plain free run, which is what counts in the end."""
         return _mean_loss([FreeRunProblem(estimator, record, None) for record in batches])
 

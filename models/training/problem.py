@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.func import functional_call, jacrev, jvp, vmap
 
 from data.record import Record
-from models.estimator import Estimator
+from models.training.trainable import Trainable
 
 BLOCK_ELEMENTS = 1 << 22  # of derivatives that are computed at a time (32 MiB)
 
@@ -25,7 +25,7 @@ class Problem:
 
     steepest = float("inf")
 
-    def __init__(self, estimator: Estimator, record: Record) -> None:
+    def __init__(self, estimator: Trainable, record: Record) -> None:
         record = record.measured()
         with torch.no_grad():
             self.module, self.u, y = estimator.regression(record)
@@ -119,7 +119,7 @@ class FreeRunProblem:
 
     def __init__(
         self,
-        estimator: Estimator,
+        estimator: Trainable,
         record: Record,
         horizon: int | None,
         warmup: int = 0,
@@ -191,7 +191,7 @@ class FreeRunProblem:
 class _RestartedRun(nn.Module):
     """`restarted_run` as the `forward` that PyTorch's function transforms call."""
 
-    def __init__(self, estimator: Estimator) -> None:
+    def __init__(self, estimator: Trainable) -> None:
         super().__init__()
         self.estimator = estimator
 

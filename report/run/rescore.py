@@ -82,6 +82,25 @@ def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: 
         _print_medians(results, console)
 
 
+def record_gone(run: DictConfig) -> Path | None:
+    """Where a run's measured record was, if it is not there any more."""
+    typed = [Path(run.data[key]) for key in ("path", "folder") if run.data.get(key)]
+    return next((path for path in typed if not path.exists()), None)
+
+
+def print_stored(metrics: dict[str, Any], gone: Path) -> None:
+    """Table of the scores in `metrics.json`, and what cannot be done without the record."""
+    title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
+    rows, dofs = rows_of("as stored", metrics), len(metrics["test"]["per_dof_percent"])
+    console = Console(width=None if Console().is_terminal else 120)
+    console.print(error_table(title, rows, dofs, metrics["quantity"]))
+    console.print(
+        f"neither scored again nor drawn: the record {gone} is gone; put it back, or name another "
+        "one to score the model on (data.path=FILE)",
+        markup=False,
+    )
+
+
 def _print_medians(results: dict[str, Any], console: Console) -> None:
     """Over the seeds, a diverged free run counting as failed."""
     for key, name in (("test", "test"), (FREE_RUNS["test"], "free run")):

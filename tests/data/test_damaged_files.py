@@ -226,7 +226,7 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Table], None]
     "web page": ("a.csv", text("<!DOCTYPE html><html>"), {}, r"the content is a web page"),
     "JSON named CSV": ("a.csv", text('{"a": [1, 2]}'), {}, r"the content is JSON; rename it to \.json"),
     "parquet named CSV": ("a.csv", parquet(a=[1.0, 2.0]), {}, r"promises text, but the content is Parquet; rename"),
-    "CSV named MAT": ("a.mat", text("t,a\n0,2\n1,3\n"), {}, r"promises mat, but the content is text"),
+    "CSV named MAT": ("a.mat", text("t,a\n0,2\n1,3\n"), {}, r"promises MAT, but the content is text"),
     "spreadsheet": ("a.xlsx", xlsx, {}, r"suffix '\.xlsx' is not known; expected one of \.csv"),
     "spreadsheet named NPZ": ("a.npz", xlsx, {}, r"is it a spreadsheet\? export it as CSV"),
     "unknown suffix": ("a.log", text("t,a\n0,2\n1,3\n"), {}, r"suffix '\.log' is not known"),

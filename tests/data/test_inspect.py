@@ -13,9 +13,10 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from data.inspect import __main__ as inspect
-from data.inspect.config import config_path, suggest
-from data.inspect.findings import inspected
+from data.inspect import __main__ as command_line
+from data.inspect.config import config_path
+from data.inspect.guesses import suggest
+from data.inspect.inspection import inspection
 from data.inspect.picture import COLUMNS, dominant, envelope, spectrum
 from runner.command_line import CONF, prepare_hydra
 
@@ -31,7 +32,7 @@ def run(monkeypatch, tmp_path, capsys):
     def of(*words: str) -> tuple[int, str, str]:
         status = 0
         try:
-            inspect.main(words)
+            command_line.main(words)
         except SystemExit as end:
             status = int(end.code or 0)
         said = capsys.readouterr()
@@ -128,7 +129,7 @@ def test_interrupted_in_silence(run, vibration, monkeypatch):
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(inspect, "inspected", interrupt)
+    monkeypatch.setattr(command_line, "inspection", interrupt)
     assert run("vibration.csv") == (130, "", "")
 
 
@@ -190,7 +191,7 @@ def test_the_config_holds_the_mapping_and_the_remedies(run, strange):
         "delimiter": ";",
     }
     reader = {"delimiter": data["delimiter"]}
-    again = inspected(Path(data["path"]), data["channels"], data["units"], **reader)
+    again = inspection(Path(data["path"]), data["channels"], data["units"], **reader)
     assert list(again.raw.channels) == ["f1", "a1"]
     status, _, err = run(*words, *channels)
     assert status == 1
@@ -231,7 +232,8 @@ def test_hydra_composes_the_config(run, vibration):
         ("mine.yaml", "data/mine.yaml"),
     ],
 )
-def test_configs_lie_where_hydra_looks(wanted, found):
+def test_configs_lie_where_hydra_looks(tmp_path, monkeypatch, wanted, found):
+    monkeypatch.chdir(tmp_path)  # a folder that is not called data
     assert config_path(wanted, Path("run 3.csv")) == Path(found)
 
 

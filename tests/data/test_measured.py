@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from data.measured.channels import read_record
 from data.measured.datamodule import MeasuredData
 from data.measured.mend import Mending
+from data.measured.reading import read_record
 from data.record import Record
 from data.sample import Sensors
 from data.simulation.elements import Element, Polynomial

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import butter, detrend, sosfiltfilt
 
-from data.measured.channels import RawRecord
 from data.measured.mend import Mending
+from data.measured.raw_record import RawRecord
 
 DT, T = 0.01, 3000
 

@@ -13,8 +13,10 @@ import pytest
 import torch
 from scipy.io import savemat
 
-from data.public.datamodule import BenchmarkData, in_band_rms, noise_floor, official_rmse
-from data.public.splits import BENCHMARKS, BOUC_WEN_TESTS, F16
+from data.public.benchmarks import BENCHMARKS
+from data.public.datamodule import BenchmarkData
+from data.public.measures import in_band_rms, noise_floor, official_rmse
+from data.public.splits import BOUC_WEN_TESTS, F16
 from data.simulation.scenario import FullState, Noisy
 from models.training.assemble import data_from
 from runner.public_scores import benchmark_lines

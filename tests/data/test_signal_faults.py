@@ -9,9 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data.measured.channels import RawRecord, read_record
-from data.measured.clock_faults import Finding, time_step
-from data.measured.signal_faults import blocking, findings, statistics
+from data.measured.finding import Finding
+from data.measured.raw_record import RawRecord
+from data.measured.reading import read_record
+from data.measured.signal_faults import blocking, findings
+from data.measured.statistics import statistics
+from data.measured.time_step import time_step
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 T, DT = 4000, 0.01

@@ -25,6 +25,7 @@ from models.training.problem import FreeRunProblem, Problem
 from models.training.solvers.adam import Adam
 from models.training.solvers.lbfgs import LBFGS
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.training.trainable import Trainable
 from models.vwnn import VWNN
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
@@ -42,7 +43,7 @@ MODELS = {
 }
 
 
-class Growth(Estimator):
+class Growth(Trainable):
     """ẍ = g ẋ + f with a single g: above zero, a run grows without bound."""
 
     reads = ("x", "v", "f")
@@ -231,7 +232,7 @@ def test_the_loss_is_that_of_the_free_run():
 def test_an_estimator_that_cannot_simulate_says_so():
     estimator = VWNN(2, 2, DT)
     with pytest.raises(NoFreeRunError):
-        FreeRunProblem(Estimator(2, 2, DT), motion(), None).loss()
+        FreeRunProblem(Trainable(2, 2, DT), motion(), None).loss()
     assert isinstance(estimator, Estimator)
 
 

@@ -17,12 +17,13 @@ from models.estimator import Estimator
 from models.mlp import GlobalMLP, ResidualMLP
 from models.training.metrics import score
 from models.training.problem import Problem
+from models.training.trainable import Trainable
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated")
 
 
-class OnePole(Estimator):
+class OnePole(Trainable):
     """y[k] = p y[k−1] + g f[k] for every mass: an estimate that remembers the whole past."""
 
     reads = ("f",)
@@ -42,7 +43,7 @@ class OnePole(Estimator):
         return torch.stack(history, dim=-2)
 
 
-class GainOfForce(Estimator):
+class GainOfForce(Trainable):
     """ẍ̂ = g f with a single number g, taken sample by sample."""
 
     reads = ("f",)

@@ -24,6 +24,7 @@ from models.training.problem import Problem
 from models.training.solvers.adam import Adam
 from models.training.solvers.lbfgs import LBFGS, _Recall
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.training.trainable import Trainable
 from runner.command_line import CONF, prepare_hydra
 
 pytestmark = [
@@ -35,7 +36,7 @@ SOLVERS = sorted(path.stem for path in (CONF / "solver").glob("*.yaml"))
 NO_STOP = {"gradient": 0.0, "change": 0.0}
 
 
-class LinearInForce(Estimator):
+class LinearInForce(Trainable):
     """ẍ̂ = W f, W by a solver: what is linear in its parameters."""
 
     def __init__(self, dofs: int, inputs: int, dt: float) -> None:
@@ -61,7 +62,7 @@ class Saturating(nn.Module):
         return -k * u - r * torch.tanh(s * u)
 
 
-class SofteningSpring(Estimator):
+class SofteningSpring(Trainable):
     """ẍ̂ of each mass from its own displacement."""
 
     def __init__(self) -> None:
@@ -580,7 +581,7 @@ def test_the_closed_form_does_not_see_the_validation_part(held_back, records, tm
     assert np.allclose(module.estimator.weights, wanted, rtol=1e-6, atol=1e-9)
 
 
-class Gain(Estimator):
+class Gain(Trainable):
     """ẍ̂ = g ẍ, to be walked past its best value: the error is |1 − g|."""
 
     def __init__(self) -> None:

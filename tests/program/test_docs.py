@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
+import tomllib
 from pathlib import Path
+from shutil import copy, copytree, ignore_patterns
 
+import numpy as np
 import pytest
+import yaml
 from omegaconf import OmegaConf
 
+from data.measured.files import table
+from data.measured.reading import read_record
 from data.record import stack
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
@@ -17,6 +25,10 @@ from models.training.metrics import free_run_score, score
 
 ROOT = Path(__file__).parents[2]
 README, ADDING = ROOT / "README.md", ROOT / "docs" / "adding.md"
+PAGES = sorted([README, ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+TEMPLATES = sorted([*ROOT.glob("report/*/page.md"), *ROOT.glob("benchmarks/*/page.md")])
+ESTIMATOR = ("# models/quadratic_damping", "# conf/model/quadratic_damping")
+OF_THE_READER = ("my_", "quadratic_damping", "logger.py")  # names of files that do not exist yet
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -37,12 +49,30 @@ def test_the_structure_and_the_estimator_of_the_docs_work_together():
     simulation = Simulation(structure, Excitation(force), FullState(), dt=0.005, duration=20.0)
     records, _ = simulation.records("train", 1, seed=0)
     scope: dict = {}
-    (code,) = blocks(ADDING, "python")
+    (code,) = (block for block in blocks(ADDING, "python") if "(Estimator)" in block)
     exec(compile(code, "adding.md", "exec"), scope)
     estimator = scope["QuadraticDamping"](structure.dofs, 2, 0.005)
     assert estimator.identify([stack(records)])["rank"] == 8
     assert score(estimator, [stack(records)])["relative_rms_percent"] < 60.0
     assert free_run_score(estimator, [stack(records)])["diverged"] == 0
+
+
+def test_the_file_format_of_the_docs_is_read(tmp_path, monkeypatch):
+    scope: dict = {}
+    (code,) = (block for block in blocks(ADDING, "python") if "Format(" in block)
+    exec(compile(code, "adding.md", "exec"), scope)
+    monkeypatch.setattr(table, "FORMATS", (*table.FORMATS, scope["LOGGER"]))
+    rows = np.array([(1.0, 0.5), (2.0, 0.25), (3.0, 0.0)], dtype=scope["ROW"])
+    raw = b"LOGGER01" + np.array([0.01]).tobytes() + rows.tobytes()
+    (tmp_path / "run.log").write_bytes(raw)
+    read = read_record(tmp_path / "run.log")
+    assert (read.dt, read.channels["f1"].tolist()) == (0.01, [1.0, 2.0, 3.0])
+    (tmp_path / "run.csv").write_bytes(raw)
+    with pytest.raises(ValueError, match=r"content is a file of the logger; rename it to \.log"):
+        read_record(tmp_path / "run.csv")
+    (tmp_path / "cut.log").write_bytes(raw[:-1])
+    with pytest.raises(ValueError, match=r"cut\.log is damaged"):
+        read_record(tmp_path / "cut.log")
 
 
 def test_the_example_of_detection_raises_its_alarm(capsys):
@@ -53,14 +83,14 @@ def test_the_example_of_detection_raises_its_alarm(capsys):
     assert dof in "12"
 
 
-@pytest.mark.parametrize("page", sorted([README, *(ROOT / "docs").glob("*.md")]))
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text("utf-8")):
         if "://" not in target:
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
 
 
-@pytest.mark.parametrize("page", sorted([README, *(ROOT / "docs").glob("*.md")]))
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_anchors_are_headings(page):
     for target, anchor in re.findall(r"\]\(([^)#:]*)#([^)]+)\)", page.read_text("utf-8")):
         text = (page.parent / target).read_text("utf-8") if target else page.read_text("utf-8")
@@ -74,3 +104,73 @@ def test_set_up_commands_are_one_line_each():
     assert len(lines) == 2
     assert lines[0].endswith("python train.py model=vwnn system=bilinear")
     assert lines[1].endswith("python -m pytest")
+
+
+def test_an_estimator_is_added_by_two_files(tmp_path):
+    """The files of the docs put into a copy of the tree, where nothing else changes, and run."""
+    for room in ("models", "conf"):
+        copytree(ROOT / room, tmp_path / room, ignore=ignore_patterns("__pycache__"))
+    for room in ("data", "runner", "report", "hydra_plugins"):
+        (tmp_path / room).symlink_to(ROOT / room)
+    copy(ROOT / "train.py", tmp_path)
+    files = [block for k in ("python", "yaml") for block in blocks(ADDING, k)]
+    files = [block for block in files if block.split("\n")[0].startswith(ESTIMATOR)]
+    assert len(files) == 2
+    for text in files:
+        (tmp_path / text.split("\n")[0].removeprefix("# ")).write_text(text, "utf-8")
+    t = np.arange(400) * 0.01
+    signals = {"f1": np.sin(5 * t**2), "x1": np.cos(t**2), "v1": np.sin(3 * t), "a1": np.cos(9 * t)}
+    np.savez(tmp_path / "record.npz", time=t, **signals)
+    words = ["model=quadratic_damping", "data=measured", "data.path=record.npz", "figures=false"]
+    command = [sys.executable, "train.py", *words, "baselines=none", "hydra.run.dir=run"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "quadratic_damping on measured" in done.stdout
+
+
+def test_every_page_is_linked_from_the_index():
+    index = (ROOT / "docs" / "README.md").read_text("utf-8")
+    linked = {Path(target).name for target in re.findall(r"\]\(([^)#]+)\)", index)}
+    assert {page.name for page in PAGES} <= linked
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "benchmarks" / "README.md", *TEMPLATES])
+def test_files_and_commands_that_are_named_exist(page):
+    text = page.read_text("utf-8")
+    rooms = {path.name for path in ROOT.iterdir() if path.is_dir()}
+    for name in set(re.findall(r"(?<![\w/.])(?:\w+/)+[\w.]+\.(?:py|yaml|md|csv)\b", text)):
+        if name.split("/")[0] in rooms and not any(word in name for word in OF_THE_READER):
+            assert (ROOT / name).exists(), f"{page.name} names {name}"
+    for name in set(re.findall(r"python -m (\w+(?:\.\w+)*)", text)):
+        place = ROOT.joinpath(*name.split("."))
+        if name.split(".")[0] in rooms:
+            there = place.with_suffix(".py").exists() or (place / "__main__.py").exists()
+            assert there, f"{page.name} names python -m {name}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_link_is_called_as_the_file_that_it_leads_to(page):
+    for name, target in re.findall(
+        r"\[([^\]]+\.(?:py|yaml|md))\]\(([^)#]+)", page.read_text("utf-8")
+    ):
+        assert f"/{target}".endswith(f"/{name}"), f"{page.name} calls {target} {name}"
+
+
+def test_the_table_of_the_readme_is_that_of_the_free_runs():
+    results = (ROOT / "docs" / "free_run.md").read_text("utf-8").splitlines()
+    rows = [line for line in README.read_text("utf-8").splitlines() if line.startswith("| `")]
+    assert len(rows) > 3
+    assert set(rows) <= set(results)
+
+
+def test_the_version_is_one():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    latest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
+    assert project["version"] == str(citation["version"]) == latest[1]
+
+
+def test_every_room_is_installed():
+    setup = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
+    rooms = {path.parent.name for path in ROOT.glob("*/__init__.py")} - {"benchmarks", "tests"}
+    assert {f"{room}*" for room in rooms} <= set(setup["packages"]["find"]["include"])

@@ -15,7 +15,7 @@ from data.record import Record
 from models.layers.least_squares import LeastSquares, RankDeficientError
 from runner import side_by_side as batch
 from runner.command_line import composed
-from runner.side_by_side import can_be_batched
+from runner.side_by_side import can_be_batched, replicate_weights
 from tests.program.test_train import run
 
 QUICK = ["data.duration=8", "trainer.enable_progress_bar=false", "figures=false"]
@@ -161,7 +161,7 @@ def test_the_weights_of_each_run_meet_its_own_records():
     records = Record(0.01, a, f, x, v)
     for build in (EquivalentLinear, VWNN):
         together = build(2, 2, 0.01)
-        together.each = True
+        replicate_weights(together, 3)
         together.identify([records])
         one_step, free = together(records), together.free_run(records.drive())
         for place in range(3):

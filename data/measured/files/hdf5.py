@@ -11,6 +11,7 @@ import numpy as np
 
 from data.measured.files.arrays import Variable, refuse, tabulate
 from data.measured.files.columns import Contents, FileError, Request, reason_of, shorten
+from data.measured.files.format import Format
 from data.measured.files.npz import fields
 
 
@@ -36,6 +37,16 @@ def read_hdf5(path: Path, request: Request) -> Contents:
         raise FileError(
             f"{path.name} is damaged: {reason_of(error)}; copy or export it again"
         ) from None
+
+
+HDF5 = Format(
+    "HDF5",
+    (".h5", ".hdf5"),
+    read_hdf5,
+    {b"\x89HDF\r\n\x1a\n": "HDF5"},
+    places=(0, 512, 1024, 2048),  # behind a user block
+    options=("group",),
+)
 
 
 def _group(path: Path, file: h5py.File, name: str | None) -> h5py.Group:

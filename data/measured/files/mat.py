@@ -14,8 +14,11 @@ import scipy.sparse
 
 from data.measured.files.arrays import Variable, refuse, tabulate
 from data.measured.files.columns import Contents, FileError, Request, check_size, reason_of
+from data.measured.files.format import Format
+from data.measured.files.hdf5 import HDF5, read_hdf5
 
 COMPRESSED = 15  # type number of a compressed element in MAT v5
+V5, V73 = b"MATLAB ", b"MATLAB 7.3 MAT-file"  # first bytes; v4 has none of its own
 
 
 def read_mat(path: Path, request: Request) -> Contents:
@@ -25,9 +28,7 @@ def read_mat(path: Path, request: Request) -> Contents:
     """
     with path.open("rb") as file:
         head = file.read(2056)
-    if head.startswith(b"MATLAB 7.3") or b"\x89HDF\r\n\x1a\n" in (head[512:520], head[:8]):
-        from data.measured.files.hdf5 import read_hdf5
-
+    if head.startswith(b"MATLAB 7.3") or HDF5.signed(head):
         return read_hdf5(path, request)
     if request.group is not None:
         raise FileError(f"{path.name}: data.group is for MAT v7.3 and HDF5 files; leave it out")
@@ -39,10 +40,19 @@ def read_mat(path: Path, request: Request) -> Contents:
     return contents
 
 
+MAT = Format(
+    "MAT",
+    (".mat",),
+    read_mat,
+    {V73: "MAT v7.3", V5: "MAT"},
+    options=("group",),  # of v7.3
+)
+
+
 def _load(path: Path, head: bytes, notes: list[str]) -> dict[str, Any]:
     """What scipy reads. It only builds arrays; MATLAB functions and objects stay bytes."""
     try:
-        if head.startswith(b"MATLAB "):
+        if head.startswith(V5):
             _check_elements(path, head)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")

@@ -16,6 +16,7 @@ import numpy as np
 
 from data.measured.files.arrays import Variable, refuse, tabulate
 from data.measured.files.columns import Contents, FileError, Request, check_size, reason_of, shorten
+from data.measured.files.format import Format
 
 # what zipfile, zlib and the parser of numpy's headers raise
 DAMAGED = (
@@ -63,6 +64,15 @@ def read_npy(path: Path, request: Request) -> Contents:
             path, [Variable(name, upright.shape, array.dtype, lambda: upright)], request
         )
     return tabulate(path, fields(array.dtype, array.shape, lambda: array), request)
+
+
+NPZ = Format(
+    "NPZ",
+    (".npz",),
+    read_npz,
+    {b"PK\x03\x04": "a zip archive, such as NPZ or XLSX", b"PK\x05\x06": "an empty zip archive"},
+)
+NPY = Format("NPY", (".npy",), read_npy, {b"\x93NUMPY": "NPY"})
 
 
 def fields(

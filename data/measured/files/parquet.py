@@ -19,7 +19,8 @@ from data.measured.files.columns import (
     reason_of,
     seconds,
 )
-from data.measured.files.text import to_times
+from data.measured.files.format import Format
+from data.measured.files.text_columns import to_times
 
 
 def read_parquet(path: Path, request: Request) -> Contents:
@@ -33,6 +34,9 @@ def read_parquet(path: Path, request: Request) -> Contents:
         raise FileError(
             f"{path.name} is damaged: {reason_of(error)}; copy or export it again"
         ) from None
+
+
+PARQUET = Format("Parquet", (".parquet",), read_parquet, {b"PAR1": "Parquet"})
 
 
 def _read(path: Path, file: pyarrow.parquet.ParquetFile, request: Request) -> Contents:

@@ -1,4 +1,4 @@
-"""Read one measured file into named columns of numbers, and say what was noticed on the way.
+"""One measured file as named columns of numbers, with what was noticed on the way.
 
     read_table("floor_1.csv", skip_rows=7, columns=["SampleTimeFine", "Acc_X"])
 
@@ -8,27 +8,25 @@ Nothing in a file is ever executed, and nothing outside it is followed.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 from data.measured.files.columns import Contents, FileError, Request
-from data.measured.files.signature import kind_of
+from data.measured.files.format import Format, format_of
+from data.measured.files.hdf5 import HDF5
+from data.measured.files.json_table import JSON
+from data.measured.files.mat import MAT
+from data.measured.files.npz import NPY, NPZ
+from data.measured.files.parquet import PARQUET
+from data.measured.files.text import TEXT
 
 __all__ = ["FileError", "Table", "read_table"]
 
-READERS = {
-    "text": ("data.measured.files.text", "read_text"),
-    "mat": ("data.measured.files.mat", "read_mat"),
-    "hdf5": ("data.measured.files.hdf5", "read_hdf5"),
-    "parquet": ("data.measured.files.parquet", "read_parquet"),
-    "npz": ("data.measured.files.npz", "read_npz"),
-    "npy": ("data.measured.files.npz", "read_npy"),
-    "json": ("data.measured.files.json_table", "read_json"),
-}
+# the first that recognises a file without signature names it: JSON is text, too
+FORMATS = (TEXT, HDF5, MAT, PARQUET, NPZ, NPY, JSON)
 
 
 @dataclass(frozen=True)
@@ -64,9 +62,9 @@ def read_table(
     request = Request(skip_rows, delimiter, decimal, group, wanted, header)
     try:
         _check_path(place)
-        kind = kind_of(place)
-        _check_request(place, kind, request)
-        contents = _reader(kind)(place, request)
+        format_ = format_of(place, FORMATS)
+        _check_request(place, format_, request)
+        contents = format_.read(place, request)
     except PermissionError:
         raise FileError(f"{place} may not be read; grant yourself read permission") from None
     except OSError as error:
@@ -77,13 +75,6 @@ def read_table(
     _check_rows(place, contents)
     notes = tuple(dict.fromkeys(contents.notes))
     return Table(str(path), contents.columns, contents.units, contents.facts, notes)
-
-
-def _reader(kind: str) -> Callable[[Path, Request], Contents]:
-    """The reader of one format; its library is imported only where it is needed."""
-    module, function = READERS[kind]
-    reader: Callable[[Path, Request], Contents] = getattr(import_module(module), function)
-    return reader
 
 
 def _check_path(path: Path) -> None:
@@ -101,7 +92,7 @@ def _check_path(path: Path) -> None:
     raise FileError(f"{path} does not exist{guess}")
 
 
-def _check_request(path: Path, kind: str, request: Request) -> None:
+def _check_request(path: Path, format_: Format, request: Request) -> None:
     if isinstance(request.skip_rows, bool) or request.skip_rows < 0:
         raise FileError(f"{path.name}: data.skip_rows={request.skip_rows!r} must be 0 or more")
     if request.decimal not in (".", ","):
@@ -115,13 +106,10 @@ def _check_request(path: Path, kind: str, request: Request) -> None:
         )
     if request.columns is not None and not request.columns:
         raise FileError(f"{path.name}: data.columns is empty; name at least one column")
-    for_text = ("skip_rows", "delimiter", "decimal", "header")
-    for name in for_text if kind != "text" else ("group",):
-        if getattr(request, name) != getattr(Request(), name) and (kind, name) != ("mat", "group"):
-            kinds = "HDF5 and MAT v7.3" if name == "group" else "text"
-            raise FileError(f"{path.name}: data.{name} is for {kinds} files; leave it out")
-    if request.group is not None and kind not in ("hdf5", "mat"):
-        raise FileError(f"{path.name}: data.group is for HDF5 and MAT v7.3 files; leave it out")
+    for name in ("skip_rows", "delimiter", "decimal", "header", "group"):
+        if getattr(request, name) != getattr(Request(), name) and name not in format_.options:
+            readers = " and ".join(other.name for other in FORMATS if name in other.options)
+            raise FileError(f"{path.name}: data.{name} is for {readers} files; leave it out")
 
 
 def _check_rows(path: Path, contents: Contents) -> None:

@@ -18,6 +18,11 @@ COMPLEX = re.compile(r"\(?([+-]?[\d.]+([eE][+-]?\d+)?)?\s*[+-]?\s*[\d.]*([eE][+-
 WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?\s*\[?([A-Za-zµ].*?)\]?")
 
 
+def opens_object(head: bytes) -> bool:
+    """Whether the first bytes of a file open an object of JSON, behind a byte-order mark even."""
+    return head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{"
+
+
 def split(text: str, delimiter: str, strict: bool = False) -> list[str]:
     """The cells of one line. Raises csv.Error for quotes never closed, where `strict`."""
     if delimiter == " ":

@@ -1,0 +1,117 @@
+"""A measured record as far as it is understood, with its statistics, spectra and faults."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from glob import glob
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data.inspect.guesses import suggest
+from data.inspect.picture import Spectrum, spectrum
+from data.measured.channels import CHANNEL, signal_of
+from data.measured.files.format import suffixes_of
+from data.measured.files.table import FORMATS, Table, read_table
+from data.measured.finding import Finding
+from data.measured.raw_record import RawRecord
+from data.measured.reading import by_name, read_record, record_of, stated_dt
+from data.measured.signal_faults import findings
+from data.measured.statistics import Statistics, statistics
+from data.measured.time_step import time_step
+from data.measured.units import DIMENSIONS, to_si
+
+SUFFIXES = suffixes_of(FORMATS)
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """One record with its statistics, spectra and faults; raw columns where nothing is mapped."""
+
+    path: Path
+    raw: RawRecord
+    units: dict[str, str]  # of each channel, to print
+    guesses: dict[str, str]  # {column: channel}, where nothing is mapped
+    statistics: dict[str, Statistics]  # by channel
+    spectra: dict[str, Spectrum | None]  # by channel
+    findings: list[Finding]
+
+
+def inspection(
+    path: Path, channels: Mapping[str, str], units: Mapping[str, str], **reader: Any
+) -> Inspection:
+    """Read and examine one record: mapped by `channels`, by its columns' names, or not at all.
+
+    channels, units, reader: as in `data.measured.reading.read_record`. Raises FileError for a file
+    that cannot be read, ValueError for channels and units that do not fit it.
+    """
+    if channels:
+        return _mapped(path, read_record(path, channels, units, **reader))
+    table = read_table(path, **reader)
+    if any(CHANNEL.fullmatch(name) for name in table.columns):
+        return _mapped(path, record_of(path, table, by_name(table), units))
+    return _unmapped(path, table, units)
+
+
+def _mapped(path: Path, raw: RawRecord) -> Inspection:
+    units = {name: DIMENSIONS[signal_of(name)][1] for name in raw.channels}
+    return _examined(path, raw, units, {}, {})
+
+
+def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
+    """All columns by their own names; a column is the clock only where its values surely rise."""
+    guesses = suggest(list(table.columns), table.units)
+    clock = next((c for c, channel in guesses.items() if channel == "time"), None)
+    time, notes = None, list(table.notes)
+    if clock is not None and (np.diff(table.columns[clock]) > 0.0).all():
+        unit = units.get("time") or table.units.get(clock, "s")
+        time = (table.columns[clock] - table.columns[clock][0]) * to_si(unit, "time")
+        notes.append(f"{clock!r} is taken for the clock, in {unit}, by its name")
+    columns = {c: x for c, x in table.columns.items() if time is None or c != clock}
+    signals = {c: signal_of(g) for c, g in guesses.items() if g != "time"}
+    own = {c: table.units.get(c, DIMENSIONS[s][1]) for c, s in signals.items()}
+    in_si = {c: s for c, s in signals.items() if to_si(own[c], s) == 1.0}
+    raw = RawRecord(path.name, time, stated_dt([table]), columns, notes=tuple(notes))
+    return _examined(path, raw, dict(table.units), guesses, in_si)
+
+
+def _examined(
+    path: Path,
+    raw: RawRecord,
+    units: dict[str, str],
+    guesses: dict[str, str],
+    signals: Mapping[str, str],
+) -> Inspection:
+    """The record with all that is computed; `signals` says what guessed columns in SI units are."""
+    known = {name: statistics(signal) for name, signal in raw.channels.items()}
+    spectra = {name: spectrum(x, step_of(raw, name)) for name, x in raw.channels.items()}
+    return Inspection(path, raw, units, guesses, known, spectra, findings(raw, known, signals))
+
+
+def step_of(raw: RawRecord, channel: str) -> float:
+    """Time step [s] of a channel of a record; 1 where nobody knows."""
+    clock = raw.clocks.get(channel, raw.time)
+    dt = raw.dt if clock is None else time_step(clock[:100_000])[0]
+    return dt if dt is not None and 0.0 < dt < np.inf else 1.0
+
+
+def places(wanted: Sequence[str], channels: Mapping[str, str]) -> list[tuple[Path, bool]]:
+    """Records to inspect, and whether each was named; of a folder every file that can hold one.
+
+    wanted: files, folders and patterns. Raises ValueError for a folder without such a file.
+    """
+    in_folder = any(":" in where for where in channels.values())
+    records: list[tuple[Path, bool]] = []
+    for pattern in wanted:
+        hits = [pattern] if Path(pattern).exists() else sorted(glob(pattern)) or [pattern]
+        for place in map(Path, hits):
+            if place.is_dir() and not in_folder:
+                files = sorted(p for p in place.iterdir() if p.suffix.lower() in SUFFIXES)
+                if not files:
+                    raise ValueError(f"{place} holds no file of {', '.join(SUFFIXES)}")
+                records += [(file, False) for file in files]
+            else:
+                records.append((place, True))
+    return records

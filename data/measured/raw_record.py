@@ -1,0 +1,75 @@
+"""A record as its files hold it: named signals in SI units, with the times of its samples.
+
+T samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class RawRecord:
+    """One record as its files hold it, in SI units, before anything is mended."""
+
+    name: str
+    time: np.ndarray | None  # (T,) [s], from the first sample; None: the files have no clock
+    dt: float | None  # [s] where the files say it beside the columns
+    channels: dict[str, np.ndarray]  # {"a1": (T,), …} [SI]
+    clocks: dict[str, np.ndarray] = field(default_factory=dict)  # of sensors that differ: (T_c,)
+    notes: tuple[str, ...] = ()
+    whole: bool = True  # False: the rest of a record that was cut in motion
+
+    def own_time(self) -> np.ndarray:
+        """Times (T,) [s] of the samples. Raises ValueError where nothing tells them."""
+        if self.time is not None:
+            return self.time
+        if self.dt is None:
+            raise ValueError(
+                f"{self.name} has no clock; name its column (time in data.channels) or say "
+                "data.dt in seconds"
+            )
+        return self.dt * np.arange(len(next(iter(self.channels.values()))))
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time [s]."""
+        times = list(self.clocks.values()) or [self.own_time()]
+        return min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
+
+
+def between(raw: RawRecord, start: float, stop: float | None, closed: bool = True) -> RawRecord:
+    """The part from `start` to `stop` [s] after the first sample. Raises ValueError where empty."""
+    if start <= 0.0 and stop is None:
+        return raw
+    end = np.inf if stop is None else stop
+
+    def part(time: np.ndarray) -> slice:
+        if not np.isfinite(time).all() or not (np.diff(time) >= 0.0).all():
+            raise ValueError(
+                f"{raw.name}: its clock runs backwards or has gaps without a time, so it cannot be "
+                "cut; mend the file, or leave time out of data.channels and say data.dt"
+            )
+        first = int(np.searchsorted(time, start - 1e-9))
+        side: Any = "right" if closed else "left"
+        last = int(np.searchsorted(time, end + (1e-9 if closed else -1e-9), side=side))
+        if last - first < 2:
+            raise ValueError(
+                f"{raw.name}: from {start:g} s to {end:g} s there are {max(last - first, 0)} "
+                f"samples; the record lasts {raw.span[1]:g} s"
+            )
+        return slice(first, last)
+
+    if raw.clocks:
+        cuts = {c: part(clock) for c, clock in raw.clocks.items()}
+        clocks = {c: raw.clocks[c][cut] for c, cut in cuts.items()}
+        return replace(
+            raw, clocks=clocks, channels={c: u[cuts[c]] for c, u in raw.channels.items()}
+        )
+    time = raw.own_time()
+    cut = part(time)
+    channels = {c: u[cut] for c, u in raw.channels.items()}
+    return replace(raw, time=None if raw.time is None else raw.time[cut], channels=channels)

@@ -1,0 +1,180 @@
+"""Columns of measured files → a record of named signals in SI units on one clock.   T samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data.measured.channels import CHANNEL, CLOCKS, SIGNALS, signal_of
+from data.measured.files.table import Table, read_table
+from data.measured.raw_record import RawRecord
+from data.measured.units import to_si
+
+SAME = 1e-3  # of dt: clocks that agree to this are one
+
+
+def read_record(
+    path: Path,
+    channels: Mapping[str, str] | None = None,
+    units: Mapping[str, str | None] | None = None,
+    **reader: Any,
+) -> RawRecord:
+    """A file, or a folder of one file per sensor, as a record.
+
+    channels: {"time": column, "a1": column, …}; in a folder "file.csv:column". None takes columns
+    by their own names. units: of a signal ("a": "g") or a channel ("a1": "g"); SI where nothing is
+    said, here or in the file. `reader` goes to data.measured.files.table.read_table.
+    Raises ValueError for channels and columns that do not exist.
+    """
+    stated = {key: unit for key, unit in (units or {}).items() if unit is not None}
+    if path.is_dir():
+        if not channels:
+            files = sorted(p.name for p in path.iterdir() if p.is_file())
+            raise ValueError(
+                f"{path} is a folder ({', '.join(files[:4])}, …): name the file and the column of "
+                "each channel: \"data.channels={time: t, a1: 'floor_1.csv:Acc_X', …}\""
+            )
+        tables, places = _tables_of_folder(path, channels, reader)
+        return assembled(path, tables, places, stated)
+    wanted = None if channels is None else list(dict.fromkeys(channels.values()))
+    table = read_table(path, **{"columns": wanted, **reader})
+    return record_of(path, table, channels or by_name(table), stated)
+
+
+def record_of(
+    path: Path, table: Table, channels: Mapping[str, str], units: Mapping[str, str]
+) -> RawRecord:
+    """A table that was read already, as a record: see `read_record`."""
+    return assembled(path, {"": table}, {c: ("", name) for c, name in channels.items()}, units)
+
+
+def by_name(table: Table) -> dict[str, str]:
+    """Channels whose columns are called as they are here. Raises ValueError where none is."""
+    channels = {name: name for name in table.columns if CHANNEL.fullmatch(name)}
+    if not channels:
+        raise ValueError(
+            f"{table.path} has the columns {', '.join(list(table.columns)[:12])}; say which is "
+            'what, as in "data.channels={time: t, f1: Force, a1: Acc_X}", or call them time, f1, '
+            "a1, … in the file"
+        )
+    clock = next((name for name in CLOCKS if name in table.columns), None)
+    return channels | ({} if clock is None else {"time": clock})
+
+
+def _tables_of_folder(
+    path: Path, channels: Mapping[str, str], reader: dict[str, Any]
+) -> tuple[dict[str, Table], dict[str, tuple[str, str]]]:
+    places = {}
+    for channel, where in channels.items():
+        file, _, column = where.rpartition(":")
+        if not file and channel != "time":
+            raise ValueError(
+                f"data.channels: {channel}: {where} names no file of the folder {path}; expected "
+                "file:column"
+            )
+        places[channel] = (file, column)
+    files = {file for file, _ in places.values() if file}
+    clock = places.get("time")
+    if clock is not None and not clock[0]:  # every sensor has its own
+        places = {c: p for c, p in places.items() if c != "time"}
+        places |= {f"time of {file}": (file, clock[1]) for file in sorted(files)}
+    wanted = {f: sorted({c for g, c in places.values() if g == f}) for f in files}
+    tables = {f: read_table(path / f, **{"columns": wanted[f], **reader}) for f in sorted(files)}
+    return tables, places
+
+
+def _check_names(
+    path: Path, places: Mapping[str, tuple[str, str]], units: Mapping[str, str]
+) -> None:
+    for channel in places:
+        if not channel.startswith("time") and not CHANNEL.fullmatch(channel):
+            raise ValueError(
+                f"data.channels names {channel}: there is no such channel; expected time, or "
+                f"{', '.join(SIGNALS)} with a number, such as a1"
+            )
+    for key in units:
+        if key != "time" and key not in SIGNALS and key not in places:
+            raise ValueError(
+                f"data.units.{key} fits no signal or channel of {path}; expected time, "
+                f"{', '.join(SIGNALS)}, or a channel such as a1"
+            )
+
+
+def assembled(
+    path: Path,
+    tables: Mapping[str, Table],
+    places: Mapping[str, tuple[str, str]],
+    units: Mapping[str, str],
+) -> RawRecord:
+    """Columns in their `places` (file, column) of tables by file, in SI units on one clock."""
+    _check_names(path, places, units)
+    signals: dict[str, np.ndarray] = {}
+    notes = list(dict.fromkeys(note for table in tables.values() for note in table.notes))
+    for channel, (file, column) in places.items():
+        table = tables[file]
+        if column not in table.columns:
+            raise ValueError(
+                f"{table.path} has no column {column!r}; it has "
+                f"{', '.join(list(table.columns)[:12])}"
+            )
+        clock = channel.startswith("time")
+        signal = "time" if clock else signal_of(channel)
+        own = None if clock else units.get(channel)
+        unit = own or units.get(signal) or table.units.get(column)
+        values = table.columns[column]
+        if unit is not None:
+            values = values * to_si(unit, signal)
+            notes.append(f"{signal} in {unit}")
+        signals[channel] = values
+    clocks = {
+        c.removeprefix("time of "): signals.pop(c) for c in list(signals) if c.startswith("time")
+    }
+    return _on_one_clock(path, signals, clocks, places, tables, tuple(dict.fromkeys(notes)))
+
+
+def _on_one_clock(
+    path: Path,
+    channels: dict[str, np.ndarray],
+    clocks: dict[str, np.ndarray],
+    places: Mapping[str, tuple[str, str]],
+    tables: Mapping[str, Table],
+    notes: tuple[str, ...],
+) -> RawRecord:
+    """One time for all where the clocks agree; else they are kept, for mending to resample."""
+    lengths = {channel: len(values) for channel, values in channels.items()}
+    if len(set(lengths.values())) > 1 and len(clocks) < 2:
+        raise ValueError(
+            f"{path.name}: the channels differ in length ({lengths}); name the clock of each file "
+            "as time in data.channels, without a file, and set data.mend.resample"
+        )
+    dt = stated_dt(tables.values())
+    if not clocks:
+        return RawRecord(path.name, None, dt, channels, notes=notes)
+    first = next(iter(clocks.values()))
+    step = np.median(np.diff(first)) if len(first) > 1 else 0.0
+    agree = all(
+        len(clock) == len(first) and np.abs(clock - first).max() <= SAME * abs(step)
+        for clock in clocks.values()
+    )
+    if agree:
+        return RawRecord(path.name, first - first[0], dt, channels, notes=notes)
+    origin = min(clock[0] for clock in clocks.values())
+    of_channel = {c: clocks[places[c][0]] - origin for c in channels}
+    return RawRecord(path.name, None, dt, channels, of_channel, notes)
+
+
+def stated_dt(tables: Iterable[Table]) -> float | None:
+    """dt or 1/fs that files hold beside their columns."""
+    for table in tables:
+        for key, value in table.facts.items():
+            if not value > 0.0:
+                continue
+            name = key.lower().replace(" ", "_").replace("_", "")
+            if name in ("dt", "ts", "timestep", "samplingtime", "sampleperiod"):
+                return float(value)
+            if name in ("fs", "samplingfreq", "samplingfrequency", "samplerate", "samplingrate"):
+                return 1.0 / float(value)
+    return None

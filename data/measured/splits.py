@@ -1,0 +1,73 @@
+"""Which files are a record, and which records train and test: never a sample in both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatch
+from glob import glob
+from pathlib import Path
+
+from data.measured.raw_record import RawRecord, between
+
+
+def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None) -> list[Path]:
+    """Files and folders that are one record each."""
+    patterns = [path] if isinstance(path, str) else list(path)
+    paths: list[Path] = []
+    for pattern in patterns:
+        hits = [pattern] if Path(pattern).exists() else sorted(glob(pattern))
+        if not hits:
+            raise ValueError(
+                f"data.path={pattern}: there is no such file or folder (seen from {Path.cwd()})"
+            )
+        paths += [Path(hit) for hit in hits]
+    one_each = any(":" in where for where in (channels or {}).values())
+    places: list[Path] = []
+    for place in paths:
+        whole = place.is_file() or one_each
+        files = [] if whole else sorted(p for p in place.iterdir() if p.is_file())
+        places += [place] if whole else files
+    return places
+
+
+def split_records(
+    raws: dict[str, RawRecord],
+    train: str | Sequence[str] | None,
+    test: str | Sequence[str] | None,
+    split: float,
+) -> dict[str, dict[str, RawRecord]]:
+    """Records of both splits by name, never a sample in both."""
+    names = list(raws)
+    if train is None and test is None:
+        if len(raws) > 1:
+            raise ValueError(
+                f"there are {len(raws)} records, {', '.join(names[:6])}: say which to test on, "
+                f"for example data.test=[{names[-1]}]"
+            )
+        name, raw = next(iter(raws.items()))
+        first, last = raw.span
+        middle = first + split * (last - first)
+        return {
+            "train": {f"{name} (first part)": between(raw, 0.0, middle, closed=False)},
+            "test": {f"{name} (rest)": replace(between(raw, middle, None), whole=False)},
+        }
+    chosen = {"train": _matching(names, train, "train"), "test": _matching(names, test, "test")}
+    for split_, other in (("train", "test"), ("test", "train")):
+        if (train if split_ == "train" else test) is None:
+            chosen[split_] = [name for name in names if name not in chosen[other]]
+    both = set(chosen["train"]) & set(chosen["test"])
+    if both or not all(chosen.values()):
+        raise ValueError(
+            f"data.train={train} and data.test={test} put {', '.join(sorted(both)) or 'nothing'} "
+            f"into {'both' if both else 'one of them'}; the records are {', '.join(names)}"
+        )
+    return {s: {name: raws[name] for name in chosen[s]} for s in chosen}
+
+
+def _matching(names: Sequence[str], wanted: str | Sequence[str] | None, key: str) -> list[str]:
+    patterns = [] if wanted is None else [wanted] if isinstance(wanted, str) else list(wanted)
+    for pattern in patterns:
+        if not any(fnmatch(name, pattern) for name in names):
+            raise ValueError(f"data.{key}: no record is called {pattern}; {', '.join(names)} are")
+    return [name for name in names if any(fnmatch(name, p) for p in patterns)]

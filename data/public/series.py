@@ -1,0 +1,57 @@
+"""Official time histories of a public benchmark, and which of them train and test.
+
+T samples, n outputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Series:
+    """One official time history."""
+
+    name: str
+    dt: float  # [s]
+    u: np.ndarray  # input (T, 1)
+    y: np.ndarray  # output (T, n)
+    warmup: int = 0  # samples that are not counted
+    initial_state: str = "rest"
+
+    def cut(self, name: str, start: int, stop: int | None = None) -> Series:
+        return replace(self, name=name, u=self.u[start:stop], y=self.y[start:stop])
+
+
+def matching(series: Sequence[Series], names: Sequence[str]) -> list[Series]:
+    """The series that one of the names means."""
+    return [s for s in series if any(fnmatchcase(s.name, name) for name in names)]
+
+
+def choose(split: str, series: Sequence[Series], names: str | Sequence[str]) -> list[Series]:
+    """The same. Raises ValueError for a name that means none."""
+    names = [names] if isinstance(names, str) else names
+    for name in names:
+        if not matching(series, [name]):
+            raise ValueError(f"data.{split} holds {name!r}; choose {_names(series)}")
+    return matching(series, names)
+
+
+def _names(series: Sequence[Series]) -> str:
+    return ", ".join(s.name for s in series)
+
+
+def require_held_out(train: Sequence[Series], test: Sequence[Series]) -> None:
+    """Raise ValueError where a test series was trained on: the same samples of the same file."""
+    for tested in test:
+        counted = tested.y[tested.warmup :]
+        for trained in train:
+            if np.shares_memory(trained.y[trained.warmup :], counted):
+                raise ValueError(
+                    f"test series {tested.name} has samples of training series {trained.name}; "
+                    "change data.train or data.test"
+                )

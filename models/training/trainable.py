@@ -1,0 +1,113 @@
+"""What training by a solver asks of an estimator whose parameters require a gradient.
+
+All methods have defaults that hold for any differentiable `forward` and `free_run`; an estimator
+overrides those that its structure makes faster or better.
+T samples, n DOFs, P free parameters.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from data.record import Drive, Record
+from models.estimator import Estimator
+
+
+class Trainable(Estimator):
+    """Base of estimators with free parameters: those that `identify` leaves to a solver."""
+
+    def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
+        """(g, u, y): training the free parameters means g(u) ≈ y (…, T, n) [m/s²].
+
+        g(u) − y is the error of the estimate, up to its sign. Where a sample of g(u) depends on the
+        same sample of u alone, u is a tensor (…, T, channels), and solvers may take samples singly.
+        """
+        return self, record, record.a
+
+    def restart(self, generator: torch.Generator) -> None:
+        """Draw the starting weights of all layers anew (Glorot & Bengio 2010).
+
+        Raises ValueError where nothing starts at random.
+        """
+        layers = [layer for layer in self.modules() if isinstance(layer, nn.Linear)]
+        if not layers:
+            raise ValueError(f"{type(self).__name__} has no random start; set objective.starts=1")
+        for layer in layers:
+            drawn = torch.empty(layer.weight.shape, dtype=layer.weight.dtype)
+            nn.init.xavier_uniform_(drawn, generator=generator)
+            with torch.no_grad():
+                layer.weight.copy_(drawn)
+                if layer.bias is not None:
+                    layer.bias.zero_()
+
+    def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
+        """Acceleration (…, T, n) of free runs that begin anew every `horizon` samples.
+
+        Each run begins at the measured x and v, `warmup` samples before its samples count; the
+        first at the record's own initial state. None for the horizon: a single free run.
+        """
+        if horizon is None or horizon >= record.samples:
+            return self.free_run(record.drive()).a
+        drive, window, place = windows_of(record, horizon, warmup)
+        return self.free_run(drive).a[..., window, place, :]
+
+    def restarted_jacobian(
+        self, record: Record, horizon: int | None, warmup: int = 0
+    ) -> tuple[Tensor, Tensor] | None:
+        """`restarted_run` and its derivatives (…, T, n, P) by the free parameters, in their order.
+
+        For estimators that differentiate faster than PyTorch; None leaves it to PyTorch.
+        """
+        return None
+
+    def pull(self, last: bool) -> tuple[float, Tensor]:
+        """Weight of Σ d² beside the squared relative error of a free run, and d (P,).
+
+        d is the distance of the free parameters from where they would stay without data, in the
+        `last` stage of training or before.
+        """
+        return 0.0, torch.zeros(0)
+
+
+def require_trainable(estimator: Estimator) -> Trainable:
+    """The estimator itself. Raises ValueError unless its class derives from Trainable."""
+    if not isinstance(estimator, Trainable):
+        raise ValueError(
+            f"{type(estimator).__name__} has free parameters but is no Trainable; derive it from "
+            "models.Trainable"
+        )
+    return estimator
+
+
+def windows_of(record: Record, horizon: int, warmup: int) -> tuple[Drive, Tensor, Tensor]:
+    """Drives (…, windows, ·) of runs that begin anew, and the place of every sample in them.
+
+    Returns the window (T,) of every sample and its place (T,) within the window. Windows are of
+    equal length: the last goes on under its last excitation. What a band-limited excitation does
+    between samples needs the whole record; in windows the excitation is taken as linear.
+    Raises ValueError for a record without x and v, and for lengths that make no window.
+    """
+    if horizon < 1 or warmup < 0:
+        raise ValueError(f"horizon={horizon}, warmup={warmup}: expected at least 1 and 0 samples")
+    if record.x is None or record.v is None:
+        raise ValueError(
+            "runs begin anew at measured x and v, which the record lacks; integrate "
+            "(scenario=integrated), or set objective.horizons=[null]"
+        )
+    device, last = record.a.device, record.samples - 1
+    begins = torch.arange(0, record.samples, horizon, device=device)
+    starts = (begins - warmup).clamp_min(0)
+    samples = (starts[:, None] + torch.arange(horizon + warmup, device=device)).clamp_max(last)
+    whole = record.drive()
+    x0, v0 = record.x[..., starts, :].clone(), record.v[..., starts, :].clone()
+    x0[..., starts == 0, :], v0[..., starts == 0, :] = (
+        whole.x0[..., None, :],
+        whole.v0[..., None, :],
+    )
+    hold = "linear" if whole.hold == "band_limited" else whole.hold
+    times = torch.arange(record.samples, device=device)
+    window = times // horizon
+    return Drive(whole.dt, whole.u[..., samples, :], x0, v0, hold), window, times - starts[window]

@@ -1,0 +1,89 @@
+"""The plan of the house: no import runs up, none in a circle; the fronts list what there is."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+import data
+import models
+
+ROOT = Path(__file__).parents[2]
+FLOORS = ("data", "models", "runner", "report", "live", "studies")  # from the ground up
+PROGRAMS = ("train", "evaluate", "benchmarks")  # on the roof
+ABOVE = {"hydra_plugins": ("runner",)}  # a porch: imports these alone
+
+
+def modules() -> dict[str, Path]:
+    rooms = (*FLOORS, *PROGRAMS, *ABOVE)
+    paths = [p for room in rooms for p in (ROOT / room).rglob("*.py")]
+    paths += [ROOT / f"{name}.py" for name in PROGRAMS if (ROOT / f"{name}.py").is_file()]
+    names = {path: ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in paths}
+    return {name.removesuffix(".__init__"): path for path, name in names.items()}
+
+
+MODULES = modules()
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Modules of the project that a file imports, also inside functions."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+        if isinstance(node, ast.ImportFrom):
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        yield from (name for name in names if name in MODULES)
+
+
+IMPORTS = {name: set(imported(path)) - {name} for name, path in MODULES.items()}
+
+
+@pytest.mark.parametrize("name", sorted(MODULES))
+def test_no_import_runs_up(name):
+    room = name.partition(".")[0]
+    allowed = set(ABOVE.get(room, ())) | {room}
+    if room in FLOORS:
+        allowed = set(FLOORS[: FLOORS.index(room) + 1])
+    elif room in PROGRAMS:
+        allowed = {*FLOORS, *PROGRAMS}
+    assert {other.partition(".")[0] for other in IMPORTS[name]} <= allowed
+
+
+def test_no_import_runs_in_a_circle():
+    left = {name: set(others) for name, others in IMPORTS.items()}
+    while free := [name for name, others in left.items() if not others & left.keys()]:
+        for name in free:
+            del left[name]
+    assert not left
+
+
+@pytest.mark.parametrize("front", [data, models], ids=["data", "models"])
+def test_a_front_lists_public_classes_where_they_are_defined(front):
+    for name, module in front.PUBLIC.items():
+        found = getattr(front, name)
+        assert inspect.isclass(found)
+        assert found.__module__ == module
+        assert found.__doc__
+    assert set(front.PUBLIC) <= set(dir(front))
+    with pytest.raises(AttributeError, match="has no 'Nobody'"):
+        _ = front.Nobody
+
+
+def test_configs_name_classes_of_the_fronts():
+    listed = {f"{front.__name__}.{name}" for front in (data, models) for name in front.PUBLIC}
+    named = set()
+    for path in (ROOT / "conf").rglob("*.yaml"):
+        waiting = [OmegaConf.to_container(OmegaConf.load(path))]
+        while waiting:
+            node = waiting.pop()
+            if isinstance(node, dict):
+                named.add(str(node.get("_target_", "")))
+            waiting += list(node.values()) if isinstance(node, dict) else []
+            waiting += node if isinstance(node, list) else []
+    assert {n for n in named if n and not n.startswith("hydra_plugins.")} <= listed

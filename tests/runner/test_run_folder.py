@@ -1,0 +1,86 @@
+"""A run's folder: earlier layouts still load, models are rebuilt without their records."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import evaluate
+import train
+from models.training.assemble import data_from
+from models.training.identification import SPLITS
+from models.training.metrics import FREE_RUNS
+from report.run.rescore import scores_of
+from runner.run_folder import SENSORS, read_run, restore, sensors_of
+from tests.program.test_train import run
+
+EARLIER = Path(__file__).with_name("earlier_layout")  # runs of version 0.1, before the rooms
+
+
+def close(scores: dict, stored: dict) -> bool:
+    """Whether two nested scores agree to 9 digits: the processor may be another one."""
+    if isinstance(stored, dict):
+        return scores.keys() == stored.keys() and all(close(scores[k], stored[k]) for k in stored)
+    if isinstance(stored, list):
+        return all(close(s, k) for s, k in zip(scores, stored, strict=True))
+    if isinstance(stored, float):
+        return scores == pytest.approx(stored, rel=1e-9)
+    return scores == stored
+
+
+@pytest.mark.parametrize("name", ["vwnn", "element_network"])
+def test_a_run_of_the_earlier_layout_loads_and_scores_the_same(name):
+    cfg, metrics = read_run(EARLIER / name)
+    assert cfg.model._target_.count(".") == 1  # as the front names it
+    data = data_from(cfg)
+    data.setup()
+    scores = scores_of(restore(cfg, EARLIER / name), data, SPLITS)
+    keys = {*SPLITS, *FREE_RUNS.values()}
+    assert keys == set(scores)
+    assert close(scores, {key: metrics[key] for key in keys})
+
+
+@pytest.fixture
+def measured(tmp_path, monkeypatch) -> tuple[Path, Path]:
+    """A record and a finished run of it."""
+    record, folder = tmp_path / "record.csv", tmp_path / "run"
+    lines = [
+        f"{0.01 * k:.2f},{(k * k * 7919) % 13 - 6},{(k * k * 104729) % 11 - 5}" for k in range(300)
+    ]
+    record.write_text("time,f1,a1\n" + "\n".join(lines))
+    words = ["data=measured", f"data.path={record}", "model=vwnn", "model.order=1"]
+    assert run(train, monkeypatch, *words, "figures=false", f"hydra.run.dir={folder}") == 0
+    return record, folder
+
+
+def test_a_measured_run_is_rebuilt_and_read_without_its_record(measured, monkeypatch, capsys):
+    record, folder = measured
+    kept = record.read_text()
+    record.unlink()
+    cfg, metrics = read_run(folder)
+    sensors = sensors_of(cfg, folder)
+    assert (sensors.dt, sensors.dofs, sensors.inputs) == (pytest.approx(0.01), 1, 1)
+    assert sensors.channels == ("f1", "a1")
+    assert restore(cfg, folder).dofs == 1
+    capsys.readouterr()
+    assert run(evaluate, monkeypatch, f"run={folder}") == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert f"{metrics['test']['relative_rms_percent']:.2f}" in out
+    assert f"{record} is gone" in out
+    assert not (folder / "evaluation").exists()
+    other = record.with_name("other.csv")
+    other.write_text(kept)
+    assert run(evaluate, monkeypatch, f"run={folder}", f"data.path={other}") == 0
+    (scores,) = folder.glob("evaluation/*/scores.json")
+    (seed,) = json.loads(scores.read_text()).values()
+    assert seed["test"] == metrics["test"]
+
+
+def test_damaged_sensors_are_named(measured):
+    _, folder = measured
+    for text in ("", "[]", '{"dofs": 1}', '{"dt": 0.01, "dofs": 1, "inputs": 1, "eyes": 2}'):
+        (folder / SENSORS).write_text(text)
+        with pytest.raises(ValueError, match=r"sensors\.json is damaged"):
+            sensors_of(read_run(folder)[0], folder)
