@@ -13,7 +13,7 @@ hour    3,600,000 steps of the compiled stream one after the other: those that t
 paced   the same at the pace of the data, for a minute (--seconds 3600: an hour): samples whose
         estimate and update were done later than the next one was due.
 long    10,000,000 steps with silence, a single sine and tiny motion between: definiteness of P,
-        its largest variance, and what memory grew.
+        its largest variance, and the growth of memory.
 """
 
 from __future__ import annotations
