@@ -156,6 +156,18 @@ def test_a_link_is_called_as_the_file_that_it_leads_to(page):
         assert f"/{target}".endswith(f"/{name}"), f"{page.name} calls {target} {name}"
 
 
+@pytest.mark.parametrize("template", TEMPLATES, ids=lambda page: page.parent.name)
+def test_a_generated_page_says_what_its_template_says(template):
+    """Numbers aside, every sentence of the template stands in the page, in the same order."""
+    name = {"paper": "results"}.get(template.parent.name, template.parent.name)
+    page = " ".join((ROOT / "docs" / f"{name}.md").read_text("utf-8").split())
+    place = 0
+    for part in re.split(r"\$\{?\w+\}?", template.read_text("utf-8")):
+        words = " ".join(part.split())
+        assert words in page[place:], f"{name}.md lacks: {words}"
+        place = page.index(words, place)
+
+
 def test_the_table_of_the_readme_is_that_of_the_free_runs():
     results = (ROOT / "docs" / "free_run.md").read_text("utf-8").splitlines()
     rows = [line for line in README.read_text("utf-8").splitlines() if line.startswith("| `")]
