@@ -89,7 +89,7 @@ def measure(quick: bool) -> Table:
     record: Record = simulation.records("train", 1, seed=0)[0][0]
     if quick:
         record = record.window(0, 500)
-    network = ElementNetwork(3, 3, record.dt)
+    network = ElementNetwork(3, 3, record.dt, units=2)
     network.identify([record])
     drive, count = record.drive(), 50 if quick else 1000
     drives, f = many(drive, count), record.f.numpy()

@@ -33,7 +33,7 @@ def plain(text: str) -> str:
 
 def reason(error: ValueError | OSError) -> str:
     """What went wrong, in one plain line."""
-    said = str(error)
+    line = str(error)
     if isinstance(error, OSError) and error.strerror:
-        said = f"{error.strerror}{f': {error.filename}' if error.filename else ''}"
-    return plain(" ".join(said.split()))
+        line = f"{error.strerror}{f': {error.filename}' if error.filename else ''}"
+    return plain(" ".join(line.split()))

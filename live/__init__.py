@@ -1,1 +1,1 @@
-"""An on-line model beside a shaking structure: `python -m live`."""
+"""Live models beside a shaking structure: `python -m live`."""

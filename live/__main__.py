@@ -24,7 +24,7 @@ from rich.console import Console
 from data.arguments import Parser
 from live.alarm import ResidualAlarm
 from live.log import EstimatesFile, Scalars
-from live.model import changed_run, fresh_config, stream_from_nothing, stream_of_run
+from live.model import fresh_config, run_config, stream_from_nothing, stream_of_run
 from live.monitor import LiveMonitor
 from live.source import Source, add_lines, add_source, source_of, split_words
 from live.view import LiveView, summary
@@ -35,20 +35,20 @@ INTERRUPTED = 130
 
 
 def parser() -> Parser:
-    """The command line."""
-    made = Parser("python -m live", description=(__doc__ or "").splitlines()[0])
-    add_source(made)
-    add_lines(made)
-    made.add_argument(
+    """The options of the command line."""
+    options = Parser("python -m live", description=(__doc__ or "").splitlines()[0])
+    add_source(options)
+    add_lines(options)
+    options.add_argument(
         "--sound", type=float, metavar="S", help="undamaged seconds at the start; then an alarm"
     )
-    made.add_argument("--log", metavar="FOLDER", help="TensorBoard scalars")
-    made.add_argument("--output", metavar="CSV", help="every estimate, a line each")
-    made.add_argument("--force", action="store_true", help="overwrite --output")
-    made.add_argument(
-        "--every", type=float, default=5.0, metavar="S", help="from line to line, if no terminal"
+    options.add_argument("--log", metavar="FOLDER", help="TensorBoard scalars")
+    options.add_argument("--output", metavar="CSV", help="every estimate, a line each")
+    options.add_argument("--force", action="store_true", help="overwrite --output")
+    options.add_argument(
+        "--every", type=float, default=5.0, metavar="S", help="between lines, without a terminal"
     )
-    return made
+    return options
 
 
 @torch.no_grad()
@@ -77,15 +77,15 @@ def live(words: Sequence[str] | None = None) -> int:
 
 
 def _opened(args: argparse.Namespace, stack: ExitStack) -> tuple[Source, Stream]:
-    """The source, and a stream that fits it: of a run, or from nothing."""
+    """The source, and a stream of the run or from nothing that fits the source."""
     kind, settings = split_words(args)
     if args.run is None:
         cfg = fresh_config(settings, kind == "replay")
         source = source_of(kind, args, cfg, None, stack)
         return source, stream_from_nothing(cfg, source.sensors)
-    cfg = changed_run(Path(args.run), settings)
-    relaw = any(word.startswith("adaptation") for word in settings)
-    stream = stream_of_run(cfg, Path(args.run), relaw)
+    cfg = run_config(Path(args.run), settings)
+    new_law = any(word.startswith("adaptation") for word in settings)
+    stream = stream_of_run(cfg, Path(args.run), new_law)
     source = source_of(kind, args, cfg, stream.estimator.dt, stack)
     source.sensors.check(stream.estimator)
     return source, stream
@@ -98,7 +98,7 @@ def _watch(
     logs: Sequence[EstimatesFile | Scalars],
     view: LiveView,
 ) -> int:
-    gc.freeze()  # what is loaded by now need not be searched for garbage: that takes milliseconds
+    gc.freeze()  # garbage is not searched for among all that is loaded: that takes milliseconds
     try:
         with view:
             follow(source, monitor, alarm, logs, view)
@@ -116,27 +116,27 @@ def follow(
     logs: Sequence[EstimatesFile | Scalars],
     view: LiveView,
 ) -> None:
-    """Estimate, learn, show, sample after sample."""
+    """Estimate, learn and show, sample after sample."""
     stream, watch = monitor.stream, monitor.stream.watch
     for due, sample in source.samples:
         begin, before = perf_counter(), watch.sample
         estimate = stream.estimate(sample)
         stream.update(sample.a)
-        if watch.sample == before:  # it came twice
+        if watch.sample == before:  # the sample came twice
             continue
-        made = estimate.numpy()
-        monitor.saw(sample, made)
+        values = estimate.numpy()
+        monitor.add_sample(sample, values)
         raised = None
         if alarm is not None and sample.a is not None and not (watch.bad or watch.unsettled):
-            found = alarm.update(sample.a - estimate)
-            raised = None if found is None else monitor.alarmed(found)
+            new = alarm.update(sample.a - estimate)
+            raised = None if new is None else monitor.add_alarm(new)
         for log in logs:
-            log.saw(monitor.time, sample, made, raised)
+            log.write(monitor.time, sample, values, raised)
         if raised is not None:
             view.alarm(raised)
         view.tick()
         done = perf_counter()
-        monitor.took(done - begin, done - due)
+        monitor.add_time(done - begin, done - due)
 
 
 def main(words: Sequence[str] | None = None) -> None:

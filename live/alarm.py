@@ -1,9 +1,9 @@
-"""The alarm of a live run: CUSUM of the residual, on what the first seconds of it were like.
+"""The alarm of a live run: CUSUM of the residual, calibrated on the run's first seconds.
 
-The threshold is that of one false alarm an hour, by Siegmund's formula for independent normal looks
-(models/detection/cumulative_sum.py). Real looks are neither, and false alarms come several times as
-often (docs/live.md): a threshold with a rate that holds takes sound records of hours, see
-models/detection/detector.py.
+The threshold is that of one false alarm an hour, by Siegmund's formula for blocks that are
+independent and normal (models/detection/cumulative_sum.py). Real blocks are neither, and false
+alarms come several times as often (docs/live.md): a threshold with a rate that holds takes sound
+records of hours, see models/detection/detector.py.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ from models.detection.cumulative_sum import CumulativeSum, siegmund
 from models.detection.detector import Alarm
 from models.detection.monitor import Monitor
 
-LOOK = 1.0  # [s]
-LEARNING = 10.0  # [s] at the start, which say nothing of what is usual
+BLOCK = 1.0  # [s]
+LEARNING = 10.0  # [s] at the start, in which the model learns: no part of the calibration
 FALSE = 3600.0  # [s] from one false alarm to the next
-FEWEST = 10  # looks that a mean and a deviation are taken of
+FEWEST = 10  # blocks for a mean and a deviation
 
 
 class ResidualAlarm:
-    """Fed residuals of sound samples; the structure is taken for undamaged for `sound` seconds.
+    """Watches residuals; takes the structure for undamaged during the first `sound` seconds.
 
-    Raises ValueError for a time too short to learn from.
+    Raises ValueError for a time too short to calibrate in.
     """
 
     def __init__(self, dofs: int, dt: float, sound: float) -> None:
-        least = LEARNING + FEWEST * LOOK
+        least = LEARNING + FEWEST * BLOCK
         if not least <= sound < float("inf"):
             raise ValueError(f"--sound {sound:g} s: expected at least {least:g} s")
-        self.every = max(1, round(LOOK / dt))
-        self.skipped, self.wanted = round(LEARNING / dt), round((sound - LEARNING) / LOOK)
+        self.every = max(1, round(BLOCK / dt))
+        self.skipped, self.wanted = round(LEARNING / dt), round((sound - LEARNING) / BLOCK)
         self.dofs, self.residuals = dofs, list[Tensor]()
         self.monitor: Monitor | None = None
         self.raised = False
 
     def update(self, residual: Tensor) -> Alarm | None:
-        """The alarm, at the look that first raises it: a − â (n,) [m/s²] of the next sample."""
+        """The alarm after the next residual a − â (n,) [m/s²], once when its level rises over 1."""
         if self.skipped > 0:
             self.skipped -= 1
             return None
@@ -54,7 +54,7 @@ class ResidualAlarm:
         return None
 
     def level(self) -> Tensor | None:
-        """Of each DOF (n,), above 1 an alarm; None while still learning."""
+        """The level of each DOF (n,), above 1 an alarm; None until calibrated."""
         return None if self.monitor is None else self.monitor.level
 
     def _learn(self, residual: Tensor) -> None:
@@ -64,7 +64,7 @@ class ResidualAlarm:
         detector = CumulativeSum()
         detector.learn(torch.stack(self.residuals).unflatten(0, (self.wanted, self.every))[None])
         sides = 2 * self.dofs  # each DOF is watched for a rise and for a fall
-        looks = sides * FALSE / LOOK
+        blocks = sides * FALSE / BLOCK
         detector.usual = torch.ones(self.dofs, dtype=torch.float64)
-        detector.threshold = brentq(lambda h: siegmund(detector.slack, h) - looks, 0.0, 100.0)
+        detector.threshold = brentq(lambda h: siegmund(detector.slack, h) - blocks, 0.0, 100.0)
         self.monitor, self.residuals = Monitor(detector, self.every), []

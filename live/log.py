@@ -1,6 +1,6 @@
-"""What a live run leaves on disk: every estimate as a line of CSV, scalars for TensorBoard.
+"""Files of a live run: every estimate as a line of CSV, scalars for TensorBoard.
 
-Lines are appended as they are made, so that a broken run keeps what it had.
+A line is written at once, so that an interrupted run keeps its lines.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import torch
 
 from data.sample import Sample
 from live.alarm import ResidualAlarm
-from live.monitor import LiveMonitor, Raised
+from live.monitor import LiveMonitor, TimedAlarm
 
 SCALARS = 20.0  # a second: measured and estimated acceleration
 
 
 class EstimatesFile:
-    """time [s], a1 …, estimate1 … [m/s²], alarm: the DOF where one is raised. NaN: not measured.
+    """Columns time [s], a1 …, estimate1 … [m/s²], alarm (a DOF, mostly empty). NaN: not measured.
 
     Raises OSError where the file exists, unless `force`.
     """
@@ -30,7 +30,10 @@ class EstimatesFile:
         heads = ["time", *(f"a{i}" for i in numbers), *(f"estimate{i}" for i in numbers), "alarm"]
         self.file.write(",".join(heads) + "\n")
 
-    def saw(self, time: float, sample: Sample, estimate: np.ndarray, raised: Raised | None) -> None:
+    def write(
+        self, time: float, sample: Sample, estimate: np.ndarray, raised: TimedAlarm | None
+    ) -> None:
+        """Append the line of a sample."""
         a = np.full_like(estimate, np.nan) if sample.a is None else sample.a.numpy()
         values = [round(time, 9), *a.tolist(), *estimate.tolist()]
         dof = "" if raised is None else str(raised.alarm.dof)
@@ -50,7 +53,10 @@ class Scalars:
         self.monitor, self.alarm = monitor, alarm
         self.next_signals = self.next_rest = 0.0  # [s]
 
-    def saw(self, time: float, sample: Sample, estimate: np.ndarray, raised: Raised | None) -> None:
+    def write(
+        self, time: float, sample: Sample, estimate: np.ndarray, raised: TimedAlarm | None
+    ) -> None:
+        """Add the scalars of a sample that are due."""
         step, add = self.monitor.stream.watch.sample, self.writer.add_scalar
         if raised is not None:
             add("alarm/dof", raised.alarm.dof, step)

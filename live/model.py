@@ -1,4 +1,4 @@
-"""Config and stream of a live run: of a finished run, or of a model that begins from nothing."""
+"""Config and stream of a live model: of a finished run, or beginning from nothing."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from models.training.assemble import build, estimator_from
 from runner.command_line import composed
 from runner.run_folder import read_run, restore
 
-GROUPS = ("adaptation", "damage")  # that may differ from a finished run's
-KEYS = ("data", "seed")
+GROUPS = ("adaptation", "damage")  # choices that may differ from a finished run's,
+KEYS = ("data", "seed")  # and settings
 
 
 def fresh_config(words: Sequence[str], replayed: bool) -> DictConfig:
-    """The config of a model that begins from nothing, as train.py would have it."""
+    """The config of a model that begins from nothing, as train.py would compose it."""
     named = {word.partition("=")[0] for word in words}
     first = [] if "model" in named else ["model=online_vwnn"]
     if replayed and not named & {"data", "experiment"}:
@@ -31,8 +31,8 @@ def fresh_config(words: Sequence[str], replayed: bool) -> DictConfig:
     return composed(*first, *words)
 
 
-def changed_run(folder: Path, words: Sequence[str]) -> DictConfig:
-    """A finished run's config, its law, damage, data or seed as the words say.
+def run_config(folder: Path, words: Sequence[str]) -> DictConfig:
+    """A finished run's config, with the law, damage, data or seed that the words name.
 
     Raises ValueError for other words: a run brings its model along.
     """
@@ -57,7 +57,7 @@ def _head(word: str) -> str:
 
 
 def stream_from_nothing(cfg: DictConfig, sensors: Sensors) -> Stream:
-    """A stream of zero weights. Raises ValueError for models that need to be trained before."""
+    """A stream of zero weights. Raises ValueError for models that need training first."""
     if cfg.model._target_ != "models.Online":
         raise ValueError(
             f"model={cfg.model.name} cannot begin from nothing; choose model=online_vwnn or "
@@ -68,14 +68,15 @@ def stream_from_nothing(cfg: DictConfig, sensors: Sensors) -> Stream:
     return model.stream(from_nothing=True)
 
 
-def stream_of_run(cfg: DictConfig, folder: Path, relaw: bool) -> Stream:
-    """A finished run's stream. `relaw`: by the law `adaptation=` of the config, not its own.
+def stream_of_run(cfg: DictConfig, folder: Path, new_law: bool) -> Stream:
+    """A finished run's stream; the run's records may be gone.
 
-    A run of batch training stays as it is unless told to adapt. Raises ValueError for one whose
+    new_law: adapt by the law `adaptation=` of the config. Otherwise an on-line run adapts by its
+    own law, and a run of batch training keeps its weights. Raises ValueError for a run whose
     weights do not all enter linearly.
     """
     model = restore(cfg, folder)
-    if isinstance(model, Online) and not relaw:
+    if isinstance(model, Online) and not new_law:
         return model.stream()
     inner = model.estimator if isinstance(model, Online) else model
     guard = model.guard if isinstance(model, Online) else Guard()
@@ -84,5 +85,5 @@ def stream_of_run(cfg: DictConfig, folder: Path, relaw: bool) -> Stream:
             f"{folder} is a run of {cfg.model.name}, whose weights do not enter linearly; choose "
             "one of a VWNN, an equivalent linear system, a polynomial method or an on-line model"
         )
-    law: Law = build(cfg.adaptation) if relaw else Frozen()
+    law: Law = build(cfg.adaptation) if new_law else Frozen()
     return stream_of(inner, law, started(inner, law), guard)

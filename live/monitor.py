@@ -1,6 +1,6 @@
-"""What is known of a stream so far: error over the last seconds, overruns, events, alarms.
+"""Numbers of a stream so far: error over the last seconds, overruns, events, alarms.
 
-Overrun: a sample that was done with later than the next one was due.   n DOFs, W samples.
+Overrun: a sample whose work ended after the next sample was due.   n DOFs, W samples.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from models.online.guard import Event
 from models.online.scores import WINDOW
 from models.online.stream import Stream
 
-TIMED = 1 << 20  # newest samples whose time the percentiles are of
+TIMED = 1 << 20  # newest samples, of which the percentiles of the time are taken
 
 
 @dataclass(frozen=True)
-class Raised:
+class TimedAlarm:
     """An alarm and the time [s] of the sample that raised it."""
 
     time: float
@@ -30,9 +30,9 @@ class Raised:
 
 
 class LiveMonitor:
-    """Fed one sample after the other; read by whoever shows or logs it. Nothing in it grows.
+    """Follows a stream sample by sample, for those who show or log it, in constant memory.
 
-    period [s]: from one sample to the next, as they come.
+    period [s]: from one sample to the next, at the speed at which samples come.
     """
 
     def __init__(self, stream: Stream, period: float) -> None:
@@ -46,12 +46,12 @@ class LiveMonitor:
         self.taken = array("d", bytes(8 * TIMED))  # [s], of the newest samples
         self.kinds: Counter[str] = Counter()  # of events
         self.last_event: Event | None = None
-        self.alarms: deque[Raised] = deque(maxlen=100)
-        self.first_alarm: Raised | None = None
-        self.raised = 0  # alarms
+        self.alarms: deque[TimedAlarm] = deque(maxlen=100)
+        self.first_alarm: TimedAlarm | None = None
+        self.alarm_count = 0
 
-    def saw(self, sample: Sample, estimate: np.ndarray) -> None:
-        """A sample and the estimate (n,) that was made of it."""
+    def add_sample(self, sample: Sample, estimate: np.ndarray) -> None:
+        """Take over a sample and its estimate (n,)."""
         row = self.samples % len(self.measured)
         self.samples += 1
         self.time = self.stream.watch.time
@@ -63,17 +63,18 @@ class LiveMonitor:
             self.squares[1] += size
         self._count_events()
 
-    def took(self, seconds: float, late: float) -> None:
-        """What the newest sample took, and how long after it was due it was done with."""
+    def add_time(self, seconds: float, late: float) -> None:
+        """Take over how long the newest sample took, and how long after its due time it ended."""
         self.taken[(self.samples - 1) % TIMED] = seconds
         self.overruns += late > self.period
 
-    def alarmed(self, alarm: Alarm) -> Raised:
-        raised = Raised(self.time, alarm)
-        self.alarms.append(raised)
-        self.first_alarm = self.first_alarm or raised
-        self.raised += 1
-        return raised
+    def add_alarm(self, alarm: Alarm) -> TimedAlarm:
+        """Take over an alarm of the newest sample; the alarm with its time."""
+        timed = TimedAlarm(self.time, alarm)
+        self.alarms.append(timed)
+        self.first_alarm = self.first_alarm or timed
+        self.alarm_count += 1
+        return timed
 
     def _count_events(self) -> None:
         events = self.stream.watch.events
@@ -94,14 +95,14 @@ class LiveMonitor:
         return np.roll(self.measured, shift, axis=0), np.roll(self.estimated, shift, axis=0)
 
     def running_error(self) -> tuple[float, np.ndarray]:
-        """Eq. 21 in percent over the last WINDOW seconds, total and of each DOF (n,)."""
+        """Error (Eq. 21) in percent over the last WINDOW seconds, total and of each DOF (n,)."""
         measured, estimated = self.window()
         error, size = (measured - estimated) ** 2, measured**2
         sound = np.isfinite(error).all(axis=1)
         return _percent(error[sound].sum(axis=0), size[sound].sum(axis=0))
 
     def error(self) -> tuple[float, np.ndarray]:
-        """Eq. 21 in percent since the beginning, total and of each DOF (n,)."""
+        """Error (Eq. 21) in percent since the beginning, total and of each DOF (n,)."""
         return _percent(*self.squares)
 
     def latency(self) -> tuple[float, float]:
@@ -114,6 +115,6 @@ class LiveMonitor:
 
 
 def _percent(error: np.ndarray, size: np.ndarray) -> tuple[float, np.ndarray]:
-    """NaN where nothing moved."""
+    """Errors of sums of squares (n,), total and of each DOF; NaN where nothing moved."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(100.0 * np.sqrt(error.sum() / size.sum())), 100.0 * np.sqrt(error / size)

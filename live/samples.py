@@ -16,7 +16,7 @@ from data.arguments import Parser
 from data.record import Record
 from data.sample import INPUTS, Sample
 from data.stream.sources import paced
-from live.model import changed_run, fresh_config
+from live.model import fresh_config, run_config
 from live.source import RECORDED, add_source, recorded, split_words
 from runner.command_line import command_errors
 
@@ -24,8 +24,8 @@ from runner.command_line import command_errors
 def lines_of(record: Record, base: bool, speed: float) -> Iterator[str]:
     """A header, then a line for each sample, every number to its last digit.
 
-    base: the support's acceleration drives; it and the absolute accelerations stand there, as
-    sensors give them, and nothing that was integrated from them.
+    base: the support's acceleration is the excitation; a line then holds this acceleration and the
+    absolute ones, as sensors give them, and no integrated signals.
     """
     first = True
     for k, (_, sample) in enumerate(paced(record, speed)):
@@ -48,7 +48,7 @@ def _signals(sample: Sample, base: bool) -> dict[str, Tensor]:
 
 
 def samples(words: Sequence[str] | None = None) -> None:
-    """Print them. Raises ValueError, OSError."""
+    """Print the lines of the record that the words name. Raises ValueError, OSError."""
     parser = Parser("python -m live.samples", description=(__doc__ or "").splitlines()[0])
     add_source(parser)
     args = parser.parse_intermixed_args(words)
@@ -58,19 +58,19 @@ def samples(words: Sequence[str] | None = None) -> None:
     if args.run is None:
         cfg = fresh_config(settings, kind == "replay")
     else:
-        cfg = changed_run(Path(args.run), settings)
+        cfg = run_config(Path(args.run), settings)
     record, sensors = recorded(kind, args, cfg)
     for line in lines_of(record, sensors.forced == "base", args.speed):
         print(line, flush=True)
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Bad input ends in one line; quietly, where nobody reads on, and at Ctrl-C."""
+    """Bad input ends in one line; a reader that has ended and Ctrl-C end the program silently."""
     with command_errors():
         try:
             samples(words)
         except BrokenPipeError:
-            # what is still to be written has no reader, which Python would complain of on leaving
+            # Python would complain, on leaving, of lines that nobody reads any more
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

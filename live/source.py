@@ -1,4 +1,4 @@
-"""What a live run is fed with: a simulation, a record, standard input, or a socket."""
+"""Sources of a live run's samples: a simulation, a record, standard input, a socket."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ RECORDED = ("simulation", "test")
 
 @dataclass(frozen=True)
 class Source:
-    """Samples, each with the moment [s] at which it was due, and what is known of them before."""
+    """Samples, each with the time [s] at which it was due, and their sensors."""
 
     sensors: Sensors
     samples: Iterable[tuple[float, Sample]]
-    period: float  # [s] from one to the next, as they come
+    period: float  # [s] from one sample to the next, at the speed at which samples come
     lines: SampleLines | None = None
 
 
 def add_source(parser: argparse.ArgumentParser) -> None:
-    """What a command line says of a source of samples, and of the config."""
+    """Add the options that name a source of samples, and settings of the config."""
     parser.add_argument(
         "words",
         nargs="*",
@@ -45,15 +45,15 @@ def add_source(parser: argparse.ArgumentParser) -> None:
 
 
 def add_lines(parser: argparse.ArgumentParser) -> None:
-    """What it says of lines of text."""
+    """Add the options of lines of text."""
     parser.add_argument("--listen", type=int, metavar="PORT", help="a socket on 127.0.0.1")
-    parser.add_argument("--rate", type=float, metavar="HZ", help="of the lines; a run knows it")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="of the lines; else the run's")
     parser.add_argument("--channels", nargs="+", action=Pairs, default={}, metavar="a1=COLUMN")
     parser.add_argument("--units", nargs="+", action=Pairs, default={}, metavar="a=g")
 
 
 def split_words(args: argparse.Namespace) -> tuple[str, list[str]]:
-    """The one source, and the settings. Raises ValueError where none or several are named."""
+    """The name of the source, and the settings. Raises ValueError unless one source is named."""
     named = [word for word in args.words if "=" not in word]
     if args.replay is not None:
         named.append("replay")
@@ -71,7 +71,7 @@ def split_words(args: argparse.Namespace) -> tuple[str, list[str]]:
 def recorded(kind: str, args: argparse.Namespace, cfg: DictConfig) -> tuple[Record, Sensors]:
     """The record that is replayed, less its truth. Raises ValueError for other quantities.
 
-    A simulation of a finished run has the seed after the run's, unless seed= says another.
+    A simulation of a finished run has the seed after the run's, unless seed= names another.
     """
     data = _data(kind, args, cfg)
     data.setup()
@@ -99,7 +99,7 @@ def _data(kind: str, args: argparse.Namespace, cfg: DictConfig) -> Data:
 def source_of(
     kind: str, args: argparse.Namespace, cfg: DictConfig, dt: float | None, stack: ExitStack
 ) -> Source:
-    """Open it; waits for the first line of text. `dt` [s]: of the run, where there is one."""
+    """Open a source; waits for its first line of text. `dt` [s]: of the run, where there is one."""
     if kind in (*RECORDED, "replay"):
         record, sensors = recorded(kind, args, cfg)
         period = record.dt if math.isinf(args.speed) else record.dt / args.speed

@@ -1,4 +1,4 @@
-"""What a person sees of a live run: a table that moves in a terminal, else a line now and then."""
+"""The display of a live run: a moving table in a terminal, elsewhere a line every few seconds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rich.text import Text
 
 from data.arguments import plain
 from data.stream.lines import SampleLines
-from live.monitor import LiveMonitor, Raised
+from live.monitor import LiveMonitor, TimedAlarm
 from models.online.scores import WINDOW
 
 BARS = " ▁▂▃▄▅▆▇█"
@@ -45,7 +45,7 @@ class LiveView:
 
     def __enter__(self) -> LiveView:
         if self.live is not None:
-            # it is drawn by a thread of its own, which is not to keep a sample waiting
+            # a thread of its own draws the table, and must not keep a sample waiting
             sys.setswitchinterval(SWITCH)
             self.live.start()
         return self
@@ -60,16 +60,18 @@ class LiveView:
             self.live.stop()
 
     def tick(self) -> None:
+        """Print a status line where one is due and there is no table."""
         if self.live is None and self.monitor.time >= self.next_line:
             self.console.print(status_line(self.monitor, self.lines), markup=False, soft_wrap=True)
             self.next_line += self.every * (1 + (self.monitor.time - self.next_line) // self.every)
 
-    def alarm(self, raised: Raised) -> None:
+    def alarm(self, raised: TimedAlarm) -> None:
+        """Print an alarm where there is no table."""
         if self.live is None:
             self.console.print(alarm_line(raised), markup=False, soft_wrap=True)
 
     def table(self) -> Group:
-        """The status, each DOF's last seconds, what went wrong."""
+        """Status, the last seconds of each DOF, the last event, fault and alarm."""
         monitor = self.monitor
         measured, estimated = monitor.window()
         _, errors = monitor.running_error()
@@ -92,13 +94,13 @@ class LiveView:
         parts: list[Text | Table] = [
             Text(status_line(monitor, self.lines)),
             table,
-            Text(self._troubles()),
+            Text(self._last_troubles()),
         ]
         if monitor.alarms:
             parts.append(Text(alarm_line(monitor.alarms[-1]), style="bold red"))
         return Group(*parts)
 
-    def _troubles(self) -> str:
+    def _last_troubles(self) -> str:
         lines = [event_line(self.monitor)] if self.monitor.last_event else []
         if self.lines is not None and self.lines.faults:
             lines.append(f"last fault: {plain(self.lines.faults[-1])}")
@@ -122,43 +124,46 @@ def bars(signal: np.ndarray, size: float, first: int) -> str:
 
 
 def status_line(monitor: LiveMonitor, lines: SampleLines | None) -> str:
-    total, each = monitor.running_error()
+    """Time, samples, running error [%], overruns, events and bad lines so far."""
+    total, by_dof = monitor.running_error()
     bad = "" if lines is None else f", {lines.bad:,} bad lines"
     return (
         f"t = {monitor.time:.1f} s, {monitor.samples:,} samples: error {total:.1f} % "
-        f"({' '.join(f'{e:.1f}' for e in each)}), {monitor.overruns:,} overruns, "
+        f"({' '.join(f'{e:.1f}' for e in by_dof)}), {monitor.overruns:,} overruns, "
         f"{sum(monitor.kinds.values()):,} events{bad}"
     )
 
 
 def event_line(monitor: LiveMonitor) -> str:
+    """Counts of the events by kind, and the last event. Needs one."""
     event = monitor.last_event
     assert event is not None
     counts = ", ".join(f"{count:,} {kind}" for kind, count in sorted(monitor.kinds.items()))
     return f"events: {counts}; the last: {event.kind}, {event.channel}, at {event.time:.3f} s"
 
 
-def alarm_line(raised: Raised) -> str:
+def alarm_line(raised: TimedAlarm) -> str:
+    """Time, DOF and size of an alarm."""
     alarm = raised.alarm
     return f"ALARM at {raised.time:.1f} s: DOF {alarm.dof}, {alarm.size:.1f} times the threshold"
 
 
 def summary(monitor: LiveMonitor, lines: SampleLines | None) -> list[str]:
-    """What a live run ends with."""
-    total, each = monitor.error()
+    """The last lines of a live run."""
+    total, by_dof = monitor.error()
     last, _ = monitor.running_error()
     middle, most = monitor.latency()
-    said = [
+    text = [
         f"{monitor.time:.1f} s, {monitor.samples:,} samples: relative error {total:.2f} % "
-        f"(DOFs {', '.join(f'{e:.2f}' for e in each)}), of the last {WINDOW:g} s {last:.2f} %",
+        f"(DOFs {', '.join(f'{e:.2f}' for e in by_dof)}), of the last {WINDOW:g} s {last:.2f} %",
         f"time per sample: median {1e6 * middle:.0f} µs, 99.9th percentile {1e6 * most:.0f} µs; "
         f"{monitor.overruns:,} overruns of {1e3 * monitor.period:.4g} ms",
     ]
     if monitor.last_event is not None:
-        said.append(event_line(monitor))
+        text.append(event_line(monitor))
     if lines is not None and lines.bad:
-        said.append(f"bad lines: {lines.bad:,}; the last: {plain(lines.faults[-1])}")
+        text.append(f"bad lines: {lines.bad:,}; the last: {plain(lines.faults[-1])}")
     if monitor.first_alarm is not None:
-        more = f"; {monitor.raised} in all" if monitor.raised > 1 else ""
-        said.append(alarm_line(monitor.first_alarm) + more)
-    return said
+        more = f"; {monitor.alarm_count} in all" if monitor.alarm_count > 1 else ""
+        text.append(alarm_line(monitor.first_alarm) + more)
+    return text

@@ -13,12 +13,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import combinations
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from data.record import Record
+from data.topology import incidence, node_numbers
+from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
-from models.composition.simulate import Coefficients, Composition, ElementLaws, Numbering, Part
+from models.composition.laws import ElementLaws
+from models.composition.simulate import Composition
 
 SOFTEST = 0.05  # of the median stiffness: what an element starts with at least
 
@@ -47,7 +51,7 @@ class ElementNetwork(Composite):
         forced: Sequence[int] | str | None = None,
         hinges: int = 2,
         tanhs: int = 0,
-        units: int = 2,
+        units: int = 3,
         cubic: bool = True,
         substeps: int = 2,
         from_accelerations: bool = False,
@@ -193,18 +197,16 @@ class ElementNetwork(Composite):
         pairs = [[node, name] for name in names for node in fixed]
         return pairs + [list(pair) for pair in combinations(names, 2)]
 
-    def _incidence(self) -> tuple[Tensor, ...]:
+    def _incidence(self) -> tuple[Tensor, Tensor]:
         """B (E, n) and B_s (E, p) of y = B x + B_s s."""
-        names = [f"x{i + 1}" for i in range(self.dofs)]
-        names += [f"s{j + 1}" for j in range(self.supports)]
-        full = torch.zeros(len(self.elements), len(names), dtype=torch.float64)
-        for e, pair in enumerate(self.elements):
-            if len(pair) != 2 or pair[0] == pair[1] or not set(pair) <= {*names, "ground"}:
+        number = node_numbers(self.dofs, self.supports)
+        for pair in self.elements:
+            if len(pair) != 2 or pair[0] == pair[1] or not set(pair) <= set(number):
+                *moving, ground = number
                 raise ValueError(
                     f"model.elements holds {list(pair)}: expected two different ones of "
-                    f"{', '.join(names)} and ground"
+                    f"{', '.join(moving)} and {ground}"
                 )
-            for node, sign in zip(pair, (-1.0, 1.0), strict=True):
-                if node != "ground":
-                    full[e, names.index(node)] += sign
-        return full.split([self.dofs, self.supports], dim=1)
+        ends = np.array([[number[node] for node in pair] for pair in self.elements])
+        B, B_s = incidence(ends, self.dofs, self.supports)
+        return torch.tensor(B), torch.tensor(B_s)

@@ -14,8 +14,10 @@ import torch
 from torch import Tensor
 
 from data.record import Record
+from models.composition.coefficients import Numbering, Part
 from models.composition.composite import Composite
-from models.composition.simulate import Composition, ElementLaws, Numbering, Part
+from models.composition.laws import ElementLaws
+from models.composition.simulate import Composition
 
 
 class HystereticElement(Composite):

@@ -15,8 +15,10 @@ import torch
 from torch import Tensor
 
 from data.record import Record
+from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
-from models.composition.simulate import Coefficients, Composition, ElementLaws, Numbering, Part
+from models.composition.laws import ElementLaws
+from models.composition.simulate import Composition
 from models.linear import EquivalentLinear
 
 SMALLEST_DAMPING = 1e-3  # 2ζ of a mode at the start
@@ -35,10 +37,10 @@ class LatentHysteresisNetwork(Composite):
         dofs: int,
         inputs: int,
         dt: float,
-        elements: int = 8,
-        hinges: int = 2,
+        elements: int = 12,
+        hinges: int = 1,
         tanhs: int = 0,
-        units: int = 2,
+        units: int = 1,
         cubic: bool = True,
         substeps: int = 2,
         prior: float = 1e-10,

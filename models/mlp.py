@@ -8,7 +8,6 @@ Brewick & Masri (2016), Sects. 2.3 and 3.3.3.   B records, T samples, n DOFs, m 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -16,40 +15,9 @@ from torch.nn.functional import pad
 
 from data.record import Drive, Record, Response
 from models.layers.integrate import runge_kutta, runge_kutta_delayed
-from models.layers.scaling import Extents
+from models.layers.perceptron import Perceptron
 from models.linear import EquivalentLinear
 from models.training.trainable import Trainable
-
-ACTIVATIONS = {"tanh": nn.Tanh, "sigmoid": nn.Sigmoid, "relu": nn.ReLU, "silu": nn.SiLU}
-
-
-class Perceptron(nn.Module):
-    """Layers of `hidden` neurons between inputs and outputs that are scaled to [−1, 1].
-
-    Sigmoidal hidden layers, a linear output layer; weights start random (Glorot & Bengio 2010).
-    """
-
-    def __init__(
-        self, inputs: int, hidden: Sequence[int], outputs: int, activation: str = "tanh"
-    ) -> None:
-        super().__init__()
-        if activation not in ACTIVATIONS or not hidden or min(hidden) < 1:
-            raise ValueError(
-                f"hidden={list(hidden)}, activation={activation!r}: expected numbers of neurons "
-                f"and one of {', '.join(ACTIVATIONS)}"
-            )
-        sizes = [inputs, *hidden, outputs]
-        layers: list[nn.Module] = []
-        for columns, rows in pairwise(sizes):
-            layer = nn.Linear(columns, rows, dtype=torch.float64)
-            nn.init.xavier_uniform_(layer.weight)
-            nn.init.zeros_(layer.bias)
-            layers += [layer, ACTIVATIONS[activation]()]
-        self.layers = nn.Sequential(*layers[:-1])
-        self.input_scale, self.output_scale = Extents(inputs), Extents(outputs)
-
-    def forward(self, u: Tensor) -> Tensor:
-        return self.output_scale.inverse(self.layers(self.input_scale(u)))
 
 
 class GlobalMLP(Trainable):

@@ -17,61 +17,12 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from models.layers.integrate import between
+from models.layers.linear_with_network import LatentStep, LinearWithNetwork
 from models.layers.sensitivity import trajectory
 from models.linear import EquivalentLinear
 from models.training.trainable import Trainable, windows_of
 
-START = 0.01  # of a Glorot start: the network begins as a small addition to the linear system
 SLOWEST, FASTEST = 5.0, 0.05  # time constants of the memory at the start [s]
-
-
-class LinearWithNetwork(nn.Module):
-    """L [z, w] + W₂ tanh(W₁ [z, w] + b₁) + b₂; θ = (L, W₁, b₁, W₂, b₂)."""
-
-    def __init__(self, inputs: int, hidden: int, outputs: int) -> None:
-        super().__init__()
-        double = torch.float64
-        self.linear = nn.Linear(inputs, outputs, bias=False, dtype=double)
-        self.inner = nn.Linear(inputs, hidden, dtype=double)
-        self.outer = nn.Linear(hidden, outputs, dtype=double)
-        self.draw(None)
-
-    @torch.no_grad()
-    def draw(self, generator: torch.Generator | None) -> None:
-        for layer, size in (self.inner, 1.0), (self.outer, START):
-            drawn = torch.empty(layer.weight.shape, dtype=torch.float64)
-            layer.weight.copy_(size * nn.init.xavier_uniform_(drawn, generator=generator))
-            layer.bias.zero_()
-
-    def theta(self) -> tuple[Tensor, ...]:
-        inner, outer = self.inner, self.outer
-        return self.linear.weight, inner.weight, inner.bias, outer.weight, outer.bias
-
-    def forward(self, z: Tensor, w: Tensor) -> Tensor:
-        return LatentStep()(z, w, *self.theta())
-
-
-class LatentStep:
-    """The same as a step in time."""
-
-    def __call__(self, z: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
-        linear, inner, bias, outer, shift = theta
-        both = torch.cat([z, w], dim=-1)
-        return both @ linear.T + torch.tanh(both @ inner.T + bias) @ outer.T + shift
-
-    def run(self, first: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
-        """What w contributes is added up for all samples at once."""
-        linear, inner, bias, outer, shift = theta
-        q = first.shape[-1]
-        A, B = linear.T[:q], linear.T[q:]
-        W, driven = inner.T[:q], inner.T[q:]
-        z, history = first, [first]
-        for moved, sum_in in zip(
-            (w @ B + shift).unbind(), (w @ driven + bias).unbind(), strict=True
-        ):
-            z = torch.addmm(torch.addmm(moved, z, A), torch.addmm(sum_in, z, W).tanh(), outer.T)
-            history.append(z)
-        return torch.stack(history)
 
 
 class NeuralStateSpace(Trainable):
@@ -89,9 +40,9 @@ class NeuralStateSpace(Trainable):
         dofs: int,
         inputs: int,
         dt: float,
-        memory: int = 3,
+        memory: int = 6,
         hidden: int = 10,
-        past: int = 20,
+        past: int = 10,
     ) -> None:
         super().__init__(dofs, inputs, dt)
         if min(memory, hidden, past) < 1:

@@ -32,6 +32,7 @@ from data.arguments import plain, reason
 from runner.run_folder import run_name, write_failure
 
 CONF = Path(__file__).parent.parent / "conf"
+SHARED = "shared"  # by the experiments of a folder
 GROUPS = (
     "system",
     "excitation",
@@ -73,11 +74,30 @@ def help_text(program: str) -> str:
     lines = [EXAMPLES[program], ""]
     for group in groups:
         lines.append(f"{group}=")
-        for path in sorted((CONF / group).glob("*.yaml")):
+        paths = experiments() if group == "experiment" else (CONF / group).glob("*.yaml")
+        for path in sorted(paths, key=lambda path: path.stem):
             comments = [s for s in path.read_text(encoding="utf-8").splitlines() if s[:1] == "#"]
             described = [s[1:].strip() for s in comments if "@package" not in s]
             lines.append(f"    {path.stem:<30}{described[0] if described else ''}".rstrip())
     return "\n".join(lines)
+
+
+def experiments() -> list[Path]:
+    """The files of all experiments, which lie in a folder for each room of the report."""
+    paths = (CONF / "experiment").glob("*/*.yaml")
+    return sorted(path for path in paths if path.stem != SHARED)
+
+
+def placed(words: Sequence[str]) -> list[str]:
+    """The same words with experiments by their folder too: experiment=paper/table3 for table3."""
+    places = {path.stem: f"{path.parent.name}/{path.stem}" for path in experiments()}
+    named = (word.partition("=") for word in words)
+    return [
+        f"{key}={','.join(places.get(name, name) for name in names.split(','))}"
+        if key == "experiment"
+        else f"{key}{equals}{names}"
+        for key, equals, names in named
+    ]
 
 
 def prepare_hydra() -> None:
@@ -99,7 +119,7 @@ def composed(*words: str, config: str = "train") -> DictConfig:
     prepare_hydra()
     GlobalHydra.instance().clear()  # a program that is run by Hydra has one already
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose(config, list(words))
+        return compose(config, placed(words))
 
 
 def quiet_lightning() -> None:
@@ -141,6 +161,7 @@ def _reason(error: BaseException) -> str:
 @contextmanager
 def one_line_errors(config: str) -> Iterator[None]:
     """Bad input ends with one line and exit status 1; a traceback is for bugs."""
+    sys.argv[1:] = placed(sys.argv[1:])
     try:
         yield
     except (MissingConfigException, ConfigCompositionException, OverrideParseException) as error:
@@ -200,9 +221,12 @@ def _explain(error: Exception, config: str) -> str:
     """A misspelt choice or key, with the nearest ones that exist."""
     if isinstance(error, MissingConfigException) and error.options is not None:
         group, _, choice = (error.missing_cfg_file or "").rpartition("/")
+        options = list(error.options)
+        if group.startswith("experiment"):
+            group, options = "experiment", [path.stem for path in experiments()]
         return (
-            f"{group}={choice} does not exist{_nearest(choice, error.options)} "
-            f"(choices: {', '.join(error.options)})"
+            f"{group}={choice} does not exist{_nearest(choice, options)} "
+            f"(choices: {', '.join(options)})"
         )
     cause = getattr(error.__cause__, "full_key", None) or getattr(error.__cause__, "key", None)
     first = " ".join(str(error).splitlines()[:2]).removesuffix(".")

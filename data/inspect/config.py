@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from data.arguments import plain
+from data.measured.channels import signal_of
 from data.measured.finding import Finding
 
 
@@ -31,7 +32,7 @@ def config_path(wanted: str, record: Path) -> Path:
 
 def command(config: Path, channels: Iterable[str]) -> str:
     """What to type to train on it; accelerations alone are integrated first."""
-    signals = {channel.rstrip("0123456789") for channel in channels}
+    signals = {signal_of(channel) for channel in channels}
     scenario = " scenario=integrated" if "a" in signals and not {"x", "v"} <= signals else ""
     folder = config.parent.parent
     return f"python train.py --config-dir {folder} data={config.stem} model=vwnn{scenario}"

@@ -12,7 +12,7 @@ import numpy as np
 
 from data.inspect.guesses import suggest
 from data.inspect.picture import Spectrum, spectrum
-from data.measured.channels import CHANNEL
+from data.measured.channels import CHANNEL, signal_of
 from data.measured.files.format import suffixes_of
 from data.measured.files.table import FORMATS, Table, read_table
 from data.measured.finding import Finding
@@ -21,7 +21,7 @@ from data.measured.reading import by_name, read_record, record_of, stated_dt
 from data.measured.signal_faults import findings
 from data.measured.statistics import Statistics, statistics
 from data.measured.time_step import time_step
-from data.measured.units import SIGNALS, to_si
+from data.measured.units import DIMENSIONS, to_si
 
 SUFFIXES = suffixes_of(FORMATS)
 
@@ -56,7 +56,7 @@ def inspection(
 
 
 def _mapped(path: Path, raw: RawRecord) -> Inspection:
-    units = {name: SIGNALS[name.rstrip("0123456789")][1] for name in raw.channels}
+    units = {name: DIMENSIONS[signal_of(name)][1] for name in raw.channels}
     return _examined(path, raw, units, {}, {})
 
 
@@ -70,8 +70,9 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         time = (table.columns[clock] - table.columns[clock][0]) * to_si(unit, "time")
         notes.append(f"{clock!r} is taken for the clock, in {unit}, by its name")
     columns = {c: x for c, x in table.columns.items() if time is None or c != clock}
-    signals = {c: g.rstrip("0123456789") for c, g in guesses.items() if g != "time"}
-    in_si = {c: s for c, s in signals.items() if to_si(table.units.get(c, SIGNALS[s][1]), s) == 1.0}
+    signals = {c: signal_of(g) for c, g in guesses.items() if g != "time"}
+    own = {c: table.units.get(c, DIMENSIONS[s][1]) for c, s in signals.items()}
+    in_si = {c: s for c, s in signals.items() if to_si(own[c], s) == 1.0}
     raw = RawRecord(path.name, time, stated_dt([table]), columns, notes=tuple(notes))
     return _examined(path, raw, dict(table.units), guesses, in_si)
 

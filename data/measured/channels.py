@@ -7,8 +7,7 @@ of a support; r force of an element.   T samples.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import torch
@@ -19,9 +18,14 @@ CHANNEL = re.compile(r"(f|x|v|a|s|s_dot|s_ddot|r)([1-9]\d*)")
 CLOCKS = ("time", "t", "Time", "time_s", "TIME")  # columns that are taken for time
 
 
-def numbered(channels: Mapping[str, Any], signal: str) -> list[int]:
+def signal_of(channel: str) -> str:
+    """The signal of a channel without its number: a of a1, time of time."""
+    return channel.rstrip("0123456789")
+
+
+def numbered(channels: Iterable[str], signal: str) -> list[int]:
     """Numbers of the channels of a signal, ascending."""
-    ends = [c.removeprefix(signal) for c in channels if c.rstrip("0123456789") == signal]
+    ends = [c.removeprefix(signal) for c in channels if signal_of(c) == signal]
     return sorted(int(end) for end in ends)
 
 

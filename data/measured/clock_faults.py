@@ -17,20 +17,20 @@ def clock_findings(raw: RawRecord) -> list[Finding]:
         return list(_of_own_clocks(raw))
     lengths = {name: len(signal) for name, signal in raw.channels.items()}
     lengths |= {} if raw.time is None else {"time": len(raw.time)}
-    found = []
+    findings: list[Finding] = []
     if len(set(lengths.values())) > 1:
         text = f"{_listed(lengths)} samples; name the clock of each file in data.channels.time"
-        found.append(Finding("unequal lengths", "", text, True))
+        findings.append(Finding("unequal lengths", "", text, True))
     if raw.time is not None:
-        dt, clock = time_step(raw.time)
-        found += clock
+        dt, faults = time_step(raw.time)
+        findings += faults
         if raw.dt is not None and abs(dt / raw.dt - 1.0) > 0.01:
             text = f"steps of {dt:.6g} s, but the file says dt={raw.dt:.6g} s; say data.units.time"
-            found.append(Finding("clock in other unit", "", text))
+            findings.append(Finding("clock in other unit", "", text))
     elif raw.dt is None:
         text = "nobody says when the samples were taken; say data.dt or data.channels.time"
-        found.append(Finding("no clock", "", text, True))
-    return found
+        findings.append(Finding("no clock", "", text, True))
+    return findings
 
 
 def _of_own_clocks(raw: RawRecord) -> Iterator[Finding]:
@@ -39,10 +39,10 @@ def _of_own_clocks(raw: RawRecord) -> Iterator[Finding]:
     steps, starts = {}, {}
     for channels in shared:
         clock, names = raw.clocks[channels[0]], ", ".join(channels)
-        steps[names], found = time_step(clock)
+        steps[names], faults = time_step(clock)
         starts[names] = float(clock[0])
-        for f in found:
-            yield Finding(f.what, "", f"{names}: {f.message}", f.blocks)
+        for fault in faults:
+            yield Finding(fault.what, "", f"{names}: {fault.message}", fault.blocks)
     if len(shared) < 2:
         return
     rate = 1.0 / max(steps.values())
@@ -70,6 +70,6 @@ def shared_clocks(clocks: Mapping[str, np.ndarray]) -> list[list[str]]:
     return shared
 
 
-def _listed(of: Mapping[str, object]) -> str:
-    shown = ", ".join(f"{name} {value}" for name, value in list(of.items())[:6])
-    return shown + (", …" if len(of) > 6 else "")
+def _listed(values: Mapping[str, object]) -> str:
+    shown = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
+    return shown + (", …" if len(values) > 6 else "")

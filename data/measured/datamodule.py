@@ -14,17 +14,16 @@ import numpy as np
 from torch import Tensor
 
 from data.datamodule import Data
-from data.measured.channels import matrix, numbered
+from data.measured.channels import matrix, numbered, signal_of
 from data.measured.mend import Mending
 from data.measured.raw_record import RawRecord, between
 from data.measured.reading import read_record
 from data.measured.splits import record_places, split_records
-from data.measured.units import SIGNALS
+from data.measured.units import DIMENSIONS
 from data.record import Record
 from data.simulation.scenario import Scenario
 
 OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
-SI_UNITS = {signal: unit for signal, (_, unit, _) in SIGNALS.items()}
 
 
 class MeasuredData(Data):
@@ -107,17 +106,17 @@ class MeasuredData(Data):
 
     def make_records(self) -> dict[str, list[Record]]:
         """Each part mended and measured on its own; what was read is let go."""
-        made: dict[str, list[Record]] = {}
+        records: dict[str, list[Record]] = {}
         for number, split in enumerate(("train", "test")):
-            made[split] = []
+            records[split] = []
             for i, (name, raw) in enumerate(self.parts[split].items()):
                 dt, channels, done = self.mend(raw)
                 self.notes[f"{split}: {name}"] = [*raw.notes, *done]
                 record = self._record(dt, channels, raw.whole)
                 rng = np.random.default_rng((self.seed, number, i))
-                made[split].append(self.scenario(record, rng))
+                records[split].append(self.scenario(record, rng))
         self.parts = {}
-        return made
+        return records
 
     def _with_clock(self, raw: RawRecord) -> RawRecord:
         if self.stated_dt is None:
@@ -126,8 +125,8 @@ class MeasuredData(Data):
 
     def _record(self, dt: float, channels: dict[str, np.ndarray], whole: bool) -> Record:
         usual = ("acceleration", "force", "displacement")
-        held = [q for q in usual if numbered(channels, OUTPUTS[q])]
-        quantity = self.stated_quantity or next(iter(held), None)
+        measured = [q for q in usual if numbered(channels, OUTPUTS[q])]
+        quantity = self.stated_quantity or next(iter(measured), None)
         output = None if quantity is None else matrix(channels, OUTPUTS[quantity])
         if quantity is None or output is None:
             raise ValueError(
@@ -135,7 +134,7 @@ class MeasuredData(Data):
                 "expected accelerations a1, …, displacements x1, … or forces of an element r1"
             )
         self.forced, f = numbered(channels, "f"), matrix(channels, "f")
-        self.units = {c: SI_UNITS[c.rstrip("0123456789")] for c in channels}
+        self.units = {c: DIMENSIONS[signal_of(c)][1] for c in channels}
         ground = matrix(channels, "s_ddot")
         if ground is not None:
             output, f = self._relative(output, f, ground, channels)

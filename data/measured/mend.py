@@ -77,21 +77,21 @@ class Mending:
         """
         if not raw.channels or any(len(x) < 2 for x in raw.channels.values()):
             raise ValueError(f"{raw.name}: expected channels of at least 2 samples")
-        left = [f for f in blocking(raw) if not self._mends(f)]
-        if left:
-            more = f" (and {len(left) - 1} more)" if left[1:] else ""
-            raise ValueError(f"{raw.name}: {left[0]}{more}")
+        blocks = [f for f in blocking(raw) if not self._mends(f)]
+        if blocks:
+            more = f" (and {len(blocks) - 1} more)" if blocks[1:] else ""
+            raise ValueError(f"{raw.name}: {blocks[0]}{more}")
         done: list[str] = []
-        on_clocks = sampled(raw)
-        dt = min(of.dt for of in on_clocks.values())
+        signals = sampled(raw)
+        dt = min(signal.dt for signal in signals.values())
         new_dt = 1.0 / self.resample if self.resample else dt
         self._check_cutoffs(raw.name, new_dt)
         if self.fill is not None:
-            on_clocks = _without_gaps(raw.name, on_clocks, self.fill, done)
+            signals = _without_gaps(raw.name, signals, self.fill, done)
         if self.resample is not None:
-            channels = resampled(raw.name, on_clocks, self.resample, done)
+            channels = resampled(raw.name, signals, self.resample, done)
         else:
-            channels = {name: of.values for name, of in on_clocks.items()}
+            channels = {name: signal.values for name, signal in signals.items()}
         return new_dt, self._filtered(raw.name, channels, new_dt, done), done
 
     def _mends(self, finding: Finding) -> bool:
@@ -127,8 +127,8 @@ def _without_gaps(
     if doubles:
         done.append(f"{doubles} samples left out that share a time with another")
     whole, gaps = {}, dict[tuple[int, float], list[str]]()
-    for channel, of in channels.items():
-        whole[channel], count, seconds = filled(name, channel, of, longest)
+    for channel, signal in channels.items():
+        whole[channel], count, seconds = filled(name, channel, signal, longest)
         if count:
             gaps.setdefault((count, seconds), []).append(channel)
     for (count, seconds), names in gaps.items():

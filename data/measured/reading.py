@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from data.measured.channels import CHANNEL, CLOCKS, SIGNALS
+from data.measured.channels import CHANNEL, CLOCKS, SIGNALS, signal_of
 from data.measured.files.table import Table, read_table
 from data.measured.raw_record import RawRecord
 from data.measured.units import to_si
@@ -29,7 +29,7 @@ def read_record(
     said, here or in the file. `reader` goes to data.measured.files.table.read_table.
     Raises ValueError for channels and columns that do not exist.
     """
-    said = {key: unit for key, unit in (units or {}).items() if unit is not None}
+    stated = {key: unit for key, unit in (units or {}).items() if unit is not None}
     if path.is_dir():
         if not channels:
             files = sorted(p.name for p in path.iterdir() if p.is_file())
@@ -38,10 +38,10 @@ def read_record(
                 "each channel: \"data.channels={time: t, a1: 'floor_1.csv:Acc_X', …}\""
             )
         tables, places = _tables_of_folder(path, channels, reader)
-        return assembled(path, tables, places, said)
+        return assembled(path, tables, places, stated)
     wanted = None if channels is None else list(dict.fromkeys(channels.values()))
     table = read_table(path, **{"columns": wanted, **reader})
-    return record_of(path, table, channels or by_name(table), said)
+    return record_of(path, table, channels or by_name(table), stated)
 
 
 def record_of(
@@ -53,15 +53,15 @@ def record_of(
 
 def by_name(table: Table) -> dict[str, str]:
     """Channels whose columns are called as they are here. Raises ValueError where none is."""
-    found = {name: name for name in table.columns if CHANNEL.fullmatch(name)}
-    if not found:
+    channels = {name: name for name in table.columns if CHANNEL.fullmatch(name)}
+    if not channels:
         raise ValueError(
             f"{table.path} has the columns {', '.join(list(table.columns)[:12])}; say which is "
             'what, as in "data.channels={time: t, f1: Force, a1: Acc_X}", or call them time, f1, '
             "a1, … in the file"
         )
     clock = next((name for name in CLOCKS if name in table.columns), None)
-    return found | ({} if clock is None else {"time": clock})
+    return channels | ({} if clock is None else {"time": clock})
 
 
 def _tables_of_folder(
@@ -111,7 +111,7 @@ def assembled(
 ) -> RawRecord:
     """Columns in their `places` (file, column) of tables by file, in SI units on one clock."""
     _check_names(path, places, units)
-    found: dict[str, np.ndarray] = {}
+    signals: dict[str, np.ndarray] = {}
     notes = list(dict.fromkeys(note for table in tables.values() for note in table.notes))
     for channel, (file, column) in places.items():
         table = tables[file]
@@ -121,16 +121,18 @@ def assembled(
                 f"{', '.join(list(table.columns)[:12])}"
             )
         clock = channel.startswith("time")
-        signal = "time" if clock else channel.rstrip("0123456789")
+        signal = "time" if clock else signal_of(channel)
         own = None if clock else units.get(channel)
         unit = own or units.get(signal) or table.units.get(column)
         values = table.columns[column]
         if unit is not None:
             values = values * to_si(unit, signal)
             notes.append(f"{signal} in {unit}")
-        found[channel] = values
-    clocks = {c.removeprefix("time of "): found.pop(c) for c in list(found) if c.startswith("time")}
-    return _on_one_clock(path, found, clocks, places, tables, tuple(dict.fromkeys(notes)))
+        signals[channel] = values
+    clocks = {
+        c.removeprefix("time of "): signals.pop(c) for c in list(signals) if c.startswith("time")
+    }
+    return _on_one_clock(path, signals, clocks, places, tables, tuple(dict.fromkeys(notes)))
 
 
 def _on_one_clock(

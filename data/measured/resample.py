@@ -29,19 +29,19 @@ class Sampled:
     time: np.ndarray  # (T,) [s]
     values: np.ndarray  # (T,)
     dt: float  # [s]
-    troubles: frozenset[str]  # what data.measured.clock_faults finds in its clock
+    troubles: frozenset[str]  # faults of its clock, as data.measured.time_step names them
 
 
 def sampled(raw: RawRecord) -> dict[str, Sampled]:
     """The channels of a record, each with its clock. Raises ValueError for an impossible dt."""
     clocks: dict[int, tuple[np.ndarray, float, frozenset[str]]] = {}  # looked at once each
-    found = {}
+    signals = {}
     for channel, values in raw.channels.items():
         time = raw.clocks.get(channel, raw.time)
         if id(time) not in clocks:
             clocks[id(time)] = _clock(raw, time, len(values))
-        found[channel] = Sampled(clocks[id(time)][0], values, *clocks[id(time)][1:])
-    return found
+        signals[channel] = Sampled(clocks[id(time)][0], values, *clocks[id(time)][1:])
+    return signals
 
 
 def _clock(
@@ -51,8 +51,8 @@ def _clock(
         if raw.dt is None or not 0.0 < raw.dt < np.inf:
             raise ValueError(f"{raw.name}: dt={raw.dt} s must be positive; say data.dt")
         return raw.dt * np.arange(samples), raw.dt, frozenset()
-    dt, found = time_step(time)
-    troubles = frozenset(f.what for f in found)
+    dt, findings = time_step(time)
+    troubles = frozenset(finding.what for finding in findings)
     if not troubles & {"uneven time steps", "dropped samples", "duplicate times"}:
         time = time[0] + dt * np.arange(len(time))
     return time, dt, troubles
@@ -61,26 +61,26 @@ def _clock(
 def without_duplicates(channels: dict[str, Sampled]) -> tuple[dict[str, Sampled], int]:
     """Of samples that share a time the first is kept; and how many were left out."""
     kept, most = {}, 0
-    for name, of in channels.items():
-        if "duplicate times" in of.troubles:
-            first = np.diff(of.time, prepend=-np.inf) > 0.0
+    for name, signal in channels.items():
+        if "duplicate times" in signal.troubles:
+            first = np.diff(signal.time, prepend=-np.inf) > 0.0
             most = max(most, int((~first).sum()))
-            of = Sampled(of.time[first], of.values[first], of.dt, of.troubles)
-        kept[name] = of
+            signal = Sampled(signal.time[first], signal.values[first], signal.dt, signal.troubles)
+        kept[name] = signal
     return kept, most
 
 
-def filled(name: str, channel: str, of: Sampled, longest: float) -> tuple[Sampled, int, float]:
+def filled(name: str, channel: str, signal: Sampled, longest: float) -> tuple[Sampled, int, float]:
     """A channel without gaps, how many there were, and the longest [s].
 
     Measured samples stay as they are. Raises ValueError for gaps above `longest` [s] and at ends.
     """
-    place, missing = _missing(of)
+    place, missing = _missing(signal)
     starts, lengths = runs(missing)
     if not len(starts):
-        return of, 0, 0.0
-    seconds = float(lengths.max() * of.dt)
-    at = float(of.time[0] + of.dt * starts[lengths.argmax()])
+        return signal, 0, 0.0
+    seconds = float(lengths.max() * signal.dt)
+    at = float(signal.time[0] + signal.dt * starts[lengths.argmax()])
     if missing[0] or missing[-1]:
         raise ValueError(
             f"{name}: {channel} {'begins' if missing[0] else 'ends'} with missing samples, which "
@@ -92,30 +92,30 @@ def filled(name: str, channel: str, of: Sampled, longest: float) -> tuple[Sample
             f"data.mend.fill={longest:g} s; raise it, or cut the gap out with data.start or "
             "data.stop"
         )
-    return _interpolated(of, place, missing), len(starts), seconds
+    return _interpolated(signal, place, missing), len(starts), seconds
 
 
-def _missing(of: Sampled) -> tuple[np.ndarray, np.ndarray]:
+def _missing(signal: Sampled) -> tuple[np.ndarray, np.ndarray]:
     """Place (T,) of each sample on a grid without gaps, and where that grid (G,) has no sample."""
-    place = np.arange(len(of.time))
-    if "dropped samples" in of.troubles or "uneven time steps" in of.troubles:
-        steps = np.maximum(np.rint(np.diff(of.time) / of.dt), 1.0)
+    place = np.arange(len(signal.time))
+    if "dropped samples" in signal.troubles or "uneven time steps" in signal.troubles:
+        steps = np.maximum(np.rint(np.diff(signal.time) / signal.dt), 1.0)
         place[1:] = np.cumsum(steps.astype(np.int64))
     missing = np.ones(int(place[-1]) + 1, dtype=bool)
-    missing[place[np.isfinite(of.values)]] = False
+    missing[place[np.isfinite(signal.values)]] = False
     return place, missing
 
 
-def _interpolated(of: Sampled, place: np.ndarray, missing: np.ndarray) -> Sampled:
-    if "uneven time steps" in of.troubles:
-        time = np.interp(np.arange(len(missing)), place, of.time)
+def _interpolated(signal: Sampled, place: np.ndarray, missing: np.ndarray) -> Sampled:
+    if "uneven time steps" in signal.troubles:
+        time = np.interp(np.arange(len(missing)), place, signal.time)
     else:
-        time = of.time[0] + of.dt * np.arange(len(missing))
-    known = np.isfinite(of.values)
+        time = signal.time[0] + signal.dt * np.arange(len(missing))
+    known = np.isfinite(signal.values)
     values = np.empty(len(missing))
-    values[place[known]] = of.values[known]
-    values[missing] = PchipInterpolator(time[place[known]], of.values[known])(time[missing])
-    return Sampled(time, values, of.dt, of.troubles)
+    values[place[known]] = signal.values[known]
+    values[missing] = PchipInterpolator(time[place[known]], signal.values[known])(time[missing])
+    return Sampled(time, values, signal.dt, signal.troubles)
 
 
 def resampled(name: str, channels: dict[str, Sampled], rate: float, done: list[str]) -> Channels:
@@ -124,19 +124,19 @@ def resampled(name: str, channels: dict[str, Sampled], rate: float, done: list[s
     Downwards the grid is first a multiple of `rate` no coarser than the fastest sensor; there all
     channels pass the same low-pass, then every m-th sample is kept.
     """
-    start = max(float(of.time[0]) for of in channels.values())
-    stop = min(float(of.time[-1]) for of in channels.values())
+    start = max(float(signal.time[0]) for signal in channels.values())
+    stop = min(float(signal.time[-1]) for signal in channels.values())
     count = int((stop - start) * rate * (1.0 + 1e-9)) + 1
     if stop <= start or count < 2:
         raise ValueError(
             f"{name}: the channels have no common time, the last begins at {start:.4g} s and the "
             f"first ends at {stop:.4g} s; check data.channels.time and data.units.time"
         )
-    rates = sorted({float(f"{1.0 / of.dt:.6g}") for of in channels.values()})
+    rates = sorted({float(f"{1.0 / signal.dt:.6g}") for signal in channels.values()})
     m = max(1, int(np.ceil(rates[-1] / rate - 0.01)))
     grid = start + np.arange(m * (count - 1) + 1) / (m * rate)
     grid = np.minimum(grid, stop)  # by an ulp: nothing is extrapolated
-    splines = {c: _spline(grid, of) for c, of in channels.items()}
+    splines = {c: _spline(grid, signal) for c, signal in channels.items()}
     before = " and ".join(f"{r:g}" for r in rates)
     done.append(f"resampled from {before} Hz to {rate:g} Hz, {count} samples, by quintic splines")
     if m == 1:
@@ -147,9 +147,9 @@ def resampled(name: str, channels: dict[str, Sampled], rate: float, done: list[s
     return {c: x[::m].copy() for c, x in smooth.items()}
 
 
-def _spline(grid: np.ndarray, of: Sampled) -> np.ndarray:
-    degree = 5 if len(of.time) > 5 else 1
-    return make_interp_spline(of.time, of.values, k=degree)(grid)
+def _spline(grid: np.ndarray, signal: Sampled) -> np.ndarray:
+    degree = 5 if len(signal.time) > 5 else 1
+    return make_interp_spline(signal.time, signal.values, k=degree)(grid)
 
 
 def butterworth(

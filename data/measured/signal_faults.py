@@ -28,24 +28,24 @@ SMALLEST = 1e-4  # m/s², peak
 
 def findings(
     raw: RawRecord,
-    of: Mapping[str, Statistics] | None = None,
+    known: Mapping[str, Statistics] | None = None,
     signals: Mapping[str, str] | None = None,
 ) -> list[Finding]:
     """All that is wrong with a record: first what blocks, then what may be meant.
 
-    `of` are the channels' statistics, where they are known already; `signals` says what channels
-    are ("a", "x", …) whose names do not.
+    `known` are the statistics of the channels, where these are at hand; `signals` says what those
+    channels are ("a", "x", …) whose names do not.
     """
     clocks = clock_findings(raw)
     first = [f for f in clocks if f.blocks] + _lacking(raw)
-    found = [f for f in clocks if not f.blocks]
-    found += list(_zero_first_row(raw))
+    others = [f for f in clocks if not f.blocks]
+    others += list(_zero_first_row(raw))
     for name, signal in raw.channels.items():
         match = CHANNEL.fullmatch(name)
         kind = match[1] if match else (signals or {}).get(name, "")
-        known = of[name] if of else statistics(signal)
-        found += findings_of(name, kind, signal, known, _clock(raw, name))
-    return first + found
+        numbers = known[name] if known else statistics(signal)
+        others += channel_findings(name, kind, signal, numbers, _clock(raw, name))
+    return first + others
 
 
 def blocking(raw: RawRecord) -> list[Finding]:
@@ -54,31 +54,32 @@ def blocking(raw: RawRecord) -> list[Finding]:
 
 
 def _lacking(raw: RawRecord) -> list[Finding]:
-    found: list[Finding] = []
+    faults: list[Finding] = []
     for name, signal in raw.channels.items():
         with np.errstate(all="ignore"):
             whole = np.isfinite(signal.sum())  # only where all of its terms are
         if not whole:
-            found += _missing(name, signal, _clock(raw, name))
-    return found
+            faults += _missing(name, signal, _clock(raw, name))
+    return faults
 
 
-def findings_of(
-    name: str, signal: str, values: np.ndarray, of: Statistics, clock: tuple[float, float]
+def channel_findings(
+    name: str, signal: str, values: np.ndarray, stats: Statistics, clock: tuple[float, float]
 ) -> list[Finding]:
     """What may be wrong with one channel (T,) of the signal "a", "x", …, or "" if unknown."""
-    if of.finite < 2:
+    if stats.finite < 2:
         return []
-    if of.minimum == of.maximum:
-        text = f"all samples are {of.minimum:.6g}; take it out of data.channels, or look for a wire"
+    if stats.minimum == stats.maximum:
+        text = f"all samples are {stats.minimum:.6g}; "
+        text += "take it out of data.channels, or look for a wire"
         return [Finding("constant channel", name, text)]
-    found = _unit(name, signal, of) or list(_offset(name, signal, of))
-    found += _saturation(name, values, of)
+    faults = _unit(name, signal, stats) or list(_offset(name, signal, stats))
+    faults += _saturation(name, values, stats)
     if signal != "f":  # a hammer is one spike after the other
-        found += _spikes(name, values, of, clock)
+        faults += _spikes(name, values, stats, clock)
     if signal in MOTIONS:
-        found += _drift(name, values, of)
-    return found
+        faults += _drift(name, values, stats)
+    return faults
 
 
 def _clock(raw: RawRecord, channel: str) -> tuple[float, float]:
@@ -124,33 +125,36 @@ def _zero_first_row(raw: RawRecord) -> Iterator[Finding]:
             return
 
 
-def _unit(name: str, signal: str, of: Statistics) -> list[Finding]:
-    peak = max(abs(of.minimum), abs(of.maximum))
+def _unit(name: str, signal: str, stats: Statistics) -> list[Finding]:
+    peak = max(abs(stats.minimum), abs(stats.maximum))
     largest, guess = LARGEST.get(signal, (np.inf, ""))
     key = f"data.units.{signal}"
     if peak > largest:
         text = f"peak of {peak:.4g} in SI; if it is in {guess} say {key}"
     elif signal in ACCELERATIONS and peak < SMALLEST:
         text = f"peak of {peak:.3g} m/s²; is it in another unit? say {key}"
-    elif signal in ACCELERATIONS and abs(abs(of.mean) - 1.0) < 0.05 and of.std < 0.5:
-        text = f"mean of {of.mean:.4g} m/s², as gravity in g; if it is in g say {key}=g"
+    elif signal in ACCELERATIONS and abs(abs(stats.mean) - 1.0) < 0.05 and stats.std < 0.5:
+        text = f"mean of {stats.mean:.4g} m/s², as gravity in g; if it is in g say {key}=g"
     else:
         return []
     return [Finding("suspicious unit", name, text)]
 
 
-def _offset(name: str, signal: str, of: Statistics) -> Iterator[Finding]:
-    if signal in ACCELERATIONS and abs(abs(of.mean) / GRAVITY - 1.0) < 0.05:
-        text = f"mean of {of.mean:.4g} m/s² is gravity; data.mend.detrend=mean takes it away"
+def _offset(name: str, signal: str, stats: Statistics) -> Iterator[Finding]:
+    if signal in ACCELERATIONS and abs(abs(stats.mean) / GRAVITY - 1.0) < 0.05:
+        text = f"mean of {stats.mean:.4g} m/s² is gravity; data.mend.detrend=mean takes it away"
         yield Finding("offset", name, text)
-    elif signal in MOTIONS and abs(of.mean) > (0.2 if signal in ACCELERATIONS else 3.0) * of.std:
-        text = f"mean of {of.mean:.4g} beside a deviation of {of.std:.3g}; data.mend.detrend=mean"
-        yield Finding("offset", name, f"{text} takes it away")
+    elif (
+        signal in MOTIONS
+        and abs(stats.mean) > (0.2 if signal in ACCELERATIONS else 3.0) * stats.std
+    ):
+        text = f"mean of {stats.mean:.4g} beside a deviation of {stats.std:.3g}; "
+        yield Finding("offset", name, f"{text}data.mend.detrend=mean takes it away")
 
 
-def _saturation(name: str, values: np.ndarray, of: Statistics) -> Iterator[Finding]:
+def _saturation(name: str, values: np.ndarray, stats: Statistics) -> Iterator[Finding]:
     """Many samples at an extreme value and few just below it, unlike the turn of a vibration."""
-    for extreme, sign in ((of.maximum, 1.0), (of.minimum, -1.0)):
+    for extreme, sign in ((stats.maximum, 1.0), (stats.minimum, -1.0)):
         at = values == extreme
         count = int(np.count_nonzero(at))
         if extreme == 0.0 or not 8 <= count < 0.4 * len(values):  # at rest; two levels only
@@ -158,7 +162,7 @@ def _saturation(name: str, values: np.ndarray, of: Statistics) -> Iterator[Findi
         starts, lengths = runs(at)
         below = sign * values
         next_level = below[below < sign * extreme].max()
-        edge = max(0.005 * (of.maximum - of.minimum), 1.5 * (sign * extreme - next_level))
+        edge = max(0.005 * (stats.maximum - stats.minimum), 1.5 * (sign * extreme - next_level))
         near = int(np.count_nonzero(below > sign * extreme - edge)) - count
         if lengths.max() >= 3 and count > 3 * near:
             text = (
@@ -170,16 +174,18 @@ def _saturation(name: str, values: np.ndarray, of: Statistics) -> Iterator[Findi
 
 
 def _spikes(
-    name: str, values: np.ndarray, of: Statistics, clock: tuple[float, float]
+    name: str, values: np.ndarray, stats: Statistics, clock: tuple[float, float]
 ) -> Iterator[Finding]:
     """Single samples far from both neighbours and from nearly all others."""
     start, dt = clock
     some = values[:: max(1, len(values) // 100_000)]
     some = some[np.isfinite(some)]
     middle = float(np.median(some))
-    usual = float(np.quantile(np.abs(some - middle), 0.999)) if len(some) >= 1000 else of.std * 3.0
+    usual = (
+        float(np.quantile(np.abs(some - middle), 0.999)) if len(some) >= 1000 else stats.std * 3.0
+    )
     limit = 3.0 * usual
-    if limit == 0.0 or max(of.maximum - middle, middle - of.minimum) <= limit:
+    if limit == 0.0 or max(stats.maximum - middle, middle - stats.minimum) <= limit:
         return
     with np.errstate(invalid="ignore"):
         far = np.flatnonzero(np.abs(values - middle) > limit)
@@ -196,19 +202,19 @@ def _spikes(
         yield Finding("spike", name, text)
 
 
-def _drift(name: str, values: np.ndarray, of: Statistics) -> Iterator[Finding]:
+def _drift(name: str, values: np.ndarray, stats: Statistics) -> Iterator[Finding]:
     """Means of blocks that lie on a line which climbs by more than half a deviation."""
     size = len(values) // BLOCKS
-    if size < 10 or of.finite < len(values):
+    if size < 10 or stats.finite < len(values):
         return
     means = values[: BLOCKS * size].reshape(BLOCKS, size).mean(axis=1)
     place = np.linspace(-0.5, 0.5, BLOCKS)
     climb = float(place @ means / (place @ place))
     left = means - means.mean() - climb * place
-    if abs(climb) > 0.5 * of.std and left.var() < 0.1 * means.var():
+    if abs(climb) > 0.5 * stats.std and left.var() < 0.1 * means.var():
         text = (
-            f"the mean moves by {climb:.4g} from begin to end, beside a deviation of {of.std:.3g}; "
-            "unless the structure did so, data.mend.detrend=linear or data.mend.high_pass "
-            "takes it away"
+            f"the mean moves by {climb:.4g} from begin to end, beside a deviation of "
+            f"{stats.std:.3g}; unless the structure did so, data.mend.detrend=linear or "
+            "data.mend.high_pass takes it away"
         )
         yield Finding("drift", name, text)

@@ -14,17 +14,17 @@ from data.measured.raw_record import RawRecord, between
 def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None) -> list[Path]:
     """Files and folders that are one record each."""
     patterns = [path] if isinstance(path, str) else list(path)
-    found: list[Path] = []
+    paths: list[Path] = []
     for pattern in patterns:
         hits = [pattern] if Path(pattern).exists() else sorted(glob(pattern))
         if not hits:
             raise ValueError(
                 f"data.path={pattern}: there is no such file or folder (seen from {Path.cwd()})"
             )
-        found += [Path(hit) for hit in hits]
+        paths += [Path(hit) for hit in hits]
     one_each = any(":" in where for where in (channels or {}).values())
     places: list[Path] = []
-    for place in found:
+    for place in paths:
         whole = place.is_file() or one_each
         files = [] if whole else sorted(p for p in place.iterdir() if p.is_file())
         places += [place] if whole else files

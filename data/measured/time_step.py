@@ -31,8 +31,8 @@ def time_step(time: np.ndarray) -> tuple[float, list[Finding]]:
     steps = np.diff(time)
     if not (steps > 0.0).any() or steps.min() < 0.0:
         return _median(time), [_decreasing(time, steps)]
-    dt, found = _steady(time, steps)
-    return dt, found + _suspicious(dt, time)
+    dt, findings = _steady(time, steps)
+    return dt, findings + _suspicious(dt, time)
 
 
 _WITHOUT = "mend the file, or put data.dt in place of its clock"
@@ -73,25 +73,25 @@ def _steady(time: np.ndarray, steps: np.ndarray) -> tuple[float, list[Finding]]:
 
 
 def _gaps_and_jitter(time: np.ndarray, steps: np.ndarray, dt: float) -> tuple[float, list[Finding]]:
-    found = []
+    findings = []
     long, same = steps > GAP * dt, steps == 0.0
     if same.any():
-        found.append(_duplicates(time, same))
+        findings.append(_duplicates(time, same))
     if long.mean() > IRREGULAR:
-        return dt, [*found, _uneven(time, steps, dt, steps >= 0.0)]
+        return dt, [*findings, _uneven(time, steps, dt, steps >= 0.0)]
     even = ~long & ~same
     if np.abs(steps[even] - dt).max() > JITTER * dt:
         resolution, slope = _rounding_of_longest_piece(time, steps, long | same)
         dt = slope if resolution else dt
         if not resolution:
-            found.append(_uneven(time, steps, dt, even))
+            findings.append(_uneven(time, steps, dt, even))
         elif resolution > ROUGH * dt:
-            found.append(_rounded(dt, resolution))
+            findings.append(_rounded(dt, resolution))
     else:
         dt = float(steps[even].mean())
     if long.any():
-        found.insert(0, _dropped(time, steps, dt, long))
-    return dt, found
+        findings.insert(0, _dropped(time, steps, dt, long))
+    return dt, findings
 
 
 def _rounding_of_longest_piece(

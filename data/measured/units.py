@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pint import UnitRegistry
 
 # signal → (what it is, SI unit, examples)
-SIGNALS = {
+DIMENSIONS = {
     "time": ("a time", "s", "s, ms, us, ns, min"),
     "f": ("a force", "N", "N, kN, lb, lbf, kip"),
     "r": ("a force", "N", "N, kN, lb, lbf, kip"),
@@ -59,9 +59,9 @@ def to_si(unit: str, signal: str) -> float:
     `signal` is "time", "f", "r", "x", "s", "v", "s_dot", "a" or "s_ddot". Raises ValueError for
     another signal, an unknown unit, or a unit of another dimension.
     """
-    if signal not in SIGNALS:
-        raise ValueError(f"signal={signal!r}: choose {', '.join(SIGNALS)}")
-    what, si, examples = SIGNALS[signal]
+    if signal not in DIMENSIONS:
+        raise ValueError(f"signal={signal!r}: choose {', '.join(DIMENSIONS)}")
+    what, si, examples = DIMENSIONS[signal]
     expected = f"signal {signal} is {what} and wants a unit of {si}, for example {examples}"
     words = _readable(unit)
     if words is None:

@@ -57,11 +57,11 @@ class BenchmarkData(Data):
         self.about, self.hold = about, hold or about.hold
         self.unit, self.band, self.published = about.unit, about.band, dict(about.published)
         self.files = files_of(benchmark, cache() if folder is None else Path(folder), download)
-        known = about.read(self.files)
-        usual = next(g for g in (*about.usual_test, "*") if matching(known[1], [g]))
+        series = about.read(self.files)
+        usual = next(g for g in (*about.usual_test, "*") if matching(series[1], [g]))
         self.series = {
-            "train": choose("train", known[0], train or about.usual_train),
-            "test": choose("test", known[1], test or usual),
+            "train": choose("train", series[0], train or about.usual_train),
+            "test": choose("test", series[1], test or usual),
         }
         require_held_out(**self.series)
         first = self.series["train"][0]
@@ -71,12 +71,12 @@ class BenchmarkData(Data):
         self.quantity = about.quantity
         self.units = {f"u{i}": about.input_unit for i in range(1, self.inputs + 1)}
         self.units |= {f"y{i}": about.unit for i in range(1, self.dofs + 1)}
-        same = [s.y for s in known[0] if s.initial_state == "periodic" and s.warmup == 0]
+        same = [s.y for s in series[0] if s.initial_state == "periodic" and s.warmup == 0]
         self.noise = noise_floor(np.stack(same)) if same else None
         self.official: dict[str, list[Record]] = {}
-        for split, some in self.series.items():
-            self.official[split] = [self._record(series) for series in some]
-            self.notes.update({f"{split}: {s.name}": self._remarks(split, s) for s in some})
+        for split, chosen in self.series.items():
+            self.official[split] = [self._record(series) for series in chosen]
+            self.notes.update({f"{split}: {s.name}": self._remarks(split, s) for s in chosen})
 
     def _record(self, series: Series) -> Record:
         try:

@@ -49,13 +49,13 @@ class Files:
         """
         place = self.find(path)
         assert place is not None, f"{path} was not looked for"
-        held = _read_mat(place, variables)
+        stored = _read_mat(place, variables)
         for name in variables:
-            if name not in held:
+            if name not in stored:
                 raise ValueError(f"{place} has no variable {name!r}; is it the benchmark's own?")
-            if not isinstance(held[name], np.ndarray) or held[name].dtype.kind not in "iuf":
+            if not isinstance(stored[name], np.ndarray) or stored[name].dtype.kind not in "iuf":
                 raise ValueError(f"{place}: {name!r} does not hold real numbers")
-        return [np.asarray(held[name], dtype=np.float64) for name in variables]
+        return [np.asarray(stored[name], dtype=np.float64) for name in variables]
 
 
 def _read_mat(place: Path, variables: Sequence[str]) -> dict[str, Any]:

@@ -47,11 +47,11 @@ def _names(series: Sequence[Series]) -> str:
 
 def require_held_out(train: Sequence[Series], test: Sequence[Series]) -> None:
     """Raise ValueError where a test series was trained on: the same samples of the same file."""
-    for held in test:
-        counted = held.y[held.warmup :]
-        for seen in train:
-            if np.shares_memory(seen.y[seen.warmup :], counted):
+    for tested in test:
+        counted = tested.y[tested.warmup :]
+        for trained in train:
+            if np.shares_memory(trained.y[trained.warmup :], counted):
                 raise ValueError(
-                    f"test series {held.name} has samples of training series {seen.name}; "
+                    f"test series {tested.name} has samples of training series {trained.name}; "
                     "change data.train or data.test"
                 )

@@ -64,11 +64,13 @@ class SimulatedData(Data):
 
     def make_records(self) -> dict[str, list[Record]]:
         counts = {"train": self.train_records, "test": self.test_records}
-        made = {}
+        records = {}
         for split, first in (("train", 0), ("test", self.train_records)):
-            made[split], escapes = self.simulation.records(split, counts[split], self.seed, first)
+            records[split], escapes = self.simulation.records(
+                split, counts[split], self.seed, first
+            )
             self.escapes += escapes
-        return made
+        return records
 
     def own_error(self) -> float:
         """The simulation's, on the first test motion."""

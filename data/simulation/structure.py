@@ -2,8 +2,7 @@
 
 M ẍ + Bᵀ r = f,   y = B x + B_s s                       Brewick & Masri (2016), Eqs. 1 and 18
 
-n DOFs, m supports, E elements.  B is (E, n), B_s is (E, m): +1 where an element ends, −1 where it
-starts, so that y is the position of its second node less that of its first.
+n DOFs, m supports, E elements.  B is (E, n), B_s is (E, m), see data/topology.py.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from data.simulation.elements import Element
+from data.topology import incidence, node_numbers
 
 
 class Structure:
@@ -40,11 +40,8 @@ class Structure:
         self._check_held()
 
     def _node_numbers(self) -> np.ndarray:
-        """Nodes as numbers: DOFs 0 … n−1, supports n … n+m−1, ground n+m."""
-        names = [f"x{i + 1}" for i in range(self.dofs)] + [
-            f"s{i + 1}" for i in range(self.supports)
-        ]
-        number = {name: i for i, name in enumerate([*names, "ground"])}
+        """Numbers of the nodes (E, 2) where elements start and end."""
+        number = node_numbers(self.dofs, self.supports)
         for name, element in self.elements.items():
             for node in element.between:
                 if node not in number:
@@ -83,11 +80,7 @@ class Structure:
 
     def incidence(self) -> tuple[np.ndarray, np.ndarray]:
         """B (E, n) and B_s (E, m) of y = B x + B_s s."""
-        rows = np.arange(len(self.elements))
-        full = np.zeros((len(rows), self.dofs + self.supports + 1))
-        full[rows, self.ends[:, 1]] += 1.0
-        full[rows, self.ends[:, 0]] -= 1.0
-        return full[:, : self.dofs], full[:, self.dofs : self.dofs + self.supports]
+        return incidence(self.ends, self.dofs, self.supports)
 
     def linearised(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """M [kg], C [N s/m], K [N/m], each (n, n), for small motions about rest."""

@@ -18,12 +18,12 @@ from typing import BinaryIO
 
 import torch
 
-from data.measured.channels import CHANNEL, CLOCKS, numbered
+from data.measured.channels import CHANNEL, CLOCKS, numbered, signal_of
 from data.measured.files.columns import shorten, split_unit
 from data.measured.files.text_cells import MISSING, NUMBER
 from data.measured.units import to_si
 from data.sample import Sample, Sensors
-from data.stream.clock import SampleClock
+from data.stream.time_stamps import TimeStamps
 
 LONGEST = 1 << 16  # bytes of a line
 DIGITS = 64  # of a number
@@ -50,7 +50,7 @@ class SampleLines:
         self.lines, self.dt = _lines(file), dt
         self.bad = 0  # lines
         self.faults: deque[str] = deque(maxlen=FAULTS)
-        self.clock = SampleClock(dt)
+        self.stamps = TimeStamps(dt)
         filled = (numbered_line for numbered_line in self.lines if numbered_line[1].strip())
         self.number, self.first = next(filled, (0, b""))
         if not self.first:
@@ -70,29 +70,29 @@ class SampleLines:
     def _sample(self, number: int, line: bytes) -> Iterator[tuple[float, Sample]]:
         came = perf_counter()
         try:
-            values = self._of_json(line) if self.json else self._of_csv(line)
+            values = self._json_values(line) if self.json else self._csv_values(line)
         except (ValueError, OverflowError, RecursionError) as fault:
             self.bad += 1
             self.faults.append(f"line {number}: {str(fault) or type(fault).__name__}")
             if not self.timed:
-                self.clock(None)  # a sample that was lost
+                self.stamps(None)  # a sample that was lost
             return
-        time = self.clock(values[0] if self.timed else None)
-        if self.clock.note:
-            self.faults.append(f"line {number}: {self.clock.note}")
+        time = self.stamps(values[0] if self.timed else None)
+        if self.stamps.note:
+            self.faults.append(f"line {number}: {self.stamps.note}")
         yield came, self._assembled(values, time)
 
-    def _of_csv(self, line: bytes) -> list[float]:
+    def _csv_values(self, line: bytes) -> list[float]:
         cells = line.decode().strip("\r\n").split(self.delimiter)
         if len(cells) != self.width:
             raise ValueError(f"{len(cells)} cells, expected {self.width}")
         pairs = zip(self.columns, self.factors, strict=True)
         return [factor * _number(cells[k]) for k, factor in pairs]
 
-    def _of_json(self, line: bytes) -> list[float]:
-        held = _flat(json.loads(line))
+    def _json_values(self, line: bytes) -> list[float]:
+        values = _flat(json.loads(line))
         return [
-            factor * held.get(name, nan)
+            factor * values.get(name, nan)
             for name, factor in zip(self.keys, self.factors, strict=True)
         ]
 
@@ -142,10 +142,7 @@ class SampleLines:
         """Places of each signal among the values. Raises ValueError for what cannot be used."""
         read = ", ".join(self.keys) or "no channel that is known here"
         places = {
-            signal: [
-                self.names.index(f"{signal}{i}")
-                for i in numbered(dict.fromkeys(self.names), signal)
-            ]
+            signal: [self.names.index(f"{signal}{i}") for i in numbered(self.names, signal)]
             for signal in ("f", "x", "v", "a", "s", "s_dot", "s_ddot")
         }
         n = len(places["a"])
@@ -167,7 +164,7 @@ class SampleLines:
         if len(places["x"]) != n or len(places["v"]) != n:
             places["x"] = places["v"] = []
         self.places = {signal: at for signal, at in places.items() if at}
-        forced = "base" if self.base else numbered(dict.fromkeys(self.names), "f")
+        forced = "base" if self.base else numbered(self.names, "f")
         self.sensors = Sensors(self.dt, n, 1 if self.base else len(driven), forced)
 
     def _assembled(self, values: Sequence[float], time: float) -> Sample:
@@ -205,12 +202,12 @@ def _is_number(cell: str) -> bool:
     return len(cell) <= DIGITS and NUMBER.fullmatch(cell) is not None
 
 
-def _flat(held: object) -> dict[str, float]:
+def _flat(line: object) -> dict[str, float]:
     """{"a": [0.1, null], "t": 0} → {"a1": 0.1, "a2": nan, "t": 0.0}."""
-    if not isinstance(held, dict):
+    if not isinstance(line, dict):
         raise ValueError("no JSON object")
     flat: dict[str, float] = {}
-    for key, value in held.items():
+    for key, value in line.items():
         if isinstance(value, list):
             flat |= {f"{key}{i}": _json_number(u) for i, u in enumerate(value, start=1)}
         elif not isinstance(value, str | dict | bool):  # such as the name of a sensor
@@ -230,8 +227,8 @@ def _bare(head: str) -> str:
     return split_unit(head)[0]
 
 
-def _factor(name: str, of_all: Mapping[str, str], stated: Mapping[str, str]) -> float:
+def _factor(name: str, units: Mapping[str, str], stated: Mapping[str, str]) -> float:
     """To SI, by the unit of the channel as stated, of its signal, or in its header."""
-    signal = name if name == "time" else name.rstrip("0123456789")
-    unit = stated.get(name) or stated.get(signal) or of_all.get(name)
+    signal = signal_of(name)
+    unit = stated.get(name) or stated.get(signal) or units.get(name)
     return 1.0 if unit is None else to_si(unit, signal)

@@ -1,49 +1,34 @@
 """Estimators that are a composition of a linear core and elements, simulated as a whole.
 
-The free run is models/composition/simulate.py's: compiled, on the processor wherever the data are,
-with its derivatives; in PyTorch where autograd asks for it. It holds at any time step.
+The free run is compiled, with its derivatives (trace.py); where autograd asks for derivatives of
+the whole motion, PyTorch runs it (simulate.py). It holds at any time step.
 B records, T samples, n DOFs, E elements, P free parameters.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
+from models.composition.coefficients import Coefficients
 from models.composition.simulate import (
     ACCELERATION,
     DISPLACEMENT,
-    PART,
     VELOCITY,
-    Coefficients,
     Composition,
-    Part,
     simulate,
 )
-from models.composition.simulate_compiled import run
-from models.layers.integrate import between
+from models.composition.trace import Trace, traced
 from models.layers.state_variables import corner_frequency, state_variables
 from models.training.trainable import Trainable
 
 MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
 BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities
-
-
-@dataclass(frozen=True)
-class Trace:
-    """A compiled run (…, T, ·): the motion, the elements' forces and deformations, ∂output/∂θ."""
-
-    response: Response
-    forces: Tensor  # (…, T, E) [N]
-    deformations: Tensor  # (…, T, E) [m]
-    jacobian: Tensor  # (…, T, n, P), or P = 0
 
 
 class Composite(Trainable):
@@ -140,7 +125,6 @@ class Composite(Trainable):
         trace = self.trace(drive)
         return trace.deformations, trace.forces
 
-    @torch.no_grad()
     def trace(
         self,
         drive: Drive,
@@ -150,39 +134,8 @@ class Composite(Trainable):
     ) -> Trace:
         """A compiled run, begun anew from `anchors` (…, 2, T, n) every so many samples."""
         self.require_identified(self.identified)
-        it, device, lead = self.composition(), drive.u.device, drive.u.shape[:-2]
-        drive = Drive(drive.dt, drive.u.cpu(), drive.x0.cpu(), drive.v0.cpu(), drive.hold)
-        u = drive.u.reshape(-1, *drive.u.shape[-2:])
-        fine = between(drive.u, drive.hold, self._substeps(drive.dt)).reshape(len(u), *_fine(drive))
-        starts = torch.stack([drive.x0, drive.v0], dim=-2).expand(*lead, 2, -1)
-        starts = starts.reshape(len(u), 2, -1)
-        measured = starts[:, :, None, :]
-        if anchors is not None:
-            measured = anchors.cpu().reshape(len(u), *anchors.shape[-3:])
-        P = it.parameters if derivatives else 0
-        shapes = [(self.dofs,)] * 3 + [(it.laws.value.shape[0],)] * 2 + [(self.dofs, P)]
-        out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
-        arrays = _arrays(it)
-        back = np.ascontiguousarray(np.linalg.pinv(arrays["outputs"][0]))
-
-        def one(i: int) -> None:
-            run(
-                *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
-                drive.dt, every, np.ascontiguousarray(measured[i].numpy()), back,
-                *arrays["core"], *arrays["inputs"], *arrays["G"], *arrays["D"],
-                np.ascontiguousarray(it.supports.cpu().numpy()), *arrays["laws"], it.counts,
-                *arrays["outputs"], it.measures.cpu().numpy(), P,
-                *(signal[i].numpy() for signal in out),
-            )  # fmt: skip
-
-        if len(u) > 1 and torch.get_num_threads() > 1:
-            with ThreadPoolExecutor(torch.get_num_threads()) as pool:
-                list(pool.map(one, range(len(u))))
-        else:
-            for i in range(len(u)):
-                one(i)
-        x, v, a, *rest = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
-        return Trace(Response(x, v, it.output(x, v, a)), *rest)
+        substeps = self._substeps(drive.dt)
+        return traced(self.composition(), drive, substeps, anchors, every, derivatives)
 
     def look(self, batches: Iterable[Record]) -> list[Record]:
         """The records on the processor, once it is known what their sensors say."""
@@ -255,18 +208,3 @@ class _Restarted(torch.autograd.Function):
         flat = slope.reshape(-1) @ jacobian.flatten(0, -2)
         parts = flat.split([shape.numel() for shape in ctx.shapes])
         return (None, None, None, *(p.view(s) for p, s in zip(parts, ctx.shapes, strict=True)))
-
-
-def _fine(drive: Drive) -> tuple[int, int, int]:
-    return drive.samples - 1, -1, drive.u.shape[-1]
-
-
-def _arrays(it: Composition) -> dict[str, tuple[np.ndarray, ...]]:
-    """Values, numbers and slopes of every part, as the compiled run takes them."""
-    parts: dict[str, Part] = {
-        name: getattr(it, name) for name in ("core", "inputs", "G", "D", "laws", "outputs")
-    }
-    return {
-        name: tuple(np.ascontiguousarray(getattr(p, key).cpu().numpy()) for key in PART)
-        for name, p in parts.items()
-    }

@@ -1,11 +1,11 @@
 """CUSUM: small lasting changes of the residual's energy, added up.
 
-z = (ln Σ_k e[k]² − μ) / σ over the samples of a look, per DOF; μ, σ of sound records
+z = (ln Σ_k e[k]² − μ) / σ over the samples of a block, per DOF; μ, σ of sound records
 
 g⁺ ← max(0, g⁺ + z − κ),   g⁻ ← max(0, g⁻ − z − κ),   statistic max(g⁺, g⁻)        Page (1954)
 
 A loss of stiffness makes the residual of a frozen model grow; of one that extrapolates it may make
-it fall, as the motion gets slower: hence both sides. Mean number of looks to a false alarm of one
+it fall, as the motion gets slower: hence both sides. Mean number of blocks to a false alarm of one
 side at a level h, of independent normal z: (exp(2κb) − 2κb − 1)/(2κ²), b = h + 1.166
 (Siegmund 1985).
 """
@@ -21,7 +21,7 @@ from models.detection.detector import Detector
 
 
 class CumulativeSum(Detector):
-    """Looks are residuals (…, samples, n).
+    """Blocks are residuals (…, samples, n).
 
     slack: κ ≥ 0, half the change of z that is to be found, in standard deviations. Small: finds
     small changes, late. Large: only large ones, soon.
@@ -38,8 +38,8 @@ class CumulativeSum(Detector):
         self.mean = energy.mean(dim=(0, 1))
         self.sigma = energy.std(dim=(0, 1))
 
-    def step(self, memory: Tensor | None, seen: Tensor) -> tuple[Tensor, Tensor]:
-        return self.add(memory, (log_energy(seen) - self.mean) / self.sigma)
+    def step(self, memory: Tensor | None, block: Tensor) -> tuple[Tensor, Tensor]:
+        return self.add(memory, (log_energy(block) - self.mean) / self.sigma)
 
     def add(self, memory: Tensor | None, z: Tensor) -> tuple[Tensor, Tensor]:
         """g⁺ and g⁻ (2, …, n), and the larger, after z (…, n)."""
@@ -48,12 +48,12 @@ class CumulativeSum(Detector):
         return sums, sums.amax(dim=0)
 
 
-def log_energy(seen: Tensor) -> Tensor:
-    """ln of the mean square (…, n) of a look (…, samples, n)."""
-    return seen.square().mean(dim=-2).clamp_min(1e-300).log()
+def log_energy(block: Tensor) -> Tensor:
+    """ln of the mean square (…, n) of a block (…, samples, n)."""
+    return block.square().mean(dim=-2).clamp_min(1e-300).log()
 
 
 def siegmund(slack: float, level: float) -> float:
-    """Mean number of looks to a false alarm of one side, of independent normal z."""
+    """Mean number of blocks to a false alarm of one side, of independent normal z."""
     b = level + 1.166
     return (math.exp(2.0 * slack * b) - 2.0 * slack * b - 1.0) / (2.0 * slack**2)

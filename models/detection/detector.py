@@ -1,13 +1,13 @@
 """What a change detector is, and how its threshold is set for a stated rate of false alarms.
 
-A detector looks at a stretch of samples at a time and gives every DOF a statistic, which grows as
-the structure departs from what was learnt of sound records. The alarm is raised where the largest,
-each in units of its usual peak, exceeds one threshold. A look knows nothing of what comes later.
+A detector takes a block of samples at a time and gives every DOF a statistic, which grows as the
+structure departs from sound records. The alarm is raised where the largest statistic, in units of
+its usual peak, exceeds one threshold. A statistic depends on no later sample.
 
-Threshold: of m sound records that nothing was learnt from, the j-th smallest peak, with
-j = ⌈(m + 1)(1 − α)⌉. A further sound record exceeds it with probability at most α, whatever the
-distribution of peaks (Vovk, Gammerman & Shafer 2005, conformal prediction, Sect. 2.2): records need
-only be exchangeable, that is, of the same kind.    B records, K looks, n DOFs.
+Threshold: the j-th smallest peak of m further sound records, j = ⌈(m + 1)(1 − α)⌉. One more sound
+record exceeds it with probability at most α, whatever the distribution of peaks (Vovk, Gammerman &
+Shafer 2005, conformal prediction, Sect. 2.2): records need only be exchangeable, that is, of the
+same kind.    B records, K blocks, n DOFs.
 """
 
 from __future__ import annotations
@@ -24,42 +24,42 @@ from torch import Tensor
 class Alarm:
     """When an alarm was raised, and where it points to."""
 
-    look: int  # counted from 0
+    block: int  # counted from 0
     dof: int  # 1 … n, of the largest statistic
-    size: float  # of it, in units of the threshold, above 1
+    size: float  # the largest statistic in units of the threshold, above 1
 
 
 class Detector(ABC):
-    """Base of all detectors. `settle` looks at the start of a record are not watched."""
+    """Base of all detectors. The first `settle` blocks of a record are not watched."""
 
     def __init__(self, settle: int = 0) -> None:
         if settle < 0:
-            raise ValueError(f"detector.settle={settle} looks must not be negative")
+            raise ValueError(f"detector.settle={settle} blocks must not be negative")
         self.settle = settle
         self.usual: Tensor | None = None  # median peak of each DOF's statistic (n,)
         self.threshold = math.inf
 
     @abstractmethod
     def learn(self, sound: Tensor) -> None:
-        """What sound records look like, from looks (B, K, ·, n)."""
+        """Take the usual size of the blocks (B, K, ·, n) of sound records."""
 
     @abstractmethod
-    def step(self, memory: Tensor | None, seen: Tensor) -> tuple[Tensor | None, Tensor]:
-        """Memory and statistic (…, n) after a look (…, ·, n); the memory before the first is None.
+    def step(self, memory: Tensor | None, block: Tensor) -> tuple[Tensor | None, Tensor]:
+        """Memory and statistic (…, n) after a block (…, ·, n); the memory before the first is None.
 
-        A look holds residuals (…, samples, n) or weights (…, P, n).
+        A block holds residuals (…, samples, n) or weights (…, P, n).
         """
 
-    def statistics(self, looks: Tensor) -> Tensor:
-        """Statistic (…, K, n) of every look (…, K, ·, n), zero before `settle`."""
-        memory, made = None, []
-        for k, seen in enumerate(looks.unbind(dim=-3)):
+    def statistics(self, blocks: Tensor) -> Tensor:
+        """Statistic (…, K, n) of every block (…, K, ·, n), zero before `settle`."""
+        memory, statistics = None, []
+        for k, block in enumerate(blocks.unbind(dim=-3)):
             if k < self.settle:
-                made.append(torch.zeros_like(seen[..., 0, :]))
+                statistics.append(torch.zeros_like(block[..., 0, :]))
                 continue
-            memory, statistic = self.step(memory, seen)
-            made.append(statistic)
-        return torch.stack(made, dim=-2)
+            memory, statistic = self.step(memory, block)
+            statistics.append(statistic)
+        return torch.stack(statistics, dim=-2)
 
     def calibrate(self, learnt: Tensor, held: Tensor, rate: float) -> None:
         """Learn from some sound records (B, K, ·, n) and set the threshold on others, `held`.
@@ -75,14 +75,14 @@ class Detector(ABC):
         """Statistics (…, n) in units of the threshold: above 1 is an alarm."""
         return statistic / self._calibrated() / self.threshold
 
-    def levels(self, looks: Tensor) -> Tensor:
-        """The level (…, K, n) after every look (…, K, ·, n)."""
+    def levels(self, blocks: Tensor) -> Tensor:
+        """The level (…, K, n) after every block (…, K, ·, n)."""
         self._calibrated()
-        return self.level(self.statistics(looks))
+        return self.level(self.statistics(blocks))
 
-    def alarm(self, looks: Tensor) -> Alarm | None:
+    def alarm(self, blocks: Tensor) -> Alarm | None:
         """The first alarm of one record (K, ·, n), or None."""
-        return first_alarm(self.levels(looks))
+        return first_alarm(self.levels(blocks))
 
     def _calibrated(self) -> Tensor:
         if self.usual is None:
@@ -91,13 +91,13 @@ class Detector(ABC):
 
 
 def first_alarm(levels: Tensor, start: int = 0) -> Alarm | None:
-    """The first alarm of levels (K, n) from look `start` on, or None."""
+    """The first alarm of levels (K, n) from block `start` on, or None."""
     beyond = torch.nonzero((levels[start:] > 1.0).any(dim=-1))
     if len(beyond) == 0:
         return None
-    look = start + int(beyond[0])
-    size, dof = levels[look].max(dim=-1)
-    return Alarm(look, int(dof) + 1, float(size))
+    block = start + int(beyond[0])
+    size, dof = levels[block].max(dim=-1)
+    return Alarm(block, int(dof) + 1, float(size))
 
 
 def conformal_threshold(peaks: Tensor, rate: float) -> float:

@@ -16,9 +16,9 @@ from models.detection.weight_distance import WeightDistance
 
 
 class Monitor:
-    """Collects samples to looks of `every` and raises the alarm at the end of a look.
+    """Collects samples to blocks of `every` and raises the alarm at the end of a block.
 
-    `level` (n,) is the statistic of each DOF in units of the threshold, as of the last look. Raises
+    `level` (n,): the statistic of each DOF after the last block, in units of the threshold. Raises
     ValueError where the detector is not calibrated, or where weights are watched and none given.
     """
 
@@ -34,27 +34,27 @@ class Monitor:
         self._samples = 0
 
     def step(self, residual: Tensor | None, weights: Tensor | None = None) -> Alarm | None:
-        """After a sample: its residual (n,) [m/s²] and the weights (P, n) that it left behind.
+        """The alarm after a sample of this residual (n,) [m/s²], with the weights (P, n) then.
 
-        A residual that is missing or not finite is left out of the look; a look without any is no
-        look. Of bad samples that a stream mends, give None.
+        A residual that is missing or not finite is left out of its block, and a block without any
+        residual raises no alarm. For a bad sample that a stream mends, give None.
         """
         self._samples += 1
         if residual is not None and bool(torch.isfinite(residual).all()):
             self._residuals.append(residual)
         if self._samples % self.every:
             return None
-        seen, self._residuals = self._seen(weights), []
-        look = self._samples // self.every - 1
-        if look < self.detector.settle or seen is None:
+        block, self._residuals = self._block(weights), []
+        number = self._samples // self.every - 1
+        if number < self.detector.settle or block is None:
             return None
-        self._memory, statistic = self.detector.step(self._memory, seen)
+        self._memory, statistic = self.detector.step(self._memory, block)
         self.level = self.detector.level(statistic)
         size, dof = self.level.max(dim=-1)
-        return Alarm(look, int(dof) + 1, float(size)) if size > 1.0 else None
+        return Alarm(number, int(dof) + 1, float(size)) if size > 1.0 else None
 
-    def _seen(self, weights: Tensor | None) -> Tensor | None:
-        """What the detector looks at, or None."""
+    def _block(self, weights: Tensor | None) -> Tensor | None:
+        """The residuals or the weights that the detector watches; None where there are none."""
         if not isinstance(self.detector, WeightDistance):
             return torch.stack(self._residuals) if self._residuals else None
         if weights is None:

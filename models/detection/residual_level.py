@@ -1,4 +1,4 @@
-"""Residual level: the largest residual of a look, in units of its usual size. The baseline.
+"""Residual level: the largest residual of a block, in units of its usual size. The baseline.
 
 s_i = max_k |e_i[k]| / σ_i        a control chart (Shewhart 1931) of each DOF's residual e = a − â
 """
@@ -11,10 +11,10 @@ from models.detection.detector import Detector
 
 
 class ResidualLevel(Detector):
-    """Looks are residuals (…, samples, n). No memory: a change shows at once or never."""
+    """Blocks are residuals (…, samples, n). Without memory: a change shows at once or never."""
 
     def learn(self, sound: Tensor) -> None:
         self.sigma = sound[:, self.settle :].square().mean(dim=(0, 1, 2)).sqrt()  # (n,)
 
-    def step(self, memory: Tensor | None, seen: Tensor) -> tuple[Tensor | None, Tensor]:
-        return None, (seen.abs() / self.sigma).amax(dim=-2)
+    def step(self, memory: Tensor | None, block: Tensor) -> tuple[Tensor | None, Tensor]:
+        return None, (block.abs() / self.sigma).amax(dim=-2)

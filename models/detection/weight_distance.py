@@ -16,7 +16,7 @@ from models.detection.detector import Detector
 
 
 class WeightDistance(Detector):
-    """Looks are weights (…, P, n). The estimator's own forgetting is the memory.
+    """Blocks are weights (…, P, n). The estimator's own forgetting is the memory.
 
     ridge: ≥ 0, added to the correlation matrix of the weights: directions in which they hardly
     ever moved count less than as known exactly.
@@ -37,10 +37,10 @@ class WeightDistance(Detector):
         identity = torch.eye(z.shape[2], dtype=z.dtype)
         self.root = torch.linalg.cholesky(correlation + self.ridge * identity)  # (n, P, P)
 
-    def departure(self, seen: Tensor) -> Tensor:
+    def departure(self, block: Tensor) -> Tensor:
         """L⁻¹ (w − w̄) of each DOF (…, n, P): of unit covariance while the structure is sound."""
-        z = (seen.movedim(-1, -2) - self.mean) / self.sigma
+        z = (block.movedim(-1, -2) - self.mean) / self.sigma
         return torch.linalg.solve_triangular(self.root, z[..., None], upper=False)[..., 0]
 
-    def step(self, memory: Tensor | None, seen: Tensor) -> tuple[Tensor | None, Tensor]:
-        return None, torch.linalg.vector_norm(self.departure(seen), dim=-1)
+    def step(self, memory: Tensor | None, block: Tensor) -> tuple[Tensor | None, Tensor]:
+        return None, torch.linalg.vector_norm(self.departure(block), dim=-1)

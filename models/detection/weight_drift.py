@@ -16,7 +16,7 @@ from models.detection.weight_distance import WeightDistance
 
 
 class WeightDrift(WeightDistance):
-    """Looks are weights (…, P, n), best with a short memory of the estimator's own.
+    """Blocks are weights (…, P, n), best with a short memory of the estimator's own.
 
     slack: κ ≥ 0, half the distance that is to be found, in units of the weights' spread.
     ridge: as for the distance.
@@ -28,8 +28,8 @@ class WeightDrift(WeightDistance):
             raise ValueError(f"detector.slack={slack} must not be negative")
         self.slack = slack
 
-    def step(self, memory: Tensor | None, seen: Tensor) -> tuple[Tensor, Tensor]:
-        departed = self.departure(seen)
+    def step(self, memory: Tensor | None, block: Tensor) -> tuple[Tensor, Tensor]:
+        departed = self.departure(block)
         total = departed if memory is None else memory + departed  # (…, n, P)
         size = torch.linalg.vector_norm(total, dim=-1, keepdim=True)
         kept = total * (1.0 - self.slack / size.clamp_min(1e-300)).clamp_min(0.0)

@@ -95,7 +95,9 @@ def _missing(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
     systems = [PRINTED.get(s, s) for s in SYSTEMS if s not in {row.system for row in rows}]
     if systems:
         lines.append(f"no runs of {', '.join(systems)} yet")
-    grids = OmegaConf.load(CONF / "experiment" / "free_run.yaml").hydra.sweeper.grids.values()
+    grids = OmegaConf.load(
+        CONF / "experiment" / "free_run" / "free_run.yaml"
+    ).hydra.sweeper.grids.values()
     planned = [model for grid in grids for model in str(grid.model).split(",")]
     lacking = [m for m in dict.fromkeys(planned) if m not in {row.model for row in rows}]
     if lacking:

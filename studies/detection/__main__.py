@@ -27,11 +27,11 @@ from report.run.figures import save_figure
 from runner.command_line import one_line_errors
 from studies.detection.figures import delays_figure, levels_figure
 from studies.detection.motions import (
+    BLOCK,
     DURATION,
     FIRST_SEED,
     FRACTION,
     HELD,
-    LOOK,
     RATE,
     SEEDS,
     SETTLE,
@@ -94,7 +94,7 @@ def score(motions: Motions, outcome: Outcome) -> Score:
         delays.append(delay)
         alarm, truth = first_alarm(levels), joins(motions.structure, element)
         if alarm is not None:
-            later = min(alarm.look + round(WAIT / LOOK), len(levels) - 1)
+            later = min(alarm.block + round(WAIT / BLOCK), len(levels) - 1)
             right_dof += alarm.dof in truth
             right_element += pointed_at(motions.structure, levels[later]) == truth
     return Score(len(outcome.sound), false, early, delays, right_dof, right_element)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from matplotlib.figure import Figure
 
-from studies.detection.motions import DURATION, LOOK, TIME, Outcome, delays_of
+from studies.detection.motions import BLOCK, DURATION, TIME, Outcome, delays_of
 
 COLOURS = ("#aaaaaa", "#555555", "#edae49", "#d1495b", "#9b5de5", "#6a994e", "#219ebc", "#023047")
 Outcomes = dict[str, dict[str, Outcome]]  # by system and watch
@@ -43,7 +43,7 @@ def levels_figure(outcomes: Outcomes) -> Figure:
     for axes, (system, by_watch) in zip(grid.flat, outcomes.items(), strict=True):
         for (name, outcome), colour in zip(by_watch.items(), COLOURS, strict=False):
             level = outcome.damaged[0].amax(dim=-1).numpy()
-            t = LOOK * np.arange(1, len(level) + 1)
+            t = BLOCK * np.arange(1, len(level) + 1)
             axes.plot(t, np.where(level > 0.0, level, np.nan), color=colour, label=name)
         axes.axhline(1.0, color="black", linewidth=0.8)
         axes.axvline(TIME, color="black", linewidth=0.8, linestyle=":")

@@ -1,12 +1,12 @@
-"""The study of change detectors: motions, what watches them, and what came of it.
+"""The study of change detectors: test motions, watches, and the levels that they give.
 
-Records of DURATION with noise on x, v and a. Everything is learnt from training motions of the
-sound structure: the estimator from the first, the detector's scale from LEARNT others, its
-threshold from HELD further ones, for one false alarm an hour. Each seed is one test motion, watched
-twice: of the sound structure, and with a loss of FRACTION of the stiffness of one element at TIME,
-of each element in turn. Cutoff, memories and slacks were chosen on seeds below FIRST_SEED.
+Records of DURATION with noise on x, v and a. Training motions of the sound structure calibrate a
+watch: the first one the estimator, LEARNT others the detector's scale, HELD further ones its
+threshold, for one false alarm an hour. Each seed is one test motion, watched twice: of the sound
+structure, and with a loss of FRACTION of the stiffness of one element at TIME, of each element in
+turn. Cutoff, memories and slacks were chosen on seeds below FIRST_SEED.
 
-B records, K looks, n DOFs.
+B records, K blocks, n DOFs.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from data.simulation.datamodule import SimulatedData
 from data.simulation.motion import EscapedMotionError
 from data.simulation.records import Simulation
 from data.simulation.structure import Structure
+from models.detection.blocks import residual_blocks, weight_blocks
 from models.detection.cumulative_sum import CumulativeSum
 from models.detection.detector import Detector, first_alarm
 from models.detection.high_pass import HighPass
-from models.detection.looks import residual_looks, weight_looks
 from models.detection.residual_level import ResidualLevel
 from models.detection.weight_distance import WeightDistance
 from models.detection.weight_drift import WeightDrift
@@ -42,7 +42,7 @@ DURATION, TIME, FRACTION = 120.0, 60.0, 0.2  # [s], [s], of the stiffness
 NOISE = 0.02  # of each signal's standard deviation
 LEARNT, HELD = 20, 179  # training records beside the first
 RATE = DURATION / 3600.0  # false alarms per record: one an hour
-LOOK, SETTLE = 1.0, 20.0  # [s]
+BLOCK, SETTLE = 1.0, 20.0  # [s]
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ WATCHES = (
 
 @dataclass(frozen=True)
 class Motions:
-    """What is learnt from and what is watched; damaged[i] is sound[i] with `lost[i]` damaged."""
+    """Training and test motions; damaged[i] is sound[i] with a loss in the element lost[i]."""
 
     structure: Structure
     train: list[Record]
@@ -121,7 +121,7 @@ def motions_of(system: str, seeds: Sequence[int]) -> Motions:
 
 
 def sound_motions(simulation: Simulation, count: int, seed: int) -> list[Record]:
-    """So many training motions, whatever escapes."""
+    """The first `count` training motions that do not escape."""
     records, escapes = simulation.records("train", count, seed)
     while len(records) < count:
         records, escapes = simulation.records("train", count + 2 * len(escapes), seed)
@@ -140,26 +140,26 @@ def identified(watch: Watch, system: str, train: Record) -> Estimator:
 
 
 def watched(watch: Watch, system: str, motions: Motions) -> Outcome:
-    """Calibrate a watch on the training motions and look at the others."""
+    """Calibrate a watch on the training motions; its levels on the test motions."""
 
-    def seen(records: Sequence[Record]) -> list[Record]:
+    def signals(records: Sequence[Record]) -> list[Record]:
         if watch.cutoff is None:
             return [record.measured() for record in records]
         return [HighPass(watch.cutoff, r.dt).record(r) for r in records]
 
-    train, sound, damaged = (seen(r) for r in (motions.train, motions.sound, motions.damaged))
-    every = round(LOOK / train[0].dt)
+    train, sound, damaged = (signals(r) for r in (motions.train, motions.sound, motions.damaged))
+    every = round(BLOCK / train[0].dt)
     estimator = identified(watch, system, train[0])
 
-    def looks(records: Sequence[Record]) -> Tensor:
+    def blocks(records: Sequence[Record]) -> Tensor:
         if isinstance(estimator, Online):
-            return weight_looks(estimator, records, every)
-        return residual_looks(estimator, records, every)
+            return weight_blocks(estimator, records, every)
+        return residual_blocks(estimator, records, every)
 
-    detector = watch.detector(settle=round(SETTLE / LOOK))
-    learnt = looks(train[1:])
+    detector = watch.detector(settle=round(SETTLE / BLOCK))
+    learnt = blocks(train[1:])
     detector.calibrate(learnt[:LEARNT], learnt[LEARNT:], RATE)
-    return Outcome(detector.levels(looks(sound)), detector.levels(looks(damaged)))
+    return Outcome(detector.levels(blocks(sound)), detector.levels(blocks(damaged)))
 
 
 def delays_of(levels: Tensor) -> list[float]:
@@ -168,7 +168,7 @@ def delays_of(levels: Tensor) -> list[float]:
     Not positive: an alarm before the damage. Infinite: none.
     """
     alarms = [first_alarm(record) for record in levels]
-    return [math.inf if a is None else (a.look + 1) * LOOK - TIME for a in alarms]
+    return [math.inf if a is None else (a.block + 1) * BLOCK - TIME for a in alarms]
 
 
 def joins(structure: Structure, element: str) -> set[int]:

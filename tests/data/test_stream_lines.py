@@ -16,9 +16,9 @@ from data.measured.datamodule import WholeRecords
 from data.measured.mend import Mending
 from data.record import Record
 from data.simulation.scenario import FullState
-from data.stream.clock import PATIENCE, SampleClock
 from data.stream.lines import LONGEST, SampleLines
 from data.stream.sources import one_client, paced
+from data.stream.time_stamps import PATIENCE, TimeStamps
 
 DT = 0.01
 HEADER = "t,f1,a1,a2"
@@ -190,8 +190,8 @@ def test_a_line_without_an_end_is_not_waited_for():
 
 
 def times(*stamps: float | None) -> list[float]:
-    clock = SampleClock(DT)
-    return [round(clock(stamp), 6) for stamp in stamps]
+    time_of = TimeStamps(DT)
+    return [round(time_of(stamp), 6) for stamp in stamps]
 
 
 def test_time_begins_with_the_first_stamp():
@@ -204,15 +204,15 @@ def test_a_missing_stamp_is_a_step_after_the_one_before():
 
 
 def test_a_clock_that_was_set_back_is_followed_after_a_while():
-    clock = SampleClock(DT)
+    stamps = TimeStamps(DT)
     for k in range(30):
-        clock(100.0 + DT * k)
-    behind = [clock(DT * k) for k in range(PATIENCE)]
+        stamps(100.0 + DT * k)
+    behind = [stamps(DT * k) for k in range(PATIENCE)]
     assert max(behind) < 0.0
-    assert clock(DT * PATIENCE) == pytest.approx(0.30)
-    assert "the clock was set, by -9" in clock.note
-    assert clock(DT * (PATIENCE + 1)) == pytest.approx(0.31)
-    assert clock.note == ""
+    assert stamps(DT * PATIENCE) == pytest.approx(0.30)
+    assert "the clock was set, by -9" in stamps.note
+    assert stamps(DT * (PATIENCE + 1)) == pytest.approx(0.31)
+    assert stamps.note == ""
 
 
 def test_a_clock_that_leaps_ahead_is_followed():
@@ -225,9 +225,9 @@ def test_one_absurd_stamp_does_not_end_a_stream():
 
 
 def test_stamps_in_another_unit_are_found_out():
-    clock = SampleClock(DT)
+    stamps = TimeStamps(DT)
     with pytest.raises(ValueError, match=r"10 s apart; expected 0.01 s; say their unit"):
-        [clock(10.0 * k) for k in range(100)]
+        [stamps(10.0 * k) for k in range(100)]
 
 
 # Pace and sockets

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from data.measured.units import SIGNALS, is_unit, to_si
+from data.measured.units import DIMENSIONS, is_unit, to_si
 
 POUND_FORCE = 4.4482216152605  # N, exactly 0.45359237 kg × 9.80665 m/s²
 
@@ -37,7 +37,7 @@ def test_known_factors(unit: str, signal: str, factor: float) -> None:
     [("g", "f"), ("kg", "f"), ("lb", "x"), ("m", "a"), ("mm/s", "a"), ("Hz", "time"), ("kn", "f")],
 )
 def test_another_dimension_names_unit_signal_and_examples(unit: str, signal: str) -> None:
-    what, si, examples = SIGNALS[signal]
+    what, si, examples = DIMENSIONS[signal]
     with pytest.raises(ValueError, match=f"unit='{unit}'") as caught:
         to_si(unit, signal)
     for part in (f"signal {signal} is {what}", si, examples, "another dimension"):

@@ -1,4 +1,4 @@
-"""python -m live: streams equal the batch, faults are survived, what it says and writes."""
+"""python -m live: streams equal the batch, faults end no run, what is printed and written."""
 
 from __future__ import annotations
 
@@ -138,6 +138,29 @@ def test_a_batch_run_stays_as_it_was_identified(run, tmp_path):
     model, data = restored(folder)
     (record,) = data.records["test"]
     assert near(estimates("made.csv"), model(record.measured()))
+
+
+def test_a_run_whose_record_is_gone_goes_on_with_new_samples(run, tmp_path, lines):
+    """The sensors are in the run's folder."""
+    record = tmp_path / "record.csv"
+    record.write_text(lines.replace("t,", "time,", 1))
+    cfg = composed("data=measured", f"data.path={record}", "model=online_vwnn", "baselines=none")
+    data = data_from(cfg)
+    data.setup()
+    estimator = estimator_from(cfg.model, data)
+    training = Run.begin(tmp_path / "run", cfg, data.sensors)
+    estimator.identify(data.loader("train"))
+    training.save(estimator)
+    training.finish({})
+    record.unlink()
+    words = ("--run", str(tmp_path / "run"), "--output", "made.csv")
+    status, out, err = run("-", *words, text=lines)
+    assert (status, err) == (0, "")
+    assert "400 samples: relative error" in out
+    assert torch.isfinite(estimates("made.csv")).all()
+    status, _, err = run("test", "--run", str(tmp_path / "run"))
+    assert status == 1
+    assert str(record) in err
 
 
 def test_a_shaken_frame_by_its_own_names(run, tmp_path):
@@ -305,8 +328,8 @@ def followed(record: Record, offset: float = 0.0) -> LiveMonitor:
     for k in range(record.samples):
         sample = Sample(record.f[k], record.a[k], time=k * record.dt)
         stream.step(sample)
-        monitor.saw(sample, ((1.0 + offset) * record.a[k]).numpy())
-        monitor.took(1e-5, 0.0)
+        monitor.add_sample(sample, ((1.0 + offset) * record.a[k]).numpy())
+        monitor.add_time(1e-5, 0.0)
     return monitor
 
 
@@ -327,7 +350,7 @@ def test_an_overrun_is_later_than_the_next_sample():
     t = DT * torch.arange(4, dtype=torch.float64)[:, None]
     monitor = followed(Record(DT, torch.sin(t), t))
     for late in (0.5 * DT, 0.99 * DT, 1.01 * DT, 3.0 * DT):
-        monitor.took(1e-5, late)
+        monitor.add_time(1e-5, late)
     assert monitor.overruns == 2
     assert monitor.latency() == pytest.approx((1e-5, 1e-5))
 
@@ -338,7 +361,7 @@ def test_events_are_counted_though_few_are_kept(bilinear_record):
     for k in range(3000):
         sample = Sample(bilinear_record.f[k % 900], bilinear_record.a[k % 900], time=2 * k * DT)
         stream.step(sample)
-        monitor.saw(sample, np.zeros(3))
+        monitor.add_sample(sample, np.zeros(3))
     assert len(stream.events) == 1000
     assert monitor.kinds["dropped"] == 2999
 

@@ -13,17 +13,10 @@ from torch.func import functional_call, jvp
 from data.record import Drive, Record, stack
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.structure import Structure
+from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
-from models.composition.simulate import (
-    Coefficients,
-    Composition,
-    ElementLaws,
-    Numbering,
-    Part,
-    law,
-    simulate,
-    units,
-)
+from models.composition.laws import ElementLaws, law, units
+from models.composition.simulate import Composition, simulate
 from models.element_network import ElementNetwork
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates

@@ -18,10 +18,10 @@ from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
+from models.detection.blocks import residual_blocks, weight_blocks
 from models.detection.cumulative_sum import CumulativeSum, log_energy, siegmund
 from models.detection.detector import Alarm, Detector, conformal_threshold, first_alarm
 from models.detection.high_pass import HighPass
-from models.detection.looks import residual_looks, weight_looks
 from models.detection.monitor import Monitor
 from models.detection.residual_level import ResidualLevel
 from models.detection.weight_distance import WeightDistance
@@ -62,7 +62,7 @@ def test_siegmunds_formula_at_published_values():
 
 
 def test_a_change_of_energy_is_found_after_the_number_of_looks_it_takes():
-    """A lasting rise of z by δ passes a level h after about h/(δ − κ) looks."""
+    """A lasting rise of z by δ passes a level h after about h/(δ − κ) blocks."""
     sound = noise(40, 200, EVERY, 2)
     detector = CumulativeSum(slack=0.5)
     detector.learn(sound)
@@ -167,7 +167,7 @@ DETECTORS = {
 
 @pytest.fixture(params=DETECTORS)
 def calibrated(request) -> Detector:
-    """On coloured noise, five columns of 'residuals' or 'weights' a look."""
+    """On coloured noise, five columns of 'residuals' or 'weights' a block."""
     coloured = lfilter([1.0], [1.0, -0.6], noise(80, 40, 5, 3).numpy(), axis=1)
     detector = DETECTORS[request.param]()
     detector.calibrate(torch.from_numpy(coloured[:50]), torch.from_numpy(coloured[50:]), 0.05)
@@ -175,25 +175,25 @@ def calibrated(request) -> Detector:
 
 
 def test_no_level_depends_on_what_comes_later(calibrated):
-    looks = noise(1, 40, 5, 3, seed=9)
-    changed = looks.clone()
+    blocks = noise(1, 40, 5, 3, seed=9)
+    changed = blocks.clone()
     changed[:, 25:] = 50.0
-    before, after = calibrated.levels(looks), calibrated.levels(changed)
+    before, after = calibrated.levels(blocks), calibrated.levels(changed)
     assert torch.equal(before[:, :25], after[:, :25])
     assert (after[:, 25] > before[:, 25]).all()
 
 
 def test_a_batch_is_its_records_one_by_one(calibrated):
-    looks = noise(4, 40, 5, 3, seed=9)
-    together = calibrated.levels(looks)
-    for i, one in enumerate(looks):
+    blocks = noise(4, 40, 5, 3, seed=9)
+    together = calibrated.levels(blocks)
+    for i, one in enumerate(blocks):
         torch.testing.assert_close(calibrated.levels(one), together[i], rtol=1e-12, atol=0.0)
 
 
 def test_nothing_is_said_before_it_has_settled(calibrated):
     levels = calibrated.levels(100.0 * noise(1, 40, 5, 3, seed=9))
     assert (levels[:, :3] == 0.0).all()
-    assert calibrated.alarm(100.0 * noise(40, 5, 3, seed=9)).look == 3
+    assert calibrated.alarm(100.0 * noise(40, 5, 3, seed=9)).block == 3
 
 
 def test_an_alarm_names_the_first_look_and_its_largest_dof():
@@ -269,8 +269,8 @@ def adaptive(record: Record, memory: float = 2.0) -> Online:
 
 def test_weights_go_to_those_of_the_damaged_structure(motions):
     """Stiffness over mass: 800 and −400 before, 720 and −320 after, for the first DOF."""
-    looks = weight_looks(adaptive(motions["train"][0]), motions["damaged"], EVERY)
-    before, after = looks[:, 29, 3:6, 0], looks[:, -1, 3:6, 0]  # weights of x on ẍ1
+    blocks = weight_blocks(adaptive(motions["train"][0]), motions["damaged"], EVERY)
+    before, after = blocks[:, 29, 3:6, 0], blocks[:, -1, 3:6, 0]  # weights of x on ẍ1
     wanted = torch.tensor([-800.0, 400.0, 0.0]).double(), torch.tensor([-720.0, 320.0, 0.0])
     assert float((before.mean(0) - wanted[0]).abs().max()) < 8.0
     assert float((after.mean(0) - wanted[1]).abs().max()) < 8.0
@@ -279,17 +279,17 @@ def test_weights_go_to_those_of_the_damaged_structure(motions):
 @pytest.mark.parametrize("kind", [WeightDistance, WeightDrift])
 def test_a_loss_is_found_soon_and_points_to_the_dofs_it_joins(motions, kind):
     online, detector = adaptive(motions["train"][0]), kind(settle=10)
-    train = weight_looks(online, motions["train"][1:], EVERY)
+    train = weight_blocks(online, motions["train"][1:], EVERY)
     detector.calibrate(train[:11], train[11:], 0.05)
-    damaged = detector.levels(weight_looks(online, motions["damaged"], EVERY))
+    damaged = detector.levels(weight_blocks(online, motions["damaged"], EVERY))
     for record in damaged:
         alarm = first_alarm(record, start=30)
         assert alarm is not None
-        assert alarm.look < 30 + 6  # 3 s
+        assert alarm.block < 30 + 6  # 3 s
         assert alarm.dof in (1, 2)
         assert set(record[-1].argsort()[1:].tolist()) == {0, 1}
         assert float(record[-1, :2].min()) > 3.0 * float(record[-1, 2])
-    sound = detector.levels(weight_looks(online, motions["sound"], EVERY))
+    sound = detector.levels(weight_blocks(online, motions["sound"], EVERY))
     assert torch.equal(sound[:, :29], damaged[:, :29]) is False  # other sensor noise
     assert int((sound.amax(dim=(1, 2)) > 1.0).sum()) <= 2
 
@@ -298,13 +298,13 @@ def test_the_residual_of_a_frozen_model_grows_where_the_element_is(motions):
     estimator = EquivalentLinear(3, 3, 0.01)
     estimator.identify(motions["train"][:1])
     detector = CumulativeSum(settle=10)
-    train = residual_looks(estimator, motions["train"][1:], EVERY)
+    train = residual_blocks(estimator, motions["train"][1:], EVERY)
     detector.calibrate(train[:11], train[11:], 0.05)
-    for record in detector.levels(residual_looks(estimator, motions["damaged"], EVERY)):
+    for record in detector.levels(residual_blocks(estimator, motions["damaged"], EVERY)):
         alarm = first_alarm(record, start=30)
         assert alarm is not None
         assert alarm.dof in (1, 2)
-        assert alarm.look < 30 + 6
+        assert alarm.block < 30 + 6
         assert float(record[-1, 2]) < 0.3 * float(record[-1, :2].min())
 
 
@@ -313,10 +313,10 @@ def test_sample_by_sample_gives_the_alarms_of_the_whole_record(motions):
     record = motions["damaged"][0]
     filtered = [HighPass(0.5, 0.01).record(r) for r in motions["train"]]
     for detector in (WeightDrift(settle=10), CumulativeSum(settle=10)):
-        looks = weight_looks if isinstance(detector, WeightDistance) else residual_looks
-        train = looks(online, filtered[1:], EVERY)
+        blocks = weight_blocks if isinstance(detector, WeightDistance) else residual_blocks
+        train = blocks(online, filtered[1:], EVERY)
         detector.calibrate(train[:11], train[11:], 0.05)
-        whole = detector.levels(looks(online, [high_pass.record(record)], EVERY))[0]
+        whole = detector.levels(blocks(online, [high_pass.record(record)], EVERY))[0]
         stream, monitor, sensor = online.stream(), Monitor(detector, EVERY), HighPass(0.5, 0.01)
         first = None
         for sample in samples_of(record.measured()):
@@ -327,7 +327,7 @@ def test_sample_by_sample_gives_the_alarms_of_the_whole_record(motions):
         torch.testing.assert_close(monitor.level, whole[-1], rtol=1e-6, atol=1e-9)
         expected = first_alarm(whole)
         assert first is not None
-        assert (first.look, first.dof) == (expected.look, expected.dof)
+        assert (first.block, first.dof) == (expected.block, expected.dof)
 
 
 def test_the_filter_leaves_a_linear_structure_its_equation_of_motion(frame):
@@ -355,14 +355,14 @@ def test_weights_of_several_heads_are_of_no_one_dof(motions):
     online = adaptive(motions["train"][0])
     online.states = lambda: [None, None]
     with pytest.raises(ValueError, match="2 heads; watch its residuals"):
-        weight_looks(online, motions["sound"], EVERY)
-    with pytest.raises(ValueError, match="look of 4000 samples"):
-        residual_looks(adaptive(motions["train"][0]), motions["sound"], 4000)
+        weight_blocks(online, motions["sound"], EVERY)
+    with pytest.raises(ValueError, match="block of 4000 samples"):
+        residual_blocks(adaptive(motions["train"][0]), motions["sound"], 4000)
 
 
 @pytest.mark.parametrize("missing", [None, torch.full((3,), torch.nan).double()])
 def test_missing_samples_neither_alarm_nor_deafen(missing):
-    """A whole look is missing, and part of another; what follows is found as without."""
+    """A whole block is missing, and part of another; what follows is found as without."""
     detector = CumulativeSum()
     detector.calibrate(noise(50, 40, EVERY, 3), noise(30, 40, EVERY, 3, seed=1), 0.05)
     residuals = noise(40 * EVERY, 3, seed=2)
@@ -374,8 +374,8 @@ def test_missing_samples_neither_alarm_nor_deafen(missing):
         for monitor in alarms:
             seen = missing if monitor is holed and k in gap else residual
             alarms[monitor] += [alarm] if (alarm := monitor.step(seen)) else []
-    assert [a.look for a in alarms[holed]] == [a.look for a in alarms[whole]]
-    assert alarms[holed][0].look in range(30, 36)
+    assert [a.block for a in alarms[holed]] == [a.block for a in alarms[whole]]
+    assert alarms[holed][0].block in range(30, 36)
     assert alarms[holed][0].dof == 2
 
 

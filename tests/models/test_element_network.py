@@ -63,7 +63,7 @@ def assert_recovered(model: ElementNetwork, planted: dict[str, float], tolerance
 
 @pytest.mark.parametrize("elements", [None, CHAIN], ids=["all pairs", "chain"])
 def test_a_linear_structure_is_solved_exactly(record_of, elements):
-    model = ElementNetwork(2, 2, DT, elements)
+    model = ElementNetwork(2, 2, DT, elements, units=2)
     model.identify([record_of(linear(), FORCES, 10.0)])
     assert torch.allclose(model.mass(), torch.tensor(MASSES).double(), rtol=1e-9)
     ends = [0, -1]
@@ -119,7 +119,7 @@ def test_slip_and_a_gap_are_recovered_from_a_start_nearby(record_of):
 @pytest.mark.parametrize("states", [True, False], ids=["x and v not looked at", "no x and v"])
 def test_accelerations_and_forces_alone_give_masses_and_stiffness(record_of, states):
     record = record_of(linear(), FORCES, 20.0)
-    model = ElementNetwork(2, 2, DT, CHAIN, from_accelerations=states)
+    model = ElementNetwork(2, 2, DT, CHAIN, units=2, from_accelerations=states)
     model.identify([record if states else replace(record, x=None, v=None)])
     assert model.mass().tolist() == pytest.approx(MASSES, rel=0.01)
     assert model.laws.stiffness().tolist() == pytest.approx([80.0, 50.0], rel=0.01)
@@ -168,7 +168,7 @@ def test_all_pairs_or_only_those_that_are_named():
 def test_masses_times_accelerations_are_forces_less_those_of_the_elements(record_of):
     first = BoucWen(between=("ground", "x1"), stiffness=40.0, beta=10.0, gamma=-10.0)
     record = record_of(chain(first), FORCES, 5.0)
-    model = ElementNetwork(2, 2, DT)
+    model = ElementNetwork(2, 2, DT, units=2)
     model.identify([record])
     model.laws.unit_stiffness.theta.data += 0.3
     y, r = model.element_loops(record.drive())
@@ -181,7 +181,7 @@ def test_masses_times_accelerations_are_forces_less_those_of_the_elements(record
 
 def test_half_the_time_step_is_the_same_motion(record_of):
     record = record_of(linear(), FORCES, 5.0)
-    model = ElementNetwork(2, 2, DT)
+    model = ElementNetwork(2, 2, DT, units=2)
     model.identify([record])
     model.laws.unit_stiffness.theta.data += 0.2
     model.laws.hinge_stiffness.theta.data += 0.3
@@ -194,7 +194,7 @@ def test_half_the_time_step_is_the_same_motion(record_of):
 
 
 def test_another_start_spreads_hinges_and_limits_and_keeps_the_linear_structure(record_of):
-    model = ElementNetwork(2, 2, DT)
+    model = ElementNetwork(2, 2, DT, units=2)
     model.identify([record_of(linear(), FORCES, 5.0)])
     stiffness, gap, limit = (
         getattr(model.laws, name)().detach().clone()

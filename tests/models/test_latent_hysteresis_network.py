@@ -22,7 +22,8 @@ from tests.models.test_element_network import (
 
 
 def identified(record: Record, **choices) -> LatentHysteresisNetwork:
-    model = LatentHysteresisNetwork(2, 2, DT, **choices)
+    few = {"elements": 8, "hinges": 2, "units": 2}
+    model = LatentHysteresisNetwork(2, 2, DT, **(few | choices))
     model.identify([record])
     return model
 

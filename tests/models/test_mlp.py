@@ -10,7 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Record
-from models.mlp import GlobalMLP, Perceptron, ResidualMLP
+from models.layers.perceptron import Perceptron
+from models.mlp import GlobalMLP, ResidualMLP
 from models.training.problem import Problem
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 

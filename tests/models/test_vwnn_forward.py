@@ -184,14 +184,14 @@ def test_gradients_pass_a_free_run(forward, bilinear_record):
 
 def test_sensitivities_are_those_of_automatic_differentiation(forward, bilinear_record):
     u = bilinear_record.f[None, :30]
-    states = forward._run(u)[1]
+    states = forward.run(u)[1]
     driven, ones = forward.driven_features(u), torch.ones(len(forward.weights)).double()
-    S = list(forward._sensitivities(states, driven, forward._slopes(states), ones))
+    S = list(forward.sensitivities(states, driven, forward.slopes(states), ones))
     kept = forward.weights.data
 
     def last(weights: torch.Tensor) -> torch.Tensor:
         forward.weights.data = weights
-        return forward._run(u)[0][0, -1]
+        return forward.run(u)[0][0, -1]
 
     direction = 1e-4 * kept * torch.randn(kept.shape, generator=torch.Generator().manual_seed(0))
     expected = (last(kept + direction) - last(kept - direction)) / 2.0

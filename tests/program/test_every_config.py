@@ -20,7 +20,7 @@ from models.training.assemble import (
     solver_from,
 )
 from models.training.metrics import score
-from runner.command_line import CONF, GROUPS, help_text, prepare_hydra
+from runner.command_line import CONF, GROUPS, experiments, help_text, placed, prepare_hydra
 from runner.paper_values import paper_values
 
 ROOT = Path(__file__).parents[2]
@@ -37,13 +37,14 @@ ELEMENT_TESTS = {"hysteretic_element", "restoring_force_surface"}  # models of a
 
 
 def choices(group: str) -> list[str]:
-    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+    paths = experiments() if group == "experiment" else (CONF / group).glob("*.yaml")
+    return sorted(path.stem for path in paths)
 
 
 def composed(*overrides: str, config: str = "train") -> DictConfig:
     prepare_hydra()
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose(config, list(overrides))
+        return compose(config, placed(overrides))
 
 
 def fits(*overrides: str) -> dict:

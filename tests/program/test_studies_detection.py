@@ -82,10 +82,10 @@ def test_elements_are_named_by_the_dofs_that_rise_together(motions):
 
 
 def levels(*alarms: tuple[int, int]) -> torch.Tensor:
-    """Levels (40, 4) that are 0.1 but for 2.0 from a look on, in a DOF."""
+    """Levels (40, 4) that are 0.1 but for 2.0 from a block on, in a DOF."""
     made = torch.full((40, 4), 0.1)
-    for look, dof in alarms:
-        made[look:, dof - 1] = 2.0
+    for block, dof in alarms:
+        made[block:, dof - 1] = 2.0
     return made
 
 

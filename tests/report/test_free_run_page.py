@@ -122,7 +122,7 @@ def test_settings_without_noise_and_with_most_records_come_first_the_best_model_
 
 
 def test_every_model_of_the_leaderboard_says_what_it_is_told():
-    cfg = OmegaConf.load(CONF / "experiment" / "free_run.yaml")
+    cfg = OmegaConf.load(CONF / "experiment" / "free_run" / "free_run.yaml")
     grids = cfg.hydra.sweeper.grids.values()
     assert {name for grid in grids for name in grid.model.split(",")} <= set(TOLD)
     assert told("unheard_of") == ""

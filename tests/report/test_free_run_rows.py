@@ -26,7 +26,7 @@ from report.free_run.rows import Entry, Row, entries_of, leaderboard, quantile
 from report.free_run.signals import loops_of_model
 from report.free_run.tables import COLUMNS, as_csv, as_latex, as_markdown, escaped, sections
 from report.paper.cells import read_runs
-from runner.command_line import CONF, prepare_hydra
+from runner.command_line import CONF, placed, prepare_hydra
 from runner.progress import sweep_table
 from tests.program.test_train import run
 
@@ -381,7 +381,7 @@ def test_a_structure_that_escapes_is_counted_and_not_held_against_a_model(small_
 def test_the_experiments_vary_what_they_say(name):
     prepare_hydra()
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("train", [f"experiment={name}"], return_hydra_config=True)
+        cfg = compose("train", placed([f"experiment={name}"]), return_hydra_config=True)
     assert cfg.hydra.sweep.dir == f"runs/{name}"
     assert not cfg.baselines
     assert not cfg.figures

@@ -22,7 +22,7 @@ from models.training.metrics import score
 from report.tuning.cases import read_cases
 from report.tuning.onset import FILE, ONSET, after_onset, onsets, score_cases
 from report.tuning.page import write_tuning_page
-from runner.command_line import CONF, prepare_hydra
+from runner.command_line import CONF, placed, prepare_hydra
 from runner.identity import identity_of
 from runner.outcome import validation_error
 from runner.run_folder import config_text, plain, read_run, write_failure, write_text
@@ -249,7 +249,7 @@ def test_without_optuna_one_line_says_what_to_install(tmp_path, monkeypatch, cap
 def test_searches_and_tables_share_no_seed(name):
     prepare_hydra()
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("train", [f"experiment={name}"], return_hydra_config=True)
+        cfg = compose("train", placed([f"experiment={name}"]), return_hydra_config=True)
     sweeper = cfg.hydra.sweeper
     parser = OverridesParser.create()
 

@@ -52,19 +52,19 @@ def shorten(text: object, length: int = 40) -> str:
 
 def reason_of(error: Exception) -> str:
     """The first line of what a library said, without the bytes of the file it may quote."""
-    said = (str(error).strip("'\"").splitlines() or [""])[0]
-    said = "".join(letter for letter in said if letter.isprintable())
-    return (said if len(said) <= 120 else said[:119] + "…") or type(error).__name__
+    line = (str(error).strip("'\"").splitlines() or [""])[0]
+    line = "".join(letter for letter in line if letter.isprintable())
+    return (line if len(line) <= 120 else line[:119] + "…") or type(error).__name__
 
 
 def split_unit(header: str) -> tuple[str, str | None]:
     """("acc", "g") for "acc [g]" and "acc (g)"; round brackets count only around known units."""
-    found = re.fullmatch(r"(.*\S)\s*(\[\s*([^\[\]]+?)\s*\]|\(\s*([^()]+?)\s*\))", header.strip())
-    if found is None:
+    match = re.fullmatch(r"(.*\S)\s*(\[\s*([^\[\]]+?)\s*\]|\(\s*([^()]+?)\s*\))", header.strip())
+    if match is None:
         return header.strip(), None
-    square, round_ = found[3], found[4]
+    square, round_ = match[3], match[4]
     if (square and not square.isdigit()) or (round_ and is_unit(round_)):
-        return found[1], square or round_
+        return match[1], square or round_
     return header.strip(), None
 
 

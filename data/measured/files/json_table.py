@@ -21,8 +21,8 @@ from data.measured.files.columns import (
     shorten,
 )
 from data.measured.files.format import Format
-from data.measured.files.text import to_times
 from data.measured.files.text_cells import opens_object
+from data.measured.files.text_columns import to_times
 
 LARGEST = GIB  # bytes; Python needs about ten times as much to hold them
 
@@ -74,12 +74,12 @@ def _parse(path: Path) -> Any:
         )
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) < len(pairs):
+        values = dict(pairs)
+        if len(values) < len(pairs):
             keys = [key for key, _ in pairs]
             twice = next(key for key in keys if keys.count(key) > 1)
             raise FileError(f"{path.name}: {shorten(twice)} occurs twice; rename one of them")
-        return found
+        return values
 
     try:
         return json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=unique)
@@ -93,14 +93,14 @@ def _parse(path: Path) -> Any:
         raise FileError(f"{path.name} is no JSON: {error}; save it again") from None
 
 
-def _lists(path: Path, found: Any, contents: Contents) -> dict[str, list[Any]]:
+def _lists(path: Path, parsed: Any, contents: Contents) -> dict[str, list[Any]]:
     """The columns as lists; scalars and text beside them go into `contents`."""
-    if isinstance(found, list):
-        return _rows(path, found)
-    if not isinstance(found, dict):
-        raise FileError(f"{path.name} holds {shorten(found)}; expected named lists of numbers")
+    if isinstance(parsed, list):
+        return _rows(path, parsed)
+    if not isinstance(parsed, dict):
+        raise FileError(f"{path.name} holds {shorten(parsed)}; expected named lists of numbers")
     lists: dict[str, list[Any]] = {}
-    for key, value in found.items():
+    for key, value in parsed.items():
         if isinstance(value, list) and value:
             lists |= _rows(path, value) if _are_rows(key, value) else {key: value}
         elif isinstance(value, bool) or not isinstance(value, int | float):

@@ -20,7 +20,7 @@ from data.measured.files.columns import (
     seconds,
 )
 from data.measured.files.format import Format
-from data.measured.files.text import to_times
+from data.measured.files.text_columns import to_times
 
 
 def read_parquet(path: Path, request: Request) -> Contents:

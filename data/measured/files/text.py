@@ -11,25 +11,21 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
-import pyarrow.compute as pc  # type: ignore[import-untyped]
 import pyarrow.csv  # type: ignore[import-untyped]
 
 from data.measured.files.columns import (
     Contents,
     FileError,
     Request,
-    as_float,
     choose,
     name_columns,
-    seconds,
 )
 from data.measured.files.format import Format
 from data.measured.files.text_cells import MISSING, opens_object
+from data.measured.files.text_columns import any_number, as_column
 from data.measured.files.text_faults import find_fault
 from data.measured.files.text_layout import Layout, layout_of
 
-# as Arrow writes regular expressions
-NUMBER = r"^\s*[+-]?(\d+[.]?\d*|[.]\d+)([eE][+-]?\d+)?\s*$"
 STRETCH = 2**20  # bytes searched for a fault
 PIECE = 2**26  # bytes read at a time
 BLOCK = 2**22  # bytes of it that one thread parses
@@ -53,9 +49,9 @@ def read_text(path: Path, request: Request) -> Contents:
     for name in chosen:
         k = names.index(name)
         values, kind = table.pop(k), layout.kinds[k]
-        column = _column(path, name, values, kind, request.decimal, contents.notes)
+        column = as_column(path, name, values, kind, request.decimal, contents.notes)
         if column is None:
-            if kind != "text" or _any_number(values, request.decimal):
+            if kind != "text" or any_number(values, request.decimal):
                 find_fault(path, layout, read, request)
             _left_out(path, name, request, contents.notes)
         elif k in unnamed and np.isnan(column).all():
@@ -89,11 +85,6 @@ def _left_out(path: Path, name: str, request: Request, notes: list[str]) -> None
             "data.columns"
         )
     notes.append(f"{name!r} left out: text")
-
-
-def _any_number(values: pa.ChunkedArray, decimal: str) -> bool:
-    number = NUMBER.replace("[.]", f"[{decimal}]")
-    return pc.any(pc.match_substring_regex(values, number)).as_py() or False
 
 
 def _parse(
@@ -179,64 +170,6 @@ def _read_csv(piece: bytes, layout: Layout, kinds: dict[int, str], request: Requ
     if quoted and table.num_rows != sum(line != b"" for line in re.split(rb"[\r\n]+", piece)):
         raise pa.ArrowInvalid("a quoted cell runs over the end of its line")
     return table
-
-
-def _column(
-    path: Path, name: str, values: pa.ChunkedArray, kind: str, decimal: str, notes: list[str]
-) -> np.ndarray | None:
-    """One column as float64; None for text, or text mixed with numbers."""
-    if isinstance(values, np.ndarray):
-        return values
-    if values.type == pa.int64():
-        if values.null_count:
-            raise FileError(
-                f"{path.name}: {name!r} holds integers beyond 2^53 and empty cells; expected time "
-                "stamps without gaps; fill them or leave the column out (data.columns)"
-            )
-        return as_float(path, name, values.to_numpy(), notes)
-    return _from_text(path, name, values, kind, decimal, notes)
-
-
-def _numpy(values: pa.ChunkedArray) -> np.ndarray:
-    """One contiguous array, NaN where a cell is empty."""
-    column = values.to_numpy()
-    return column if column.flags.writeable else column.copy()
-
-
-def _from_text(
-    path: Path, name: str, values: pa.ChunkedArray, kind: str, decimal: str, notes: list[str]
-) -> np.ndarray | None:
-    try:
-        text = pc.utf8_trim_whitespace(values.cast(pa.string()))
-    except pa.ArrowInvalid:  # not UTF-8, so not numbers
-        return None
-    text = pc.if_else(
-        pc.is_in(text, value_set=pa.array(MISSING)), pa.scalar(None, pa.string()), text
-    )
-    if text.null_count == len(text):
-        notes.append(f"{name!r} is empty")
-        return np.full(len(text), np.nan)
-    if kind == "time":
-        stamps = to_times(text)
-        return None if stamps is None else seconds(path, name, stamps, notes)
-    if decimal == ",":
-        if pc.any(pc.match_substring(text, ".")).as_py():
-            return None
-        text = pc.replace_substring(text, ",", ".")
-    try:
-        return _numpy(text.cast(pa.float64()))
-    except pa.ArrowInvalid:
-        return None
-
-
-def to_times(text: pa.ChunkedArray) -> np.ndarray | None:
-    """ISO-8601 text as datetime64[ns], None where some cell is no time."""
-    for zone in (None, "UTC"):
-        try:
-            return text.cast(pa.timestamp("ns", zone)).to_numpy().astype("datetime64[ns]")
-        except pa.ArrowInvalid:
-            continue
-    return None
 
 
 def _survey(path: Path, layout: Layout, notes: list[str]) -> int:

@@ -109,19 +109,19 @@ def _decode(line: bytes, notes: list[str]) -> str:
 def _delimiter(
     path: Path, kept: Sequence[Line], request: Request, announced: str | None, notes: list[str]
 ) -> str:
-    told = request.delimiter or announced
-    found = _detect([line.text for line in kept[1 : SAMPLE_ROWS + 1]] or [kept[0].text], request)
-    if told is None:
-        delimiter = found or ","
-        if found:
+    stated = request.delimiter or announced
+    detected = _detect([line.text for line in kept[1 : SAMPLE_ROWS + 1]] or [kept[0].text], request)
+    if stated is None:
+        delimiter = detected or ","
+        if detected:
             notes.append(f"delimiter {CALLED.get(delimiter, repr(delimiter))}")
         return delimiter
-    if found and not any(len(split(line.text, told)) > 1 for line in kept):
+    if detected and not any(len(split(line.text, stated)) > 1 for line in kept):
         raise FileError(
-            f"{path.name}: delimiter {told!r} occurs in no row, but the rows look delimited by "
-            f"{CALLED.get(found, repr(found))}; set data.delimiter={found!r}"
+            f"{path.name}: delimiter {stated!r} occurs in no row, but the rows look delimited by "
+            f"{CALLED.get(detected, repr(detected))}; set data.delimiter={detected!r}"
         )
-    return told
+    return stated
 
 
 def _detect(rows: Sequence[str], request: Request) -> str | None:

@@ -1,7 +1,7 @@
-"""What a detector looks at: residuals of an estimator, or weights of an adapting one.
+"""Blocks of samples for a detector: residuals of an estimator, or weights of an adapting one.
 
-A look is a stretch of `every` samples; what is left over at the end of a record is not looked at.
-K looks, n DOFs, P weights of each.
+A block holds `every` samples; samples that fill no block at the end of a record are left out.
+K blocks, n DOFs, P weights of each DOF.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from models.online.adaptive import Online
 
 
 @torch.no_grad()
-def residual_looks(estimator: Estimator, records: Sequence[Record], every: int) -> Tensor:
+def residual_blocks(estimator: Estimator, records: Sequence[Record], every: int) -> Tensor:
     """Residuals a − â (B, K, every, n) [m/s²] of records of equal length."""
     errors = torch.stack([record.a - estimator(record) for record in records])
     count = _count(errors.shape[1], every)
@@ -25,8 +25,8 @@ def residual_looks(estimator: Estimator, records: Sequence[Record], every: int) 
 
 
 @torch.no_grad()
-def weight_looks(online: Online, records: Sequence[Record], every: int) -> Tensor:
-    """Weights (B, K, P, n) after every look, each record from the end of training on.
+def weight_blocks(online: Online, records: Sequence[Record], every: int) -> Tensor:
+    """Weights (B, K, P, n) after every block; every record begins with those of training.
 
     Raises ValueError where an estimator has several heads, whose weights are of no one DOF.
     """
@@ -35,16 +35,16 @@ def weight_looks(online: Online, records: Sequence[Record], every: int) -> Tenso
             f"{type(online.estimator).__name__} has {len(online.states())} heads; watch its "
             "residuals, or choose an estimator with one weight matrix, such as online_linear"
         )
-    made = []
+    weights_of_records = []
     for record in records:
         count = _count(record.samples, every)
         stretches = online.stretches(record, online.law, online.states(), every)
         weights = [states[0].weights for _, states in stretches]
-        made.append(torch.stack(weights[:count]))
-    return torch.stack(made)
+        weights_of_records.append(torch.stack(weights[:count]))
+    return torch.stack(weights_of_records)
 
 
 def _count(samples: int, every: int) -> int:
     if not 1 <= every <= samples:
-        raise ValueError(f"a look of {every} samples does not fit a record of {samples} samples")
+        raise ValueError(f"a block of {every} samples does not fit a record of {samples} samples")
     return samples // every

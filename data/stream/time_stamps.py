@@ -8,10 +8,10 @@ from statistics import median
 
 PATIENCE = 100  # samples behind the newest, until the clock is taken for set back
 LEAP = 3600.0  # [s] ahead, beyond which no sensor was merely silent
-LOOKED_AT = 20  # first steps, which tell whether the rate is as stated
+CHECKED = 20  # first steps that are compared with the stated rate
 
 
-class SampleClock:
+class TimeStamps:
     """Seconds since the first sample; a missing stamp is one step after the one before.
 
     Stamps that repeat or lie behind come out as they are, for the stream to name them. Where they
@@ -35,7 +35,7 @@ class SampleClock:
         if self.origin is None:
             self.origin = stamp - (self.time + self.dt)
         time = stamp - self.origin
-        self._look_at(stamp)
+        self._check_rate(stamp)
         if self.time < time < self.time + LEAP:
             return self._advance(time)
         self.behind += time <= self.time
@@ -49,11 +49,11 @@ class SampleClock:
         self.time, self.behind = time, 0
         return time
 
-    def _look_at(self, stamp: float) -> None:
-        if len(self._stamps) > LOOKED_AT:
+    def _check_rate(self, stamp: float) -> None:
+        if len(self._stamps) > CHECKED:
             return
         self._stamps.append(stamp)
-        if len(self._stamps) > LOOKED_AT:
+        if len(self._stamps) > CHECKED:
             step = median(later - sooner for sooner, later in pairwise(self._stamps))
             if not 0.5 * self.dt < step < 1.5 * self.dt:
                 raise ValueError(

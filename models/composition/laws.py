@@ -1,0 +1,152 @@
+"""Laws of elements: their learned coefficients, and force and memory in PyTorch.
+
+r = k y + c ẏ + spring and damper + Σ w (z − y), where hinges and tanhs
+    g (|y| − b)₊ sgn y,   k₃ y³ + k₂ y² + (c₁ |y| + c₂ y²) ẏ,
+    g ([tanh s(y + b) + tanh s(y − b)]/2s − (1 − tanh² s b) y)
+and hysteretic units do nothing at small amplitude, so that k and c are those of small motions.
+A unit is driven by the increment of deformation and mapped back onto its yield surface:
+    dz = (1 + b₊ u) dy  for u = sgn(dy) z > 0,   (1 + b₋ u) dy  otherwise,   |z| ≤ limit
+With b = 0 it is elastoplastic; without a limit it is the law of Bouc and Wen with n = 1.
+
+`law` and `units` are the readable reference; runs use laws_compiled.py, which tests hold to them.
+E elements, L columns of coefficients of a law.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from models.composition.coefficients import Coefficients, Numbering, Part
+
+LINEAR = 6  # columns k, c, k₃, k₂, c₁, c₂ before those of hinges, tanhs and units
+GAPS = (0.05, 0.8)  # of the largest deformation: between these the hinges start
+STEEPNESS = 2.0  # s b of a tanh at the start
+LIMITS = (0.05, 0.8)  # of the largest deformation: between these the units' limits start
+FAR = 10.0  # where limits go in the end that no motion has reached
+
+
+class ElementLaws(nn.Module):
+    """Laws of E elements, each with so many hinges, tanhs and hysteretic units.
+
+    Which of cubic and quadratic stiffness, of |y| ẏ and y² ẏ damping are learned is chosen, and
+    whether there are linear springs beside those of a core.
+    """
+
+    def __init__(
+        self,
+        elements: int,
+        hinges: int,
+        tanhs: int,
+        units: int,
+        cubic: bool = True,
+        quadratic: bool = False,
+        absolute_damping: bool = False,
+        square_damping: bool = False,
+        springs: bool = True,
+    ) -> None:
+        super().__init__()
+        if not all(isinstance(count, int) and count >= 0 for count in (hinges, tanhs, units)):
+            raise ValueError(
+                f"model.hinges={hinges}, tanhs={tanhs}, units={units}: expected whole numbers, not "
+                "negative"
+            )
+        self.counts = (hinges, tanhs, units)
+        self.stiffness = Coefficients(elements, positive=True, learned=springs)
+        self.damping = Coefficients(elements, positive=True)
+        self.cubic = Coefficients(elements, learned=cubic)
+        self.quadratic = Coefficients(elements, learned=quadratic)
+        self.absolute_damping = Coefficients(elements, learned=absolute_damping)
+        self.square_damping = Coefficients(elements, learned=square_damping)
+        self.hinge_stiffness = Coefficients(elements, hinges)
+        self.hinge_gap = Coefficients(elements, hinges, positive=True)
+        self.tanh_stiffness = Coefficients(elements, tanhs)
+        self.tanh_slope = Coefficients(elements, tanhs, positive=True)
+        self.tanh_place = Coefficients(elements, tanhs, positive=True)
+        self.unit_stiffness = Coefficients(elements, units)
+        self.unit_limit = Coefficients(elements, units, positive=True)
+        self.unit_rising = Coefficients(elements, units)  # b₊
+        self.unit_falling = Coefficients(elements, units)  # b₋
+
+    @torch.no_grad()
+    def start(
+        self, stiffness: Tensor, damping: Tensor, largest: Tensor, places: Sequence[float]
+    ) -> None:
+        """Springs and dampers as given (E,), the rest without effect, in the units of the motion.
+
+        largest: deformations (E,) [m]. Gaps, tanhs and limits spread on a logarithmic scale, each
+        at two `places` in [0, 1] of its share.
+        """
+        hinges, tanhs, units = self.counts
+        self.stiffness.start(stiffness)
+        self.damping.start(damping)
+        self.cubic.start(stiffness / largest**2)
+        self.quadratic.start(stiffness / largest)
+        self.absolute_damping.start(damping / largest)
+        self.square_damping.start(damping / largest**2)
+        each, size = stiffness[:, None], largest[:, None]
+        self.hinge_stiffness.start(each.expand(-1, hinges))
+        self.tanh_stiffness.start(each.expand(-1, tanhs))
+        self.unit_stiffness.start(each.expand(-1, units))
+        self.unit_rising.start((1.0 / size).expand(-1, units))
+        self.unit_falling.start((1.0 / size).expand(-1, units))
+        self.hinge_gap.start(size * _levels(hinges, places[0], *GAPS))
+        steps = size * _levels(tanhs, places[0], *GAPS)
+        self.tanh_place.start(steps)
+        self.tanh_slope.start(STEEPNESS / steps)
+        limits = size * _levels(units, places[1], *LIMITS)
+        self.unit_limit.start(limits)
+        self.unit_limit.end.copy_(torch.log(FAR * size / limits))
+
+    def table(self, numbering: Numbering) -> Part:
+        """Coefficients of all laws (E, L)."""
+        columns = [self.stiffness, self.damping, self.cubic, self.quadratic]
+        columns += [self.absolute_damping, self.square_damping]
+        groups = (
+            [self.hinge_stiffness, self.hinge_gap],
+            [self.tanh_stiffness, self.tanh_slope, self.tanh_place],
+            [self.unit_stiffness, self.unit_limit, self.unit_rising, self.unit_falling],
+        )
+        parts = [Part.stack([numbering.part(c) for c in columns], dim=1)]
+        for group in groups:  # g₁ b₁ g₂ b₂ …
+            together = Part.stack([numbering.part(c) for c in group], dim=2)
+            parts.append(together.map(lambda t: t.flatten(1)))
+        return Part.cat(parts, dim=1)
+
+
+def law(laws: Tensor, counts: tuple[int, int, int], y: Tensor, rate: Tensor, z: Tensor) -> Tensor:
+    """Forces r (…, E) of deformations y and rates (…, E), units z (…, E, units)."""
+    hinges, tanhs, _ = counts
+    k, c, cubic, quadratic, absolute, square = laws[:, :LINEAR].T
+    r = k * y + c * rate + cubic * y**3 + quadratic * y**2
+    r = r + (absolute * y.abs() + square * y**2) * rate
+    a, b = LINEAR + 2 * hinges, LINEAR + 2 * hinges + 3 * tanhs
+    each = y[..., None]
+    stiffness, gap = laws[:, LINEAR:a:2], laws[:, LINEAR + 1 : a : 2]
+    r = r + (stiffness * torch.relu(each.abs() - gap) * each.sign()).sum(dim=-1)
+    stiffness, slope, place = (laws[:, a + i : b : 3] for i in range(3))
+    step = torch.tanh(slope * (each + place)) + torch.tanh(slope * (each - place))
+    flat = 1.0 - torch.tanh(slope * place) ** 2  # no effect at small amplitude
+    r = r + (stiffness * (0.5 * step / slope - flat * each)).sum(dim=-1)
+    return r + (laws[:, b::4] * (z - each)).sum(dim=-1)
+
+
+def units(laws: Tensor, counts: tuple[int, int, int], z: Tensor, increment: Tensor) -> Tensor:
+    """z (…, E, units) after increments of deformation (…, E)."""
+    first = LINEAR + 2 * counts[0] + 3 * counts[1]
+    limit, rising, falling = (laws[:, first + i :: 4] for i in (1, 2, 3))
+    delta = increment[..., None]
+    sign = torch.where(delta > 0.0, 1.0, -1.0).to(delta)
+    c = sign * torch.where(sign * z > 0.0, rising, falling)
+    q = c * delta
+    phi = 1.0 + q * (0.5 + q * (1.0 / 6.0 + q / 24.0))  # (eᵠ − 1)/q: dz = (1 + c z) dy solved
+    return (z + delta * (1.0 + c * z) * phi).clamp(-limit, limit)
+
+
+def _levels(count: int, place: float, low: float, high: float) -> Tensor:
+    """`count` values from low to high, each at a `place` in [0, 1] of its share of their ratio."""
+    share = (torch.arange(count, dtype=torch.float64) + place) / max(count, 1)
+    return low * torch.exp(share * math.log(high / low))

@@ -1,0 +1,86 @@
+"""The compiled run of a composition, on the processor wherever the data are.
+
+B records, T samples, n coordinates, E elements, o outputs, P free parameters.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.record import Drive, Response
+from models.composition.coefficients import PART, Part
+from models.composition.simulate import Composition
+from models.composition.simulate_compiled import run
+from models.layers.integrate import between
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A compiled run (…, T, ·): the motion, the elements' forces and deformations, ∂output/∂θ."""
+
+    response: Response
+    forces: Tensor  # (…, T, E) [N]
+    deformations: Tensor  # (…, T, E) [m]
+    jacobian: Tensor  # (…, T, o, P), or P = 0
+
+
+@torch.no_grad()
+def traced(
+    it: Composition,
+    drive: Drive,
+    substeps: int,
+    anchors: Tensor | None = None,
+    every: int = 0,
+    derivatives: bool = False,
+) -> Trace:
+    """A run of so many substeps a sample, begun anew from `anchors` (…, 2, T, o) every `every`."""
+    device, lead = drive.u.device, drive.u.shape[:-2]
+    drive = Drive(drive.dt, drive.u.cpu(), drive.x0.cpu(), drive.v0.cpu(), drive.hold)
+    u = drive.u.reshape(-1, *drive.u.shape[-2:])
+    fine = between(drive.u, drive.hold, substeps)
+    fine = fine.reshape(len(u), drive.samples - 1, -1, drive.u.shape[-1])
+    starts = torch.stack([drive.x0, drive.v0], dim=-2).expand(*lead, 2, -1)
+    measured = starts.reshape(len(u), 2, -1)[:, :, None, :]
+    if anchors is not None:
+        measured = anchors.cpu().reshape(len(u), *anchors.shape[-3:])
+    P = it.parameters if derivatives else 0
+    o, E = it.outputs.value.shape[0], it.laws.value.shape[0]
+    shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P)]
+    out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
+    arrays = _arrays(it)
+    back = np.ascontiguousarray(np.linalg.pinv(arrays["outputs"][0]))
+
+    def one(i: int) -> None:
+        run(
+            *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
+            drive.dt, every, np.ascontiguousarray(measured[i].numpy()), back,
+            *arrays["core"], *arrays["inputs"], *arrays["G"], *arrays["D"],
+            np.ascontiguousarray(it.supports.cpu().numpy()), *arrays["laws"], it.counts,
+            *arrays["outputs"], it.measures.cpu().numpy(), P,
+            *(signal[i].numpy() for signal in out),
+        )  # fmt: skip
+
+    if len(u) > 1 and torch.get_num_threads() > 1:
+        with ThreadPoolExecutor(torch.get_num_threads()) as pool:
+            list(pool.map(one, range(len(u))))
+    else:
+        for i in range(len(u)):
+            one(i)
+    x, v, a, *rest = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
+    return Trace(Response(x, v, it.output(x, v, a)), *rest)
+
+
+def _arrays(it: Composition) -> dict[str, tuple[np.ndarray, ...]]:
+    """Values, numbers and slopes of every part, as the compiled run takes them."""
+    parts: dict[str, Part] = {
+        name: getattr(it, name) for name in ("core", "inputs", "G", "D", "laws", "outputs")
+    }
+    return {
+        name: tuple(np.ascontiguousarray(getattr(p, key).cpu().numpy()) for key in PART)
+        for name, p in parts.items()
+    }

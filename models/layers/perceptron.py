@@ -1,0 +1,45 @@
+"""Multilayer perceptron with inputs and outputs in physical units.
+
+Brewick & Masri (2016), Sect. 2.3; weights start random (Glorot & Bengio 2010).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from models.layers.scaling import Extents
+
+ACTIVATIONS = {"tanh": nn.Tanh, "sigmoid": nn.Sigmoid, "relu": nn.ReLU, "silu": nn.SiLU}
+
+
+class Perceptron(nn.Module):
+    """Layers of `hidden` neurons between inputs and outputs that are scaled to [−1, 1].
+
+    Sigmoidal hidden layers, a linear output layer; weights start random (Glorot & Bengio 2010).
+    """
+
+    def __init__(
+        self, inputs: int, hidden: Sequence[int], outputs: int, activation: str = "tanh"
+    ) -> None:
+        super().__init__()
+        if activation not in ACTIVATIONS or not hidden or min(hidden) < 1:
+            raise ValueError(
+                f"hidden={list(hidden)}, activation={activation!r}: expected numbers of neurons "
+                f"and one of {', '.join(ACTIVATIONS)}"
+            )
+        sizes = [inputs, *hidden, outputs]
+        layers: list[nn.Module] = []
+        for columns, rows in pairwise(sizes):
+            layer = nn.Linear(columns, rows, dtype=torch.float64)
+            nn.init.xavier_uniform_(layer.weight)
+            nn.init.zeros_(layer.bias)
+            layers += [layer, ACTIVATIONS[activation]()]
+        self.layers = nn.Sequential(*layers[:-1])
+        self.input_scale, self.output_scale = Extents(inputs), Extents(outputs)
+
+    def forward(self, u: Tensor) -> Tensor:
+        return self.output_scale.inverse(self.layers(self.input_scale(u)))

@@ -1,0 +1,52 @@
+"""Defaults stand once: a config says what its class would do by itself, or names a variant."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import pytest
+from omegaconf import OmegaConf
+
+import models
+from runner.command_line import CONF, composed
+
+VARIANTS = {  # config → the settings that make it another model, or another way of solving
+    "model=chebyshev_restoring_force": {"basis"},
+    "model=element_network_accelerations": {"from_accelerations", "prior"},
+    "model=element_network_tanh": {"hinges", "cubic", "tanhs", "early_prior", "prior"},
+    "model=lstm": {"cell"},
+    "model=online_polynomial": {"fits"},
+    "model=power_series_residual": {"fits"},
+    "model=vwnn_first_order": {"order"},
+    "model=vwnn_third_order": {"order"},
+    "solver=adam_sequences": {"iterations", "rate"},
+    "solver=lbfgs_short": {"iterations", "change"},
+}
+CONFIGS = [
+    f"{group}={path.stem}"
+    for group in ("model", "solver", "objective", "adaptation")
+    for path in sorted((CONF / group).glob("*.yaml"))
+]
+
+
+def other_than_default(node: dict[str, Any]) -> set[str]:
+    """Settings that differ from the default of the class; what is interpolated is no default."""
+    arguments = inspect.signature(getattr(models, node["_target_"].partition(".")[2])).parameters
+    differ = set()
+    for name, value in node.items():
+        if isinstance(value, dict) and "_target_" in value:
+            differ |= other_than_default(value)
+        elif name not in ("_target_", "name") and not str(value).startswith("${"):
+            default = arguments[name].default
+            if value != (list(default) if isinstance(default, tuple) else default):
+                differ.add(name)
+    return differ
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+def test_a_config_and_its_class_have_the_same_defaults(config):
+    cfg = composed(config) if config.startswith("model=") else composed(config, "model=vwnn")
+    node = OmegaConf.to_container(cfg[config.partition("=")[0]], resolve=False)
+    assert isinstance(node, dict)
+    assert other_than_default(node) == VARIANTS.get(config, set())
