@@ -130,6 +130,18 @@ def test_an_estimator_is_added_by_two_files(tmp_path):
     assert "quadratic_damping on measured" in done.stdout
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_tests_and_functions_that_are_named_exist(page):
+    """A test by its name; a function or class in the words `[file.py](…) `name``."""
+    text = page.read_text("utf-8")
+    tests = "\n".join(path.read_text("utf-8") for path in ROOT.glob("tests/**/test_*.py"))
+    for name in set(re.findall(r"`(test_\w+)`", text)):
+        assert f"def {name}(" in tests, f"{page.name} names {name}"
+    for target, name in re.findall(r"\]\((\.\./[\w/]+\.py)\)\s+`(\w+)`", text):
+        source = (page.parent / target).read_text("utf-8")
+        assert re.search(rf"\b{name}\b", source), f"{page.name} names {name} of {target}"
+
+
 def test_every_page_is_linked_from_the_index():
     index = (ROOT / "docs" / "README.md").read_text("utf-8")
     linked = {Path(target).name for target in re.findall(r"\]\(([^)#]+)\)", index)}
