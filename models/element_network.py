@@ -135,7 +135,7 @@ class ElementNetwork(Composite):
         """
         n, E, B, B_s = self.dofs, len(self.elements), self.B.cpu(), self.B_s.cpu()
         rows, targets, largest = [], [], []
-        for record in self.look(batches):
+        for record in self.admitted(batches):
             self.check(record)
             if record.f.shape[-1] != self.forces:
                 raise ValueError(
@@ -162,8 +162,8 @@ class ElementNetwork(Composite):
         count = 0 if known is None else len(known)
         if known is not None:
             target = target - unknown[:, :count] @ known
-        found = torch.linalg.lstsq(unknown[:, count:], target[:, None], driver="gelsd").solution
-        solution = found[:, 0] if known is None else torch.cat([known, found[:, 0]])
+        fitted = torch.linalg.lstsq(unknown[:, count:], target[:, None], driver="gelsd").solution
+        solution = fitted[:, 0] if known is None else torch.cat([known, fitted[:, 0]])
         mass, stiffness, damping = solution.split([n, E, E])
         if not (mass > 0.0).all() or not (stiffness > 0.0).any():
             raise ValueError(

@@ -85,12 +85,12 @@ class HystereticElement(Composite):
         s, rate = torch.cat(motions).chunk(2, dim=1)
         r = torch.cat(forces)
         pairs = torch.stack([s, rate], dim=2).movedim(1, 0)  # (E, N, 2)
-        found = torch.linalg.lstsq(pairs, r.T[..., None], driver="gelsd").solution[..., 0]
+        fitted = torch.linalg.lstsq(pairs, r.T[..., None], driver="gelsd").solution[..., 0]
         largest, fastest = s.abs().amax(dim=0), rate.abs().amax(dim=0)
         secant = r.abs().amax(dim=0) / largest
-        stiffness = torch.where(found[:, 0] > 0.05 * secant, found[:, 0], 0.05 * secant)
+        stiffness = torch.where(fitted[:, 0] > 0.05 * secant, fitted[:, 0], 0.05 * secant)
         least = 0.01 * r.abs().amax(dim=0) / fastest
-        self.linear = (stiffness, torch.maximum(found[:, 1], least), largest)
+        self.linear = (stiffness, torch.maximum(fitted[:, 1], least), largest)
         self.laws.start(*self.linear, (0.5, 0.5))
         self.identified.fill_(1.0)
         return {"linear_stiffness": float(stiffness.mean())}

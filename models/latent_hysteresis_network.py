@@ -77,11 +77,11 @@ class LatentHysteresisNetwork(Composite):
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         """Modes, damping and inputs of the equivalent linear system (Eq. 8); units of θ."""
         linear = EquivalentLinear(self.dofs, self.inputs, self.dt)
-        records = self.look(batches)
+        records = self.admitted(batches)
         for record in records:
             self.check(record)
         seen = [(record.dt, *states) for record in records for states in self.states(record)]
-        found = linear.identify([Record(dt, a, u, x, v) for dt, x, v, a, u in seen])
+        facts = linear.identify([Record(dt, a, u, x, v) for dt, x, v, a, u in seen])
         damping, stiffness, inputs = linear.matrices()
         mass = self._mass(inputs)
         spring = _symmetric(mass @ stiffness)
@@ -103,7 +103,7 @@ class LatentHysteresisNetwork(Composite):
         self.moved = torch.cat([x for _, x, *_ in seen])
         self.identified.fill_(1.0)
         self.restart(torch.Generator().manual_seed(0))
-        return found
+        return facts
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:
@@ -115,12 +115,12 @@ class LatentHysteresisNetwork(Composite):
         _start_at(self.directions, drawn @ shapes)
         largest = (self.moved @ drawn.T).abs().amax(dim=0)
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
-        each = self.typical.expand(E)
+        typical = self.typical.expand(E)
         turned = (self.directions().cpu() ** 2).sum(dim=0)  # of a unit damper in each element
         damper = SHARE * float((self.modal_damping / turned).min())
         self.damping.start(self.modal_damping - damper * turned)
-        self.laws.start(each, torch.full_like(each, damper), largest, places)
-        self.laws.stiffness.start(torch.zeros_like(each))
+        self.laws.start(typical, torch.full_like(typical, damper), largest, places)
+        self.laws.stiffness.start(torch.zeros_like(typical))
 
     def _mass(self, inputs: Tensor) -> Tensor:
         """Mass matrix (n, n) where every DOF has its force; else a unit one."""

@@ -44,7 +44,7 @@ class EquivalentLinear(LinearInWeights):
             fit.add(self.state(record)[..., counted, :], record.a[..., counted, :])
         solution = fit.solve()
         self.weights.data = solution.weights
-        return solution.told()
+        return solution.facts()
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)

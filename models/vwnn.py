@@ -82,7 +82,7 @@ class VWNN(LinearInWeights):
                 fit.add(phi[..., counted:, :], record.a[..., span, :][..., counted:, :])
         solution = fit.solve()
         self.weights.data = solution.weights
-        return solution.told()
+        return solution.facts()
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)

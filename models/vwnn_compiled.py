@@ -17,7 +17,7 @@ compiled, inlined = compilers(Path(__file__), HERE, contract=True, reassociate=T
 
 
 @compiled
-def estimate(xi, f, unfiltered, sigmoid_weight, factors, W, h, phi, made):
+def estimate(xi, f, unfiltered, sigmoid_weight, factors, W, h, phi, prediction):
     """φ (P,) and the estimate (n,) from the filters' state ξ (S, C) and the excitation f (m,).
 
     factors (P, 3): the sigmoids whose product a feature is; the last of h is 1.
@@ -30,12 +30,12 @@ def estimate(xi, f, unfiltered, sigmoid_weight, factors, W, h, phi, made):
     if unfiltered:
         for j in range(f.size):
             h[S * C + j] = np.tanh(sigmoid_weight * f[j])
-    made[:] = 0.0
+    prediction[:] = 0.0
     for p in range(P):
         product = h[factors[p, 0]] * h[factors[p, 1]] * h[factors[p, 2]]
         phi[p] = product
         for j in range(n):
-            made[j] += product * W[p, j]
+            prediction[j] += product * W[p, j]
 
 
 @inlined
@@ -50,11 +50,11 @@ def _advance(xi, a, f, decay):
 
 
 @compiled
-def learn(xi, a, f, decay, sound, law, settings, phi, made, W, memory, error, work):
+def learn(xi, a, f, decay, sound, law, settings, phi, prediction, W, memory, error, work):
     """The law's step, where the acceleration a (n,) is sound, and the filters' state one on."""
     if sound:
         for j in range(a.size):
-            error[j] = a[j] - made[j]
+            error[j] = a[j] - prediction[j]
         adapt(law, settings, W, memory, phi, error, work)
     _advance(xi, a, f, decay)
 

@@ -135,8 +135,8 @@ class ForwardNetwork(Estimator):
         with torch.enable_grad():
             at = states.detach().requires_grad_()
             a = self.own_features(at) @ self.weights[: self.own]
-            each = [torch.autograd.grad(u.sum(), at, retain_graph=True) for u in a.unbind(dim=-1)]
-        return torch.stack([slope for (slope,) in each], dim=-2)
+            slopes = [torch.autograd.grad(u.sum(), at, retain_graph=True) for u in a.unbind(dim=-1)]
+        return torch.stack([slope for (slope,) in slopes], dim=-2)
 
     def sensitivities(
         self, states: Tensor, driven: Tensor, local: Tensor, length: Tensor

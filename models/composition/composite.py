@@ -137,8 +137,11 @@ class Composite(Trainable):
         substeps = self._substeps(drive.dt)
         return traced(self.composition(), drive, substeps, anchors, every, derivatives)
 
-    def look(self, batches: Iterable[Record]) -> list[Record]:
-        """The records on the processor, once it is known what their sensors say."""
+    def admitted(self, batches: Iterable[Record]) -> list[Record]:
+        """The records on the processor; sets what their sensors measure.
+
+        Raises ValueError for records that hold no motion.
+        """
         records = [record.to("cpu") for record in batches]
         for record in records:
             if record.quantity not in MEASURES:

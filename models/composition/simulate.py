@@ -45,25 +45,25 @@ class Composition:
         return torch.stack([x, v, a], dim=-1).gather(-1, which)[..., 0]
 
 
-def simulate(it: Composition, drive: Drive, substeps: int) -> Response:
+def simulate(composition: Composition, drive: Drive, substeps: int) -> Response:
     """Free run (…, T, o) in PyTorch, batched and differentiable."""
-    K, C = it.core.value
-    inputs, G, D = it.inputs.value, it.G.value, it.D.value
-    laws, outputs, h = it.laws.value, it.outputs.value, drive.dt / substeps
+    K, C = composition.core.value
+    inputs, G, D = composition.inputs.value, composition.G.value, composition.D.value
+    laws, outputs, h = composition.laws.value, composition.outputs.value, drive.dt / substeps
     back = torch.linalg.pinv(outputs)
     u, fine = drive.u, between(drive.u, drive.hold, substeps)
     q, rate = drive.x0 @ back.T, drive.v0 @ back.T
 
     def deformation(q: Tensor, rate: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
-        return q @ D.T + u @ it.supports[0].T, rate @ D.T + u @ it.supports[1].T
+        return q @ D.T + u @ composition.supports[0].T, rate @ D.T + u @ composition.supports[1].T
 
     def acceleration(
         q: Tensor, rate: Tensor, u: Tensor, y: Tensor, speed: Tensor, z: Tensor
     ) -> Tensor:
-        return u @ inputs.T - K * q - C * rate - law(laws, it.counts, y, speed, z) @ G.T
+        return u @ inputs.T - K * q - C * rate - law(laws, composition.counts, y, speed, z) @ G.T
 
     y, speed = deformation(q, rate, u[..., 0, :])
-    z = y.new_zeros(*y.shape, it.counts[2])
+    z = y.new_zeros(*y.shape, composition.counts[2])
     a = acceleration(q, rate, u[..., 0, :], y, speed, z)
     history = [(q, rate, a)]
     for k in range(1, drive.samples):
@@ -72,10 +72,10 @@ def simulate(it: Composition, drive: Drive, substeps: int) -> Response:
             q, ahead = q + h * (rate + 0.5 * h * a), rate + h * a
             before = y
             y, speed = deformation(q, ahead, now)
-            z = units(laws, it.counts, z, y - before)
+            z = units(laws, composition.counts, z, y - before)
             new = acceleration(q, ahead, now, y, speed, z)
             rate, a = rate + 0.5 * h * (a + new), new
         a = a + (u[..., k, :] - fine[..., k - 1, -1, :]) @ inputs.T  # a held excitation jumps
         history.append((q, rate, a))
     x, v, a = (torch.stack(s, dim=-2) @ outputs.T for s in zip(*history, strict=True))
-    return Response(x, v, it.output(x, v, a))
+    return Response(x, v, composition.output(x, v, a))

@@ -31,7 +31,7 @@ class Trace:
 
 @torch.no_grad()
 def traced(
-    it: Composition,
+    composition: Composition,
     drive: Drive,
     substeps: int,
     anchors: Tensor | None = None,
@@ -48,11 +48,13 @@ def traced(
     measured = starts.reshape(len(u), 2, -1)[:, :, None, :]
     if anchors is not None:
         measured = anchors.cpu().reshape(len(u), *anchors.shape[-3:])
-    P = it.parameters if derivatives else 0
-    o, E = it.outputs.value.shape[0], it.laws.value.shape[0]
+    P = composition.parameters if derivatives else 0
+    o, E = composition.outputs.value.shape[0], composition.laws.value.shape[0]
     shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P)]
     out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
-    arrays = _arrays(it)
+    arrays = _arrays(composition)
+    supports = np.ascontiguousarray(composition.supports.cpu().numpy())
+    measures = composition.measures.cpu().numpy()
     back = np.ascontiguousarray(np.linalg.pinv(arrays["outputs"][0]))
 
     def one(i: int) -> None:
@@ -60,8 +62,7 @@ def traced(
             *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
             drive.dt, every, np.ascontiguousarray(measured[i].numpy()), back,
             *arrays["core"], *arrays["inputs"], *arrays["G"], *arrays["D"],
-            np.ascontiguousarray(it.supports.cpu().numpy()), *arrays["laws"], it.counts,
-            *arrays["outputs"], it.measures.cpu().numpy(), P,
+            supports, *arrays["laws"], composition.counts, *arrays["outputs"], measures, P,
             *(signal[i].numpy() for signal in out),
         )  # fmt: skip
 
@@ -72,13 +73,13 @@ def traced(
         for i in range(len(u)):
             one(i)
     x, v, a, *rest = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
-    return Trace(Response(x, v, it.output(x, v, a)), *rest)
+    return Trace(Response(x, v, composition.output(x, v, a)), *rest)
 
 
-def _arrays(it: Composition) -> dict[str, tuple[np.ndarray, ...]]:
+def _arrays(composition: Composition) -> dict[str, tuple[np.ndarray, ...]]:
     """Values, numbers and slopes of every part, as the compiled run takes them."""
     parts: dict[str, Part] = {
-        name: getattr(it, name) for name in ("core", "inputs", "G", "D", "laws", "outputs")
+        name: getattr(composition, name) for name in ("core", "inputs", "G", "D", "laws", "outputs")
     }
     return {
         name: tuple(np.ascontiguousarray(getattr(p, key).cpu().numpy()) for key in PART)

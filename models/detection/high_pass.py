@@ -52,7 +52,7 @@ class HighPass:
     def _next(self, name: str, signal: Tensor) -> Tensor:
         if name not in self.states:
             self.states[name] = np.zeros((len(self.sos), 2, signal.numel()))
-        made, self.states[name] = sosfilt(
+        filtered, self.states[name] = sosfilt(
             self.sos, signal.numpy()[None, :], axis=0, zi=self.states[name]
         )
-        return torch.from_numpy(made[0])
+        return torch.from_numpy(filtered[0])

@@ -36,7 +36,7 @@ class Solution:
         """The highest."""
         return float(self.conditions.max())
 
-    def told(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         """Rank and condition as numbers, or as lists of S numbers."""
         return {"rank": self.ranks.tolist(), "condition": self.conditions.tolist()}
 
@@ -44,19 +44,19 @@ class Solution:
 class LeastSquares:
     """Collects features and targets, then solves. `ridge` ≥ 0 penalises the scaled weights.
 
-    `each`: the first dimension of what is added counts S fits of their own, solved side by side.
+    stacked: the first dimension of features and targets counts S fits, solved side by side.
     """
 
-    def __init__(self, ridge: float = 0.0, each: bool = False) -> None:
+    def __init__(self, ridge: float = 0.0, stacked: bool = False) -> None:
         if not 0.0 <= ridge < float("inf"):
             raise ValueError(f"model.ridge={ridge} must not be negative")
-        self.ridge, self.samples, self.each = ridge, 0, int(each)
+        self.ridge, self.samples, self.leading = ridge, 0, int(stacked)
         self.triangle: Tensor | None = None  # R of [Φ Y], (…, P+n, P+n)
         self.features = 0
 
     def add(self, features: Tensor, targets: Tensor) -> None:
         """Features (…, N, P) and targets (…, N, n)."""
-        phi, y = features.flatten(self.each, -2), targets.flatten(self.each, -2)
+        phi, y = features.flatten(self.leading, -2), targets.flatten(self.leading, -2)
         if phi.shape[:-1] != y.shape[:-1]:
             raise ValueError(f"{phi.shape[-2]} samples of features, {y.shape[-2]} of targets")
         rows = torch.cat([phi, y], dim=-1)

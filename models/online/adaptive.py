@@ -79,14 +79,14 @@ class Online(Estimator):
         return [Adapted(w.detach(), getattr(self, f"memory_{j}")) for j, w in enumerate(heads)]
 
     def forward(self, record: Record) -> Tensor:
-        return self._each(record, self.law, self.states())
+        return self._of_batch(record, self.law, self.states())
 
     def estimates(self, record: Record) -> dict[str, Tensor]:
         nothing = started(self.estimator, self.law, from_nothing=True)
         return {
             "": self(record),
-            "frozen": self._each(record, Frozen(), self.states()),
-            "from_nothing": self._each(record, self.law, nothing),
+            "frozen": self._of_batch(record, Frozen(), self.states()),
+            "from_nothing": self._of_batch(record, self.law, nothing),
         }
 
     def free_run(self, drive: Drive) -> Response:
@@ -106,8 +106,8 @@ class Online(Estimator):
         self, record: Record, law: Law, states: list[Adapted]
     ) -> tuple[Tensor, list[Adapted]]:
         """Estimates (T, n) of one record and the states after it; the warm-up teaches nothing."""
-        made = list(self.stretches(record, law, states))
-        return torch.cat([estimates for estimates, _ in made]), made[-1][1]
+        stretches = list(self.stretches(record, law, states))
+        return torch.cat([estimates for estimates, _ in stretches]), stretches[-1][1]
 
     def stretches(
         self, record: Record, law: Law, states: list[Adapted], longest: int = 1 << 30
@@ -130,26 +130,26 @@ class Online(Estimator):
                 heads = zip(states, phi, parts, strict=True)
                 followed = [law.follow(s, u[within], y, first) for s, u, y in heads]
                 states = [state for _, state in followed]
-                made = torch.cat([outputs for outputs, _ in followed], dim=-1)
-                made = made if mixing is None else made @ mixing
-                yield made if known is None else made + known[here], states
+                outputs = torch.cat([estimates for estimates, _ in followed], dim=-1)
+                outputs = outputs if mixing is None else outputs @ mixing
+                yield outputs if known is None else outputs + known[here], states
 
     def _sample_by_sample(
         self, record: Record, law: Law, states: list[Adapted], longest: int
     ) -> Iterator[tuple[Tensor, list[Adapted]]]:
         """Where there are bad samples: estimates stand in for them, the guard sees to it."""
-        stream, made = Stream(self.estimator, law, states, self.guard), []
+        stream, estimates = Stream(self.estimator, law, states, self.guard), []
         for k, sample in enumerate(samples_of(record)):
             stream.law = Frozen() if k < record.warmup else law
-            made.append(stream.step(sample))
-            if len(made) == longest or k == record.samples - 1:
-                yield torch.stack(made), stream.states
-                made = []
+            estimates.append(stream.step(sample))
+            if len(estimates) == longest or k == record.samples - 1:
+                yield torch.stack(estimates), stream.states
+                estimates = []
 
-    def _each(self, record: Record, law: Law, states: list[Adapted]) -> Tensor:
+    def _of_batch(self, record: Record, law: Law, states: list[Adapted]) -> Tensor:
         """Estimates (…, T, n) of every record of a batch, each from the same states."""
-        each = [self.follow(one, law, states)[0] for one in single(record)]
-        return torch.stack(each).reshape(record.a.shape)
+        estimates = [self.follow(one, law, states)[0] for one in single(record)]
+        return torch.stack(estimates).reshape(record.a.shape)
 
 
 def stream_of(estimator: LinearInWeights, law: Law, states: list[Adapted], guard: Guard) -> Stream:

@@ -42,7 +42,7 @@ class Stream:
         self.unmixing = None if self.mixing is None else torch.linalg.inv(self.mixing)
         self.sample: Sample | None = None  # estimated, its acceleration not yet known
         self.previous: Sample | None = None
-        self.made = torch.zeros(estimator.dofs, dtype=torch.float64)  # the newest estimate
+        self.newest = torch.zeros(estimator.dofs, dtype=torch.float64)  # estimate
         self._came_twice = False
         self._reads = [name for name in estimator.reads if name not in ("a", "f")]
 
@@ -73,12 +73,12 @@ class Stream:
         missed = self.watch.arrive(sample.time)
         self._came_twice = missed < 0
         if missed < 0:
-            return self.made
+            return self.newest
         if missed > 0:
             self._bridge(missed)
         self.sample = self.watch.mended(sample)
-        self.made = self._estimate(self.sample)
-        return self.made
+        self.newest = self._estimate(self.sample)
+        return self.newest
 
     def update(self, a: Tensor | None) -> None:
         """Learn from the acceleration (n,) of the sample that was estimated last; None: dropped."""
@@ -86,7 +86,7 @@ class Stream:
             return
         if self.sample is None:
             raise ValueError("no sample is waiting for its acceleration; call estimate first")
-        known, sound = self.watch.judged(a, self.sample, self.made)
+        known, sound = self.watch.judged(a, self.sample, self.newest)
         self._learn(self.sample, known, sound)
         self.previous, self.sample = self.sample, None
 
@@ -108,13 +108,13 @@ class Stream:
         pairs = zip(self._phi, self.states, strict=True)
         parts = [phi @ state.weights for phi, state in pairs]
         self._outputs = parts[0] if len(parts) == 1 else torch.cat(parts)
-        made = self._outputs if self.mixing is None else self._outputs @ self.mixing
+        estimate = self._outputs if self.mixing is None else self._outputs @ self.mixing
         self._known = self.estimator.known(sample)
-        return made if self._known is None else made + self._known
+        return estimate if self._known is None else estimate + self._known
 
     def _learn(self, sample: Sample, a: Tensor, sound: bool) -> None:
         if sound:
-            errors = a - self.made
+            errors = a - self.newest
             if self.unmixing is not None:
                 errors = errors @ self.unmixing
             parts = errors.split([state.weights.shape[1] for state in self.states])

@@ -56,15 +56,22 @@ class VWNNStream(Stream):
         self._xi[:] = 0.0
 
     def _estimate(self, sample: Sample) -> Tensor:
-        self._made, self._f = np.empty(self._error.size), sample.excitation.numpy()
+        self._prediction, self._f = np.empty(self._error.size), sample.excitation.numpy()
         vwnn_compiled.estimate(
             *(self._xi, self._f, self._unfiltered, self._sigmoid_weight, self._factors),
-            *(self._weights, self._sigmoids, self._phi_now, self._made),
+            *(self._weights, self._sigmoids, self._phi_now, self._prediction),
         )
-        return torch.from_numpy(self._made)
+        return torch.from_numpy(self._prediction)
 
     def _learn(self, sample: Sample, a: Tensor, sound: bool) -> None:
         vwnn_compiled.learn(
             *(self._xi, a.numpy(), self._f, self._decay, sound, self.law.number, self._settings),
-            *(self._phi_now, self._made, self._weights, self._memory, self._error, self._work),
+            *(
+                self._phi_now,
+                self._prediction,
+                self._weights,
+                self._memory,
+                self._error,
+                self._work,
+            ),
         )

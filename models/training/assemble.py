@@ -35,8 +35,8 @@ def _class_of(target: Any) -> type:
     """The class that a `_target_` names. Raises ValueError unless a front lists it."""
     room, _, name = target.partition(".") if isinstance(target, str) else ("", "", "")
     if room in FRONTS and name in FRONTS[room].PUBLIC:
-        found: type = getattr(FRONTS[room], name)
-        return found
+        public: type = getattr(FRONTS[room], name)
+        return public
     raise ValueError(f"_target_={target!r} is not a public class of this project's data or models")
 
 

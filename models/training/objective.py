@@ -117,9 +117,9 @@ class FreeRun:
         self.restart, self.records = restart, records
         self.starts, self.start_iterations, self.seed = starts, start_iterations, seed
         self.ranked: list[list[Tensor]] = []  # states of the finalists, the best first
-        each = [f"horizon {'whole record' if h is None else h}" for h in horizons]
-        later = [f"{stage}, start {n}" for n in range(2, finalists + 1) for stage in each]
-        self.stages: Sequence[str] = each + later
+        stages = [f"horizon {'whole record' if h is None else h}" for h in horizons]
+        later = [f"{stage}, start {n}" for n in range(2, finalists + 1) for stage in stages]
+        self.stages: Sequence[str] = stages + later
 
     def problem(self, estimator: Trainable, record: Record, stage: int) -> FreeRunProblem:
         stage %= len(self.horizons)

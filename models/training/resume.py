@@ -46,7 +46,7 @@ class SaveProgress(Callback):
 def belongs(path: Path, identity: Mapping[str, str]) -> bool:
     """Whether a file holds the half-done training of this run. A damaged one does not."""
     try:
-        found = torch.load(path, map_location="cpu", weights_only=True)
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
     except (OSError, RuntimeError, ValueError, EOFError, KeyError, pickle.UnpicklingError):
         return False
-    return isinstance(found, dict) and found.get("identity") == dict(identity)
+    return isinstance(checkpoint, dict) and checkpoint.get("identity") == dict(identity)

@@ -133,7 +133,7 @@ def test_what_cannot_go_side_by_side_is_told_apart():
 def test_least_squares_side_by_side_are_those_alone():
     random = torch.Generator().manual_seed(0)
     phi, y = (torch.randn(5, 40, c, generator=random).double() for c in (6, 2))
-    together = LeastSquares(each=True)
+    together = LeastSquares(stacked=True)
     for start in (0, 15):
         span = slice(start, start + 15 if start == 0 else None)
         together.add(phi[:, span], y[:, span])
@@ -142,10 +142,10 @@ def test_least_squares_side_by_side_are_those_alone():
         alone = LeastSquares()
         alone.add(phi[place], y[place])
         assert torch.allclose(solution.weights[place], alone.solve().weights, rtol=1e-11)
-        assert solution.told()["rank"][place] == 6
-        assert solution.told()["condition"][place] == pytest.approx(alone.solve().condition)
+        assert solution.facts()["rank"][place] == 6
+        assert solution.facts()["condition"][place] == pytest.approx(alone.solve().condition)
     phi[3, :, 2] = phi[3, :, 4]
-    deficient = LeastSquares(each=True)
+    deficient = LeastSquares(stacked=True)
     deficient.add(phi, y)
     with pytest.raises(RankDeficientError, match="5 of 6"):
         deficient.solve()

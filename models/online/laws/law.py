@@ -59,10 +59,10 @@ class Law(nn.Module):
             *(self.number, self.settings(), features, wanted, first),
             *(W, memory, work_for(W), estimates),
         )
-        made, weights, memory_after = (
+        estimated, weights, memory_after = (
             torch.from_numpy(u).to(target.device) for u in (estimates, W, memory)
         )
-        return made, Adapted(weights, memory_after)
+        return estimated, Adapted(weights, memory_after)
 
 
 def work_for(weights: np.ndarray) -> np.ndarray:

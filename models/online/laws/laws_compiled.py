@@ -134,10 +134,10 @@ def follow(law, settings, phi, target, first, W, memory, work, estimates):
     error = np.zeros(n)
     for k in range(phi.shape[0]):
         for j in range(n):
-            made = 0.0
+            estimate = 0.0
             for i in range(P):
-                made += phi[k, i] * W[i, j]
-            estimates[k, j] = made
-            error[j] = target[k, j] - made
+                estimate += phi[k, i] * W[i, j]
+            estimates[k, j] = estimate
+            error[j] = target[k, j] - estimate
         if k >= first:
             adapt(law, settings, W, memory, phi[k], error, work)
