@@ -1,1 +1,1 @@
-"""Peers and scaling, run by hand; never imported by the project."""
+"""Speed, memory and peers, measured by hand; never imported by the project."""

@@ -1,4 +1,4 @@
-"""Does a sweep that is killed again and again end like one that nobody disturbed?
+"""Does a sweep that is killed again and again end like an undisturbed one?
 
     python -m benchmarks.kills                      # 60 runs, 20 kills
     python -m benchmarks.kills --quick              # 6 runs, 3 kills
@@ -105,20 +105,20 @@ def disturb(folder: Path, runs: int, kills: int, seconds: tuple[float, float], s
 
 def damaged(folder: Path) -> list[str]:
     """Runs that look finished and are not: a file cannot be read, or was left half-written."""
-    found = []
+    names = []
     for name in sorted(finished(folder)):
         try:
             read_run(folder / name)
             load_file(folder / name / CHECKPOINT)
         except (ValueError, OSError, SafetensorError):
-            found.append(name)
+            names.append(name)
             continue
-        found += [name] if list((folder / name).glob("*.part")) else []
-    return found
+        names += [name] if list((folder / name).glob("*.part")) else []
+    return names
 
 
 def same(run: Path, other: Path) -> bool:
-    """Whether two runs found the same numbers, to the last bit."""
+    """Whether two runs have the same numbers, to the last bit."""
     first, second = (load_file(folder / CHECKPOINT) for folder in (run, other))
     tensors = first.keys() == second.keys() and all(torch.equal(first[k], second[k]) for k in first)
     texts = [json.loads((folder / METRICS).read_text("utf-8")) for folder in (run, other)]
@@ -135,16 +135,16 @@ def without_times(content: Any) -> Any:
 
 
 def tables(folder: Path) -> dict[str, list]:
-    """What evaluate.py makes of a sweep, by file; without times."""
+    """The rows of every table that evaluate.py writes of a sweep, by file; without times."""
     output = folder.with_name(f"{folder.name}_tables")
     words = [sys.executable, "evaluate.py", f"runs={folder}", f"output={output}"]
     subprocess.run(words, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
-    found = {}
+    by_file = {}
     for path in output.glob("*.csv"):
         with path.open(encoding="utf-8") as file:
             rows = [r for r in csv.DictReader(file) if "seconds" not in r.get("metric", "")]
-        found[path.name] = [without_times({**row, "run": _name(row)}) for row in rows]
-    return found
+        by_file[path.name] = [without_times({**row, "run": _name(row)}) for row in rows]
+    return by_file
 
 
 def _name(row: dict[str, str]) -> str:

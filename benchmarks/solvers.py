@@ -5,9 +5,9 @@
 
 The same network, training motion and starting weights for all, full batch, float64, one thread, one
 run at a time. All minimise mean(e²) of models/training/problem.py, whose root is Eq. 21. A solver
-stops at the smallest error that is asked for, where it finds no lower one, or at the limit of time:
-limits of iterations are lifted. The clock stands while an error is noted. An error is reached when
-a point with it has been evaluated, whether the solver then goes on from there (an iterate of
+stops at the smallest error of the table, where it finds no lower one, or at the limit of time:
+limits of iterations are lifted. Time spent on noting an error does not count. An error is reached
+when a point with it has been evaluated, whether the solver then goes on from there (an iterate of
 Levenberg–Marquardt) or not (a trial of a line search).
 """
 
@@ -57,7 +57,7 @@ class Done(Exception):  # noqa: N818
 
 
 class Watch:
-    """Error [%] against seconds: every point evaluated that is better than all before."""
+    """Error [%] against seconds: every evaluated point that is better than all before."""
 
     def __init__(self, limit: float, goal: float) -> None:
         self.limit, self.goal, self.start, self.ran = limit, goal, time.perf_counter(), 0.0
@@ -82,7 +82,7 @@ class Watch:
 
 
 class WatchedProblem(Problem):
-    """Our problem, whose every loss the watch sees."""
+    """Our problem, which tells the watch every loss."""
 
     def __init__(self, estimator: Estimator, record: Record, watch: Watch) -> None:
         super().__init__(estimator, record)
@@ -201,7 +201,7 @@ def measure(name: str, start: tuple[Estimator, Record], limit: float, goal: floa
 
 
 def cells(watches: list[Watch], errors: Iterable[float], peers: list[Watch]) -> list[str]:
-    """Median times to each error, as multiples of the median of `peers`; what was reached, when."""
+    """Median times to each error, as multiples of the median of `peers`; the best error, when."""
     row = []
     for error in errors:
         taken, base = (median(w.reached(error) for w in side) for side in (watches, peers))

@@ -4,10 +4,10 @@
     python -m benchmarks.sweeps --quick    # 40 runs
 
 Whole commands are timed, imports included, beside an empty sweep of the same command (all of its
-runs finished before), which is what a sweep costs without its runs. A run's own work is what no
-tool could leave out: to simulate, fit and score; what a run takes beyond it is overhead. The second
-table is an upper limit of what training networks side by side could gain: loss and gradient of S
-global MLPs one after the other, and stacked under torch.func.
+runs finished before), which is the cost of a sweep without its runs. A run's own work is to
+simulate, fit and score; all time beyond it is overhead. The second table is an upper limit of the
+gain by training networks side by side: loss and gradient of S global MLPs one after the other, and
+stacked under torch.func.
 """
 
 from __future__ import annotations
@@ -66,31 +66,31 @@ def own_work(runs: int) -> float:
 
 
 def sweeps(runs: int) -> None:
-    """Every launcher; the slow one with a quarter of the runs."""
+    """Print the time of a run by every launcher, the slow one with a quarter of the runs."""
     own = 1e3 * own_work(runs // 10)
     print(f"the VWNN on the bilinear system, {os.cpu_count()} cores")
     print(f"own work of a run: {own:.0f} ms on one core\n")
     print("| launcher | runs | s | s, nothing to do | ms a run, less that |")
     print("|---|---:|---:|---:|---:|")
-    each = {}
+    of_run = {}
     for launcher, count in (("basic", runs // 4), ("joblib", runs), ("batched", runs)):
         with tempfile.TemporaryDirectory() as folder:
             took = sweep(count, launcher, Path(folder))
             empty = sweep(count, launcher, Path(folder))
             done = len(list(Path(folder).glob("*/metrics.json")))
         assert done == count, f"{done} of {count} runs are finished"
-        each[launcher] = 1e3 * (took - empty) / count
-        cells = (launcher, count, *(f"{value:.1f}" for value in (took, empty, each[launcher])))
+        of_run[launcher] = 1e3 * (took - empty) / count
+        cells = (launcher, count, *(f"{value:.1f}" for value in (took, empty, of_run[launcher])))
         print(f"| {' | '.join(map(str, cells))} |", flush=True)
-    print(f"\noverhead of a run beyond its own work: {each['basic'] - own:.0f} ms")
-    basic, joblib = (each[name] / each["batched"] for name in ("basic", "joblib"))
+    print(f"\noverhead of a run beyond its own work: {of_run['basic'] - own:.0f} ms")
+    basic, joblib = (of_run[name] / of_run["batched"] for name in ("basic", "joblib"))
     print(
         f"a run by batched is {basic:.1f} times faster than by basic, {joblib:.1f} than by joblib\n"
     )
 
 
 def networks(counts: list[int], repeats: int) -> None:
-    """Loss and gradient of S networks on S training records, one by one and stacked."""
+    """Print times of loss and gradient of S networks on S records, one by one and stacked."""
     torch.set_num_threads(1)
     cfg = composed("model=global_mlp", "system=bilinear")
     print("global MLPs, loss and gradient of each, one thread")

@@ -1,8 +1,8 @@
-"""A search for settings: Optuna proposes, runs over some seeds answer with their validation error.
+"""A search for settings: Optuna proposes them, and runs over some seeds give the validation error.
 
 A trial is judged by the median over its seeds; a run that failed or diverged counts as infinite.
-Every study lies in search.sqlite3 of the sweep's folder. A trial follows from its number and from
-the trials before it alone, so a search that was killed ends as if it had not been.
+Every search lies in search.sqlite3 of the sweep's folder. A trial follows from its number and from
+the trials before it alone, so a search that was killed ends like an undisturbed one.
 """
 
 from __future__ import annotations
@@ -38,15 +38,16 @@ from runner.run_folder import METRICS, write_json
 from runner.spread import percent
 
 STORAGE, FILE = "search.sqlite3", "search.json"
-AT_RANDOM = 8  # trials before the sampler has something to go by
+AT_RANDOM = 8  # trials of random settings, before the sampler uses the errors
 Space = Mapping[str, BaseDistribution]
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 
 
 def distribution(override: Override) -> BaseDistribution:
-    """What Hydra's words mean: interval(a,b), range(a,b) without b, choice(a,b).
+    """The distribution that Hydra's words stand for: interval(a,b), range(a,b), choice(a,b).
 
-    tag(log,…) draws the logarithm evenly. Raises ValueError for what cannot be searched.
+    range(a,b) is without b; tag(log,…) draws the logarithm evenly. Raises ValueError for other
+    words, which cannot be searched.
     """
     sweep: Any = override.value()
     if isinstance(sweep, IntervalSweep):
@@ -62,7 +63,7 @@ def distribution(override: Override) -> BaseDistribution:
 
 
 def start_of(cfg: DictConfig, space: Space) -> dict[str, Any]:
-    """The config's own settings, moved into the intervals: the first trial."""
+    """The settings of the first trial: the config's own, moved into the intervals."""
     start = {}
     for key, of_key in space.items():
         value = OmegaConf.select(cfg, key, throw_on_missing=True)
@@ -76,7 +77,7 @@ def start_of(cfg: DictConfig, space: Space) -> dict[str, Any]:
 
 
 class Search:
-    """One study. `case`: the words of its runs; `seeds`: seed=… of each run of a trial."""
+    """A search of one case: `case` are the words of its runs, `seeds` the seed=… of each run."""
 
     def __init__(
         self,
@@ -104,11 +105,11 @@ class Search:
 
     @property
     def left(self) -> int:
-        """Trials that are still to be made."""
+        """How many trials are left."""
         return self.trials - len(self.study.get_trials(False, (TrialState.COMPLETE,)))
 
     def ask(self) -> Trial:
-        """The next settings; those that were broken off come first."""
+        """The next trial; one that was interrupted comes first."""
         for trial in self.study.get_trials(False, (TrialState.RUNNING,)):
             if trial.params.keys() == self.space.keys():
                 return Trial(self, trial.number, trial.params)
@@ -122,14 +123,14 @@ class Search:
 
     @property
     def best_words(self) -> list[str]:
-        """As they would be typed. Raises ValueError where no trial has an error."""
+        """The best settings, as they would be typed. Raises ValueError where all trials failed."""
         best = self.study.best_trial
         if not math.isfinite(best.values[0]):
             raise ValueError(f"{self.name}: every setting failed; see its runs")
         return words(best.params)
 
-    def told(self) -> dict[str, Any]:
-        """For search.json: settings and errors in percent, None where infinite."""
+    def content(self) -> dict[str, Any]:
+        """The content of search.json: settings and errors in percent, None where infinite."""
         done = self.study.get_trials(False, (TrialState.COMPLETE,))
         values = [{"settings": t.params, "percent": _finite(t.values[0])} for t in done]
         best = self.study.best_trial
@@ -146,17 +147,19 @@ class Search:
 
 @dataclass(frozen=True)
 class Trial:
+    """Settings that the runs over the seeds are to judge."""
+
     search: Search
     number: int
     settings: Mapping[str, Any]
 
     @property
     def jobs(self) -> list[list[str]]:
-        """The words of its runs."""
+        """The words of each run of the trial."""
         return [[*self.search.case, *words(self.settings), seed] for seed in self.search.seeds]
 
     def tell(self, folders: Sequence[Path]) -> None:
-        """The median of what these runs say, printed."""
+        """Take the median error of the runs in these folders for the trial's, and print it."""
         value = median(map(error_in, folders))
         self.search.study.tell(self.number, value)
         done = self.search.trials - self.search.left
@@ -177,6 +180,7 @@ def error_in(folder: Path) -> float:
 
 
 def words(settings: Mapping[str, Any]) -> list[str]:
+    """Settings as they would be typed."""
     return [f"{key}={value}" for key, value in settings.items()]
 
 
@@ -191,20 +195,21 @@ def _finite(value: float) -> float | None:
 def write_searches(
     folder: Path, searches: Sequence[Search], chosen: Mapping[str, Mapping[str, list[str]]]
 ) -> None:
-    """search.json: what was found, and the runs on fresh seeds, as configured and as tuned."""
-    found = {search.name: {**search.told(), "final": chosen[search.name]} for search in searches}
+    """Write search.json: each search, and its runs on fresh seeds, as configured and as tuned."""
+    new = {search.name: {**search.content(), "final": chosen[search.name]} for search in searches}
     content = json.loads((folder / FILE).read_text("utf-8")) if (folder / FILE).is_file() else {}
-    write_json(folder / FILE, {**content, **found})
+    write_json(folder / FILE, {**content, **new})
 
 
 def print_searches(searches: Sequence[Search]) -> None:
+    """Print the first and the best error of each search, and its best settings."""
     title = "validation error in %, median over the seeds of a trial"
     table = Table(title=title, title_justify="left")
     for name in ("searched", "trials", "first", "best", "settings"):
         table.add_column(name, overflow="fold")
     for search in searches:
-        told = search.told()
-        errors = (percent(told[name]) for name in ("first_percent", "best_percent"))
-        settings = " ".join(f"{key}={_short(value)}" for key, value in told["best"].items())
+        content = search.content()
+        errors = (percent(content[name]) for name in ("first_percent", "best_percent"))
+        settings = " ".join(f"{key}={_short(value)}" for key, value in content["best"].items())
         table.add_row(Text(search.name), str(search.trials), *errors, Text(settings))
     Console(width=None if Console().is_terminal else 160).print(table)

@@ -2,7 +2,7 @@
 
 What a run alone does one after the other, is done here for S seeds at once: motions on all cores,
 least squares and free runs batched. Numbers and files are those of runs alone, to rounding, but for
-the TensorBoard logs, which there are none of.   Records (S, R, T, c): R records of each of S runs.
+the missing TensorBoard logs.   Records (S, R, T, c): R records of each of S runs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the paper leaves open: the band and the standard deviation of the excitation.
+"""The choice of the excitation's band and standard deviation, which the paper leaves open.
 
     python -m studies.excitation            search, then confirm on fresh seeds (some minutes)
     python -m studies.excitation --confirm  only confirm the values in conf/system
@@ -8,8 +8,8 @@ cells of the closed-form methods (VWNN and the polynomial methods, training and 
 and 5 for the hysteretic systems, Tables 4, 7 and 8 for the polynomial one) inside the range over
 these seeds; among equals, the medians and the peak acceleration (±10, ±100, ±10, Sect. 3.3.1) that
 are nearest to the paper's on a logarithmic scale. A setting at which motions of more than one in
-twenty of 200 further seeds escape is passed over.
-The choice is then confirmed on fresh seeds, which took no part in it.
+twenty of 200 further seeds escape is passed over. Prints the errors of every setting, the chosen
+one, and its errors beside the paper's on fresh seeds, which took no part in the choice.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Draws:
 def run_seeds(
     cfg: DictConfig, models: Models, scenarios: dict[str, DictConfig], seeds: range
 ) -> Draws:
-    """Every method on the motions of each seed, as every scenario lets it see them."""
+    """Errors of every method on the motions of each seed, in every scenario."""
     draws = Draws()
     for seed, (name, scenario) in product(seeds, scenarios.items()):
         run = changed(cfg, {"seed": seed})
@@ -100,10 +100,12 @@ def printed(system: str) -> dict[Cell, float]:
 
 
 def inside(errors: list[float], value: float) -> bool:
+    """Whether the paper's value lies inside the range over the seeds."""
     return min(errors) <= value <= max(errors)
 
 
 def hits(draws: Draws, system: str) -> int:
+    """How many of the paper's cells of a system lie inside the range over the seeds."""
     return sum(inside(draws.errors[cell], value) for cell, value in printed(system).items())
 
 
@@ -115,17 +117,19 @@ def distance(draws: Draws, system: str) -> float:
 
 
 def at(cfg: DictConfig, setting: Setting) -> DictConfig:
+    """The config of a system under an excitation of this setting."""
     low, high, std = setting
     return changed(cfg, {"system": {"excitation": {"band": [low, high], "std": std}}})
 
 
 def named(setting: Setting) -> str:
+    """A setting as it is printed."""
     low, high, std = setting
     return f"{low:g}–{high:g} Hz, {std:g} N"
 
 
 def search(system: str, console: Console) -> Setting:
-    """The best setting of the grid; prints all."""
+    """The best setting of the grid; prints the errors of all settings."""
     cfg, models, scenarios = configs_of(system)
     count = len(printed(system))
     table = Table(title=f"{system}: medians over seeds {SEARCH_SEEDS}", title_justify="left")
@@ -134,9 +138,11 @@ def search(system: str, console: Console) -> Setting:
         table.add_column(name, justify="right")
     grid = list(product(*GRID[system]))
     jobs = (delayed(run_seeds)(at(cfg, s), models, scenarios, SEARCH_SEEDS) for s in grid)
-    found = Parallel(n_jobs=-1, return_as="generator")(jobs)
+    searched = Parallel(n_jobs=-1, return_as="generator")(jobs)
     ranked = []
-    for setting, draws in zip(grid, track(found, system, len(grid), console=console), strict=True):
+    for setting, draws in zip(
+        grid, track(searched, system, len(grid), console=console), strict=True
+    ):
         ranked.append((-hits(draws, system), distance(draws, system), setting))
         pairs = [
             " / ".join(f"{median(draws.errors['full_state', m, s]):.2f}" for s in ("train", "test"))
@@ -205,11 +211,14 @@ def confirm(settings: dict[str, Setting | None], console: Console) -> None:
 
 
 def _range(values: list[float]) -> str:
+    """Median and range over the seeds."""
     return f"{median(values):.2f} ({min(values):.2f} – {max(values):.2f})"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--confirm", action="store_true", help="only confirm conf/system")
     only_confirm = parser.parse_args().confirm
     console = Console(width=None if Console().is_terminal else 130)

@@ -1,16 +1,18 @@
-"""What the paper leaves open about the integration (Sect. 4.1): the high-pass filters.
+"""The choice of the integration's high-pass filters, which the paper leaves open (Sect. 4.1).
 
     python -m studies.integration_filters            some minutes on two cores
 
-The polynomial system with the excitation of conf/system; for every filter of a grid, the six cells
-of the polynomial methods in Table 7 against the range over search seeds. The best strictly causal
-filter and the best zero-phase one, by cells inside and then by the distance of the medians, and the
-filter of conf/scenario are confirmed on fresh seeds. (Chebyshev polynomials give what the power
-series on the restoring force gives, and are not printed.)
+The polynomial system under the excitation of conf/system. Prints, for every filter of a grid, the
+errors of the polynomial methods over search seeds, how many of their six cells in Table 7 lie
+inside the range over these seeds, and the distance of the medians from the paper's values. Then, on
+fresh seeds, the best strictly causal filter, the best zero-phase one (by cells inside, then by
+distance), and the filter of conf/scenario. The Chebyshev polynomials have the errors of the power
+series on the restoring force, and are not printed.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 from itertools import product
 from statistics import median
@@ -34,6 +36,7 @@ ORDERS = (1, 2, 4)
 
 
 def printed() -> dict[Cell, float]:
+    """The paper's cells of Table 7."""
     return {
         ("integrated", method, split): values["relative_rms_percent"]
         for method in METHODS
@@ -42,6 +45,7 @@ def printed() -> dict[Cell, float]:
 
 
 def hits(draws: Draws) -> int:
+    """How many of the paper's cells lie inside the range over the seeds."""
     return sum(inside(draws.errors[cell], value) for cell, value in printed().items())
 
 
@@ -52,6 +56,7 @@ def distance(draws: Draws) -> float:
 
 
 def row(name: str, draws: Draws) -> tuple[str, ...]:
+    """A filter's line of the table."""
     cells = []
     for method in METHODS[:2]:
         for split in ("train", "test"):
@@ -61,6 +66,9 @@ def row(name: str, draws: Draws) -> tuple[str, ...]:
 
 
 def main() -> None:
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
     base, models, scenarios = configs_of("polynomial")
     models = {method: models[method] for method in METHODS}
 
@@ -71,19 +79,19 @@ def main() -> None:
         return run_seeds(base, models, {"integrated": changed_scenario}, seeds)
 
     grid = list(product((True, False), ORDERS, CUTOFFS))
-    found = Parallel(n_jobs=-1)(delayed(drawn)(setting, SEARCH_SEEDS) for setting in grid)
+    searched = Parallel(n_jobs=-1)(delayed(drawn)(setting, SEARCH_SEEDS) for setting in grid)
     table = Table(title=f"search seeds {SEARCH_SEEDS}, then {FRESH_SEEDS}", title_justify="left")
     for name in ("filter", *(f"{m} {s} %" for m in METHODS[:2] for s in ("train", "test"))):
         table.add_column(name)
     table.add_column("inside")
     table.add_column("distance")
     named = {s: f"{'causal' if s[0] else 'zero-phase'}, order {s[1]}, {s[2]:g} Hz" for s in grid}
-    for setting, draws in zip(grid, found, strict=True):
+    for setting, draws in zip(grid, searched, strict=True):
         table.add_row(*row(named[setting], draws))
     for causal in (True, False):
         ranked = [
             (-hits(draws), distance(draws), setting)
-            for setting, draws in zip(grid, found, strict=True)
+            for setting, draws in zip(grid, searched, strict=True)
             if setting[0] is causal
         ]
         best = min(ranked)[2]

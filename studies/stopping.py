@@ -1,15 +1,17 @@
-"""When the networks stop training: what the paper leaves open ("performance criteria", Sect. 4).
+"""The choice of the networks' stopping rule, which the paper leaves open (Sect. 4).
 
     python -m studies.stopping            12 seeds that no result uses: 10 minutes on two cores
 
 Levenberg–Marquardt runs until 20 iterations lower the loss by less than a fraction, for a ladder of
 fractions, on the five settings of Tables 3–5, 7 and 8; L-BFGS runs its default 1,000 iterations.
-Printed are medians over the seeds, how many of the paper's cells lie inside the range over them,
-and the time. The residual network is trained with the measured residual and tested with its own.
+Prints, for every fraction and for L-BFGS, the medians over the seeds, how many of the paper's cells
+lie inside the range over the seeds, and the time. The residual network is trained with the measured
+residual and tested with its own.
 """
 
 from __future__ import annotations
 
+import argparse
 import time
 from statistics import median
 
@@ -66,8 +68,8 @@ def ladder(cfg: DictConfig, seed: int) -> dict[str, Snapshot]:
             losses += solver.solve(problem)
             while left and len(losses) > PATIENCE + 1 and _gain(losses) < left[0]:
                 spent = time.perf_counter() - start
-                found = errors_of(estimator, data)
-                snapshots[f"{left.pop(0):g}"] = (*found, len(losses) - 1, spent)
+                errors = errors_of(estimator, data)
+                snapshots[f"{left.pop(0):g}"] = (*errors, len(losses) - 1, spent)
                 start = time.perf_counter() - spent
         spent = time.perf_counter() - start
         for fraction in left:  # out of iterations
@@ -78,10 +80,14 @@ def ladder(cfg: DictConfig, seed: int) -> dict[str, Snapshot]:
 
 
 def _gain(losses: list[float]) -> float:
+    """Fraction by which the last PATIENCE iterations lowered the loss."""
     return 1.0 - losses[-1] / losses[-1 - PATIENCE]
 
 
 def main() -> None:
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
     console = Console(width=None if Console().is_terminal else 130)
     hits = dict.fromkeys([*(f"{fraction:g}" for fraction in FRACTIONS), "lbfgs"], 0)
     for system, scenario in SETTINGS.values():

@@ -7,7 +7,7 @@
 
 Every package gets the forces and the measured motion of the same training records, with the
 settings in its file here, and simulates the acceleration of the unseen record from rest. Results
-lie in --output, a file for each fit; a fit that is there is not repeated.
+lie in --output, a file for each fit; a fit with a file is not repeated.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ SEEDS = range(40, 48)  # took part in no choice; those of the zoo's free runs to
 
 
 def arguments(given: list[str] | None = None) -> argparse.Namespace:
-    """The command line. Raises ValueError for what would else be found wrong after hours."""
+    """The options. Raises ValueError, before any work, for those that would fail after hours."""
     about = (__doc__ or "").splitlines()[0]
     parser = argparse.ArgumentParser("python -m benchmarks.published", description=about)
     add = parser.add_argument
@@ -53,7 +53,7 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
     add("--records", nargs="+", type=int, default=[8, 1], help="training motions")
     add("--seeds", nargs="+", type=int, default=list(SEEDS))
     add("--seconds", type=float, default=120.0, help="of processor, for the fit of a package")
-    add("--page", type=Path, help="write it, from page.md here")
+    add("--page", type=Path, help="write the page, from page.md here")
     add("--quick", action="store_true", help="10 s of motion, one record, seed 0, 5 s for a fit")
     options = parser.parse_args(given)
     options.duration = 50.0  # s, of conf/data/simulated.yaml
@@ -63,7 +63,7 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
         raise ValueError(f"--seconds={options.seconds} must be positive")
     require(options.packages)
     for model in options.models:
-        composed(f"model={model}")  # a misspelt one is found now
+        composed(f"model={model}")  # stops at a misspelt one
     return options
 
 
@@ -82,7 +82,7 @@ def stored(path: Path, settings: Result, measure: Callable[[], Result]) -> Resul
 
 
 def measured(options: argparse.Namespace, console: Console) -> list[Result]:
-    """All results asked for, case by case."""
+    """Results of all cases, packages and models of the options."""
     results = []
     for chosen in product(options.systems, options.records, options.seeds):
         case = Case(*chosen, options.duration)

@@ -38,7 +38,7 @@ Result = dict[str, Any]  # error: a fraction, None with a remark why; fit_second
 
 @dataclass(frozen=True)
 class Case:
-    """What is simulated: as `python train.py` would with these choices."""
+    """Records as `python train.py` simulates them with these choices."""
 
     system: str
     records: int  # training motions
@@ -63,7 +63,7 @@ class Overtime(Exception):  # noqa: N818
 def limited(seconds: float) -> Iterator[None]:
     """Raise Overtime after so many seconds of processor, where there is such an alarm; no warnings.
 
-    Of the processor and not of the clock: what else runs on the machine takes no time of a fit.
+    Time of the processor: other programs of the machine take no time of a fit.
     """
 
     def over(*_: Any) -> None:

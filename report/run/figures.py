@@ -16,13 +16,13 @@ from report.style import ESTIMATED, MEASURED
 
 
 def acceleration(record: Record, estimate: Tensor, seconds: float = 10.0) -> Figure:
-    """Measured and estimated output of each DOF, `seconds` from the middle (Figs. 9–11)."""
+    """Draw the measured and the estimated output of each DOF over `seconds` (Figs. 9–11)."""
     signals = {"measured": record.a, "estimated": estimate}
     return _compared(record, signals, _label(record), seconds)
 
 
 def free_run_acceleration(record: Record, response: Response, seconds: float = 10.0) -> Figure:
-    """Output of each DOF against that of the free run, as in `acceleration`."""
+    """Draw the output of each DOF against that of the free run over `seconds`."""
     true = {"measured": record.a} if record.truth is None else {"true": record.truth.a}
     return _compared(record, {**true, "free run": response.a}, _label(record), seconds)
 
@@ -33,7 +33,7 @@ def _label(record: Record) -> str:
 
 
 def free_run_displacement(record: Record, response: Response, seconds: float = 10.0) -> Figure:
-    """The same for the displacement of a record that has one."""
+    """Draw the displacement of each DOF against that of the free run over `seconds`."""
     displacement = displacement_of(record)
     assert displacement is not None
     known = "measured" if record.truth is None else "true"
@@ -42,9 +42,9 @@ def free_run_displacement(record: Record, response: Response, seconds: float = 1
 
 
 def _compared(record: Record, signals: dict[str, Tensor], label: str, seconds: float) -> Figure:
-    """Signals (…, T, n), the last of them the model's; the first sets the range of each axis.
+    """Draw signals (…, T, n) from the middle, the model's last; the first sets the ranges.
 
-    A model that leaves the range before the middle is shown as it does.
+    The motion of a model that leaves the range before the middle is drawn from where it leaves.
     """
     curves = {name: _first(signal) for name, signal in signals.items()}
     count = min(record.samples, max(2, round(seconds / record.dt)))
@@ -71,7 +71,7 @@ def _compared(record: Record, signals: dict[str, Tensor], label: str, seconds: f
 
 
 def _within(curve: np.ndarray, largest: float) -> np.ndarray:
-    """A diverging curve is drawn until it leaves the picture."""
+    """A curve up to where it leaves the picture."""
     return np.where(np.abs(curve) <= largest, curve, np.nan)
 
 
@@ -133,7 +133,7 @@ def run_figures(
     elements: list[str],
     free_run: Response | None = None,
 ) -> dict[str, Figure]:
-    """The pictures of a run, by name, for a batch of records, its estimate and its free run."""
+    """Pictures of a run by name, from a batch of records, its estimate and its free run."""
     figures = {
         "acceleration": acceleration(record, estimate),
         "error_over_time": error_over_time(errors, record.dt, record.warmup),

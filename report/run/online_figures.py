@@ -18,7 +18,7 @@ STRETCHES = 250  # points of a curve of weights
 
 
 def online_figures(estimator: Estimator, batch: Record) -> dict[str, Figure]:
-    """By name, of the first record of a batch; {} for other models."""
+    """Figures of an on-line model by name, on the first record of a batch; {} for other models."""
     if not isinstance(estimator, Online):
         return {}
     record = next(single(batch.measured()))
@@ -29,7 +29,7 @@ def online_figures(estimator: Estimator, batch: Record) -> dict[str, Figure]:
 
 
 def running_errors(model: Online, record: Record) -> Figure:
-    """Error of the last seconds against time, one line for each way of estimating."""
+    """Draw the error of the last seconds against time, a line for each way of estimating."""
     figure = Figure(figsize=(9.0, 3.2), layout="constrained")
     axes = figure.add_subplot()
     t = record.dt * np.arange(record.samples)
@@ -49,7 +49,10 @@ def running_errors(model: Online, record: Record) -> Figure:
 
 
 def weights_over_time(model: Online, record: Record) -> Figure:
-    """Each weight from zero on, times its feature's RMS: its share in the estimate; a DOF a row."""
+    """Draw every weight, from zero on, times its feature's RMS; a row for each DOF.
+
+    The product is the weight's share in the estimate.
+    """
     heads, sizes = model.estimator.heads(), feature_sizes(model, record)
     outputs = [(j, i) for j, head in enumerate(heads) for i in range(head.shape[1])]
     states = started(model.estimator, model.law, from_nothing=True)

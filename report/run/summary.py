@@ -1,4 +1,4 @@
-"""What a run leaves behind besides its checkpoint: numbers, TensorBoard logs, the final table."""
+"""The end of a run: its TensorBoard logs, and the table in the terminal."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def log_run(
     data: Data,
     metrics: dict[str, Any],
 ) -> None:
-    """Choices, scalars, error over time and, where asked for, figures for TensorBoard."""
+    """Log choices, scalars, errors over time and, with `figures`, figures for TensorBoard."""
     board = logger.experiment
     over_time = errors_over_time(module)
     logger.log_hyperparams(swept(choices), numbers(metrics))
@@ -50,26 +50,26 @@ def log_run(
 
 
 def errors_over_time(module: Identification) -> dict[str, Tensor]:
-    """Eq. 21 up to each sample, by key of `metrics.json`; free runs only where there are any."""
+    """Error (Eq. 21) up to each sample, by key of `metrics.json`; of free runs if there are any."""
     one_step = {split: scores.over_time() for split, scores in module.scores.items()}
     free = {FREE_RUNS[split]: scores.over_time() for split, scores in module.free_runs.items()}
     return one_step | {key: error for key, error in free.items() if error is not None}
 
 
 def rms_line(metrics: dict[str, Any]) -> str:
-    """Test errors in the unit of what was measured."""
+    """A line of test errors in the unit of the measured quantity."""
     unit = metrics["benchmark"].get("unit", QUANTITIES[metrics["quantity"]][1])
-    told = {"one step": metrics["test"], "free run": metrics[FREE_RUNS["test"]]}
+    estimates = {"one step": metrics["test"], "free run": metrics[FREE_RUNS["test"]]}
     parts = []
-    for name, scores in told.items():
-        each = scores.get("per_dof_rms")
-        if each and None not in each:
-            parts.append(f"{name} {', '.join(f'{value:.3g}' for value in each)} {unit}")
+    for name, scores in estimates.items():
+        errors = scores.get("per_dof_rms")
+        if errors and None not in errors:
+            parts.append(f"{name} {', '.join(f'{value:.3g}' for value in errors)} {unit}")
     return "RMS error of the test motion: " + ("; ".join(parts) or "–")
 
 
 def print_run(metrics: dict[str, Any], folder: Path) -> None:
-    """The table that a run ends with."""
+    """Print the table of a run's errors, and its remarks."""
     methods = {metrics["model"]: metrics, **metrics["baselines"]}
     rows = rows_of(metrics["model"], metrics)
     if metrics["paper"]:  # one step ahead, so it stands above the free run
@@ -101,7 +101,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     for name, scores in metrics["baselines"].items():
         if "failed" in scores:
             console.print(f"{name} failed: {scores['failed']}")
-    if metrics["simulation_error"] is None:  # measured: what counts is the error in its unit
+    if metrics["simulation_error"] is None:  # measured: the error in its unit counts
         console.print(rms_line(metrics))
         for line in benchmark_lines(metrics["benchmark"]) if metrics["benchmark"] else []:
             console.print(line)

@@ -1,4 +1,4 @@
-"""The small table that a run ends with."""
+"""The table of errors at the end of a run."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def error_table(
 
 
 def rows_of(name: str, scores: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
-    """Rows of a method: its estimate, the other ways in which it estimates, its free run."""
+    """Rows of a method: its estimate, its estimates in other ways, its free run."""
     one_step = {split: scores[split] for split in SPLITS if split in scores}
     if not one_step:
         return [(name, scores)]
@@ -69,7 +69,7 @@ def rows_of(name: str, scores: Mapping[str, Any]) -> list[tuple[str, Mapping[str
 
 
 def why_no_free_run(methods: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """One line for each reason, with the methods that it holds for."""
+    """Reasons for no free run, a line each, with the methods that lack it."""
     named: dict[str, list[str]] = {}
     for name, scores in methods.items():
         reasons = {scores.get(key, {}).get("none") for key in FREE_RUNS.values()}

@@ -4,7 +4,9 @@
     python -m studies.detection --systems shear_frame --seeds 10
     python -m studies.detection --figures docs/figures
 
-The settings of the study: studies/detection/motions.py.
+Prints, for every system and watch, the false alarms with their interval, the damages found and
+missed, the quartiles of the delays, and how often the alarm names the right DOF and element. The
+settings of the study: studies/detection/motions.py.
 """
 
 from __future__ import annotations
@@ -52,7 +54,7 @@ WAIT = 10.0  # [s] after the alarm, when the element is named
 
 @dataclass(frozen=True)
 class Score:
-    """What one watch did on one system."""
+    """Alarms of one watch on one system."""
 
     sound: int  # motions
     false: int  # of them with an alarm
@@ -71,14 +73,14 @@ class Score:
         return interval.low, interval.high
 
     def quartiles(self) -> list[float]:
-        """Of the delays [s], the missed ones counting as infinite."""
+        """Quartiles of the delays [s], a missed damage counting as infinite."""
         if not self.delays:
             return [math.nan] * 3
         return [float(q) for q in np.quantile(self.delays, [0.25, 0.5, 0.75], method="higher")]
 
 
 def false_of(sound: Tensor) -> int:
-    """Records of levels (B, K, n) with an alarm."""
+    """How many records of levels (B, K, n) have an alarm."""
     return int((sound.amax(dim=(1, 2)) > 1.0).sum())
 
 
@@ -101,7 +103,7 @@ def score(motions: Motions, outcome: Outcome) -> Score:
 
 
 def rate_of_thresholds() -> tuple[float, float]:
-    """Between which shares of false alarms 95 of 100 thresholds lie, whatever the distribution.
+    """The shares of false alarms between which 95 of 100 thresholds lie, for any distribution.
 
     With the j-th smallest of m peaks for threshold, the share is Beta(m + 1 − j, j).
     """
@@ -132,7 +134,7 @@ def table_of(system: str, motions: Motions, outcomes: dict[str, Outcome]) -> Tab
 
 
 def heading() -> str:
-    """What the tables are of."""
+    """The lines above the tables: the damage, the thresholds, the columns."""
     low, high = (100.0 * share for share in rate_of_thresholds())
     return "\n".join(
         (
@@ -144,8 +146,8 @@ def heading() -> str:
             "100 cases.",
             "false: sound motions with an alarm; early: damaged ones with an alarm before the "
             "damage; the others are found or missed.",
-            f"Missed ones count as infinite delays (–). The element is named {WAIT:.0f} s after "
-            "the alarm.",
+            f"A missed damage counts as an infinite delay (–). The element is named {WAIT:.0f} s "
+            "after the alarm.",
         )
     )
 
@@ -160,7 +162,7 @@ def total(outcomes: dict[str, dict[str, Outcome]]) -> str:
 
 
 def detect(systems: Sequence[str], seeds: int, figures: Path | None, console: Console) -> None:
-    """The study of some systems, printed as it goes."""
+    """Study some systems, printing each system's table when it is done."""
     console.print(heading())
     outcomes = {}
     for system in systems:
@@ -174,7 +176,9 @@ def detect(systems: Sequence[str], seeds: int, figures: Path | None, console: Co
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--systems", nargs="+", default=SYSTEMS)
     parser.add_argument("--seeds", type=int, default=SEEDS, help="test motions of each system")
     parser.add_argument("--figures", type=Path, help="folder for two figures")

@@ -1,0 +1,1 @@
+"""On-line VWNNs: time per sample, hours at the pace of the data."""

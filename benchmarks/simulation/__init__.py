@@ -1,0 +1,1 @@
+"""The simulation: accuracy, cost beside scipy, growth."""
