@@ -15,7 +15,7 @@ from models.training.assemble import data_from
 from models.training.identification import Identification
 from models.training.solvers.lbfgs import LBFGS
 from models.vwnn import VWNN
-from runner.command_line import CONF, prepare_hydra
+from runner.compose import CONF, prepare_hydra
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
