@@ -14,6 +14,7 @@ from models.estimator import Estimator
 from models.training.assemble import data_from
 from models.training.identification import Identification
 from models.training.solvers.lbfgs import LBFGS
+from models.training.trainable import Trainable
 from models.vwnn import VWNN
 from runner.command_line import CONF, prepare_hydra
 
@@ -24,7 +25,7 @@ pytestmark = [
 ]
 
 
-class ScaledTwoPoint(TwoPoint):
+class ScaledTwoPoint(TwoPoint, Trainable):
     """A line through two values times a gain that only a gradient can find."""
 
     def __init__(self, dofs: int, inputs: int, dt: float) -> None:
