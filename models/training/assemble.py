@@ -102,7 +102,7 @@ def data_from(cfg: DictConfig) -> Data:
 
 
 def simulated_from(cfg: DictConfig) -> SimulatedData:
-    """The same, where the structure behind them is known."""
+    """`data_from` for simulated records. Raises ValueError where the motion was measured."""
     data = data_from(cfg)
     if not isinstance(data, SimulatedData):
         raise ValueError(f"{cfg.system.name} was measured, not simulated: its laws are not known")
@@ -120,11 +120,11 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
 
 
 def solver_from(solver: DictConfig) -> Callable[[Iterable[nn.Parameter]], Solver]:
-    """What makes the chosen solver once the free parameters are known."""
+    """A function from free parameters to the chosen solver. Raises ValueError for bad settings."""
     build(solver, parameters=[nn.Parameter(torch.zeros(1))])  # a wrong setting is found now
     return lambda parameters: build(solver, parameters=parameters)
 
 
 def objective_from(objective: DictConfig) -> Objective:
-    """What the solver minimises."""
+    """The objective that the solver minimises."""
     return build(objective)
