@@ -3,7 +3,8 @@
 z[k+1] = A z[k] + B w[k] + W₂ tanh(W₁ [z[k], w[k]] + b₁),    w[k] = [u[k], u[k+1]]
 ẍ[k]   = C z[k] + D u[k] + V₂ tanh(V₁ [z[k], u[k]] + c₁)
 z = [x, ẋ, q] in units of their RMS; an encoder makes the first memory q of the last measured
-samples, which are zero before a motion from rest. Suykens et al. (1995); encoder: Beintema et al. (2021).
+samples, which are zero before a motion from rest.
+Suykens et al. (1995); encoder: Beintema et al. (2021).
 T samples, n DOFs, m excitations, r memory states.
 """
 
