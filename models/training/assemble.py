@@ -114,13 +114,13 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
 
 
 def solver_from(solver: DictConfig) -> Callable[[Iterable[nn.Parameter]], Solver]:
-    """What makes the chosen solver once the free parameters are known."""
+    """A function from free parameters to the chosen solver. Raises ValueError for bad settings."""
     build(solver, parameters=[nn.Parameter(torch.zeros(1))])  # a wrong setting is found now
     return lambda parameters: build(solver, parameters=parameters)
 
 
 def objective_from(objective: DictConfig) -> Objective:
-    """What the solver minimises."""
+    """The objective that the solver minimises."""
     return build(objective)
 
 
