@@ -185,6 +185,23 @@ def test_grids_are_added_up_and_the_command_line_has_the_last_word(tmp_path, mon
     assert OmegaConf.select(cfg, "hydra.launcher._target_").endswith("JoblibLauncher")
 
 
+def test_runs_keep_the_name_of_the_grid_that_asked_for_them(tmp_path, monkeypatch, capsys):
+    """It changes no folder; a finished run that was made without a grid gets it too."""
+    words = ["-m", "experiment=table3", *QUICK, "seed=0", "model=linear", "hydra/launcher=basic"]
+    words += [f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    (of_run,) = read_runs(tmp_path)
+    assert of_run.grid == "bilinear"
+    path = of_run.folder / "config.yaml"
+    for older in ("grid: null\n", ""):
+        path.write_text(path.read_text("utf-8").replace("grid: bilinear\n", older), "utf-8")
+        assert read_runs(tmp_path)[0].grid == ""
+        assert run_name(OmegaConf.load(path)) == of_run.folder.name
+        assert run(train, monkeypatch, *words) == 0
+        assert "1 done (1 of them before)" in capsys.readouterr().out
+        assert read_runs(tmp_path)[0].grid == "bilinear"
+
+
 def test_a_killed_sweep_goes_on_and_ends_like_an_undisturbed_one(tmp_path):
     """Killed outright with some runs done; the second call does the rest, with the same numbers."""
     words = [sys.executable, "train.py", "-m", *QUICK, "model=linear,vwnn", "seed=range(0,6)"]
