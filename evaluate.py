@@ -1,17 +1,13 @@
-"""Finished runs → tables and figures; or one run scored again. No training.
+"""One finished run scored again, under other conditions if asked; or many compared. No training.
 
-    python evaluate.py                              the paper's tables of the runs in runs/study,
-                                                    the leaderboard of those in runs/free_run
-    python evaluate.py runs=FOLDER output=FOLDER    both, as far as the runs of a folder allow, and
-                                                    all numbers as one table: results.parquet, .csv
-    python evaluate.py runs=[a,b]                   of several folders, or 'runs=runs/*/'
-    python evaluate.py runs=FOLDER by=model.cutoff  compared by a choice: a table and a picture
-    python evaluate.py page=docs/results.md         the whole page of the study
-    python evaluate.py free_run_page=docs/free_run.md   that of the leaderboard
     python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
     python evaluate.py run=FOLDER data.duration=100
+    python evaluate.py runs=FOLDER output=FOLDER    all numbers as one table: results.parquet, .csv
+    python evaluate.py runs=[a,b]                   of several folders, or 'runs=runs/*/'
+    python evaluate.py runs=FOLDER by=model.cutoff  compared by a choice: a table and a picture
 
+The paper's tables and the leaderboard: python -m report.paper, python -m report.free_run.
 As it was trained, a run prints the numbers of `metrics.json`, to the last digit. Under another
 scenario, other seeds or another record the structure, excitation and model stay what they were.
 Where a measured record is gone, the stored scores are printed: the model needs no record to load.
@@ -25,14 +21,8 @@ import hydra
 from omegaconf import DictConfig
 
 from models.training.assemble import changed
+from report.collection.report import report_by, report_collection
 from report.collection.runs import folders_of
-from report.paper.results import (
-    report_by,
-    report_collection,
-    report_leaderboard,
-    report_study,
-    report_usual,
-)
 from report.run.rescore import (
     draw_figures,
     print_evaluation,
@@ -71,44 +61,33 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict:
 
 
 def report_runs(cfg: DictConfig) -> None:
-    """Tables and figures of many runs, as the config says."""
+    """All numbers of many runs, or a comparison of them."""
     output = absolute(cfg.output) if cfg.output else None
     typed = [cfg.runs] if isinstance(cfg.runs, str) else list(cfg.runs or [])
-    folders = folders_of([str(absolute(name)) for name in typed]) if typed else []
-    if len(folders) > 1 and (cfg.page or cfg.free_run_page):
-        raise ValueError("a page is made of one folder of runs; give runs= one folder")
-    if cfg.by is not None:
-        keys = [cfg.by] if isinstance(cfg.by, str) else list(cfg.by)
-        if not folders:
-            raise ValueError("by= compares the runs of runs=FOLDER; say which")
-        report_by(folders, keys, cfg.metric, cfg.split, output)
-        return
-    study = folders[0] if folders else absolute(cfg.study)
-    if cfg.page:
-        others = absolute(cfg.outside), absolute(cfg.close_fit)
-        report_study(study, output, absolute(cfg.page), *others)
-    if cfg.free_run_page:
-        free_runs = folders[0] if folders else absolute(cfg.free_run)
-        report_leaderboard(free_runs, absolute(cfg.questions), output, absolute(cfg.free_run_page))
-    if cfg.page or cfg.free_run_page:
-        return
-    if folders:
+    if not typed:
+        asked = (
+            "by= compares the runs of runs=FOLDER"
+            if cfg.by is not None
+            else ("run=FOLDER scores a run again, runs=FOLDER compares many")
+        )
+        raise ValueError(f"{asked}; say which")
+    folders = folders_of([str(absolute(name)) for name in typed])
+    if cfg.by is None:
         report_collection(folders, output)
     else:
-        report_usual(study, absolute(cfg.free_run), absolute(cfg.questions), output)
+        keys = [cfg.by] if isinstance(cfg.by, str) else list(cfg.by)
+        report_by(folders, keys, cfg.metric, cfg.split, output)
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="evaluate")
 def main(cfg: DictConfig) -> None:
     with job_errors():
-        if cfg.run is not None and (cfg.output or cfg.page or cfg.free_run_page):
-            raise ValueError(
-                "output and pages are for tables of many runs; leave them out with run="
-            )
-        if cfg.run is not None:
-            evaluate(cfg, absolute(cfg.run), (cfg.label or "as_trained").replace("/", "_"))
+        if cfg.run is None:
+            report_runs(cfg)
             return
-        report_runs(cfg)
+        if cfg.output or cfg.runs:
+            raise ValueError("runs= and output= are for many runs; leave them out with run=")
+        evaluate(cfg, absolute(cfg.run), (cfg.label or "as_trained").replace("/", "_"))
 
 
 def cli() -> None:

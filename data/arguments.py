@@ -1,4 +1,4 @@
-"""What the small command lines share: one-line errors, pairs such as a1=Acc_X, plain text."""
+"""Parts of all small command lines: one-line errors, pairs such as a1=Acc_X, plain text."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any, NoReturn
 
 
 class Parser(argparse.ArgumentParser):
-    """Raises ValueError where argparse would print its usage and leave."""
+    """Parser that raises ValueError where argparse would print its usage and exit."""
 
     def error(self, message: str) -> NoReturn:
         raise ValueError(f"{message}; see --help")
 
 
 class Pairs(argparse.Action):
-    """a1=Acc_X f1=Force → {"a1": "Acc_X", "f1": "Force"}."""
+    """Pairs of the command line: a1=Acc_X f1=Force → {"a1": "Acc_X", "f1": "Force"}."""
 
     def __call__(self, parser: Any, args: Any, values: Any, option: str | None = None) -> None:
         pairs = dict(getattr(args, self.dest))
@@ -27,12 +27,12 @@ class Pairs(argparse.Action):
 
 
 def plain(text: str) -> str:
-    """Without what would move the cursor or colour the terminal."""
+    """`text` without characters that would move the cursor or colour the terminal."""
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def reason(error: ValueError | OSError) -> str:
-    """What went wrong, in one plain line."""
+    """Message of an error, in one plain line."""
     line = str(error)
     if isinstance(error, OSError) and error.strerror:
         line = f"{error.strerror}{f': {error.filename}' if error.filename else ''}"

@@ -1,7 +1,7 @@
-"""Training and test records as a LightningDataModule, cut into windows; where from is up to others.
+"""Training and test records as a LightningDataModule, cut into windows.
 
-data/simulation/datamodule.py makes them of a structure, data/measured/datamodule.py reads them
-from files, data/public/datamodule.py takes them from the public benchmarks.
+Subclasses say where records come from: data/simulation/datamodule.py simulates a structure,
+data/measured/datamodule.py reads files, data/public/datamodule.py takes public benchmarks.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from data.windows import WindowDataset
 
 
 class Data(LightningDataModule):
-    """Base of all that hands out records.
+    """Training and test records of one structure: the base class of all sources of records.
 
     `window`, `stride` and `warmup` are in samples. Models are fitted to windows, whole records by
     default, and scored on whole records less their warm-up. `batch` windows are handed out at a
@@ -54,7 +54,7 @@ class Data(LightningDataModule):
 
     @property
     def sensors(self) -> Sensors:
-        """What a model must know of the records to be built for them."""
+        """All that a model must know of the records to be built for them."""
         known = (self.forced, self.quantity, tuple(self.units), self.units)
         return Sensors(self.dt, self.dofs, self.inputs, *known)
 
@@ -79,10 +79,11 @@ class Data(LightningDataModule):
         self.records = records
 
     def windows(self, split: str) -> WindowDataset:
+        """Windows of the records of a split, as `window`, `stride` and `warmup` cut them."""
         return WindowDataset(self.records[split], **self.cut)
 
     def loader(self, split: str) -> DataLoader[Any]:
-        """Whole records, to score and to solve closed forms on; together where they are alike."""
+        """Whole records of a split, for scores and closed forms; one batch if equally long."""
         records = self.records[split]
         whole = WindowDataset(records, warmup=self.cut["warmup"], whole=True)
         together = self.batch is None and len({r.samples for r in records}) == 1
@@ -95,10 +96,10 @@ class Data(LightningDataModule):
         return DataLoader(windows, batch_size=batch, shuffle=shuffle, collate_fn=stack)
 
     def val_dataloader(self) -> DataLoader[Any] | list[Any]:
-        """The part held back for validation, or nothing."""
+        """Whole parts held back for validation, or an empty list."""
         return self.loader("validation") if self.validation > 0.0 else []
 
     def test_dataloader(self) -> list[DataLoader[Any]]:
-        """Training and test motions, in this order, then what is held back: all are scored."""
+        """Training and test records, in this order, then those held back: all are scored."""
         held_back = ["validation"] if self.validation > 0.0 else []
         return [self.loader(split) for split in ("train", "test", *held_back)]

@@ -1,4 +1,4 @@
-"""One sample of a record, as it comes from the sensors while the structure moves.
+"""Samples of a record one by one, as the sensors deliver them while the structure moves.
 
 n DOFs, m force channels, p supports.
 """
@@ -19,9 +19,10 @@ INPUTS = ("f", "x", "v", "s", "s_dot")  # what an estimate at k may see of sampl
 
 @dataclass(frozen=True)
 class Sample:
-    """Signals as in `Record`, float64, at one instant. `a` comes after the estimate; None: missing.
+    """Signals as in `Record`, float64, at one instant; a missing signal is None.
 
-    time [s] by the sensors' clock, where there is one: it tells dropped and repeated samples.
+    `a` arrives after the estimate of it. `time` [s] is that of the sensors' clock, where there is
+    one: dropped and repeated samples show in it.
     """
 
     f: Tensor  # force (m,) [N]
@@ -41,7 +42,7 @@ class Sample:
 
 
 def samples_of(record: Record) -> Iterator[Sample]:
-    """The samples of one record (T, ·), with their times."""
+    """Samples of one record (T, ·) with their times. Raises ValueError for a batch of records."""
     if record.a.ndim != 2:
         raise ValueError(
             f"the record holds a batch {tuple(record.a.shape)}; give its records one by one"
@@ -53,7 +54,7 @@ def samples_of(record: Record) -> Iterator[Sample]:
 
 
 class Sized(Protocol):
-    """What was built for so many sensors."""
+    """An estimator, as far as its sensors are concerned."""
 
     dt: float  # [s]
     dofs: int
@@ -80,7 +81,7 @@ class Sensors:
         object.__setattr__(self, "channels", tuple(self.channels))  # JSON makes a list of it
 
     def check(self, estimator: Sized) -> None:
-        """Raise ValueError unless an identified estimator can use them."""
+        """Raise ValueError unless an identified estimator can use these channels."""
         dt, dofs, inputs = estimator.dt, estimator.dofs, estimator.inputs
         if (self.dofs, self.inputs) != (dofs, inputs):
             raise ValueError(

@@ -133,7 +133,36 @@ class ElementNetwork(Composite):
 
         Without x and v the equation of motion is solved for filtered signals (Young 1981).
         """
-        n, E, B, B_s = self.dofs, len(self.elements), self.B.cpu(), self.B_s.cpu()
+        unknown, target, largest = self._equations(batches)
+        known = self.known_masses
+        if known is None and not self.forced:
+            known = target.new_ones(1)  # of x1: support motion leaves the scale open
+        count = 0 if known is None else len(known)
+        if known is not None:
+            target = target - unknown[:, :count] @ known
+        fitted = torch.linalg.lstsq(unknown[:, count:], target[:, None], driver="gelsd").solution
+        solution = fitted[:, 0] if known is None else torch.cat([known, fitted[:, 0]])
+        E = len(self.elements)
+        mass, stiffness, damping = solution.split([self.dofs, E, E])
+        if not (mass > 0.0).all() or not (stiffness > 0.0).any():
+            raise ValueError(
+                f"the motion gives masses {mass.tolist()} kg and stiffnesses {stiffness.tolist()} "
+                "N/m; positive ones are expected: check the signs and units of the signals"
+            )
+        typical = stiffness[stiffness > 0.0].median()
+        self.mass.start(mass)
+        self.linear = (
+            stiffness.clamp_min(SOFTEST * typical),
+            damping.clamp_min(0.1 * damping.abs().median()),
+            largest,
+        )
+        self.laws.start(*self.linear, (0.5, 0.5))
+        self.identified.fill_(1.0)
+        return {"linear_stiffness": float(typical)}
+
+    def _equations(self, batches: Iterable[Record]) -> tuple[Tensor, Tensor, Tensor]:
+        """Rows of masses, springs and dampers (N, n + 2 E), forces (N,), largest y (E,) [m]."""
+        B, B_s = self.B.cpu(), self.B_s.cpu()
         rows, targets, largest = [], [], []
         for record in self.admitted(batches):
             self.check(record)
@@ -156,30 +185,7 @@ class ElementNetwork(Composite):
         unknown, target = torch.cat(rows), torch.cat(targets)
         if not torch.isfinite(unknown).all() or not torch.isfinite(target).all():
             raise ValueError("the signals hold NaN or infinite values; mend the record first")
-        known = self.known_masses
-        if known is None and not self.forced:
-            known = target.new_ones(1)  # of x1: support motion leaves the scale open
-        count = 0 if known is None else len(known)
-        if known is not None:
-            target = target - unknown[:, :count] @ known
-        fitted = torch.linalg.lstsq(unknown[:, count:], target[:, None], driver="gelsd").solution
-        solution = fitted[:, 0] if known is None else torch.cat([known, fitted[:, 0]])
-        mass, stiffness, damping = solution.split([n, E, E])
-        if not (mass > 0.0).all() or not (stiffness > 0.0).any():
-            raise ValueError(
-                f"the motion gives masses {mass.tolist()} kg and stiffnesses {stiffness.tolist()} "
-                "N/m; positive ones are expected: check the signs and units of the signals"
-            )
-        typical = stiffness[stiffness > 0.0].median()
-        self.mass.start(mass)
-        self.linear = (
-            stiffness.clamp_min(SOFTEST * typical),
-            damping.clamp_min(0.1 * damping.abs().median()),
-            torch.stack(largest).amax(dim=0),
-        )
-        self.laws.start(*self.linear, (0.5, 0.5))
-        self.identified.fill_(1.0)
-        return {"linear_stiffness": float(typical)}
+        return unknown, target, torch.stack(largest).amax(dim=0)
 
     def restart(self, generator: torch.Generator) -> None:
         """Springs and dampers as identified, hinges and limits spread anew."""

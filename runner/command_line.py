@@ -29,6 +29,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from data.arguments import plain, reason
+from data.simulation.motion import EscapedMotionError
 from runner.run_folder import run_name, write_failure
 
 CONF = Path(__file__).parent.parent / "conf"
@@ -56,15 +57,16 @@ EXAMPLES = {
 
 Common keys: seed, data.dt [s], data.duration [s], data.train_records, data.test_records,
 model.cutoff [rad/s], trainer.accelerator, hydra.run.dir. All of them: python train.py --cfg job""",
-    "evaluate": """Finished runs → the paper's tables and figures; or one run scored again.
+    "evaluate": """One finished run scored again; or many runs compared.
 
-    python evaluate.py                              of the runs in runs/study
-    python evaluate.py runs=FOLDER output=FOLDER    and all numbers: results.parquet, results.csv
-    python evaluate.py runs=[a,b] by=model.cutoff   of several folders, compared by a choice
-    python evaluate.py page=docs/results.md         the whole page
     python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
-    python evaluate.py run=FOLDER data.duration=100""",
+    python evaluate.py run=FOLDER data.duration=100
+    python evaluate.py runs=FOLDER output=FOLDER    all numbers: results.parquet, results.csv
+    python evaluate.py runs=[a,b] by=model.cutoff   of several folders, compared by a choice
+
+The paper's tables and the leaderboard of free runs: python -m report.paper --help,
+python -m report.free_run --help""",
 }
 
 
@@ -214,7 +216,8 @@ def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) 
             f"{'' if expected else type(error).__name__ + ': '}{_reason(error)}".split()
         )
         own = expected and not isinstance(error, OSError)  # not that of a disk or a machine
-        write_failure(sweep_folder, cfg, reason, trace, own)
+        escaped = isinstance(error, EscapedMotionError)
+        write_failure(sweep_folder, cfg, reason, trace, own, escaped)
 
 
 def _explain(error: Exception, config: str) -> str:

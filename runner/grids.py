@@ -57,8 +57,9 @@ class GridSweeper(BasicSweeper):
         assert self.config is not None
         parser = OverridesParser.create(config_loader=self.loader)
         folders: dict[Path, list[str]] = {}
-        for grid in self.grids.values():
-            words = [f"{key}={value}" for key, value in {**self.params, **grid}.items()]
+        for name, grid in self.grids.items():
+            named = {"grid": name} if name else {}  # the run keeps it
+            words = [f"{key}={value}" for key, value in {**self.params, **grid, **named}.items()]
             overrides = parser.parse_overrides([*words, *arguments])
             for job in self.split_arguments(overrides, None)[0]:
                 folders.setdefault(self.loader.folder(self.config, list(job)), list(job))

@@ -22,7 +22,7 @@ import models
 ROOT = Path(__file__).parent.parent
 FRONTS = {"data": data.PUBLIC, "models": models.PUBLIC}
 CORE = ("models.training.assemble", "models.training.identification", "runner.outcome")  # of all
-INERT = ("figures", "checkpoint_seconds")  # they change no number,
+INERT = ("figures", "checkpoint_seconds", "grid")  # they change no number,
 EVERY_CLASS = frozenset(f"{room}.{name}" for room, names in FRONTS.items() for name in names)
 INERT_TRAINER = ("enable_progress_bar", "log_every_n_steps")  # nor do these of the trainer
 

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import math
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from statistics import median
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
-from report.free_run.rows import free_run_error, quantile
-from report.paper.tables import percent
+from runner.choices import varying
 from runner.identity import written_code_version
-from runner.run_folder import CONFIG, FAILED, METRICS, read_failure
+from runner.result import Result, read_result, spread_of
+from runner.run_folder import CONFIG, FAILED, METRICS, read_failure, read_metrics
+from runner.spread import DIVERGED, percent
 
-
-def read_metrics(folder: Path) -> dict[str, Any]:
-    metrics: dict[str, Any] = json.loads((folder / METRICS).read_text("utf-8"))
-    return metrics
+OWN = ("model", "system", "scenario", "seed", "grid")  # have columns of their own, or need none
 
 
 def is_finished(folder: Path) -> bool:
@@ -97,18 +92,17 @@ class Watch:
 def _line(folder: Path, failed: bool) -> str:
     if failed:
         return f"{folder.name}: failed: {_reason(folder)}"
-    metrics = read_metrics(folder)
-    errors = (metrics[split]["relative_rms_percent"] for split in ("train", "test"))
-    train, test = ("   –   " if e is None else f"{e:8.2f} %" for e in errors)
+    run = read_result(folder)
+    train, test = (_padded(run.error(split)) for split in ("train", "test"))
     name = folder.name.rpartition("-")[0]  # without the hash
-    free = free_run_error(metrics)
-    simulated = "" if free is None else f" free run {_free(free, 8)}"
+    free = run.free_run
+    simulated = "" if free is None else f" free run {_padded(free)}"
     return f"{name:<50} train {train} test {test}{simulated}"
 
 
-def _free(error: float, width: int = 0) -> str:
-    """Of a free run, in percent."""
-    return "diverged" if math.isinf(error) else f"{percent(error):>{width}} %"
+def _padded(error: float | None) -> str:
+    lost = error is None or math.isinf(error)
+    return f"{DIVERGED:>8}  " if lost else f"{percent(error):>8} %"
 
 
 def _reason(folder: Path) -> str:
@@ -124,12 +118,13 @@ def print_summary(jobs: Mapping[Path, Sequence[str]], skipped: int, hopeless: in
     """
     folders = list(jobs)
     console = Console(width=None if Console().is_terminal else 160)
-    done = [folder for folder in folders if (folder / METRICS).is_file()]
-    failed = [folder for folder in folders if (folder / FAILED).is_file()]
+    runs = list(map(read_result, folders))
+    done = [run for run in runs if run.finished]
+    failed = [run for run in runs if run.ended and not run.finished]
     if done:
         told = told_apart(jobs)
-        console.print(sweep_table([(told[folder], read_metrics(folder)) for folder in done]))
-    for line in reasons({folder.name: _reason(folder) for folder in failed}):
+        console.print(sweep_table([(told[run.folder], run) for run in runs if run.ended]))
+    for line in reasons({run.folder.name: run.reason for run in failed}):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     before = f" ({skipped} of them before)" if skipped else ""
     lost = len(folders) - len(done) - len(failed)
@@ -158,44 +153,35 @@ def reasons(failed: dict[str, str]) -> list[str]:
 
 def told_apart(jobs: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
     """For each run the settings that vary in the sweep, but for what has a column of its own."""
-    own = ("model=", "system=", "scenario=", "seed=")
-    kept = {f: {word for word in job if not word.startswith(own)} for f, job in jobs.items()}
-    common = set.intersection(*kept.values())
-    return {folder: " ".join(sorted(words - common)) for folder, words in kept.items()}
+    words = [dict(_parted(word) for word in job) for job in jobs.values()]
+    names = sorted(name for name in varying(words) if name not in OWN)
+    return {
+        folder: " ".join(f"{name}={of_run[name]}" for name in names if name in of_run)
+        for folder, of_run in zip(jobs, words, strict=True)
+    }
 
 
-def sweep_table(runs: Sequence[tuple[str, dict[str, Any]]]) -> Table:
-    """Median and range over the seeds of each case: (varied settings, metrics) of every run."""
+def _parted(word: str) -> tuple[str, str]:
+    name, _, value = word.partition("=")
+    return name, value
+
+
+def sweep_table(runs: Sequence[tuple[str, Result]]) -> Table:
+    """Median and range over the seeds of each case: (varied settings, run) of every run."""
     table = Table(title="relative RMS error in %: median (min – max)", title_justify="left")
     varied = any(settings for settings, _ in runs)
     for name in ("model", "system", "scenario", *(["varied"] if varied else [])):
         table.add_column(name, overflow="fold")
     for name in ("runs", "train", "test", "free run"):
         table.add_column(name, justify="right", no_wrap=True)
-    cases: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    cases: dict[tuple[str, ...], list[Result]] = {}
     for settings, run in runs:
-        case = (run["system"], run["scenario"], settings, run["model"])
+        case = (str(run.system), str(run.scenario), settings, str(run.model))
         cases.setdefault(case, []).append(run)
     for (system, scenario, settings, model), group in sorted(cases.items()):
-        cells = [_median_and_range(group, split) for split in ("train", "test")]
+        train = spread_of(group, lambda run: run.error("train"))
+        test = spread_of(group, lambda run: run.error("test"))
+        free = spread_of(group, lambda run: run.free_run)
         head = (Text(t) for t in (model, system, scenario, *([settings] if varied else [])))
-        table.add_row(*head, str(len(group)), *cells, _free_runs(group))
+        table.add_row(*head, test.counted(), train.text(), test.text(), free.text())
     return table
-
-
-def _median_and_range(runs: Sequence[dict[str, Any]], split: str) -> str:
-    errors = [e for run in runs if (e := run[split]["relative_rms_percent"]) is not None]
-    if not errors:
-        return "–"
-    return f"{median(errors):.2f} ({min(errors):.2f} – {max(errors):.2f})"
-
-
-def _free_runs(runs: Sequence[dict[str, Any]]) -> str:
-    """Of the test motions; a run that diverged is the worst of all."""
-    errors = [e for run in runs if (e := free_run_error(run)) is not None]
-    middle = quantile(errors, 0.5)
-    if middle is None:
-        return "–"
-    told = "diverged" if math.isinf(middle) else percent(middle)
-    low, high = ("diverged" if math.isinf(e) else percent(e) for e in (min(errors), max(errors)))
-    return told if told == low == high == "diverged" else f"{told} ({low} – {high})"

@@ -132,20 +132,39 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
     write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
-def write_failure(folder: Path, cfg: DictConfig | None, reason: str, trace: str, own: bool) -> None:
-    """Why a run of a sweep has no numbers; `own`: it would fail again, wherever it is run."""
+def write_failure(
+    folder: Path,
+    cfg: DictConfig | None,
+    reason: str,
+    trace: str,
+    own: bool,
+    escaped: bool = False,
+) -> None:
+    """Why a run of a sweep has no numbers.
+
+    own: it would fail again, wherever it is run; escaped: the structure's own motion left every
+    bound, so no estimator ran.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     if cfg is not None:
         write_text(folder / CONFIG, config_text(cfg))
     code = "" if cfg is None else code_version(targets_of(plain(cfg)))
-    content = {"reason": reason, "own": own, "code": code, "trace": trace}
+    content = {"reason": reason, "own": own, "escaped": escaped, "code": code, "trace": trace}
     write_json(folder / FAILED, content)
 
 
 def read_failure(folder: Path) -> dict[str, Any]:
-    """What `write_failure` wrote."""
+    """What `write_failure` wrote; in older runs the reason alone tells that a motion escaped."""
     failure: dict[str, Any] = json.loads((folder / FAILED).read_text("utf-8"))
-    return failure
+    return {"escaped": "motion escaped at t =" in failure["reason"], **failure}
+
+
+def read_metrics(folder: Path) -> dict[str, Any]:
+    """Numbers of a finished run. Raises ValueError where the file holds none."""
+    metrics = json.loads((folder / METRICS).read_text("utf-8"))
+    if not isinstance(metrics, dict):
+        raise ValueError(f"{METRICS} holds no numbers of a run")
+    return metrics
 
 
 def read_run(folder: Path) -> tuple[DictConfig, dict[str, Any]]:
@@ -161,7 +180,7 @@ def read_run(folder: Path) -> tuple[DictConfig, dict[str, Any]]:
             )
     try:
         cfg = OmegaConf.load(folder / CONFIG)
-        metrics = json.loads((folder / METRICS).read_text(encoding="utf-8"))
+        metrics = read_metrics(folder)
     except (YAMLError, OmegaConfBaseException, ValueError) as error:
         first = str(error).splitlines()[0]
         raise ValueError(f"{folder} is damaged: {first}; repeat the run") from None

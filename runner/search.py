@@ -31,11 +31,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from report.collection.runs import typed
-from report.paper.tables import percent
+from runner.choices import typed
 from runner.identity import EVERY_CLASS, code_version
 from runner.outcome import validation_error
 from runner.run_folder import METRICS, write_json
+from runner.spread import percent
 
 STORAGE, FILE = "search.sqlite3", "search.json"
 AT_RANDOM = 8  # trials of random settings, before the sampler uses the errors

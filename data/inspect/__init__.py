@@ -1,1 +1,1 @@
-"""What is in a file, before anything is fitted: `python -m data.inspect record.csv`."""
+"""What is in a file, before anything is fitted? `python -m data.inspect record.csv` shows it."""

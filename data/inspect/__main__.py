@@ -110,7 +110,7 @@ def save_config(path: Path, record: Inspection, args: argparse.Namespace) -> Non
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Bad input ends in one line and exit status 1, Ctrl-C in silence."""
+    """Run the command line: bad input ends in one line and exit status 1, Ctrl-C in silence."""
     try:
         inspect(words)
     except (ValueError, OSError) as error:

@@ -31,7 +31,7 @@ def config_path(wanted: str, record: Path) -> Path:
 
 
 def command(config: Path, channels: Iterable[str]) -> str:
-    """What to type to train on it; accelerations alone are integrated first."""
+    """Command that trains on a config; accelerations alone are integrated first."""
     signals = {signal_of(channel) for channel in channels}
     scenario = " scenario=integrated" if "a" in signals and not {"x", "v"} <= signals else ""
     folder = config.parent.parent
@@ -66,13 +66,13 @@ def _channels(channels: Mapping[str, str], guesses: Mapping[str, str]) -> Iterat
     if channels:
         yield from _dumped({"channels": dict(channels)})
     elif guesses:
-        yield "channels: # what each column is: guesses, take away the # of what is right"
+        yield "channels: # guesses: take away the # of each line that is right"
         for column, channel in guesses.items():
             yield f"  # {_dumped({channel: column})[0]}"
 
 
 def _remedies(findings: Sequence[Finding]) -> Iterator[str]:
-    """Settings that the findings name, the longest fill and the fastest rate of each."""
+    """Settings that the findings name; of several values of one setting, the largest."""
     remedies: dict[str, tuple[str, str]] = {}
     for finding in findings:
         named = re.search(r"data\.(mend\.\w+|dt)=([\w.+-]+)", finding.message)
@@ -84,7 +84,7 @@ def _remedies(findings: Sequence[Finding]) -> Iterator[str]:
             remedies[key] = (value, f"{finding.what} {finding.channel}".strip())
     mends = {k.removeprefix("mend."): v for k, v in remedies.items() if k.startswith("mend.")}
     if mends:
-        yield "# mend: # take away the # of what shall be done, and of this line"
+        yield "# mend: # take away the # of this line and of each repair that you want"
         yield from (f"#   {key}: {value} # {plain(why)}" for key, (value, why) in mends.items())
 
 
@@ -96,7 +96,7 @@ def _number(text: str) -> float:
 
 
 def _dumped(settings: Mapping[str, Any]) -> list[str]:
-    """YAML lines; a column called ${…} must not be taken for an interpolation."""
+    """Lines of YAML; a column called ${…} must not be taken for an interpolation."""
     if not settings:
         return []
     text = yaml.safe_dump(

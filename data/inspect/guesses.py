@@ -1,4 +1,4 @@
-"""Cautious guesses of what the columns of a file are, by their units and names."""
+"""Cautious guesses of the channels in a file, by the units and names of its columns."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def is_clock(column: str) -> bool:
 
 
 def suggest(columns: Sequence[str], units: Mapping[str, str]) -> dict[str, str]:
-    """{column: channel} by the units and names of columns; those that say nothing are left out."""
+    """{column: channel} by units and names of columns; columns that say nothing are left out."""
     guesses: dict[str, str] = {}
     count: dict[str, int] = {}
     for column in columns:

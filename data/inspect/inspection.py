@@ -1,4 +1,4 @@
-"""A measured record as far as it is understood, with its statistics, spectra and faults."""
+"""A measured record as far as its file tells, with statistics, spectra and faults."""
 
 from __future__ import annotations
 
@@ -84,14 +84,14 @@ def _examined(
     guesses: dict[str, str],
     signals: Mapping[str, str],
 ) -> Inspection:
-    """The record with all that is computed; `signals` says what guessed columns in SI units are."""
+    """The record with statistics, spectra and faults; `signals`: guesses of columns in SI units."""
     known = {name: statistics(signal) for name, signal in raw.channels.items()}
     spectra = {name: spectrum(x, step_of(raw, name)) for name, x in raw.channels.items()}
     return Inspection(path, raw, units, guesses, known, spectra, findings(raw, known, signals))
 
 
 def step_of(raw: RawRecord, channel: str) -> float:
-    """Time step [s] of a channel of a record; 1 where nobody knows."""
+    """Time step [s] of a channel of a record; 1 where unknown."""
     clock = raw.clocks.get(channel, raw.time)
     dt = raw.dt if clock is None else time_step(clock[:100_000])[0]
     return dt if dt is not None and 0.0 < dt < np.inf else 1.0

@@ -1,4 +1,4 @@
-"""A first look at a record: spectra, dominant frequencies, and a picture of every channel."""
+"""Spectra and dominant frequencies of a record, and a picture of every channel."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from scipy.signal import find_peaks, welch
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SEEN = 2_000_000  # samples of a spectrum at most, from the middle of the record
-COLUMNS = 2000  # of a time history: more samples are drawn as their least and largest
+SEEN = 2_000_000  # most samples of a spectrum, from the middle of the record
+COLUMNS = 2000  # of a time history: more samples are drawn as least and largest by column
 ROWS = 16  # channels in one picture
 LINE, LACK = "#222222", "#d1495b"
 Spectrum = tuple[np.ndarray, np.ndarray]  # frequencies [Hz] and power density [unit²/Hz]
 
 
 def spectrum(signal: np.ndarray, dt: float) -> Spectrum | None:
-    """Welch's estimate over at most `SEEN` samples; None where fewer than 16 are finite."""
+    """Welch's estimate of at most `SEEN` samples; None where fewer than 16, or half, are finite."""
     first = max(0, (len(signal) - SEEN) // 2)
     piece = signal[first : first + SEEN]
     known = np.isfinite(piece)
@@ -58,9 +58,9 @@ def draw(
 ) -> None:
     """PNG of time histories and power spectra, a row per channel; missing samples in red.
 
-    steps: time step of each channel [s], or 1 where nobody knows (`timed` false).
+    steps: time step of each channel [s], or 1 where unknown (`timed` false).
     """
-    from matplotlib.figure import Figure  # takes a second, which only pictures should pay
+    from matplotlib.figure import Figure  # slow to import, and only for pictures
 
     shown = list(channels)[:ROWS]
     if len(channels) > ROWS:

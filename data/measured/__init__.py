@@ -1,1 +1,1 @@
-"""Records as they were measured: files, channels, units, faults."""
+"""How do files of sensors become records? Read, named, checked for faults, mended, split."""

@@ -1,4 +1,4 @@
-"""What is wrong with the clocks of a record, each and together.   T samples."""
+"""Faults of the clocks of a record, of each and of all together.   T samples."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from data.measured.time_step import time_step
 
 
 def clock_findings(raw: RawRecord) -> list[Finding]:
-    """What is wrong with the clocks of a record, each and together."""
+    """Faults of the clocks of a record, of each and of all together."""
     if raw.clocks:
         return list(_of_own_clocks(raw))
     lengths = {name: len(signal) for name, signal in raw.channels.items()}
@@ -28,13 +28,13 @@ def clock_findings(raw: RawRecord) -> list[Finding]:
             text = f"steps of {dt:.6g} s, but the file says dt={raw.dt:.6g} s; say data.units.time"
             findings.append(Finding("clock in other unit", "", text))
     elif raw.dt is None:
-        text = "nobody says when the samples were taken; say data.dt or data.channels.time"
+        text = "the times of the samples are unknown; say data.dt or data.channels.time"
         findings.append(Finding("no clock", "", text, True))
     return findings
 
 
 def _of_own_clocks(raw: RawRecord) -> Iterator[Finding]:
-    """Of sensors that each have a clock; channels that share one are named together."""
+    """Findings of sensors with clocks of their own; channels that share a clock are one."""
     shared = shared_clocks(raw.clocks)
     steps, starts = {}, {}
     for channels in shared:

@@ -1,6 +1,6 @@
 """Measured records: files → channels → mended → Records, split for training and testing.
 
-The split comes first: nothing that is done to a training motion has seen a sample of a test motion.
+The split comes first: no step of a training motion's mending sees a sample of a test motion.
 T samples, n DOFs.
 """
 
@@ -38,7 +38,9 @@ class MeasuredData(Data):
     quantity: what is estimated; None takes accelerations, else the force of an element, else
     displacements. initial_state: None begins as measured where x and v are, else at rest.
     With a support's acceleration s_ddot1, motions are relative to it and f = −s̈ drives them.
-    mend: what is done to the signals (data/measured/mend.py).
+    mend: repairs of the signals (data/measured/mend.py).
+    Raises ValueError for files, channels and units that do not fit, blocking faults that `mend`
+    does not repair, and records that differ in dt or channels.
     """
 
     def __init__(
@@ -105,7 +107,7 @@ class MeasuredData(Data):
         return split_records(raws, train, test, split)
 
     def make_records(self) -> dict[str, list[Record]]:
-        """Each part mended and measured on its own; what was read is let go."""
+        """Records of both splits, each part mended on its own; the files' contents are released."""
         records: dict[str, list[Record]] = {}
         for number, split in enumerate(("train", "test")):
             records[split] = []
@@ -189,7 +191,7 @@ class MeasuredData(Data):
 
 
 class WholeRecords(MeasuredData):
-    """Every record whole, under "train", to be replayed and not to be learnt from."""
+    """Every record whole, under "train", to be replayed and not to be trained on."""
 
     def _parts(self, raws: dict[str, RawRecord], *_: object) -> dict[str, dict[str, RawRecord]]:
         return {"train": raws, "test": {}}

@@ -1,4 +1,4 @@
-"""What is wrong with a record, in one line with its place and its remedy."""
+"""A fault of a record, in one line with its place and its remedy."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """Something wrong with a record, and its remedy."""
+    """One fault of a record, and its remedy."""
 
     what: str  # "dropped samples", "NaN run", "saturation", …
     channel: str  # "" for the clock

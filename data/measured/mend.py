@@ -1,4 +1,4 @@
-"""Mending of measured records: gaps, clocks, offsets, filters; only what is asked for, and named.
+"""Mending of measured records: gaps, clocks, offsets, filters; only on request, and noted.
 
 Every step treats all channels alike, so that what relates excitation to response stays as it was.
 """
@@ -36,7 +36,7 @@ MENDED_BY = {
 
 @dataclass(frozen=True)
 class Mending:
-    """What is done to a record before anything is fitted; by default nothing.
+    """Repairs of a record before anything is fitted; none by default.
 
     fill: gaps of NaN, infinite or lost samples up to this length are interpolated by PCHIP; of two
     samples at one time the second is left out.
@@ -122,7 +122,7 @@ class Mending:
 def _without_gaps(
     name: str, channels: dict[str, Sampled], longest: float, done: list[str]
 ) -> dict[str, Sampled]:
-    """Gaps of all channels interpolated, and named where channels have the same ones together."""
+    """Channels with their gaps interpolated; those with the same gaps are noted together."""
     channels, doubles = without_duplicates(channels)
     if doubles:
         done.append(f"{doubles} samples left out that share a time with another")

@@ -24,7 +24,7 @@ class RawRecord:
     whole: bool = True  # False: the rest of a record that was cut in motion
 
     def own_time(self) -> np.ndarray:
-        """Times (T,) [s] of the samples. Raises ValueError where nothing tells them."""
+        """Times (T,) [s] of the samples. Raises ValueError without a clock and a dt."""
         if self.time is not None:
             return self.time
         if self.dt is None:
@@ -42,7 +42,10 @@ class RawRecord:
 
 
 def between(raw: RawRecord, start: float, stop: float | None, closed: bool = True) -> RawRecord:
-    """The part from `start` to `stop` [s] after the first sample. Raises ValueError where empty."""
+    """The part from `start` to `stop` [s] after the first sample, `stop` included if `closed`.
+
+    Raises ValueError for a part of fewer than two samples, and a clock that does not rise.
+    """
     if start <= 0.0 and stop is None:
         return raw
     end = np.inf if stop is None else stop

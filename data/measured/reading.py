@@ -25,8 +25,8 @@ def read_record(
     """A file, or a folder of one file per sensor, as a record.
 
     channels: {"time": column, "a1": column, …}; in a folder "file.csv:column". None takes columns
-    by their own names. units: of a signal ("a": "g") or a channel ("a1": "g"); SI where nothing is
-    said, here or in the file. `reader` goes to data.measured.files.table.read_table.
+    by their own names. units: of a signal ("a": "g") or a channel ("a1": "g"); SI where neither
+    `units` nor the file names one. `reader` goes to data.measured.files.table.read_table.
     Raises ValueError for channels and columns that do not exist.
     """
     stated = {key: unit for key, unit in (units or {}).items() if unit is not None}
@@ -47,12 +47,12 @@ def read_record(
 def record_of(
     path: Path, table: Table, channels: Mapping[str, str], units: Mapping[str, str]
 ) -> RawRecord:
-    """A table that was read already, as a record: see `read_record`."""
+    """One record from a table already read; arguments as in `read_record`."""
     return assembled(path, {"": table}, {c: ("", name) for c, name in channels.items()}, units)
 
 
 def by_name(table: Table) -> dict[str, str]:
-    """Channels whose columns are called as they are here. Raises ValueError where none is."""
+    """Columns that bear names of channels, as {channel: column}. Raises ValueError without any."""
     channels = {name: name for name in table.columns if CHANNEL.fullmatch(name)}
     if not channels:
         raise ValueError(
@@ -109,7 +109,11 @@ def assembled(
     places: Mapping[str, tuple[str, str]],
     units: Mapping[str, str],
 ) -> RawRecord:
-    """Columns in their `places` (file, column) of tables by file, in SI units on one clock."""
+    """One record of columns in SI units on one clock.
+
+    tables: by file; places: {channel: (file, column)}. Raises ValueError for unknown channels,
+    columns and units, and for channels of unequal length without clocks of their own.
+    """
     _check_names(path, places, units)
     signals: dict[str, np.ndarray] = {}
     notes = list(dict.fromkeys(note for table in tables.values() for note in table.notes))
@@ -167,7 +171,7 @@ def _on_one_clock(
 
 
 def stated_dt(tables: Iterable[Table]) -> float | None:
-    """dt or 1/fs that files hold beside their columns."""
+    """Time step [s] that a file states beside its columns, as dt or fs; None where none does."""
     for table in tables:
         for key, value in table.facts.items():
             if not value > 0.0:

@@ -1,4 +1,4 @@
-"""From samples with gaps and sensors with clocks of their own to one even grid.   T samples.
+"""Samples with gaps, and sensors with clocks of their own → one even grid.   T samples.
 
 Gaps are filled by PCHIP, which stays between its neighbours where a spline would swing. Rates are
 changed by quintic splines. Relative rms errors of a sine at 1/10 and 1/4 of the sampling rate:
@@ -34,7 +34,7 @@ class Sampled:
 
 def sampled(raw: RawRecord) -> dict[str, Sampled]:
     """The channels of a record, each with its clock. Raises ValueError for an impossible dt."""
-    clocks: dict[int, tuple[np.ndarray, float, frozenset[str]]] = {}  # looked at once each
+    clocks: dict[int, tuple[np.ndarray, float, frozenset[str]]] = {}  # each judged once
     signals = {}
     for channel, values in raw.channels.items():
         time = raw.clocks.get(channel, raw.time)
@@ -59,7 +59,7 @@ def _clock(
 
 
 def without_duplicates(channels: dict[str, Sampled]) -> tuple[dict[str, Sampled], int]:
-    """Of samples that share a time the first is kept; and how many were left out."""
+    """Channels with the first of all samples that share a time, and how many were left out."""
     kept, most = {}, 0
     for name, signal in channels.items():
         if "duplicate times" in signal.troubles:

@@ -1,6 +1,7 @@
-"""What is wrong with a measured record, each named with its place and its remedy.   T samples.
+"""Faults of a measured record, each with its place and its remedy.   T samples.
 
-What blocks would corrupt every estimate; the rest is a question to whoever knows the sensors.
+Faults that block would corrupt every estimate; the others are questions to those who know the
+sensors.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ def findings(
     known: Mapping[str, Statistics] | None = None,
     signals: Mapping[str, str] | None = None,
 ) -> list[Finding]:
-    """All that is wrong with a record: first what blocks, then what may be meant.
+    """All faults of a record: first those that block, then those that may be intended.
 
-    `known` are the statistics of the channels, where these are at hand; `signals` says what those
-    channels are ("a", "x", …) whose names do not.
+    `known` are the statistics of the channels, where they were computed before; `signals` names
+    the signals ("a", "x", …) of channels that have other names.
     """
     clocks = clock_findings(raw)
     first = [f for f in clocks if f.blocks] + _lacking(raw)
@@ -49,7 +50,7 @@ def findings(
 
 
 def blocking(raw: RawRecord) -> list[Finding]:
-    """What must be mended before anything is fitted; a quick look, a pass over each channel."""
+    """Faults that must be mended before anything is fitted; quick: one pass over each channel."""
     return [f for f in clock_findings(raw) if f.blocks] + _lacking(raw)
 
 
@@ -66,12 +67,12 @@ def _lacking(raw: RawRecord) -> list[Finding]:
 def channel_findings(
     name: str, signal: str, values: np.ndarray, stats: Statistics, clock: tuple[float, float]
 ) -> list[Finding]:
-    """What may be wrong with one channel (T,) of the signal "a", "x", …, or "" if unknown."""
+    """Faults of one channel (T,) of the signal "a", "x", …, or "" if unknown."""
     if stats.finite < 2:
         return []
     if stats.minimum == stats.maximum:
         text = f"all samples are {stats.minimum:.6g}; "
-        text += "take it out of data.channels, or look for a wire"
+        text += "take it out of data.channels, or check its wiring"
         return [Finding("constant channel", name, text)]
     faults = _unit(name, signal, stats) or list(_offset(name, signal, stats))
     faults += _saturation(name, values, stats)
@@ -83,7 +84,7 @@ def channel_findings(
 
 
 def _clock(raw: RawRecord, channel: str) -> tuple[float, float]:
-    """First time and time step [s] of a channel; 1 where nobody knows it: places are in samples."""
+    """First time and time step [s] of a channel; 1 where unknown: places are then in samples."""
     clock = raw.clocks.get(channel, raw.time)
     if clock is None or len(clock) < 2:
         return 0.0, raw.dt or 1.0
@@ -112,7 +113,7 @@ def _missing(name: str, signal: np.ndarray, clock: tuple[float, float]) -> Itera
 
 
 def _zero_first_row(raw: RawRecord) -> Iterator[Finding]:
-    """A logger that was not ready; a structure at rest begins smoothly."""
+    """First row of a logger that was not ready; a structure at rest begins smoothly."""
     channels = raw.channels
     if not channels or any(len(s) < 22 or s[0] != 0.0 for s in channels.values()):
         return
@@ -142,14 +143,14 @@ def _unit(name: str, signal: str, stats: Statistics) -> list[Finding]:
 
 def _offset(name: str, signal: str, stats: Statistics) -> Iterator[Finding]:
     if signal in ACCELERATIONS and abs(abs(stats.mean) / GRAVITY - 1.0) < 0.05:
-        text = f"mean of {stats.mean:.4g} m/s² is gravity; data.mend.detrend=mean takes it away"
+        text = f"mean of {stats.mean:.4g} m/s² is gravity; data.mend.detrend=mean removes it"
         yield Finding("offset", name, text)
     elif (
         signal in MOTIONS
         and abs(stats.mean) > (0.2 if signal in ACCELERATIONS else 3.0) * stats.std
     ):
         text = f"mean of {stats.mean:.4g} beside a deviation of {stats.std:.3g}; "
-        yield Finding("offset", name, f"{text}data.mend.detrend=mean takes it away")
+        yield Finding("offset", name, f"{text}data.mend.detrend=mean removes it")
 
 
 def _saturation(name: str, values: np.ndarray, stats: Statistics) -> Iterator[Finding]:
@@ -196,8 +197,8 @@ def _spikes(
         at = int(alone[np.abs(values[alone] - middle).argmax()])
         text = (
             f"{len(alone)} single samples far from all others, the largest {values[at]:.4g} at "
-            f"{start + at * dt:.6g} s (sample {at}); unless it was an impact, leave them empty in "
-            f"the file and set data.mend.fill={1.001 * dt:.3g}"
+            f"{start + at * dt:.6g} s (sample {at}); unless these are impacts, leave their cells "
+            f"empty in the file and set data.mend.fill={1.001 * dt:.3g}"
         )
         yield Finding("spike", name, text)
 
@@ -213,8 +214,8 @@ def _drift(name: str, values: np.ndarray, stats: Statistics) -> Iterator[Finding
     left = means - means.mean() - climb * place
     if abs(climb) > 0.5 * stats.std and left.var() < 0.1 * means.var():
         text = (
-            f"the mean moves by {climb:.4g} from begin to end, beside a deviation of "
+            f"the mean moves by {climb:.4g} from beginning to end, beside a deviation of "
             f"{stats.std:.3g}; unless the structure did so, data.mend.detrend=linear or "
-            "data.mend.high_pass takes it away"
+            "data.mend.high_pass removes it"
         )
         yield Finding("drift", name, text)

@@ -12,7 +12,7 @@ from data.measured.raw_record import RawRecord, between
 
 
 def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None) -> list[Path]:
-    """Files and folders that are one record each."""
+    """Files and folders that are one record each. Raises ValueError for a path without a file."""
     patterns = [path] if isinstance(path, str) else list(path)
     paths: list[Path] = []
     for pattern in patterns:
@@ -37,7 +37,7 @@ def split_records(
     test: str | Sequence[str] | None,
     split: float,
 ) -> dict[str, dict[str, RawRecord]]:
-    """Records of both splits by name, never a sample in both."""
+    """Records of both splits by name, no sample in both. Raises ValueError for other choices."""
     names = list(raws)
     if train is None and test is None:
         if len(raws) > 1:

@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of the finite samples of a channel."""
+    """Statistics of the finite samples of a channel, in its unit."""
 
     minimum: float
     maximum: float

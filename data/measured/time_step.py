@@ -9,16 +9,16 @@ import numpy as np
 from data.measured.finding import Finding
 
 JITTER = 0.01  # of dt: steps that differ by less are even
-ROUGH = 0.1  # of dt: stamps rounded to less are worth no word
+ROUGH = 0.1  # of dt: stamps with a finer rounding are not reported
 GAP = 1.5  # times dt: longer steps have lost samples
-IRREGULAR = 0.2  # of all steps: with more gaps than these there is no rate at all
+IRREGULAR = 0.2  # of all steps: a clock with more gaps than this has no rate
 
 
 def time_step(time: np.ndarray) -> tuple[float, list[Finding]]:
     """Median step [s] of a clock (T,) [s], and what is wrong with it.
 
-    Stamps that were only rounded when they were written (0.01, 0.02, 0.02, 0.03 at 120 Hz) are
-    told from samples that came at other times: the step is then the slope of a line through all.
+    Stamps of even samples that were rounded when they were written (0.01, 0.02, 0.02, 0.03 at
+    120 Hz) are not taken for uneven samples: their step is the slope of a line through all stamps.
     """
     if len(time) < 2:
         return math.nan, [
@@ -114,7 +114,7 @@ def _rounding(time: np.ndarray, steps: np.ndarray) -> tuple[float, float]:
     if not 2 <= len(levels) <= 6 or rare.sum() < 3:
         return 0.0, dt
     if rare.mean() <= 0.05 and steps.max() >= GAP * np.median(steps):
-        return 0.0, dt  # lost samples, rather
+        return 0.0, dt  # lost samples instead
     apart = np.diff(levels)
     resolution = float(apart[apart > 0.5 * JITTER * dt].min(initial=levels[-1] - levels[0]))
     middle = np.arange(len(time)) - (len(time) - 1) / 2.0
@@ -169,7 +169,7 @@ def _uneven(time: np.ndarray, steps: np.ndarray, dt: float, even: np.ndarray) ->
 
 
 def _suspicious(dt: float, time: np.ndarray) -> list[Finding]:
-    """Steps that no sensor of a structure takes: the clock counts something else than seconds."""
+    """Steps unlike any sensor's of a structure: the clock counts something else than seconds."""
     if 1e-6 <= dt < 1.0:
         return []
     if dt < 1e-6:

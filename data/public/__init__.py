@@ -1,1 +1,1 @@
-"""The public benchmarks of nonlinearbenchmark.org, with their official splits."""
+"""What do the public benchmarks hold? Their files, official splits, metrics, published errors."""

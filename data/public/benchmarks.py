@@ -66,7 +66,7 @@ BENCHMARKS = {
         usual_test=("multisine", "period_4"),
         optional=BOUC_WEN_TESTS,
         loadable=False,
-        # on the official multisine; as quoted in the README of the shared data
+        # on the official multisine, as quoted with the data
         published={"linear": 1.6e-4, "PNLSS": 1.3e-5, "neural state space": 7.5e-6},
     ),
     # T. Wigren & J. Schoukens, ECC 2013; odd multisines up to 200 Hz, then an arrow of noise
@@ -133,7 +133,7 @@ BENCHMARKS = {
 
 
 def benchmark_called(name: str, scenario: Scenario) -> Benchmark:
-    """What is known of a benchmark. Raises ValueError for another name, or sensors of one's own."""
+    """A benchmark by name. Raises ValueError for an unknown name, or sensors of one's own."""
     if name not in BENCHMARKS:
         raise ValueError(f"data.name={name}: choose {', '.join(BENCHMARKS)}")
     if not isinstance(scenario, FullState):
@@ -145,7 +145,7 @@ def benchmark_called(name: str, scenario: Scenario) -> Benchmark:
 
 
 def files_of(name: str, folder: Path, fetch: bool = False) -> Files:
-    """The files of a benchmark, all that it needs. Raises ValueError naming what is missing."""
+    """The files of a benchmark, fetched where asked for. Raises ValueError naming missing files."""
     about, files = BENCHMARKS[name], Files(folder)
     if fetch and files.missing([*about.files, *about.optional]):
         download(about.loader, folder)

@@ -26,13 +26,16 @@ from data.windows import WindowDataset
 class BenchmarkData(Data):
     """The official training and test series of one benchmark.
 
-    `train` and `test` name the series, as in a shell, where others than the usual are wanted.
-    `folder` is where the files are, the package's own cache by default; only with `download` is
-    anything fetched. `hold` says what the input does between samples, None: the benchmark's own.
-    The official state-initialisation window is the records' warm-up; `warmup` may lengthen it.
+    `train` and `test` name series by patterns as in a shell; None takes the usual series.
+    `folder` holds the files, by default the cache of the package nonlinear-benchmarks, which
+    fetches missing files only with `download`. `hold` says what the input does between samples,
+    None: the benchmark's own. The official state-initialisation window is the warm-up of the
+    records; `warmup` may lengthen it.
 
-    Besides what all data have: `unit` of the output, `band` [Hz] of the excitation where it is
-    known, `noise` (RMS, by output) where periods repeat, `published` RMSE by method.
+    Attributes beside those of all data: `unit` of the output, `band` [Hz] of the excitation where
+    it is known, `noise` (RMS, by output) where periods repeat, `published` RMSE by method.
+    Raises ValueError for an unknown benchmark or series, files that are missing or damaged, and a
+    test series that was trained on.
     """
 
     def __init__(
@@ -95,7 +98,7 @@ class BenchmarkData(Data):
         return record
 
     def _remarks(self, split: str, series: Series) -> list[str]:
-        """What whoever reads the scores of a series should know."""
+        """Remarks on a series for readers of its scores."""
         remarks = [f"{len(series.u)} samples, {series.warmup} of them not counted"]
         if split == "test" and any(np.array_equal(s.u, series.u) for s in self.series["train"]):
             remarks.append("its excitation was trained on, so this is how well the model fits")
@@ -106,7 +109,7 @@ class BenchmarkData(Data):
 
     def setup(self, stage: str | None = None) -> None:
         super().setup(stage)
-        if self.validation > 0.0:  # what is left of a period does not repeat itself
+        if self.validation > 0.0:  # a part of a period does not repeat itself
             for split in ("train", "validation"):
                 self.records[split] = [from_rest(record) for record in self.records[split]]
 
@@ -115,15 +118,15 @@ class BenchmarkData(Data):
 
 
 def from_rest(record: Record) -> Record:
-    """A record whose first state nobody measured; its warm-up is there to forget that."""
+    """The record, taken to begin at rest: its first state is unknown, and warm-up forgets it."""
     return replace(record, initial_state="rest")
 
 
 class WindowsFromRest(WindowDataset):
-    """Windows of such records: those that are not whole begin at rest, too.
+    """Windows of records whose first state was not measured: parts of a record begin at rest.
 
-    All have the official warm-up, where a window is longer than that; else the samples that it
-    covers are left out. Raises ValueError where no window is left.
+    All windows have the official warm-up if they are longer than that; else windows that end
+    within the official warm-up are left out. Raises ValueError where no window is left.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
-"""Where the files of a public benchmark are, how they get there, and what a MAT file holds.
+"""Files of a public benchmark: where they lie, how they are fetched, how they are read.
 
 Files lie as the package `nonlinear-benchmarks` keeps them, with or without its outer folders, or
-all in one folder. What is there is read without the package and without a network.
+all in one folder. Present files are read without the package and without a network.
 """
 
 from __future__ import annotations
@@ -40,12 +40,14 @@ class Files:
         return next((place for place in places if place.is_file()), None)
 
     def missing(self, paths: Sequence[str]) -> list[str]:
+        """Those of `paths` that are not in the folder."""
         return [path for path in paths if self.find(path) is None]
 
     def load(self, path: str, *variables: str) -> list[np.ndarray]:
         """Variables of a MAT file as float64 arrays, shaped as there (rows, columns).
 
-        Reading runs no code: MAT files hold numbers, and what else they hold is refused.
+        Nothing in a file is executed: whatever is no array of numbers is refused. Raises
+        ValueError for a damaged file and a missing variable.
         """
         place = self.find(path)
         assert place is not None, f"{path} was not looked for"

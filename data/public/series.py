@@ -28,12 +28,12 @@ class Series:
 
 
 def matching(series: Sequence[Series], names: Sequence[str]) -> list[Series]:
-    """The series that one of the names means."""
+    """Series that one of the names, patterns as in a shell, matches."""
     return [s for s in series if any(fnmatchcase(s.name, name) for name in names)]
 
 
 def choose(split: str, series: Sequence[Series], names: str | Sequence[str]) -> list[Series]:
-    """The same. Raises ValueError for a name that means none."""
+    """Series of a split by name. Raises ValueError for a name that matches no series."""
     names = [names] if isinstance(names, str) else names
     for name in names:
         if not matching(series, [name]):
@@ -46,7 +46,7 @@ def _names(series: Sequence[Series]) -> str:
 
 
 def require_held_out(train: Sequence[Series], test: Sequence[Series]) -> None:
-    """Raise ValueError where a test series was trained on: the same samples of the same file."""
+    """Raise ValueError where a test series holds samples of a file that were trained on."""
     for tested in test:
         counted = tested.y[tested.warmup :]
         for trained in train:

@@ -1,1 +1,1 @@
-"""Structures simulated: laws, excitation, motion, sensors."""
+"""How does a structure move, and what do its sensors see? Elements, excitations, motions, noise."""

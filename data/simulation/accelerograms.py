@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-# Of each pair its earthquake: two stations recorded many of them, and are then no strangers.
+# the earthquake of each pair; many were recorded by two stations, whose pairs are related
 EARTHQUAKES = (
     "Northridge", "Northridge", "Duzce", "Hector Mine", "Imperial Valley", "Imperial Valley",
     "Kobe", "Kobe", "Kocaeli", "Kocaeli", "Landers", "Landers", "Loma Prieta", "Loma Prieta",
@@ -27,7 +27,10 @@ SHORTEST = 100  # samples
 
 @dataclass(frozen=True)
 class Accelerogram:
-    """Ground acceleration `a` [g], (N,), every `dt` [s]. Raises ValueError for what is none."""
+    """Ground acceleration `a` [g], (N,), every `dt` [s].
+
+    Raises ValueError for too few samples, values that are not finite or all zero, and dt ≤ 0.
+    """
 
     name: str  # of the event, for messages
     dt: float
@@ -48,13 +51,13 @@ class Accelerogram:
 
 
 def earthquake_of(event: str) -> str:
-    """What must not be both trained on and tested: an earthquake of the set, or a file."""
+    """The earthquake of an event, or its file: never both trained on and tested."""
     far_field = FAR_FIELD.fullmatch(event)
     return EARTHQUAKES[int(far_field[1]) - 1] if far_field else str(Path(event).resolve())
 
 
 def check_event(event: object) -> str:
-    """A name that `read_event` knows. Raises ValueError for any other."""
+    """The event's name. Raises ValueError for a name that `read_event` does not know."""
     if isinstance(event, str) and (
         FAR_FIELD.fullmatch(event) or Path(event).suffix.lower() in READERS
     ):
@@ -66,7 +69,7 @@ def check_event(event: object) -> str:
 
 
 def read_event(event: str) -> Accelerogram:
-    """The accelerogram of a component of the set ("7b") or of a file."""
+    """The accelerogram of a component of the set ("7b") or of a file. Raises ValueError."""
     far_field = FAR_FIELD.fullmatch(check_event(event))
     if far_field:
         return _read_far_field(far_field[1], far_field[2])
@@ -90,7 +93,7 @@ def far_field_file() -> Path:
 def _read_far_field(record: str, component: str) -> Accelerogram:
     path = far_field_file()
     import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
-    import hdf5plugin  # noqa: F401 - the file is compressed by Blosc, which this makes h5py know
+    import hdf5plugin  # noqa: F401 - registers Blosc, which compresses the file, with h5py
 
     try:
         with h5py.File(path, "r") as file:

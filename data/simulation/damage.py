@@ -37,12 +37,12 @@ class Changes:
 
 
 class Damage(ABC):
-    """What happens to the element named `element` in a record of `samples` × `dt` [s]."""
+    """Damage of the element named `element` in a record of `samples` × `dt` [s]."""
 
     element: str
 
     def number(self, structure: Structure) -> int:
-        """The element's. Raises ValueError where the structure has none of this name."""
+        """Number of the element. Raises ValueError where no element has its name."""
         names = list(structure.elements)
         if self.element not in names:
             raise ValueError(
@@ -52,7 +52,7 @@ class Damage(ABC):
         return names.index(self.element)
 
     def check(self, structure: Structure, samples: int, dt: float) -> None:
-        """Raise ValueError where this cannot happen to this structure in this record."""
+        """Raise ValueError where this damage cannot befall this structure in this record."""
         self.changes(structure, samples, dt)
 
     def at_rest(self, structure: Structure) -> Structure:
@@ -60,7 +60,7 @@ class Damage(ABC):
         return structure
 
     def changes(self, structure: Structure, samples: int, dt: float) -> Changes | None:
-        """What changes suddenly on the way."""
+        """Sudden changes during the record, in their order; None where there are none."""
         self.number(structure)
         return None
 

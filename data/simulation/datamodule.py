@@ -17,8 +17,7 @@ class SimulatedData(Data):
     """Training and test motions of one structure, each `duration` [s] long, sampled every `dt` [s].
 
     `damage` befalls the test motions; training motions are of the sound structure.
-    `tolerance` is the integrator's (data/simulation/motion.py); what else may be chosen:
-    data/datamodule.py.
+    `tolerance` is the integrator's (data/simulation/motion.py). Other arguments: `Data`.
     """
 
     def __init__(
@@ -56,7 +55,7 @@ class SimulatedData(Data):
         self.inputs = len(self.forced) + (2 * structure.supports if excitation.support else 0)
 
     def of_seed(self, seed: int) -> SimulatedData:
-        """The same with other motions."""
+        """These data with the motions of another seed."""
         other = copy(self)
         other.seed, other.records, other.escapes, other.notes = seed, {}, [], {}
         other._own_error = None
@@ -73,7 +72,7 @@ class SimulatedData(Data):
         return records
 
     def own_error(self) -> float:
-        """The simulation's, on the first test motion."""
+        """Relative error of the simulation, on the first test motion."""
         if self._own_error is None:
             at_hand = self.records.get("test", []) if not self.escapes else []
             truth = at_hand[0].truth if at_hand else None

@@ -12,8 +12,8 @@ Of each record, in this order:
    a polynomial fitted to all of the displacement (up to 0.2 m in the far-field set), and a
    high-pass filter shifts phases or wants long pads.  Raw records, whose noise wanders or whose
    baseline jumps, need such a filter before.  A permanent offset of the ground is taken away, too.
-3. The size: times `scale`, or so that the largest acceleration is `peak`.
-4. The length. After a record's end the ground rests until that of `data.duration`.  A longer record
+3. The size: times `scale`, or with the factor that makes the largest acceleration `peak`.
+4. The length. After a record's end the ground rests until `data.duration` is over.  A longer record
    is cut, as long as 5 % of its Arias intensity ∫a² dt are lost at most.
 
 The wave reaches each further support `lag` later than the one before.  Without it all supports
@@ -43,9 +43,9 @@ class RecordedEarthquake(Waveform):
     files (data/simulation/accelerograms.py). `seed` deals them out: in its order the first
     `train_records` are trained on, and of the others, those of other earthquakes are tested;
     so seeds repeat the identification with other events, until all ways to deal are used up.
-    null: in the order written.  `test_events` are tested whatever the seed, and their
-    earthquakes not trained on.
-    `train_records` is that of the data.  A file counts as an earthquake of its own.
+    None: in the order written. `test_events` are tested whatever the seed, and their earthquakes
+    are not trained on. `train_records` is that of the data. A file counts as an earthquake of its
+    own.
     """
 
     events: Sequence[str]
@@ -73,24 +73,24 @@ class RecordedEarthquake(Waveform):
 
     def split(self) -> tuple[list[str], list[str]]:
         """The events trained on, and those that may be tested, in their order."""
-        held = {earthquake_of(event) for event in self.test_events or ()}
+        tested = {earthquake_of(event) for event in self.test_events or ()}
         order = list(range(len(self.events)))
         if self.seed is not None:
             order = np.random.default_rng(self.seed).permutation(order).tolist()
         dealt = [self.events[i] for i in order]
-        train = [event for event in dealt if earthquake_of(event) not in held]
+        train = [event for event in dealt if earthquake_of(event) not in tested]
         if len(train) < self.train_records:
             raise ValueError(
                 f"data.train_records={self.train_records}, but only {len(train)} of the events of "
                 f"the excitation are left to train on; list more or train on fewer"
             )
         train = train[: self.train_records]
-        seen = {earthquake_of(event) for event in train}
-        test = [event for event in dealt if earthquake_of(event) not in seen]
+        trained = {earthquake_of(event) for event in train}
+        test = [event for event in dealt if earthquake_of(event) not in trained]
         return train, list(test if self.test_events is None else self.test_events)
 
     def check(self, train_records: int) -> None:
-        """A finished run keeps its deal: with another number, trained events would be tested."""
+        """Raise ValueError unless the events were dealt out for as many training records."""
         if train_records != self.train_records:
             raise ValueError(
                 f"data.train_records={train_records}, but the events were dealt out for "
@@ -123,8 +123,8 @@ def ground_motion(
 ) -> Signal:
     """Displacement [m] and velocity [m/s] of an accelerogram, (T, c) each, every `dt` [s].
 
-    It begins at the c `arrivals` [s].  Raises ValueError where `dt` or `samples` would lose more
-    than 5 % of the Arias intensity.
+    The motion begins at the c `arrivals` [s].  Raises ValueError where `dt` or `samples` would
+    lose more than 5 % of the Arias intensity.
     """
     from scipy.interpolate import CubicSpline  # slow to import, seldom needed
 

@@ -28,7 +28,7 @@ class EscapedMotionError(ValueError):
 
 @dataclass(frozen=True)
 class Motion:
-    """What the simulation knows of one record: x, v, a (T, n) and y, r, work (T, E), SI units."""
+    """Motion of one record: x, v, a (T, n) and y, r, work (T, E) of the elements, SI units."""
 
     x: np.ndarray
     v: np.ndarray
@@ -89,7 +89,7 @@ def simulate(
 
 
 def _arrays(changes: Changes | None, width: int) -> tuple[np.ndarray, ...]:
-    """What the compiled loop takes: when, offset, element, parameters and factor on z."""
+    """Changes as the compiled loop takes them: sample, offset, element, parameters, z's factor."""
     if changes is None:
         none, numbers = np.zeros(0), np.zeros(0, np.int64)
         return numbers, none, numbers, np.zeros((0, width)), none

@@ -93,8 +93,11 @@ class Simulation:
     def error(
         self, split: str, seed: int, first: int = 0, coarse: np.ndarray | None = None
     ) -> float:
-        """The simulation's own error: relative RMS change of the acceleration of the first record
-        when the tolerance is a hundred times tighter. `coarse` is that acceleration, if at hand."""
+        """Relative error of the simulation itself, on the first record of a split.
+
+        RMS change of its acceleration (T, n) when the tolerance is a hundred times tighter.
+        `coarse` is that acceleration at the usual tolerance, where it was computed before.
+        """
         drawn, tolerance = self._draw(split, seed, 0, first), self.tolerance
         if coarse is None:
             coarse = self._acceleration(split, *drawn, tolerance)

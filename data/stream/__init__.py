@@ -1,1 +1,1 @@
-"""Samples one by one: lines of text, clocks, sources."""
+"""How do samples arrive one by one? Lines of text, their time stamps, pipes and sockets."""

@@ -1,10 +1,10 @@
-"""Lines of text → samples, as they come: CSV below a header, or a JSON object a line.
+"""Lines of text → samples, as lines arrive: CSV below a header, or one JSON object a line.
 
     t,s_ddot1,a1,a2,a3                       {"t": 0.00, "f": [0.1], "a": [0.0, 0.0, 0.1]}
     0.0000,0.11,0.02,0.01,0.03               {"t": 0.01, "f": [0.2], "a": [0.1, null, 0.1]}
 
 Channels are named as in data/measured/channels.py; other columns are left out. Nothing in a line is
-executed; one that is no sample is counted, named and left out.   n DOFs.
+executed; a line that is no sample is counted, reported and left out.   n DOFs.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from data.sample import Sample, Sensors
 from data.stream.time_stamps import TimeStamps
 
 LONGEST = 1 << 16  # bytes of a line
-DIGITS = 64  # of a number
-FAULTS = 100  # newest ones that are kept
+DIGITS = 64  # characters of a number
+FAULTS = 100  # newest faults that are kept
 DELIMITERS = (",", ";", "\t")
 
 
 class SampleLines:
-    """Samples of a stream of lines, each with the moment at which its line was there.
+    """Samples of a stream of lines, each with the moment at which its line arrived.
 
     dt [s]: of the samples; channels: {"a1": column, …} where columns have other names; units: of a
     signal ("a": "g") or a channel, SI where neither this nor the header says.
-    Waits for the first line. Raises ValueError for one that names no accelerations or nothing that
-    drives them, and, when it comes, for a line that is too long.
+    Waits for the first line. Raises ValueError where that line names no accelerations, or nothing
+    that drives them, and later for a line that is too long.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class SampleLines:
         self._find_signals()
 
     def __iter__(self) -> Iterator[tuple[float, Sample]]:
-        """Moment [s] of `time.perf_counter`, and sample."""
+        """Moments [s] of `time.perf_counter`, and samples."""
         if self.json:
             yield from self._sample(self.number, self.first)
         for number, line in self.lines:
@@ -97,7 +97,7 @@ class SampleLines:
         ]
 
     def _name_channels(self, channels: Mapping[str, str], units: Mapping[str, str]) -> None:
-        """Which columns or keys are read, what they are, and their factors to SI."""
+        """Choose the columns or keys that are read, with their channels and factors to SI."""
         heads = self._heads()
         places: dict[str, int] = {}
         own_units: dict[str, str] = {}
@@ -139,7 +139,7 @@ class SampleLines:
         return heads
 
     def _find_signals(self) -> None:
-        """Places of each signal among the values. Raises ValueError for what cannot be used."""
+        """Find each signal among the values. Raises ValueError for signals that do not fit."""
         read = ", ".join(self.keys) or "no channel that is known here"
         places = {
             signal: [self.names.index(f"{signal}{i}") for i in numbered(self.names, signal)]
@@ -153,7 +153,7 @@ class SampleLines:
         if n == 0 or not (driven or self.base):
             lacks = "accelerations a1, …" if n == 0 else "forces f1, … or a support's s_ddot1"
             raise ValueError(
-                f"the input names {read}; expected {lacks} too; where they have other names: "
+                f"the input names {read}; expected {lacks} too; columns with other names: "
                 "--channels a1=COLUMN"
             )
         if self.base and (driven or len(places["s_ddot"]) > 1 or places["x"] or places["v"]):
@@ -168,7 +168,7 @@ class SampleLines:
         self.sensors = Sensors(self.dt, n, 1 if self.base else len(driven), forced)
 
     def _assembled(self, values: Sequence[float], time: float) -> Sample:
-        """A support's acceleration drives motions that are relative to it, as in data=measured."""
+        """One sample; motions are relative to a support whose acceleration drives them."""
         signals = {
             signal: torch.tensor([values[k] for k in at], dtype=torch.float64)
             for signal, at in self.places.items()
@@ -228,7 +228,7 @@ def _bare(head: str) -> str:
 
 
 def _factor(name: str, units: Mapping[str, str], stated: Mapping[str, str]) -> float:
-    """To SI, by the unit of the channel as stated, of its signal, or in its header."""
+    """Factor to SI, by the stated unit of the channel or of its signal, or by its header."""
     signal = signal_of(name)
     unit = stated.get(name) or stated.get(signal) or units.get(name)
     return 1.0 if unit is None else to_si(unit, signal)

@@ -1,4 +1,4 @@
-"""Where samples come from while somebody watches: a record at real speed, a pipe, a socket."""
+"""Sources of live samples: a record at the pace of its sensors, a pipe, a socket."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LOOPBACK = "127.0.0.1"
 def paced(record: Record, speed: float = 1.0) -> Iterator[tuple[float, Sample]]:
     """The samples of one record (T, ·), each with the moment at which it was due.
 
-    speed: 1 is that of the sensors, inf as fast as they are taken. Moments [s] are those of
+    speed: 1 is the pace of the sensors, inf does not wait. Moments [s] are those of
     `time.perf_counter`. Raises ValueError for a speed that is not positive.
     """
     if not speed > 0.0:
@@ -34,15 +34,16 @@ def paced(record: Record, speed: float = 1.0) -> Iterator[tuple[float, Sample]]:
 
 
 def standard_input() -> BinaryIO:
+    """Standard input, as bytes."""
     return sys.stdin.buffer
 
 
 @contextmanager
 def one_client(port: int) -> Iterator[BinaryIO]:
-    """What the first client of a port of this computer sends, and no other is let in.
+    """Lines that the first client of a port of this computer sends; no other client is let in.
 
-    Waits for the client. Port 0 takes a free one; which, stands on standard error.
-    Raises ValueError for a number that is no port, OSError for one that is taken.
+    Waits for the client. Port 0 takes a free port; its number is printed to standard error.
+    Raises ValueError for a number that is no port, OSError for a port in use.
     """
     if not 0 <= port < 1 << 16:
         raise ValueError(f"--listen {port}: expected a port from 0 to 65535")

@@ -1,4 +1,4 @@
-"""Time stamps of samples that come live → a time that a stream can go by."""
+"""Time stamps of live samples → seconds since the first sample."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from itertools import pairwise
 from math import isfinite
 from statistics import median
 
-PATIENCE = 100  # samples behind the newest, until the clock is taken for set back
-LEAP = 3600.0  # [s] ahead, beyond which no sensor was merely silent
+PATIENCE = 100  # samples behind the newest, then the clock is taken for set back
+LEAP = 3600.0  # [s]; a longer step is a clock set ahead, not a silent sensor
 CHECKED = 20  # first steps that are compared with the stated rate
 
 
 class TimeStamps:
     """Seconds since the first sample; a missing stamp is one step after the one before.
 
-    Stamps that repeat or lie behind come out as they are, for the stream to name them. Where they
-    stay behind, or leap far ahead, the clock was set, and time goes on from where it stood.
-    Raises ValueError where the first steps are nowhere near dt [s].
+    Stamps that repeat or lie behind the newest are passed on unchanged, for the stream to report.
+    Where stamps stay behind, or leap far ahead, the sensors' clock was set: time then goes on from
+    its newest value. Raises ValueError where the first steps differ from dt [s] by half of it.
     """
 
     def __init__(self, dt: float) -> None:
@@ -24,8 +24,8 @@ class TimeStamps:
         self.time = -dt  # [s] of the newest sample
         self.origin: float | None = None  # stamp at time 0
         self.behind = 0
-        self.note = ""  # what was done to the newest stamp
-        self._stamps: list[float] = []  # the first ones
+        self.note = ""  # how the newest stamp was changed, "" if it was not
+        self._stamps: list[float] = []  # the first stamps
 
     def __call__(self, stamp: float | None) -> float:
         """Time [s] of the next sample, whose stamp [s] may be missing."""

@@ -1,42 +1,42 @@
 """Runs compared by any choice that varies: median, range and failures of each group.
 
 `python evaluate.py runs=FOLDER by=model.cutoff metric=relative_rms_percent split=test`. Models,
-systems and scenarios are never mixed. What diverged is infinite and takes part in the median; a run
-that failed has no number and is counted.
+systems and scenarios are never mixed. What diverged or failed is infinite and takes part in the
+median, as everywhere (runner/spread.py).
 """
 
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
-from report.collection.long_table import chosen
-from report.collection.runs import FINISHED, Collected, typed
+from report.collection.runs import chosen
 from report.collection.scores import SPLITS, scores_of
-from report.free_run.rows import quantile
-from report.paper.tables import percent
+from runner.choices import typed
+from runner.result import Result, spread_of
+from runner.spread import DIVERGED, ESCAPED, FAILED, Spread, percent
 
 CASE = ("system", "scenario", "model")  # kept apart, whatever is asked for
+LOST = (DIVERGED, FAILED, ESCAPED)
+SMALL = 0.005  # below it a number has no decimals that count
 
 
-@dataclass
+@dataclass(frozen=True)
 class Group:
-    """Runs with their labels in common; values in the order of the runs, infinite: diverged."""
+    """Runs with their labels in common, and the spread of what is compared."""
 
     labels: tuple[Any, ...]  # of the keys of the comparison
-    values: list[float] = field(default_factory=list)
-    failed: int = 0  # failed, unfinished or damaged
-    without: int = 0  # finished, but without this number: no free run, say
+    spread: Spread
+    without: int  # runs that are unfinished, damaged, or without this number: no free run, say
 
     @property
-    def diverged(self) -> int:
-        return sum(map(math.isinf, self.values))
+    def runs(self) -> int:
+        return len(self.spread.values) + self.spread.escaped + self.without
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Comparison:
     notes: list[str]
 
 
-def compare(runs: Sequence[Collected], by: Sequence[str], metric: str, split: str) -> Comparison:
+def compare(runs: Sequence[Result], by: Sequence[str], metric: str, split: str) -> Comparison:
     """Groups in the order of their labels. Raises ValueError for a key, metric or split that these
     runs do not have, with the nearest ones that they do.
     """
@@ -58,39 +58,34 @@ def compare(runs: Sequence[Collected], by: Sequence[str], metric: str, split: st
     keys = (*extra, *by)
     numbers = [{score.name: score.value for score in scores_of(run.metrics)} for run in runs]
     number = _number(set().union(*numbers), metric, split)
-    groups: dict[tuple[Any, ...], Group] = {}
     members: dict[tuple[Any, ...], list[int]] = {}
     lacking = 0
-    for i, run in enumerate(runs):
+    for i in range(len(runs)):
         of_run = tuple(labels[key][i] for key in keys)
         if None in of_run:
             lacking += 1
-            continue
-        group = groups.setdefault(of_run, Group(of_run))
-        members.setdefault(of_run, []).append(i)
-        if run.status != FINISHED:
-            group.failed += 1
-        elif number in numbers[i]:
-            group.values.append(numbers[i][number])
         else:
-            group.without += 1
+            members.setdefault(of_run, []).append(i)
+    of_folder = {run.folder: found.get(number) for run, found in zip(runs, numbers, strict=True)}
+    groups = []
+    for of_group, places in members.items():
+        same = [runs[i] for i in places]
+        spread = spread_of(same, lambda run: of_folder[run.folder])
+        groups.append(Group(of_group, spread, len(same) - len(spread.values) - spread.escaped))
     notes = [f"{lacking} runs have no {' or '.join(by)} and are left out"] if lacking else []
     if mixed := _mixed(labels, by, list(members.values())):
         notes.append(f"within a group there also vary {', '.join(mixed)}; see by=[…]")
-    found = sorted(groups.values(), key=lambda group: [_order(label) for label in group.labels])
-    return Comparison(keys, by, number, found, notes)
+    groups.sort(key=lambda group: [_order(label) for label in group.labels])
+    return Comparison(keys, by, number, groups, notes)
 
 
-def labels_of(runs: Sequence[Collected]) -> dict[str, list[Any]]:
+def labels_of(runs: Sequence[Result]) -> dict[str, list[Any]]:
     """{key: label of each run} of all that runs may be told apart by."""
-    cases = [run.case for run in runs]
-    names = ("model", "system", "scenario", "seed")
-    of_case = {name: [case[i] for case in cases] for i, name in enumerate(names)}
-    of_case["code"] = [run.metrics.get("identity", {}).get("code") for run in runs]
-    return of_case | chosen(runs)
+    names = ("model", "system", "scenario", "seed", "code")
+    return {name: [getattr(run, name) for run in runs] for name in names} | chosen(runs)
 
 
-def _key(key: str, labels: dict[str, list[Any]], runs: Sequence[Collected]) -> str:
+def _key(key: str, labels: dict[str, list[Any]], runs: Sequence[Result]) -> str:
     name = key.removesuffix(".name")
     if name in labels:
         return name
@@ -129,7 +124,7 @@ def _mixed(
     labels: dict[str, list[Any]], by: Sequence[str], groups: Sequence[Sequence[int]]
 ) -> list[str]:
     """Choices, besides the seed, in which the runs of some group differ."""
-    others = (k for k in labels if k not in (*by, *CASE) and k.split(".")[-1] != "seed")
+    others = (k for k in labels if k not in (*by, *CASE, "grid") and k.split(".")[-1] != "seed")
     return [
         k
         for k in others
@@ -147,11 +142,9 @@ def is_number(label: Any) -> bool:
     return isinstance(label, int | float) and not isinstance(label, bool)
 
 
-def shown(value: float) -> str:
+def written(value: float) -> str:
     """A number of a table; Eq. 21 in percent, or anything else."""
-    if math.isinf(value):
-        return "diverged"
-    return percent(value) if 0.005 <= abs(value) < 1e5 or value == 0.0 else f"{value:.1e}"
+    return percent(value) if abs(value) >= SMALL or value == 0.0 else f"{value:.1e}"
 
 
 def as_table(comparison: Comparison) -> Table:
@@ -163,24 +156,19 @@ def as_table(comparison: Comparison) -> Table:
     for name in ("runs", "median (min – max)", *_counts(comparison)):
         table.add_column(name, justify="right")
     for group in comparison.groups:
-        cells = [str(len(group.values) + group.failed + group.without), _range(group)]
-        cells += [str(getattr(group, name)) for name in _counts(comparison)]
+        counts = _counts_of(group)
+        cells = [str(group.runs), group.spread.text(written)]
+        cells += [str(counts[name]) for name in _counts(comparison)]
         table.add_row(*(Text(str(label)) for label in group.labels), *cells)
     return table
 
 
 def _counts(comparison: Comparison) -> list[str]:
     """Columns of what went wrong anywhere."""
-    return [
-        name
-        for name in ("diverged", "failed", "without")
-        if any(getattr(group, name) for group in comparison.groups)
-    ]
+    counts = [_counts_of(group) for group in comparison.groups]
+    return [name for name in (*LOST, "without") if any(of_group[name] for of_group in counts)]
 
 
-def _range(group: Group) -> str:
-    middle = quantile(group.values, 0.5)
-    if middle is None:
-        return "–"
-    low, high = shown(min(group.values)), shown(max(group.values))
-    return shown(middle) if low == high == shown(middle) else f"{shown(middle)} ({low} – {high})"
+def _counts_of(group: Group) -> dict[str, int]:
+    lost = {name: getattr(group.spread, name) for name in LOST}
+    return {**lost, "without": group.without}

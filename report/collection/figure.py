@@ -17,9 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from report.collection.compare import Comparison, Group, is_number
-from report.free_run.rows import quantile
-from report.paper.signals import COLOURS
+from report.collection.compare import LOST, Comparison, Group, is_number
+from report.style import COLOURS
 
 WORDS = {"relative_rms_percent": "relative RMS error [%]", "fit_seconds": "time of the fit [s]"}
 MARKERS = "osD^vP*X"
@@ -32,7 +31,7 @@ PANELS = ("system", "scenario")
 
 def draw_comparison(comparison: Comparison) -> Figure:
     """Raises ValueError where no run has a value."""
-    if not any(group.values for group in comparison.groups):
+    if not any(group.spread.values for group in comparison.groups):
         raise ValueError(f"no run has {comparison.number}; there is nothing to draw")
     x = _numeric_key(comparison)
     panels = _panels(comparison, x)
@@ -110,10 +109,9 @@ def _draw_lines(
         by_name.setdefault(_series(comparison, group, x), []).append(group)
     for name, of_name in by_name.items():
         places = [float(group.labels[x]) for group in of_name]
-        middle = [_finite(quantile(group.values, 0.5)) for group in of_name]
-        low = [_finite(min(group.values, default=None)) for group in of_name]
-        finite = [[v for v in group.values if math.isfinite(v)] for group in of_name]
-        high = [max(values, default=math.nan) for values in finite]
+        middle = [_finite(group.spread.median) for group in of_name]
+        low = [min(group.spread.finite, default=math.nan) for group in of_name]
+        high = [max(group.spread.finite, default=math.nan) for group in of_name]
         colour, marker = names[name], MARKERS[list(names).index(name) % len(MARKERS)]
         joined = "-" if len(places) <= DRAWN else "none"
         style: dict[str, Any] = {
@@ -127,11 +125,12 @@ def _draw_lines(
             axes.fill_between(places, low, high, color=colour, alpha=0.25, linewidth=0.0)
         else:
             axes.vlines(places, low, high, color=colour, alpha=0.4)
-        lost = [p for p, group in zip(places, of_name, strict=True) if group.diverged]
+        counts = [len(group.spread.values) - len(group.spread.finite) for group in of_name]
+        lost = [place for place, count in zip(places, counts, strict=True) if count]
         if lost:
             edge = axes.get_xaxis_transform()
             axes.plot(lost, [1.0] * len(lost), "x", color=colour, transform=edge, clip_on=False)
-    scale(axes, "y", [v for group in comparison.groups for v in group.values])
+    scale(axes, "y", [v for group in comparison.groups for v in group.spread.values])
     _limit(axes, comparison.groups)
     values = sorted({float(group.labels[x]) for group in comparison.groups})
     scale(axes, "x", values)
@@ -151,15 +150,15 @@ def _draw_strips(
     for group in groups:
         name = _series(comparison, group, None)
         place = list(names).index(name)
-        values = [v for v in group.values if math.isfinite(v)]
+        values = group.spread.finite
         spread = np.linspace(-0.2, 0.2, len(values)) if len(values) > 1 else np.zeros(len(values))
         axes.plot(values, place + spread, "o", color=names[name], markersize=3.5, alpha=0.6)
-        if math.isfinite(middle := _finite(quantile(group.values, 0.5))):
+        if math.isfinite(middle := _finite(group.spread.median)):
             axes.plot([middle] * 2, [place - 0.35, place + 0.35], color="black", linewidth=1.6)
-        told = [(group.diverged, "diverged"), (group.failed, "failed")]
-        if text := ", ".join(f"{count} {what}" for count, what in told if count):
+        counts = [(getattr(group.spread, what), what) for what in LOST]
+        if text := ", ".join(f"{count} {what}" for count, what in counts if count):
             lost.append((place, text))
-    scale(axes, "x", [v for group in comparison.groups for v in group.values])
+    scale(axes, "x", [v for group in comparison.groups for v in group.spread.values])
     for place, text in lost:
         axes.text(
             0.99, place, text, transform=axes.get_yaxis_transform(), ha="right", va="center",
@@ -197,7 +196,7 @@ def scale(axes: Axes, which: str, values: Sequence[float]) -> None:
 
 def _limit(axes: Axes, groups: Sequence[Group]) -> None:
     """Ranges that leave the picture show that they do; the medians stay readable."""
-    medians = [m for g in groups if math.isfinite(m := _finite(quantile(g.values, 0.5)))]
+    medians = [m for g in groups if math.isfinite(m := _finite(g.spread.median))]
     if medians and axes.get_ylim()[1] > BEYOND * max(medians) > 0.0:
         axes.set_ylim(top=BEYOND * max(medians))
 

@@ -2,8 +2,8 @@
 
 Columns: run, model, system, scenario, seed, code, status, reason, split, estimate, metric, dof,
 value; then every choice that is not the same in all runs, by its dotted name. What diverged has an
-infinite value. A run that failed, is unfinished or damaged has one row with the reason, without a
-metric.
+infinite value. A run without numbers (failed, escaped, unfinished or damaged) has one row with the
+reason, without a metric; runner/spread.py says how such runs count.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ import pyarrow.compute  # type: ignore[import-untyped]
 import pyarrow.csv  # type: ignore[import-untyped]
 import pyarrow.parquet  # type: ignore[import-untyped]
 
-from report.collection.runs import FINISHED, Collected, varying
-from report.collection.scores import DIVERGED, Score, scores_of
+from report.collection.runs import chosen
+from report.collection.scores import Score, scores_of
+from runner.result import FINISHED, STATUSES, Result
+from runner.spread import DIVERGED
 
-NAMES = ("model.name", "system.name", "scenario.name", "seed")  # have columns of their own
 NOTHING = Score("", "", "", None, math.nan)  # of a run without numbers
 
 
-def long_table(runs: Sequence[Collected]) -> pa.Table:
+def long_table(runs: Sequence[Result]) -> pa.Table:
     """The table, in the order of the runs."""
     scores = [list(scores_of(run.metrics)) or [NOTHING] for run in runs]
     of_run = pa.array([i for i, found in enumerate(scores) for _ in found], pa.int32())
@@ -51,29 +52,14 @@ def long_table(runs: Sequence[Collected]) -> pa.Table:
 HEAD = ("run", "model", "system", "scenario", "seed", "code", "status", "reason", "split")
 
 
-def _runs_table(runs: Sequence[Collected]) -> pa.Table:
+def _runs_table(runs: Sequence[Result]) -> pa.Table:
     """A row for each run: who it is, what became of it, and what it chose that others did not."""
-    cases = [run.case for run in runs]
     columns: dict[str, Any] = {"run": [_from_here(run.folder) for run in runs]}
-    columns |= {name: [case[i] for case in cases] for i, name in enumerate(HEAD[1:4])}
-    columns["seed"] = pa.array([_whole(case[3]) for case in cases], pa.int64())
-    columns["code"] = [run.metrics.get("identity", {}).get("code") for run in runs]
-    columns["status"] = [run.status for run in runs]
-    columns["reason"] = [run.reason for run in runs]
+    columns |= {name: [getattr(run, name) for run in runs] for name in HEAD[1:4]}
+    columns["seed"] = pa.array([_whole(run.seed) for run in runs], pa.int64())
+    columns |= {name: [getattr(run, name) for run in runs] for name in ("code", "status", "reason")}
     choices = {name: _column(values) for name, values in chosen(runs).items()}
     return pa.table(columns | choices)
-
-
-def chosen(runs: Sequence[Collected]) -> dict[str, list[Any]]:
-    """Choices that vary; a system's dozens of settings only where its name does not tell them."""
-    systems = [run.choices.get("system.name") for run in runs]
-    found = {}
-    for name, values in varying(runs).items():
-        pairs = set(zip(systems, map(str, values), strict=True))
-        told = name.startswith("system.") and len(pairs) == len(set(systems))
-        if name not in NAMES and not told:
-            found[name] = values
-    return found
 
 
 def _from_here(folder: Path) -> str:
@@ -111,9 +97,9 @@ def write_long(table: pa.Table, folder: Path) -> list[Path]:
     return [folder / name for name in writers]
 
 
-def counted(runs: Sequence[Collected]) -> str:
+def counted(runs: Sequence[Result]) -> str:
     """How many there are of each status, in a line."""
-    counts = dict.fromkeys((FINISHED, "failed", "unfinished", "damaged"), 0)
+    counts = dict.fromkeys(STATUSES, 0)
     for run in runs:
         counts[run.status] += 1
     told = [f"{count} {status}" for status, count in counts.items() if count or status == FINISHED]

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 SPLITS = ("train", "validation", "test", "free_run_train", "free_run_validation", "free_run")
 OF_THE_RUN = ("fit_seconds", "parameters", "simulation_error")
-DIVERGED = "diverged"
 
 
 class Score(NamedTuple):

@@ -13,38 +13,40 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from report.free_run.questions import Answers, answers
-from report.free_run.rows import SYSTEMS, Entry, Row, quantile, rank, row_of, rows_apart
-from report.free_run.signals import colour_of, loops_of_model, motions
+from report.free_run.rows import RECORDS, SYSTEMS, Row, rank, row_of, rows_apart
+from report.free_run.signals import loops_of_model, motions
 from report.free_run.tables import case, records_of
-from report.paper.figures import percent_ticks
-from report.run.figures import save_figure
+from report.output import save_figure
+from report.style import colour_of, mark_lost, percent_ticks
+from runner.result import Result, spread_of
+from runner.spread import Spread, quantile
 
 BEST = 3  # models drawn against truth, and the linear system
 AXIS = {  # label of the setting that is varied, and its unit in that of the config
-    "data.train_records": ("training records", 1.0),
+    RECORDS: ("training records", 1.0),
     "scenario.level": ("standard deviation of the noise over the signal's [%]", 100.0),
 }
-NAMES = {"data.train_records": "training_records", "scenario.level": "noise_level"}
+NAMES = {RECORDS: "training_records", "scenario.level": "noise_level"}
 
 
 def draw_leaderboard(
-    entries: Sequence[Entry], questions: Sequence[Entry], folder: Path
+    runs: Sequence[Result], questions: Sequence[Result], folder: Path
 ) -> list[Path]:
     """Draw what the runs allow, as PNG and PDF; returns the files."""
     paths: list[Path] = []
-    for name, figure in leaderboard_figures(entries, questions):
+    for name, figure in leaderboard_figures(runs, questions):
         paths += save_figure(figure, folder, name)
     return paths
 
 
 def leaderboard_figures(
-    entries: Sequence[Entry], questions: Sequence[Entry]
+    runs: Sequence[Result], questions: Sequence[Result]
 ) -> Iterator[tuple[str, Figure]]:
     """(name, figure) of everything for which there are runs."""
-    scored = [entry for entry in entries if entry.no_free_run is None]
-    by_setting: dict[tuple[int | None, str], list[Entry]] = {}
-    for entry in scored:
-        by_setting.setdefault((entry.train_records, entry.scenario), []).append(entry)
+    scored = [run for run in runs if run.no_free_run is None]
+    by_setting: dict[tuple[int | None, str], list[Result]] = {}
+    for run in scored:
+        by_setting.setdefault((run.train_records, run.setting), []).append(run)
     for (records, scenario), same in by_setting.items():
         plural = "" if records == 1 else "s"
         counted = "" if records is None else f"{records}_record{plural}_"
@@ -54,10 +56,10 @@ def leaderboard_figures(
     for system in _systems(scored):
         if compared := best_of(scored, system):
             yield f"free_run_{system}", motions(compared)
-            for entry in compared:
-                figure = loops_of_model(entry)
+            for run in compared:
+                figure = loops_of_model(run)
                 if figure is not None:
-                    yield f"loops_{entry.run.model}_{system}", figure
+                    yield f"loops_{run.model}_{system}", figure
     asked = answers(questions, scored)
     for varied in AXIS:
         curves = {(key[0], key[2]): curve for key, curve in asked.items() if key[1] == varied}
@@ -65,31 +67,31 @@ def leaderboard_figures(
             yield f"free_run_error_against_{NAMES[varied]}", error_curves(curves, varied)
 
 
-def _systems(entries: Sequence[Entry]) -> list[str]:
-    found = {entry.run.system for entry in entries}
+def _systems(runs: Sequence[Result]) -> list[str]:
+    found = {str(run.system) for run in runs}
     return [*(s for s in SYSTEMS if s in found), *sorted(found - set(SYSTEMS))]
 
 
-def best_of(entries: Sequence[Entry], system: str) -> list[Entry]:
+def best_of(runs: Sequence[Result], system: str) -> list[Result]:
     """Finished runs of the best models of a system and of the linear one, at one seed.
 
     Of the setting with the most training records; the lowest seed at which all of them finished.
     """
-    mine = [entry for entry in entries if entry.run.system == system]
-    runs = [(row_of(same, varied), same) for varied, same in rows_apart(mine)]
-    runs = sorted((pair for pair in runs if _finite(pair[0].median_percent)), key=_rank)
-    models: dict[str, list[Entry]] = {}  # each in its best setting
-    for row, same in runs:
-        if case(row) == case(runs[0][0]):
+    mine = [run for run in runs if run.system == system]
+    pairs = [(row_of(same, varied), same) for varied, same in rows_apart(mine)]
+    pairs = sorted((pair for pair in pairs if _finite(pair[0].errors.median)), key=_rank)
+    models: dict[str, list[Result]] = {}  # each in its best setting
+    for row, same in pairs:
+        if case(row) == case(pairs[0][0]):
             models.setdefault(row.model, same)
     linear = models.pop("linear", None)
     drawn = [*list(models.values())[:BEST], *([linear] if linear else [])]
-    by_seed = [{e.run.seed: e for e in same if not e.failed} for same in drawn]
+    by_seed = [{run.seed: run for run in same if run.finished} for same in drawn]
     shared = set.intersection(*map(set, by_seed)) if by_seed else set()
     return [found[min(shared)] for found in by_seed] if shared else []
 
 
-def _rank(pair: tuple[Row, list[Entry]]) -> tuple[Any, ...]:
+def _rank(pair: tuple[Row, list[Result]]) -> tuple[Any, ...]:
     return rank(pair[0])
 
 
@@ -97,60 +99,56 @@ def _finite(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
 
 
-def errors_over_seeds(entries: Sequence[Entry]) -> Figure:
+def errors_over_seeds(runs: Sequence[Result]) -> Figure:
     """Free-run error of every model over the seeds; a panel per system, the best model on top."""
-    systems = _systems(entries)
-    errors = _errors(entries)
+    systems = _systems(runs)
+    errors = _errors(runs)
     labels = _best_first(errors)
     size = (2.4 + 2.9 * len(systems), 1.2 + 0.34 * len(labels))
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(systems), sharey=True, squeeze=False)[0]
     for axes, system in zip(panels, systems, strict=True):
         for place, label in enumerate(labels):
-            _spread(axes, place, label.split()[0], errors.get((label, system), []))
+            _spread(axes, place, label.split()[0], errors.get((label, system), Spread()))
         axes.set_title(system, fontsize="medium")
         _finish_errors(axes, labels)
-    setting = f"{records_of(entries[0].train_records)}{entries[0].scenario}"
+    setting = f"{records_of(runs[0].train_records)}{runs[0].setting}"
     figure.suptitle(setting, fontsize="medium")
     figure.supxlabel("free-run test error [%]  (▶: seeds diverged or failed)", fontsize="medium")
     return figure
 
 
-def _errors(entries: Sequence[Entry]) -> dict[tuple[str, str], list[float]]:
+def _errors(runs: Sequence[Result]) -> dict[tuple[str, str], Spread]:
     """{(model and settings that tell it apart, system): errors of all seeds}."""
     return {
-        (f"{same[0].run.model} {varied}".strip(), same[0].run.system): list(map(_error, same))
-        for varied, same in rows_apart(entries)
+        (f"{same[0].model} {varied}".strip(), str(same[0].system)): _of_free_runs(same)
+        for varied, same in rows_apart(runs)
     }
 
 
-def _error(entry: Entry) -> float:
-    return math.inf if entry.free_run is None else entry.free_run
+def _of_free_runs(runs: Sequence[Result]) -> Spread:
+    return spread_of(runs, lambda run: run.free_run)
 
 
-def _best_first(errors: dict[tuple[str, str], list[float]]) -> list[str]:
+def _best_first(errors: dict[tuple[str, str], Spread]) -> list[str]:
     """Models by the median over the systems of their medians over the seeds."""
     middle: dict[str, list[float]] = {}
     for (label, _), of_seeds in errors.items():
-        middle.setdefault(label, []).append(quantile(of_seeds, 0.5) or 0.0)
+        middle.setdefault(label, []).append(of_seeds.median or 0.0)
     return sorted(middle, key=lambda label: (quantile(middle[label], 0.5), label))
 
 
-def _spread(axes: Axes, place: int, model: str, errors: Sequence[float]) -> None:
-    """Box of the quartiles and median of all seeds, every seed, and those that diverged."""
-    finite = [error for error in errors if math.isfinite(error)]
-    lost = len(errors) - len(finite)
+def _spread(axes: Axes, place: int, model: str, errors: Spread) -> None:
+    """Box of the quartiles and median of all seeds, every seed, and those that were lost."""
     colour = colour_of(model)
-    low, middle, high = (quantile(errors, q) for q in (0.25, 0.5, 0.75))
+    low, high = errors.quartiles
     if low is not None and high is not None and math.isfinite(high):
         axes.barh(place, high - low, left=low, height=0.6, color=colour, alpha=0.45)
-    if middle is not None and math.isfinite(middle):
-        axes.plot([middle] * 2, [place - 0.3, place + 0.3], color="black", linewidth=1.6)
+    if errors.median is not None and math.isfinite(errors.median):
+        axes.plot([errors.median] * 2, [place - 0.3, place + 0.3], color="black", linewidth=1.6)
+    finite = errors.finite
     axes.plot(finite, [place] * len(finite), "o", color=colour, markersize=3.5, alpha=0.9)
-    if lost:
-        edge = axes.get_yaxis_transform()
-        axes.plot(0.985, place, ">", markersize=6, transform=edge, color=colour)
-        axes.text(0.955, place, str(lost), transform=edge, ha="right", va="center", fontsize=7)
+    mark_lost(axes, place, len(errors.values) - len(finite), colour)
 
 
 def _finish_errors(axes: Axes, models: Sequence[str]) -> None:
@@ -204,8 +202,10 @@ def error_curves(curves: dict[tuple[str, str], Answers], varied: str) -> Figure:
 
 def _curve(axes: Axes, model: str, curve: Answers, unit: float) -> None:
     x = [unit * float(value) for value in curve]
-    errors = [[_error(entry) for entry in same] for same in curve.values()]
-    low, middle, high = (np.array([quantile(e, q) for e in errors]) for q in (0.25, 0.5, 0.75))
+    errors = [_of_free_runs(same).values for same in curve.values()]
+    low, middle, high = (
+        np.array([quantile(e, q) for e in errors], dtype=float) for q in (0.25, 0.5, 0.75)
+    )
     finite, colour = np.isfinite(middle), colour_of(model)
     drawn = np.where(finite, middle, np.nan)
     axes.plot(x, drawn, color=colour, marker="o", markersize=4, label=model)

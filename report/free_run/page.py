@@ -13,46 +13,25 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from string import Template
 
-from omegaconf import OmegaConf
-
 from models.training.metrics import FREE_RUNS
+from report.collection.grids import grids_of
 from report.free_run.beyond import AS_TRAINED, FILE, LARGER, STD, STEPS, beyond_rows, chosen
 from report.free_run.beyond import BEYOND_COLUMNS as BEYOND
 from report.free_run.models import contains, told
-from report.free_run.questions import QUESTION_COLUMNS, question_of, question_rows
-from report.free_run.rows import (
-    RECORDS,
-    SYSTEMS,
-    Entry,
-    Row,
-    against_true,
-    leaderboard,
-    quantile,
-    row_of,
-    rows_apart,
-)
-from report.free_run.tables import (
-    COLUMNS,
-    Columns,
-    Title,
-    as_markdown,
-    between,
-    case,
-    error,
-    records_of,
-    sections,
-)
-from report.paper.tables import percent
-from runner.command_line import CONF
+from report.free_run.questions import QUESTION_COLUMNS, QUESTIONS, question_of, question_rows
+from report.free_run.rows import SYSTEMS, Row, leaderboard, row_of, rows_apart
+from report.free_run.tables import COLUMNS, Columns, Title, case, records_of, sections
+from report.output import code, markdown, sections_markdown
 from runner.progress import is_finished
+from runner.result import Result, against_true
 from runner.run_folder import write_text
+from runner.spread import DIVERGED, ESCAPED, FAILED, percent, quantile
 
 TEMPLATE = Path(__file__).with_name("page.md")
 BEGIN, END = "<!-- free runs: begin -->", "<!-- free runs: end -->"  # of the table in README.md
 FULL_STATE = "full_state"
 PRINTED = {"bouc_wen": "Bouc–Wen"}
-ASKED = {"less_data": RECORDS, "more_noise": "scenario.level", "topology": "model.elements"}
-QUESTIONS = "python train.py -m experiment=free_run_questions"
+ASK = "python train.py -m experiment=free_run_questions"
 CAUGHT = 10.0  # times the median of the other seeds
 MARKS = {"yes": " †", "possible": " ‡"}
 NOTES = (
@@ -62,23 +41,23 @@ NOTES = (
 )
 
 
-def write_free_run_page(
-    page: Path, entries: Sequence[Entry], asked: Sequence[Entry], drawn: Sequence[Path]
+def write_page(
+    page: Path, runs: Sequence[Result], asked: Sequence[Result], drawn: Sequence[Path]
 ) -> None:
     """Fill the template; the figures `drawn` go beside it, the first table into the README.
 
-    entries: the leaderboard's; asked: those of the questions, may be empty.
+    runs: the leaderboard's; asked: those of the questions, may be empty.
     """
-    rows = leaderboard(entries)
+    rows = leaderboard(runs)
     pictures = [path for path in drawn if path.suffix == ".png"]
-    facts = dict(_of_leaderboard(rows)) | dict(_of_costs(rows, entries, asked))
-    seeds = {entry.run.seed for entry in entries}
+    facts = dict(_of_leaderboard(rows)) | dict(_of_costs(rows, runs, asked))
+    seeds = {run.seed for run in runs}
     facts |= {
-        "missing": _missing(rows, entries),
-        "caught": _caught(entries),
+        "missing": _missing(rows, runs),
+        "caught": _caught(runs),
         "seeds": f"{min(seeds)} … {max(seeds)}",
     }
-    facts |= dict(_of_questions(question_rows(asked, entries), _beyond(entries)))
+    facts |= dict(_of_questions(question_rows(asked, runs), _beyond(runs)))
     facts |= dict(_of_figures([path.stem for path in pictures]))
     text = Template(TEMPLATE.read_text("utf-8")).substitute(facts)
     figures = page.parent / "figures"
@@ -89,21 +68,19 @@ def write_free_run_page(
     _paste(page.absolute().parent.parent / "README.md", facts["overview"])
 
 
-def _missing(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
+def _missing(rows: Sequence[Row], runs: Sequence[Result]) -> str:
     """What the experiment names and these runs lack, and whether they are of this code."""
     lines = []
     systems = [PRINTED.get(s, s) for s in SYSTEMS if s not in {row.system for row in rows}]
     if systems:
         lines.append(f"no runs of {', '.join(systems)} yet")
-    grids = OmegaConf.load(
-        CONF / "experiment" / "free_run" / "free_run.yaml"
-    ).hydra.sweeper.grids.values()
-    planned = [model for grid in grids for model in str(grid.model).split(",")]
+    grids = grids_of("free_run").values()
+    planned = [model for grid in grids for model in str(grid["model"]).split(",")]
     lacking = [m for m in dict.fromkeys(planned) if m not in {row.model for row in rows}]
     if lacking:
         names = ", ".join(f"`{model}`" for model in lacking)
         lines.append(f"the experiment names {names} too, which were not run yet")
-    older = sum(bool(e.run.metrics) and not is_finished(e.run.folder) for e in entries)
+    older = sum(run.finished and not is_finished(run.folder) for run in runs)
     if older:
         lines.append(f"{older} runs were made by earlier code of `data/` or `models/`")
     return f"\n**Incomplete:** {'; '.join(lines)}.\n" if lines else ""
@@ -120,9 +97,8 @@ def _paste(readme: Path, table: str) -> None:
 
 def _of_leaderboard(rows: Sequence[Row]) -> Iterator[tuple[str, str]]:
     """Counts, the overview, the rows setting by setting, and what the models know."""
-    yield "runs", str(sum(row.runs for row in rows))
-    yield "diverged", str(sum(row.diverged for row in rows))
-    yield "failed", str(sum(row.failed for row in rows))
+    for count in ("runs", DIVERGED, FAILED, ESCAPED):
+        yield count, str(sum(getattr(row.errors, count) for row in rows))
     simulated = [row for row in rows if not row.no_free_run]
     yield "overview", "\n\n".join([matrix(simulated, _spread), " ".join(NOTES)])
     usual, first = next(iter(settings(simulated).items()))
@@ -134,8 +110,8 @@ def _of_leaderboard(rows: Sequence[Row]) -> Iterator[tuple[str, str]]:
         blocks += [f"### {title}", _tables(same, columns, case)]
     yield "leaderboard", "\n\n".join(blocks)
     models = dict.fromkeys(row.model for same in settings(rows).values() for row in same)
-    lines = [f"| `{model}` | {told(model)} |" for model in models]
-    yield "known", "\n".join(["| model | what it is told |", "| --- | --- |", *lines])
+    known = [(code(model), told(model)) for model in models]
+    yield "known", markdown(("model", "what it is told"), known, left=None)
     yield "lost", _lost(rows)
 
 
@@ -156,7 +132,7 @@ def matrix(rows: Sequence[Row], cell: Callable[[Row], str]) -> str:
     found = {row.system for row in rows}
     systems = [*(s for s in SYSTEMS if s in found), *sorted(found - set(SYSTEMS))]
     head = ["model", *(PRINTED.get(system, system) for system in systems)]
-    lines = [head, ["---", *["---:"] * len(systems)]]
+    lines: list[list[str]] = []
     for number, same in enumerate(settings(rows).values()):
         named: dict[str, dict[str, Row]] = {}
         for row in same:
@@ -165,7 +141,7 @@ def matrix(rows: Sequence[Row], cell: Callable[[Row], str]) -> str:
             named.setdefault(label, {})[row.system] = row
         for label, of in sorted(named.items(), key=lambda item: _middle(item[1].values())):
             lines.append([label, *(cell(of[s]) if s in of else "" for s in systems)])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown(head, lines)
 
 
 def _setting(row: Row) -> str:
@@ -176,78 +152,79 @@ def _setting(row: Row) -> str:
 
 def _middle(rows: Iterable[Row]) -> float:
     """Median over the systems of the medians over the seeds."""
-    medians = [row.median_percent for row in rows if row.median_percent is not None]
+    medians = [row.errors.median for row in rows if row.errors.median is not None]
     return quantile(medians, 0.5) or 0.0
 
 
 def _spread(row: Row) -> str:
-    mark = MARKS.get(contains(row), "")
-    ours = between(row, row.min_percent, row.max_percent)
-    return f"{error(row, row.median_percent)} ({ours}){mark}"
+    return row.errors.text() + MARKS.get(contains(row), "")
 
 
 def _one_step_and_free(row: Row) -> str:
     """Both medians; an estimate one step ahead is never said to have diverged."""
-    return f"{percent(row.one_step_median_percent)} → {error(row, row.median_percent)}"
+    return f"{percent(row.one_step_percent)} → {row.errors.words(row.errors.median)}"
 
 
 def _tables(rows: Sequence[Row], columns: Columns, title: Title) -> str:
     """Of each title a table, as in the leaderboard's own files but without their caption."""
-    return as_markdown(sections(rows, columns, title)).rpartition("\n\n")[0]
+    return sections_markdown(sections(rows, columns, title)).rstrip()
 
 
 def _lost(rows: Sequence[Row]) -> str:
-    mine = [row for row in rows if row.diverged or row.failed]
-    if not mine:
+    """Rows with lost runs, and how many there are of each kind."""
+    escaped = [ESCAPED] if any(row.errors.escaped for row in rows) else []
+    names = ("runs", DIVERGED, FAILED, *escaped)
+    lines = []
+    for row in rows:
+        counts = [getattr(row.errors, name) for name in names]
+        if any(counts[1:]):
+            where = f"{records_of(row.train_records)}{row.scenario} {row.varied}".strip()
+            lines.append([code(row.model), row.system, where, *map(str, counts)])
+    if not lines:
         return "No run diverged and none failed."
-    lines = ["| model | system | setting | runs | diverged | failed |", "|" + " --- |" * 6]
-    for row in mine:
-        where = f"{records_of(row.train_records)}{row.scenario} {row.varied}".strip()
-        counts = f"{row.runs} | {row.diverged} | {row.failed}"
-        lines.append(f"| `{row.model}` | {row.system} | {where} | {counts} |")
-    return "\n".join(lines)
+    return markdown(("model", "system", "setting", *names), lines, left=None)
 
 
-def _caught(entries: Sequence[Entry]) -> str:
+def _caught(runs: Sequence[Result]) -> str:
     """Runs whose error is CAUGHT times the median of their row, and their training error."""
     lines = []
-    for varied, same in rows_apart(entries):
+    for varied, same in rows_apart(runs):
         row = row_of(same, varied)
-        limit = CAUGHT * (math.inf if row.median_percent is None else row.median_percent)
-        for entry in same:
-            if limit < (entry.free_run or 0.0) < math.inf:
-                training = against_true((entry.run.metrics or {}).get(FREE_RUNS["train"], {}))
-                errors = (row.median_percent, entry.free_run, training)
-                texts = [f"`{row.model}`", row.system, _setting(row), str(entry.run.seed)]
-                texts += [error(row, value) for value in errors]
-                lines.append(f"| {' | '.join(texts)} |")
-    head = "| model | system | setting | seed | median | its error | in training |"
-    return "\n".join([head, "|" + " --- |" * 7, *lines]) if lines else "There is none among these."
+        middle = row.errors.median
+        limit = CAUGHT * (math.inf if middle is None else middle)
+        for run in same:
+            if limit < (run.free_run or 0.0) < math.inf:
+                training = against_true(run.metrics.get(FREE_RUNS["train"], {}))
+                errors = (row.errors.words(u) for u in (middle, run.free_run, training))
+                place = (code(row.model), row.system, _setting(row), str(run.seed))
+                lines.append([*place, *errors])
+    head = ("model", "system", "setting", "seed", "median", "its error", "in training")
+    return markdown(head, lines, left=None) if lines else "There is none among these."
 
 
 def _of_costs(
-    rows: Sequence[Row], entries: Sequence[Entry], asked: Sequence[Entry]
+    rows: Sequence[Row], runs: Sequence[Result], asked: Sequence[Result]
 ) -> Iterator[tuple[str, str]]:
     """Seconds of every fit, and hours of all of them together."""
-    yield "costs", matrix(rows, lambda row: percent(row.fit_seconds_median))
-    yield "hours", _hours(entries)
+    yield "costs", matrix(rows, lambda row: percent(row.fit_seconds))
+    yield "hours", _hours(runs)
     yield "hours_questions", _hours(asked) if asked else "not measured here, about as much"
 
 
-def _hours(entries: Sequence[Entry]) -> str:
-    done = [entry.run.metrics for entry in entries if entry.run.metrics is not None]
-    return f"{sum(m.get('fit_seconds', 0.0) for m in done) / 3600.0:.1f} hours"
+def _hours(runs: Sequence[Result]) -> str:
+    seconds = sum(run.metrics.get("fit_seconds", 0.0) for run in runs)
+    return f"{seconds / 3600.0:.1f} hours"
 
 
-def _beyond(entries: Sequence[Entry]) -> list[Row]:
+def _beyond(runs: Sequence[Result]) -> list[Row]:
     """Rows of report/free_run/beyond.py, of the runs that it has scored."""
-    return beyond_rows([e for e in chosen(entries) if (e.run.folder / FILE).is_file()])
+    return beyond_rows([run for run in chosen(runs) if (run.folder / FILE).is_file()])
 
 
 def _of_questions(answered: Sequence[Row], beyond: Sequence[Row]) -> Iterator[tuple[str, str]]:
-    for name, varied in ASKED.items():
+    for name, varied in QUESTIONS.items():
         mine = [row for row in answered if row.varied == varied]
-        yield name, _answer(mine, QUESTION_COLUMNS, question_of, QUESTIONS)
+        yield name, _answer(mine, QUESTION_COLUMNS, question_of, ASK)
     changes = {"larger": [f"{STD}*{LARGER}"], "other_dt": [f"data.dt={dt}" for dt in STEPS]}
     for name, wanted in changes.items():
         mine = [row for row in beyond if row.varied in (AS_TRAINED, *wanted)]

@@ -6,7 +6,6 @@ T samples, n DOFs, E elements.
 from __future__ import annotations
 
 import re
-import zlib
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -24,35 +23,18 @@ from models.estimator import Estimator
 from models.training.assemble import data_from
 from models.training.free_run import simulate
 from models.training.metrics import displacement_of
-from report.free_run.rows import Entry
-from report.paper.signals import COLOURS, behaviour
-from report.run.figures import MEASURED
+from report.paper.signals import behaviour
+from report.style import MEASURED, colour_of
+from runner.result import Result
 from runner.run_folder import read_run, restore
 
-NEW = {  # what the study lacks: Tol (2021)
-    "element_network": "#EE3377",
-    "element_network_tanh": "#33BBEE",
-    "element_network_accelerations": "#AA4499",
-    "latent_hysteresis_network": "#117733",
-    "vwnn_forward": "#4477AA",
-    "gru": "#BBCC33",
-    "lstm": "#009988",
-    "neural_state_space": "#663311",
-}
-OTHERS = ("#DDCC77", "#661100", "#6699CC", "#888888")
 ROOM = 0.5  # of the true range, above and below; a motion beyond is cut off
 
 
-def colour_of(model: str) -> str:
-    """The same in every picture."""
-    other = OTHERS[zlib.crc32(model.encode()) % len(OTHERS)]
-    return NEW.get(model) or COLOURS.get(model) or other
-
-
-def restored(entry: Entry) -> tuple[Estimator, Data]:
+def restored(run: Result) -> tuple[Estimator, Data]:
     """The identified estimator of a run and its motions."""
-    cfg, _ = read_run(entry.run.folder)
-    return restore(cfg, entry.run.folder), _motions(entry.run.folder)
+    cfg, _ = read_run(run.folder)
+    return restore(cfg, run.folder), _motions(run.folder)
 
 
 @cache
@@ -62,13 +44,13 @@ def _motions(folder: Path) -> Data:
     return data
 
 
-def motions(entries: Sequence[Entry], seconds: float = 10.0) -> Figure:
+def motions(runs: Sequence[Result], seconds: float = 10.0) -> Figure:
     """Acceleration and displacement of free runs against truth, `seconds` before the end.
 
     There a drift shows; a measured motion is shown about its peak, for it may end at rest.
-    `entries`: one run of each model, all of one system and seed.
+    `runs`: one run of each model, all of one system and seed.
     """
-    record, responses = _simulated(entries)
+    record, responses = _simulated(runs)
     count = min(record.samples, max(2, round(seconds / record.dt)))
     last = record.samples
     if record.truth is None:
@@ -92,20 +74,20 @@ def motions(entries: Sequence[Entry], seconds: float = 10.0) -> Figure:
             known = None if reference is None else reference[span, i].numpy()
             _motion(axes, t, known, curves, "measured" if record.truth is None else "true")
             axes.set_ylabel(label.format(i + 1))
-        panels[-1, column].set_xlabel(f"time [s] of the test motion, seed {entries[0].run.seed}")
+        panels[-1, column].set_xlabel(f"time [s] of the test motion, seed {runs[0].seed}")
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
     return figure
 
 
-def _simulated(entries: Sequence[Entry]) -> tuple[Record, dict[str, Response]]:
+def _simulated(runs: Sequence[Result]) -> tuple[Record, dict[str, Response]]:
     """The first test record, and the free run of it by each model."""
     responses = {}
-    for entry in entries:
-        estimator, data = restored(entry)
+    for run in runs:
+        estimator, data = restored(run)
         record = data.records["test"][0]
         with torch.inference_mode():
-            responses[entry.run.model] = simulate(estimator, record)
+            responses[str(run.model)] = simulate(estimator, record)
     return record, responses
 
 
@@ -139,13 +121,13 @@ def _note(axes: Axes, text: str) -> None:
     axes.text(0.995, 0.03, text, bbox=box, **place)
 
 
-def loops_of_model(entry: Entry) -> Figure | None:
+def loops_of_model(run: Result) -> Figure | None:
     """Figs. 6–8 redrawn from a model: force against deformation of its elements over the truth.
 
     For estimators with `element_loops`, whose `elements` are pairs of nodes; elements are matched
     by their nodes, in whichever direction. None for the others.
     """
-    estimator, data = restored(entry)
+    estimator, data = restored(run)
     record = data.records["test"][0]
     simulated: Any = estimator  # of the two, the interface knows neither
     if not (hasattr(simulated, "element_loops") and hasattr(simulated, "elements")):
@@ -168,8 +150,8 @@ def loops_of_model(entry: Entry) -> Figure | None:
         for pair, sign in (((start, end), 1.0), ((end, start), -1.0)):
             if pair in found:
                 loop = (sign * signal[:, found[pair]] for signal in (y, r))
-                colour = colour_of(entry.run.model)
-                axes.plot(*loop, color=colour, linewidth=0.6, label=entry.run.model)
+                colour = colour_of(str(run.model))
+                axes.plot(*loop, color=colour, linewidth=0.6, label=run.model)
                 break
         else:
             _note(axes, "not in the model")

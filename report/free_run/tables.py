@@ -1,21 +1,14 @@
-"""Rows of free runs as files: CSV with every figure, Markdown and LaTeX (booktabs) to read."""
+"""Rows of free runs as texts: columns, titles, and why some models have no free run."""
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, fields
 from itertools import groupby
 from pathlib import Path
 
-from rich.table import Table
-from rich.text import Text
-
 from report.free_run.rows import Row
-from report.paper.tables import percent
-from runner.run_folder import write_text
+from report.output import Section, as_csv, latex, sections_markdown, write_texts
+from runner.spread import percent
 
 CAPTION = (
     "errors of the test motions in %, against the true signals where they are known; free run: "
@@ -37,41 +30,18 @@ def records_of(count: int | None) -> str:
 COLUMNS: Columns = {
     "model": lambda row: row.model,
     "setting": lambda row: row.varied,
-    "runs": lambda row: str(row.runs),
-    "failed": lambda row: str(row.failed),
-    "diverged": lambda row: str(row.diverged),
-    "free run": lambda row: error(row, row.median_percent),
-    "quartiles": lambda row: between(row, row.q25_percent, row.q75_percent),
-    "min – max": lambda row: between(row, row.min_percent, row.max_percent),
-    "displacement": lambda row: error(row, row.displacement_median_percent),
-    "one step": lambda row: error(row, row.one_step_median_percent),
-    "fit [s]": lambda row: percent(row.fit_seconds_median),
+    "runs": lambda row: str(row.errors.runs),
+    "failed": lambda row: str(row.errors.failed),
+    "diverged": lambda row: str(row.errors.diverged),
+    "escaped": lambda row: str(row.errors.escaped or ""),
+    "free run": lambda row: row.errors.words(row.errors.median),
+    "quartiles": lambda row: row.errors.between(row.errors.quartiles),
+    "min – max": lambda row: row.errors.between(row.errors.range),
+    "displacement": lambda row: row.displacement.words(row.displacement.median),
+    "one step": lambda row: row.errors.words(row.one_step_percent),
+    "fit [s]": lambda row: percent(row.fit_seconds),
     "parameters": lambda row: "" if row.parameters is None else str(row.parameters),
 }
-
-
-def error(row: Row, value: float | None) -> str:
-    """Percent, or what became of the runs. Free runs that leave are of any size."""
-    if value is None:
-        return "–"
-    if math.isinf(value):
-        return "diverged" if row.diverged else "failed"
-    return percent(value) if value < 1e5 else f"{value:.0e}"
-
-
-def between(row: Row, low: float | None, high: float | None) -> str:
-    first, last = error(row, low), error(row, high)
-    return first if first == last and not first[0].isdigit() else f"{first} – {last}"
-
-
-@dataclass(frozen=True)
-class Section:
-    """Rows under one title, as texts, and why some of them have no free run."""
-
-    title: str
-    head: list[str]
-    lines: list[list[str]]
-    notes: list[str]
 
 
 def sections(rows: Sequence[Row], columns: Columns = COLUMNS, title: Title = case) -> list[Section]:
@@ -81,7 +51,7 @@ def sections(rows: Sequence[Row], columns: Columns = COLUMNS, title: Title = cas
     for name, group in groupby(rows, key=title):
         same = list(group)
         lines = [[text(row) for text in filled.values()] for row in same]
-        result.append(Section(name, list(filled), lines, reasons(same)))
+        result.append(Section(list(filled), lines, name, reasons(same)))
     return result
 
 
@@ -96,71 +66,9 @@ def reasons(rows: Sequence[Row]) -> list[str]:
 
 def write_rows(name: str, rows: Sequence[Row], parts: list[Section], folder: Path) -> list[Path]:
     """name.csv, .md and .tex in a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    texts = {"csv": as_csv(rows), "md": as_markdown(parts), "tex": as_latex(parts)}
-    for kind, text in texts.items():
-        write_text(folder / f"{name}.{kind}", text)
-    return [folder / f"{name}.{kind}" for kind in texts]
-
-
-def as_csv(rows: Sequence[Row]) -> str:
-    """One line per row, full precision."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([field.name for field in fields(Row)])
-    for row in rows:
-        writer.writerow(["" if value is None else value for value in astuple(row)])
-    return text.getvalue()
-
-
-def as_markdown(parts: Sequence[Section]) -> str:
-    blocks = []
-    for part in parts:
-        rows = [part.head, ["---", *["---:"] * (len(part.head) - 1)]]
-        rows += [[f"`{model}`", *rest] for model, *rest in part.lines]
-        lines = [f"| {' | '.join(row)} |" for row in rows]
-        blocks.append("\n".join([f"**{part.title}**", "", *lines]))
-        blocks += part.notes
-    return "\n\n".join([*blocks, f"{CAPTION}."]) + "\n"
-
-
-def as_latex(parts: Sequence[Section]) -> str:
-    """A tabular for the booktabs package, the titles on lines of their own."""
-    width = len(parts[0].head)
-    lines = [
-        rf"% needs \usepackage{{booktabs}}; {escaped(CAPTION)}",
-        r"\begin{tabular}{l" + "r" * (width - 1) + "}",
-        r"\toprule",
-        " & ".join(map(escaped, parts[0].head)) + r" \\",
-    ]
-    for part in parts:
-        title = rf"\multicolumn{{{width}}}{{l}}{{\emph{{{escaped(part.title)}}}}} \\"
-        lines += [r"\midrule", title]
-        lines += [" & ".join(map(escaped, row)) + r" \\" for row in part.lines]
-        lines += [f"% {escaped(note)}" for note in part.notes]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
-
-
-def escaped(text: str) -> str:
-    """Text for LaTeX; a cell that begins with a bracket would be an argument of the \\\\ before."""
-    signs = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    signs |= {sign: f"\\{sign}" for sign in "&%$#_{}"} | {"–": "--", "×": r"$\times$"}
-    done = "".join(signs.get(sign, sign) for sign in text)
-    return f"{{}}{done}" if done.startswith("[") else done
-
-
-def as_printed(parts: Sequence[Section]) -> list[Table]:
-    tables = []
-    for part in parts:
-        # texts, for brackets in strings are markup
-        table = Table(title=Text(part.title, style="table.title"), title_justify="left")
-        for name in part.head:
-            if name in ("setting", "value", "motion"):
-                table.add_column(Text(name), overflow="fold", min_width=18)
-            else:
-                side = {"model": "left"}.get(name, "right")
-                table.add_column(Text(name), justify=side, no_wrap=True)  # type: ignore[arg-type]
-        for line in part.lines:
-            table.add_row(*map(Text, line))
-        tables.append(table)
-    return tables
+    texts = {
+        "csv": as_csv([row.columns() for row in rows]),
+        "md": sections_markdown(parts, CAPTION),
+        "tex": latex(parts, CAPTION),
+    }
+    return write_texts(folder, name, texts)

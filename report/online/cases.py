@@ -10,8 +10,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from runner.progress import read_metrics
-from runner.run_folder import CONFIG, METRICS
+from runner.run_folder import CONFIG, METRICS, read_metrics
 
 SETTING = {  # of each law, the one that a study varies
     "RecursiveLeastSquares": ("least squares", "forgetting", "λ"),

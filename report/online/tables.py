@@ -1,31 +1,26 @@
-"""Tables of on-line models, as lines of Markdown. Median (smallest–largest) over the seeds."""
+"""Tables of on-line models, as lines of Markdown. Median (smallest – largest) over the seeds."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from statistics import median
 
 from report.online.cases import OnlineRun, cases
+from report.output import markdown
+from runner.spread import Spread
 
 ENOUGH = 1.2  # times the error of the batch fit
 WAYS = ("adapting", "from_nothing")
 
 
 def spread(values: Sequence[float], digits: int = 1) -> str:
-    """Median (smallest–largest); one number where the three are the same."""
-    three = [f"{v:.{digits}f}" if math.isfinite(v) else "∞" for v in _three(values)]
-    return three[0] if len(set(three)) == 1 else f"{three[0]} ({three[1]}–{three[2]})"
-
-
-def _three(values: Sequence[float]) -> tuple[float, float, float]:
-    return median(values), min(values), max(values)
+    """Median (smallest – largest); one number where the three are the same."""
+    return Spread(tuple(values)).text(lambda value: f"{value:.{digits}f}")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Lines of a table in Markdown."""
-    lines = [list(head), ["---"] * len(head), *map(list, rows)]
-    return [f"| {' | '.join(cells)} |" for cells in lines]
+    return markdown(head, list(rows), left=None).splitlines()
 
 
 def learning_table(runs: Sequence[OnlineRun]) -> list[str]:

@@ -1,23 +1,24 @@
-"""A folder of runs → the cells of the paper's Tables 3–8, ours beside the paper's.
+"""Runs → the cells of the paper's Tables 3–8, ours beside the paper's.
 
-A cell is one method, split and DOF (or the total). Ours are medians, quartiles and ranges over the
-seeds; a run that failed or whose motion escaped is counted, not left out.
+A cell is one method, split and DOF (or the total), with the spread of our errors over the seeds. On
+the polynomial system some motions escape: such a seed has no motion to identify for any method, so
+it is counted apart (runner/spread.py).
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
+from runner.choices import dotted
 from runner.command_line import CONF
 from runner.paper_values import PaperCell, paper_cells
-from runner.run_folder import CONFIG, FAILED, METRICS, plain, read_failure, settings_of
+from runner.result import Result, spread_of
+from runner.run_folder import plain, settings_of
+from runner.spread import Spread
 
 OWN_RESIDUAL = "own_residual"
 OWN = f"residual_mlp_{OWN_RESIDUAL}"
@@ -45,88 +46,24 @@ METHODS = (  # in the paper's order; then the other way of scoring, and what the
 )
 
 
-@dataclass(frozen=True)
-class Run:
-    """One run of a study. `metrics` is None where it failed, and `reason` says why."""
-
-    folder: Path
-    model: str
-    system: str
-    scenario: str
-    settings: dict[str, Any]  # of the scenario
-    seed: int
-    metrics: dict[str, Any] | None
-    reason: str = ""
-
-    def error(self, method: str, split: str, dof: str = "total") -> float | None:
-        """Relative RMS error in percent; None where the run failed or has no such score."""
-        if self.metrics is None:
-            return None
-        scores = self.metrics[split]
-        if method != self.model:
-            scores = scores.get(method.removeprefix(f"{self.model}_"), {})
-        if dof == "total":
-            value = scores.get("relative_rms_percent")
-        else:
-            per_dof = scores.get("per_dof_percent", [])
-            value = per_dof[int(dof) - 1] if len(per_dof) >= int(dof) else None
-        return value
+def error_of(run: Result, method: str, split: str, dof: str = "total") -> float | None:
+    """Relative RMS error in percent of a method that the run scored; None where it has no such."""
+    estimate = OWN_RESIDUAL if method.endswith(f"_{OWN_RESIDUAL}") else ""
+    return run.error(split, estimate, None if dof == "total" else int(dof))
 
 
-def listed(folder: Path | Sequence[Path]) -> list[Path]:
-    return [folder] if isinstance(folder, Path) else list(folder)
-
-
-def read_runs(folder: Path | Sequence[Path]) -> list[Run]:
-    """All finished and failed runs below folders. Raises ValueError where there are none."""
-    folders = listed(folder)
-    runs = [_finished(path.parent) for path in _named(METRICS, folders)]
-    runs += [_failed(path.parent) for path in _named(FAILED, folders)]
-    if not runs:
-        raise ValueError(
-            f"no runs in {', '.join(map(str, folders))}; make some (python train.py -m "
-            "experiment=table3) or say where they are (runs=FOLDER)"
-        )
-    return runs
-
-
-def _named(name: str, folders: Sequence[Path]) -> list[Path]:
-    """Files of a name below folders that may lie in each other, each once."""
-    paths = {path.resolve(): path for folder in folders for path in folder.rglob(name)}
-    return sorted(paths.values())
-
-
-def _finished(folder: Path) -> Run:
-    m = json.loads((folder / METRICS).read_text("utf-8"))
-    missing = {"model", "system", "scenario", "scenario_settings", "seed", "train", "test"} - set(m)
-    if missing:
-        raise ValueError(f"{folder / METRICS} lacks {', '.join(sorted(missing))}; repeat the run")
-    case = (m["model"], m["system"], m["scenario"])
-    return Run(folder, *case, m["scenario_settings"], m["seed"], m)
-
-
-def _failed(folder: Path) -> Run:
-    reason = read_failure(folder)["reason"]
-    if not (folder / CONFIG).is_file():
-        raise ValueError(f"{folder} failed before it had begun: {reason}; remove it")
-    cfg = OmegaConf.load(folder / CONFIG)
-    assert isinstance(cfg, DictConfig)
-    case = (cfg.model.name, cfg.system.name, cfg.scenario.name)
-    return Run(folder, *case, settings_of(plain(cfg.scenario)), cfg.seed, None, reason)
-
-
-def as_configured(runs: Sequence[Run]) -> list[Run]:
+def as_configured(runs: Sequence[Result]) -> list[Result]:
     """Those whose scenario has the settings of conf/scenario: the tables' runs, not a sweep's."""
     usual: dict[str, dict[str, Any]] = {}
-    for name in {run.scenario for run in runs}:
+    for name in {str(run.scenario) for run in runs}:
         path = CONF / "scenario" / f"{name}.yaml"
         node = OmegaConf.load(path) if path.is_file() else DictConfig({})
         assert isinstance(node, DictConfig)
-        usual[name] = settings_of(plain(node))
-    return [run for run in runs if run.settings == usual[run.scenario]]
+        usual[name] = dotted(settings_of(plain(node)))
+    return [run for run in runs if run.settings == usual[str(run.scenario)]]
 
 
-def of(runs: Sequence[Run], method: str, system: str, scenario: str) -> list[Run]:
+def of(runs: Sequence[Result], method: str, system: str, scenario: str) -> list[Result]:
     """The runs that scored a method on a system and scenario."""
     model = method.removesuffix(f"_{OWN_RESIDUAL}")
     case = (model, system, scenario)
@@ -144,31 +81,29 @@ def of(runs: Sequence[Run], method: str, system: str, scenario: str) -> list[Run
 
 @dataclass(frozen=True)
 class Cell:
-    """One line of the CSV. Percents; None where the paper or our runs have no value."""
+    """One line of the CSV: the paper's percent, None where it has none, and ours."""
 
     table: int
     method: str
     split: str
     dof: str
     paper_percent: float | None
-    median_percent: float | None
-    q25_percent: float | None
-    q75_percent: float | None
-    min_percent: float | None
-    max_percent: float | None
-    seeds: int
-    failed: int
-    inside: bool | None
+    ours: Spread
 
-    @staticmethod
-    def columns() -> list[str]:
-        return [field.name for field in fields(Cell)]
+    @property
+    def inside(self) -> bool | None:
+        """Whether the paper's value lies in our range; None where there is nothing to judge."""
+        if self.paper_percent is None or not self.ours.finite:
+            return None
+        return self.ours.holds(self.paper_percent)
 
-    def values(self) -> tuple[Any, ...]:
-        return astuple(self)
+    def columns(self) -> dict[str, Any]:
+        place = {name: getattr(self, name) for name in ("table", "method", "split", "dof")}
+        paper = {"paper_percent": self.paper_percent}
+        return {**place, **paper, **self.ours.columns(), "inside": self.inside}
 
 
-def study_cells(runs: Sequence[Run]) -> list[Cell]:
+def study_cells(runs: Sequence[Result]) -> list[Cell]:
     """Every cell of Tables 3–8 for which there are runs, and those of the baselines."""
     table_runs = as_configured(runs)
     paper = {cell.key: cell for cell in paper_cells()}
@@ -193,15 +128,8 @@ def _cell(
     method: str,
     split: str,
     dof: str,
-    runs: Sequence[Run],
+    runs: Sequence[Result],
     printed: PaperCell | None,
 ) -> Cell:
-    errors = [e for run in runs if (e := run.error(method, split, dof)) is not None]
-    value = printed.percent if printed else None
-    head = (table, method, split, dof, value)
-    if not errors:
-        return Cell(*head, None, None, None, None, None, 0, len(runs), None)
-    low, q25, middle, q75, high = np.percentile(errors, [0, 25, 50, 75, 100]).tolist()
-    inside = None if value is None else low <= value <= high
-    counts = (len(errors), len(runs) - len(errors))
-    return Cell(*head, middle, q25, q75, low, high, *counts, inside)
+    ours = spread_of(runs, lambda run: error_of(run, method, split, dof))
+    return Cell(table, method, split, dof, printed.percent if printed else None, ours)

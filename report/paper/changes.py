@@ -2,31 +2,29 @@
 
     python train.py -m experiment=outside && python -m report.paper.changes
 
-For cells of the paper that the study's range does not hold. Each row names the setting by which its
-runs differ from the study's, found by comparing their configs.
+For cells of the paper that the study's range does not hold. Each row names the settings of the grid
+that asked for its runs.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from omegaconf import DictConfig, OmegaConf
-from rich.console import Console
-from rich.table import Table
+from data.arguments import Parser
+from report.collection.grids import asked
+from report.collection.runs import read_runs
+from report.output import Section, printed, terminal
+from report.paper.cells import OWN_RESIDUAL, error_of
+from runner.command_line import command_errors
+from runner.paper_values import PaperCell, paper_cells
+from runner.result import Result, spread_of
+from runner.spread import Spread, percent
 
-from report.paper.cells import OWN_RESIDUAL, Run, read_runs
-from report.paper.tables import percent
-from runner.command_line import composed
-from runner.paper_values import paper_cells
-from runner.run_folder import CONFIG, plain
-
-ASIDE = ("seed", "solver", "figures", "trainer", "baselines", "threads", "max_fail")
+EXPERIMENT = "outside"
+USUAL = Path("runs") / EXPERIMENT
 COLUMNS = ("changed", "system, scenario", "method", "split", "paper", "ours", "inside", "runs")
 
 
@@ -39,97 +37,53 @@ class Row:
     method: str
     split: str
     paper: float
-    errors: list[float]
-    failed: int
+    ours: Spread
 
     @property
     def inside(self) -> bool:
-        return bool(self.errors) and min(self.errors) <= self.paper <= max(self.errors)
+        return self.ours.holds(self.paper)
 
     def texts(self) -> list[str]:
-        low, middle, high = np.percentile(self.errors, [0, 50, 100]) if self.errors else [None] * 3
-        ours = f"{percent(middle)} ({percent(low)} – {percent(high)})"
-        runs = str(len(self.errors)) + (f", {self.failed} failed" if self.failed else "")
         hit = "yes" if self.inside else "no"
         head = [self.changed, self.case, self.method, self.split]
-        return [*head, percent(self.paper), ours, hit, runs]
+        return [*head, percent(self.paper), self.ours.text(), hit, self.ours.counted()]
 
 
-def rows_of(runs: list[Run]) -> list[Row]:
+def rows_of(runs: Sequence[Result]) -> list[Row]:
     """A row for each change, method, split and way of scoring that the paper has a value for."""
-    usual: dict[tuple[str, str, str], dict[str, Any]] = {}
-    groups: dict[tuple[str, str, str, str], list[Run]] = {}
+    groups: dict[tuple[str, str, str, str], list[Result]] = {}
     for run in runs:
-        case = (run.model, run.system, run.scenario)
-        if case not in usual:
-            usual[case] = _flat(_default(*case))
-        changed = changes(_flat(_stored(run)), usual[case])
-        groups.setdefault((changed, *case), []).append(run)
+        case = (str(run.model), str(run.system), str(run.scenario))
+        groups.setdefault((asked(run, EXPERIMENT), *case), []).append(run)
     return [row for key, group in sorted(groups.items()) for row in _rows(*key, group)]
 
 
-def _rows(changed: str, model: str, system: str, scenario: str, runs: list[Run]) -> Iterator[Row]:
+def _rows(
+    changed: str, model: str, system: str, scenario: str, runs: Sequence[Result]
+) -> Iterator[Row]:
     case = f"{system}, {scenario}"
-    printed = [
+    known = [
         c for c in paper_cells() if (c.method, c.system, c.scenario) == (model, system, scenario)
     ]
-    for cell, way in product(printed, ("", f"_{OWN_RESIDUAL}")):
+    for cell, way in product(known, ("", f"_{OWN_RESIDUAL}")):
         if way and model != "residual_mlp":
             continue
-        errors = [
-            e for run in runs if (e := run.error(model + way, cell.split, cell.dof)) is not None
-        ]
-        method = model + way + ("" if cell.dof == "total" else f" x{cell.dof}")
-        failed = len(runs) - len(errors)
-        yield Row(changed, case, method, cell.split, cell.percent, errors, failed)
+        method = model + way
+        label = method + ("" if cell.dof == "total" else f" x{cell.dof}")
+        yield Row(changed, case, label, cell.split, cell.percent, _ours(runs, method, cell))
 
 
-def changes(config: dict[str, Any], usual: dict[str, Any]) -> str:
-    """The settings that differ, as they would be typed."""
-    different = {k: v for k, v in config.items() if k in usual and usual[k] != v}
-    typed = (f"{key}={value}".replace(" ", "") for key, value in different.items())
-    return " ".join(typed) or "the seeds alone"
-
-
-def _default(model: str, system: str, scenario: str) -> DictConfig:
-    return composed(f"model={model}", f"system={system}", f"scenario={scenario}")
-
-
-def _stored(run: Run) -> DictConfig:
-    cfg = OmegaConf.load(run.folder / CONFIG)
-    assert isinstance(cfg, DictConfig)
-    return cfg
-
-
-def _flat(cfg: DictConfig) -> dict[str, Any]:
-    def walk(node: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-        if isinstance(node, dict):
-            for key, value in node.items():
-                yield from walk(value, f"{prefix}.{key}" if prefix else str(key))
-        else:
-            yield prefix, node
-
-    kept = {key: value for key, value in plain(cfg).items() if key not in ASIDE}
-    return dict(walk(kept, ""))
-
-
-def as_markdown(rows: list[Row]) -> str:
-    lines = [list(COLUMNS), ["---"] * len(COLUMNS)]
-    for row in rows:
-        changed, *rest = row.texts()
-        lines.append([f"`{changed}`", *rest])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+def _ours(runs: Sequence[Result], method: str, cell: PaperCell) -> Spread:
+    return spread_of(runs, lambda run: error_of(run, method, cell.split, cell.dof))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", nargs="?", type=Path, default=Path("runs/outside"))
-    table = Table(title="relative RMS error in %, median (min – max)", title_justify="left")
-    for name in COLUMNS:
-        table.add_column(name)
-    for row in rows_of(read_runs(parser.parse_args().folder)):
-        table.add_row(*row.texts())
-    Console(width=None if Console().is_terminal else 150).print(table)
+    parser = Parser(prog="python -m report.paper.changes", description=__doc__.splitlines()[0])
+    parser.add_argument("folder", nargs="*", type=Path, default=[USUAL])
+    with command_errors():
+        rows = rows_of(read_runs(parser.parse_args().folder))
+        title = "relative RMS error in %, median (min – max)"
+        terminal(150).print(printed(Section(COLUMNS, [row.texts() for row in rows], title)))
 
 
 if __name__ == "__main__":

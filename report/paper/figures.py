@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 from omegaconf import DictConfig, OmegaConf
 
-from report.paper.cells import METHODS, OWN_RESIDUAL, SETTINGS, Run, as_configured, of
+from report.output import save_figure
+from report.paper.cells import METHODS, OWN_RESIDUAL, SETTINGS, as_configured, error_of, of
 from report.paper.signals import (
-    COLOURS,
     LABELS,
     SIX,
     accelerations,
@@ -23,9 +23,11 @@ from report.paper.signals import (
     sample_loops,
     without_second_basis,
 )
-from report.run.figures import save_figure
+from report.style import colour_of, mark_lost, percent_ticks
 from runner.command_line import CONF
 from runner.paper_values import paper_values
+from runner.result import Result, spread_of
+from runner.spread import Spread, quantile
 
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")  # Figs. 6–8 and 9–11 in this order
 SWEPT = "polynomial"  # the system whose noise level and cutoff are varied
@@ -36,7 +38,7 @@ AXIS = {
 }
 
 
-def draw_study(runs: Sequence[Run], folder: Path) -> list[Path]:
+def draw_study(runs: Sequence[Result], folder: Path) -> list[Path]:
     """Draw what the runs allow, as PNG and PDF; returns the files."""
     paths: list[Path] = []
     for name, figure in study_figures(runs):
@@ -44,12 +46,12 @@ def draw_study(runs: Sequence[Run], folder: Path) -> list[Path]:
     return paths
 
 
-def study_figures(runs: Sequence[Run]) -> Iterator[tuple[str, Figure]]:
+def study_figures(runs: Sequence[Result]) -> Iterator[tuple[str, Figure]]:
     """(name, figure) of everything for which there are runs."""
-    usual = [run for run in as_configured(runs) if run.metrics is not None]
+    usual = as_configured(runs)
     yield "fig05_element_loops", sample_loops()
     for number, system in enumerate(SYSTEMS, start=6):
-        mine = [run for run in usual if run.system == system]
+        mine = [run for run in usual if run.system == system and run.finished]
         if mine:
             lowest = min(mine, key=lambda run: run.seed)
             figure = phase_planes(lowest, identical_scales=system == "bilinear")
@@ -57,7 +59,7 @@ def study_figures(runs: Sequence[Run]) -> Iterator[tuple[str, Figure]]:
     for number, system in enumerate(SYSTEMS, start=9):
         if compared := of_one_seed(usual, system, "full_state"):
             yield f"fig{number:02}_acceleration_{system}", accelerations(compared)
-    if any(_errors(usual, method, *setting) for method in METHODS for setting in SETTINGS.values()):
+    if any(_spread_of(usual, m, *setting).finite for m in METHODS for setting in SETTINGS.values()):
         yield "test_error_over_seeds", errors_over_seeds(usual)
     for scenario, setting, name in (
         ("noisy", "level", "error_against_noise_level"),
@@ -70,15 +72,21 @@ def study_figures(runs: Sequence[Run]) -> Iterator[tuple[str, Figure]]:
             yield name, error_curves(swept, scenario, setting)
 
 
-def _errors(runs: Sequence[Run], method: str, system: str, scenario: str) -> dict[int, float]:
+def _errors(runs: Sequence[Result], method: str, system: str, scenario: str) -> dict[int, float]:
     """{seed: test error in percent} of the runs that finished."""
-    found = {run.seed: run.error(method, "test") for run in of(runs, method, system, scenario)}
+    found = {r.seed: error_of(r, method, "test") for r in of(runs, method, system, scenario)}
     return {seed: error for seed, error in found.items() if error is not None}
 
 
-def errors_over_seeds(runs: Sequence[Run]) -> Figure:
+def _spread_of(runs: Sequence[Result], method: str, system: str, scenario: str) -> Spread:
+    """Of the test errors."""
+    same = of(runs, method, system, scenario)
+    return spread_of(same, lambda run: error_of(run, method, "test"))
+
+
+def errors_over_seeds(runs: Sequence[Result]) -> Figure:
     """Test error of every method over the seeds, the paper's value beside it; a panel per table."""
-    drawn = [s for s in SETTINGS.values() if any(_errors(runs, m, *s) for m in METHODS)]
+    drawn = [s for s in SETTINGS.values() if any(_spread_of(runs, m, *s).finite for m in METHODS)]
     columns = min(3, len(drawn))
     rows = -(-len(drawn) // columns)
     figure = Figure(figsize=(1.8 + 2.6 * columns, 0.6 + 3.3 * rows), layout="constrained")
@@ -87,9 +95,7 @@ def errors_over_seeds(runs: Sequence[Run]) -> Figure:
         axes.remove()
     for axes, (system, scenario) in zip(panels, drawn, strict=False):
         for place, method in enumerate(METHODS):
-            errors = _errors(runs, method, system, scenario)
-            if errors:
-                _spread(axes, place, method, list(errors.values()))
+            _spread(axes, place, method, _spread_of(runs, method, system, scenario))
             if printed := _printed(method, system, scenario):
                 axes.plot(printed, place, "kD", fillstyle="none", label="the paper's value")
         axes.set_title(f"{system}, {scenario}", fontsize="medium")
@@ -105,28 +111,22 @@ def _printed(method: str, system: str, scenario: str) -> float | None:
     return paper_values(model, system, scenario).get("test", {}).get("relative_rms_percent")
 
 
-def _spread(axes: Axes, place: int, method: str, errors: list[float]) -> None:
-    """Box from quartile to quartile, whiskers from smallest to largest, and every seed."""
+def _spread(axes: Axes, place: int, method: str, errors: Spread) -> None:
+    """Box from quartile to quartile, whiskers from smallest to largest, and every seed.
+
+    Of the finite errors; how many seeds were lost stands at the right edge.
+    """
+    mark_lost(axes, place, len(errors.values) - len(errors.finite), colour_of(method))
+    if not errors.finite:
+        return
     box = axes.boxplot(
-        errors, orientation="horizontal", positions=[place], widths=0.6, whis=(0, 100),
+        errors.finite, orientation="horizontal", positions=[place], widths=0.6, whis=(0, 100),
         patch_artist=True, manage_ticks=False,
     )  # fmt: skip
-    box["boxes"][0].set(facecolor=COLOURS[method], alpha=0.6)
+    box["boxes"][0].set(facecolor=colour_of(method), alpha=0.6)
     box["medians"][0].set(color="black", linewidth=1.6)
-    places = np.full(len(errors), place)
-    axes.plot(errors, places, "|", color="#555555", markersize=4, label="one seed")
-
-
-def percent_ticks(axes: Axes) -> None:
-    """Ticks that fit in beside each other: more of them within a decade."""
-    low, high = axes.get_xlim()
-    decades = np.log10(high / low)
-    multiples = [1.0] if decades > 2.0 else [1.0, 2.0, 5.0]
-    if decades < 1.0:
-        multiples = [1.0, 2.0, 3.0, 4.0, 6.0]
-    axes.xaxis.set_major_locator(LogLocator(subs=multiples))
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    places = np.full(len(errors.finite), place)
+    axes.plot(errors.finite, places, "|", color="#555555", markersize=4, label="one seed")
 
 
 def _finish_methods(figure: Figure, panels: Sequence[Axes]) -> None:
@@ -145,7 +145,7 @@ def _finish_methods(figure: Figure, panels: Sequence[Axes]) -> None:
 
 
 def errors_against(
-    runs: Sequence[Run], method: str, scenario: str, setting: str
+    runs: Sequence[Result], method: str, scenario: str, setting: str
 ) -> dict[float, list[float]]:
     """{value of a scenario's setting: test errors}, at the seeds that all values have in common.
 
@@ -172,8 +172,8 @@ def error_curves(
         axes.set_xscale("log")
     for method, curve in without_second_basis(curves).items():
         x = UNIT[setting] * np.array(list(curve))
-        low, middle, high = np.array([np.percentile(e, [25, 50, 75]) for e in curve.values()]).T
-        color, seeds = COLOURS[method], max(map(len, curve.values()))
+        low, middle, high = np.array([_quartiles(errors) for errors in curve.values()]).T
+        color, seeds = colour_of(method), max(map(len, curve.values()))
         dashed = "-" if method in SIX else "--"
         label = LABELS.get(method, method)
         axes.plot(x, middle, color=color, linestyle=dashed, marker="o", markersize=4, label=label)
@@ -184,6 +184,12 @@ def error_curves(
     _finish_curves(axes, scenario, setting)
     figure.legend(loc="outside right upper", frameon=False, fontsize="small")
     return figure
+
+
+def _quartiles(errors: Sequence[float]) -> tuple[float, ...]:
+    """And the median between them; not a number where infinite."""
+    known = (quantile(errors, q) for q in (0.25, 0.5, 0.75))
+    return tuple(math.nan if u is None or math.isinf(u) else u for u in known)
 
 
 def _finish_curves(axes: Axes, scenario: str, setting: str) -> None:

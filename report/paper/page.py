@@ -6,6 +6,7 @@ is written by hand. Where a comparison could turn out either way, the sentence h
 
 from __future__ import annotations
 
+import json
 import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -13,15 +14,17 @@ from pathlib import Path
 from statistics import median, quantiles
 from string import Template
 
-from report.paper.cells import OWN, SETTINGS, Cell, Run, as_configured, of, read_runs
-from report.paper.changes import as_markdown as as_rows
-from report.paper.changes import rows_of
-from report.paper.results import NOT_PAIRED, count
-from report.paper.tables import as_markdown, by_label, percent
+from report.collection.runs import read_runs
+from report.output import code, markdown
+from report.paper.cells import OWN, SETTINGS, Cell, as_configured, error_of, of
+from report.paper.changes import COLUMNS, rows_of
+from report.paper.tables import NOT_PAIRED, by_label, cells_markdown, hits
+from runner.result import Result, spread_of
 from runner.run_folder import write_text
-from studies.feedthrough import feedthrough_errors
+from runner.spread import ESCAPED, FAILED, percent
 
 TEMPLATE = Path(__file__).with_name("page.md")
+FEEDTHROUGH = Path("runs/studies/feedthrough.json")
 POLYNOMIAL = (
     "power_series_residual",
     "power_series_restoring_force",
@@ -40,16 +43,22 @@ CLAIMS: dict[str, Callable[[dict[str, float]], bool]] = {  # on the test errors 
 
 def write_page(
     page: Path,
-    runs: Sequence[Run],
+    runs: Sequence[Result],
     cells: Sequence[Cell],
     drawn: Path,
     outside: Path,
     close_fit: Path,
+    feedthrough: Path = FEEDTHROUGH,
 ) -> None:
-    """Fill the template and copy the PNG figures beside it. Raises ValueError for missing runs."""
-    facts = dict(_facts(runs, cells))
+    """Fill the template and copy the PNG figures beside it. Raises ValueError for what is missing.
+
+    drawn: folder of the figures; outside, close_fit: folders of runs; feedthrough: file of a study.
+    """
+    facts = dict(_facts(runs, cells)) | dict(_of_feedthrough(feedthrough))
     if outside.is_dir():
-        facts["outside_experiments"] = as_rows(rows_of(read_runs(outside)))
+        lines = [row.texts() for row in rows_of(read_runs(outside))]
+        coded = [[code(changed), *rest] for changed, *rest in lines]
+        facts["outside_experiments"] = markdown(COLUMNS, coded, left=None)
     if close_fit.is_dir():
         facts |= dict(_of_training(read_runs(close_fit), "close"))
     try:
@@ -66,16 +75,16 @@ def write_page(
     write_text(page, text)
 
 
-def _facts(runs: Sequence[Run], cells: Sequence[Cell]) -> Iterator[tuple[str, str]]:
+def _facts(runs: Sequence[Result], cells: Sequence[Cell]) -> Iterator[tuple[str, str]]:
     usual = as_configured(runs)
     yield from _of_cells(cells)
     yield from _of_seeds(usual)
     yield from _of_training(usual, "study")
-    yield from _of_feedthrough()
     seeds = {run.seed for run in usual}
     yield "seeds", f"{min(seeds)} … {max(seeds)}"
     yield "runs", str(len(runs))
-    yield "failed", str(sum(run.metrics is None for run in runs))
+    for lost in (FAILED, ESCAPED):
+        yield lost, str(sum(run.status == lost for run in runs))
 
 
 def _of_cells(cells: Sequence[Cell]) -> Iterator[tuple[str, str]]:
@@ -83,34 +92,32 @@ def _of_cells(cells: Sequence[Cell]) -> Iterator[tuple[str, str]]:
     for cell in cells:
         if cell.dof == "total":
             name = f"t{cell.table}_{cell.method}_{cell.split}"
-            yield name, percent(cell.median_percent)
-            yield f"{name}_range", f"{percent(cell.min_percent)} – {percent(cell.max_percent)}"
+            yield name, cell.ours.words(cell.ours.median)
+            yield f"{name}_range", cell.ours.between(cell.ours.range)
             yield f"{name}_paper", percent(cell.paper_percent)
     for table in {cell.table for cell in cells}:
         mine = [cell for cell in cells if cell.table == table]
-        yield f"table{table}", as_markdown(mine)
+        yield f"table{table}", cells_markdown(mine)
         judged = [c for c in mine if c.inside is not None]
         judged = [c for c in judged if (c.method, c.split) not in NOT_PAIRED]
         yield f"hits{table}", f"{sum(bool(c.inside) for c in judged)} of {len(judged)}"
-    yield "hits", count(list(cells)).replace("\n", ";\n  ")
+    yield "hits", hits(cells).replace("\n", ";\n  ")
     yield "outside", outside_table(cells)
 
 
 def outside_table(cells: Sequence[Cell]) -> str:
     """The paper's values that our range over the seeds does not hold."""
-    lines = [
-        "| table | method | split | paper | ours: min – max |\n| ---: | --- | --- | ---: | ---: |"
-    ]
+    lines = []
     for cell in cells:
         if cell.inside is False and (cell.method, cell.split) not in NOT_PAIRED:
             label = next(iter(by_label([cell])))
-            ours = f"{percent(cell.min_percent)} – {percent(cell.max_percent)}"
-            entries = (str(cell.table), label, cell.split, percent(cell.paper_percent), ours)
-            lines.append(f"| {' | '.join(entries)} |")
-    return "\n".join(lines)
+            ours = cell.ours.between(cell.ours.range)
+            lines.append([str(cell.table), label, cell.split, percent(cell.paper_percent), ours])
+    head = ("table", "method", "split", "paper", "ours: min – max")
+    return markdown(head, lines, left=(1, 2))
 
 
-def _of_seeds(runs: Sequence[Run]) -> Iterator[tuple[str, str]]:
+def _of_seeds(runs: Sequence[Result]) -> Iterator[tuple[str, str]]:
     """What holds seed by seed: counts such as "18 of 20"."""
     for table, (system, scenario) in SETTINGS.items():
         errors = _errors(runs, system, scenario)
@@ -119,8 +126,8 @@ def _of_seeds(runs: Sequence[Run]) -> Iterator[tuple[str, str]]:
         def counted(
             holds: Callable[[dict[str, float]], bool], errors: dict = errors, seeds: list = seeds
         ) -> str:
-            hits = sum(holds({m: by[seed] for m, by in errors.items()}) for seed in seeds)
-            return f"{hits} of {len(seeds)}"
+            true = sum(holds({m: by[seed] for m, by in errors.items()}) for seed in seeds)
+            return f"{true} of {len(seeds)}"
 
         for name, holds in CLAIMS.items():
             yield f"{name}_{table}", counted(holds)
@@ -131,6 +138,7 @@ def _of_seeds(runs: Sequence[Run]) -> Iterator[tuple[str, str]]:
         for method in SIX:
             both = sorted(changed[method].keys() & full[method].keys())
             pairs = [(changed[method][s], full[method][s]) for s in both]
+            pairs = [pair for pair in pairs if math.isfinite(pair[1])]  # else there is no ratio
             # 10 % of noise on the acceleration, nothing else
             alone = (math.hypot(b, 10.0) for _, b in pairs)
             yield f"{scenario}_quadrature_{method}", f"{median(alone):.2f}"
@@ -139,13 +147,13 @@ def _of_seeds(runs: Sequence[Run]) -> Iterator[tuple[str, str]]:
             yield f"{scenario}_rise_{method}", f"{median(a - b for a, b in pairs):.2f}"
 
 
-def _errors(runs: Sequence[Run], system: str, scenario: str) -> dict[str, dict[int, float]]:
+def _errors(runs: Sequence[Result], system: str, scenario: str) -> dict[str, dict[int, float]]:
     """{method: {seed: test error}} of all methods that have runs."""
     methods = (*SIX, OWN, "linear", "vwnn_first_order", "two_point")
     found: dict[str, dict[int, float]] = {}
     for method in methods:
         for run in of(runs, method, system, scenario):
-            if (error := run.error(method, "test")) is not None:
+            if (error := error_of(run, method, "test")) is not None:
                 found.setdefault(method, {})[run.seed] = error
     missing = [method for method in methods if method not in found]
     if missing:
@@ -156,36 +164,40 @@ def _errors(runs: Sequence[Run], system: str, scenario: str) -> dict[str, dict[i
     return found
 
 
-def _largest_difference_of_bases(runs: Sequence[Run]) -> float:
+def _largest_difference_of_bases(runs: Sequence[Result]) -> float:
     """Largest relative difference of the errors of power series and Chebyshev polynomials."""
     differences = []
     for system, scenario in SETTINGS.values():
         powers, chebyshev = (
-            {run.seed: run.error(method, "test") for run in of(runs, method, system, scenario)}
+            {run.seed: error_of(run, method, "test") for run in of(runs, method, system, scenario)}
             for method in POLYNOMIAL[1:]
         )
         for seed, error in powers.items():
             other = chebyshev.get(seed)
-            if error is not None and other is not None:
+            if error and other and math.isfinite(error):
                 differences.append(abs(error - other) / error)
     return max(differences)
 
 
-def _of_training(runs: Sequence[Run], prefix: str) -> Iterator[tuple[str, str]]:
+def _of_training(runs: Sequence[Result], prefix: str) -> Iterator[tuple[str, str]]:
     """Median iterations, seconds and training errors of the networks, full state."""
     for table in (3, 4, 5):
         for method in ("residual_mlp", "global_mlp"):
-            done = [r.metrics for r in of(runs, method, *SETTINGS[table]) if r.metrics]
+            same = of(runs, method, *SETTINGS[table])
+            done = [run.metrics for run in same if run.finished]
             if done:
                 name = f"{table}_{method}"
                 iterations = median(m["training"]["iterations"] for m in done)
                 yield f"{prefix}_iterations_{name}", f"{iterations:.0f}"
                 yield f"{prefix}_seconds_{name}", f"{median(m['fit_seconds'] for m in done):.1f}"
-                errors = (m["train"]["relative_rms_percent"] for m in done)
-                yield f"{prefix}_train_{name}", f"{median(errors):.2f}"
+                ours = spread_of(same, lambda run: run.error("train"))
+                yield f"{prefix}_train_{name}", ours.words(ours.median)
 
 
-def _of_feedthrough() -> Iterator[tuple[str, str]]:
-    for system, errors in feedthrough_errors().items():
+def _of_feedthrough(path: Path) -> Iterator[tuple[str, str]]:
+    """Medians of studies/feedthrough.py, from the file that it wrote."""
+    if not path.is_file():
+        raise ValueError(f"the page needs {path}; make it: python -m studies.feedthrough")
+    for system, errors in json.loads(path.read_text("utf-8")).items():
         for name, values in errors.items():
             yield f"{name.replace(' ', '_')}_{system}", percent(median(values))

@@ -22,26 +22,13 @@ from data.simulation.elements import Bilinear, BoucWen, Element, LimitedSlip, Po
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.training.assemble import build, simulated_from
-from report.paper.cells import METHODS, OWN_RESIDUAL, Run, of
-from report.run.figures import MEASURED, element_loops
+from report.paper.cells import METHODS, OWN_RESIDUAL, of
+from report.run.figures import element_loops
+from report.style import MEASURED, colour_of
 from runner.command_line import CONF
+from runner.result import Result
 from runner.run_folder import read_run, restore
 
-COLOURS = {  # distinct to the colour-blind: Okabe & Ito (2008), and of Tol (2021) what they lack
-    "vwnn": "#D55E00",
-    "power_series_residual": "#E69F00",
-    "power_series_restoring_force": "#56B4E9",
-    "chebyshev_restoring_force": "#0072B2",
-    "residual_mlp": "#009E73",
-    f"residual_mlp_{OWN_RESIDUAL}": "#CC79A7",
-    "global_mlp": "#882255",
-    "linear": "#777777",
-    "vwnn_first_order": "#999933",
-    "vwnn_third_order": "#663311",
-    "filtered_extrapolation": "#44AA99",
-    "last_value": "#BBBBBB",
-    "two_point": "#332288",
-}
 SIX = METHODS[:7]  # the paper's, one of them scored in two ways; the rest are baselines
 SAME_AS_CHEBYSHEV = "power_series_restoring_force"  # two bases of one space: one estimate
 LABELS = {
@@ -136,7 +123,7 @@ def _slip_marks(e: LimitedSlip) -> dict[str, Any]:
     return {"limits": {"z_y": zy, "z_g": zg}, "slopes": slopes}
 
 
-def phase_planes(run: Run, identical_scales: bool) -> Figure:
+def phase_planes(run: Result, identical_scales: bool) -> Figure:
     """Figs. 6–8: force against deformation of every element in the run's training motion."""
     data = _motions(run)
     elements = data.simulation.structure.elements
@@ -160,32 +147,33 @@ def behaviour(element: Element) -> str:
     return {"Bilinear": "bilinear", "LimitedSlip": "limited slip"}[type(element).__name__]
 
 
-def _motions(run: Run) -> SimulatedData:
+def _motions(run: Result) -> SimulatedData:
     data = simulated_from(read_run(run.folder)[0])
     data.setup()
     return data
 
 
-def of_one_seed(runs: Sequence[Run], system: str, scenario: str) -> list[Run]:
+def of_one_seed(runs: Sequence[Result], system: str, scenario: str) -> list[Result]:
     """Runs of the paper's methods at the lowest seed at which all that have runs finished."""
     models = [method for method in SIX if OWN_RESIDUAL not in method]
     found = [of(runs, model, system, scenario) for model in models]
-    seeds = [{run.seed for run in same if run.metrics is not None} for same in found if same]
+    seeds = [{run.seed for run in same if run.finished} for same in found if same]
     shared = set.intersection(*seeds) if seeds else set()
     return [run for same in found for run in same if run.seed == min(shared, default=None)]
 
 
-def estimates(runs: Sequence[Run], record: Record) -> dict[str, np.ndarray]:
+def estimates(runs: Sequence[Result], record: Record) -> dict[str, np.ndarray]:
     """{method: estimated acceleration (T, n)} of a record, from each run's checkpoint."""
     found: dict[str, np.ndarray] = {}
     for run in runs:
         with torch.no_grad():
             ways = restore(read_run(run.folder)[0], run.folder).estimates(record)
-        found |= {f"{run.model}_{way}" if way else run.model: a.numpy() for way, a in ways.items()}
+        for way, a in ways.items():
+            found[f"{run.model}_{way}" if way else str(run.model)] = a.numpy()
     return {method: found[method] for method in METHODS if method in found}
 
 
-def accelerations(runs: Sequence[Run], seconds: float = 3.0, room: float = 0.6) -> Figure:
+def accelerations(runs: Sequence[Result], seconds: float = 3.0, room: float = 0.6) -> Figure:
     """Figs. 9–11: test motion measured and estimated by all methods, `seconds` from its middle.
 
     `runs`: one of each method, of one seed. An estimate that leaves the measured range by more than
@@ -220,7 +208,7 @@ def _acceleration(
     axes.plot(t, measured, color="black", linewidth=3.0, label="measured")
     for method, a in lines.items():
         label = LABELS.get(method, method)
-        axes.plot(t, a, color=COLOURS[method], linewidth=1.0, label=label)
+        axes.plot(t, a, color=colour_of(method), linewidth=1.0, label=label)
     beyond = room * (measured.max() - measured.min())
     low, high = measured.min() - beyond, measured.max() + beyond
     cut = [method for method, a in lines.items() if a.min() < low or a.max() > high]

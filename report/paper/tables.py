@@ -2,67 +2,54 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 
-from report.paper.cells import Cell
-from runner.run_folder import write_text
+from report.output import Section, as_csv, latex, sections_markdown, write_texts
+from report.paper.cells import OWN, Cell
+from runner.spread import percent
 
 SPLITS = ("train", "test")
 COLUMNS = ("paper", "median", "quartiles", "min – max", "inside")  # of each split
+COUNTS = ("runs", "diverged", "failed", "escaped")
+INSIDE = {None: "", True: "yes", False: "no"}
+MEASURED = "residual_mlp"
+NOT_PAIRED = {(OWN, "train"), (MEASURED, "test")}  # measured in training, own in testing
 
 
 def write_tables(cells: Sequence[Cell], folder: Path) -> list[Path]:
-    """table3.csv, .md and .tex … in a folder, for the tables that have cells."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """table3.csv, .md and .tex … in a folder for the tables that have cells; all in cells.csv."""
     paths = []
     for table, group in groupby(cells, key=lambda cell: cell.table):
         rows = list(group)
-        for kind, text in (("csv", as_csv), ("md", as_markdown), ("tex", as_latex)):
-            paths.append(folder / f"table{table}.{kind}")
-            write_text(paths[-1], text(rows))
-    return paths
+        texts = {"csv": cells_csv(rows), "md": cells_markdown(rows), "tex": cells_latex(rows)}
+        paths += write_texts(folder, f"table{table}", texts)
+    return paths + write_texts(folder, "cells", {"csv": cells_csv(cells)})
 
 
-def as_csv(cells: Sequence[Cell]) -> str:
+def cells_csv(cells: Sequence[Cell]) -> str:
     """One line per cell, full precision."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(Cell.columns())
-    for cell in cells:
-        writer.writerow(["" if value is None else value for value in cell.values()])
-    return text.getvalue()
+    return as_csv([cell.columns() for cell in cells])
 
 
-def as_markdown(cells: Sequence[Cell]) -> str:
-    head = ["method", *(f"{s} {c}" for s in SPLITS for c in COLUMNS), "runs", "failed"]
-    lines = [head, ["---", *["---:"] * (len(head) - 1)]]
-    for label, *values in _rows(cells):
-        lines.append([f"`{label.replace(' x', '` x')}{'' if ' x' in label else '`'}", *values])
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+def cells_markdown(cells: Sequence[Cell]) -> str:
+    return sections_markdown([_section(cells)], label=_label)
 
 
-def as_latex(cells: Sequence[Cell]) -> str:
+def _label(label: str) -> str:
+    """A method in code, its DOF behind."""
+    method, of_dof, dof = label.partition(" x")
+    return f"`{method}`{of_dof}{dof}"
+
+
+def cells_latex(cells: Sequence[Cell]) -> str:
     """A tabular for the booktabs package."""
-    groups = " & ".join(rf"\multicolumn{{{len(COLUMNS)}}}{{c}}{{{split}}}" for split in SPLITS)
-    names = " & ".join(["method", *COLUMNS * 2, "runs", "failed"])
-    lines = [
-        r"% needs \usepackage{booktabs}; relative RMS errors in \%",
-        r"\begin{tabular}{l" + "r" * (2 * len(COLUMNS) + 2) + "}",
-        r"\toprule",
-        rf" & {groups} & & \\",
-        rf"\cmidrule(lr){{2-{1 + len(COLUMNS)}}}"
-        rf"\cmidrule(lr){{{2 + len(COLUMNS)}-{1 + 2 * len(COLUMNS)}}}",
-        names.replace("–", "--") + r" \\",
-        r"\midrule",
-        *(" & ".join(row).replace("_", r"\_").replace("–", "--") + r" \\" for row in _rows(cells)),
-        r"\bottomrule",
-        r"\end{tabular}",
-    ]
-    return "\n".join(lines) + "\n"
+    section = _section(cells)
+    rest = len(section.head) - 1 - len(COLUMNS) * len(SPLITS)
+    groups = [("", 1), *((split, len(COLUMNS)) for split in SPLITS), ("", rest)]
+    short = Section(["method", *COLUMNS * len(SPLITS), *section.head[-rest:]], section.lines)
+    return latex([short], "relative RMS errors in %", groups)
 
 
 def by_label(cells: Sequence[Cell]) -> dict[str, dict[str, Cell]]:
@@ -74,31 +61,56 @@ def by_label(cells: Sequence[Cell]) -> dict[str, dict[str, Cell]]:
     return rows
 
 
-def _rows(cells: Sequence[Cell]) -> list[list[str]]:
-    """A row for each method, or for each of its DOFs: label, five figures per split, counts."""
-    return [
+def _section(cells: Sequence[Cell]) -> Section:
+    """A line for each method, or for each of its DOFs: label, five figures per split, counts."""
+    lost = [name for name in COUNTS[1:] if any(getattr(cell.ours, name) for cell in cells)]
+    counts = [COUNTS[0], *lost]
+    lines = [
         [
             label,
             *(text for split in SPLITS for text in _figures(splits[split])),
-            *(str(value) for value in (splits["test"].seeds, splits["test"].failed)),
+            *(str(getattr(splits["test"].ours, name)) for name in counts),
         ]
         for label, splits in by_label(cells).items()
     ]
+    return Section(["method", *(f"{s} {c}" for s in SPLITS for c in COLUMNS), *counts], lines)
 
 
 def _figures(cell: Cell) -> list[str]:
-    inside = {None: "", True: "yes", False: "no"}[cell.inside]
-    return [
-        percent(cell.paper_percent),
-        percent(cell.median_percent),
-        f"{percent(cell.q25_percent)} – {percent(cell.q75_percent)}",
-        f"{percent(cell.min_percent)} – {percent(cell.max_percent)}",
-        inside,
-    ]
+    ours = cell.ours
+    ends = (ours.between(ours.quartiles), ours.between(ours.range))
+    return [percent(cell.paper_percent), ours.words(ours.median), *ends, INSIDE[cell.inside]]
 
 
-def percent(value: float | None) -> str:
-    """Two decimals; none from a hundred on."""
-    if value is None:
-        return ""
-    return f"{value:.2f}" if value < 99.995 else f"{value:.0f}"
+def printed_sections(cells: Sequence[Cell]) -> list[Section]:
+    """What is printed: medians and ranges, a table for each of the paper's."""
+    head = ["method", *(f"{s} {c}" for s in SPLITS for c in ("paper", "ours", "in")), "runs"]
+    sections = []
+    for number, group in groupby(cells, key=lambda cell: cell.table):
+        title = f"Table {number}: relative RMS error in %, median (min – max) over the runs"
+        lines = [
+            [label, *(t for s in SPLITS for t in _short(splits[s])), splits["test"].ours.counted()]
+            for label, splits in by_label(list(group)).items()
+        ]
+        sections.append(Section(head, lines, title))
+    return sections
+
+
+def _short(cell: Cell) -> tuple[str, str, str]:
+    return percent(cell.paper_percent), cell.ours.text(), INSIDE[cell.inside]
+
+
+def hits(cells: Sequence[Cell]) -> str:
+    """How many of the paper's values lie inside our ranges, by what the residual network is fed."""
+    left_out = {
+        "the measured residual": {(OWN, "train"), (OWN, "test")},
+        "its own residual": {(MEASURED, "train"), (MEASURED, "test")},
+        "the measured residual in training and its own in testing": NOT_PAIRED,
+    }
+    lines = []
+    for way, without in left_out.items():
+        judged = [c for c in cells if c.inside is not None and (c.method, c.split) not in without]
+        inside = sum(bool(c.inside) for c in judged)
+        share = 100.0 * inside / max(1, len(judged))
+        lines.append(f"{inside} of {len(judged)} ({share:.0f} %), the residual network fed {way}")
+    return "\n".join(lines)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -13,8 +12,7 @@ from torch import Tensor
 
 from data.record import QUANTITIES, Record, Response
 from models.training.metrics import displacement_of
-
-MEASURED, ESTIMATED = "#222222", "#d1495b"
+from report.style import ESTIMATED, MEASURED
 
 
 def acceleration(record: Record, estimate: Tensor, seconds: float = 10.0) -> Figure:
@@ -151,15 +149,6 @@ def run_figures(
     if record.truth is not None:
         figures["element_loops"] = element_loops(record, elements)
     return figures
-
-
-def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write a figure as PNG and PDF."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{name}.{kind}" for kind in ("png", "pdf")]
-    for path in paths:
-        figure.savefig(path, dpi=150)
-    return paths
 
 
 def _first(signal: Tensor) -> np.ndarray:

@@ -9,8 +9,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from report.collection.runs import dotted, typed
 from report.collection.scores import scores_of
+from runner.choices import dotted, typed
 
 GROUPS = ("scenario", "excitation", "data", "model", "solver", "objective")
 FILES = ("path", "folder")  # where things lie is no choice that changes a number

@@ -14,7 +14,8 @@ from data.simulation.motion import EscapedMotionError
 from models.estimator import Estimator
 from models.training.assemble import changed, data_from
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
-from report.run.figures import run_figures, save_figure
+from report.output import save_figure
+from report.run.figures import run_figures
 from report.run.online_figures import online_figures
 from report.run.table import error_table, rows_of, why_no_free_run
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from report.collection.runs import collected
-from report.free_run.rows import SYSTEMS, free_run_error
-from runner.run_folder import METRICS
+from report.free_run.rows import SYSTEMS
+from runner.result import Result, read_result
+from runner.spread import FAILED
 
 USUAL = tuple(Path(f"runs/tune_{what}") for what in ("vwnn", "polynomial", "networks"))
 FILE = "search.json"  # of runner/search.py, which needs Optuna; this does not
@@ -30,26 +30,37 @@ class Case:
     folders: Mapping[str, Mapping[int, Path]]
 
     @cached_property
-    def metrics(self) -> dict[str, dict[int, dict[str, Any]]]:
-        """{way: {seed: metrics.json}} of the runs that finished."""
+    def results(self) -> dict[str, dict[int, Result]]:
+        """{way: {seed: run}}."""
         return {
-            way: {
-                seed: json.loads((folder / METRICS).read_text("utf-8"))
-                for seed, folder in by_seed.items()
-                if (folder / METRICS).is_file()
-            }
+            way: {seed: read_result(folder) for seed, folder in by_seed.items()}
             for way, by_seed in self.folders.items()
         }
 
+    @cached_property
+    def metrics(self) -> dict[str, dict[int, Mapping[str, Any]]]:
+        """{way: {seed: metrics.json}} of the runs that finished."""
+        return {
+            way: {seed: run.metrics for seed, run in by_seed.items() if run.finished}
+            for way, by_seed in self.results.items()
+        }
+
     def errors(self, way: str, split: str = "test") -> dict[int, float]:
-        """{seed: relative RMS error in percent}; infinite where it diverged."""
-        values = {s: m[split].get("relative_rms_percent") for s, m in self.metrics[way].items()}
-        return {seed: math.inf if value is None else value for seed, value in values.items()}
+        """{seed: relative RMS error in percent}; infinite where the run diverged or failed."""
+        return self._by_seed(way, lambda run: run.error(split))
 
     def free_runs(self, way: str) -> dict[int, float]:
-        """{seed: free-run error in percent} of the runs that have a free run."""
-        by_seed = {seed: free_run_error(m) for seed, m in self.metrics[way].items()}
-        return {seed: error for seed, error in by_seed.items() if error is not None}
+        """{seed: free-run error in percent}; empty for a model without a free run."""
+        errors = self._by_seed(way, lambda run: run.free_run)
+        has_one = any(run.free_run is not None for run in self.results[way].values())
+        return errors if has_one else {}
+
+    def _by_seed(self, way: str, number: Callable[[Result], float | None]) -> dict[int, float]:
+        numbers = {
+            seed: math.inf if run.status == FAILED else number(run)
+            for seed, run in self.results[way].items()
+        }
+        return {seed: value for seed, value in numbers.items() if value is not None}
 
     @property
     def better(self) -> str:
@@ -81,7 +92,7 @@ def read_cases(folders: Sequence[Path]) -> list[Case]:
         for search in json.loads((folder / FILE).read_text("utf-8")).values():
             named = dict(word.split("=", 1) for word in search["case"] if "=" in word)
             final = {
-                way: {collected(folder / name).case[3]: folder / name for name in names}
+                way: {read_result(folder / name).seed: folder / name for name in names}
                 for way, names in search["final"].items()
             }
             cases.append(Case(named["model"], named["system"], search, final))

@@ -9,9 +9,9 @@ from string import Template
 from matplotlib.figure import Figure
 
 from report.collection.figure import scale
-from report.collection.runs import FINISHED, collect
+from report.collection.runs import collect
 from report.free_run.rows import SYSTEMS
-from report.paper.signals import COLOURS
+from report.style import colour_of
 from report.tuning.cases import WAYS, Case
 from report.tuning.onset import onsets
 from report.tuning.tables import (
@@ -54,7 +54,7 @@ def _facts(cases: Sequence[Case], warmup: Path) -> Iterator[tuple[str, str]]:
     yield "free_runs", as_markdown(free_run_rows(cases))
     if not warmup.is_dir():
         raise ValueError(f"no runs in {warmup}; python train.py -m experiment=tune_warmup")
-    runs = [run for run in collect([warmup]) if run.status == FINISHED]
+    runs = [run for run in collect([warmup]) if run.finished]
     yield "warmup", as_markdown(warmup_rows(runs))
     for name in ("cutoff", "stages"):
         values = [c.settings.get(f"model.{name}", "–") for c in cases if c.model == "vwnn"]
@@ -88,7 +88,7 @@ def draw(cases: Sequence[Case]) -> Figure:
             place = models.index(case.model)
             for offset, way in zip((-0.2, 0.2), WAYS, strict=True):
                 errors = list(case.errors(way).values())
-                colour = COLOURS[case.model] if way == "tuned" else "#999999"
+                colour = colour_of(case.model) if way == "tuned" else "#999999"
                 axes.plot(errors, [place + offset] * len(errors), "|", color=colour, markersize=9)
                 values += errors
         scale(axes, "x", values)

@@ -7,11 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from rich.table import Table
 
-from report.collection.runs import Collected
-from report.free_run.rows import SYSTEMS, quantile
-from report.paper.tables import percent
+from report.free_run.rows import SYSTEMS
+from report.output import markdown
 from report.tuning.cases import WAYS, Case
 from report.tuning.onset import onsets
+from runner.result import Result
+from runner.spread import Spread, percent
 
 PRINTED = {"bouc_wen": "Bouc–Wen"}
 Rows = Iterator[Sequence[str]]  # the first is the heading
@@ -19,19 +20,7 @@ Rows = Iterator[Sequence[str]]  # the first is the heading
 
 def spread(errors: Mapping[int, float]) -> str:
     """Median (smallest – largest) over the seeds."""
-    values = list(errors.values())
-    middle = quantile(values, 0.5)
-    if middle is None:
-        return "–"
-    low, high = shown(min(values)), shown(max(values))
-    return shown(middle) if shown(middle) == low == high else f"{shown(middle)} ({low} – {high})"
-
-
-def shown(value: float) -> str:
-    """An error in percent, or that the run diverged."""
-    if math.isinf(value):
-        return "diverged"
-    return percent(value) if value < 1e5 else f"{value:.0e}"
+    return Spread(tuple(errors.values())).text()
 
 
 def as_printed(cases: Sequence[Case]) -> Table:
@@ -50,7 +39,7 @@ def as_printed(cases: Sequence[Case]) -> Table:
 def as_markdown(rows: Rows) -> str:
     """Rows as a table in Markdown."""
     head, *lines = rows
-    return "\n".join(f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head), *lines))
+    return markdown(head, lines, left=None)
 
 
 def error_rows(cases: Sequence[Case]) -> Rows:
@@ -91,12 +80,12 @@ def free_run_rows(cases: Sequence[Case]) -> Rows:
         yield (*_head(case), *(spread(case.free_runs(way)) for way in WAYS))
 
 
-def warmup_rows(runs: Iterable[Collected]) -> Rows:
+def warmup_rows(runs: Iterable[Result]) -> Rows:
     """Validation errors with the whole held-back part counted, and without its first second."""
-    errors: dict[tuple[str, float], dict[int, float]] = {}
+    errors: dict[tuple[str, float], dict[int, float | None]] = {}
     for run in runs:
-        of_case = errors.setdefault((run.case[1], run.choices["model.cutoff"]), {})
-        of_case[run.choices["data.warmup"]] = run.metrics["validation"]["relative_rms_percent"]
+        of_case = errors.setdefault((str(run.system), run.choices["model.cutoff"]), {})
+        of_case[run.choices["data.warmup"]] = run.error("validation")
     yield "system", "cutoff", "all counted", "first second not"
     for system, cutoff in sorted(errors, key=lambda case: (SYSTEMS.index(case[0]), case[1])):
         by_warmup = sorted(errors[system, cutoff].items())

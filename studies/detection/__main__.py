@@ -25,7 +25,7 @@ from scipy.stats import beta, binomtest
 from torch import Tensor
 
 from models.detection.detector import conformal_rank, first_alarm
-from report.run.figures import save_figure
+from report.output import save_figure
 from runner.command_line import one_line_errors
 from studies.detection.figures import delays_figure, levels_figure
 from studies.detection.motions import (

@@ -2,56 +2,73 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import partial
 
 import numpy as np
 import pytest
 import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
 
 import models.vwnn
 from data.record import Record, Truth, stack
+from data.sample import Sensors
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
-from models.element_network import ElementNetwork
 from models.estimator import Estimator
-from models.latent_hysteresis_network import LatentHysteresisNetwork
 from models.linear import EquivalentLinear
-from models.neural_state_space import NeuralStateSpace
 from models.online.adaptive import Online
-from models.polynomial import ModalPolynomial
-from models.recurrent import Recurrent
+from models.training.assemble import changed, estimator_from
 from models.training.metrics import score
+from models.training.trainable import Trainable
 from models.vwnn import VWNN
 from models.vwnn_forward import ForwardVWNN
+from runner.command_line import CONF, prepare_hydra
 
 DT = 0.01
-ESTIMATORS = {
-    "vwnn_order_1": partial(VWNN, order=1),
-    "vwnn_order_2": partial(VWNN, order=2),
-    "vwnn_order_3": partial(VWNN, order=3),
-    "vwnn_unfiltered": partial(VWNN, order=2, unfiltered_excitation=True),
-    "equivalent_linear": EquivalentLinear,
-    "power_series_residual": partial(ModalPolynomial, fits="residual", order=3),
-    "power_series_restoring_force": partial(ModalPolynomial, fits="restoring_force", order=3),
-    "chebyshev_restoring_force": partial(ModalPolynomial, basis="chebyshev", order=3),
-    "last_value": LastValue,
-    "two_point": TwoPoint,
-    "filtered_extrapolation": FilteredExtrapolation,
+SMALLER = {  # what a class is built with here, so that it is identified in a second
+    "models.ModalPolynomial": {"order": 3},
+    "models.Recurrent": {"hidden": 4},
+    "models.NeuralStateSpace": {"memory": 2, "hidden": 4, "past": 3},
+    "models.ForwardVWNN": {"refinements": 1},
+    "models.ElementNetwork": {"hinges": 1, "units": 1},
+    "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
 }
-SIMULATORS = {  # what they estimate is a simulation, or needs no acceleration at all
-    "gru": partial(Recurrent, cell="gru", hidden=4),
-    "lstm": partial(Recurrent, cell="lstm", hidden=4),
-    "neural_state_space": partial(NeuralStateSpace, memory=2, hidden=4, past=3),
-    "vwnn_forward": partial(ForwardVWNN, refinements=1),
-    "element_network": partial(ElementNetwork, hinges=1, units=1),
-    "latent_hysteresis_network": partial(LatentHysteresisNetwork, elements=3, hinges=1, units=1),
+NO_STRUCTURE = ("models.HystereticElement", "models.RestoringForceSurface")  # elements alone
+
+
+def build(cfg: DictConfig, dofs: int, inputs: int, dt: float) -> Estimator:
+    smaller = {k: v for k, v in SMALLER.get(cfg._target_, {}).items() if k in cfg}
+    return estimator_from(changed(cfg, smaller), Sensors(dt, dofs, inputs))
+
+
+def zoo() -> dict[str, Callable[..., Estimator]]:
+    """name → (dofs, inputs, dt) → estimator, of every file in conf/model but element tests."""
+    prepare_hydra()
+    names = sorted(path.stem for path in (CONF / "model").glob("*.yaml"))
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        models = {name: compose("train", [f"model={name}"]).model for name in names}
+    found = {name: cfg for name, cfg in models.items() if cfg._target_ not in NO_STRUCTURE}
+    return {name: partial(build, cfg) for name, cfg in found.items()}
+
+
+ZOO = {**zoo(), "vwnn_unfiltered": partial(VWNN, unfiltered_excitation=True)}
+KINDS = {name: make(3, 3, DT) for name, make in ZOO.items()}
+ADAPTING = [name for name, kind in KINDS.items() if isinstance(kind, Online)]  # while they estimate
+TRAINED = [name for name, kind in KINDS.items() if isinstance(kind, Trainable)]
+SIMULATORS = [  # what they estimate is a simulation, or they are identified by one
+    name
+    for name, kind in KINDS.items()
+    if isinstance(kind, ForwardVWNN) or (name in TRAINED and "x" not in kind.reads)
+]
+ESTIMATORS = {  # their closed form is all there is to identify
+    name: make for name, make in ZOO.items() if name not in (*ADAPTING, *TRAINED, *SIMULATORS)
 }
-ADAPTING = {"online": Online}  # their weights move while they estimate
-ZOO = {**ESTIMATORS, **SIMULATORS, **ADAPTING}
-SEE_STATE = [name for name in ESTIMATORS if "linear" in name or "_r" in name]
+SEE_STATE = [name for name in ESTIMATORS if "x" in KINDS[name].reads]
 SEE_ACCELERATION = [name for name in ESTIMATORS if name not in SEE_STATE]
-SOLVED = [name for name in ESTIMATORS if "vwnn" in name or name in SEE_STATE]
+SOLVED = [name for name in ESTIMATORS if "f" in KINDS[name].reads]
 SEE_FORCE = [*SOLVED, *SIMULATORS, *ADAPTING]
 
 
@@ -59,10 +76,10 @@ SEE_FORCE = [*SOLVED, *SIMULATORS, *ADAPTING]
 def identified(bilinear_records):
     """Every estimator of the zoo, identified from two records of the yielding structure."""
     torch.manual_seed(0)
-    zoo = {name: build(3, 3, DT) for name, build in ZOO.items()}
-    for estimator in zoo.values():
+    estimators = {name: make(3, 3, DT) for name, make in ZOO.items()}
+    for estimator in estimators.values():
         estimator.identify(bilinear_records[:2])
-    return zoo
+    return estimators
 
 
 @pytest.fixture(params=ESTIMATORS)
@@ -73,6 +90,13 @@ def estimator(request, identified) -> Estimator:
 @pytest.fixture(params=ZOO)
 def anyone(request, identified) -> Estimator:
     return identified[request.param]
+
+
+@pytest.fixture
+def fresh(request, anyone) -> Estimator:
+    """Another of the same kind, not yet identified."""
+    torch.manual_seed(0)
+    return ZOO[request.node.callspec.params["anyone"]](3, 3, DT)
 
 
 def changed_from(record: Record, name: str, k: int, end: int | None = None) -> Record:
@@ -140,18 +164,17 @@ def test_estimates_are_finite_and_in_double_precision(anyone, bilinear_record):
     assert torch.isfinite(estimate).all()
 
 
-def test_the_truth_is_never_read(anyone, bilinear_records):
+def test_the_truth_is_never_read(anyone, fresh, bilinear_records):
     unknown = Truth(*(torch.full((1000, 1), torch.nan) for _ in fields(Truth)))
     records = [replace(record, truth=unknown) for record in bilinear_records[:2]]
-    fresh = type(anyone)(3, 3, DT)
     fresh.identify(records)
     assert torch.isfinite(fresh(records[0])).all()
     assert torch.equal(anyone(records[0]), anyone(bilinear_records[0]))
 
 
-def test_a_record_is_left_as_it_was(anyone, bilinear_record):
+def test_a_record_is_left_as_it_was(anyone, fresh, bilinear_record):
     before = bilinear_record.map(torch.clone)
-    type(anyone)(3, 3, DT).identify([bilinear_record])
+    fresh.identify([bilinear_record])
     anyone(bilinear_record)
     for name, signal in bilinear_record.signals().items():
         assert torch.equal(signal, getattr(before, name))
@@ -194,7 +217,7 @@ def test_a_record_of_another_structure_is_refused(anyone, bilinear_record):
 @pytest.mark.parametrize("missing", ["x", "v"])
 def test_a_missing_signal_is_named(identified, bilinear_record, missing):
     with pytest.raises(ValueError, match=f"EquivalentLinear reads {missing}, which the record"):
-        identified["equivalent_linear"](replace(bilinear_record, **{missing: None}))
+        identified["linear"](replace(bilinear_record, **{missing: None}))
 
 
 def test_accelerations_and_forces_alone_are_enough_for_all_others(identified, bilinear_record):
@@ -205,7 +228,12 @@ def test_accelerations_and_forces_alone_are_enough_for_all_others(identified, bi
 
 @pytest.mark.parametrize(
     ("name", "dofs"),
-    [(name, dofs) for name in ESTIMATORS for dofs in (1, 5) if (name, dofs) != ("vwnn_order_3", 5)],
+    [
+        (name, dofs)
+        for name in ESTIMATORS
+        for dofs in (1, 5)
+        if (name, dofs) != ("vwnn_third_order", 5)
+    ],
 )
 def test_structures_of_any_size_are_identified(linear_chain, record_of, name, dofs):
     excitation = Excitation(force=BandLimitedGaussian(2.0, (0.0, 4.5)))
@@ -217,7 +245,7 @@ def test_structures_of_any_size_are_identified(linear_chain, record_of, name, do
     assert (estimator(batch) - batch.a).norm() < 0.25 * batch.a.norm()
 
 
-@pytest.mark.parametrize("name", ["vwnn_order_1", "vwnn_order_2", "equivalent_linear"])
+@pytest.mark.parametrize("name", ["vwnn_first_order", "vwnn", "linear"])
 def test_fewer_forces_than_masses_and_moving_supports_are_channels(
     linear_structure, record_of, name
 ):
@@ -245,7 +273,7 @@ def test_records_one_by_one_in_a_batch_or_in_another_order_identify_the_same(
         assert torch.allclose(estimate, reference, rtol=0, atol=1e-6 * float(reference.abs().max()))
 
 
-@pytest.mark.parametrize("name", ["vwnn_order_1", "vwnn_order_2", "equivalent_linear"])
+@pytest.mark.parametrize("name", ["vwnn_first_order", "vwnn", "linear"])
 def test_renumbered_masses_give_renumbered_estimates(identified, bilinear_records, name):
     order = [2, 0, 1]
     estimator = ESTIMATORS[name](3, 3, DT)
@@ -288,7 +316,7 @@ def test_a_vwnn_in_chunks_equals_the_whole(monkeypatch, identified, bilinear_rec
         assert difference.abs().max() < 1e-9
 
 
-@pytest.mark.parametrize("name", ["vwnn_order_1", "equivalent_linear"])
+@pytest.mark.parametrize("name", ["vwnn_first_order", "linear"])
 def test_warm_up_samples_are_not_fitted(monkeypatch, bilinear_record, name):
     warm = replace(bilinear_record, warmup=300)
     estimator, cut = (ESTIMATORS[name](3, 3, DT) for _ in range(2))
@@ -296,7 +324,7 @@ def test_warm_up_samples_are_not_fitted(monkeypatch, bilinear_record, name):
     estimator.identify([warm])
     features = (
         torch.cat([phi for _, phi in estimator.features(warm)])
-        if name == "vwnn_order_1"
+        if name == "vwnn_first_order"
         else estimator.state(warm)
     )
     by_hand = np.linalg.lstsq(features[300:].numpy(), warm.a[300:].numpy())[0]
@@ -444,11 +472,11 @@ def test_baselines_have_nothing_to_identify(identified, bilinear_record):
         assert identified[name].identify([bilinear_record]) == {}
 
 
-@pytest.mark.parametrize("build", ZOO.values(), ids=ZOO)
+@pytest.mark.parametrize("make", ZOO.values(), ids=ZOO)
 @pytest.mark.parametrize(("dofs", "inputs", "dt"), [(0, 3, DT), (3, -1, DT), (3, 3, 0.0)])
-def test_an_estimator_of_nothing_is_refused(build, dofs, inputs, dt):
+def test_an_estimator_of_nothing_is_refused(make, dofs, inputs, dt):
     with pytest.raises(ValueError, match=r"dofs=|dt="):
-        build(dofs, inputs, dt)
+        make(dofs, inputs, dt)
 
 
 def test_a_vwnn_above_the_nyquist_frequency_is_refused():

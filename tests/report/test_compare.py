@@ -23,7 +23,8 @@ def compared(folder, *by: str, metric: str = "relative_rms_percent") -> Comparis
 
 def rows(comparison: Comparison) -> dict[tuple, tuple[int, int, int]]:
     """{labels: (values, diverged, failed)}."""
-    return {g.labels: (len(g.values), g.diverged, g.failed) for g in comparison.groups}
+    spreads = {group.labels: group.spread for group in comparison.groups}
+    return {labels: (len(s.values), s.diverged, s.failed) for labels, s in spreads.items()}
 
 
 @pytest.fixture
@@ -39,9 +40,9 @@ def cutoffs(tmp_path):
 
 def test_groups_count_what_diverged_and_what_failed(cutoffs):
     comparison = compared(cutoffs, "model.cutoff")
-    assert rows(comparison) == {(9.0,): (3, 0, 0), (10.0,): (3, 0, 0), (100.0,): (2, 1, 1)}
+    assert rows(comparison) == {(9.0,): (3, 0, 0), (10.0,): (3, 0, 0), (100.0,): (3, 1, 1)}
     assert list(rows(comparison)) == [(9.0,), (10.0,), (100.0,)]  # by size, not as words
-    assert comparison.groups[2].values == [100.0, math.inf]
+    assert comparison.groups[2].spread.values == (100.0, math.inf, math.inf)
 
 
 def test_the_printed_table_is_what_pandas_makes_of_the_long_one(cutoffs):
@@ -50,8 +51,11 @@ def test_the_printed_table_is_what_pandas_makes_of_the_long_one(cutoffs):
     of_pandas = some.groupby("model.cutoff").value.agg(["median", "min", "max"])
     for group in compared(cutoffs, "model.cutoff").groups:
         values = of_pandas.loc[group.labels[0]]
-        assert np.median(group.values) == values["median"]
-        assert (min(group.values), max(group.values)) == (values["min"], values["max"])
+        assert np.median(group.spread.values) == values["median"]
+        assert (min(group.spread.values), max(group.spread.values)) == (
+            values["min"],
+            values["max"],
+        )
     cells = list(as_table(compared(cutoffs, "model.cutoff")).columns[2].cells)
     assert cells == ["10.00 (9.00 – 11.00)", "11.00 (10.00 – 12.00)", "diverged (100 – diverged)"]
 
@@ -89,7 +93,7 @@ def test_numbers_of_other_estimates_dofs_and_of_the_run(tmp_path):
         "per_dof_percent/x1": 8.0,
         "fit_seconds": 0.5,
     }.items():
-        assert compared(tmp_path, "model.cutoff", metric=metric).groups[0].values == [value]
+        assert compared(tmp_path, "model.cutoff", metric=metric).groups[0].spread.values == (value,)
 
 
 MISTAKES = {
@@ -99,7 +103,7 @@ MISTAKES = {
     "by=model.cutoff split=fre_run": "did you mean free_run",
     "by=model.cutoff metric=relative_rms": "did you mean relative_rms_percent",
     "by=nothing_like_it": "choose model.cutoff, seed",
-    "by=model.cutoff page=x.md": "",
+    "by=model.cutoff output=": "",
 }
 
 

@@ -9,11 +9,11 @@ from dataclasses import replace
 import pytest
 from omegaconf import OmegaConf
 
+from report.collection.runs import read_runs
 from report.free_run.beyond import CHANGES, FILE
 from report.free_run.models import TOLD, contains, told
-from report.free_run.page import BEGIN, END, matrix, settings, write_free_run_page
-from report.free_run.rows import SYSTEMS, entries_of, leaderboard
-from report.paper.cells import read_runs
+from report.free_run.page import BEGIN, END, matrix, settings, write_page
+from report.free_run.rows import SYSTEMS, leaderboard
 from runner.command_line import CONF
 from tests.report.test_free_run_rows import LOST, add_run
 
@@ -39,8 +39,7 @@ def runs(tmp_path):
 
 def write(tmp_path, runs, asked=None, drawn=()):
     page = tmp_path / "docs" / "free_run.md"
-    more = entries_of(read_runs(asked)) if asked else []
-    write_free_run_page(page, entries_of(read_runs(runs)), more, drawn)
+    write_page(page, read_runs(runs), read_runs(asked) if asked else [], drawn)
     return page.read_text("utf-8")
 
 
@@ -52,12 +51,12 @@ def test_all_is_filled_in_and_the_figures_are_beside_it(runs, tmp_path):
     assert "$" not in text
     assert "of the 20 runs 1 diverged and 0\nfailed" in text
     assert "| `element_network` | 0.75 (0.25 – 1.25) † | 0.75 (0.25 – 1.25) † |" in text
-    assert "| `vwnn_forward` | 12.50 (12.50 – 12.50) | diverged (12.50 – diverged) |" in text
+    assert "| `vwnn_forward` | 12.50 | diverged (12.50 – diverged) |" in text
     assert "**Incomplete:** no runs of polynomial yet; the experiment names `element" in text
     assert "20 runs were made by earlier code" in text
     assert "There is none among these." in text
     assert "| `linear` | 3.00 → 33.00 | 3.00 → 33.00 |" in text
-    assert "| `element_network`, 1 record | 1.75 (1.75 – 1.75) † |" in text
+    assert "| `element_network`, 1 record | 1.75 † |" in text
     assert "### 8 training records, `scenario=noisy level=0.05 signals=[a,f]`" in text
     assert "| `vwnn_forward` | bouc_wen | 8 training records, full_state | 2 | 1 | 0 |" in text
     assert "(figures/loops_element_network_bilinear.png)" in text
@@ -73,11 +72,11 @@ def test_what_no_run_answers_names_the_command(runs, tmp_path):
 
 def test_questions_and_motions_beyond_are_rows(runs, tmp_path):
     asked = tmp_path / "questions"
-    add_run(asked, 0.9, model="element_network", train_records=2)
+    add_run(asked, 0.9, model="element_network", train_records=2, grid="less_data")
     score = {"relative_rms_percent_true": 4.5, "diverged": 0, "left_after_s": []}
-    for entry in entries_of(read_runs(runs)):
+    for entry in read_runs(runs):
         scores = dict.fromkeys(CHANGES[1:], score)
-        (entry.run.folder / FILE).write_text(json.dumps({"scores": scores}))
+        (entry.folder / FILE).write_text(json.dumps({"scores": scores}))
     text = write(tmp_path, runs, asked)
     assert "**bilinear: data.train_records**" in text
     assert "| `element_network` | 2 | 1 | 0 | 0 | 0.90 |" in text
@@ -111,14 +110,14 @@ def test_a_readme_without_marks_is_left_alone(runs, tmp_path):
 
 
 def test_settings_without_noise_and_with_most_records_come_first_the_best_model_on_top(runs):
-    rows = leaderboard(entries_of(read_runs(runs)))
+    rows = leaderboard(read_runs(runs))
     firsts = [same[0] for same in settings(rows).values()]
     found = [(row.scenario.split()[0], row.train_records) for row in firsts]
     assert found == [("full_state", 8), ("full_state", 1), ("noisy", 8)]
     lines = matrix(rows, lambda row: "").splitlines()[2:]
     models = [line.split("`")[1] for line in lines]
     assert models[:3] == ["element_network", "linear", "vwnn_forward"]  # half diverged is diverged
-    assert max(row.median_percent or 0.0 for row in rows) == math.inf
+    assert max(row.errors.median or 0.0 for row in rows) == math.inf
 
 
 def test_every_model_of_the_leaderboard_says_what_it_is_told():
@@ -129,7 +128,7 @@ def test_every_model_of_the_leaderboard_says_what_it_is_told():
 
 
 def test_whether_the_truth_is_inside_depends_on_model_and_system(runs):
-    rows = leaderboard(entries_of(read_runs(runs)))
+    rows = leaderboard(read_runs(runs))
     assert {row.model: contains(row) for row in rows if row.system == "bouc_wen"} == {
         "element_network": "yes",
         "element_network_accelerations": "yes",

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from pathlib import Path
 
 import pytest
 from omegaconf import OmegaConf
 
-from report.paper.cells import METHODS, Cell, as_configured, of, read_runs, study_cells
-from report.paper.changes import changes
-from report.paper.results import count
-from report.paper.tables import as_csv, as_latex, as_markdown, write_tables
+from report.collection.grids import asked
+from report.collection.runs import read_runs
+from report.paper.cells import METHODS, Cell, as_configured, of, study_cells
+from report.paper.tables import cells_csv, cells_latex, cells_markdown, hits, write_tables
 from runner.paper_values import paper_cells
 
 COLUMNS = (
-    "table, method, split, dof, paper_percent, median_percent, q25_percent, q75_percent, "
-    "min_percent, max_percent, seeds, failed, inside"
+    "table, method, split, dof, paper_percent, runs, failed, diverged, escaped, median_percent, "
+    "q25_percent, q75_percent, min_percent, max_percent, inside"
 )
 
 
-def add_run(folder: Path, error: float | None, **choices) -> Path:
-    """A run as train.py leaves it; failed where there is no error."""
+ESCAPED_AT = "polynomial, seed 4: the test motion escaped at t = 3.14 s; take another seed"
+
+
+def add_run(folder: Path, error: float | None, reason: str = ESCAPED_AT, **choices) -> Path:
+    """A run as train.py leaves it; failed for a reason where there is no error."""
     case = {"model": "vwnn", "system": "bilinear", "scenario": "full_state", "seed": 0} | choices
     settings, extra = case.pop("scenario_settings", {}), case.pop("extra", {})
     run = folder / "-".join(str(value) for value in (*case.values(), *settings.values()))
@@ -31,7 +35,7 @@ def add_run(folder: Path, error: float | None, **choices) -> Path:
         names = {k: {"name": case[k]} for k in ("model", "system", "scenario")}
         names["scenario"] |= settings
         OmegaConf.save(OmegaConf.create({**names, "seed": case["seed"]}), run / "config.yaml")
-        (run / "failed.json").write_text('{"reason": "the motion escaped"}')
+        (run / "failed.json").write_text(json.dumps({"reason": reason}))
         return run
     scores = {"relative_rms_percent": error, "per_dof_percent": [error, 2 * error, 3 * error]}
     if case["model"] == "residual_mlp":
@@ -52,9 +56,25 @@ def test_a_cell_is_median_quartiles_range_and_counts(tmp_path):
         add_run(tmp_path, error, seed=seed)
     cell = cell_of(study_cells(read_runs(tmp_path)), "vwnn", "test")
     assert (cell.table, cell.paper_percent) == (3, 10.79)
-    assert (cell.median_percent, cell.min_percent, cell.max_percent) == (10.5, 9.0, 12.0)
-    assert (cell.q25_percent, cell.q75_percent) == (9.75, 11.25)
-    assert (cell.seeds, cell.failed, cell.inside) == (4, 1, True)
+    assert (cell.ours.median, *cell.ours.range) == (10.5, 9.0, 12.0)
+    assert cell.ours.quartiles == (9.75, 11.25)
+    assert (cell.ours.runs, cell.ours.escaped, cell.ours.failed, cell.inside) == (5, 1, 0, True)
+
+
+def test_a_failed_and_a_diverged_run_are_the_worst_and_let_no_value_in(tmp_path):
+    """Their infinite errors count, but do not widen the range that the paper's value is held to."""
+    for seed, error in enumerate([9.0, 10.0, 10.5, None]):
+        add_run(tmp_path, error, "the solver failed", seed=seed)
+    lost = add_run(tmp_path, 1.0, seed=4) / "metrics.json"
+    metrics = json.loads(lost.read_text())
+    metrics["test"]["relative_rms_percent"] = None
+    lost.write_text(json.dumps(metrics))
+    cell = cell_of(study_cells(read_runs(tmp_path)), "vwnn", "test")
+    assert (cell.ours.median, *cell.ours.range) == (10.5, 9.0, math.inf)
+    assert (cell.ours.runs, cell.ours.failed, cell.ours.diverged, cell.inside) == (5, 1, 1, False)
+    assert "9.00 – diverged | no | 5 | 1 | 1 |" in cells_markdown(
+        [c for c in study_cells(read_runs(tmp_path)) if c.table == 3]
+    )
 
 
 @pytest.mark.parametrize(("errors", "inside"), [((9.0, 10.0), False), ((10.79, 12.0), True)])
@@ -68,15 +88,15 @@ def test_a_method_that_always_failed_has_a_row_of_failures(tmp_path):
     for seed in range(3):
         add_run(tmp_path, None, seed=seed)
     cell = cell_of(study_cells(read_runs(tmp_path)), "vwnn", "train")
-    assert (cell.median_percent, cell.seeds, cell.failed, cell.inside) == (None, 0, 3, None)
-    assert ",,,,," in as_csv([cell])
+    assert (cell.ours.median, cell.ours.runs, cell.ours.escaped, cell.inside) == (None, 3, 3, None)
+    assert ",,,,," in cells_csv([cell])
 
 
 def test_table_6_is_table_5_by_dof(tmp_path):
     add_run(tmp_path, 2.0, system="bouc_wen")
     cells = study_cells(read_runs(tmp_path))
     assert {c.table for c in cells} == {5, 6}
-    assert cell_of(cells, "vwnn", "test", "3").median_percent == 6.0
+    assert cell_of(cells, "vwnn", "test", "3").ours.median == 6.0
     assert cell_of(cells, "vwnn", "test", "3").paper_percent == 3.42
 
 
@@ -86,7 +106,7 @@ def test_both_ways_of_feeding_the_residual_back_stand_beside_the_one_printed_val
     measured, own = (
         cell_of(cells, m, "test") for m in ("residual_mlp", "residual_mlp_own_residual")
     )
-    assert (measured.median_percent, own.median_percent) == (4.0, 40.0)
+    assert (measured.ours.median, own.ours.median) == (4.0, 40.0)
     assert measured.paper_percent == own.paper_percent == 42.25
 
 
@@ -105,7 +125,7 @@ def test_other_noise_levels_are_a_sweep_not_table_8(tmp_path):
         add_run(tmp_path, error, **choices)
     runs = read_runs(tmp_path)
     assert [run.settings["level"] for run in as_configured(runs)] == [0.1]
-    assert cell_of(study_cells(runs), "vwnn", "test").max_percent == 13.0
+    assert cell_of(study_cells(runs), "vwnn", "test").ours.range[1] == 13.0
 
 
 def test_the_same_seed_twice_is_an_error_that_names_both(tmp_path):
@@ -123,7 +143,7 @@ def test_a_folder_without_runs_says_how_to_make_some(tmp_path):
 
 def test_csv_has_the_promised_columns_and_full_precision(tmp_path):
     add_run(tmp_path, 1.0 / 3.0)
-    lines = as_csv(study_cells(read_runs(tmp_path))).splitlines()
+    lines = cells_csv(study_cells(read_runs(tmp_path))).splitlines()
     assert lines[0] == COLUMNS.replace(" ", "")
     (row,) = (r for r in csv.DictReader(lines) if r["split"] == "test")
     assert float(row["median_percent"]) == 1.0 / 3.0
@@ -133,7 +153,7 @@ def test_markdown_and_latex_hold_the_same_figures(tmp_path):
     for seed, error in enumerate((10.0, 11.5)):
         add_run(tmp_path, error, seed=seed)
     cells = study_cells(read_runs(tmp_path))
-    markdown, latex = as_markdown(cells), as_latex(cells)
+    markdown, latex = cells_markdown(cells), cells_latex(cells)
     assert len({line.count("|") for line in markdown.splitlines()}) == 1
     for figure in ("10.79", "10.75", "10.00", "11.50", "yes"):
         assert figure in markdown
@@ -147,7 +167,8 @@ def test_markdown_and_latex_hold_the_same_figures(tmp_path):
 def test_each_table_is_a_file_in_three_formats(tmp_path):
     add_run(tmp_path, 2.0, system="bouc_wen")
     names = {path.name for path in write_tables(study_cells(read_runs(tmp_path)), tmp_path / "out")}
-    assert names == {f"table{t}.{kind}" for t in (5, 6) for kind in ("csv", "md", "tex")}
+    tables = {f"table{t}.{kind}" for t in (5, 6) for kind in ("csv", "md", "tex")}
+    assert names == tables | {"cells.csv"}
 
 
 def test_every_printed_cell_has_a_method_of_ours():
@@ -160,11 +181,19 @@ def test_hits_are_counted_by_what_the_residual_network_is_fed(tmp_path):
     """Training: measured 2.40 hits; testing: own 42.25 hits; the paired count has both."""
     for seed, error in enumerate((2.0, 5.0)):
         add_run(tmp_path, error, model="residual_mlp", seed=seed)
-    lines = count(study_cells(read_runs(tmp_path))).splitlines()
+    lines = hits(study_cells(read_runs(tmp_path))).splitlines()
     assert [line.split(" (")[0] for line in lines] == ["1 of 2", "1 of 2", "2 of 2"]
 
 
-def test_a_change_is_named_as_it_would_be_typed():
-    usual = {"excitation.force.std": 12.0, "data.dt": 0.01, "scenario.signals": ["x", "v", "a"]}
-    config = usual | {"excitation.force.std": 14.0, "scenario.signals": ["a"], "new": 1}
-    assert changes(config, usual) == "excitation.force.std=14.0 scenario.signals=['a']"
+def test_a_change_is_named_by_the_settings_of_its_grid(tmp_path):
+    """Those of conf/experiment, with the values of the run; a run without a known grid says so."""
+    choices = {"grid": "unfiltered_force", "model": {"unfiltered_excitation": True}}
+    choices["excitation"] = {"force": {"std": 1.7}}
+    for name, more in {"known": choices, "seeds": {"grid": "other_draws"}, "older": {}}.items():
+        (tmp_path / name).mkdir()
+        run = add_run(tmp_path / name, None, model="vwnn")
+        cfg = OmegaConf.merge(OmegaConf.load(run / "config.yaml"), more)
+        OmegaConf.save(cfg, run / "config.yaml")
+    known, older, seeds = (asked(run, "outside") for run in read_runs(tmp_path))
+    assert known == "model.unfiltered_excitation=True excitation.force.std=1.7"
+    assert (seeds, older) == ("the seeds alone", "no grid")

@@ -12,10 +12,10 @@ from hydra import compose, initialize_config_dir
 from numpy.testing import assert_allclose
 
 import train
-from report.paper.cells import METHODS, Run, read_runs
+from report.collection.runs import read_runs
+from report.paper.cells import METHODS
 from report.paper.figures import draw_study, error_curves, errors_against, errors_over_seeds
 from report.paper.signals import (
-    COLOURS,
     TURNS,
     accelerations,
     behaviour,
@@ -25,7 +25,9 @@ from report.paper.signals import (
     sample_loops,
     slowly,
 )
+from report.style import COLOURS
 from runner.command_line import CONF, prepare_hydra
+from runner.result import FINISHED, Result
 
 QUICK = ("data.duration=15", "figures=false", "baselines=none", "trainer.enable_progress_bar=false")
 
@@ -40,7 +42,7 @@ def identify(folder: Path, *choices: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def small_study(tmp_path_factory) -> list[Run]:
+def small_study(tmp_path_factory) -> list[Result]:
     """Three methods at seed 1 of the bilinear structure; only one of them at seed 0."""
     folder = tmp_path_factory.mktemp("study")
     identify(folder / "a", "model=vwnn_first_order", "seed=0")
@@ -51,10 +53,12 @@ def small_study(tmp_path_factory) -> list[Run]:
     return read_runs(folder)
 
 
-def scored(model: str, scenario: str, seed: int, percent: float, **settings: float) -> Run:
+def scored(model: str, scenario: str, seed: int, percent: float, **settings: float) -> Result:
     """A run of the polynomial structure of which only the score is known."""
-    metrics = {"test": {"relative_rms_percent": percent}}
-    return Run(Path("none"), model, "polynomial", scenario, settings, seed, metrics)
+    case = {"model": model, "system": "polynomial", "scenario": scenario, "seed": seed}
+    scores = {"test": {"relative_rms_percent": percent}}
+    metrics = {**case, "scenario_settings": settings, **scores}
+    return Result(Path("none"), FINISHED, "", {}, metrics)
 
 
 def test_the_loops_have_the_papers_slopes():
@@ -101,8 +105,7 @@ def test_elements_are_called_what_the_paper_calls_them():
 
 
 def test_every_method_has_a_colour_of_its_own():
-    assert set(COLOURS) == set(METHODS)
-    assert len(set(COLOURS.values())) == len(METHODS)
+    assert len({COLOURS[method] for method in METHODS}) == len(METHODS)
 
 
 def test_a_study_draws_what_its_runs_allow(small_study, tmp_path):

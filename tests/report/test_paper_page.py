@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
+from report.collection.runs import read_runs
 from report.paper import page as page_module
-from report.paper.cells import METHODS, SETTINGS, read_runs, study_cells
+from report.paper.cells import METHODS, SETTINGS, study_cells
 from report.paper.page import CLAIMS, write_page
-from runner.run_folder import settings_of
+from runner.run_folder import plain, settings_of
 from tests.program.test_every_config import composed
 from tests.report.test_paper_cells import add_run
 
@@ -25,14 +28,14 @@ def study(tmp_path, monkeypatch):
     folder.mkdir()
     models = [m for m in METHODS if m != "residual_mlp_own_residual"]
     for system, scenario in SETTINGS.values():
-        settings = settings_of(composed(f"scenario={scenario}").scenario)
+        settings = settings_of(plain(composed(f"scenario={scenario}").scenario))
         for i, model in enumerate(models):
             for seed in (0, 1):
                 case = {"model": model, "system": system, "scenario": scenario, "seed": seed}
                 error = 1.0 + i + 0.1 * seed
                 add_run(folder, error, scenario_settings=settings, extra=TRAINING, **case)
+    (tmp_path / "feedthrough.json").write_text(json.dumps(FEEDTHROUGH))
     monkeypatch.setattr(page_module, "rows_of", lambda runs: [])
-    monkeypatch.setattr(page_module, "feedthrough_errors", lambda: FEEDTHROUGH)
     return folder
 
 
@@ -41,7 +44,8 @@ def test_the_page_has_no_placeholder_left_and_its_figures_beside_it(study, tmp_p
     (tmp_path / "drawn" / "fig.png").write_bytes(b"picture")
     runs = read_runs(study)
     page = tmp_path / "docs" / "results.md"
-    write_page(page, runs, study_cells(runs), tmp_path / "drawn", study, study)
+    of_filters = tmp_path / "feedthrough.json"
+    write_page(page, runs, study_cells(runs), tmp_path / "drawn", study, study, of_filters)
     text = page.read_text("utf-8")
     assert "$" not in text
     assert "| `vwnn` | 9.34 | 1.05 |" in text
@@ -54,6 +58,13 @@ def test_a_study_of_one_table_makes_no_page_and_says_what_is_missing(study, tmp_
     with pytest.raises(ValueError, match=r"make them: python train\.py -m experiment=paper"):
         write_page(tmp_path / "results.md", runs, study_cells(runs), tmp_path, study, study)
     assert not (tmp_path / "results.md").exists()
+
+
+def test_a_page_without_the_study_of_the_filters_says_how_to_make_it(study, tmp_path):
+    runs = read_runs(study)
+    with pytest.raises(ValueError, match=r"make it: python -m studies\.feedthrough"):
+        places = (tmp_path / "drawn", study, study, tmp_path / "nothing.json")
+        write_page(tmp_path / "results.md", runs, study_cells(runs), *places)
 
 
 def test_claims_are_judged_on_the_errors_of_a_seed():

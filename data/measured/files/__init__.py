@@ -1,1 +1,1 @@
-"""Measured records as their loggers wrote them: one reader per file format, one table out."""
+"""What does a file hold? One reader for each format, each in a file of its own; one table out."""

@@ -1,4 +1,4 @@
-"""Named arrays of a MAT, HDF5 or NPZ file as columns: how they lie, and which fit together."""
+"""Named arrays of a MAT, HDF5 or NPZ file → columns of equal length."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ class Variable:
 
 
 def refuse(name: str, reason: str) -> Variable:
-    """A variable that stops the reading unless `data.columns` asks for others only."""
+    """A variable that stops the reading unless `data.columns` names other variables only."""
     return Variable(name, (), np.dtype(object), lambda: np.empty(0), refused=reason)
 
 
 def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Contents:
     """Vectors and matrices (rows, k) as columns `name` or `name1 … namek`, scalars as facts.
 
-    Raises FileError for refused variables, three-dimensional arrays, arrays that lie on their
-    side and columns of unequal length, each unless `data.columns` leaves them out.
+    Raises FileError for refused variables, three-dimensional arrays, arrays with more columns than
+    rows and columns of unequal length, unless `data.columns` leaves these out.
     """
     contents = Contents()
     series = [variable for variable in variables if _is_series(path, variable, request, contents)]

@@ -1,4 +1,4 @@
-"""What all readers share: the error, the request, names with units, numbers as float64."""
+"""Parts of all readers: the error, the request, names with units, numbers as float64."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from data.measured.units import is_unit
 EXACT = 2**53  # float64 holds every integer up to here
 GIB = 2**30
 LARGEST = 64 * GIB  # bytes of one table in memory
-SUSPECT = GIB  # from here on, data that shrank a thousandfold is taken for a bomb
+SUSPECT = GIB  # above this, data packed a thousandfold is taken for a bomb
 
 
 class FileError(ValueError):
@@ -24,7 +24,7 @@ class FileError(ValueError):
 
 @dataclass(frozen=True)
 class Request:
-    """What the caller asks of a file, see `data.measured.files.table.read_table`."""
+    """Settings of the reading of a file, see `data.measured.files.table.read_table`."""
 
     skip_rows: int = 0
     delimiter: str | None = None
@@ -36,7 +36,7 @@ class Request:
 
 @dataclass
 class Contents:
-    """What a reader found; `data.measured.files.table.Table` is its frozen form."""
+    """Columns that a reader returns; `data.measured.files.table.Table` is the frozen form."""
 
     columns: dict[str, np.ndarray] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
@@ -51,7 +51,7 @@ def shorten(text: object, length: int = 40) -> str:
 
 
 def reason_of(error: Exception) -> str:
-    """The first line of what a library said, without the bytes of the file it may quote."""
+    """The first line of a library's message, without unprintable bytes that the line may quote."""
     line = (str(error).strip("'\"").splitlines() or [""])[0]
     line = "".join(letter for letter in line if letter.isprintable())
     return (line if len(line) <= 120 else line[:119] + "…") or type(error).__name__

@@ -63,7 +63,7 @@ def _group(path: Path, file: h5py.File, name: str | None) -> h5py.Group:
 
 
 def _inside(file: h5py.File, name: str) -> Any:
-    """What `name` leads to by hard links only, so surely inside this file; None otherwise."""
+    """The object that `name` reaches by hard links only, surely inside this file, or None."""
     place: Any = file
     for part in name.strip("/").split("/"):
         if not isinstance(place, h5py.Group):
@@ -98,7 +98,7 @@ def _walk(
         if isinstance(item, h5py.Dataset):
             yield from _dataset(name, item, matlab)
         elif isinstance(item, h5py.Group) and not (matlab and key.startswith("#")):
-            if _address(item) in seen:  # else groups within each other would be walked for ever
+            if _address(item) in seen:  # or groups within each other would be walked for ever
                 yield refuse(name, "a second name of a group")
             else:
                 seen.add(_address(item))
@@ -116,17 +116,17 @@ def _dataset(name: str, dataset: h5py.Dataset, matlab: bool) -> Iterator[Variabl
         return
     dtype = np.dtype(complex) if dataset.dtype.names else dataset.dtype
     if dtype.kind == "O" or _attribute(dataset, "MATLAB_class") == "char":
-        dtype, shape = np.dtype("S1"), (2, *shape)  # text, of no interest
+        dtype, shape = np.dtype("S1"), (2, *shape)  # text, which is not read
     if matlab and "MATLAB_empty" in dataset.attrs:
         shape = (0,)
     unit = _attribute(dataset, "units") or _attribute(dataset, "unit") or None
-    # MATLAB stores columns first, so its matrices lie on their side
+    # MATLAB stores columns first: its matrices are transposed
     read = (lambda: dataset[()].T) if matlab else (lambda: dataset[()])
     yield Variable(name, shape[::-1] if matlab else shape, dtype, read, unit)
 
 
 def _reason(dataset: h5py.Dataset) -> str:
-    """Why a dataset is not read, "" for a good one."""
+    """Why a dataset is not read, "" for a dataset that is read."""
     if dataset.is_virtual:
         return "a virtual dataset, whose values lie in other files"
     if dataset.external:

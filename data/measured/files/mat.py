@@ -24,7 +24,7 @@ V5, V73 = b"MATLAB ", b"MATLAB 7.3 MAT-file"  # first bytes; v4 has none of its 
 def read_mat(path: Path, request: Request) -> Contents:
     """The numeric arrays of a MAT file, structs flattened as `struct.field`.
 
-    Cells, objects and sparse matrices are refused by name. Raises FileError for these and damage.
+    Raises FileError for cells, objects and sparse matrices, by name, and for damage.
     """
     with path.open("rb") as file:
         head = file.read(2056)
@@ -50,7 +50,7 @@ MAT = Format(
 
 
 def _load(path: Path, head: bytes, notes: list[str]) -> dict[str, Any]:
-    """What scipy reads. It only builds arrays; MATLAB functions and objects stay bytes."""
+    """Variables as scipy reads them: arrays only; MATLAB functions and objects stay bytes."""
     try:
         if head.startswith(V5):
             _check_elements(path, head)
@@ -70,7 +70,7 @@ def _load(path: Path, head: bytes, notes: list[str]) -> dict[str, Any]:
 
 
 def _check_elements(path: Path, head: bytes) -> None:
-    """The sizes that compressed elements of MAT v5 declare, structs included, before unpacking."""
+    """Raise FileError where compressed elements of MAT v5 declare too much, before unpacking."""
     order = "<" if head[126:128] == b"IM" else ">"
     stored, at, declared = path.stat().st_size, 128, 0
     with path.open("rb") as file:

@@ -42,7 +42,10 @@ def read_npz(path: Path, request: Request) -> Contents:
 
 
 def read_npy(path: Path, request: Request) -> Contents:
-    """The array of an NPY file, its columns c1, c2, … or the names of its fields."""
+    """The array of an NPY file as columns c1, c2, … or by the names of its fields.
+
+    Raises FileError for pickles and damage.
+    """
     try:
         with path.open("rb") as file:
             shape, _, dtype = _header(file)
@@ -124,7 +127,7 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
 
 
 def _check_room(path: Path, name: str, shape: tuple[int, ...], dtype: np.dtype, room: int) -> None:
-    """A header that claims more than the file holds would have numpy ask for that much memory."""
+    """Raise FileError for a header that claims more bytes than there are: numpy allocates them."""
     claimed = math.prod(shape) * dtype.itemsize
     if claimed > room:
         raise FileError(

@@ -24,7 +24,10 @@ from data.measured.files.text_columns import to_times
 
 
 def read_parquet(path: Path, request: Request) -> Contents:
-    """The number and time columns; text is left out with a note, nested columns are refused."""
+    """The number and time columns; text is left out with a note.
+
+    Raises FileError for nested columns and damage.
+    """
     try:
         with pyarrow.parquet.ParquetFile(path) as file:
             return _read(path, file, request)

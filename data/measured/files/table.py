@@ -35,7 +35,7 @@ class Table:
 
     path: str
     columns: dict[str, np.ndarray]  # name → float64 (rows,), NaN where a cell is empty
-    units: dict[str, str]  # what the file itself says, from headers such as "acc [g]"
+    units: dict[str, str]  # as the file states them, in headers such as "acc [g]"
     facts: dict[str, float]  # scalars that the file holds beside its columns, such as dt, fs
     notes: tuple[str, ...]  # what the reader noticed and did
 
@@ -50,12 +50,12 @@ def read_table(
     columns: Sequence[str] | None = None,
     header: bool = True,
 ) -> Table:
-    """The columns of a CSV, MAT, Parquet, HDF5, NPZ, NPY or JSON file, told by its suffix.
+    """The columns of a CSV, MAT, Parquet, HDF5, NPZ, NPY or JSON file, as its suffix says.
 
     `skip_rows` lines stand before the header, `delimiter` and `decimal` separate cells and
     fractions, `header=False` names the columns c1, c2, …; all four for text files only. `group`
-    selects a group of an HDF5 or MAT v7.3 file. `columns` names those to read, without units.
-    Raises FileError, one line with the remedy, for whatever could come out wrong.
+    selects a group of an HDF5 or MAT v7.3 file. `columns` names the columns to read, without units.
+    Raises FileError, one line with the remedy, for whatever could be read wrongly.
     """
     place = Path(path)
     wanted = None if columns is None else tuple(columns)

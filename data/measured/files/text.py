@@ -43,7 +43,7 @@ def read_text(path: Path, request: Request) -> Contents:
     names, units = name_columns(path, headers)
     units |= {names[k]: unit for k, unit in layout.units.items()}
     chosen = choose(path, names, request.columns)
-    read = [name if name in chosen else "" for name in names]  # "" for what is not read
+    read = [name if name in chosen else "" for name in names]  # "" for a column that is not read
     contents = Contents(notes=layout.notes)
     table = _parse(path, layout, read, request, contents.notes)
     for name in chosen:
@@ -90,7 +90,7 @@ def _left_out(path: Path, name: str, request: Request, notes: list[str]) -> None
 def _parse(
     path: Path, layout: Layout, read: list[str], request: Request, notes: list[str]
 ) -> dict[int, np.ndarray | pa.ChunkedArray]:
-    """Columns by number: arrays of numbers, or what is still text. Raises FileError with a line."""
+    """Columns by number: arrays of numbers, or text to convert. Raises FileError naming a line."""
     rows = _survey(path, layout, notes)
     kinds = {k: layout.kinds[k] for k, name in enumerate(read) if name}
     with contextlib.suppress(pa.ArrowInvalid):
@@ -106,7 +106,7 @@ def _parse(
 def _collect(
     path: Path, layout: Layout, kinds: dict[int, str], rows: int, request: Request
 ) -> dict[int, np.ndarray | pa.ChunkedArray]:
-    """Piece by piece into arrays that have their full length from the start: no second copy."""
+    """Columns read piece by piece into arrays of full length: no second copy in memory."""
     numbers = {k: np.empty(rows) for k, kind in kinds.items() if kind == "number"}
     others: dict[int, list[pa.Array]] = {k: [] for k in kinds if k not in numbers}
     at = 0
@@ -124,7 +124,7 @@ def _collect(
 
 
 def _narrow(path: Path, layout: Layout, kinds: dict[int, str], request: Request) -> Layout:
-    """The layout as of the first stretch that Arrow cannot read; to search all would take long."""
+    """The layout from the first stretch on that Arrow cannot read; a search of all is slow."""
     offset, line = layout.offset, layout.line
     for piece in _pieces(path, layout, STRETCH):
         try:
@@ -173,7 +173,7 @@ def _read_csv(piece: bytes, layout: Layout, kinds: dict[int, str], request: Requ
 
 
 def _survey(path: Path, layout: Layout, notes: list[str]) -> int:
-    """How many lines follow the header, an upper bound of the rows."""
+    """Number of lines below the header, an upper bound of the rows."""
     feeds = returns = pairs = 0
     last = b""
     with path.open("rb") as file:

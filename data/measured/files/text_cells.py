@@ -1,4 +1,4 @@
-"""The cells of a text file: how a line is cut into them, and what they are."""
+"""Cells of a text file: how a line is cut into cells, and what kind a cell is of."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?\s*\[?([A-Za-zµ].*?)\]?")
 
 
 def opens_object(head: bytes) -> bool:
-    """Whether the first bytes of a file open an object of JSON, behind a byte-order mark even."""
+    """Whether the first bytes of a file open a JSON object, perhaps behind a byte-order mark."""
     return head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{"
 
 
@@ -42,7 +42,7 @@ def is_number(text: str, decimal: str = ".") -> bool:
 
 
 def spoilt_number(cell: str, decimal: str) -> str:
-    """What keeps a cell that is meant as a number from being one, and the remedy; "" for others."""
+    """Why a cell that is meant as a number is none, and the remedy; "" for other cells."""
     other = "," if decimal == "." else "."
     thousands = re.fullmatch(r"[+-]?\d{1,3}([,. ']\d{3})+([,.]\d*)?", cell)
     if re.fullmatch(rf"[+-]?(\d+\{other}\d*|\{other}\d+)([eE][+-]?\d+)?", cell):
@@ -61,10 +61,10 @@ def spoilt_number(cell: str, decimal: str) -> str:
 
 
 def kind_of_column(cells: Sequence[str], decimal: str) -> str:
-    """What a column is by its first cells: "number", "integer" (beyond 2^53), "time" or "text".
+    """Kind of a column by its first cells: "number", "integer" (beyond 2^53), "time" or "text".
 
-    Spoilt numbers, such as decimal commas throughout, count as numbers: they must not pass for text
-    and be left out.
+    Spoilt numbers, such as decimal commas throughout, count as numbers: a column of them must not
+    pass for text and be left out.
     """
     filled = [cell.strip() for cell in cells if cell.strip() not in MISSING]
     if any(is_number(cell, decimal) for cell in filled):

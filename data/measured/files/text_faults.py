@@ -1,6 +1,6 @@
-"""Find the line that keeps a text file from being read, and say what is wrong with it.
+"""The line that keeps a text file from being read, and what is wrong with that line.
 
-Runs only after the fast reader gave up, so it may take its time.
+The search runs only after the fast reader gave up, so it may be slow.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ REMEDY = "mend the file or leave the column out (data.columns)"
 def find_fault(
     path: Path, layout: Layout, names: Sequence[str], request: Request, length: float = math.inf
 ) -> None:
-    """Raise FileError for the first faulty line within `length` bytes; return where there is none.
+    """Raise FileError for the first faulty line within `length` bytes; return if all are right.
 
-    `names` are those of all columns, "" for one that is not read.
+    `names` are those of all columns, "" for a column that is not read.
     """
     for number, text in _lines(path, layout, length):
         if "\0" in text:
@@ -47,7 +47,7 @@ def _lines(path: Path, layout: Layout, length: float) -> Iterator[tuple[int, str
         number, read = layout.line, 0
         for piece in file:
             bare = piece.removesuffix(b"\n").removesuffix(b"\r")
-            for line in bare.split(b"\r"):  # old Macs end lines so
+            for line in bare.split(b"\r"):  # line ends of old Macs
                 yield number, line.decode("utf-8", errors="replace")
                 number += 1
             read += len(piece)

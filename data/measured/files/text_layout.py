@@ -1,6 +1,6 @@
-"""How a text file is laid out, judged by its first lines: delimiter, header, kinds of columns.
+"""Layout of a text file, judged by its first lines: delimiter, header, kinds of columns.
 
-Whatever is ambiguous is an error with its remedy, never a guess.
+An ambiguous layout is an error with its remedy, never a guess.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Line:
 
 
 def layout_of(path: Path, request: Request) -> Layout:
-    """Judge the first lines of a text file. Raises FileError where they can be read in two ways."""
+    """Layout of a text file. Raises FileError where its first lines can be read in two ways."""
     notes: list[str] = []
     lines = _first_lines(path, notes)
     announced = re.fullmatch(r"sep=(.)", lines[0].text) if lines else None
@@ -79,7 +79,7 @@ def _first_lines(path: Path, notes: list[str]) -> list[Line]:
     if pieces and not pieces[-1][0]:
         pieces.pop()
     if not whole:
-        pieces.pop()  # cut in its midst
+        pieces.pop()  # incomplete
     if not pieces:
         raise FileError(
             f"{path.name}: line 1 is longer than {SAMPLE_BYTES} bytes; expected a header or a row; "
@@ -142,7 +142,7 @@ def _detect(rows: Sequence[str], request: Request) -> str | None:
 def _layout(
     path: Path, kept: Sequence[Line], delimiter: str, request: Request, notes: list[str]
 ) -> Layout:
-    """The header, or why the first line is none."""
+    """Layout below the header. Raises FileError where the first line is no header."""
     first, rest = kept[0], kept[1:]
     counts = Counter(len(split(line.text, delimiter)) for line in rest[:SAMPLE_ROWS])
     width = counts.most_common(1)[0][0] if counts else len(split(first.text, delimiter))
@@ -199,7 +199,7 @@ def _without_header(
 
 
 def _row_like(cells: Sequence[str], decimal: str) -> bool:
-    """Whether this can be a row: a number or a time in it, or nothing at all."""
+    """Whether the cells can be a row: they hold a number or a time, or are all empty."""
     filled = [cell.strip() for cell in cells if cell.strip() not in MISSING]
     return not filled or any(is_number(c, decimal) or ISO_TIME.fullmatch(c) for c in filled)
 

@@ -1,0 +1,74 @@
+"""Runs → the leaderboard of free runs, its figures, and the page docs/free_run.md. No training.
+
+python -m report.free_run                            of the runs in runs/free_run
+python -m report.free_run FOLDER … --output FOLDER   of some folders
+python -m report.free_run --page docs/free_run.md    the whole page, and the table in README.md
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from data.arguments import Parser
+from report.collection.report import tell_ended
+from report.collection.runs import has_runs, read_runs, results_folder
+from report.free_run.figures import draw_leaderboard
+from report.free_run.page import write_page
+from report.free_run.questions import EXPERIMENT, QUESTION_COLUMNS, question_of, question_rows
+from report.free_run.rows import leaderboard
+from report.free_run.tables import CAPTION, sections, write_rows
+from report.output import printed, terminal
+from runner.command_line import command_errors
+from runner.result import Result
+
+USUAL = Path("runs/free_run")
+QUESTIONS = Path("runs") / EXPERIMENT
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    parser = Parser("python -m report.free_run", description=(__doc__ or "").splitlines()[0])
+    add = parser.add_argument
+    add("folders", nargs="*", type=Path, default=[USUAL], help=f"of the runs; {USUAL} without any")
+    add("--questions", type=Path, default=QUESTIONS, help=f"runs of experiment={EXPERIMENT}")
+    add("--output", type=Path, help="of tables and figures; results/ in the folder of the runs")
+    add("--page", type=Path, help="to write, with its figures beside it: docs/free_run.md")
+    with command_errors():
+        options = parser.parse_args(words)
+        report_free_run(options.folders, options.questions, options.output, options.page)
+
+
+def report_free_run(
+    folders: Sequence[Path],
+    questions: Path,
+    output: Path | None = None,
+    page: Path | None = None,
+) -> None:
+    """Write and print the leaderboard, and what the questions' runs answer; and the page."""
+    output = output or results_folder(folders)
+    runs = read_runs(folders)
+    rows = leaderboard(runs)
+    parts = sections(rows)
+    paths = write_rows("leaderboard", rows, parts, output)
+    asked: list[Result] = []
+    if has_runs(questions):
+        asked = read_runs(questions)
+        rows = question_rows(asked, runs)
+        answered = sections(rows, QUESTION_COLUMNS, question_of)
+        paths += write_rows("questions", rows, answered, output)
+        parts += answered
+    console = terminal(165)
+    console.print(*map(printed, parts))
+    console.print(CAPTION)
+    for note in dict.fromkeys(note for part in parts for note in part.notes):
+        console.print(note, soft_wrap=True, markup=False)
+    paths += draw_leaderboard(runs, asked, output)
+    console.print(f"{len(paths)} files in {output}", soft_wrap=True)
+    tell_ended(console, [*runs, *asked])
+    if page is not None:
+        write_page(page, runs, asked, paths)
+        console.print(f"page in {page}", soft_wrap=True)
+
+
+if __name__ == "__main__":
+    main()

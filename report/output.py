@@ -1,0 +1,145 @@
+"""Tables and pictures as files: CSV in full precision, Markdown, LaTeX (booktabs), PNG and PDF."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from runner.run_folder import write_text
+
+WORDS = ("setting", "value", "motion", "varied")  # columns of long texts
+
+
+@dataclass(frozen=True)
+class Section:
+    """Lines of texts under a heading each; a title above them and notes below, where there are."""
+
+    head: Sequence[str]
+    lines: Sequence[Sequence[str]]
+    title: str = ""
+    notes: Sequence[str] = field(default_factory=tuple)
+
+
+def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A line for each row, full precision; nothing for None."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(rows[0] if rows else ())
+    for row in rows:
+        writer.writerow(["" if value is None else value for value in row.values()])
+    return text.getvalue()
+
+
+def markdown(
+    head: Sequence[str], lines: Sequence[Sequence[str]], left: Collection[int] | None = (0,)
+) -> str:
+    """A table; all columns but those at `left` to the right, None: all to the left."""
+    rules = ["---" if left is None or i in left else "---:" for i in range(len(head))]
+    return "\n".join(f"| {' | '.join(line)} |" for line in (head, rules, *lines))
+
+
+def code(text: str) -> str:
+    return f"`{text}`"
+
+
+def sections_markdown(
+    sections: Sequence[Section], caption: str = "", label: Callable[[str], str] = code
+) -> str:
+    """Tables with titles and notes; the first text of each line through `label`."""
+    blocks: list[str] = []
+    for section in sections:
+        lines = [(label(first), *rest) for first, *rest in section.lines]
+        blocks += [f"**{section.title}**"] if section.title else []
+        blocks += [markdown(section.head, lines), *section.notes]
+    return "\n\n".join([*blocks, *([f"{caption}."] if caption else [])]) + "\n"
+
+
+def latex(sections: Sequence[Section], caption: str, groups: Sequence[tuple[str, int]] = ()) -> str:
+    """A tabular for the booktabs package, titles on lines of their own.
+
+    groups: headings above the head, (text, columns that it spans).
+    """
+    head = sections[0].head
+    lines = [
+        rf"% needs \usepackage{{booktabs}}; {escaped(caption)}",
+        r"\begin{tabular}{l" + "r" * (len(head) - 1) + "}",
+        r"\toprule",
+        *_group_lines(groups),
+        _latex_line(head),
+    ]
+    for section in sections:
+        lines.append(r"\midrule")
+        if section.title:
+            title = rf"\emph{{{escaped(section.title)}}}"
+            lines.append(rf"\multicolumn{{{len(head)}}}{{l}}{{{title}}} \\")
+        lines += map(_latex_line, section.lines)
+        lines += [f"% {escaped(note)}" for note in section.notes]
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def _latex_line(texts: Sequence[str]) -> str:
+    return " & ".join(map(escaped, texts)) + r" \\"
+
+
+def _group_lines(groups: Sequence[tuple[str, int]]) -> list[str]:
+    if not groups:
+        return []
+    texts, rules, column = [], "", 1
+    for text, count in groups:
+        over = rf"\multicolumn{{{count}}}{{c}}{{{escaped(text)}}}"
+        texts.append(over if text else " & " * (count - 1))
+        rules += rf"\cmidrule(lr){{{column}-{column + count - 1}}}" if text else ""
+        column += count
+    return [" & ".join(texts) + r" \\", rules]
+
+
+def escaped(text: str) -> str:
+    """Text for LaTeX; a cell that begins with a bracket would be an argument of the \\\\ before."""
+    signs = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    signs |= {sign: f"\\{sign}" for sign in "&%$#_{}"} | {"–": "--", "×": r"$\times$"}
+    done = "".join(signs.get(sign, sign) for sign in text)
+    return f"{{}}{done}" if done.startswith("[") else done
+
+
+def printed(section: Section) -> Table:
+    """For the terminal. Texts, for brackets in strings are markup."""
+    table = Table(title=Text(section.title, style="table.title"), title_justify="left")
+    for i, name in enumerate(section.head):
+        if name in WORDS:
+            table.add_column(Text(name), overflow="fold", min_width=18)
+        else:
+            table.add_column(Text(name), justify="right" if i else "left", no_wrap=True)
+    for line in section.lines:
+        table.add_row(*map(Text, line))
+    return table
+
+
+def terminal(width: int) -> Console:
+    """The terminal, or so many columns where the output goes elsewhere."""
+    return Console(width=None if Console().is_terminal else width)
+
+
+def write_texts(folder: Path, name: str, texts: Mapping[str, str]) -> list[Path]:
+    """{kind: text} as name.kind in a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind, text in texts.items():
+        write_text(folder / f"{name}.{kind}", text)
+    return [folder / f"{name}.{kind}" for kind in texts]
+
+
+def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write a figure as PNG and PDF."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{name}.{kind}" for kind in ("png", "pdf")]
+    for path in paths:
+        figure.savefig(path, dpi=150)
+    return paths

@@ -1,0 +1,72 @@
+"""Runs of the study → the paper's tables and figures, and the page docs/results.md. No training.
+
+python -m report.paper                            of the runs in runs/study
+python -m report.paper FOLDER … --output FOLDER   as far as the runs of some folders allow
+python -m report.paper --page docs/results.md     the whole page
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from data.arguments import Parser
+from report.collection.report import tell_ended
+from report.collection.runs import read_runs, results_folder
+from report.output import printed, terminal
+from report.paper import changes
+from report.paper.cells import study_cells
+from report.paper.figures import draw_study
+from report.paper.page import write_page
+from report.paper.tables import hits, printed_sections, write_tables
+from runner.command_line import command_errors
+
+USUAL = Path("runs/study")
+CLOSE_FIT = Path("runs/close_fit")
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    parser = Parser("python -m report.paper", description=(__doc__ or "").splitlines()[0])
+    add = parser.add_argument
+    add("folders", nargs="*", type=Path, default=[USUAL], help=f"of the runs; {USUAL} without any")
+    add("--output", type=Path, help="of tables and figures; results/ in the folder of the runs")
+    add("--page", type=Path, help="to write, with its figures beside it: docs/results.md")
+    add("--outside", type=Path, default=changes.USUAL, help="runs of experiment=outside")
+    add("--close-fit", type=Path, default=CLOSE_FIT, help="runs of experiment=close_fit")
+    with command_errors():
+        options = parser.parse_args(words)
+        report_paper(
+            options.folders, options.output, options.page, options.outside, options.close_fit
+        )
+
+
+def report_paper(
+    folders: Sequence[Path],
+    output: Path | None = None,
+    page: Path | None = None,
+    outside: Path = changes.USUAL,
+    close_fit: Path = CLOSE_FIT,
+) -> None:
+    """Write and print tables and figures, as far as the runs allow; and the page, if asked for.
+
+    Raises ValueError where no run belongs to a table of the paper.
+    """
+    output = output or results_folder(folders)
+    runs = read_runs(folders)
+    cells = study_cells(runs)
+    if not cells:
+        where = ", ".join(map(str, folders))
+        raise ValueError(f"no run in {where} belongs to a table of the paper; see --help")
+    console = terminal(145)
+    console.print(*map(printed, printed_sections(cells)))
+    console.print("the paper's values inside our ranges over the seeds:", hits(cells), sep="\n")
+    paths = write_tables(cells, output) + draw_study(runs, output)
+    console.print(f"{len(paths)} files in {output}", soft_wrap=True)
+    tell_ended(console, runs)
+    if page is not None:
+        write_page(page, runs, cells, output, outside, close_fit)
+        console.print(f"page in {page}", soft_wrap=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""Choices of a run, dotted as they would be typed: how they are read, written and told apart."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+UNTOLD = ("_target_",)  # the class, which the name of a choice stands for
+
+
+def read_choices(path: Path) -> dict[str, Any]:
+    """Every choice in a run's config, dotted. Raises ValueError for what is no config.
+
+    Reading YAML is slow, and the runs of a sweep differ in a few lines: each of the config's blocks
+    is read once, however many runs have it.
+    """
+    blocks = re.split(r"^(?=\w)", path.read_text("utf-8"), flags=re.MULTILINE)
+    return {key: value for block in blocks for key, value in _choices(block)}
+
+
+@cache
+def _choices(block: str) -> tuple[tuple[str, Any], ...]:
+    content = yaml.load(block, Loader) or {}
+    if not isinstance(content, dict):
+        raise ValueError(f"config.yaml holds {block.splitlines()[0]!r}, which is no setting")
+    return tuple(dotted(content).items())
+
+
+def dotted(node: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """{dotted name: value} of all leaves; a list is one, an empty choice is none."""
+    found: dict[str, Any] = {}
+    for key, value in node.items():
+        if isinstance(value, Mapping):
+            found |= dotted(value, f"{prefix}{key}.")
+        elif key not in UNTOLD:
+            found[f"{prefix}{key}"] = value
+    return found
+
+
+def typed(value: Any) -> Any:
+    """A value as a table holds it: numbers and words as they are, a list as it would be typed."""
+    if isinstance(value, list | tuple):
+        return f"[{','.join(str(typed(v)) for v in value)}]"
+    return "null" if value is None else value
+
+
+def varying(choices: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """{name: value of each run} of the choices that are not the same in all of these runs.
+
+    None where a run has no such choice; runs of which nothing is known do not count.
+    """
+    names = dict.fromkeys(name for of_run in choices for name in of_run)
+    found: dict[str, list[Any]] = {}
+    for name in names:
+        values = [typed(of_run[name]) if name in of_run else None for of_run in choices]
+        if len({str(v) for v, of_run in zip(values, choices, strict=True) if of_run}) > 1:
+            found[name] = values
+    return found

@@ -1,0 +1,170 @@
+"""What became of a run, read from its folder: its choices, its numbers, or why there are none.
+
+A run is finished where metrics.json is there; failed where it says why, and escaped where the
+reason is that the structure's own motion did; unfinished otherwise: killed, or still at work. What
+cannot be read is damaged.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from models.training.metrics import FREE_RUNS
+from runner import run_folder
+from runner.choices import dotted, read_choices, typed
+from runner.run_folder import CONFIG, METRICS, read_failure, read_metrics
+from runner.spread import ESCAPED, FAILED, Spread
+
+FINISHED, UNFINISHED, DAMAGED = "finished", "unfinished", "damaged"
+STATUSES = (FINISHED, FAILED, ESCAPED, UNFINISHED, DAMAGED)
+FREE_RUN = FREE_RUNS["test"]
+NOT_SCORED = "the run is older than the free-run score; repeat it"
+ERROR = "relative_rms_percent"
+
+
+@dataclass(frozen=True)
+class Result:
+    """A run: `choices` are dotted; `metrics` is empty unless the run is finished."""
+
+    folder: Path
+    status: str  # one of STATUSES
+    reason: str
+    choices: Mapping[str, Any]
+    metrics: Mapping[str, Any]
+
+    @property
+    def finished(self) -> bool:
+        return self.status == FINISHED
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is something to tell: numbers, or why there are none."""
+        return self.status in (FINISHED, FAILED, ESCAPED)
+
+    @property
+    def model(self) -> str | None:
+        return self._name("model")
+
+    @property
+    def system(self) -> str | None:
+        return self._name("system")
+
+    @property
+    def scenario(self) -> str | None:
+        return self._name("scenario")
+
+    def _name(self, part: str) -> Any:
+        return self.metrics.get(part, self.choices.get(f"{part}.name"))
+
+    @property
+    def seed(self) -> Any:
+        return self.metrics.get("seed", self.choices.get("seed"))
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Those of the scenario, dotted, without its name."""
+        if "scenario_settings" in self.metrics:
+            return dotted(self.metrics["scenario_settings"])
+        mine = (item for item in self.choices.items() if item[0].startswith("scenario."))
+        return {key.removeprefix("scenario."): v for key, v in mine if key != "scenario.name"}
+
+    @property
+    def setting(self) -> str:
+        """Name and settings of the scenario, as they would be typed."""
+        settings = (f"{key}={typed(value)}" for key, value in self.settings.items())
+        return " ".join((str(self.scenario), *settings))
+
+    @property
+    def train_records(self) -> int | None:
+        return self.choices.get("data.train_records")
+
+    @property
+    def grid(self) -> str:
+        """Name of the sweep's grid that asked for the run; "" for none, and in older runs."""
+        return self.choices.get("grid") or ""
+
+    @property
+    def code(self) -> str | None:
+        """Of the run's identity."""
+        return self.metrics.get("identity", {}).get("code")
+
+    def error(self, split: str, estimate: str = "", dof: int | None = None) -> float | None:
+        """Relative RMS error in percent; infinite where it diverged, None where there is none."""
+        scores = self.metrics.get(split, {})
+        scores = scores.get(estimate, {}) if estimate else scores
+        if dof is None:
+            return _or_infinite(scores[ERROR]) if ERROR in scores else None
+        per_dof = scores.get("per_dof_percent", [])
+        return _or_infinite(per_dof[dof - 1]) if len(per_dof) >= dof else None
+
+    @property
+    def no_free_run(self) -> str | None:
+        """Why a finished run has no free run."""
+        return self._free_run.get("none")
+
+    @property
+    def free_run(self) -> float | None:
+        """Error of the free run in percent, as `against_true`; None where there is none."""
+        has_one = self.finished and not self.no_free_run
+        return against_true(self._free_run) if has_one else None
+
+    @property
+    def displacement(self) -> float | None:
+        """Error of x in the free run, in percent; None where nobody knows the displacement."""
+        known = self._free_run.get("diverged") or "displacement_percent" in self._free_run
+        return _or_infinite(self._free_run.get("displacement_percent")) if known else None
+
+    @property
+    def one_step(self) -> float | None:
+        """Error one step ahead in the test motion, in percent, as `against_true`."""
+        return against_true(self.metrics["test"]) if "test" in self.metrics else None
+
+    @property
+    def _free_run(self) -> Mapping[str, Any]:
+        none = {"none": NOT_SCORED} if self.finished else {}
+        scores: Mapping[str, Any] = self.metrics.get(FREE_RUN, none)
+        return scores
+
+
+def against_true(scores: Mapping[str, Any]) -> float:
+    """Error in percent against the true signals, else the measured; infinite where it diverged."""
+    return _or_infinite(scores.get(f"{ERROR}_true", scores.get(ERROR)))
+
+
+def _or_infinite(value: float | None) -> float:
+    return math.inf if value is None else value
+
+
+def read_result(folder: Path) -> Result:
+    """What is known of one run."""
+    try:
+        choices = read_choices(folder / CONFIG) if (folder / CONFIG).is_file() else {}
+        if (folder / METRICS).is_file():
+            return Result(folder, FINISHED, "", choices, read_metrics(folder))
+        failure = read_failure(folder) if (folder / run_folder.FAILED).is_file() else None
+    except (ValueError, KeyError, yaml.YAMLError) as error:
+        first = str(error).splitlines()[0]
+        return Result(folder, DAMAGED, f"{first}; repeat the run", {}, {})
+    if failure is None:
+        return Result(folder, UNFINISHED, f"it has no {METRICS} yet", choices, {})
+    status = ESCAPED if failure["escaped"] else FAILED
+    return Result(folder, status, failure["reason"], choices, {})
+
+
+def spread_of(runs: Sequence[Result], number: Callable[[Result], float | None]) -> Spread:
+    """Spread of a number over runs of one case; unfinished and damaged ones do not count.
+
+    Where no finished run has the number, what failed would have had none either.
+    """
+    values = [value for run in runs if run.finished and (value := number(run)) is not None]
+    escaped, failed = (sum(run.status == lost for run in runs) for lost in (ESCAPED, FAILED))
+    if values or not any(run.finished for run in runs):
+        values += [math.inf] * failed
+    without = sum(run.ended for run in runs) - len(values) - escaped
+    return Spread(tuple(values), failed, escaped, without)
