@@ -171,13 +171,13 @@ def main() -> int:
         hurt = disturb(broken, runs, kills, seconds, arguments.seed)
         status = start(broken, runs).wait()
         hurt += len(damaged(broken))
-        found = finished(broken)
-        equal = sum(same(broken / name, whole / name) for name in found & finished(whole))
+        done = finished(broken)
+        equal = sum(same(broken / name, whole / name) for name in done & finished(whole))
         alike = tables(broken) == tables(whole)
     print("tables equal" if alike else "tables differ")
-    print(f"{len(found)} results, {hurt} damaged, {equal} equal to the undisturbed sweep, ", end="")
+    print(f"{len(done)} results, {hurt} damaged, {equal} equal to the undisturbed sweep, ", end="")
     print(f"{kills} kills")
-    return int(status != 0 or not alike or hurt > 0 or not len(found) == equal == runs)
+    return int(status != 0 or not alike or hurt > 0 or not len(done) == equal == runs)
 
 
 if __name__ == "__main__":

@@ -103,9 +103,9 @@ def differences(old: Any, new: Any, key: str = "") -> Iterator[tuple[str, Any, A
 
 def compared(old: Any, new: Any) -> tuple[bool, str]:
     """Whether two contents of metrics.json hold the same numbers, and a line that says so."""
-    found = list(differences(old, new))
-    added = [key for key, before, _ in found if before == MISSING]
-    changed = [difference for difference in found if difference[0] not in added]
+    every = list(differences(old, new))
+    added = [key for key, before, _ in every if before == MISSING]
+    changed = [difference for difference in every if difference[0] not in added]
     news = f"; in the new tree alone: {', '.join(added)}" if added else ""
     if not changed:
         return True, f"identical{news}"

@@ -34,7 +34,8 @@ from benchmarks.published.measure import (
 )
 from benchmarks.published.page import write_page
 from benchmarks.published.table import report
-from runner.command_line import composed, one_line_errors, quiet_lightning
+from runner.command_line import one_line_errors, quiet_lightning
+from runner.compose import composed
 from runner.run_folder import write_json
 
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")
@@ -89,12 +90,12 @@ def measured(options: argparse.Namespace, console: Console) -> list[Result]:
         for name in (*options.packages, *options.models):
             label = f"{name}-{case.system}-{case.records}-seed{case.seed}"
             if name in PACKAGES:
-                of, seconds = version(name), options.seconds
+                package, seconds = version(name), options.seconds
                 measure = partial(measure_package, name, case, seconds)
             else:
-                of, seconds = "zoo", None
+                package, seconds = "zoo", None
                 measure = partial(measure_zoo, name, case, options.output / "zoo" / label)
-            settings = {"model": name, "version": of, **vars(case), "seconds": seconds}
+            settings = {"model": name, "version": package, **vars(case), "seconds": seconds}
             with console.status(label):
                 path = options.output / "results" / f"{label}.json"
                 results.append(stored(path, settings, measure))

@@ -44,7 +44,7 @@ def free_run_displacement(record: Record, response: Response, seconds: float = 1
 def _compared(record: Record, signals: dict[str, Tensor], label: str, seconds: float) -> Figure:
     """Draw signals (…, T, n) from the middle, the model's last; the first sets the ranges.
 
-    The motion of a model that leaves the range before the middle is drawn from where it leaves.
+    A model that leaves the range before the middle is drawn around the time when it leaves.
     """
     curves = {name: _first(signal) for name, signal in signals.items()}
     count = min(record.samples, max(2, round(seconds / record.dt)))

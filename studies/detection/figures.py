@@ -22,9 +22,9 @@ def delays_figure(outcomes: Outcomes) -> Figure:
     for axes, (system, by_watch) in zip(grid.flat, outcomes.items(), strict=False):
         for (name, outcome), colour in zip(by_watch.items(), COLOURS, strict=False):
             delays = np.sort([d for d in delays_of(outcome.damaged) if d > 0.0])
-            found = delays[np.isfinite(delays)]
-            share = np.arange(1, len(found) + 1) / max(1, len(delays))
-            steps = np.concatenate([[0.0], found, [DURATION - TIME]])
+            finite = delays[np.isfinite(delays)]
+            share = np.arange(1, len(finite) + 1) / max(1, len(delays))
+            steps = np.concatenate([[0.0], finite, [DURATION - TIME]])
             shares = np.concatenate([[0.0], share, share[-1:] if len(share) else [0.0]])
             axes.step(steps, 100.0 * shares, where="post", color=colour, label=name)
         axes.set_title(system)

@@ -18,7 +18,7 @@ from omegaconf import OmegaConf
 import train
 from report.collection.runs import read_runs
 from runner import run_folder
-from runner.command_line import CONF, placed, prepare_hydra
+from runner.compose import CONF, placed, prepare_hydra
 from runner.identity import config_digest
 from runner.progress import is_finished
 from runner.run_folder import config_text, plain, read_failure, run_name
