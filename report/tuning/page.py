@@ -8,10 +8,10 @@ from string import Template
 
 from matplotlib.figure import Figure
 
+from report.about import colour_of
 from report.collection.figure import scale
 from report.collection.runs import collect
 from report.free_run.rows import SYSTEMS
-from report.style import colour_of
 from report.tuning.cases import WAYS, Case
 from report.tuning.onset import onsets
 from report.tuning.tables import (
