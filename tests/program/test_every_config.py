@@ -11,7 +11,14 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from models.training.assemble import build, changed, data_from, estimator_from, objective_from, solver_from
+from models.training.assemble import (
+    build,
+    changed,
+    data_from,
+    estimator_from,
+    objective_from,
+    solver_from,
+)
 from models.training.metrics import score
 from runner.compose import CONF, GROUPS, experiments, help_text, placed, prepare_hydra
 from runner.paper_values import paper_values
