@@ -1,7 +1,7 @@
 """Processes side by side on one machine; a lost one is replaced, its run is tried again.
 
 On joblib's processes, and not through hydra-joblib-launcher: there one lost process (memory) ends
-the sweep.
+the sweep. joblib is imported where it is used: Hydra imports this file at every start.
 """
 
 from __future__ import annotations
@@ -15,9 +15,6 @@ from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
-
-from joblib import effective_n_jobs
-from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
 from runner.launch.launcher import SweepLauncher, Worker
 
@@ -34,6 +31,8 @@ class JoblibLauncher(SweepLauncher):
         self.n_jobs = n_jobs
 
     def work(self, worker: Worker, jobs: list[list[str]]) -> dict[str, str]:
+        from joblib import effective_n_jobs
+
         return run_side_by_side(worker, jobs, effective_n_jobs(self.n_jobs))
 
 
@@ -57,6 +56,8 @@ def _run(words: Sequence[str]) -> str | None:
 
 def _process(worker: Worker) -> Any:
     """A pool of one process that starts afresh, so that losing the process breaks no other."""
+    from joblib.externals.loky.process_executor import ProcessPoolExecutor
+
     return ProcessPoolExecutor(
         1, initializer=_start, initargs=(worker, os.getpid()), env=worker.environment
     )
