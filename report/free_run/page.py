@@ -18,7 +18,14 @@ from report.about import about, contains, told
 from report.collection.grids import grids_of
 from report.free_run.beyond import AS_TRAINED, FILE, LARGER, STD, STEPS, beyond_rows, chosen
 from report.free_run.beyond import BEYOND_COLUMNS as BEYOND
-from report.free_run.questions import QUESTION_COLUMNS, QUESTIONS, question_of, question_rows
+from report.free_run.questions import (
+    ASK,
+    EXPERIMENT,
+    QUESTION_COLUMNS,
+    QUESTIONS,
+    question_of,
+    question_rows,
+)
 from report.free_run.rows import SYSTEMS, Row, leaderboard, row_of, rows_apart
 from report.free_run.tables import COLUMNS, Columns, Title, case, records_of, sections
 from report.output import code, markdown, sections_markdown
@@ -31,7 +38,8 @@ TEMPLATE = Path(__file__).with_name("page.md")
 BEGIN, END = "<!-- free runs: begin -->", "<!-- free runs: end -->"  # of the table in README.md
 FULL_STATE = "full_state"
 PRINTED = {"bouc_wen": "Bouc–Wen"}
-ASK = "python train.py -m experiment=free_run_questions"
+LEADERBOARD, ASKED = Path("runs/free_run"), Path("runs") / EXPERIMENT
+NEEDS = {LEADERBOARD: "python train.py -m experiment=free_run", ASKED: ASK}  # of the page
 CAUGHT = 10.0  # times the median of the other seeds
 MARKS = {"yes": " †", "possible": " ‡"}
 NOTES = (
