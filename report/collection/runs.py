@@ -40,7 +40,7 @@ def collect(folders: Sequence[Path]) -> list[Result]:
     if not places:
         raise ValueError(
             f"no runs in {_listed(folders)}; make some (python train.py -m "
-            "experiment=table3) or say where they are (runs=FOLDER)"
+            "experiment=table3) or name another folder"
         )
     return [read_result(path) for path in sorted(places.values())]
 

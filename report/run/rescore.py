@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from omegaconf import DictConfig
@@ -18,6 +18,7 @@ from report.output import save_figure
 from report.run.figures import run_figures
 from report.run.online_figures import online_figures
 from report.run.table import error_table, rows_of, why_no_free_run
+from runner.spread import Spread
 
 SPLITS = ("train", "test")
 
@@ -103,14 +104,16 @@ def print_stored(metrics: dict[str, Any], gone: Path) -> None:
 
 
 def _print_medians(results: dict[str, Any], console: Console) -> None:
-    """Over the seeds, a diverged free run counting as failed."""
+    """Over the seeds; one that failed here is one whose own motion escaped."""
     for key, name in (("test", "test"), (FREE_RUNS["test"], "free run")):
         scored = [r[key] for r in results.values() if key in r and "none" not in r[key]]
-        told = [e for s in scored if (e := s["relative_rms_percent"]) is not None]
         if scored:
-            middle = f"{median(told):.2f} %" if told else "–"
-            failed = len(results) - len(told)
-            console.print(f"{name}: median {middle} of {len(told)}, {failed} failed")
+            errors = (scores["relative_rms_percent"] for scores in scored)
+            values = tuple(math.inf if error is None else error for error in errors)
+            ours = Spread(values, escaped=len(results) - len(values))
+            console.print(
+                f"{name}, median (min – max) in %: {ours.text()}; seeds: {ours.counted()}"
+            )
 
 
 def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Console) -> None:
