@@ -30,7 +30,8 @@ from report.run.rescore import (
     record_gone,
     score_seeds,
 )
-from runner.command_line import CONF, absolute, job_errors, one_line_errors, prepare_hydra
+from runner.command_line import absolute, job_errors, one_line_errors
+from runner.compose import CONF, prepare_hydra
 from runner.run_folder import read_run, restore, write_json
 
 prepare_hydra()

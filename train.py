@@ -23,7 +23,8 @@ from threadpoolctl import threadpool_limits
 from models.training.assemble import assembled
 from models.training.resume import SaveProgress
 from report.run.summary import log_run, print_run
-from runner.command_line import CONF, job_errors, one_line_errors, prepare_hydra, quiet_lightning
+from runner.command_line import job_errors, one_line_errors, quiet_lightning
+from runner.compose import CONF, prepare_hydra
 from runner.outcome import compare_baselines, metrics_of, validation_error
 from runner.run_folder import Run
 

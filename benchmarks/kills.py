@@ -6,7 +6,7 @@
 SIGKILL of the whole process group at random moments: while programs start, while runs train and
 while they write. After each kill the same command goes on; the last one is left alone. Then every
 result is compared with that of a sweep in another folder: metrics.json but for times and versions,
-the tensors of the checkpoints bit by bit, and the tables of evaluate.py. Damaged is a folder that
+the tensors of the checkpoints bit by bit, and the tables of the runs. Damaged is a folder that
 looked finished after a kill, or at the end, and could not be read.
 """
 
@@ -135,10 +135,12 @@ def without_times(content: Any) -> Any:
 
 
 def tables(folder: Path) -> dict[str, list]:
-    """The rows of every table that evaluate.py writes of a sweep, by file; without times."""
+    """The rows of every table that is written of a sweep, by file; without times."""
     output = folder.with_name(f"{folder.name}_tables")
-    words = [sys.executable, "evaluate.py", f"runs={folder}", f"output={output}"]
-    subprocess.run(words, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
+    rooms = [("-m", f"report.{room}", folder, "--output", output) for room in ("paper", "free_run")]
+    for words in (("evaluate.py", f"runs={folder}", f"output={output}"), *rooms):
+        command = [sys.executable, *map(str, words)]
+        subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
     by_file = {}
     for path in output.glob("*.csv"):
         with path.open(encoding="utf-8") as file:
@@ -172,7 +174,7 @@ def main() -> int:
         done = finished(broken)
         equal = sum(same(broken / name, whole / name) for name in done & finished(whole))
         alike = tables(broken) == tables(whole)
-    print("tables of evaluate.py equal" if alike else "tables of evaluate.py differ")
+    print("tables equal" if alike else "tables differ")
     print(f"{len(done)} results, {hurt} damaged, {equal} equal to the undisturbed sweep, ", end="")
     print(f"{kills} kills")
     return int(status != 0 or not alike or hurt > 0 or not len(done) == equal == runs)

@@ -40,7 +40,8 @@ from data.record import Record
 from models.estimator import Estimator
 from models.training.assemble import build, data_from, estimator_from
 from models.training.problem import Problem
-from runner.command_line import CONF, prepare_hydra, quiet_lightning
+from runner.command_line import quiet_lightning
+from runner.compose import CONF, prepare_hydra
 
 NETWORKS = {  # choices; errors [%], the paper's among them: 2.4, 0.12
     "residual MLP 12-15-3, bilinear": ("residual_mlp", "bilinear", (4.0, 3.0, 2.4, 2.2)),

@@ -67,6 +67,7 @@ class Data(LightningDataModule):
         return None
 
     def setup(self, stage: str | None = None) -> None:
+        """Make the records, and hold the validation part back; a second call does nothing."""
         if self.records:
             return
         records = self.make_records()

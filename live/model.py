@@ -15,7 +15,7 @@ from models.online.laws.frozen import Frozen
 from models.online.laws.law import Law
 from models.online.stream import Stream, started
 from models.training.assemble import build, estimator_from
-from runner.command_line import composed
+from runner.compose import composed
 from runner.run_folder import read_run, restore
 
 GROUPS = ("adaptation", "damage")  # choices that may differ from a finished run's,

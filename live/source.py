@@ -16,7 +16,8 @@ from data.record import Record
 from data.sample import Sample, Sensors
 from data.stream.lines import SampleLines
 from data.stream.sources import one_client, paced, standard_input
-from models.training.assemble import changed, data_from, simulated_from
+from models.training.assemble import changed, data_from
+from runner.compose import simulated_from
 
 RECORDED = ("simulation", "test")
 

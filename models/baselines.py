@@ -46,7 +46,7 @@ class TwoPoint(Extrapolation):
 
 
 class FilteredExtrapolation(Extrapolation):
-    """ẍ̂ = 2Hẍ − H²ẍ, which misses ẍ by (s/(s + ω_c))²: what the VWNN's filters do by themselves."""
+    """ẍ̂ = 2Hẍ − H²ẍ, which misses ẍ by (s/(s + ω_c))²: the share of the VWNN's filters alone."""
 
     def __init__(self, dofs: int, inputs: int, dt: float, cutoff: float = 50.0) -> None:
         super().__init__(dofs, inputs, dt)

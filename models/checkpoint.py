@@ -34,7 +34,10 @@ def save_estimator(estimator: Estimator, path: Path, name: str) -> None:
 
 
 def load_estimator(estimator: Estimator, path: Path, name: str) -> None:
-    """Restore `estimator` completely. Raises ValueError for a file that is damaged or another's."""
+    """Restore `estimator` from a file.
+
+    Raises ValueError where the file is damaged or holds another model.
+    """
     try:
         with safe_open(path, framework="pt") as file:
             stored = (file.metadata() or {}).get("model")

@@ -28,15 +28,16 @@ SOFTEST = 0.05  # of the median stiffness: what an element starts with at least
 
 
 class ElementNetwork(Composite):
-    """Masses and elements from the motion; from accelerations and forces alone where need be.
+    """Masses and elements from the motion, or from accelerations and forces alone.
 
     elements: None for all n(n + 1)/2 pairs of DOFs and ground, or the pairs where the topology is
     known, such as [[ground, x1], [x1, x2]].  masses [kg]: None learns them.  forced: numbers of the
     DOFs that carry the forces, None for all of them, "base" where f = −s̈ of a common support moves
-    all of them by M ι f.  Where supports move (as many as there are
-    pairs of channels left), every DOF has an element to each instead of to ground.
-    hinges, tanhs, units: in each law; cubic: a cubic spring too.
-    from_accelerations: x and v are not looked at, even where they are there.
+    all of them by M ι f.  The channels beside the forces are displacements and velocities of moving
+    supports; every DOF then has an element to each support instead of to ground.
+    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
+    from_accelerations: measured x and v are not used.
+    Raises ValueError for channels, masses or pairs of nodes that do not fit.
     """
 
     mass_known: bool
@@ -129,9 +130,10 @@ class ElementNetwork(Composite):
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Masses, springs and dampers of the linear structure by least squares; units of θ.
+        """Identify masses, springs and dampers of the linear structure by least squares.
 
-        Without x and v the equation of motion is solved for filtered signals (Young 1981).
+        Sets the units of θ. Without x and v the equation of motion is solved for filtered signals
+        (Young 1981).
         """
         unknown, target, largest = self._equations(batches)
         known = self.known_masses
@@ -188,7 +190,7 @@ class ElementNetwork(Composite):
         return unknown, target, torch.stack(largest).amax(dim=0)
 
     def restart(self, generator: torch.Generator) -> None:
-        """Springs and dampers as identified, hinges and limits spread anew."""
+        """Go back to the identified springs and dampers; spread hinges and limits anew."""
         if self.linear is None:
             raise ValueError(
                 "ElementNetwork starts anew from its identification; identify it first"
@@ -197,7 +199,7 @@ class ElementNetwork(Composite):
         self.laws.start(*self.linear, places)
 
     def _pairs(self) -> list[list[str]]:
-        """Every DOF with ground or each moving support, then every two DOFs."""
+        """All pairs of nodes: every DOF with ground or each moving support, then every two DOFs."""
         names = [f"x{i + 1}" for i in range(self.dofs)]
         fixed = [f"s{j + 1}" for j in range(self.supports)] or ["ground"]
         pairs = [[node, name] for name in names for node in fixed]

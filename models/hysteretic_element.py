@@ -23,9 +23,9 @@ from models.composition.simulate import Composition
 class HystereticElement(Composite):
     """Forces r (T, E) from imposed deformations s and rates ṡ, the excitation [s, ṡ] (T, 2 E).
 
-    It is a free run throughout: no measured force is ever looked at. In its response x and v are
-    the imposed motion's place-holders and hold nothing of use.
-    hinges, tanhs, units: in each law; cubic: a cubic spring too.
+    Every estimate is a free run: no measured force is read. x and v of the response hold nothing of
+    use, as the motion is imposed.
+    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class HystereticElement(Composite):
         self.linear: tuple[Tensor, Tensor, Tensor] | None = None
 
     def composition(self) -> Composition:
-        """Coordinates q̈ = r that nothing feels: the simulation of elements without a structure."""
+        """Elements without a structure: coordinates q̈ = r that act on nothing."""
         numbering, n = Numbering(self), self.dofs
         none, one = torch.zeros(2, n, dtype=torch.float64), torch.eye(n, dtype=torch.float64)
         none, one = none.to(self.identified.device), one.to(self.identified.device)
@@ -70,7 +70,7 @@ class HystereticElement(Composite):
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Spring and damper of each element by least squares; units of θ."""
+        """Identify spring and damper of each element by least squares; set units of θ."""
         motions, forces = [], []
         for record in batches:
             self.check(record)
@@ -96,7 +96,7 @@ class HystereticElement(Composite):
         return {"linear_stiffness": float(stiffness.mean())}
 
     def restart(self, generator: torch.Generator) -> None:
-        """Springs and dampers as identified, hinges and limits spread anew."""
+        """Go back to the identified springs and dampers; spread hinges and limits anew."""
         if self.linear is None:
             raise ValueError("HystereticElement starts anew from its identification; identify it")
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()

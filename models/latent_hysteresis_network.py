@@ -28,8 +28,8 @@ SHARE = 0.5  # of the modal damping that elements have at the start, where it is
 class LatentHysteresisNetwork(Composite):
     """Modes from the equivalent linear system, then `elements` laws in directions of their own.
 
-    hinges, tanhs, units: in each law; cubic: a cubic spring too.
-    from_accelerations: x and v are not looked at, even where they are there.
+    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
+    from_accelerations: measured x and v are not used.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class LatentHysteresisNetwork(Composite):
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Modes, damping and inputs of the equivalent linear system (Eq. 8); units of θ."""
+        """Identify the modes of the equivalent linear system (Eq. 8); set units of θ."""
         linear = EquivalentLinear(self.dofs, self.inputs, self.dt)
         records = self.admitted(batches)
         for record in records:
@@ -107,7 +107,7 @@ class LatentHysteresisNetwork(Composite):
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:
-        """Directions anew, as differences of displacements: random and of unit length."""
+        """Draw directions of deformation anew: differences of displacements of unit length."""
         self.require_identified(self.identified)
         E, shapes = self.directions.theta.shape[0], self.shapes().cpu()
         drawn = torch.randn(E, self.dofs, generator=generator, dtype=torch.float64)
@@ -123,7 +123,7 @@ class LatentHysteresisNetwork(Composite):
         self.laws.stiffness.start(torch.zeros_like(typical))
 
     def _mass(self, inputs: Tensor) -> Tensor:
-        """Mass matrix (n, n) where every DOF has its force; else a unit one."""
+        """Mass matrix (n, n) where every DOF has its force; else the unit matrix."""
         if self.inputs == self.dofs:
             mass = _symmetric(torch.linalg.inv(inputs))
             if (torch.linalg.eigvalsh(mass) > 0.0).all():
@@ -136,6 +136,6 @@ def _symmetric(matrix: Tensor) -> Tensor:
 
 
 def _start_at(coefficients: Coefficients, value: Tensor) -> None:
-    """θ of the order of one: the unit is the typical size of all values."""
+    """Start at a value; its typical size is the unit, so that θ is of the order of one."""
     size = value.square().mean().sqrt()
     coefficients.start(size.expand_as(value), value / size)

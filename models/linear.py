@@ -64,7 +64,7 @@ class EquivalentLinear(LinearInWeights):
         return weighted(torch.cat([v, x, u], dim=-1), self.weights)
 
     def free_run(self, drive: Drive) -> Response:
-        """Exact for an excitation that is linear or constant between samples."""
+        """The motion, exact for an excitation that is linear or constant between samples."""
         self.check(drive)
         self.require_identified(self.weights)
         if drive.hold == "band_limited":

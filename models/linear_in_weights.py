@@ -1,4 +1,4 @@
-"""What on-line identification asks of an estimator: that its weights enter linearly.
+"""Estimators whose weights enter linearly, as on-line identification needs.
 
 ẍ̂ = known + [φ_1ᵀW_1, φ_2ᵀW_2, …] mixing        heads j with P_j features and n_j outputs, Σ n_j = n
 """
@@ -33,7 +33,7 @@ class LinearInWeights(Estimator):
 
     @abstractmethod
     def features_at(self, sample: Sample, memory: Tensor) -> list[Tensor]:
-        """Features (P_j,) of each head at a sample whose acceleration is not looked at."""
+        """Features (P_j,) of each head at a sample, whose own acceleration is not read."""
 
     def at_rest(self) -> Tensor:
         """The memory before the first sample; empty where features have none."""
@@ -44,11 +44,11 @@ class LinearInWeights(Estimator):
         return memory
 
     def prepare(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Identify, off line, whatever the features depend on; heads need not be."""
+        """Identify, off line, whatever the features depend on; the heads are not needed."""
         return {}
 
     def known(self, signals: Record | Sample) -> Tensor | None:
-        """The part (…, n) of the estimate that heads have no say in."""
+        """The part (…, n) of the estimate that does not depend on the heads."""
         return None
 
     def mixing(self) -> Tensor | None:

@@ -40,7 +40,7 @@ class GlobalMLP(Trainable):
         self.network = Perceptron(2 * dofs + inputs, hidden, dofs, activation)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """The scaling; the weights are the solver's."""
+        """Fit the scaling; the weights are left to the solver."""
         self.network.input_scale.fit(_counted(self.state(r), r) for r in batches)
         self.network.output_scale.fit(_counted(r.a, r) for r in batches)
         return {}
@@ -68,9 +68,9 @@ class GlobalMLP(Trainable):
 
 
 class ResidualMLP(EquivalentLinear, Trainable):
-    """What the equivalent linear system (Eq. 8) leaves, as a network with its own delayed output.
+    """Residual of the equivalent linear system (Eq. 8) as a network with its own delayed output.
 
-    The residual ε = M⁻¹ f_NL [m/s²] is that of Eq. 9, as an acceleration: so it needs no inverse of
+    The residual ε = M⁻¹ f_NL [m/s²] is that of Eq. 9 as an acceleration, which needs no inverse of
     the identified mass matrix. `forward` feeds back the measured residual of the sample before;
     the estimate "own_residual" feeds back the network's own. Before the record it is zero.
     """
@@ -90,7 +90,7 @@ class ResidualMLP(EquivalentLinear, Trainable):
         self.network = Perceptron(3 * dofs + inputs, hidden, dofs, activation)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """The linear system and the scaling; the network's weights are the solver's."""
+        """Identify the linear system and the scaling; the network is left to the solver."""
         solution = super().identify(batches)
         self.network.input_scale.fit(_counted(self.regressors(r), r) for r in batches)
         self.network.output_scale.fit(_counted(self.residual(r), r) for r in batches)
@@ -125,7 +125,7 @@ class ResidualMLP(EquivalentLinear, Trainable):
         return super().forward(record) - torch.stack(history, dim=-2)
 
     def free_run(self, drive: Drive) -> Response:
-        """With its own residual of the sample before."""
+        """The motion, with the network's own residual of the sample before."""
         self.check(drive)
         self.require_identified(self.weights)
 

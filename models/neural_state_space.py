@@ -2,8 +2,9 @@
 
 z[k+1] = A z[k] + B w[k] + W₂ tanh(W₁ [z[k], w[k]] + b₁),    w[k] = [u[k], u[k+1]]
 ẍ[k]   = C z[k] + D u[k] + V₂ tanh(V₁ [z[k], u[k]] + c₁)
-z = [x, ẋ, q] in units of their RMS; the memory q begins as an encoder makes it of the last measured
-samples, or of nothing at rest. Suykens et al. (1995); encoder: Beintema et al. (2021).
+z = [x, ẋ, q] in units of their RMS; an encoder makes the first memory q of the last measured
+samples, which are zero before a motion from rest.
+Suykens et al. (1995); encoder: Beintema et al. (2021).
 T samples, n DOFs, m excitations, r memory states.
 """
 
@@ -60,7 +61,7 @@ class NeuralStateSpace(Trainable):
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Scaling, and the equivalent linear system as the start of A, B, C and D."""
+        """Fit the scaling; take the equivalent linear system as the start of A, B, C and D."""
         n, m = self.dofs, self.inputs
         linear = EquivalentLinear(n, m, self.dt).to(self.sizes.device)
         solution = linear.identify(batches)
@@ -85,7 +86,7 @@ class NeuralStateSpace(Trainable):
         return solution
 
     def _start_step(self, exact: Tensor) -> None:
-        """The memory starts as low-pass filters of the motion, fast and slow, that nobody reads."""
+        """Start the memory as low-pass filters of the motion, fast and slow, without any effect."""
         n = self.dofs
         weight = self.step.linear.weight  # (2n + r, 2n + r + 2m)
         mixture = weight[2 * n :, : 2 * n].sign() / (2.0 * n) ** 0.5
@@ -108,14 +109,14 @@ class NeuralStateSpace(Trainable):
         return self.free_run(record.drive()).a
 
     def free_run(self, drive: Drive) -> Response:
-        """Before the first sample there was rest, as far as the encoder knows."""
+        """The motion from the initial state; the encoder takes the time before it for rest."""
         self.check(drive)
         now = torch.cat([drive.x0, drive.v0, drive.u[..., 0, :]], dim=-1)[..., None, :]
         before = now.new_zeros(*now.shape[:-2], self.past - 1, now.shape[-1])
         return self._simulated(drive, torch.cat([before, now], dim=-2))
 
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
-        """The encoder reads the measured samples before each window."""
+        """Acceleration (…, T, n); the encoder reads the measured samples before each window."""
         if horizon is None or horizon >= record.samples:
             return self.free_run(record.drive()).a
         drive, window, place = windows_of(record, horizon, warmup)

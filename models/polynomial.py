@@ -109,7 +109,7 @@ class ModalPolynomial(EquivalentLinear):
         return self.law()(x, v, u)
 
     def law(self) -> Acceleration:
-        """ẍ = [ẋ, x, u] L + [T_k T_l] H, all modes at once, of what has been identified.
+        """The identified ẍ = [ẋ, x, u] L + [T_k T_l] H as a function of x, ẋ, u, all modes at once.
 
         The modal transform and its scaling are one affine map S; all that does not depend on the
         state is computed here, once.
@@ -146,7 +146,7 @@ class ModalPolynomial(EquivalentLinear):
         return [torch.tensor(place, device=device) for place in places]
 
     def prepare(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Linear part, modes and extents, which the terms of the series depend on."""
+        """Identify linear part, modes and extents, on which the terms of the series depend."""
         return self.identify(batches)
 
     def heads(self) -> list[nn.Parameter]:
@@ -165,7 +165,7 @@ class ModalPolynomial(EquivalentLinear):
         return list(self._terms(sample.x, sample.v))
 
     def known(self, signals: Record | Sample) -> Tensor:
-        """The linear estimate, or what the forces alone do."""
+        """The estimate (…, n) without the series: the linear one, or that of the forces alone."""
         if self.fits == "residual":
             return state_of(signals) @ self.weights
         return signals.f @ self._inertia()[0].T
@@ -202,7 +202,7 @@ class ModalPolynomial(EquivalentLinear):
         )
 
     def _inertia(self) -> tuple[Tensor, Tensor]:
-        """What excitations do to accelerations (n, m), and M⁻¹ (n, n) or, by unit mass, 1."""
+        """Accelerations by unit excitations (n, m), and M⁻¹ (n, n), or 1 by unit mass."""
         inverse_mass = self.matrices()[2]
         if not self.base:
             return inverse_mass, inverse_mass

@@ -20,11 +20,11 @@ CELLS = {"gru": nn.GRU, "lstm": nn.LSTM}
 
 
 class Recurrent(Trainable):
-    """A simulation and nothing else: its one-step estimate is its free run.
+    """A network that only simulates: its one-step estimate is its free run.
 
-    It never reads a measured acceleration, and of x and v only the initial state; the measured
-    motion is what it is trained on: ẍ, and x and ẋ where there are any. Otherwise the free run
-    integrates ẍ. cell: gru or lstm; hidden: H; layers: cells on top of each other.
+    Estimates read no measured acceleration, and of x and v only the initial state. Training fits
+    ẍ, and x and ẋ where the record holds them; without these the free run integrates ẍ.
+    cell: gru or lstm; hidden: H; layers: cells on top of each other.
     """
 
     reads = ("f",)
@@ -54,7 +54,7 @@ class Recurrent(Trainable):
         self.register_buffer("signals", torch.full((3, dofs), torch.nan, dtype=double))  # RMS
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """The scaling; the weights are the solver's."""
+        """Fit the scaling; the weights are left to the solver."""
         records = list(batches)
         self.input_scale.fit(r.excitation for r in records)
         motions = [_motion(r) for r in records]
@@ -67,7 +67,7 @@ class Recurrent(Trainable):
         return {}
 
     def restart(self, generator: torch.Generator) -> None:
-        """Cells uniform in ±1/√hidden, as at construction, and the linear layers anew."""
+        """Draw cells uniformly in ±1/√hidden, as at construction, and the linear layers anew."""
         super().restart(generator)
         reach = self.cells.hidden_size**-0.5
         with torch.no_grad():
@@ -80,7 +80,7 @@ class Recurrent(Trainable):
         return self._motion(record.drive())[..., : self.dofs]
 
     def regression(self, record: Record) -> tuple[nn.Module, Record, Tensor]:
-        """All measured signals together, each in the acceleration's measure of its DOF."""
+        """Regression on all measured signals, each scaled to the acceleration of its DOF."""
         self.check(record)
         module = _AllSignals(self)
         return module, record, module.alike(_motion(record))
@@ -116,7 +116,7 @@ class _AllSignals(nn.Module):
         return self.alike(self.estimator._motion(record.drive()))
 
     def alike(self, motion: Tensor) -> Tensor:
-        """Signals in the acceleration's measure of their DOF: mean(e²) is the mean over them."""
+        """Signals scaled to the acceleration of their DOF, so that mean(e²) weighs all alike."""
         sizes = self.estimator.signals
         counted = sizes[sizes.any(dim=1)]
         scale = (counted[0] / counted).flatten()

@@ -70,7 +70,7 @@ class RestoringForceSurface(Estimator):
         return self.terms(record.excitation) @ self.weights
 
     def free_run(self, drive: Drive) -> Response:
-        """The same: a surface has no state. x and v of an element test are imposed."""
+        """Forces as `forward` gives them, for a surface has no state; x and v are those imposed."""
         self.check(drive)
         self.require_identified(self.weights)
         s, rate = drive.u.split(1, dim=-1)

@@ -110,14 +110,14 @@ class VWNN(LinearInWeights):
         return self.filters.step(torch.cat([a, sample.excitation]), memory)
 
     def free_run(self, drive: Drive) -> Response:
-        """The filters start at rest; initial state and excitation between samples do not matter."""
+        """The motion from filters at rest, whatever the initial state and the hold."""
         self.check(drive)
         self.require_identified(self.weights)
         run = self._run_compiled if drive.u.device.type == "cpu" else self._run
         return integrated(run(drive), drive)
 
     def _run(self, drive: Drive) -> Tensor:
-        """ẍ̂ (…, T, n)."""
+        """ẍ̂ (…, T, n) in PyTorch: the readable reference, which runs on other devices only."""
         driven = self.filters(drive.u)[0].unflatten(-1, (self.filters.stages, -1))
         state, history = torch.zeros_like(drive.x0).unsqueeze(-2), []
         state = state.expand(*drive.x0.shape[:-1], self.filters.stages, self.dofs)
@@ -131,7 +131,7 @@ class VWNN(LinearInWeights):
         return torch.stack(history, dim=-2)
 
     def _run_compiled(self, drive: Drive) -> Tensor:
-        """The same on the processor, some hundred times faster."""
+        """ẍ̂ (…, T, n) compiled: the production run on the processor, some hundred times faster."""
         a = torch.empty(*drive.u.shape[:-1], self.dofs, dtype=torch.float64)
         factors, weights = self.activation.places().numpy(), self.weights.detach().numpy()
         settings = float(self.filters.decay), float(self.activation.weight), factors

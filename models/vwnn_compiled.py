@@ -1,6 +1,7 @@
-"""A VWNN compiled: estimate, filters and the weights' update of a sample, and the free run.
+"""The VWNN compiled: the free run; estimate, filters and the weights' update of one sample.
 
-The twin of VWNN and its law, which tests hold it to; a sample allocates nothing.
+The production twin of vwnn.py and its law on the processor; tests hold both together. A sample
+allocates nothing.
 T samples, S stages, C = n + m channels of ζ = [ẍ, f], P features, n DOFs.
 """
 

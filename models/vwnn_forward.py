@@ -1,8 +1,8 @@
 """Forward VWNN: a Volterra/Wiener network that simulates a structure on its own accelerations.
 
-W of the network in vwnn_forward_network.py by least squares on measured signals, then by
-Gauss–Newton on the error of the free run. Filters, sigmoids and head are those of Brewick & Masri
-(2016), Sect. 2.1; the rest is not in the paper.   n DOFs, P features.
+The weights W of the network (vwnn_forward_network.py) are identified by least squares on measured
+signals, then by Gauss–Newton on the error of the free run. Filters, sigmoids and head are those of
+Brewick & Masri (2016), Sect. 2.1; the rest is not in the paper.   n DOFs, P features.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ LARGEST_RIDGE = 1e3  # there nothing is left of the model
 class ForwardVWNN(ForwardNetwork):
     """Reads accelerations and excitation of the training records; simulates from excitation alone.
 
-    cutoffs: poles from slow to fast [rad/s], see SlowCascades; the slowest is what is forgotten of
-    the displacement and should lie below the structure's frequencies.
-    factors: the first so many outputs of the filters enter products, pseudo-velocity first.
+    cutoffs: poles from slow to fast [rad/s], see SlowCascades; below the slowest one displacements
+    are forgotten, so it should lie below the structure's frequencies.
+    factors: number of filter outputs that enter products, pseudo-velocity first.
     sigmoid_weight: λ over the RMS of each channel in the training records, so without unit.
     order: of the products, odd for odd restoring forces.
     ridge: on scaled columns, where the search begins: it rises tenfold while the free run of the
@@ -55,8 +55,8 @@ class ForwardVWNN(ForwardNetwork):
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         """Least squares with the ridge that suits the free run best, then Gauss–Newton.
 
-        Only training records are looked at. Returns the ridge used, the error of their free run
-        [%] before and after the refinements, and how many of these were accepted.
+        Returns the ridge used, the error of the free run of the training records [%] before and
+        after the refinements, and how many refinements were accepted.
         """
         self._fit_scale(batches)
         fit = LeastSquares(self.ridge)

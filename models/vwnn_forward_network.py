@@ -97,9 +97,9 @@ class ForwardNetwork(Estimator):
         return torch.cat([phi @ self.weights for _, phi in self.features(record)], dim=-2)
 
     def free_run(self, drive: Drive) -> Response:
-        """The filters start at rest, whatever the initial state.
+        """The motion from filters at rest, whatever the initial state.
 
-        Identified from accelerations alone: x and v are twice and once their integral, and drift.
+        x and v are integrals of the estimated accelerations, and drift.
         """
         self.check(drive)
         self.require_identified(self.weights)

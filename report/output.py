@@ -110,14 +110,15 @@ def escaped(text: str) -> str:
     return f"{{}}{done}" if done.startswith("[") else done
 
 
-def printed(section: Section) -> Table:
+def printed(section: Section, left: Sequence[int] = (0,)) -> Table:
     """For the terminal. Texts, for brackets in strings are markup."""
     table = Table(title=Text(section.title, style="table.title"), title_justify="left")
     for i, name in enumerate(section.head):
         if name in WORDS:
             table.add_column(Text(name), overflow="fold", min_width=18)
         else:
-            table.add_column(Text(name), justify="right" if i else "left", no_wrap=True)
+            side: Any = "left" if i in left else "right"
+            table.add_column(Text(name), justify=side, no_wrap=i not in left[1:])
     for line in section.lines:
         table.add_row(*map(Text, line))
     return table

@@ -10,6 +10,7 @@ hydra:
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -23,6 +24,7 @@ from omegaconf import DictConfig
 from runner.composed_once import ComposedOnce
 from runner.launch.launcher import reason_of
 from runner.progress import Watch, is_finished, print_summary, reasons, would_fail_again
+from runner.run_folder import CONFIG, write_text
 
 
 class GridSweeper(BasicSweeper):
@@ -72,6 +74,9 @@ class GridSweeper(BasicSweeper):
     def finish(self, jobs: Mapping[Path, list[str]]) -> bool:
         """Do the jobs that are left, with progress and a summary; whether all are done then."""
         left = unfinished(jobs)
+        for folder, job in jobs.items():
+            if folder not in left:
+                keep_grid(folder, job)
         pending = self.hopeful(left)
         finished, hopeless = len(jobs) - len(left), len(left) - len(pending)
         if pending:
@@ -84,6 +89,15 @@ class GridSweeper(BasicSweeper):
         """Let the launcher do the jobs."""
         assert self.launcher is not None
         return self.launcher.launch(list(jobs.values()), initial_job_idx=0)
+
+
+def keep_grid(folder: Path, job: Sequence[str]) -> None:
+    """Write the name of the job's grid into the config of a finished run that has none."""
+    names = [word for word in job if word.startswith("grid=")]
+    text = (folder / CONFIG).read_text("utf-8") if names else ""
+    if text and not re.search(r"^grid: (?!null$)", text, re.MULTILINE):
+        without = re.sub(r"^grid: null\n", "", text, flags=re.MULTILINE)
+        write_text(folder / CONFIG, f"{without}grid: {names[0].removeprefix('grid=')}\n")
 
 
 def unfinished(jobs: Mapping[Path, list[str]]) -> dict[Path, list[str]]:

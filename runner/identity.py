@@ -22,6 +22,7 @@ import models
 ROOT = Path(__file__).parent.parent
 FRONTS = {"data": data.PUBLIC, "models": models.PUBLIC}
 CORE = ("models.training.assemble", "models.training.identification", "runner.outcome")  # of all
+WORDS = "about"  # of a choice, for tables and pictures
 INERT = ("figures", "checkpoint_seconds", "grid")  # they change no number,
 EVERY_CLASS = frozenset(f"{room}.{name}" for room, names in FRONTS.items() for name in names)
 INERT_TRAINER = ("enable_progress_bar", "log_every_n_steps")  # nor do these of the trainer
@@ -34,9 +35,15 @@ def digest(text: str) -> str:
 
 def config_digest(content: dict[str, Any]) -> str:
     """Ten characters that tell runs apart: a hash of every choice that can change a number."""
-    content = {k: v for k, v in content.items() if k not in INERT}
+    content = _without_words({k: v for k, v in content.items() if k not in INERT})
     content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}
     return digest(json.dumps(content, sort_keys=True, ensure_ascii=False))
+
+
+def _without_words(node: dict[str, Any]) -> dict[str, Any]:
+    """The same without what choices say about themselves."""
+    kept = {key: value for key, value in node.items() if key != WORDS}
+    return {k: _without_words(v) if isinstance(v, dict) else v for k, v in kept.items()}
 
 
 def front_name(target: str) -> str:

@@ -29,7 +29,7 @@ from rich.table import Table
 from data.simulation.motion import EscapedMotionError
 from models.training.assemble import changed, data_from, estimator_from
 from models.training.metrics import score
-from runner.command_line import composed
+from runner.compose import composed
 from runner.paper_values import paper_values
 
 SEARCH_SEEDS, FRESH_SEEDS = range(1000, 1024), range(3000, 3020)

@@ -26,7 +26,7 @@ from data.simulation.motion import EscapedMotionError
 from models.training.assemble import changed, data_from, estimator_from
 from models.training.metrics import score
 from models.vwnn import VWNN
-from runner.command_line import composed
+from runner.compose import composed
 from runner.run_folder import write_json
 
 OUTPUT = Path("runs/studies/feedthrough.json")

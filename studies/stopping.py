@@ -30,7 +30,7 @@ from models.training.solvers.lbfgs import LBFGS
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.training.trainable import require_trainable
 from report.paper.cells import SETTINGS
-from runner.command_line import composed
+from runner.compose import composed
 from runner.paper_values import paper_values
 
 SEEDS = range(1000, 1012)

@@ -34,7 +34,8 @@ from benchmarks.published.measure import (
 )
 from benchmarks.published.page import write_page
 from benchmarks.published.table import report
-from runner.command_line import composed, one_line_errors, quiet_lightning
+from runner.command_line import one_line_errors, quiet_lightning
+from runner.compose import composed
 from runner.run_folder import write_json
 
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")

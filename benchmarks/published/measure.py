@@ -23,7 +23,7 @@ from data.simulation.datamodule import SimulatedData
 from models.checkpoint import load_estimator
 from models.estimator import NoFreeRunError
 from models.training.assemble import data_from, estimator_from
-from runner.command_line import composed
+from runner.compose import composed
 from runner.run_folder import CHECKPOINT
 from train import identify
 

@@ -147,7 +147,7 @@ def _on_one_clock(
     tables: Mapping[str, Table],
     notes: tuple[str, ...],
 ) -> RawRecord:
-    """One time for all where the clocks agree; else they are kept, for mending to resample."""
+    """The record on one time where its clocks agree, else on all clocks, for mending."""
     lengths = {channel: len(values) for channel, values in channels.items()}
     if len(set(lengths.values())) > 1 and len(clocks) < 2:
         raise ValueError(

@@ -71,7 +71,7 @@ def without_duplicates(channels: dict[str, Sampled]) -> tuple[dict[str, Sampled]
 
 
 def filled(name: str, channel: str, signal: Sampled, longest: float) -> tuple[Sampled, int, float]:
-    """A channel without gaps, how many there were, and the longest [s].
+    """A channel without gaps, the number of its gaps, and the longest [s].
 
     Measured samples stay as they are. Raises ValueError for gaps above `longest` [s] and at ends.
     """

@@ -1,4 +1,4 @@
-"""The time step of a clock, and what is wrong with its times.   T samples."""
+"""The time step of a clock, and the faults of its times.   T samples."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ IRREGULAR = 0.2  # of all steps: a clock with more gaps than this has no rate
 
 
 def time_step(time: np.ndarray) -> tuple[float, list[Finding]]:
-    """Median step [s] of a clock (T,) [s], and what is wrong with it.
+    """Median step [s] of a clock (T,) [s], and the faults of that clock.
 
     Stamps of even samples that were rounded when they were written (0.01, 0.02, 0.02, 0.03 at
     120 Hz) are not taken for uneven samples: their step is the slope of a line through all stamps.

@@ -32,7 +32,7 @@ PAGES = "https://www.nonlinearbenchmark.org/benchmarks"
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What is known of a benchmark before its files are opened."""
+    """A benchmark as known before its files are opened: source, files, units, usual series."""
 
     loader: str  # function of the package that downloads it
     page: str

@@ -9,7 +9,7 @@ from data.record import Record
 
 
 def noise_floor(periods: np.ndarray) -> np.ndarray | None:
-    """RMS (n,) of what differs between repeated periods (P, T, n) in the steady state, its noise.
+    """RMS (n,) of the noise, from repeated periods (P, T, n) of the steady state.
 
     Unbiased: Σ (y − ȳ)² / (P − 1). None for a single period.
     """
@@ -20,10 +20,10 @@ def noise_floor(periods: np.ndarray) -> np.ndarray | None:
 
 
 def in_band_rms(error: np.ndarray, dt: float, band: tuple[float, float]) -> np.ndarray:
-    """RMS (n,) of the part of `error` (T, n) between the frequencies of `band` [Hz], both counted.
+    """RMS (n,) of the part of `error` (T, n) within `band` [Hz], its ends included.
 
     By Parseval's theorem, Σ e² = Σ |E|² / T, without a window: exact for whole periods, elsewhere
-    what leaks over the edges of the band is lost or gained.
+    the leakage over the edges of the band is lost or gained.
     """
     low, high = band
     if not 0.0 <= low < high:

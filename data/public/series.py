@@ -24,6 +24,7 @@ class Series:
     initial_state: str = "rest"
 
     def cut(self, name: str, start: int, stop: int | None = None) -> Series:
+        """Samples `start` … `stop − 1` as a series of their own."""
         return replace(self, name=name, u=self.u[start:stop], y=self.y[start:stop])
 
 

@@ -46,6 +46,7 @@ BOUC_WEN_DECAY = 1500  # samples until the initial state is forgotten, to 1 % by
 
 
 def silverbox(files: Files) -> Splits:
+    """Three quarters of the multisine train; its rest and the arrow, whole and cut, test."""
     u, y = files.load(SILVERBOX, "V1", "V2")
     whole = Series("all", 1.0 / 610.35, _column(u), _column(y), warmup=50)
     arrow, multisine = whole.cut("arrow_full", 100, 40575), whole.cut("multisine", 40650, 127400)
@@ -55,18 +56,21 @@ def silverbox(files: Files) -> Splits:
 
 
 def wiener_hammerstein(files: Files) -> Splits:
+    """One record of filtered noise, cut in two."""
     u, y, rate = files.load(WIENER_HAMMERSTEIN, "uBenchMark", "yBenchMark", "fs")
     whole = Series("all", 1.0 / float(rate.item()), _column(u), _column(y), warmup=50)
     return [whole.cut("train", 5200, 105200)], [whole.cut("test", 105200, 184000)]
 
 
 def cascaded_tanks(files: Files) -> Splits:
+    """A training and a test record, each with its own input."""
     u, y, u_test, y_test, dt = files.load(TANKS, "uEst", "yEst", "uVal", "yVal", "Ts")
     train = Series("train", float(dt.flat[0]), _column(u), _column(y), warmup=50)
     return [train], [replace(train, name="test", u=_column(u_test), y=_column(y_test))]
 
 
 def emps(files: Files) -> Splits:
+    """Force and position of a drive; the test record has pulses of force besides."""
     both = []
     for name, path in zip(("train", "test"), EMPS, strict=True):
         force, position, t = files.load(path, "vir", "qm", "t")
@@ -76,6 +80,7 @@ def emps(files: Files) -> Splits:
 
 
 def ced(files: Files) -> Splits:
+    """Two records, of a low and a high input; the first 400 samples of each train."""
     train: list[Series] = []
     test: list[Series] = []
     for name, u_name, y_name in (("low", "u11", "z11"), ("high", "u12", "z12")):

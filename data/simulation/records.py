@@ -56,6 +56,7 @@ class Simulation:
 
     @property
     def samples(self) -> int:
+        """Samples of each record."""
         return round(self.duration / self.dt)
 
     def records(
@@ -122,7 +123,7 @@ class Simulation:
         return self.excitation.draw(self.structure, self.samples, self.dt, first + record, rng)
 
     def _damaged(self, split: str) -> tuple[Structure, Changes | None]:
-        """The structure of a split at rest, and what changes on the way."""
+        """The structure of a split at rest, and its changes during a record."""
         if self.damage is None or split != "test":
             return self.structure, None
         return (

@@ -12,7 +12,7 @@ CHECKED = 20  # first steps that are compared with the stated rate
 
 
 class TimeStamps:
-    """Seconds since the first sample; a missing stamp is one step after the one before.
+    """Seconds since the first sample; a missing stamp is one step after its predecessor.
 
     Stamps that repeat or lie behind the newest are passed on unchanged, for the stream to report.
     Where stamps stay behind, or leap far ahead, the sensors' clock was set: time then goes on from

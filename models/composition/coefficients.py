@@ -32,7 +32,7 @@ class Coefficients(nn.Module):
         zeros = torch.zeros(shape, dtype=torch.float64)
         self.theta = nn.Parameter(zeros, requires_grad=learned)
         self.register_buffer("unit", torch.ones(shape, dtype=torch.float64))
-        for name in ("begin", "end"):  # where θ stays without data: until the last stage, and in it
+        for name in ("begin", "end"):  # θ without data: before the last stage, and in it
             self.register_buffer(name, torch.zeros(shape, dtype=torch.float64), persistent=False)
 
     @torch.no_grad()
@@ -43,7 +43,7 @@ class Coefficients(nn.Module):
         self.end.copy_(self.theta)
 
     def deviation(self, last: bool) -> Tensor:
-        """θ less where it would stay without data; nothing of what is not learned."""
+        """θ less its value without data, in the `last` stage of training or before."""
         return self.theta - (self.end if last else self.begin)
 
     def forward(self) -> Tensor:
@@ -52,13 +52,13 @@ class Coefficients(nn.Module):
         return self.unit * self.theta
 
     def slope(self) -> Tensor:
-        """Of each value by its θ."""
+        """Derivative of each value by its θ."""
         return self().detach() if self.positive else self.unit
 
 
 @dataclass(frozen=True)
 class Part:
-    """Values, the number of the parameter that each depends on (−1: none), and the slope by it."""
+    """Values, the number of the parameter behind each value (−1: none), and the slope by it."""
 
     value: Tensor
     index: Tensor

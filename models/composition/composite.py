@@ -34,13 +34,14 @@ BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements
 class Composite(Trainable):
     """Base of the networks of elements. `substeps` divide a sample interval of `dt`.
 
-    from_accelerations: x and v are not looked at, even where they are there.
-    prior: weight of Σ θ² beside the squared relative error: what the data do not determine stays
-    where it started, without effect. early_prior: the same until the last stage; None: as there.
+    from_accelerations: measured x and v are not used.
+    prior: weight of Σ θ² beside the squared relative error; parameters that the data do not
+    determine stay where they started, without effect. early_prior: the weight before the last stage
+    of training; None: `prior`.
     """
 
     reads = ("f",)
-    measures: Tensor  # (n,): what the sensors say, displacement 0, velocity 1, acceleration 2
+    measures: Tensor  # (n,): of the sensors, displacement 0, velocity 1, acceleration 2
     identified: Tensor  # 1 once the parameters have their units, until then NaN
 
     def __init__(
@@ -76,13 +77,13 @@ class Composite(Trainable):
         return weight, torch.cat([c.deviation(last).reshape(-1) for c in learned])
 
     def composition(self) -> Composition:
-        """Coefficients at the present parameters."""
+        """The equation of motion with coefficients at the present parameters."""
         raise NotImplementedError
 
     def forward(self, record: Record) -> Tensor:
-        """One step ahead of the measured x and v; where there are none, a free run.
+        """Acceleration (…, T, n) one step ahead of measured x and v; without these, a free run.
 
-        The memory of hysteretic units follows the increments of these steps.
+        The memory of hysteretic units follows the increments of the steps.
         """
         self.check(record)
         stateless = self.from_accelerations or record.x is None or record.v is None
@@ -106,7 +107,10 @@ class Composite(Trainable):
         return self.trace(drive).response
 
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
-        """Begun anew from x and v only: the units' memory goes on, so it needs no warm-up."""
+        """Acceleration (…, T, n) of runs that begin anew at measured x and v.
+
+        The memory of hysteretic units goes on where a run begins anew, so runs need no warm-up.
+        """
         free = [p for p in self.parameters() if p.requires_grad]
         if torch.is_grad_enabled() and free:
             return _Restarted.apply(self, record, horizon, *free)
@@ -153,7 +157,7 @@ class Composite(Trainable):
         return records
 
     def states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
-        """x, v, a, u (T, ·) of each record as measured, or filtered alike from what there is."""
+        """x, v, a, u (T, ·) of each record as measured; filtered alike where x or v is missing."""
         counted = slice(record.warmup, None)
         a = record.a.reshape(-1, *record.a.shape[-2:])
         u = record.excitation.reshape(len(a), record.samples, -1)
@@ -172,7 +176,7 @@ class Composite(Trainable):
             yield x, v, filtered, size * state_variables(u[i], corner, record.dt)[measured]
 
     def _anchors(self, record: Record, horizon: int | None) -> Tensor | None:
-        """Measured x and v (…, 2, T, n); the first is where the record begins."""
+        """Measured x and v (…, 2, T, n), the first of them the initial state of the record."""
         if horizon is None:
             return None
         if self.from_accelerations or record.x is None or record.v is None:
@@ -188,12 +192,12 @@ class Composite(Trainable):
         super().check(replace(signals, dt=self.dt))  # any time step will do
 
     def _substeps(self, dt: float) -> int:
-        """As many as keep their length."""
+        """Number of substeps in a sample interval of `dt`: substeps keep their length."""
         return max(1, round(self.substeps * dt / self.dt))
 
 
 class _Restarted(torch.autograd.Function):
-    """The compiled run and its derivatives, as autograd wants them."""
+    """The compiled run and its derivatives as a function of autograd."""
 
     @staticmethod
     def forward(

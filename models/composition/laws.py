@@ -26,14 +26,15 @@ LINEAR = 6  # columns k, c, k₃, k₂, c₁, c₂ before those of hinges, tanhs
 GAPS = (0.05, 0.8)  # of the largest deformation: between these the hinges start
 STEEPNESS = 2.0  # s b of a tanh at the start
 LIMITS = (0.05, 0.8)  # of the largest deformation: between these the units' limits start
-FAR = 10.0  # where limits go in the end that no motion has reached
+FAR = 10.0  # times the largest deformation: the end of limits that no motion has reached
 
 
 class ElementLaws(nn.Module):
-    """Laws of E elements, each with so many hinges, tanhs and hysteretic units.
+    """Coefficients of the laws of E elements.
 
-    Which of cubic and quadratic stiffness, of |y| ẏ and y² ẏ damping are learned is chosen, and
-    whether there are linear springs beside those of a core.
+    hinges, tanhs, units: numbers of them in each law. cubic, quadratic: stiffness k₃, k₂ is
+    learned; absolute_damping, square_damping: damping |y| ẏ, y² ẏ is learned; springs: linear
+    stiffness is learned, beside that of a core.
     """
 
     def __init__(
@@ -75,10 +76,10 @@ class ElementLaws(nn.Module):
     def start(
         self, stiffness: Tensor, damping: Tensor, largest: Tensor, places: Sequence[float]
     ) -> None:
-        """Springs and dampers as given (E,), the rest without effect, in the units of the motion.
+        """Start at linear springs and dampers (E,); all other terms are without effect.
 
-        largest: deformations (E,) [m]. Gaps, tanhs and limits spread on a logarithmic scale, each
-        at two `places` in [0, 1] of its share.
+        largest: deformations (E,) [m], which set the units of θ. Gaps, tanhs and limits spread on a
+        logarithmic scale; `places` in [0, 1] say where in its share each gap and each limit lies.
         """
         hinges, tanhs, units = self.counts
         self.stiffness.start(stiffness)
@@ -147,6 +148,6 @@ def units(laws: Tensor, counts: tuple[int, int, int], z: Tensor, increment: Tens
 
 
 def _levels(count: int, place: float, low: float, high: float) -> Tensor:
-    """`count` values from low to high, each at a `place` in [0, 1] of its share of their ratio."""
+    """`count` values from low to high, each at `place` in [0, 1] of its share of log(high/low)."""
     share = (torch.arange(count, dtype=torch.float64) + place) / max(count, 1)
     return low * torch.exp(share * math.log(high / low))

@@ -26,10 +26,10 @@ def add(row, index, value):
 
 @inlined
 def unit_step(z, delta, limit, slope_up, slope_down):
-    """z after an increment of deformation, its slopes by z and delta, and by the b in use.
+    """A unit after an increment of deformation: z, its slopes by z, by delta and by the b in use.
 
     dz = (1 + b u) dy with u = sgn(dy) z is solved exactly up to fourth order; then |z| ≤ limit.
-    side: ±1 on the limit, 0 within.
+    Returns z, its side (±1 on the limit, 0 within), whether b₊ was in use, and the three slopes.
     """
     sign = 1.0 if delta > 0.0 else -1.0
     rising = sign * z > 0.0
@@ -48,7 +48,10 @@ def unit_step(z, delta, limit, slope_up, slope_down):
 
 @inlined
 def memoryless(e, y, rate, laws, ilaws, slaws, hinges, tanhs, dr, sensitive):
-    """Force of an element's spring and damper, its slopes by y and ẏ; own parameters into dr."""
+    """Force of an element without its units, and the slopes of the force by y and ẏ.
+
+    Where `sensitive`, adds the slopes by the element's own parameters to dr (P,).
+    """
     p = laws[e]
     size, side = abs(y), (1.0 if y > 0.0 else -1.0)
     r = p[0] * y + p[1] * rate + p[2] * y**3 + p[3] * y * y + (p[4] * size + p[5] * y * y) * rate

@@ -38,7 +38,7 @@ class Composition:
     measures: Tensor  # (o,): what each output is: displacement 0, velocity 1, acceleration 2
 
     def output(self, x: Tensor, v: Tensor, a: Tensor) -> Tensor:
-        """What sensors would say (…, T, o) of the motion of the outputs."""
+        """What sensors measure (…, T, o) of the motion x, v, a (…, T, o) of the outputs."""
         if bool((self.measures == ACCELERATION).all()):
             return a
         which = self.measures.to(a.device).expand(a.shape)[..., None]

@@ -25,7 +25,7 @@ LOST = 1e6  # [m]; a motion beyond has diverged
 @inlined
 def _forces(q, rate, dq, drate, moved, u_at, D, iD, sD, supports, laws, ilaws, slaws, counts,
             y, dy, z, dz, r, dr, work):  # fmt: skip
-    """Element forces r (E,) and dr (E, P); where the structure `moved`, the units follow.
+    """Forces of the elements r (E,) and dr (E, P); where the structure `moved`, the units follow.
 
     y, z and their derivatives are those before the move and become those after it.
     """
@@ -119,7 +119,7 @@ def run(u, between, dt, every, measured, back, core, icore, score, inputs, iinpu
     u (T, m); between (T − 1, S, m), u at the end of each substep. Fills x, v, a (T, o), forces and
     deformations (T, E) and, for P > 0, jacobian (T, o, P) of what each output `measures` (o,): the
     displacement (0), velocity (1) or acceleration (2). The units' memory goes on where a
-    run begins anew. A run that is lost is NaN from there on.
+    run begins anew. A run that has diverged is NaN from there on.
     """
     (T, m), S = u.shape, between.shape[1]
     E, n = D.shape

@@ -38,7 +38,11 @@ def traced(
     every: int = 0,
     derivatives: bool = False,
 ) -> Trace:
-    """A run of so many substeps a sample, begun anew from `anchors` (…, 2, T, o) every `every`."""
+    """The compiled run of a batch of drives.
+
+    anchors: measured x and v (…, 2, T, o), from which the run begins anew every `every` samples;
+    None: it never does. derivatives: fill the Jacobian too.
+    """
     device, lead = drive.u.device, drive.u.shape[:-2]
     drive = Drive(drive.dt, drive.u.cpu(), drive.x0.cpu(), drive.v0.cpu(), drive.hold)
     u = drive.u.reshape(-1, *drive.u.shape[-2:])
@@ -77,7 +81,7 @@ def traced(
 
 
 def _arrays(composition: Composition) -> dict[str, tuple[np.ndarray, ...]]:
-    """Values, numbers and slopes of every part, as the compiled run takes them."""
+    """Values, numbers and slopes of every part, as arguments of the compiled run."""
     parts: dict[str, Part] = {
         name: getattr(composition, name) for name in ("core", "inputs", "G", "D", "laws", "outputs")
     }

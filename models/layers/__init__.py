@@ -1,1 +1,1 @@
-"""What estimators are built from; knows no estimator."""
+"""Building blocks of estimators; no block knows an estimator."""

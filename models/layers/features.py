@@ -65,7 +65,10 @@ class SigmoidProducts(nn.Module):
         return torch.tensor(rows, dtype=torch.int64)
 
     def products_of(self, xi: Tensor) -> Tensor:
-        """`forward`, to the bit; on the processor, where no derivatives are asked for, compiled."""
+        """φ (…, features) of ξ, equal to `forward` to the bit.
+
+        Compiled on the processor, unless derivatives are asked for.
+        """
         if xi.device.type != "cpu" or xi.requires_grad:
             return self(xi)
         h = pad(torch.tanh(self.weight * xi), (0, 1), value=1.0)

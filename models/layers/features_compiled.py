@@ -1,4 +1,4 @@
-"""Products of sigmoids, compiled: the twin of SigmoidProducts, to the bit.
+"""Products of sigmoids, compiled: the production twin of features.py on the processor, to the bit.
 
 T samples, C channels, P features.
 """

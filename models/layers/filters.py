@@ -3,7 +3,7 @@
 H(s) = ω_c/(s + ω_c), held input:  y[k] = α y[k−1] + (1 − α) u[k−1],  α = exp(−ω_c dt).
 
 The estimate at t_k must not see the acceleration at t_k. A filter with feedthrough (bilinear
-transform, first-order hold, matched) hands it over, hence the u[k−1].
+transform, first-order hold, matched) would pass that acceleration on, hence the u[k−1].
 """
 
 from __future__ import annotations

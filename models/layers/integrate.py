@@ -54,7 +54,7 @@ def runge_kutta(acceleration: Acceleration, drive: Drive) -> Response:
 
 
 def runge_kutta_delayed(law: DelayedAcceleration, drive: Drive, past: Tensor) -> Response:
-    """The same for ẍ = g(x, ẋ, u, p), p a signal of the sample before, which `law` returns too.
+    """x, ẋ, ẍ (…, T, n) of ẍ = g(x, ẋ, u, p), p a signal of the sample before, which `law` returns.
 
     Between samples p is linear; `past` is its value before the record. A step's velocities are its
     first one and accelerations, which leaves x[k+1] = x + h v + h²/6 (a + a₂ + a₃).
@@ -86,7 +86,7 @@ def runge_kutta_delayed(law: DelayedAcceleration, drive: Drive, past: Tensor) ->
 
 
 def _all_lost(a: Tensor) -> bool:
-    """No run of the batch is finite any more. Not asked where derivatives are taken."""
+    """Whether no run of the batch is finite any more; False where derivatives are taken."""
     return torch.is_inference_mode_enabled() and not bool(torch.isfinite(a).all(dim=-1).any())
 
 

@@ -17,7 +17,7 @@ from torch import Tensor
 
 
 class RankDeficientError(ValueError):
-    """The features do not determine the weights."""
+    """Raised where the features do not determine the weights."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,12 @@ class Solution:
 
     @property
     def rank(self) -> int:
-        """The lowest."""
+        """Lowest rank of all fits."""
         return int(self.ranks.min())
 
     @property
     def condition(self) -> float:
-        """The highest."""
+        """Highest condition of all fits."""
         return float(self.conditions.max())
 
     def facts(self) -> dict[str, Any]:
@@ -55,7 +55,7 @@ class LeastSquares:
         self.features = 0
 
     def add(self, features: Tensor, targets: Tensor) -> None:
-        """Features (…, N, P) and targets (…, N, n)."""
+        """Add features (…, N, P) and targets (…, N, n). Raises ValueError for NaN or infinity."""
         phi, y = features.flatten(self.leading, -2), targets.flatten(self.leading, -2)
         if phi.shape[:-1] != y.shape[:-1]:
             raise ValueError(f"{phi.shape[-2]} samples of features, {y.shape[-2]} of targets")

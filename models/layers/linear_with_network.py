@@ -13,7 +13,7 @@ START = 0.01  # of a Glorot start: the network begins as a small addition to the
 
 
 class LinearWithNetwork(nn.Module):
-    """L [z, w] + W₂ tanh(W₁ [z, w] + b₁) + b₂; θ = (L, W₁, b₁, W₂, b₂)."""
+    """Layer from [z, w] (…, inputs) to outputs, with `hidden` neurons beside the linear map."""
 
     def __init__(self, inputs: int, hidden: int, outputs: int) -> None:
         super().__init__()
@@ -39,7 +39,7 @@ class LinearWithNetwork(nn.Module):
 
 
 class LatentStep:
-    """The same as a step in time."""
+    """z[k+1] = L [z, w] + W₂ tanh(W₁ [z, w] + b₁) + b₂, with θ handed in."""
 
     def __call__(self, z: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
         linear, inner, bias, outer, shift = theta
@@ -47,7 +47,7 @@ class LatentStep:
         return both @ linear.T + torch.tanh(both @ inner.T + bias) @ outer.T + shift
 
     def run(self, first: Tensor, w: Tensor, *theta: Tensor) -> Tensor:
-        """What w contributes is added up for all samples at once."""
+        """z (T, B, q); the contribution of w is computed for all samples at once."""
         linear, inner, bias, outer, shift = theta
         q = first.shape[-1]
         A, B = linear.T[:q], linear.T[q:]

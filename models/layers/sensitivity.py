@@ -4,7 +4,7 @@ z[k+1] = s(z[k], w[k]; θ),   A[k] = ∂s/∂z along the trajectory
 forward:   ż[k+1] = A[k] ż[k] + ∂s/∂θ θ̇           (tangents)
 backward:  λ[k] = A[k]ᵀ λ[k+1] + ∂L/∂z[k],   ∂L/∂θ = Σ (∂s/∂θ)ᵀ λ[k+1]
 
-Only the recursions go step by step; what is differentiated is one batch of steps. So a gradient
+Only the recursions go step by step; the steps are differentiated as one batch. So a gradient
 costs little more than the run.   B runs, T samples, q states.
 """
 

@@ -1,6 +1,6 @@
 """State-variable filters: a motion's displacement and velocity, filtered, from its acceleration.
 
-All of a linear equation of motion may be filtered alike. With F = s²/(s + ω₀)² the filtered
+All terms of a linear equation of motion may be filtered alike. With F = s²/(s + ω₀)² the filtered
 displacement is a/(s + ω₀)², which needs no integration that drifts.   Young (1981), Automatica 17
 T samples, C channels.
 """
@@ -16,7 +16,7 @@ SHARE = 0.3  # of the median frequency of the motion
 
 
 def corner_frequency(a: Tensor, dt: float) -> float:
-    """ω₀ [rad/s]: a share of the frequency that halves the power of a (T, C)."""
+    """Corner ω₀ [rad/s]: a share of the median frequency of the power of a (T, C)."""
     power = (torch.fft.rfft(a, dim=0).abs() ** 2).sum(dim=1).cumsum(dim=0)
     median = max(1, int(torch.searchsorted(power, 0.5 * power[-1:])))
     return SHARE * 2.0 * np.pi * median / (dt * a.shape[0])

@@ -1,1 +1,1 @@
-"""Models that learn sample by sample."""
+"""Models whose weights adapt sample by sample."""

@@ -1,7 +1,7 @@
 """On-line identification: one pass over the record, sample by sample, the weights adapting.
 
-What the VWNN was made for: Kosmatopoulos, Smyth, Masri & Chassiakos (2001); Pei, Smyth &
-Kosmatopoulos (2004). Any estimator that is linear in its weights will do.
+The original use of the VWNN: Kosmatopoulos, Smyth, Masri & Chassiakos (2001); Pei, Smyth &
+Kosmatopoulos (2004). Any estimator that is linear in its weights can be adapted.
 T samples, n DOFs, heads j.
 """
 
@@ -29,7 +29,7 @@ class Online(Estimator):
     """An estimator whose weights a law adapts, from zero at the first sample of training.
 
     estimator: linear in its weights; None: a VWNN with its defaults. law: None: recursive least
-    squares. guard: against bad samples, see there; None: its defaults.
+    squares. guard: against bad samples; None: a Guard with its defaults.
 
     Training is one pass over the training records, one after the other. `forward` goes on from
     there on every record anew, adapting; the module stays as it is. Other ways of estimating:
@@ -90,11 +90,11 @@ class Online(Estimator):
         }
 
     def free_run(self, drive: Drive) -> Response:
-        """That of the weights as training left them."""
+        """The motion with the weights as training left them."""
         return self.estimator.free_run(drive)
 
     def stream(self, from_nothing: bool = False) -> Stream:
-        """Where samples go in and estimates come out, from the end of training on or from zero."""
+        """Estimates of single samples, adapting from the end of training or from zero weights."""
         states = self.states() if not from_nothing else started(self.estimator, self.law, True)
         return stream_of(self.estimator, self.law, states, self.guard)
 
@@ -112,7 +112,10 @@ class Online(Estimator):
     def stretches(
         self, record: Record, law: Law, states: list[Adapted], longest: int = 1 << 30
     ) -> Iterator[tuple[Tensor, list[Adapted]]]:
-        """The same, in stretches of at most so many samples: estimates, and states after each."""
+        """Estimates of a record and the states after them, stretch by stretch.
+
+        longest: samples that a stretch has at most.
+        """
         self.check(record)
         if self.guard.finds(record):
             yield from self._sample_by_sample(record, law, states, longest)
@@ -137,7 +140,7 @@ class Online(Estimator):
     def _sample_by_sample(
         self, record: Record, law: Law, states: list[Adapted], longest: int
     ) -> Iterator[tuple[Tensor, list[Adapted]]]:
-        """Where there are bad samples: estimates stand in for them, the guard sees to it."""
+        """`stretches` of a record with bad samples, for which the guard lets estimates stand in."""
         stream, estimates = Stream(self.estimator, law, states, self.guard), []
         for k, sample in enumerate(samples_of(record)):
             stream.law = Frozen() if k < record.warmup else law
@@ -153,7 +156,7 @@ class Online(Estimator):
 
 
 def stream_of(estimator: LinearInWeights, law: Law, states: list[Adapted], guard: Guard) -> Stream:
-    """Compiled where that is possible."""
+    """A stream of an estimator, compiled for a VWNN."""
     if type(estimator) is VWNN:
         return VWNNStream(estimator, law, states, guard)
     return Stream(estimator, law, states, guard)

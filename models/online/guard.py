@@ -1,11 +1,11 @@
-"""Bad samples of a stream: found, named, and kept from the weights.
+"""Bad samples of a stream: detected, named, and kept from the weights.
 
     not_finite  a channel is NaN or infinite
     saturated   an acceleration is at the sensor's full scale
     repeated    an acceleration stands still to the last bit, or a sample came twice
     dropped     samples, or an acceleration, did not come
 
-What drives keeps its last sound value; the estimate stands in for a missing acceleration.
+Inputs keep their last sound value; the estimate stands in for a missing acceleration.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Event:
 
 
 class Guard(nn.Module):
-    """What is taken for bad, and what then happens.
+    """Which samples count as bad, and for how long the weights then rest.
 
     full_scale: |ẍ| [m/s²] at which a sensor saturates; None: not known.
     repeats: so many values in a row that equal the one before are a fault, ≥ 1; a structure at
@@ -77,7 +77,7 @@ class Guard(nn.Module):
 
 
 class Watch:
-    """A guard on its post: what it has seen of one stream. `events` holds what it found."""
+    """The state of a guard along one stream. `events` holds the bad samples so far."""
 
     def __init__(self, guard: Guard, dofs: int, dt: float) -> None:
         self.guard, self.dt = guard, dt
@@ -92,7 +92,7 @@ class Watch:
         self.unsettled = 0  # samples until something may be learnt again
 
     def arrive(self, time: float | None) -> int:
-        """Samples that should have come before this one, −1 for one that came already.
+        """Number of samples missing before this one; −1 for a sample that came already.
 
         A clock may be off by half a sample period at a time. One that goes back by more than a gap
         that is bridged was set anew.
@@ -130,7 +130,7 @@ class Watch:
         return torch.where(finite, signal, held)
 
     def judged(self, a: Tensor | None, sample: Sample, estimate: Tensor) -> tuple[Tensor, bool]:
-        """The acceleration (n,), or what stands in for it, and whether to learn from it."""
+        """The acceleration (n,) or its replacement, and whether the weights may learn from it."""
         if a is None:
             self._note("dropped", "a")
             a = torch.full_like(estimate, torch.nan)
@@ -149,12 +149,12 @@ class Watch:
         return a, settled
 
     def bounded(self, estimate: Tensor) -> Tensor:
-        """An estimate (n,) that may stand in: finite, and within what has been measured so far."""
+        """An estimate (n,) made finite and limited to the largest acceleration measured so far."""
         largest = torch.tensor(self.largest, dtype=estimate.dtype)
         return torch.nan_to_num(estimate).clamp(-largest, largest)
 
     def _wrong(self, i: int, value: float, sample: Sample) -> bool:
-        """Whether the acceleration of DOF i is; a still one only where something moves."""
+        """Whether the acceleration of DOF i is bad; a repeated value is, unless all is at rest."""
         size, still = abs(value), value == self.before[i]
         if size < self.guard.full_scale and not still:  # not NaN either
             self.same[i] = 0

@@ -1,4 +1,4 @@
-"""What a run of an on-line model is asked: when it has settled, what it learnt, is it stable.
+"""Scores of on-line models: settling time, error after some seconds of learning, stability.
 
 Running error: RMS of the error over the last WINDOW seconds, relative to that of the measured
 signal in them, which counts as at least QUIET of the whole record's: a model is not blamed for a

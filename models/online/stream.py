@@ -21,7 +21,7 @@ from models.online.laws.law import Adapted, Law
 
 
 class Stream:
-    """Weights, filter states and what the guard has seen, carried from sample to sample.
+    """Weights, filter states and the state of the guard, carried from sample to sample.
 
     states: of the law, one for each head; None: from the estimator's weights, or from zero where it
     has none yet. The estimator itself is not changed.
@@ -63,7 +63,7 @@ class Stream:
         return estimate
 
     def estimate(self, sample: Sample) -> Tensor:
-        """The acceleration (n,) [m/s²] of a sample; its own is not looked at.
+        """The estimated acceleration (n,) [m/s²] of a sample; the measured one is not read.
 
         Where the sample before was never followed by `update`, its acceleration counts as dropped.
         """
@@ -91,7 +91,7 @@ class Stream:
         self.previous, self.sample = self.sample, None
 
     def _bridge(self, missed: int) -> None:
-        """Go on over samples that did not come: inputs held, estimates for accelerations."""
+        """Go on over missing samples: inputs are held, estimates stand in for accelerations."""
         assert self.previous is not None
         if missed > self.watch.guard.longest:
             self._rest()

@@ -17,9 +17,9 @@ from models.vwnn import VWNN
 
 
 class VWNNStream(Stream):
-    """`Stream` of a VWNN whose every sample is two compiled calls. Arguments as there.
+    """`Stream` of a VWNN, two compiled calls a sample. Arguments: those of `Stream`.
 
-    Compiled here, not at the first sample, which would be late. `states` are changed in place.
+    Compiles when built, so that the first sample is not late. `states` are changed in place.
     """
 
     def __init__(

@@ -1,1 +1,1 @@
-"""Fitting and scoring any estimator."""
+"""Training and scoring of any estimator."""

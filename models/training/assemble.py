@@ -22,13 +22,13 @@ import data
 import models
 from data.datamodule import Data
 from data.sample import Sensors
-from data.simulation.datamodule import SimulatedData
 from models.estimator import Estimator
 from models.training.identification import Identification
 from models.training.objective import Objective
 from models.training.solvers.solver import Solver
 
 FRONTS = {"data": data, "models": models}
+LABELS = ("name", "about")  # of a choice: what tables call it, and what they say of it
 
 
 def _class_of(target: Any) -> type:
@@ -53,17 +53,17 @@ def _check(node: Any) -> None:
             for key in node:
                 if key.startswith("_") and key != "_target_":
                     raise ValueError(f"{node['_target_']}: the key {key!r} is not allowed")
-                if key not in known and key not in ("_target_", "name"):
+                if key not in known and key not in ("_target_", *LABELS):
                     near = difflib.get_close_matches(key, known, n=1)
                     hint = f"; did you mean {near[0]!r}?" if near else ""
                     raise ValueError(f"{node['_target_']} has no argument {key!r}{hint}")
 
 
 def build(node: DictConfig | ListConfig, **more: Any) -> Any:
-    """The object that a config node describes; `name` is a label, not an argument."""
+    """The object that a config node describes; its LABELS are no arguments."""
     plain: Any = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
     _check(plain)
-    for key in ("name", *more):  # what is given comes before what the config says
+    for key in (*LABELS, *more):  # what is given comes before what the config says
         plain.pop(key, None)
     try:
         # called here, not by Hydra, which would turn dataclasses among `more` into dicts
@@ -103,14 +103,6 @@ def data_from(cfg: DictConfig) -> Data:
     return build(cfg.data, name=cfg.system.name, **more)
 
 
-def simulated_from(cfg: DictConfig) -> SimulatedData:
-    """The same, where the structure behind them is known."""
-    data = data_from(cfg)
-    if not isinstance(data, SimulatedData):
-        raise ValueError(f"{cfg.system.name} was measured, not simulated: its laws are not known")
-    return data
-
-
 def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
     """An estimator of the size of the data, or of what sensors send, not yet identified."""
     more: dict[str, Any] = {}
@@ -122,13 +114,13 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
 
 
 def solver_from(solver: DictConfig) -> Callable[[Iterable[nn.Parameter]], Solver]:
-    """What makes the chosen solver once the free parameters are known."""
+    """A function from free parameters to the chosen solver. Raises ValueError for bad settings."""
     build(solver, parameters=[nn.Parameter(torch.zeros(1))])  # a wrong setting is found now
     return lambda parameters: build(solver, parameters=parameters)
 
 
 def objective_from(objective: DictConfig) -> Objective:
-    """What the solver minimises."""
+    """The objective that the solver minimises."""
     return build(objective)
 
 

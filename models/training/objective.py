@@ -26,7 +26,7 @@ Note = Callable[[list[float]], None]
 
 
 class Objective(Protocol):
-    """Each stage gets a solver of its own, which starts where the one before ended."""
+    """Stages of training; each has a solver of its own and starts where the one before ended."""
 
     stages: Sequence[str]  # in words
     ranked: list[list[Tensor]]  # states of the finalists, the best first
@@ -46,7 +46,7 @@ class Objective(Protocol):
         ...
 
     def final_loss(self, estimator: Trainable, batches: Iterable[Record]) -> float:
-        """What the ends of stages are compared by: whole records in the last stage's terms."""
+        """Loss on whole records in the last stage's terms, by which the ends of stages compare."""
         ...
 
 
@@ -64,24 +64,24 @@ class OneStep:
     def begin(
         self, estimator: Trainable, batches: Iterable[Record], make_solver: MakeSolver, note: Note
     ) -> None:
-        """The start is that of the estimator."""
+        """Keep the estimator's own start."""
 
     def enter(self, estimator: Trainable, stage: int) -> None:
-        """There is no other stage."""
+        """Do nothing: there is no other stage."""
 
     def final_loss(self, estimator: Trainable, batches: Iterable[Record]) -> float:
         return _mean_loss([Problem(estimator, record) for record in batches])
 
 
 class FreeRun:
-    """The error of a simulation that begins anew every so many samples, a horizon for each stage.
+    """The error of a simulation that begins anew every so many samples, a horizon a stage.
 
     horizons: in samples, rising; None for the whole record. restart: False takes the first samples
     of each record instead, from its own initial state, where x and v are not to be trusted.
-    records: how many of them the stages before the last look at, None for all. warmup: samples that
-    each run takes before it counts. starts: random starts, each trained for `start_iterations`
-    calls of the solver on the first stage; as many as there are `finalists`, those with the lowest
-    training losses, go through all stages one after the other. `seed` draws them.
+    records: number of records that the stages before the last are trained on, None for all.
+    warmup: samples that each run takes before its samples count. starts: random starts, drawn from
+    `seed`, each trained for `start_iterations` calls of the solver on the first stage. finalists:
+    number of starts, those with the lowest training losses, that go through all stages.
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class FreeRun:
         restore(estimator, self.ranked[0])
 
     def enter(self, estimator: Trainable, stage: int) -> None:
-        """The next finalist, where the one before has been through all horizons."""
+        """Take the next finalist where the one before has been through all horizons."""
         finalist, first = divmod(stage, len(self.horizons))
         if first == 0:
             restore(estimator, self.ranked[finalist])
@@ -171,7 +171,7 @@ class FreeRun:
                     return
 
     def final_loss(self, estimator: Trainable, batches: Iterable[Record]) -> float:
-        """Of the plain free run, which is what counts in the end."""
+        """Mean loss of the plain free run, without restarts."""
         return _mean_loss([FreeRunProblem(estimator, record, None) for record in batches])
 
 
@@ -182,14 +182,14 @@ def state_of(estimator: Estimator) -> list[Tensor]:
 
 @torch.no_grad()
 def restore(estimator: Estimator, state: list[Tensor]) -> None:
-    """Back to what `state_of` returned."""
+    """Set parameters and buffers to a state that `state_of` returned."""
     for tensor, value in zip((*estimator.parameters(), *estimator.buffers()), state, strict=True):
         tensor.copy_(value)
 
 
 @torch.no_grad()
 def _mean_loss(problems: Sequence[Minimised]) -> float:
-    """Infinite where a run diverges."""
+    """Mean loss of some problems; infinite where a run diverges."""
     losses: list[Tensor] = [problem.loss() for problem in problems]
     mean = float(torch.stack(losses).mean())
     return mean if math.isfinite(mean) else math.inf

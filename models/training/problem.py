@@ -69,7 +69,7 @@ class Problem:
 
     @property
     def parts(self) -> int:
-        """Samples, where each stands alone; else windows."""
+        """Number of samples, where each stands alone; else number of windows."""
         return self.y.shape[0] if self.pointwise or self.y.ndim == 3 else 1
 
     def _blocks(self, theta: dict[str, Tensor], every: int) -> Iterator[Tensor]:
@@ -79,7 +79,7 @@ class Problem:
         return self._window_blocks(theta, every)
 
     def _sample_blocks(self, theta: dict[str, Tensor], every: int) -> Iterator[Tensor]:
-        """By reverse differentiation of every sample: n gradients each."""
+        """J/weight of some samples at a time, by reverse differentiation: n gradients each."""
         count = sum(p.numel() for p in theta.values())
         rows = max(1, BLOCK_ELEMENTS // (count * self.y.shape[-1]))
         for u in self.u[::every].split(rows):
@@ -88,7 +88,7 @@ class Problem:
             yield torch.cat(columns, dim=2).flatten(0, 1)
 
     def _window_blocks(self, theta: dict[str, Tensor], every: int) -> Iterator[Tensor]:
-        """By forward differentiation of every window, some parameters at a time."""
+        """J/weight of one window at a time, by forward differentiation, some parameters at once."""
         flat = torch.cat([p.reshape(-1) for p in theta.values()])
         unit = torch.eye(flat.numel(), dtype=flat.dtype, device=flat.device)
         sizes = [p.numel() for p in theta.values()]
@@ -110,9 +110,10 @@ class Problem:
 
 
 class FreeRunProblem:
-    """The same for a simulation that begins anew every `horizon` samples (None: never).
+    """Errors, loss and normal equations of a simulation that begins anew every `horizon` samples.
 
-    `warmup`: samples that each restarted run takes before it counts.
+    horizon: None: the simulation never begins anew. warmup: samples that each restarted run takes
+    before its samples count.
     """
 
     steepest = 1.0  # a run on the verge of divergence has a gradient without measure
@@ -200,7 +201,7 @@ class _RestartedRun(nn.Module):
 
 
 def _in_steady_state(record: Record) -> Record:
-    """Begun as measured, where x and v are; else from rest one period before it counts."""
+    """The record from its measured state, or, without one, from rest a period before it counts."""
     if record.x is not None and record.v is not None:
         return replace(record, initial_state="given")
     twice = replace(record, warmup=0).map(lambda u: torch.cat([u, u], dim=-2))

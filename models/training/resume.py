@@ -1,4 +1,4 @@
-"""Half-done training on disk: saved every so often, gone on from by the very same run.
+"""Half-done training on disk: saved at intervals, continued by the same run.
 
 One file, written aside and renamed. Only tensors and plain values are read back from it, and only
 by a run of the same config and code: training then ends where it would have ended.
@@ -20,7 +20,7 @@ from lightning.pytorch import Callback, LightningModule, Trainer
 class SaveProgress(Callback):
     """Saves after an epoch (a call of a full-batch solver), where `seconds` went by since the last.
 
-    identity: what tells the run from others; it stands in the file.
+    identity: of the run; the file holds it.
     """
 
     def __init__(self, path: Path, identity: Mapping[str, str], seconds: float) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from runner.choices import typed
-from runner.command_line import CONF
+from runner.compose import CONF
 from runner.result import Result
 
 CASE = ("model", "system", "scenario", "seed")  # they have columns of their own

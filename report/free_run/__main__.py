@@ -16,6 +16,7 @@ from report.collection.runs import has_runs, read_runs, results_folder
 from report.free_run.figures import draw_leaderboard
 from report.free_run.page import write_page
 from report.free_run.questions import EXPERIMENT, QUESTION_COLUMNS, question_of, question_rows
+from report.free_run.questions import QUESTIONS as GRIDS
 from report.free_run.rows import leaderboard
 from report.free_run.tables import CAPTION, sections, write_rows
 from report.output import printed, terminal
@@ -52,7 +53,8 @@ def report_free_run(
     paths = write_rows("leaderboard", rows, parts, output)
     asked: list[Result] = []
     if has_runs(questions):
-        asked = read_runs(questions)
+        asked = [run for run in read_runs(questions) if run.grid in GRIDS]
+    if asked:
         rows = question_rows(asked, runs)
         answered = sections(rows, QUESTION_COLUMNS, question_of)
         paths += write_rows("questions", rows, answered, output)

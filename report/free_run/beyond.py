@@ -23,13 +23,14 @@ from omegaconf import DictConfig, OmegaConf
 from data.arguments import Parser
 from data.record import stack
 from data.simulation.motion import EscapedMotionError
-from models.training.assemble import changed, simulated_from
+from models.training.assemble import changed
 from models.training.metrics import FreeRunScore
 from report.collection.runs import read_runs, results_folder
 from report.free_run.rows import Row, case_of, rank, row_of
 from report.free_run.tables import COLUMNS, Columns, sections, write_rows
 from report.output import printed, terminal
 from runner.command_line import command_errors, quiet_lightning
+from runner.compose import simulated_from
 from runner.identity import written_code_version
 from runner.result import FREE_RUN, Result
 from runner.run_folder import CONFIG, read_run, restore, write_json

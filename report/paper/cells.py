@@ -14,7 +14,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from runner.choices import dotted
-from runner.command_line import CONF
+from runner.compose import CONF
 from runner.paper_values import PaperCell, paper_cells
 from runner.result import Result, spread_of
 from runner.run_folder import plain, settings_of

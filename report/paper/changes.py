@@ -83,7 +83,8 @@ def main() -> None:
     with command_errors():
         rows = rows_of(read_runs(parser.parse_args().folder))
         title = "relative RMS error in %, median (min – max)"
-        terminal(150).print(printed(Section(COLUMNS, [row.texts() for row in rows], title)))
+        section = Section(COLUMNS, [row.texts() for row in rows], title)
+        terminal(150).print(printed(section, left=range(4)))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from report.paper.signals import (
     without_second_basis,
 )
 from report.style import colour_of, mark_lost, percent_ticks
-from runner.command_line import CONF
+from runner.compose import CONF
 from runner.paper_values import paper_values
 from runner.result import Result, spread_of
 from runner.spread import Spread, quantile

@@ -21,11 +21,11 @@ from data.simulation.datamodule import SimulatedData
 from data.simulation.elements import Bilinear, BoucWen, Element, LimitedSlip, Polynomial
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
-from models.training.assemble import build, simulated_from
+from models.training.assemble import build
 from report.paper.cells import METHODS, OWN_RESIDUAL, of
 from report.run.figures import element_loops
 from report.style import MEASURED, colour_of
-from runner.command_line import CONF
+from runner.compose import CONF, simulated_from
 from runner.result import Result
 from runner.run_folder import read_run, restore
 

@@ -20,7 +20,7 @@ from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
 
-from runner.command_line import prepare_hydra
+from runner.compose import prepare_hydra
 from runner.run_folder import FAILED, METRICS
 
 ROOT = Path(__file__).parent.parent.parent

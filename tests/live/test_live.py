@@ -31,7 +31,7 @@ from models.online.scores import running_error
 from models.online.stream import started
 from models.training.assemble import data_from, estimator_from
 from models.vwnn import VWNN
-from runner.command_line import composed
+from runner.compose import composed
 from runner.run_folder import Run, read_run, restore
 
 ROOT = Path(__file__).parents[2]

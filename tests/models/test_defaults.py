@@ -9,7 +9,7 @@ import pytest
 from omegaconf import OmegaConf
 
 import models
-from runner.command_line import CONF, composed
+from runner.compose import CONF, composed
 
 VARIANTS = {  # config → the settings that make it another model, or another way of solving
     "model=chebyshev_restoring_force": {"basis"},

@@ -14,8 +14,9 @@ from models.estimator import Estimator
 from models.training.assemble import data_from
 from models.training.identification import Identification
 from models.training.solvers.lbfgs import LBFGS
+from models.training.trainable import Trainable
 from models.vwnn import VWNN
-from runner.command_line import CONF, prepare_hydra
+from runner.compose import CONF, prepare_hydra
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
@@ -24,7 +25,7 @@ pytestmark = [
 ]
 
 
-class ScaledTwoPoint(TwoPoint):
+class ScaledTwoPoint(TwoPoint, Trainable):
     """A line through two values times a gain that only a gradient can find."""
 
     def __init__(self, dofs: int, inputs: int, dt: float) -> None:
@@ -100,3 +101,13 @@ def test_the_base_estimator_has_no_estimate(data):
     (record,) = data.loader("test")
     with pytest.raises(NotImplementedError):
         Estimator(3, 3, 0.01)(record)
+
+
+def test_free_parameters_of_an_estimator_that_is_not_trainable_are_refused(data, tmp_path):
+    class Untrainable(TwoPoint):
+        def __init__(self, dofs: int, inputs: int, dt: float) -> None:
+            super().__init__(dofs, inputs, dt)
+            self.gain = nn.Parameter(torch.tensor(0.1, dtype=torch.float64))
+
+    with pytest.raises(ValueError, match="Untrainable has free parameters but is no Trainable"):
+        fit(Identification(Untrainable(data.dofs, data.inputs, data.dt), LBFGS), data, tmp_path)

@@ -20,7 +20,7 @@ from models.training.assemble import (
     solver_from,
 )
 from models.training.metrics import score
-from runner.command_line import CONF, GROUPS, experiments, help_text, placed, prepare_hydra
+from runner.compose import CONF, GROUPS, experiments, help_text, placed, prepare_hydra
 from runner.paper_values import paper_values
 
 ROOT = Path(__file__).parents[2]

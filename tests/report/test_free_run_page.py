@@ -14,7 +14,7 @@ from report.free_run.beyond import CHANGES, FILE
 from report.free_run.models import TOLD, contains, told
 from report.free_run.page import BEGIN, END, matrix, settings, write_page
 from report.free_run.rows import SYSTEMS, leaderboard
-from runner.command_line import CONF
+from runner.compose import CONF
 from tests.report.test_free_run_rows import LOST, add_run
 
 NOISY = {"level": 0.05, "signals": ["a", "f"]}

@@ -29,7 +29,7 @@ from report.free_run.signals import loops_of_model
 from report.free_run.tables import COLUMNS, sections
 from report.output import as_csv, escaped, latex, sections_markdown
 from report.paper import __main__ as paper
-from runner.command_line import CONF, placed, prepare_hydra
+from runner.compose import CONF, placed, prepare_hydra
 from runner.progress import sweep_table
 from runner.result import Result, read_result
 from runner.spread import quantile

@@ -26,7 +26,7 @@ from report.paper.signals import (
     slowly,
 )
 from report.style import COLOURS
-from runner.command_line import CONF, prepare_hydra
+from runner.compose import CONF, prepare_hydra
 from runner.result import FINISHED, Result
 
 QUICK = ("data.duration=15", "figures=false", "baselines=none", "trainer.enable_progress_bar=false")

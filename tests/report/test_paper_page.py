@@ -62,8 +62,8 @@ def test_a_study_of_one_table_makes_no_page_and_says_what_is_missing(study, tmp_
 
 def test_a_page_without_the_study_of_the_filters_says_how_to_make_it(study, tmp_path):
     runs = read_runs(study)
+    places = (tmp_path / "drawn", study, study, tmp_path / "nothing.json")
     with pytest.raises(ValueError, match=r"make it: python -m studies\.feedthrough"):
-        places = (tmp_path / "drawn", study, study, tmp_path / "nothing.json")
         write_page(tmp_path / "results.md", runs, study_cells(runs), *places)
 
 

@@ -18,7 +18,7 @@ from omegaconf import OmegaConf
 import train
 from report.collection.runs import read_runs
 from runner import run_folder
-from runner.command_line import CONF, placed, prepare_hydra
+from runner.compose import CONF, placed, prepare_hydra
 from runner.identity import config_digest
 from runner.progress import is_finished
 from runner.run_folder import config_text, plain, read_failure, run_name
@@ -183,6 +183,23 @@ def test_grids_are_added_up_and_the_command_line_has_the_last_word(tmp_path, mon
     tables = {"bilinear", "polynomial", "bouc_wen", "integrated", "noisy"}
     assert set(cfg.hydra.sweeper.grids) == tables | {"noise_levels", "cutoffs"}
     assert OmegaConf.select(cfg, "hydra.launcher._target_").endswith("JoblibLauncher")
+
+
+def test_runs_keep_the_name_of_the_grid_that_asked_for_them(tmp_path, monkeypatch, capsys):
+    """It changes no folder; a finished run that was made without a grid gets it too."""
+    words = ["-m", "experiment=table3", *QUICK, "seed=0", "model=linear", "hydra/launcher=basic"]
+    words += [f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    (of_run,) = read_runs(tmp_path)
+    assert of_run.grid == "bilinear"
+    path = of_run.folder / "config.yaml"
+    for older in ("grid: null\n", ""):
+        path.write_text(path.read_text("utf-8").replace("grid: bilinear\n", older), "utf-8")
+        assert read_runs(tmp_path)[0].grid == ""
+        assert run_name(OmegaConf.load(path)) == of_run.folder.name
+        assert run(train, monkeypatch, *words) == 0
+        assert "1 done (1 of them before)" in capsys.readouterr().out
+        assert read_runs(tmp_path)[0].grid == "bilinear"
 
 
 def test_a_killed_sweep_goes_on_and_ends_like_an_undisturbed_one(tmp_path):

@@ -34,6 +34,7 @@ class Variable:
 
     @property
     def size(self) -> int:
+        """Number of values."""
         return math.prod(self.shape)
 
 
@@ -93,7 +94,7 @@ def _is_series(path: Path, variable: Variable, request: Request, contents: Conte
 
 
 def _width(variable: Variable) -> int:
-    """How many columns a variable gives, once a row vector (1, rows) is stood upright."""
+    """Number of columns of a variable; a row vector (1, rows) is one column."""
     lengths = [n for n in variable.shape if n > 1]
     return 1 if len(lengths) < 2 else variable.shape[-1]
 

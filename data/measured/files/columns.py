@@ -19,7 +19,7 @@ SUSPECT = GIB  # above this, data packed a thousandfold is taken for a bomb
 
 
 class FileError(ValueError):
-    """A file that cannot be read as a table; one line with file, value, expectation and remedy."""
+    """Raised for a file that is no table; one line with file, value, expectation and remedy."""
 
 
 @dataclass(frozen=True)

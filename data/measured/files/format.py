@@ -1,4 +1,4 @@
-"""File formats: what each declares of itself, and which of them a file is of."""
+"""File formats: what a format declares of itself, and the format of a file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _nothing(head: bytes) -> str:
 
 @dataclass(frozen=True)
 class Format:
-    """One format of files: how its files are recognised, and their reader.
+    """One file format: how its files are recognised, and the reader of such files.
 
     `signatures` and `content` name what the first bytes are; a format without either takes any
     file of its suffixes whose content no other format recognises.

@@ -33,6 +33,7 @@ def split(text: str, delimiter: str, strict: bool = False) -> list[str]:
 
 
 def is_number(text: str, decimal: str = ".") -> bool:
+    """Whether a cell is a number, NaN and infinity included."""
     cell = text.strip()
     if decimal == ",":
         if "." in cell:

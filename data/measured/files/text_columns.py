@@ -74,5 +74,6 @@ def to_times(text: pa.ChunkedArray) -> np.ndarray | None:
 
 
 def any_number(values: pa.ChunkedArray, decimal: str) -> bool:
+    """Whether a column of text holds a number in some cell."""
     number = NUMBER.replace("[.]", f"[{decimal}]")
     return pc.any(pc.match_substring_regex(values, number)).as_py() or False

@@ -80,7 +80,7 @@ def _cells(path: Path, number: int, text: str, layout: Layout) -> list[str]:
 
 
 def _cell_fault(text: str, kind: str, decimal: str) -> str:
-    """What is wrong with a cell and what to do, "" for a good one."""
+    """Fault of a cell with its remedy, "" for a cell without fault."""
     cell = text.strip()
     if cell in MISSING:
         return ""

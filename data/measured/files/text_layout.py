@@ -32,11 +32,13 @@ class Layout:
     line: int  # line number of the first row, counted from 1
     offset: int  # of that line in the file [bytes]
     notes: list[str]
-    units: dict[int, str] = field(default_factory=dict)  # column → what a row of units says
+    units: dict[int, str] = field(default_factory=dict)  # by column, from a row of units
 
 
 @dataclass(frozen=True)
 class Line:
+    """One of the first lines of a text file."""
+
     number: int  # counted from 1
     offset: int  # [bytes]
     text: str

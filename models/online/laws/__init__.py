@@ -1,1 +1,1 @@
-"""Adaptation laws of on-line models, each in PyTorch and compiled."""
+"""Adaptation laws of on-line models, each in PyTorch to read and compiled to run."""

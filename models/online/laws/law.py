@@ -25,9 +25,9 @@ class Adapted:
 
 
 class Law(nn.Module):
-    """Base of all laws. `number` is its place in compiled.py, where its twin stands.
+    """Base of all laws. `number` is that of its compiled twin in laws_compiled.py.
 
-    A module for the config's sake only: it has no parameters and holds no state.
+    A law has no parameters and holds no state; `Adapted` does.
     """
 
     number: ClassVar[int]

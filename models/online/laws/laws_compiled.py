@@ -1,4 +1,4 @@
-"""The adaptation laws, compiled; each is the twin of the law of its name, tests hold both together.
+"""The adaptation laws, compiled for production; tests hold each to the law of its name in PyTorch.
 
 A step changes W (P, n) and the memory in place and allocates nothing. Sums may be taken in parts:
 the last bits differ from PyTorch's.   P features φ, n targets, T samples.

@@ -1,4 +1,4 @@
-"""What every solver has, and what it is handed."""
+"""The interface of solvers, and of the problems that they minimise."""
 
 from __future__ import annotations
 

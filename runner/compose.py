@@ -1,0 +1,128 @@
+"""A command line → the config it stands for; every choice there is, and help on all of them."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import DictConfig, ListConfig, OmegaConf
+
+from data.simulation.datamodule import SimulatedData
+from models.training.assemble import data_from
+from runner.run_folder import run_name
+
+CONF = Path(__file__).parent.parent / "conf"
+SHARED = "shared"  # by the experiments of a folder
+GROUPS = (
+    "system",
+    "excitation",
+    "damage",
+    "scenario",
+    "data",
+    "model",
+    "solver",
+    "objective",
+    "adaptation",
+    "baselines",
+    "trainer",
+    "experiment",
+)
+EXAMPLES = {
+    "train": """Identify a structure: simulate it, fit a model, score it on unseen motion.
+
+    python train.py model=vwnn system=bilinear
+    python train.py model=vwnn system=polynomial scenario=noisy scenario.level=0.2 seed=4
+    python train.py -m model=vwnn,linear system=bilinear,polynomial,bouc_wen seed=0,1
+
+Common keys: seed, data.dt [s], data.duration [s], data.train_records, data.test_records,
+model.cutoff [rad/s], trainer.accelerator, hydra.run.dir. All of them: python train.py --cfg job""",
+    "evaluate": """One finished run scored again; or many runs compared.
+
+    python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
+    python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
+    python evaluate.py run=FOLDER data.duration=100
+    python evaluate.py runs=FOLDER output=FOLDER    all numbers: results.parquet, results.csv
+    python evaluate.py runs=[a,b] by=model.cutoff   of several folders, compared by a choice
+
+The paper's tables and the leaderboard of free runs: python -m report.paper --help,
+python -m report.free_run --help""",
+}
+
+
+def help_text(program: str) -> str:
+    """Examples, then each group with its choices, a line each (the config's first comment)."""
+    groups = GROUPS if program == "train" else ("scenario",)
+    lines = [EXAMPLES[program], ""]
+    for group in groups:
+        lines.append(f"{group}=")
+        paths = experiments() if group == "experiment" else (CONF / group).glob("*.yaml")
+        for path in sorted(paths, key=lambda path: path.stem):
+            comments = [s for s in path.read_text(encoding="utf-8").splitlines() if s[:1] == "#"]
+            described = [s[1:].strip() for s in comments if "@package" not in s]
+            lines.append(f"    {path.stem:<30}{described[0] if described else ''}".rstrip())
+    return "\n".join(lines)
+
+
+def experiments() -> list[Path]:
+    """The files of all experiments, which lie in a folder for each room of the report."""
+    paths = (CONF / "experiment").glob("*/*.yaml")
+    return sorted(path for path in paths if path.stem != SHARED)
+
+
+def placed(words: Sequence[str]) -> list[str]:
+    """The same words with experiments by their folder too: experiment=paper/table3 for table3."""
+    places = {path.stem: f"{path.parent.name}/{path.stem}" for path in experiments()}
+    named = (word.partition("=") for word in words)
+    return [
+        f"{key}={','.join(places.get(name, name) for name in names.split(','))}"
+        if key == "experiment"
+        else f"{key}{equals}{names}"
+        for key, equals, names in named
+    ]
+
+
+def prepare_hydra() -> None:
+    """Let Hydra raise what it finds instead of printing it, and give it our help."""
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    if not OmegaConf.has_resolver("help"):
+        OmegaConf.register_new_resolver("help", help_text)
+        OmegaConf.register_new_resolver("run_name", lambda _root_: run_name(_root_))
+        OmegaConf.register_new_resolver("same_for", _same_for, use_cache=True)
+
+
+def _same_for(words: ListConfig) -> str:
+    """Ten characters for what was typed, in any order; kept for the configs of a sweep's runs."""
+    return hashlib.sha256("\n".join(sorted(words)).encode()).hexdigest()[:10]
+
+
+def composed(*words: str, config: str = "train") -> DictConfig:
+    """The config that a command line with these words would have."""
+    prepare_hydra()
+    GlobalHydra.instance().clear()  # a program that is run by Hydra has one already
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose(config, placed(words))
+
+
+def keys_of(config: str) -> list[str]:
+    """All settings of a program, dotted."""
+    return sorted({*GROUPS, *_dotted(composed(config=config))})
+
+
+def _dotted(node: DictConfig, prefix: str = "") -> Iterator[str]:
+    for key in node:
+        name = f"{prefix}{key!s}"
+        yield name
+        if not OmegaConf.is_missing(node, key) and isinstance(node._get_node(key), DictConfig):
+            yield from _dotted(node[key], f"{name}.")
+
+
+def simulated_from(cfg: DictConfig) -> SimulatedData:
+    """Records of a run whose structure is known. Raises ValueError for measured ones."""
+    data = data_from(cfg)
+    if not isinstance(data, SimulatedData):
+        raise ValueError(f"{cfg.system.name} was measured, not simulated: its laws are not known")
+    return data
