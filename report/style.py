@@ -1,46 +1,20 @@
-"""Colours of all pictures: of signals, and of models, of which each has the same everywhere.
+"""How pictures look: colours of signals, marks of lost runs, ticks.
 
-Distinct to the colour-blind: Okabe & Ito (2008), and of Tol (2021) what they lack.
+A model's colour stands in conf/model (report/about.py). Colours are distinct to the colour-blind:
+Okabe & Ito (2008), and of Tol (2021) what they lack.
 """
 
 from __future__ import annotations
-
-import zlib
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
 MEASURED, ESTIMATED = "#222222", "#d1495b"
-COLOURS = {
-    "vwnn": "#D55E00",
-    "power_series_residual": "#E69F00",
-    "power_series_restoring_force": "#56B4E9",
-    "chebyshev_restoring_force": "#0072B2",
-    "residual_mlp": "#009E73",
-    "residual_mlp_own_residual": "#CC79A7",
-    "global_mlp": "#882255",
-    "linear": "#777777",
-    "vwnn_first_order": "#999933",
-    "vwnn_third_order": "#663311",
-    "filtered_extrapolation": "#44AA99",
-    "last_value": "#BBBBBB",
-    "two_point": "#332288",
-    "element_network": "#EE3377",
-    "element_network_tanh": "#33BBEE",
-    "element_network_accelerations": "#AA4499",
-    "latent_hysteresis_network": "#117733",
-    "vwnn_forward": "#4477AA",
-    "gru": "#BBCC33",
-    "lstm": "#009988",
-    "neural_state_space": "#663311",
-}
-OTHERS = ("#DDCC77", "#661100", "#6699CC", "#888888")
-
-
-def colour_of(model: str) -> str:
-    """The same in every picture."""
-    return COLOURS.get(model) or OTHERS[zlib.crc32(model.encode()) % len(OTHERS)]
+SERIES = (  # of what is no model
+    *("#D55E00", "#E69F00", "#56B4E9", "#0072B2", "#009E73", "#CC79A7", "#882255"),
+    *("#777777", "#999933", "#663311", "#44AA99", "#BBBBBB", "#332288"),
+)
 
 
 def mark_lost(axes: Axes, place: float, count: int, colour: str) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-UNTOLD = ("_target_",)  # the class, which the name of a choice stands for
+UNTOLD = ("_target_", "about")  # the class and the words of a choice, which its name stands for
 
 
 def read_choices(path: Path) -> dict[str, Any]:
@@ -36,9 +36,11 @@ def dotted(node: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """{dotted name: value} of all leaves; a list is one, an empty choice is none."""
     found: dict[str, Any] = {}
     for key, value in node.items():
+        if key in UNTOLD:
+            continue
         if isinstance(value, Mapping):
             found |= dotted(value, f"{prefix}{key}.")
-        elif key not in UNTOLD:
+        else:
             found[f"{prefix}{key}"] = value
     return found
 

@@ -17,8 +17,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from report.about import colours
 from report.collection.compare import LOST, Comparison, Group, is_number
-from report.style import COLOURS
+from report.style import SERIES
 
 WORDS = {"relative_rms_percent": "relative RMS error [%]", "fit_seconds": "time of the fit [s]"}
 MARKERS = "osD^vP*X"
@@ -95,10 +96,9 @@ def _series(comparison: Comparison, group: Group, x: int | None) -> str:
 
 def _coloured(names: Iterable[str]) -> dict[str, str]:
     """A model's colour is the same in all pictures; others take those that are left."""
-    known = {name: COLOURS[name] for name in names if name in COLOURS}
-    rest = [colour for colour in COLOURS.values() if colour not in known.values()]
-    left = cycle(rest or COLOURS.values())
-    return {name: known.get(name) or next(left) for name in names}
+    taken = {name: colours()[name] for name in names if name in colours()}
+    left = cycle([colour for colour in SERIES if colour not in taken.values()] or SERIES)
+    return {name: taken.get(name) or next(left) for name in names}
 
 
 def _draw_lines(

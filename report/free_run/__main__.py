@@ -14,24 +14,32 @@ from data.arguments import Parser
 from report.collection.report import tell_ended
 from report.collection.runs import has_runs, read_runs, results_folder
 from report.free_run.figures import draw_leaderboard
-from report.free_run.page import write_page
-from report.free_run.questions import EXPERIMENT, QUESTION_COLUMNS, question_of, question_rows
-from report.free_run.questions import QUESTIONS as GRIDS
+from report.free_run.page import ASKED, LEADERBOARD, write_page
+from report.free_run.questions import (
+    EXPERIMENT,
+    QUESTION_COLUMNS,
+    QUESTIONS,
+    question_of,
+    question_rows,
+)
 from report.free_run.rows import leaderboard
 from report.free_run.tables import CAPTION, sections, write_rows
 from report.output import printed, terminal
 from runner.command_line import command_errors
 from runner.result import Result
 
-USUAL = Path("runs/free_run")
-QUESTIONS = Path("runs") / EXPERIMENT
-
 
 def main(words: Sequence[str] | None = None) -> None:
     parser = Parser("python -m report.free_run", description=(__doc__ or "").splitlines()[0])
     add = parser.add_argument
-    add("folders", nargs="*", type=Path, default=[USUAL], help=f"of the runs; {USUAL} without any")
-    add("--questions", type=Path, default=QUESTIONS, help=f"runs of experiment={EXPERIMENT}")
+    add(
+        "folders",
+        nargs="*",
+        type=Path,
+        default=[LEADERBOARD],
+        help=f"of the runs; {LEADERBOARD} without any",
+    )
+    add("--questions", type=Path, default=ASKED, help=f"runs of experiment={EXPERIMENT}")
     add("--output", type=Path, help="of tables and figures; results/ in the folder of the runs")
     add("--page", type=Path, help="to write, with its figures beside it: docs/free_run.md")
     with command_errors():
@@ -53,7 +61,7 @@ def report_free_run(
     paths = write_rows("leaderboard", rows, parts, output)
     asked: list[Result] = []
     if has_runs(questions):
-        asked = [run for run in read_runs(questions) if run.grid in GRIDS]
+        asked = [run for run in read_runs(questions) if run.grid in QUESTIONS]
     if asked:
         rows = question_rows(asked, runs)
         answered = sections(rows, QUESTION_COLUMNS, question_of)

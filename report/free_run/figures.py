@@ -12,12 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from report.about import colour_of
 from report.free_run.questions import Answers, answers
 from report.free_run.rows import RECORDS, SYSTEMS, Row, rank, row_of, rows_apart
 from report.free_run.signals import loops_of_model, motions
 from report.free_run.tables import case, records_of
 from report.output import save_figure
-from report.style import colour_of, mark_lost, percent_ticks
+from report.style import mark_lost, percent_ticks
 from runner.result import Result, spread_of
 from runner.spread import Spread, quantile
 

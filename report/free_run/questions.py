@@ -15,6 +15,7 @@ from runner.choices import typed
 from runner.result import Result
 
 EXPERIMENT = "free_run_questions"
+ASK = f"python train.py -m experiment={EXPERIMENT}"
 QUESTIONS = {  # grid: the setting that it varies
     "less_data": RECORDS,
     "more_noise": "scenario.level",

@@ -23,8 +23,9 @@ from models.estimator import Estimator
 from models.training.assemble import data_from
 from models.training.free_run import simulate
 from models.training.metrics import displacement_of
+from report.about import colour_of
 from report.paper.signals import behaviour
-from report.style import MEASURED, colour_of
+from report.style import MEASURED
 from runner.result import Result
 from runner.run_folder import read_run, restore
 

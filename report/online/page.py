@@ -11,6 +11,10 @@ from runner.run_folder import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
 ONLINE, STABILITY = Path("runs/online"), Path("runs/online_stability")
+NEEDS = {  # of the page: what makes it
+    ONLINE: "python train.py -m experiment=online",
+    STABILITY: "python train.py -m experiment=online_stability",
+}
 SETTLING = "vwnn"  # the estimator whose settling the page shows
 
 

@@ -14,24 +14,20 @@ from data.arguments import Parser
 from report.collection.report import tell_ended
 from report.collection.runs import read_runs, results_folder
 from report.output import printed, terminal
-from report.paper import changes
 from report.paper.cells import study_cells
 from report.paper.figures import draw_study
-from report.paper.page import write_page
+from report.paper.page import CLOSE_FIT, OUTSIDE, STUDY, write_page
 from report.paper.tables import hits, printed_sections, write_tables
 from runner.command_line import command_errors
-
-USUAL = Path("runs/study")
-CLOSE_FIT = Path("runs/close_fit")
 
 
 def main(words: Sequence[str] | None = None) -> None:
     parser = Parser("python -m report.paper", description=(__doc__ or "").splitlines()[0])
     add = parser.add_argument
-    add("folders", nargs="*", type=Path, default=[USUAL], help=f"of the runs; {USUAL} without any")
+    add("folders", nargs="*", type=Path, default=[STUDY], help=f"of the runs; {STUDY} without any")
     add("--output", type=Path, help="of tables and figures; results/ in the folder of the runs")
     add("--page", type=Path, help="to write, with its figures beside it: docs/results.md")
-    add("--outside", type=Path, default=changes.USUAL, help="runs of experiment=outside")
+    add("--outside", type=Path, default=OUTSIDE, help="runs of experiment=outside")
     add("--close-fit", type=Path, default=CLOSE_FIT, help="runs of experiment=close_fit")
     with command_errors():
         options = parser.parse_args(words)
@@ -44,7 +40,7 @@ def report_paper(
     folders: Sequence[Path],
     output: Path | None = None,
     page: Path | None = None,
-    outside: Path = changes.USUAL,
+    outside: Path = OUTSIDE,
     close_fit: Path = CLOSE_FIT,
 ) -> None:
     """Write and print tables and figures, as far as the runs allow; and the page, if asked for.

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 
+from report.about import colour_of
 from report.output import save_figure
 from report.paper.cells import METHODS, OWN_RESIDUAL, SETTINGS, as_configured, error_of, of
 from report.paper.signals import (
@@ -23,7 +24,7 @@ from report.paper.signals import (
     sample_loops,
     without_second_basis,
 )
-from report.style import colour_of, mark_lost, percent_ticks
+from report.style import mark_lost, percent_ticks
 from runner.compose import CONF
 from runner.paper_values import paper_values
 from runner.result import Result, spread_of

@@ -22,9 +22,10 @@ from data.simulation.elements import Bilinear, BoucWen, Element, LimitedSlip, Po
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.training.assemble import build
+from report.about import colour_of
 from report.paper.cells import METHODS, OWN_RESIDUAL, of
 from report.run.figures import element_loops
-from report.style import MEASURED, colour_of
+from report.style import MEASURED
 from runner.compose import CONF, simulated_from
 from runner.result import Result
 from runner.run_folder import read_run, restore

@@ -8,11 +8,11 @@ from string import Template
 
 from matplotlib.figure import Figure
 
+from report.about import colour_of
 from report.collection.figure import scale
 from report.collection.runs import collect
 from report.free_run.rows import SYSTEMS
-from report.style import colour_of
-from report.tuning.cases import WAYS, Case
+from report.tuning.cases import USUAL, WAYS, Case
 from report.tuning.onset import onsets
 from report.tuning.tables import (
     PRINTED,
@@ -27,6 +27,9 @@ from runner.run_folder import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
 WARMUP = Path("runs/tune_warmup")  # runs of experiment=tune_warmup
+NEEDS = {  # of the page: what makes it
+    folder: f"python train.py -m experiment={folder.name}" for folder in (*USUAL, WARMUP)
+}
 SEARCHES = {  # a model of each
     "tune_vwnn": "vwnn",
     "tune_polynomial": "power_series_residual",

@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = {
     "report/free_run": "free_run",
     "report/online": "online",
+    "report/paper": "results",
     "report/tuning": "tuning",
     "benchmarks/published": "published",
 }

@@ -12,6 +12,7 @@ from hydra import compose, initialize_config_dir
 from numpy.testing import assert_allclose
 
 import train
+from report.about import colours
 from report.collection.runs import read_runs
 from report.paper.cells import METHODS
 from report.paper.figures import draw_study, error_curves, errors_against, errors_over_seeds
@@ -25,7 +26,6 @@ from report.paper.signals import (
     sample_loops,
     slowly,
 )
-from report.style import COLOURS
 from runner.compose import CONF, prepare_hydra
 from runner.result import FINISHED, Result
 
@@ -105,7 +105,7 @@ def test_elements_are_called_what_the_paper_calls_them():
 
 
 def test_every_method_has_a_colour_of_its_own():
-    assert len({COLOURS[method] for method in METHODS}) == len(METHODS)
+    assert len({colours()[method] for method in METHODS}) == len(METHODS)
 
 
 def test_a_study_draws_what_its_runs_allow(small_study, tmp_path):

@@ -1,0 +1,69 @@
+"""What conf/model says about a model: what it is told, whether it contains the truth, its colour.
+
+    about:
+      told: what the model knows of the structure before it sees any data
+      contains: [bilinear]      structures whose laws are among those that the model can have
+      may_contain: [polynomial] structures whose laws it could find, though nothing leads it there
+      colour: "#D55E00"
+      own_residual_colour: "#CC79A7"   of another way in which the model is scored
+
+All of it is optional. Statements, no results: what a small error shows depends on them.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from runner.compose import CONF
+
+OTHERS = ("#DDCC77", "#661100", "#6699CC", "#888888")  # of models that name none
+COLOUR = "colour"
+
+
+def models() -> list[str]:
+    """Names of the models in conf/model."""
+    return sorted(path.stem for path in (CONF / "model").glob("*.yaml"))
+
+
+@cache
+def about(model: str) -> Mapping[str, Any]:
+    """The block of a model; empty where conf/model has none."""
+    path = CONF / "model" / f"{model}.yaml"
+    cfg: Any = OmegaConf.to_container(OmegaConf.load(path)) if path.is_file() else {}
+    block: Mapping[str, Any] = cfg.get("model", cfg).get("about", {})
+    return block
+
+
+def told(model: str) -> str:
+    """What the model knows of the structure before it sees any data; "" where nobody says."""
+    return str(about(model).get("told", ""))
+
+
+def contains(model: str, system: str) -> str:
+    """Whether the structure's law is among those that the model can have: yes, possible or no."""
+    for key, word in (("contains", "yes"), ("may_contain", "possible")):
+        if system in about(model).get(key, ()):
+            return word
+    return "no"
+
+
+@cache
+def colours() -> dict[str, str]:
+    """{method: colour} of all models that name one, and of the other ways in which they score."""
+    found = {}
+    for model in models():
+        for key, colour in about(model).items():
+            if key.endswith(COLOUR):
+                way = key.removesuffix(COLOUR).rstrip("_")
+                found["_".join(filter(None, (model, way)))] = str(colour)
+    return found
+
+
+def colour_of(method: str) -> str:
+    """The same in every picture."""
+    return colours().get(method) or OTHERS[zlib.crc32(method.encode()) % len(OTHERS)]

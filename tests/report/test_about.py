@@ -1,0 +1,53 @@
+"""What conf/model says about its models: well-formed, seen by tables and pictures alone."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from models.training.assemble import data_from, estimator_from
+from report.about import about, colour_of, colours, contains, models, told
+from report.collection.grids import grids_of
+from report.free_run.rows import SYSTEMS
+from report.run.hparams import swept
+from runner.choices import dotted
+from runner.identity import config_digest
+from runner.run_folder import plain
+from tests.program.test_every_config import composed
+
+KEYS = {"told", "contains", "may_contain", "colour", "own_residual_colour"}
+
+
+def test_every_model_of_the_leaderboard_says_what_it_is_told():
+    grids = grids_of("free_run").values()
+    assert all(told(name) for grid in grids for name in grid["model"].split(","))
+    assert told("unheard_of") == ""
+
+
+@pytest.mark.parametrize("model", models())
+def test_the_words_of_a_model_are_those_that_are_read(model):
+    assert set(about(model)) <= KEYS
+    assert {*about(model).get("contains", ()), *about(model).get("may_contain", ())} <= {*SYSTEMS}
+
+
+def test_a_colour_is_a_models_own_and_any_model_has_one():
+    assert all(re.fullmatch("#[0-9A-F]{6}", colour) for colour in colours().values())
+    assert colours()["residual_mlp_own_residual"] != colours()["residual_mlp"]
+    assert re.fullmatch("#[0-9A-F]{6}", colour_of("unheard_of"))
+
+
+def test_whether_the_truth_is_inside_depends_on_model_and_system():
+    assert [contains("element_network", system) for system in SYSTEMS] == ["yes"] * 3
+    assert [contains("element_network_tanh", system) for system in SYSTEMS] == ["no", "no", "yes"]
+    assert contains("latent_hysteresis_network", "polynomial") == "possible"
+    assert contains("linear", "bilinear") == contains("element_network", "my_frame") == "no"
+
+
+def test_what_a_model_says_of_itself_changes_neither_model_nor_run():
+    cfg = composed("model=online_vwnn")
+    other = composed("model=online_vwnn", "+model.about.told=nothing", "model.estimator.about=null")
+    assert config_digest(plain(cfg)) == config_digest(plain(other))
+    for content in (plain(cfg), plain(other)):
+        assert not [name for name in (*dotted(content), *swept(content)) if "about" in name]
+    assert estimator_from(other.model, data_from(other)).estimator is not None
