@@ -71,12 +71,12 @@ class Watch:
         self.progress.stop()
 
     def _watch(self) -> None:
-        last_look = False
-        while not last_look:
-            last_look = self.ended.wait(0.5)
-            self._look()
+        last_pass = False
+        while not last_pass:
+            last_pass = self.ended.wait(0.5)
+            self._report_ended()
 
-    def _look(self) -> None:
+    def _report_ended(self) -> None:
         new = [f for f in self.left if (f / METRICS).exists() or (f / FAILED).exists()]
         for folder in sorted(new, key=lambda f: f.stat().st_mtime):
             self.left.discard(folder)

@@ -48,10 +48,10 @@ def benchmark_lines(scores: dict[str, Any]) -> list[str]:
     lines, unit = [], scores["unit"]
     if scores.get("in_band_rms"):
         low, high = scores["band_hz"]
-        told = [
+        parts = [
             f"{name} {_listed(rms)} {unit}" for name, rms in scores["in_band_rms"].items() if rms
         ]
-        lines.append(f"of it between {low:g} and {high:g} Hz: {'; '.join(told) or '–'}")
+        lines.append(f"of it between {low:g} and {high:g} Hz: {'; '.join(parts) or '–'}")
     if scores["noise_rms"]:
         lines.append(f"noise floor, from repeated periods: {_listed(scores['noise_rms'])} {unit}")
     if scores["published_rms"]:

@@ -24,12 +24,12 @@ class SeedsOf:
         self.alone = {**changed, "seed": cfg.seed} == self.content
         self._cfg, self._text = cfg, ""
 
-    def of(self, seed: int) -> dict[str, Any]:
+    def values(self, seed: int) -> dict[str, Any]:
         """The resolved values for a seed."""
         return {**self.content, "seed": seed}
 
     def name(self, seed: int) -> str:
-        return name_of(self.of(seed))
+        return name_of(self.values(seed))
 
     def text(self, seed: int) -> str:
         """The content of config.yaml."""

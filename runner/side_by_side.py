@@ -56,29 +56,31 @@ def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) ->
 
     Such are runs of which a motion escaped, and all of a batch whose closed form has no solution.
     """
-    shared, places, of = data_from(cfg), dict(zip(seeds, folders, strict=True)), SeedsOf(cfg)
+    shared, places = data_from(cfg), dict(zip(seeds, folders, strict=True))
+    seeds_of = SeedsOf(cfg)
     assert isinstance(shared, SimulatedData)
     groups = [seeds[first : first + AT_ONCE] for first in range(0, len(seeds), AT_ONCE)]
 
     def run_group(group: Sequence[int]) -> list[int]:
-        return _run_group(cfg, of, {seed: shared.of_seed(seed) for seed in group}, places)
+        return _run_group(cfg, seeds_of, {seed: shared.of_seed(seed) for seed in group}, places)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # most of the work releases the GIL
         return [seed for left in pool.map(run_group, groups) for seed in left]
 
 
 def _run_group(
-    cfg: DictConfig, of: SeedsOf, data: dict[int, SimulatedData], places: dict[int, Path]
+    cfg: DictConfig, seeds_of: SeedsOf, data: dict[int, SimulatedData], places: dict[int, Path]
 ) -> list[int]:
-    ready = {seed: own for seed, own in data.items() if _made(own)}
+    ready = {seed: own for seed, own in data.items() if _simulated(own)}
     try:
-        _run_side_by_side(cfg, of, ready, places)
+        _run_side_by_side(cfg, seeds_of, ready, places)
     except ValueError:  # said by the run it concerns, when it is done alone
         return list(data)
     return [seed for seed in data if seed not in ready]
 
 
-def _made(data: SimulatedData) -> bool:
+def _simulated(data: SimulatedData) -> bool:
+    """Whether all motions of a run are there and none escaped."""
     try:
         data.setup()
         data.own_error()
@@ -88,16 +90,16 @@ def _made(data: SimulatedData) -> bool:
 
 
 def _run_side_by_side(
-    cfg: DictConfig, of: SeedsOf, data: dict[int, SimulatedData], places: dict[int, Path]
+    cfg: DictConfig, seeds_of: SeedsOf, data: dict[int, SimulatedData], places: dict[int, Path]
 ) -> None:
     if not data:
         return
-    each = list(data.values())
-    fitted = fit_each(cfg.model, each)
-    baselines = {name: fit_each(model, each) for name, model in cfg.baselines.items()}
+    runs = list(data.values())
+    fitted = fit_runs(cfg.model, runs)
+    baselines = {name: fit_runs(model, runs) for name, model in cfg.baselines.items()}
     for place, (seed, own) in enumerate(data.items()):
-        run = Run(places[seed], of.of(seed))
-        run.start(of.text(seed), own.sensors)
+        run = Run(places[seed], seeds_of.values(seed))
+        run.start(seeds_of.text(seed), own.sensors)
         others = {name: modules[place].results() for name, modules in baselines.items()}
         metrics = metrics_of(run, fitted[place], own, others)
         run.save(fitted[place].estimator)
@@ -105,7 +107,7 @@ def _run_side_by_side(
 
 
 @torch.inference_mode()
-def fit_each(model: DictConfig, data: Sequence[SimulatedData]) -> list[Identification]:
+def fit_runs(model: DictConfig, data: Sequence[SimulatedData]) -> list[Identification]:
     """An estimator for each of S data sets, identified and scored, as training alone leaves it."""
     start = time.perf_counter()
     together = {split: stack([_whole(d, split) for d in data]) for split in SPLITS}

@@ -104,28 +104,28 @@ def print_stored(metrics: dict[str, Any], gone: Path) -> None:
 
 
 def _print_medians(results: dict[str, Any], console: Console) -> None:
-    """Over the seeds; one that failed here is one whose own motion escaped."""
+    """Over the seeds; one whose motion escaped has nothing to score."""
     for key, name in (("test", "test"), (FREE_RUNS["test"], "free run")):
-        scored = [r[key] for r in results.values() if key in r and "none" not in r[key]]
-        if scored:
-            errors = (scores["relative_rms_percent"] for scores in scored)
-            values = tuple(math.inf if error is None else error for error in errors)
-            ours = Spread(values, escaped=len(results) - len(values))
-            console.print(
-                f"{name}, median (min – max) in %: {ours.text()}; seeds: {ours.counted()}"
-            )
+        scores = [r[key] for r in results.values() if key in r and "none" not in r[key]]
+        errors = [s["relative_rms_percent"] for s in scores]
+        spread = Spread(
+            tuple(math.inf if error is None else error for error in errors),
+            escaped=sum("failed" in r for r in results.values()),
+        )
+        if errors:
+            console.print(f"{name}: median {spread.text()} %, seeds: {spread.counted()}")
 
 
 def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Console) -> None:
     """Raises ValueError unless the scores are those of the run, to the last digit."""
-    told = [key for key in scores if key in metrics]  # runs of older code have no free run
-    if not all(scores[key] == metrics[key] for key in told):
+    shared = [key for key in scores if key in metrics]  # runs of older code have no free run
+    if not all(scores[key] == metrics[key] for key in shared):
         raise ValueError(
             "the scores differ from metrics.json; the code or the libraries changed since the run "
             f"(made with {metrics.get('versions')})"
         )
     console.print("equal to metrics.json to the last digit")
-    if len(told) < len(scores):
+    if len(shared) < len(scores):
         console.print("metrics.json has no free run to compare with; repeat the run to add it")
 
 

@@ -14,5 +14,5 @@ def test_medians_over_seeds_count_what_diverged_and_what_escaped(capsys):
     metrics = {"model": "linear", "system": "bilinear", "scenario": "noisy", **scores(9.0, 20.0)}
     print_evaluation(results, metrics, altered=True)
     *_, one_step, free_run = capsys.readouterr().out.splitlines()
-    assert one_step == "test, median (min – max) in %: 10.00 (9.00 – 11.00); seeds: 3, 1 escaped"
-    assert free_run.endswith("diverged (20.00 – diverged); seeds: 3, 1 diverged, 1 escaped")
+    assert one_step == "test: median 10.00 (9.00 – 11.00) %, seeds: 3, 1 escaped"
+    assert free_run.endswith("diverged (20.00 – diverged) %, seeds: 3, 1 diverged, 1 escaped")

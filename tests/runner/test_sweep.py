@@ -64,7 +64,7 @@ def test_runs_of_other_seeds_are_named_and_written_without_composing_them():
     for seed in (0, 3, 1234):
         own = config("model=linear", f"seed={seed}")
         assert of.name(seed) == run_name(own)
-        assert of.of(seed) == plain(own)
+        assert of.values(seed) == plain(own)
         assert of.text(seed) == config_text(own)
     assert not SeedsOf(config("data.duration='${seed}'", "seed=3")).alone
 
