@@ -2,7 +2,7 @@
 
 python -m report.free_run                            of the runs in runs/free_run
 python -m report.free_run FOLDER … --output FOLDER   of some folders
-python -m report.free_run --page docs/free_run.md    the whole page, and the table in README.md
+python -m report.free_run --page docs/free_run.md    the whole page, and its rows in README.md
 """
 
 from __future__ import annotations

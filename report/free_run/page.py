@@ -2,13 +2,14 @@
 
 A placeholder of the template is `$name`; each is made here of the rows that the tables have, so no
 error is written by hand. What no run answers is said to be so, with the command that makes them.
-The first table of the page also goes into a README.md beside the page's folder, between its marks.
+Rows of its first table that a README.md beside the page's folder has are written there too.
 """
 
 from __future__ import annotations
 
 import math
 import shutil
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from string import Template
@@ -35,7 +36,6 @@ from runner.run_folder import write_text
 from runner.spread import DIVERGED, ESCAPED, FAILED, percent, quantile
 
 TEMPLATE = Path(__file__).with_name("page.md")
-BEGIN, END = "<!-- free runs: begin -->", "<!-- free runs: end -->"  # of the table in README.md
 FULL_STATE = "full_state"
 PRINTED = {"bouc_wen": "Bouc–Wen"}
 LEADERBOARD, ASKED = Path("runs/free_run"), Path("runs") / EXPERIMENT
@@ -52,7 +52,7 @@ NOTES = (
 def write_page(
     page: Path, runs: Sequence[Result], asked: Sequence[Result], drawn: Sequence[Path]
 ) -> None:
-    """Fill the template; the figures `drawn` go beside it, the first table into the README.
+    """Fill the template; the figures `drawn` go beside it, rows of the first table into the README.
 
     runs: the leaderboard's; asked: those of the questions, may be empty.
     """
@@ -73,7 +73,7 @@ def write_page(
     for path in pictures:
         shutil.copyfile(path, figures / path.name)
     write_text(page, text)
-    _paste(page.absolute().parent.parent / "README.md", facts["overview"])
+    _refresh(page.absolute().parent.parent / "README.md", facts["overview"])
 
 
 def _missing(rows: Sequence[Row], runs: Sequence[Result]) -> str:
@@ -88,19 +88,20 @@ def _missing(rows: Sequence[Row], runs: Sequence[Result]) -> str:
     if lacking:
         names = ", ".join(f"`{model}`" for model in lacking)
         lines.append(f"the experiment names {names} too, which were not run yet")
-    older = sum(run.finished and not is_finished(run.folder) for run in runs)
+    older = Counter(run.model for run in runs if run.finished and not is_finished(run.folder))
     if older:
-        lines.append(f"{older} runs were made by earlier code of `data/` or `models/`")
+        names = ", ".join(f"{count} of `{model}`" for model, count in older.items())
+        lines.append(f"runs made by earlier code: {names}")
     return f"\n**Incomplete:** {'; '.join(lines)}.\n" if lines else ""
 
 
-def _paste(readme: Path, table: str) -> None:
-    """The table between the marks of a README, where there is one that has them."""
-    text = readme.read_text("utf-8") if readme.is_file() else ""
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if end:
-        write_text(readme, f"{before}{begin}\n{table}\n{end}{after}")
+def _refresh(readme: Path, table: str) -> None:
+    """Rows of the README's table as the page has them now; the README says which."""
+    if not readme.is_file():
+        return
+    rows = {line.split(" |")[0]: line for line in table.splitlines() if line.startswith("| `")}
+    lines = readme.read_text("utf-8").split("\n")
+    write_text(readme, "\n".join(rows.get(line.split(" |")[0], line) for line in lines))
 
 
 def _of_leaderboard(rows: Sequence[Row]) -> Iterator[tuple[str, str]]:
