@@ -47,7 +47,7 @@ NETWORKS = {  # choices; errors [%], the paper's among them: 2.4, 0.12
     "residual MLP 12-15-3, bilinear": ("residual_mlp", "bilinear", (4.0, 3.0, 2.4, 2.2)),
     "global MLP 9-10-10-3, polynomial": ("global_mlp", "polynomial", (3.0, 1.0, 0.5, 0.12)),
 }
-INSTALL = "pip install 'structural-model-zoo[bench]'"
+INSTALL = "pip install -c constraints.txt -e '.[bench]'"
 OURS = "our LM, every=4"  # what the others are compared with
 UNLIMITED = 10**9  # iterations
 WARM_UP = 0.5  # s of every solver before the first measurement: imports, first calls

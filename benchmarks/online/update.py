@@ -24,7 +24,7 @@ from models.online.stream import Stream
 from models.vwnn import VWNN
 
 BLOCK, BLOCKS = 500, 12
-INSTALL = "pip install 'structural-model-zoo[bench]'"
+INSTALL = "pip install -c constraints.txt -e '.[bench]'"
 
 
 class Textbook:

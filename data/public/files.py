@@ -84,7 +84,7 @@ def download(loader: str, folder: Path) -> None:
     except ImportError:
         raise ValueError(
             "data.download=true needs the package nonlinear-benchmarks: "
-            "pip install structural-model-zoo[benchmarks]"
+            "pip install -c constraints.txt -e '.[benchmarks]'"
         ) from None
     try:
         folder.mkdir(parents=True, exist_ok=True)

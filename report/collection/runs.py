@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from runner.choices import varying
+from runner.progress import is_finished
 from runner.result import Result, read_result
 from runner.run_folder import CONFIG, FAILED, METRICS
 
@@ -51,6 +53,18 @@ def read_runs(folders: Path | Sequence[Path]) -> list[Result]:
     if runs := [run for run in collect(folders) if run.ended]:
         return runs
     raise ValueError(f"no run in {_listed(folders)} has ended yet")
+
+
+def earlier_code(runs: Iterable[Result]) -> str:
+    """Which finished runs were made by earlier code, model by model; "" where there are none."""
+    counts = Counter(run.model for run in runs if run.finished and not is_finished(run.folder))
+    names = ", ".join(f"{count} of `{model}`" for model, count in counts.items())
+    return f"runs made by earlier code: {names}" if names else ""
+
+
+def stated(fault: str) -> str:
+    """A paragraph of a page on what its runs lack; "" where they lack nothing."""
+    return f"\n**Incomplete:** {fault}.\n" if fault else ""
 
 
 def has_runs(folder: Path) -> bool:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from string import Template
@@ -17,6 +16,7 @@ from string import Template
 from models.training.metrics import FREE_RUNS
 from report.about import about, contains, told
 from report.collection.grids import grids_of
+from report.collection.runs import earlier_code, stated
 from report.free_run.beyond import AS_TRAINED, FILE, LARGER, STD, STEPS, beyond_rows, chosen
 from report.free_run.beyond import BEYOND_COLUMNS as BEYOND
 from report.free_run.questions import (
@@ -30,7 +30,6 @@ from report.free_run.questions import (
 from report.free_run.rows import SYSTEMS, Row, leaderboard, row_of, rows_apart
 from report.free_run.tables import COLUMNS, Columns, Title, case, records_of, sections
 from report.output import code, markdown, sections_markdown
-from runner.progress import is_finished
 from runner.result import Result, against_true
 from runner.run_folder import write_text
 from runner.spread import DIVERGED, ESCAPED, FAILED, percent, quantile
@@ -45,7 +44,7 @@ MARKS = {"yes": " †", "possible": " ‡"}
 NOTES = (
     "Median (smallest – largest) over the seeds, in percent.",
     "† the model's laws contain the structure's: parametric identification.",
-    "‡ they could, in directions that nobody told it.",
+    "‡ the model's laws could contain them, in directions that it was not told.",
 )
 
 
@@ -88,11 +87,9 @@ def _missing(rows: Sequence[Row], runs: Sequence[Result]) -> str:
     if lacking:
         names = ", ".join(f"`{model}`" for model in lacking)
         lines.append(f"the experiment names {names} too, which were not run yet")
-    older = Counter(run.model for run in runs if run.finished and not is_finished(run.folder))
-    if older:
-        names = ", ".join(f"{count} of `{model}`" for model, count in older.items())
-        lines.append(f"runs made by earlier code: {names}")
-    return f"\n**Incomplete:** {'; '.join(lines)}.\n" if lines else ""
+    if earlier := earlier_code(runs):
+        lines.append(earlier)
+    return stated("; ".join(lines))
 
 
 def _refresh(readme: Path, table: str) -> None:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from report.about import colour_of
 from report.collection.figure import scale
-from report.collection.runs import collect
+from report.collection.runs import collect, earlier_code, stated
 from report.free_run.rows import SYSTEMS
 from report.tuning.cases import USUAL, WAYS, Case
 from report.tuning.onset import onsets
@@ -47,6 +47,8 @@ def write_tuning_page(page: Path, cases: Sequence[Case], warmup: Path = WARMUP) 
 
 
 def _facts(cases: Sequence[Case], warmup: Path) -> Iterator[tuple[str, str]]:
+    results = (run for case in cases for of_way in case.results.values() for run in of_way.values())
+    yield "earlier", stated(earlier_code(results))
     yield "errors", as_markdown(error_rows(cases))
     yield "settings", as_markdown(setting_rows(cases))
     if any(len(onsets(c, way)) < len(c.metrics[way]) for c in cases for way in WAYS):
