@@ -9,6 +9,7 @@ import pytest
 from omegaconf import OmegaConf
 
 import models
+from models.training.assemble import LABELS
 from runner.compose import CONF, composed
 
 VARIANTS = {  # config → the settings that make it another model, or another way of solving
@@ -37,7 +38,7 @@ def other_than_default(node: dict[str, Any]) -> set[str]:
     for name, value in node.items():
         if isinstance(value, dict) and "_target_" in value:
             differ |= other_than_default(value)
-        elif name not in ("_target_", "name") and not str(value).startswith("${"):
+        elif name not in ("_target_", *LABELS) and not str(value).startswith("${"):
             default = arguments[name].default
             if value != (list(default) if isinstance(default, tuple) else default):
                 differ.add(name)
