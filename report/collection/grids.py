@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf
 
 from runner.choices import typed
@@ -21,6 +22,18 @@ def grids_of(experiment: str) -> dict[str, dict[str, Any]]:
     cfg = OmegaConf.load(path)
     assert isinstance(cfg, DictConfig)
     return {str(name): dict(grid) for name, grid in cfg.hydra.sweeper.grids.items()}
+
+
+def seeds_of(experiment: str) -> dict[str, int]:
+    """{grid: how many seeds it asks for} of an experiment in conf/experiment."""
+    (path,) = (CONF / "experiment").rglob(f"{experiment}.yaml")
+    usual = OmegaConf.select(OmegaConf.load(path), "hydra.sweeper.params.seed")
+    parser = OverridesParser.create()
+    words = {name: grid.get("seed", usual) for name, grid in grids_of(experiment).items()}
+    return {
+        name: len(list(parser.parse_override(f"seed={word}").sweep_string_iterator()))
+        for name, word in words.items()
+    }
 
 
 def asked(run: Result, experiment: str) -> str:

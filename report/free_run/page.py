@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 import shutil
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from string import Template
 
 from models.training.metrics import FREE_RUNS
 from report.about import about, contains, told
-from report.collection.grids import grids_of
+from report.collection.grids import grids_of, seeds_of
 from report.collection.runs import earlier_code, stated
 from report.free_run.beyond import AS_TRAINED, FILE, LARGER, STD, STEPS, beyond_rows, chosen
 from report.free_run.beyond import BEYOND_COLUMNS as BEYOND
@@ -87,9 +88,26 @@ def _missing(rows: Sequence[Row], runs: Sequence[Result]) -> str:
     if lacking:
         names = ", ".join(f"`{model}`" for model in lacking)
         lines.append(f"the experiment names {names} too, which were not run yet")
+    lines += _fewer_seeds(runs)
     if earlier := earlier_code(runs):
         lines.append(earlier)
     return stated("; ".join(lines))
+
+
+def _fewer_seeds(runs: Sequence[Result]) -> Iterator[str]:
+    """Models that have fewer seeds than their grid asks for, on some system."""
+    counts = Counter((run.grid, run.model, run.system) for run in runs)
+    wanted = seeds_of("free_run")
+    short: dict[tuple[str, str], list[int]] = {}
+    for (grid, model, _), count in counts.items():
+        if count < wanted.get(grid or "", 0):
+            short.setdefault((str(grid), str(model)), []).append(count)
+    names = (
+        f"`{model}` ({grid.replace('_', ' ')}) {min(numbers)} of {wanted[grid]}"
+        for (grid, model), numbers in short.items()
+    )
+    if text := ", ".join(names):
+        yield f"some systems have fewer seeds than asked for: {text}"
 
 
 def _refresh(readme: Path, table: str) -> None:
