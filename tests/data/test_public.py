@@ -227,7 +227,7 @@ def test_a_failed_download_is_one_line(tmp_path, monkeypatch):
         loaded("ced", tmp_path / "new", download=True)
     assert "\n" not in str(error.value)
     monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", None)
-    with pytest.raises(ValueError, match=r"pip install structural-model-zoo\[benchmarks\]"):
+    with pytest.raises(ValueError, match=r"pip install -c constraints\.txt -e '\.\[benchmarks\]'"):
         loaded("ced", tmp_path / "new", download=True)
 
 
