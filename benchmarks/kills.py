@@ -1,13 +1,16 @@
 """Does a sweep that is killed again and again end like an undisturbed one?
 
-    python -m benchmarks.kills                      # 60 runs, 20 kills
-    python -m benchmarks.kills --quick              # 6 runs, 3 kills
+    python -m benchmarks.kills                      # 60 runs, 20 kills; 20 times several commands
+    python -m benchmarks.kills --quick              # 6 runs, 2 kills; once two commands
 
-SIGKILL of the whole process group at random moments: while programs start, while runs train and
-while they write. After each kill the same command goes on; the last one is left alone. Then every
+SIGKILL of the whole process group at random moments: most while runs train and write, some while
+programs start. After each kill the same command goes on; the last one is left alone. Then every
 result is compared with that of a sweep in another folder: metrics.json but for times and versions,
 the tensors of the checkpoints bit by bit, and the tables of the runs. Damaged is a folder that
 looked finished after a kill, or at the end, and could not be read.
+
+Then the same command is started twice and four times at once in one folder, runs and sweeps in
+turn: one works, each other one is told so in one line, and the results are whole.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +33,11 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
-from runner.run_folder import CHECKPOINT, CONFIG, METRICS, read_run
+from runner.run_files import CHECKPOINT, CONFIG, METRICS
+from runner.run_folder import read_run
 
 ROOT = Path(__file__).parent.parent
+AT_START = 0.15  # of the kills, while programs start
 TIMES = ("seconds", "versions", "written")  # parts of names of what may differ
 WORDS = [
     "model=linear,vwnn,residual_mlp",  # two closed forms; a network that trains for some seconds
@@ -51,10 +57,16 @@ def command(folder: Path, runs: int) -> list[str]:
     return [sys.executable, "train.py", "-m", *WORDS, seeds, f"hydra.sweep.dir={folder}"]
 
 
-def start(folder: Path, runs: int) -> subprocess.Popen:
+def command_of_one(folder: Path) -> list[str]:
+    words = [*WORDS[1:-1], "model=residual_mlp", f"hydra.run.dir={folder}"]
+    return [sys.executable, "train.py", *words]
+
+
+def start(words: list[str]) -> subprocess.Popen:
     quiet = subprocess.DEVNULL
-    words = command(folder, runs)
-    return subprocess.Popen(words, cwd=ROOT, stdout=quiet, stderr=quiet, start_new_session=True)
+    return subprocess.Popen(
+        words, cwd=ROOT, stdout=quiet, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
 
 
 def finished(folder: Path) -> set[str]:
@@ -63,11 +75,12 @@ def finished(folder: Path) -> set[str]:
 
 def undisturbed(folder: Path, runs: int) -> tuple[float, float]:
     """Do the sweep; seconds to its first run's beginning, and from there to its end."""
-    began, process = time.monotonic(), start(folder, runs)
+    began, process = time.monotonic(), start(command(folder, runs))
     until_work(folder, process)
     works = time.monotonic()
-    if process.wait():
-        raise RuntimeError(f"the undisturbed sweep failed: {' '.join(command(folder, runs))}")
+    error = process.communicate()[1]
+    if process.returncode:
+        raise RuntimeError(f"{' '.join(command(folder, runs))} failed: {error}")
     return works - began, time.monotonic() - works
 
 
@@ -82,12 +95,17 @@ def _beginnings(folder: Path) -> float:
     return max((path.stat().st_mtime for path in folder.glob(f"*/{CONFIG}")), default=0.0)
 
 
-def disturb(folder: Path, runs: int, kills: int, seconds: tuple[float, float], seed: int) -> int:
-    """Kill the sweep so many times; how many folders were damaged by that."""
-    draw, (starting, working), hurt = random.Random(seed), seconds, 0
+def disturb(
+    folder: Path, runs: int, kills: int, seconds: tuple[float, float], seed: int
+) -> tuple[int, int]:
+    """Kill the sweep so many times; how many folders were damaged by that, and how many kills
+    landed in work.
+    """
+    draw, (starting, working), hurt, hits = random.Random(seed), seconds, 0, 0
     for number in range(kills):
-        process = start(folder, runs)
-        if draw.random() < 0.25:
+        before = _beginnings(folder)
+        process = start(command(folder, runs))
+        if draw.random() < AT_START:
             moment = draw.uniform(0.0, starting)
         else:  # on average three quarters of the work are left for the last, undisturbed call
             until_work(folder, process)
@@ -97,10 +115,48 @@ def disturb(folder: Path, runs: int, kills: int, seconds: tuple[float, float], s
             raise RuntimeError(f"the sweep ended after {number} kills; give it more runs")
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-        hurt += len(damaged(folder))
-        print(f"kill {number + 1}: {len(finished(folder))} of {runs} results", flush=True)
-    return hurt
+            process.communicate()
+        in_work = _beginnings(folder) > before
+        hits, hurt = hits + in_work, hurt + len(damaged(folder))
+        stage = "working" if in_work else "starting"
+        print(f"kill {number + 1}: {stage}, {len(finished(folder))} of {runs} results", flush=True)
+    return hurt, hits
+
+
+def together(folder: Path, count: int, runs: int, whole: Path) -> bool:
+    """Start a command so many times at once, for a sweep or for one run (runs=1); whether all is
+    well.
+
+    A command that comes late may find the work of the first one done, and end well too.
+    """
+    words = command_of_one(folder / "run") if runs == 1 else command(folder, runs)
+    processes = [start(words) for _ in range(count)]
+    errors = [process.communicate()[1] for process in processes]
+    statuses = [process.returncode for process in processes]
+    done = [(folder / name, whole / name) for name in finished(folder)]
+    equal = sum(same(run, other) for run, other in done)
+    told = sum(
+        status == 1 and error.startswith("error: ") and " is in use by " in error
+        for status, error in zip(statuses, errors, strict=True)
+    )
+    well = statuses.count(0)
+    what = "run" if runs == 1 else "sweep"
+    print(f"{count} commands, one {what}: {well} did it, {told} were told, {equal} of {runs} equal")
+    sys.stdout.flush()
+    return well >= 1 and well + told == count and equal == runs and not damaged(folder)
+
+
+def all_together(folder: Path, times: int) -> int:
+    """Several commands at once, `times` times; how often all was well."""
+    one = folder / "one"
+    for words in (command_of_one(one / "run"), command(one, 3))[:times]:
+        if start(words).wait():
+            raise RuntimeError(f"{' '.join(words)} failed")
+    well = 0
+    for number in range(times):
+        count, runs = (2, 4)[number % 2], (1, 3)[number // 2 % 2]
+        well += together(folder / f"together{number}", count, runs, one)
+    return well
 
 
 def damaged(folder: Path) -> list[str]:
@@ -134,10 +190,13 @@ def without_times(content: Any) -> Any:
     return {key: without_times(value) for key, value in kept.items()}
 
 
-def tables(folder: Path) -> dict[str, list]:
-    """The rows of every table that is written of a sweep, by file; without times."""
+def tables(folder: Path, names: Sequence[str]) -> dict[str, list]:
+    """The rows of every table that is written of a sweep, by file; without times.
+
+    names: rooms of the report, whose tables are written beside those of evaluate.py.
+    """
     output = folder.with_name(f"{folder.name}_tables")
-    rooms = [("-m", f"report.{room}", folder, "--output", output) for room in ("paper", "free_run")]
+    rooms = [("-m", f"report.{room}", folder, "--output", output) for room in names]
     for words in (("evaluate.py", f"runs={folder}", f"output={output}"), *rooms):
         command = [sys.executable, *map(str, words)]
         subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
@@ -159,25 +218,32 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=60, help="a multiple of three")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
-    parser.add_argument("--quick", action="store_true", help="6 runs, 3 kills")
+    parser.add_argument("--together", type=int, default=20, help="times; 0: none")
+    parser.add_argument("--quick", action="store_true", help="6 runs, 2 kills, once two commands")
     arguments = parser.parse_args()
-    runs, kills = (6, 3) if arguments.quick else (arguments.runs, arguments.kills)
+    usual = (arguments.runs, arguments.kills, arguments.together)
+    runs, kills, times = (6, 2, 1) if arguments.quick else usual
     if runs < 3 or runs % 3 or kills < 1:
         parser.error(f"--runs={runs} must be a multiple of three, --kills={kills} at least 1")
     with tempfile.TemporaryDirectory(prefix="kills") as folder:
         whole, broken = Path(folder) / "undisturbed", Path(folder) / "disturbed"
         seconds = undisturbed(whole, runs)
         print(f"undisturbed: {len(finished(whole))} results, {sum(seconds):.0f} s", flush=True)
-        hurt = disturb(broken, runs, kills, seconds, arguments.seed)
-        status = start(broken, runs).wait()
+        hurt, hits = disturb(broken, runs, kills, seconds, arguments.seed)
+        (last := start(command(broken, runs))).communicate()
+        status = last.returncode
         hurt += len(damaged(broken))
         done = finished(broken)
         equal = sum(same(broken / name, whole / name) for name in done & finished(whole))
-        alike = tables(broken) == tables(whole)
+        rooms = () if arguments.quick else ("paper", "free_run")
+        alike = tables(broken, rooms) == tables(whole, rooms)
+        well = all_together(Path(folder), times) if times else 0
+    print(f"several commands at once: {well} of {times} times well")
     print("tables equal" if alike else "tables differ")
     print(f"{len(done)} results, {hurt} damaged, {equal} equal to the undisturbed sweep, ", end="")
-    print(f"{kills} kills")
-    return int(status != 0 or not alike or hurt > 0 or not len(done) == equal == runs)
+    print(f"{kills} kills, {hits} of them in work")
+    lost = status != 0 or not alike or hurt > 0 or not len(done) == equal == runs
+    return int(lost or well < times or hits <= kills / 2)
 
 
 if __name__ == "__main__":

@@ -37,11 +37,11 @@ from torch import Tensor, nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from data.record import Record
-from models.estimator import Estimator
-from models.training.assemble import build, data_from, estimator_from
+from models.training.assemble import data_from, estimator_from, solver_from
 from models.training.problem import Problem
-from runner.command_line import quiet_lightning
+from models.training.trainable import Trainable
 from runner.compose import CONF, prepare_hydra
+from runner.job import quiet_lightning
 
 NETWORKS = {  # choices; errors [%], the paper's among them: 2.4, 0.12
     "residual MLP 12-15-3, bilinear": ("residual_mlp", "bilinear", (4.0, 3.0, 2.4, 2.2)),
@@ -85,7 +85,7 @@ class Watch:
 class WatchedProblem(Problem):
     """Our problem, which tells the watch every loss."""
 
-    def __init__(self, estimator: Estimator, record: Record, watch: Watch) -> None:
+    def __init__(self, estimator: Trainable, record: Record, watch: Watch) -> None:
         super().__init__(estimator, record)
         self.watch = watch
         self.free = [self.module.get_parameter(name) for name in self.names]
@@ -105,7 +105,7 @@ def composed(*choices: str) -> DictConfig:
 def ours(problem: WatchedProblem, *choices: str) -> None:
     """A solver of conf/solver with its defaults, bar the limits of iterations and of progress."""
     unlimited = [f"solver.iterations={UNLIMITED}", "solver.change=0"]
-    solver = build(composed(*choices, *unlimited).solver, parameters=problem.free)
+    solver = solver_from(composed(*choices, *unlimited).solver)(problem.free)
     problem.watch.start = time.perf_counter()
     while not solver.finished:
         solver.solve(problem)
@@ -182,7 +182,7 @@ SOLVERS: dict[str, tuple[Callable[..., None], tuple[str, ...]]] = {
 }
 
 
-def identified(model: str, system: str, seed: int) -> tuple[Estimator, Record]:
+def identified(model: str, system: str, seed: int) -> tuple[Trainable, Record]:
     """The study's first motion; weights as `python train.py` draws them with this seed."""
     cfg = composed(f"model={model}", f"system={system}")
     data = data_from(cfg)
@@ -190,10 +190,11 @@ def identified(model: str, system: str, seed: int) -> tuple[Estimator, Record]:
     torch.manual_seed(seed)
     estimator = estimator_from(cfg.model, data)
     estimator.identify(data.loader("train"))
+    assert isinstance(estimator, Trainable)
     return estimator, next(iter(data.loader("train")))
 
 
-def measure(name: str, start: tuple[Estimator, Record], limit: float, goal: float) -> Watch:
+def measure(name: str, start: tuple[Trainable, Record], limit: float, goal: float) -> Watch:
     """One run of a solver on a copy of the estimator."""
     watch, (solve, settings) = Watch(limit, goal), SOLVERS[name]
     with suppress(Done):

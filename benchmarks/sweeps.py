@@ -19,6 +19,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -108,10 +110,10 @@ def networks(counts: list[int], repeats: int) -> None:
             estimators.append(estimator.network)
             problems.append(Problem(estimator, record))
         u, y = (torch.stack([getattr(p, name) for p in problems]) for name in ("u", "y"))
-        one_by_one = seconds_of(lambda p=problems: [_gradient(one) for one in p], repeats)
+        one_by_one = seconds_of(partial(_gradients, problems), repeats)
         theta, fixed = stack_module_state(estimators)
 
-        def loss(weights, scales, u, y, network=estimators[0]):
+        def loss(weights, scales, u, y, network=estimators[0]):  # type: ignore[no-untyped-def]
             return ((functional_call(network, (weights, scales), (u,)) - y) ** 2).mean()
 
         every = vmap(grad(loss))
@@ -120,9 +122,10 @@ def networks(counts: list[int], repeats: int) -> None:
         print(f"| {count} | {alone:.1f} | {together:.1f} | {alone / together:.1f} |", flush=True)
 
 
-def _gradient(problem: Problem) -> None:
-    free = [p for p in problem.module.parameters() if p.requires_grad]
-    torch.autograd.grad(problem.loss(), free)
+def _gradients(problems: Sequence[Problem]) -> None:
+    for problem in problems:
+        free = [p for p in problem.module.parameters() if p.requires_grad]
+        torch.autograd.grad(problem.loss(), free)
 
 
 def main() -> None:

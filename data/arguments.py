@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import io
+import sys
 from typing import Any, NoReturn
 
 
@@ -11,6 +13,16 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         raise ValueError(f"{message}; see --help")
+
+    def print_help(self, file: Any = None) -> None:
+        print_any_text()
+        super().print_help(file)
+
+
+def print_any_text() -> None:
+    """Let a terminal of few characters (Windows' code page 1252) show ? for those it lacks."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
 
 
 class Pairs(argparse.Action):
@@ -29,6 +41,13 @@ class Pairs(argparse.Action):
 def plain(text: str) -> str:
     """`text` without characters that would move the cursor or colour the terminal."""
     return "".join(c if c.isprintable() else "?" for c in text)
+
+
+def label(text: str, length: int = 60) -> str:
+    """Plain text for a picture, where a $ is a $ and begins no formula."""
+    shown = plain(text)
+    shown = shown if len(shown) <= length else shown[: length - 1] + "…"
+    return shown.replace("$", "\\$")
 
 
 def reason(error: ValueError | OSError) -> str:

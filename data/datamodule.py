@@ -7,14 +7,16 @@ data/measured/datamodule.py reads files, data/public/datamodule.py takes public 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import Any
 
 from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader
 
+from data.memory import require_memory
 from data.record import Escape, Record, stack
 from data.sample import Sensors
-from data.windows import WindowDataset
+from data.windows import WindowDataset, cut
 
 
 class Data(LightningDataModule):
@@ -45,6 +47,8 @@ class Data(LightningDataModule):
         super().__init__()
         if not 0.0 <= validation < 1.0:
             raise ValueError(f"data.validation={validation} must be a fraction in [0, 1)")
+        if batch is not None and batch < 1:
+            raise ValueError(f"data.batch={batch} windows must be at least 1, or null for all")
         self.cut: dict[str, Any] = {"length": window, "stride": stride, "warmup": warmup}
         self.batch, self.validation = batch, validation
         self.escapes: list[Escape] = []  # motions that were left out
@@ -75,9 +79,33 @@ class Data(LightningDataModule):
             whole = records["train"]
             first = [round((1.0 - self.validation) * r.samples) for r in whole]
             pairs = list(zip(whole, first, strict=True))
+            for record, k in pairs:
+                if k < 2 or record.samples - k < 2:
+                    raise ValueError(
+                        f"data.validation={self.validation} leaves {k} of {record.samples} samples "
+                        f"to train on and {record.samples - k} to validate; expected 2 or more of "
+                        "each; change it or take longer records"
+                    )
             records["train"] = [r.window(0, k, r.warmup) for r, k in pairs]
             records["validation"] = [r.window(k, r.samples - k) for r, k in pairs]
+        train = records["train"]
+        signals = train[0].signals().values()
+        self.check_windows([r.samples for r in train], sum(u.shape[-1] for u in signals))
         self.records = records
+
+    def check_windows(self, samples: Sequence[int], channels: int) -> None:
+        """Raise ValueError for windows that do not fit training records, or not in memory.
+
+        samples: of each record; channels: of one, with those that only a simulation knows.
+        """
+        length, stride = cut(min(samples), **self.cut)
+        count = sum((T - length) // stride + 1 for T in samples)
+        together = count if self.batch is None else min(count, self.batch)
+        require_memory(
+            16.0 * channels * length * together,
+            f"{together} windows of data.window={length} samples at once, one every {stride},",
+            "raise data.stride, or set data.batch",
+        )
 
     def windows(self, split: str) -> WindowDataset:
         """Windows of the records of a split, as `window`, `stride` and `warmup` cut them."""

@@ -6,12 +6,14 @@ n DOFs, m force channels, p supports, E elements; T samples, `dt` seconds apart.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import torch
 from torch import Tensor
+
+from data.annotations import shown
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,20 @@ class Drive:
     v0: Tensor  # velocity (…, n) [m/s]
     hold: str = "linear"  # of u between samples, see HOLDS
 
+    def __post_init__(self) -> None:
+        _require_step(self.dt)
+        _require_choice("hold", self.hold, HOLDS)
+        _take_signals(self, {"u": self.u, "x0": self.x0, "v0": self.v0})
+        if self.u.ndim < 2 or 0 in self.u.shape[:-1]:
+            raise ValueError(
+                f"u has shape {tuple(self.u.shape)}; expected (samples, channels), or runs of them"
+            )
+        if self.x0.shape != self.v0.shape or self.x0.shape[:-1] not in (self.u.shape[:-2], ()):
+            raise ValueError(
+                f"x0 has shape {tuple(self.x0.shape)} and v0 {tuple(self.v0.shape)}, which do not "
+                f"fit u with shape {tuple(self.u.shape)}; expected (DOFs,) for each run"
+            )
+
     @property
     def samples(self) -> int:
         return self.u.shape[-2]
@@ -49,6 +65,37 @@ class Response:
     x: Tensor  # displacement (…, T, n) [m]
     v: Tensor  # velocity (…, T, n) [m/s]
     a: Tensor  # acceleration (…, T, n) [m/s²]
+
+
+def _require_step(dt: object) -> None:
+    if not isinstance(dt, int | float) or not 0.0 < dt < float("inf"):
+        raise ValueError(f"dt={shown(dt)} s must be positive")
+
+
+def _require_choice(name: str, value: object, choices: Sequence[str]) -> None:
+    if value not in choices:
+        raise ValueError(f"{name}={shown(value)}: choose {', '.join(choices)}")
+
+
+def _take_signals(holder: Any, signals: Mapping[str, Tensor]) -> None:
+    """Let `holder` have its signals in double precision.
+
+    Raises ValueError unless all are tensors of real numbers on one device.
+    """
+    for name, u in signals.items():
+        known = isinstance(u, Tensor) and u.layout == torch.strided and u.device.type != "meta"
+        if not known or u.is_complex() or u.dtype == torch.bool:
+            described = isinstance(u, Tensor)
+            kind = f"{u.dtype}, {u.layout}, on {u.device}" if described else type(u).__name__
+            raise ValueError(
+                f"{name} is {kind}; signals are tensors of real numbers: "
+                "torch.as_tensor(values, dtype=torch.float64)"
+            )
+        if u.dtype != torch.float64:
+            object.__setattr__(holder, name, u.to(torch.float64))
+    devices = {str(u.device) for u in signals.values()}
+    if len(devices) > 1:
+        raise ValueError(f"the signals lie on {' and '.join(sorted(devices))}; move them to one")
 
 
 QUANTITIES = {  # that `a` may be, with symbol and unit
@@ -65,6 +112,8 @@ INITIAL_STATES = ("rest", "given", "periodic")
 @dataclass(frozen=True)
 class Record:
     """A record, or a batch of records of equal length. Raises ValueError for unequal shapes.
+
+    Signals of single precision and of whole numbers are taken to double precision.
 
     `a` is what is estimated and scored: accelerations, unless `quantity` names what else the
     sensors measured: a displacement, say, the force of an element under an imposed motion s and
@@ -90,15 +139,18 @@ class Record:
     quantity: str = "acceleration"
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.dt < float("inf"):
-            raise ValueError(f"dt={self.dt} s must be positive")
-        for name, choices in (
-            ("initial_state", INITIAL_STATES),
-            ("hold", HOLDS),
-            ("quantity", QUANTITIES),
-        ):
-            if getattr(self, name) not in choices:
-                raise ValueError(f"{name}={getattr(self, name)!r}: choose {', '.join(choices)}")
+        _require_step(self.dt)
+        _require_choice("initial_state", self.initial_state, INITIAL_STATES)
+        _require_choice("hold", self.hold, HOLDS)
+        _require_choice("quantity", self.quantity, tuple(QUANTITIES))
+        _take_signals(self, {"a": self.a, "f": self.f, **self.signals()})
+        if not isinstance(self.warmup, int):
+            raise ValueError(f"warmup={self.warmup!r} must be a whole number of samples")
+        if self.a.ndim >= 2 and 0 in (*self.a.shape[:-2], self.a.shape[-1]):
+            raise ValueError(
+                f"a has shape {tuple(self.a.shape)}, which holds no numbers; expected records of "
+                "at least one channel"
+            )
         if self.a.ndim < 2 or self.a.shape[-2] < 2:
             raise ValueError(
                 f"a record of shape {tuple(self.a.shape)} has too few samples; expected "

@@ -12,6 +12,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from data.checked import checked
 from data.record import Record
 
 INPUTS = ("f", "x", "v", "s", "s_dot")  # what an estimate at k may see of sample k
@@ -61,6 +62,7 @@ class Sized(Protocol):
     inputs: int
 
 
+@checked
 @dataclass(frozen=True)
 class Sensors:
     """All that must be known of records, or of a stream, to build a model for their channels.

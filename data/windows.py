@@ -11,9 +11,32 @@ from collections.abc import Sequence
 
 from torch.utils.data import Dataset
 
+from data.checked import checked
 from data.record import Record
 
 
+def cut(shortest: int, length: int | None, stride: int | None, warmup: int) -> tuple[int, int]:
+    """Length and stride of the windows of records of which the shortest has so many samples.
+
+    Raises ValueError for windows that do not fit.
+    """
+    length = shortest if length is None else length
+    if not 2 <= length <= shortest:
+        raise ValueError(
+            f"data.window={length} samples must lie between 2 and the shortest record's "
+            f"{shortest} samples"
+        )
+    if not 0 <= warmup < length:
+        raise ValueError(
+            f"data.warmup={warmup} must be shorter than the window of {length} samples"
+        )
+    stride = length - warmup if stride is None else stride
+    if stride < 1:
+        raise ValueError(f"data.stride={stride} samples must be at least 1")
+    return length, stride
+
+
+@checked
 class WindowDataset(Dataset[Record]):
     """Windows of one or many records. Raises ValueError for windows that fit no record."""
 
@@ -28,19 +51,7 @@ class WindowDataset(Dataset[Record]):
         if not records:
             raise ValueError("no records to cut into windows")
         shortest = min(record.samples for record in records)
-        length = shortest if length is None else length
-        if not 2 <= length <= shortest:
-            raise ValueError(
-                f"data.window={length} samples must lie between 2 and the shortest record's "
-                f"{shortest} samples"
-            )
-        if not 0 <= warmup < length:
-            raise ValueError(
-                f"data.warmup={warmup} must be shorter than the window of {length} samples"
-            )
-        stride = length - warmup if stride is None else stride
-        if stride < 1:
-            raise ValueError(f"data.stride={stride} samples must be at least 1")
+        length, stride = cut(shortest, length, stride, warmup)
         for record in records:
             record.require_finite()
         self.records, self.length, self.warmup = list(records), length, warmup

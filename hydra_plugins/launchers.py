@@ -1,22 +1,38 @@
-"""The launchers by the names that Hydra knows: it takes plugins from hydra_plugins alone.
+"""The launchers by the names that Hydra knows: it takes plugins from hydra_plugins alone."""
 
-Modules are imported and not their classes: Hydra would register an imported class a second time.
-"""
+from __future__ import annotations
 
-from runner.launch import batched, processes, ray_cluster, slurm
+from typing import Any
+
+from hydra.plugins.launcher import Launcher
+
+from runner.loaded_late import LoadedLate
 
 
-class BatchedLauncher(batched.BatchedLauncher):
+class _Loaded(LoadedLate, Launcher):
+    def launch(self, *jobs: Any, **settings: Any) -> Any:
+        return self.loaded.launch(*jobs, **settings)
+
+
+class BatchedLauncher(_Loaded):
     """hydra/launcher=batched: runs that differ in their seed alone side by side in one process."""
 
+    module = "runner.launch.batched"
 
-class JoblibLauncher(processes.JoblibLauncher):
+
+class JoblibLauncher(_Loaded):
     """hydra/launcher=joblib: all cores of this machine, one process a core."""
 
+    module = "runner.launch.processes"
 
-class RayLauncher(ray_cluster.RayLauncher):
+
+class RayLauncher(_Loaded):
     """hydra/launcher=ray: tasks of a Ray cluster."""
 
+    module = "runner.launch.ray_cluster"
 
-class SlurmLauncher(slurm.SlurmLauncher):
+
+class SlurmLauncher(_Loaded):
     """hydra/launcher=slurm: a few Slurm jobs, each with its share of the runs."""
+
+    module = "runner.launch.slurm"

@@ -1,14 +1,26 @@
-"""The sweepers by the names that Hydra knows: it takes plugins from hydra_plugins alone.
+"""The sweepers by the names that Hydra knows: it takes plugins from hydra_plugins alone."""
 
-Modules are imported and not their classes: Hydra would register an imported class a second time.
-"""
+from __future__ import annotations
 
-from runner import grids, tuning
+from typing import Any
+
+from hydra.plugins.sweeper import Sweeper
+
+from runner.loaded_late import LoadedLate
 
 
-class GridSweeper(grids.GridSweeper):
+class _Loaded(LoadedLate, Sweeper):
+    def sweep(self, *jobs: Any, **settings: Any) -> Any:
+        return self.loaded.sweep(*jobs, **settings)
+
+
+class GridSweeper(_Loaded):
     """hydra/sweeper=grids: one or several grids of runs, finished ones skipped."""
 
+    module = "runner.grids"
 
-class TuningSweeper(tuning.TuningSweeper):
+
+class TuningSweeper(_Loaded):
     """Of experiment=tune_…: settings proposed by Optuna, judged on held-back training motion."""
+
+    module = "runner.tuning"

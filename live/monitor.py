@@ -44,8 +44,6 @@ class LiveMonitor:
         self.samples, self.overruns = 0, 0
         self.time = 0.0  # [s] of the newest sample
         self.taken = array("d", bytes(8 * TIMED))  # [s], of the newest samples
-        self.kinds: Counter[str] = Counter()  # of events
-        self.last_event: Event | None = None
         self.alarms: deque[TimedAlarm] = deque(maxlen=100)
         self.first_alarm: TimedAlarm | None = None
         self.alarm_count = 0
@@ -57,11 +55,12 @@ class LiveMonitor:
         self.time = self.stream.watch.time
         a = math.nan if sample.a is None else sample.a.numpy()
         self.measured[row], self.estimated[row] = a, estimate
+        if self.stream.watch.bad:  # what was refused says nothing about the model
+            self.measured[row] = math.nan
         error, size = (self.measured[row] - estimate) ** 2, self.measured[row] ** 2
         if np.isfinite(error).all():
             self.squares[0] += error
             self.squares[1] += size
-        self._count_events()
 
     def add_time(self, seconds: float, late: float) -> None:
         """Take over how long the newest sample took, and how long after its due time it ended."""
@@ -76,15 +75,16 @@ class LiveMonitor:
         self.alarm_count += 1
         return timed
 
-    def _count_events(self) -> None:
+    @property
+    def kinds(self) -> Counter[str]:
+        """How many events there were, by kind."""
+        return self.stream.watch.kinds
+
+    @property
+    def last_event(self) -> Event | None:
+        """The newest event, if there was any."""
         events = self.stream.watch.events
-        if not events or events[-1] is self.last_event:
-            return
-        for event in reversed(events):
-            if event is self.last_event:
-                break
-            self.kinds[event.kind] += 1
-        self.last_event = events[-1]
+        return events[-1] if events else None
 
     def window(self) -> tuple[np.ndarray, np.ndarray]:
         """Measured and estimated (≤ W, n) [m/s²] over the last WINDOW seconds, oldest first."""

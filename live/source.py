@@ -10,16 +10,15 @@ from dataclasses import dataclass
 
 from omegaconf import DictConfig
 
-from data.arguments import Pairs
 from data.datamodule import Data
 from data.record import Record
 from data.sample import Sample, Sensors
 from data.stream.lines import SampleLines
 from data.stream.sources import one_client, paced, standard_input
-from models.training.assemble import changed, data_from
-from runner.compose import simulated_from
+from live.command_line import RECORDED
+from models.training.assemble import changed, data_from, simulated_from
 
-RECORDED = ("simulation", "test")
+FASTEST = 1e6  # [Hz]
 
 
 @dataclass(frozen=True)
@@ -30,43 +29,6 @@ class Source:
     samples: Iterable[tuple[float, Sample]]
     period: float  # [s] from one sample to the next, at the speed at which samples come
     lines: SampleLines | None = None
-
-
-def add_source(parser: argparse.ArgumentParser) -> None:
-    """Add the options that name a source of samples, and settings of the config."""
-    parser.add_argument(
-        "words",
-        nargs="*",
-        metavar="SOURCE | key=value",
-        help="simulation, test (record of the run), - (standard input); settings as of train.py",
-    )
-    parser.add_argument("--run", metavar="FOLDER", help="a finished run; else begin from nothing")
-    parser.add_argument("--replay", metavar="PATH", help="a record, as data=measured reads it")
-    parser.add_argument("--speed", type=float, default=1.0, help="of records; inf does not wait")
-
-
-def add_lines(parser: argparse.ArgumentParser) -> None:
-    """Add the options of lines of text."""
-    parser.add_argument("--listen", type=int, metavar="PORT", help="a socket on 127.0.0.1")
-    parser.add_argument("--rate", type=float, metavar="HZ", help="of the lines; else the run's")
-    parser.add_argument("--channels", nargs="+", action=Pairs, default={}, metavar="a1=COLUMN")
-    parser.add_argument("--units", nargs="+", action=Pairs, default={}, metavar="a=g")
-
-
-def split_words(args: argparse.Namespace) -> tuple[str, list[str]]:
-    """The name of the source, and the settings. Raises ValueError unless one source is named."""
-    named = [word for word in args.words if "=" not in word]
-    if args.replay is not None:
-        named.append("replay")
-    if getattr(args, "listen", None) is not None:
-        named.append("listen")
-    known = (*RECORDED, "-", "replay", "listen")
-    if len(named) != 1 or named[0] not in known:
-        raise ValueError(
-            f"{', '.join(named) or 'no source'} was given; expected one of simulation, test, - "
-            "(standard input), --replay PATH, --listen PORT"
-        )
-    return named[0], [word for word in args.words if "=" in word]
 
 
 def recorded(kind: str, args: argparse.Namespace, cfg: DictConfig) -> tuple[Record, Sensors]:
@@ -105,8 +67,8 @@ def source_of(
         record, sensors = recorded(kind, args, cfg)
         period = record.dt if math.isinf(args.speed) else record.dt / args.speed
         return Source(sensors, paced(record, args.speed), period)
-    if args.rate is not None and not 0.0 < args.rate < math.inf:
-        raise ValueError(f"--rate {args.rate:g} Hz must be positive")
+    if args.rate is not None and not 0.0 < args.rate <= FASTEST:
+        raise ValueError(f"--rate {args.rate:g} Hz must be positive, and at most {FASTEST:g}")
     if args.rate is None and dt is None:
         raise ValueError("say how many samples a second the lines hold: --rate HZ")
     step = 1.0 / args.rate if args.rate is not None else dt

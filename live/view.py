@@ -15,12 +15,14 @@ from rich.text import Text
 from data.arguments import plain
 from data.stream.lines import SampleLines
 from live.monitor import LiveMonitor, TimedAlarm
+from models.online.guard import Event
 from models.online.scores import WINDOW
 
 BARS = " ▁▂▃▄▅▆▇█"
 WIDTH = 60  # columns of a signal
 REFRESH = 8  # a second
 SWITCH = 2e-4  # [s]
+TOLD = 10  # faults and events that are printed between two status lines; the rest is counted
 
 
 class LiveView:
@@ -37,6 +39,7 @@ class LiveView:
             raise ValueError(f"--every {every:g} s must be positive")
         self.live: Live | None = None
         self.next_line = every
+        self.told = [0, 0]  # faults of lines, events: printed or counted so far
         if console.is_terminal:
             self.live = Live(
                 console=console, get_renderable=self.table, refresh_per_second=REFRESH,
@@ -62,8 +65,25 @@ class LiveView:
     def tick(self) -> None:
         """Print a status line where one is due and there is no table."""
         if self.live is None and self.monitor.time >= self.next_line:
+            self.tell()
             self.console.print(status_line(self.monitor, self.lines), markup=False, soft_wrap=True)
             self.next_line += self.every * (1 + (self.monitor.time - self.next_line) // self.every)
+
+    def tell(self) -> None:
+        """Print what was damaged since the last time, the newest by name, all by their number."""
+        if self.live is not None:
+            return
+        watch = self.monitor.stream.watch
+        news = [(watch.kinds.total(), [event_words(e) for e in watch.events], "events")]
+        if self.lines is not None:
+            total = self.lines.bad + self.lines.mistimed
+            news.append((total, [plain(fault) for fault in self.lines.faults], "faults of lines"))
+        for k, (total, words, what) in enumerate(news):
+            new, self.told[k] = max(total - self.told[k], 0), total
+            if new > TOLD:
+                self.console.print(f"{new - TOLD:,} more {what}", markup=False, soft_wrap=True)
+            for line in words[len(words) - min(new, TOLD) :]:
+                self.console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def alarm(self, raised: TimedAlarm) -> None:
         """Print an alarm where there is no table."""
@@ -134,6 +154,20 @@ def status_line(monitor: LiveMonitor, lines: SampleLines | None) -> str:
     )
 
 
+DONE = {
+    "dropped": "bridged by estimates, or begun anew at rest",
+    "repeated": "left out",
+    "not_finite": "replaced",
+    "outlier": "replaced",
+    "saturated": "replaced",
+}
+
+
+def event_words(event: Event) -> str:
+    """When, what, and what was done, of an event."""
+    return f"{event.kind}: {event.channel} at {event.time:.3f} s; {DONE[event.kind]}"
+
+
 def event_line(monitor: LiveMonitor) -> str:
     """Counts of the events by kind, and the last event. Needs one."""
     event = monitor.last_event
@@ -161,6 +195,8 @@ def summary(monitor: LiveMonitor, lines: SampleLines | None) -> list[str]:
     ]
     if monitor.last_event is not None:
         text.append(event_line(monitor))
+    if lines is not None and lines.mistimed:
+        text.append(f"time stamps that did not fit: {lines.mistimed:,}")
     if lines is not None and lines.bad:
         text.append(f"bad lines: {lines.bad:,}; the last: {plain(lines.faults[-1])}")
     if monitor.first_alarm is not None:

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-import errno
+import hashlib
+import json
+import math
 import os
-import re
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 
+from data.annotations import shown
+from data.checked import built_with
+from data.regular_file import open_regular
 from models.estimator import Estimator
+
+HEADER = 2**20  # bytes of names and shapes at most
 
 
 def save_estimator(estimator: Estimator, path: Path, name: str) -> None:
@@ -24,29 +31,39 @@ def save_estimator(estimator: Estimator, path: Path, name: str) -> None:
     }
     tensors = tensors or {"empty": torch.zeros(0)}  # the format has no empty file
     aside = path.with_suffix(".part")
-    try:
-        save_file(tensors, aside, metadata={"model": name})
-    except SafetensorError as error:  # "… (os error 28)"
-        number = re.search(r"os error (\d+)", str(error))
-        code = int(number[1]) if number else errno.EIO
-        raise OSError(code, os.strerror(code), str(path)) from None
+    # one entry: the format writes several in an order of its own, which differs from call to call
+    model = json.dumps({"name": name, "built": built_with(estimator)})
+    aside.write_bytes(save(tensors, metadata={"model": model}))
     os.replace(aside, path)
 
 
-def load_estimator(estimator: Estimator, path: Path, name: str) -> None:
-    """Restore `estimator` from a file.
+def digest_of(path: Path) -> str:
+    """Stands for every bit of a file. Raises OSError or ValueError for one that is no file."""
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def load_estimator(estimator: Estimator, path: Path, name: str, digest: str | None = None) -> None:
+    """Restore `estimator` from a file, which has this digest if one is given.
 
     Raises ValueError where the file is damaged or holds another model.
     """
+    wanted = estimator.state_dict()
+    size = sum(value.numel() * value.element_size() for value in wanted.values())
     try:
+        with open_regular(path) as opened:
+            if os.fstat(opened.fileno()).st_size > size + HEADER:
+                raise ValueError("larger than the model in the config beside it")
+        if digest is not None and digest_of(path) != digest:
+            raise ValueError("not the file that the run wrote")
         with safe_open(path, framework="pt") as file:
-            stored = (file.metadata() or {}).get("model")
+            stored, built = _model_of(file.metadata() or {})
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
+    except (SafetensorError, OSError, ValueError) as error:
         raise ValueError(f"checkpoint {path} cannot be read ({error}); repeat the run") from None
     if stored != name:
         raise ValueError(f"checkpoint {path} holds the model {stored!r}; expected {name!r}")
-    wanted = estimator.state_dict()
+    require_same(built, built_with(estimator), path)
     if not wanted:
         tensors.pop("empty", None)
     differ = sorted(set(wanted) ^ set(tensors)) or [
@@ -60,3 +77,28 @@ def load_estimator(estimator: Estimator, path: Path, name: str) -> None:
             "take both from the same run"
         )
     estimator.load_state_dict(tensors)
+
+
+def _model_of(metadata: dict[str, str]) -> tuple[Any, Any]:
+    """Name and arguments of the stored model; older files hold the name alone."""
+    words = metadata.get("model", "")
+    content = json.loads(words) if words.startswith("{") else {"name": words}
+    return content.get("name"), content.get("built", {})
+
+
+def require_same(stored: Any, own: dict[str, Any], path: Path) -> None:
+    """Raise ValueError where the weights were stored by a model of other settings."""
+    for name, value in own.items():
+        if isinstance(stored, dict) and name in stored and not _alike(stored[name], value):
+            raise ValueError(
+                f"checkpoint {path} was stored with {name}={shown(stored[name])}; this model has "
+                f"{name}={shown(value)}: take weights and config from the same run"
+            )
+
+
+def _alike(one: Any, other: Any) -> bool:
+    if isinstance(one, dict) and isinstance(other, dict):
+        return all(_alike(one[name], other[name]) for name in one.keys() & other.keys())
+    if isinstance(one, float) and isinstance(other, float | int):
+        return math.isclose(one, other, rel_tol=1e-9)
+    return bool(one == other)

@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.memory import require_memory
 from data.record import Record
 from data.topology import incidence, node_numbers
 from models.composition.coefficients import Coefficients, Numbering, Part
@@ -24,6 +25,7 @@ from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
 from models.composition.simulate import Composition
 
+MOST_NODES = 300  # all of whose pairs are elements
 SOFTEST = 0.05  # of the median stiffness: what an element starts with at least
 
 
@@ -76,12 +78,23 @@ class ElementNetwork(Composite):
         if masses is not None and (len(masses) != dofs or not all(m > 0.0 for m in masses)):
             raise ValueError(f"model.masses={list(masses)}: expected {dofs} positive masses in kg")
         self.supports = supports
+        nodes = dofs + max(supports, 1)
+        if elements is None and nodes > MOST_NODES:
+            raise ValueError(
+                f"{nodes} nodes make {dofs * (nodes - 1)} pairs; {MOST_NODES} nodes are possible "
+                "with model.elements=null: name the pairs that are joined"
+            )
         self.elements = self._pairs() if elements is None else [list(pair) for pair in elements]
         if not self.elements:
             raise ValueError(
                 "model.elements is empty; give pairs of nodes, or null for all of them"
             )
         self.linear: tuple[Tensor, Tensor, Tensor] | None = None
+        require_memory(
+            64.0 * len(self.elements) * (dofs + inputs),
+            f"model.elements: {len(self.elements)} of {dofs} DOFs",
+            "name the pairs that are joined",
+        )
         B, B_s = self._incidence()
         self.register_buffer("B", B, persistent=False)  # (E, n)
         self.register_buffer("B_s", B_s, persistent=False)  # (E, p)
@@ -177,6 +190,11 @@ class ElementNetwork(Composite):
                 force = torch.zeros_like(a)
                 force[:, self.forced] = u[:, : len(self.forced)]
                 s, s_dot = u[:, self.forces :].chunk(2, dim=1)
+                require_memory(
+                    16.0 * a.numel() * (self.dofs + 2 * len(self.elements)),
+                    f"the identification of {len(self.elements)} elements on {len(a)} samples",
+                    "take a shorter record or fewer elements",
+                )
                 y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
                 absolute = a - u[:, :1] if self.base else a
                 inertia = torch.diag_embed(absolute)  # (T, n, n)

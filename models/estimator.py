@@ -7,12 +7,16 @@ the acceleration at t_k.   B records, T samples, n DOFs, m channels of excitatio
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import ClassVar
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import wraps
+from itertools import chain
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
+from data.checked import checked
 from data.record import Drive, Record, Response
 
 
@@ -20,15 +24,38 @@ class NoFreeRunError(ValueError):
     """Raised by estimators that cannot simulate; the message says why."""
 
 
+MOST_CHANNELS = 10_000
+
+
+@checked
 class Estimator(nn.Module):
-    """Base of all estimators. `reads` names the signals of a record that `forward` may read."""
+    """Base of all estimators. `reads` names the signals of a record that `forward` may read.
+
+    What a class defines of `identify`, `forward` and `free_run` is handed signals that `check`
+    passed, and finite ones unless the class is one that `mends` them; its constructor is handed
+    arguments of the types that it names.
+    """
 
     reads: ClassVar[tuple[str, ...]] = ("a", "f")
+    mends: ClassVar[bool] = False  # copes with NaN
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        own = vars(cls)
+        if "__init__" in own:
+            checked(cls, finite=False)  # their own words do: what is built need not be ours
+        for name, admit in (("identify", _Admitted), ("forward", _record), ("free_run", _drive)):
+            if name in own:
+                setattr(cls, name, _checking(own[name], admit))
 
     def __init__(self, dofs: int, inputs: int, dt: float) -> None:
         super().__init__()
         if dofs < 1 or inputs < 0:
             raise ValueError(f"dofs={dofs} and inputs={inputs}: expected at least 1 and 0 channels")
+        if max(dofs, inputs) > MOST_CHANNELS:
+            raise ValueError(
+                f"dofs={dofs}, inputs={inputs}: {MOST_CHANNELS} channels are possible; take fewer"
+            )
         if not 0.0 < dt < float("inf"):
             raise ValueError(f"dt={dt} s must be positive")
         self.dofs, self.inputs, self.dt = dofs, inputs, dt
@@ -58,6 +85,13 @@ class Estimator(nn.Module):
 
     def check(self, signals: Record | Drive) -> None:
         """Raise ValueError where a record, or the excitation of a free run, does not fit."""
+        own = next(chain(self.parameters(), self.buffers()), None)
+        device = (signals.u if isinstance(signals, Drive) else signals.a).device
+        if own is not None and own.device != device:
+            raise ValueError(
+                f"the signals lie on {device}, {type(self).__name__} on {own.device}; move either: "
+                f"record.to({str(own.device)!r})"
+            )
         if isinstance(signals, Drive):
             self._check_drive(signals)
         else:
@@ -105,6 +139,66 @@ class Estimator(nn.Module):
     def identified_parameters(self) -> int:
         """Number of parameters that the data determine."""
         return sum(p.numel() for p in self.parameters())
+
+
+def _checking(method: Callable[..., Any], admit: Callable[[Estimator, Any], Any]) -> Any:
+    """A method of an estimator that is handed what `admit` returns in place of its argument."""
+
+    @wraps(method)
+    def checking(self: Estimator, signals: Any) -> Any:
+        return method(self, admit(self, signals))
+
+    return checking
+
+
+def _record(estimator: Estimator, record: Any) -> Record:
+    """The record. Raises ValueError where the estimator cannot use it."""
+    if not isinstance(record, Record):
+        raise ValueError(f"{type(record).__name__} is no Record; Record(dt, a, f) makes one")
+    estimator.check(record)
+    if not estimator.mends:
+        read = record if "a" in estimator.reads else replace(record, a=torch.zeros_like(record.a))
+        read.require_finite()
+    return record
+
+
+def _drive(estimator: Estimator, drive: Any) -> Drive:
+    """The excitation. Raises ValueError where the estimator cannot use it."""
+    if not isinstance(drive, Drive):
+        raise ValueError(f"{type(drive).__name__} is no Drive; record.drive() makes one")
+    estimator.check(drive)
+    for name, u in (("u", drive.u), ("x0", drive.x0), ("v0", drive.v0)):
+        if not torch.isfinite(u).all():
+            raise ValueError(f"{name} of the free run is not finite; mend or cut the record")
+    return drive
+
+
+class _Admitted(Iterable[Record]):
+    """Batches to identify from, each looked at as often as they are iterated.
+
+    Without derivatives: what is solved in closed form has none. Raises ValueError where there are
+    none, or where they do not fit.
+    """
+
+    def __init__(self, estimator: Estimator, batches: Any) -> None:
+        if isinstance(batches, Record) or not isinstance(batches, Iterable):
+            raise ValueError("identify takes records in a list, such as identify([record])")
+        self.estimator, self.batches = estimator, batches
+
+    def __iter__(self) -> Iterator[Record]:
+        none = True
+        for record in self.batches:
+            _record(self.estimator, record)
+            if not self.estimator.mends:
+                record.require_finite()
+            none = False
+            asked = any(u.requires_grad for u in record.signals().values())
+            yield record.map(torch.detach) if asked else record
+        if none:
+            raise ValueError(
+                "there are no records to identify from; give them in a list (an iterator is empty "
+                "after its first pass)"
+            )
 
 
 def weight_matrix(rows: int, columns: int) -> nn.Parameter:

@@ -21,6 +21,7 @@ from models.composition.laws import ElementLaws
 from models.composition.simulate import Composition
 from models.linear import EquivalentLinear
 
+MOST_ELEMENTS = 10_000
 SMALLEST_DAMPING = 1e-3  # 2ζ of a mode at the start
 SHARE = 0.5  # of the modal damping that elements have at the start, where it is least
 
@@ -49,6 +50,8 @@ class LatentHysteresisNetwork(Composite):
         super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations)
         if not isinstance(elements, int) or elements < 1:
             raise ValueError(f"model.elements={elements} must be at least 1")
+        if elements > MOST_ELEMENTS:
+            raise ValueError(f"model.elements={elements} must be {MOST_ELEMENTS} at most")
         self.stiffness = Coefficients(dofs, positive=True)  # ω²
         self.damping = Coefficients(dofs, positive=True)  # 2ζω
         self.inputs_to = Coefficients(dofs, inputs)  # Γ

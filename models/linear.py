@@ -14,8 +14,8 @@ from torch import Tensor, nn
 from data.record import Drive, Record, Response
 from data.sample import Sample
 from models.estimator import weight_matrix
-from models.layers.integrate import runge_kutta
-from models.layers.least_squares import LeastSquares
+from models.layers.integrate import History, one_by_one, runge_kutta
+from models.layers.least_squares import LeastSquares, require_ridge, require_solvable
 from models.linear_in_weights import LinearInWeights, weighted
 
 
@@ -29,7 +29,11 @@ class EquivalentLinear(LinearInWeights):
 
     def __init__(self, dofs: int, inputs: int, dt: float, ridge: float = 0.0) -> None:
         super().__init__(dofs, inputs, dt)
+        require_ridge(ridge)
         self.ridge = ridge
+        require_solvable(
+            2 * dofs + inputs, f"{dofs} DOFs and {inputs} inputs", "take fewer channels"
+        )
         self.weights = weight_matrix(2 * dofs + inputs, dofs)  # rows: ẋ, x, f
 
     def state(self, record: Record) -> Tensor:
@@ -65,18 +69,18 @@ class EquivalentLinear(LinearInWeights):
 
     def free_run(self, drive: Drive) -> Response:
         """The motion, exact for an excitation that is linear or constant between samples."""
-        self.check(drive)
         self.require_identified(self.weights)
         if drive.hold == "band_limited":
             return runge_kutta(self.acceleration, drive)
         step, first, last = self._exact_step(drive.hold)
         before, after = drive.u[..., :-1, :], drive.u[..., 1:, :]
         driven = weighted(before, first) + weighted(after, last)
-        state, states = torch.cat([drive.x0, drive.v0], dim=-1), []
-        for added in driven.unbind(dim=-2):
-            states.append(state)
+        state, states = torch.cat([drive.x0, drive.v0], dim=-1), History()
+        states.add(state)
+        for added in one_by_one(driven):
             state = weighted(state, step) + added
-        x, v = torch.stack([*states, state], dim=-2).chunk(2, dim=-1)
+            states.add(state)
+        x, v = states.signals()[0].chunk(2, dim=-1)
         return Response(x, v, self.acceleration(x, v, drive.u))
 
     def _exact_step(self, hold: str) -> tuple[Tensor, Tensor, Tensor]:

@@ -14,9 +14,15 @@ from torch import Tensor, nn
 from torch.nn.functional import pad
 
 from data.record import Drive, Record, Response
-from models.layers.integrate import runge_kutta, runge_kutta_delayed
+from models.layers.integrate import (
+    History,
+    one_by_one,
+    runge_kutta,
+    runge_kutta_delayed,
+)
 from models.layers.perceptron import Perceptron
 from models.linear import EquivalentLinear
+from models.linear_in_weights import weighted
 from models.training.trainable import Trainable
 
 
@@ -63,7 +69,6 @@ class GlobalMLP(Trainable):
         return self.network(torch.cat([x, v, u], dim=-1))
 
     def free_run(self, drive: Drive) -> Response:
-        self.check(drive)
         return runge_kutta(self.acceleration, drive)
 
 
@@ -118,15 +123,14 @@ class ResidualMLP(EquivalentLinear, Trainable):
         """Estimate (…, T, n) that never sees a measured acceleration."""
         state = self.state(record)
         residual = torch.zeros_like(record.a[..., 0, :])
-        history = []
-        for k in range(record.samples):
-            residual = self.network(torch.cat([state[..., k, :], residual], dim=-1))
-            history.append(residual)
-        return super().forward(record) - torch.stack(history, dim=-2)
+        history = History()
+        for now in one_by_one(state):
+            residual = self.network(torch.cat([now, residual], dim=-1))
+            history.add(residual)
+        return weighted(state, self.weights) - history.signals()[0]
 
     def free_run(self, drive: Drive) -> Response:
         """The motion, with the network's own residual of the sample before."""
-        self.check(drive)
         self.require_identified(self.weights)
 
         def law(x: Tensor, v: Tensor, u: Tensor, past: Tensor) -> tuple[Tensor, Tensor]:

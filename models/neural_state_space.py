@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from data.record import Drive, Record, Response
 from models.layers.integrate import between
 from models.layers.linear_with_network import LatentStep, LinearWithNetwork
+from models.layers.perceptron import require_trainable_size
 from models.layers.sensitivity import trajectory
 from models.linear import EquivalentLinear
 from models.training.trainable import Trainable, windows_of
@@ -48,7 +49,12 @@ class NeuralStateSpace(Trainable):
         super().__init__(dofs, inputs, dt)
         if min(memory, hidden, past) < 1:
             raise ValueError(f"memory={memory}, hidden={hidden}, past={past}: expected at least 1")
+        if inputs < 1:
+            raise ValueError("a neural state space follows an excitation; there are no inputs")
         states = 2 * dofs + memory
+        sizes = [past * (2 * dofs + inputs), states + 2 * inputs, hidden, states]
+        for name, size in (("past", past), ("memory", memory), ("hidden", hidden)):
+            require_trainable_size(name, [size], sizes)
         self.memory, self.past = memory, past
         self.step = LinearWithNetwork(states + 2 * inputs, hidden, states)
         self.output = LinearWithNetwork(states + inputs, hidden, dofs)
@@ -105,12 +111,10 @@ class NeuralStateSpace(Trainable):
         self.output.draw(generator)
 
     def forward(self, record: Record) -> Tensor:
-        self.check(record)
         return self.free_run(record.drive()).a
 
     def free_run(self, drive: Drive) -> Response:
         """The motion from the initial state; the encoder takes the time before it for rest."""
-        self.check(drive)
         now = torch.cat([drive.x0, drive.v0, drive.u[..., 0, :]], dim=-1)[..., None, :]
         before = now.new_zeros(*now.shape[:-2], self.past - 1, now.shape[-1])
         return self._simulated(drive, torch.cat([before, now], dim=-2))

@@ -22,7 +22,7 @@ from models.layers.integrate import Acceleration, runge_kutta
 from models.layers.least_squares import LeastSquares
 from models.layers.modes import real_modes
 from models.layers.scaling import Extents
-from models.layers.series import BASES, double_series, double_series_terms
+from models.layers.series import BASES, double_series, double_series_terms, require_order
 from models.linear import EquivalentLinear, state_of
 
 CHUNK = 1 << 15  # samples whose terms are held in memory at a time
@@ -75,6 +75,7 @@ class ModalPolynomial(EquivalentLinear):
         self.scale = Extents(2 * dofs)
         own = [[(i, dofs + i)] for i in range(dofs)]
         chosen = own if pairs is None else [[self._pair(pair) for pair in pairs]] * dofs
+        require_order(order, 1 if pairs is None else len(pairs), dofs)
         self.terms = [double_series_terms(of_mode, order) for of_mode in chosen]
         self.coefficients = nn.ParameterList([weight_matrix(len(t), 1) for t in self.terms])
 
@@ -99,7 +100,6 @@ class ModalPolynomial(EquivalentLinear):
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.coefficients[0])
-        self.check(record)
         assert record.x is not None
         assert record.v is not None
         return self.acceleration(record.x, record.v, record.f)
@@ -175,7 +175,6 @@ class ModalPolynomial(EquivalentLinear):
         return inverse if self.fits == "residual" else inverse @ self._inertia()[1].T
 
     def free_run(self, drive: Drive) -> Response:
-        self.check(drive)
         self.require_identified(self.coefficients[0])
         return runge_kutta(self.law(), drive)
 

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from models.layers.integrate import integrated
+from models.layers.perceptron import DEEPEST, require_trainable_size
 from models.layers.scaling import Extents
 from models.training.trainable import Trainable
 
@@ -45,6 +46,11 @@ class Recurrent(Trainable):
                 f"cell={cell!r}, hidden={hidden}, layers={layers}: expected "
                 f"{' or '.join(CELLS)}, and at least 1"
             )
+        if inputs < 1:
+            raise ValueError("a recurrent network follows an excitation; there are no inputs")
+        require_trainable_size("hidden", [hidden], [4 * hidden, hidden + inputs])
+        if layers > DEEPEST:
+            raise ValueError(f"model.layers={layers}: {DEEPEST} at most")
         double = torch.float64
         self.cells = CELLS[cell](inputs, hidden, layers, batch_first=True, dtype=double)
         self.states = 2 if cell == "lstm" else 1
@@ -76,7 +82,6 @@ class Recurrent(Trainable):
                 weights.copy_(reach * (2.0 * drawn - 1.0))
 
     def forward(self, record: Record) -> Tensor:
-        self.check(record)
         return self._motion(record.drive())[..., : self.dofs]
 
     def regression(self, record: Record) -> tuple[nn.Module, Record, Tensor]:
@@ -86,7 +91,6 @@ class Recurrent(Trainable):
         return module, record, module.alike(_motion(record))
 
     def free_run(self, drive: Drive) -> Response:
-        self.check(drive)
         a, x, v = self._motion(drive).split(self.dofs, dim=-1)
         if not self.signals[1:].any():  # trained on accelerations alone
             return integrated(a, drive)

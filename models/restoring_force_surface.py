@@ -12,9 +12,9 @@ from torch import Tensor
 
 from data.record import Drive, Record, Response
 from models.estimator import Estimator, weight_matrix
-from models.layers.least_squares import LeastSquares
+from models.layers.least_squares import LeastSquares, require_ridge
 from models.layers.scaling import Extents
-from models.layers.series import powers
+from models.layers.series import powers, require_order
 
 
 class RestoringForceSurface(Estimator):
@@ -37,6 +37,8 @@ class RestoringForceSurface(Estimator):
             )
         if not isinstance(order, int) or order < 1:
             raise ValueError(f"model.order={order} must be a whole number, at least 1")
+        require_order(order, 1, 1)
+        require_ridge(ridge)
         self.order, self.ridge = order, ridge
         self.scale = Extents(inputs)
         self.weights = weight_matrix((order + 1) ** 2, 1)
@@ -65,13 +67,11 @@ class RestoringForceSurface(Estimator):
         return {"rank": solution.rank, "condition": solution.condition}
 
     def forward(self, record: Record) -> Tensor:
-        self.check(record)
         self.require_identified(self.weights)
         return self.terms(record.excitation) @ self.weights
 
     def free_run(self, drive: Drive) -> Response:
         """Forces as `forward` gives them, for a surface has no state; x and v are those imposed."""
-        self.check(drive)
         self.require_identified(self.weights)
         s, rate = drive.u.split(1, dim=-1)
         return Response(s, rate, self.terms(drive.u) @ self.weights)

@@ -7,11 +7,13 @@ B records, T samples, n DOFs, m channels of excitation, P features.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from data.interruptible import interruptible
 from data.record import Drive, Record, Response
 from data.sample import Sample
 from models import vwnn_compiled
@@ -19,7 +21,7 @@ from models.estimator import weight_matrix
 from models.layers.features import SigmoidProducts
 from models.layers.filters import LowPassCascade
 from models.layers.integrate import integrated
-from models.layers.least_squares import LeastSquares
+from models.layers.least_squares import LeastSquares, require_ridge
 from models.linear_in_weights import LinearInWeights, weighted
 
 CHUNK = 1 << 15  # samples whose features are held in memory at a time
@@ -54,6 +56,7 @@ class VWNN(LinearInWeights):
         unfiltered_excitation: bool = False,
     ) -> None:
         super().__init__(dofs, inputs, dt)
+        require_ridge(ridge)
         self.ridge, self.unfiltered_excitation = ridge, unfiltered_excitation
         self.filters = LowPassCascade(cutoff, stages, dt)
         channels = stages * (dofs + inputs) + (inputs if unfiltered_excitation else 0)
@@ -111,9 +114,10 @@ class VWNN(LinearInWeights):
 
     def free_run(self, drive: Drive) -> Response:
         """The motion from filters at rest, whatever the initial state and the hold."""
-        self.check(drive)
         self.require_identified(self.weights)
-        run = self._run_compiled if drive.u.device.type == "cpu" else self._run
+        differentiated = torch.is_grad_enabled() and drive.u.requires_grad
+        on_processor = drive.u.device.type == "cpu" and not differentiated
+        run = self._run_compiled if on_processor else self._run
         return integrated(run(drive), drive)
 
     def _run(self, drive: Drive) -> Tensor:
@@ -136,8 +140,11 @@ class VWNN(LinearInWeights):
         factors, weights = self.activation.places().numpy(), self.weights.detach().numpy()
         settings = float(self.filters.decay), float(self.activation.weight), factors
         for place in np.ndindex(a.shape[:-2]):
-            u, estimate = drive.u[place].contiguous().numpy(), a[place].numpy()
+            u, estimate = drive.u[place].detach().contiguous().numpy(), a[place].numpy()
             own = weights[place[0]] if weights.ndim == 3 else weights
             unfiltered = self.unfiltered_excitation
-            vwnn_compiled.free_run(self.filters.stages, u, unfiltered, *settings, own, estimate)
+            run = partial(
+                vwnn_compiled.free_run, self.filters.stages, u, unfiltered, *settings, own, estimate
+            )
+            interruptible(run, len(u) * own.size)
         return a

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from data.record import Record
-from models.layers.least_squares import LeastSquares
+from models.layers.least_squares import LeastSquares, require_ridge
 from models.vwnn_forward_network import ForwardNetwork
 
 DAMPING = (1e-1, 1e-3, 1e-5, 1e-7, 1e-9)  # of a Gauss–Newton step, on scaled columns
@@ -49,6 +49,7 @@ class ForwardVWNN(ForwardNetwork):
         super().__init__(dofs, inputs, dt, cutoffs, factors, sigmoid_weight, order)
         if refinements < 0:
             raise ValueError(f"model.refinements={refinements} must not be negative")
+        require_ridge(ridge)
         self.ridge, self.refinements = ridge, refinements
 
     @torch.no_grad()

@@ -19,7 +19,8 @@ from data.record import Drive, Record, Response
 from models.estimator import Estimator, weight_matrix
 from models.layers.features import SigmoidProducts
 from models.layers.filters import SlowCascades
-from models.layers.integrate import integrated
+from models.layers.integrate import History, integrated, one_by_one
+from models.layers.least_squares import require_solvable
 
 CHUNK = 1 << 14  # samples whose features are held in memory at a time
 
@@ -54,6 +55,11 @@ class ForwardNetwork(Estimator):
         self.links = [(i,) for i in range(dofs)] + list(combinations(range(dofs), 2))
         self.linear = len(cutoffs) * dofs  # features ξ; then products, f, ψ
         self.own = self.linear + len(self.links) * self.products.features
+        require_solvable(
+            dofs * (self.own + inputs * (1 + len(cutoffs))),
+            f"model.cutoffs and model.factors, with {dofs} DOFs and {inputs} inputs,",
+            "take fewer cutoffs or factors",
+        )
         rows = self.own + inputs * (1 + len(cutoffs))
         self.weights = weight_matrix(rows, dofs)
         self.register_buffer("scale", torch.ones(len(self.links), factors, dtype=torch.float64))
@@ -101,7 +107,6 @@ class ForwardNetwork(Estimator):
 
         x and v are integrals of the estimated accelerations, and drift.
         """
-        self.check(drive)
         self.require_identified(self.weights)
         return integrated(self.run(drive.u)[0], drive)
 
@@ -115,14 +120,15 @@ class ForwardNetwork(Estimator):
         together = torch.cat([to_xi @ linear, to_links, advance], dim=1)
         widths = [self.dofs, to_links.shape[1], advance.shape[1]]
         state = u.new_zeros(*u.shape[:-2], advance.shape[0])
-        history, states = [], []
-        for force in (self.driven_features(u) @ driven).unbind(dim=-2):
-            states.append(state)
+        history = History()
+        for force in one_by_one(self.driven_features(u) @ driven):
+            before = state
             linear_part, xi, state = (state @ together).split(widths, dim=-1)
             a = force + linear_part + self.of_links(xi) @ products
             state = state + a @ enter
-            history.append(a)
-        return torch.stack(history, dim=-2), torch.stack(states, dim=-2)
+            history.add(a, before)
+        own, states = history.signals()
+        return own, states
 
     def _transition(self) -> tuple[Tensor, Tensor]:
         """state[k+1] = state[k] A + a[k] B, on flat states."""

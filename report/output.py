@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import csv
 import io
+import re
+import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from data.arguments import plain
+from report.style import words_as_they_stand
 from runner.run_folder import write_text
 
+FORMULAS = tuple("=+-@＝＋－＠")  # first characters of a formula in some spreadsheet
+NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|[+-]?(nan|inf)")
 WORDS = ("setting", "value", "motion", "varied")  # columns of long texts
 
 
@@ -33,10 +38,22 @@ def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
     """A line for each row, full precision; nothing for None."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(rows[0] if rows else ())
+    writer.writerow(map(spreadsheet, rows[0] if rows else ()))
     for row in rows:
-        writer.writerow(["" if value is None else value for value in row.values()])
+        writer.writerow(["" if value is None else spreadsheet(value) for value in row.values()])
     return text.getvalue()
+
+
+def spreadsheet(value: Any) -> Any:
+    """A cell of CSV: a text that would be a formula gets a quote before it, as spreadsheets do.
+
+    Numbers stay as they are, those that are texts too, such as "-3.5".
+    """
+    if not isinstance(value, str):
+        return value
+    text = plain(value)
+    formula = text[:1] in FORMULAS and len(text) > 1 and not NUMBER.fullmatch(text)
+    return f"'{text}" if formula else text
 
 
 def markdown(
@@ -44,11 +61,19 @@ def markdown(
 ) -> str:
     """A table; all columns but those at `left` to the right, None: all to the left."""
     rules = ["---" if left is None or i in left else "---:" for i in range(len(head))]
-    return "\n".join(f"| {' | '.join(line)} |" for line in (head, rules, *lines))
+    rows = (head, rules, *lines)
+    return "\n".join(f"| {' | '.join(map(_markdown_cell, line))} |" for line in rows)
+
+
+def _markdown_cell(text: str) -> str:
+    """One cell: no line ends, no bars that would begin another cell, no HTML outside of code."""
+    parts = re.split(r"(`+[^`]*`+)", re.sub(r"(?<!\\)\|", r"\|", plain(text)))
+    return "".join(p if p.startswith("`") else p.replace("<", "&lt;") for p in parts)
 
 
 def code(text: str) -> str:
-    return f"`{text}`"
+    """Text as code, also where it holds a backquote."""
+    return f"`` {text} ``" if "`" in text else f"`{text}`"
 
 
 def sections_markdown(
@@ -106,7 +131,7 @@ def escaped(text: str) -> str:
     """Text for LaTeX; a cell that begins with a bracket would be an argument of the \\\\ before."""
     signs = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
     signs |= {sign: f"\\{sign}" for sign in "&%$#_{}"} | {"–": "--", "×": r"$\times$"}
-    done = "".join(signs.get(sign, sign) for sign in text)
+    done = "".join(signs.get(sign, sign) for sign in plain(text))
     return f"{{}}{done}" if done.startswith("[") else done
 
 
@@ -124,11 +149,6 @@ def printed(section: Section, left: Sequence[int] = (0,)) -> Table:
     return table
 
 
-def terminal(width: int) -> Console:
-    """The terminal, or so many columns where the output goes elsewhere."""
-    return Console(width=None if Console().is_terminal else width)
-
-
 def write_texts(folder: Path, name: str, texts: Mapping[str, str]) -> list[Path]:
     """{kind: text} as name.kind in a folder."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -140,7 +160,10 @@ def write_texts(folder: Path, name: str, texts: Mapping[str, str]) -> list[Path]
 def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write a figure as PNG and PDF."""
     folder.mkdir(parents=True, exist_ok=True)
+    words_as_they_stand(figure)
     paths = [folder / f"{name}.{kind}" for kind in ("png", "pdf")]
-    for path in paths:
-        figure.savefig(path, dpi=150)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # drawn as a box
+        for path in paths:
+            figure.savefig(path, dpi=150)
     return paths

@@ -15,10 +15,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from data.arguments import Parser
+from data.terminal import terminal
 from report.collection.runs import collect, has_runs
 from report.free_run import page as free_run
 from report.online import page as online
-from report.output import Section, printed, terminal
+from report.output import Section, printed
 from report.paper import page as paper
 from report.tuning import page as tuning
 from runner.command_line import command_errors

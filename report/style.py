@@ -8,13 +8,29 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
+
+from data.arguments import plain
 
 MEASURED, ESTIMATED = "#222222", "#d1495b"
 SERIES = (  # of what is no model
     *("#D55E00", "#E69F00", "#56B4E9", "#0072B2", "#009E73", "#CC79A7", "#882255"),
     *("#777777", "#999933", "#663311", "#44AA99", "#BBBBBB", "#332288"),
 )
+
+
+def words_as_they_stand(figure: Figure) -> None:
+    """Titles, labels and legends without formulas and control characters.
+
+    They hold names from files and configs; a $ there is a $. Ticks may be powers of ten, as ever.
+    """
+    texts = [t for axes in figure.axes for t in (axes.title, axes.xaxis.label, axes.yaxis.label)]
+    legends = [axes.get_legend() for axes in figure.axes] + figure.legends
+    texts += [text for legend in legends if legend is not None for text in legend.get_texts()]
+    for text in (*texts, *figure.texts):
+        text.set_parse_math(False)
+        text.set_text("\n".join(map(plain, text.get_text().split("\n"))))
 
 
 def mark_lost(axes: Axes, place: float, count: int, colour: str) -> None:

@@ -8,25 +8,41 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import yaml
+from omegaconf import DictConfig, OmegaConf
 
-Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+from runner.plain_data import read_text, read_yaml
+from runner.schema import CHOICES_KIND, require
+
 UNTOLD = ("_target_", "about")  # the class and the words of a choice, which its name stands for
 
 
+def plain(cfg: DictConfig) -> dict[str, Any]:
+    """A config's values, resolved, without Hydra's own."""
+    content = {}
+    for key in (str(key) for key in cfg if key != "hydra"):  # a masked copy would be slow
+        value = cfg[key]
+        content[key] = (
+            OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+        )
+    return content
+
+
 def read_choices(path: Path) -> dict[str, Any]:
-    """Every choice in a run's config, dotted. Raises ValueError for what is no config.
+    """Every choice in a run's config, dotted. Raises ValueError for what is no config, OSError for
+    no file.
 
     Reading YAML is slow, and the runs of a sweep differ in a few lines: each of the config's blocks
     is read once, however many runs have it.
     """
-    blocks = re.split(r"^(?=\w)", path.read_text("utf-8"), flags=re.MULTILINE)
-    return {key: value for block in blocks for key, value in _choices(block)}
+    blocks = re.split(r"^(?=\w)", read_text(path), flags=re.MULTILINE)
+    choices = {key: value for block in blocks for key, value in _choices(block)}
+    require(choices, CHOICES_KIND)
+    return choices
 
 
 @cache
 def _choices(block: str) -> tuple[tuple[str, Any], ...]:
-    content = yaml.load(block, Loader) or {}
+    content = read_yaml(block) or {}
     if not isinstance(content, dict):
         raise ValueError(f"config.yaml holds {block.splitlines()[0]!r}, which is no setting")
     return tuple(dotted(content).items())

@@ -4,78 +4,59 @@ from __future__ import annotations
 
 import difflib
 import errno
-import logging
 import sys
-import threading
-import traceback
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from hydra._internal.utils import get_args_parser
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.errors import (
-    ConfigCompositionException,
     HydraException,
     MissingConfigException,
     OverrideParseException,
 )
 from hydra.utils import to_absolute_path
-from lightning.fabric.utilities.exceptions import MisconfigurationException
-from omegaconf import DictConfig
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
-from data.arguments import plain, reason
-from data.simulation.motion import EscapedMotionError
-from runner.compose import experiments, keys_of, placed
-from runner.run_folder import write_failure
-
-
-def quiet_lightning() -> None:
-    """Silence what Lightning says to everybody; here, because processes of a sweep start afresh."""
-    for name in ("lightning.pytorch", "lightning.fabric"):
-        logging.getLogger(name).setLevel(logging.WARNING)
-    warnings.filterwarnings("ignore", message=".*does not have many workers.*")
-    warnings.filterwarnings("ignore", message=".*LeafSpec.*deprecated.*")
-    warnings.filterwarnings("ignore", message="The `srun` command is available.*")
-    threading.excepthook = _thread_failed
-
-
-_others_failed = threading.excepthook
-
-
-def _thread_failed(failed: threading.ExceptHookArgs) -> None:
-    """TensorBoard's writer hands a full disk on to the run, which says so in one line."""
-    writer = type(failed.thread).__name__ == "_AsyncWriterThread"
-    if not (writer and issubclass(failed.exc_type, OSError)):
-        _others_failed(failed)
+from data.annotations import shown
+from data.arguments import Parser, plain, reason
+from runner.compose import GROUPS, composed, experiments, keys_of, placed
 
 
 def fail(message: str) -> None:
     print(f"error: {plain(' '.join(message.split()))}", file=sys.stderr)
 
 
-EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException, MisconfigurationException)
+EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException)
 
 
-def _reason(error: BaseException) -> str:
+def reason_of(error: BaseException) -> str:
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return f"{error.strerror}; make room and give the same command again"
     if isinstance(error, OSError):
         hint = "" if isinstance(error, FileNotFoundError) else "; choose another hydra.run.dir"
         return f"{error.strerror or error}: {error.filename or ''}{hint}"
+    if isinstance(error, MissingMandatoryValue):
+        return f"{error.full_key} must be given: {error.full_key}=…; see --help"
+    if isinstance(error, OmegaConfBaseException):
+        first = (str(error).splitlines() or ["an interpolation cannot be resolved"])[0]
+        return f"{error.full_key}: {first}; see --help" if error.full_key else first
     return str(error)
 
 
 @contextmanager
 def one_line_errors(config: str) -> Iterator[None]:
     """Bad input ends with one line and exit status 1; a traceback is for bugs."""
-    sys.argv[1:] = placed(sys.argv[1:])
     try:
         yield
-    except (MissingConfigException, ConfigCompositionException, OverrideParseException) as error:
+    except HydraException as error:
         fail(_explain(error, config))
+    except RecursionError:
+        fail("a word of the command line, or a config, is nested too deeply; give a file instead")
     except EXPECTED as error:
-        fail(_reason(error))
+        fail(reason_of(error))
     except KeyboardInterrupt:
         fail("interrupted; the unfinished run has no metrics.json, a sweep goes on from here")
         sys.exit(130)
@@ -84,12 +65,46 @@ def one_line_errors(config: str) -> Iterator[None]:
     sys.exit(1)
 
 
-def _disk_error(error: Exception) -> Exception:
-    """The disk's, where a logger made another of it."""
-    cause: BaseException | None = error
-    while cause is not None and not isinstance(cause, OSError):
-        cause = cause.__cause__
-    return cause or error
+def read_words() -> None:
+    """Ready the command line for Hydra. Raises ValueError for options that it does not have."""
+    sys.argv[1:] = placed(sys.argv[1:])
+    parser = get_args_parser()
+    parser.__class__ = Parser  # raises where argparse prints its usage
+    if parser.parse_args().experimental_rerun:
+        raise ValueError(
+            "--experimental-rerun reads a pickle, which can run any code; give the words again"
+        )
+    overrides = OverridesParser.create().parse_overrides(parser.parse_args().overrides)
+    for override in overrides:
+        value = override.value()
+        names = value if isinstance(value, list) else [value]
+        free = override.is_delete() or override.is_sweep_override()
+        choice = override.key_or_group in GROUPS and not free
+        if choice and not all(isinstance(name, str) for name in names):
+            raise ValueError(f"{override.input_line}: a choice must be a word; see --help")
+    if parser.parse_args().multirun and not parser.parse_args().config_dir:
+        words = map(_first, overrides)
+        composed(*filter(None, words))  # a sweep loads PyTorch before it composes a run
+
+
+def _first(override: Override) -> str | None:
+    """The word that asks for the first value of a sweep's; None where there is no first."""
+    if not override.is_sweep_override():
+        return str(override.input_line)
+    if not (override.is_choice_sweep() or override.is_range_sweep()):
+        return None
+    key, _, _ = str(override.input_line).partition("=")
+    return f"{key}={next(iter(override.sweep_string_iterator()), 'null')}"
+
+
+@contextmanager
+def refusals() -> Iterator[None]:
+    """Bad settings of one run end the program before Hydra adds lines of its own."""
+    try:
+        yield
+    except EXPECTED as error:
+        fail(reason_of(error))
+        sys.exit(1)
 
 
 @contextmanager
@@ -98,32 +113,12 @@ def command_errors() -> Iterator[None]:
     with one_line_errors("train"):
         try:
             yield
+        except HydraException:  # one of them is an OSError too
+            raise
         except OSError as error:
             raise ValueError(reason(error)) from None
         except KeyboardInterrupt:
             sys.exit(130)
-
-
-@contextmanager
-def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) -> Iterator[None]:
-    """A failing run ends the program; in a sweep it leaves config and reason in its folder."""
-    try:
-        yield
-    except Exception as raised:
-        error = _disk_error(raised)
-        expected = isinstance(error, EXPECTED)
-        if sweep_folder is None:
-            if not expected:
-                raise
-            fail(_reason(error))
-            sys.exit(1)
-        trace = "" if expected else traceback.format_exc() + "\n"
-        reason = " ".join(
-            f"{'' if expected else type(error).__name__ + ': '}{_reason(error)}".split()
-        )
-        own = expected and not isinstance(error, OSError)  # not that of a disk or a machine
-        escaped = isinstance(error, EscapedMotionError)
-        write_failure(sweep_folder, cfg, reason, trace, own, escaped)
 
 
 def _explain(error: Exception, config: str) -> str:
@@ -137,12 +132,28 @@ def _explain(error: Exception, config: str) -> str:
             f"{group}={choice} does not exist{_nearest(choice, options)} "
             f"(choices: {', '.join(options)})"
         )
+    if isinstance(error, OverrideParseException):
+        return (
+            f"{shown(error.override)!r} is no key=value that can be read; put it in single quotes, "
+            "so that the shell leaves it, and close its brackets"
+        )
     cause = getattr(error.__cause__, "full_key", None) or getattr(error.__cause__, "key", None)
     first = " ".join(str(error).splitlines()[:2]).removesuffix(".")
     if first.startswith("Could not override"):
         key = first.split("'")[1] if "'" in first else str(cause)
-        return f"there is no setting {key!r}{_nearest(key, keys_of(config))}; see --help"
+        return _no_setting(key, config)
     return first
+
+
+def _no_setting(key: str, config: str) -> str:
+    """The choices that were typed have no such setting; others may have it."""
+    choices = [word for word in sys.argv[1:] if word.partition("=")[0] in GROUPS]
+    try:
+        known = keys_of(config, *(word for word in choices if "," not in word))
+    except (HydraException, OmegaConfBaseException, ValueError):
+        known, choices = keys_of(config), []
+    elsewhere = f" with {' '.join(choices)}" if key in keys_of(config) else ""
+    return f"there is no setting {key!r}{elsewhere}{_nearest(key, known)}; see --help"
 
 
 def _nearest(word: str, choices: Sequence[str]) -> str:

@@ -11,9 +11,8 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from data.simulation.datamodule import SimulatedData
-from models.training.assemble import data_from
-from runner.run_folder import run_name
+from data.arguments import print_any_text
+from runner.identity import run_name
 
 CONF = Path(__file__).parent.parent / "conf"
 SHARED = "shared"  # by the experiments of a folder
@@ -87,6 +86,7 @@ def placed(words: Sequence[str]) -> list[str]:
 
 def prepare_hydra() -> None:
     """Let Hydra raise what it finds instead of printing it, and give it our help."""
+    print_any_text()
     os.environ["HYDRA_FULL_ERROR"] = "1"
     if not OmegaConf.has_resolver("help"):
         OmegaConf.register_new_resolver("help", help_text)
@@ -107,9 +107,9 @@ def composed(*words: str, config: str = "train") -> DictConfig:
         return compose(config, placed(words))
 
 
-def keys_of(config: str) -> list[str]:
-    """All settings of a program, dotted."""
-    return sorted({*GROUPS, *_dotted(composed(config=config))})
+def keys_of(config: str, *choices: str) -> list[str]:
+    """All settings of a program with these choices, dotted."""
+    return sorted({*GROUPS, *_dotted(composed(*choices, config=config))})
 
 
 def _dotted(node: DictConfig, prefix: str = "") -> Iterator[str]:
@@ -118,11 +118,3 @@ def _dotted(node: DictConfig, prefix: str = "") -> Iterator[str]:
         yield name
         if not OmegaConf.is_missing(node, key) and isinstance(node._get_node(key), DictConfig):
             yield from _dotted(node[key], f"{name}.")
-
-
-def simulated_from(cfg: DictConfig) -> SimulatedData:
-    """Records of a run whose structure is known. Raises ValueError for measured ones."""
-    data = data_from(cfg)
-    if not isinstance(data, SimulatedData):
-        raise ValueError(f"{cfg.system.name} was measured, not simulated: its laws are not known")
-    return data

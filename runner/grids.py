@@ -23,8 +23,10 @@ from omegaconf import DictConfig
 
 from runner.composed_once import ComposedOnce
 from runner.launch.launcher import reason_of
+from runner.lock import sweep_held
 from runner.progress import Watch, is_finished, print_summary, reasons, would_fail_again
-from runner.run_folder import CONFIG, write_text
+from runner.run_files import CONFIG
+from runner.run_folder import write_text
 
 
 class GridSweeper(BasicSweeper):
@@ -50,7 +52,13 @@ class GridSweeper(BasicSweeper):
     def sweep(self, arguments: list[str]) -> None:
         """Do all runs that are left, in the sweep's folder; exit status 1 unless all are done."""
         assert self.config is not None
-        Path(self.config.hydra.sweep.dir).mkdir(parents=True, exist_ok=True)
+        folder = Path(self.config.hydra.sweep.dir)
+        folder.mkdir(parents=True, exist_ok=True)
+        with sweep_held(folder):
+            self.work(arguments, folder)
+
+    def work(self, arguments: list[str], folder: Path) -> None:
+        """The sweep, in its folder, where no other command works."""
         if not self.finish(self.jobs(arguments)):
             sys.exit(1)
 

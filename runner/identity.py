@@ -16,8 +16,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from omegaconf import DictConfig
+
 import data
 import models
+from runner.choices import plain
+from runner.plain_data import read_text
 
 ROOT = Path(__file__).parent.parent
 FRONTS = {"data": data.PUBLIC, "models": models.PUBLIC}
@@ -38,6 +42,16 @@ def config_digest(content: dict[str, Any]) -> str:
     content = _without_words({k: v for k, v in content.items() if k not in INERT})
     content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}
     return digest(json.dumps(content, sort_keys=True, ensure_ascii=False))
+
+
+def name_of(content: dict[str, Any]) -> str:
+    """Folder within a sweep of the run with these resolved values."""
+    names = (content[part]["name"] for part in ("model", "system", "scenario"))
+    return "-".join((*names, f"seed{content['seed']}", config_digest(content)))
+
+
+def run_name(cfg: DictConfig) -> str:
+    return name_of(plain(cfg))
 
 
 def _without_words(node: dict[str, Any]) -> dict[str, Any]:
@@ -72,7 +86,7 @@ def written_code_version(config: Path) -> str:
     """
     if not config.is_file():
         return ""
-    return code_version(frozenset(re.findall(r"_target_: (\S+)", config.read_text("utf-8"))))
+    return code_version(frozenset(re.findall(r"_target_: (\S+)", read_text(config))))
 
 
 def identity_of(content: dict[str, Any]) -> dict[str, str]:

@@ -18,7 +18,8 @@ from models.training.identification import HELD_BACK, SPLITS, Identification
 from models.training.metrics import FREE_RUNS, free_run_score, score
 from runner.paper_values import paper_values
 from runner.public_scores import benchmark_scores
-from runner.run_folder import Run, settings_of
+from runner.run import Run
+from runner.run_folder import settings_of
 
 
 def compare_baselines(baselines: dict[str, Estimator], data: Data) -> dict[str, Any]:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
+import sys
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
+from data.arguments import plain
+from data.terminal import terminal
 from runner.choices import varying
 from runner.identity import written_code_version
 from runner.result import Result, read_result, spread_of
-from runner.run_folder import CONFIG, FAILED, METRICS, read_failure, read_metrics
+from runner.run_files import CONFIG, FAILED, METRICS
+from runner.run_folder import read_failure, read_metrics
 from runner.spread import DIVERGED, percent
 
 OWN = ("model", "system", "scenario", "seed", "grid")  # have columns of their own, or need none
@@ -23,19 +26,20 @@ OWN = ("model", "system", "scenario", "seed", "grid")  # have columns of their o
 
 def is_finished(folder: Path) -> bool:
     """Whether a run is complete and was made by this code. The folder's name tells its config."""
-    if not (folder / METRICS).is_file():
+    try:
+        code = read_metrics(folder).get("identity", {}).get("code")
+        return code is not None and code == written_code_version(folder / CONFIG)
+    except (ValueError, OSError):  # damaged, or not there
         return False
-    return read_metrics(folder).get("identity", {}).get("code") == written_code_version(
-        folder / CONFIG
-    )
 
 
 def would_fail_again(folder: Path) -> bool:
     """Whether a run failed by its own fault, not by that of a disk or a machine, in this code."""
-    if not (folder / FAILED).is_file():
+    try:
+        failure = read_failure(folder)
+        return failure["own"] and failure["code"] == written_code_version(folder / CONFIG)
+    except (ValueError, OSError):  # damaged, or not there
         return False
-    failure = read_failure(folder)
-    return failure["own"] and failure["code"] == written_code_version(folder / CONFIG)
 
 
 class Watch:
@@ -49,7 +53,7 @@ class Watch:
         self.left, self.total, self.done = set(folders), total, total - len(folders)
         self.before, self.failed = total - len(folders) - hopeless, hopeless
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[failed]} failed"))
-        self.console = Console(width=None if Console().is_terminal else 130)
+        self.console = terminal(130)
         self.progress = Progress(*columns, TimeRemainingColumn(), console=self.console)
         self.ended = threading.Event()
 
@@ -117,7 +121,7 @@ def print_summary(jobs: Mapping[Path, Sequence[str]], skipped: int, hopeless: in
     `hopeless` had failed before and were not run again.
     """
     folders = list(jobs)
-    console = Console(width=None if Console().is_terminal else 160)
+    console = terminal(160)
     runs = list(map(read_result, folders))
     done = [run for run in runs if run.finished]
     failed = [run for run in runs if run.ended and not run.finished]
@@ -142,13 +146,19 @@ def reasons(failed: dict[str, str]) -> list[str]:
     """Why runs failed, a line for each reason: how many runs, and the first of them."""
     by_reason: dict[str, list[str]] = {}
     for name, reason in failed.items():
-        by_reason.setdefault(reason, []).append(name)
+        by_reason.setdefault(plain(reason), []).append(plain(name))
     return [
         f"failed: {reason} ({len(names)} runs, such as {names[0]})"
         if len(names) > 1
         else f"failed: {names[0]}: {reason}"
         for reason, names in by_reason.items()
     ]
+
+
+def print_damaged(runs: Mapping[str, str]) -> None:
+    """Say which folders {name: reason} cannot be read, and are left out."""
+    for line in reasons(dict(runs)):
+        print(line.replace("failed", "damaged", 1), file=sys.stderr)
 
 
 def told_apart(jobs: Mapping[Path, Sequence[str]]) -> dict[Path, str]:

@@ -8,22 +8,21 @@ cannot be read is damaged.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from models.training.metrics import FREE_RUNS
+from data.arguments import reason
 from runner import run_folder
 from runner.choices import dotted, read_choices, typed
-from runner.run_folder import CONFIG, METRICS, read_failure, read_metrics
+from runner.run_files import CONFIG, FREE_RUN, METRICS
+from runner.run_folder import read_failure, read_metrics
 from runner.spread import ESCAPED, FAILED, Spread
 
 FINISHED, UNFINISHED, DAMAGED = "finished", "unfinished", "damaged"
 STATUSES = (FINISHED, FAILED, ESCAPED, UNFINISHED, DAMAGED)
-FREE_RUN = FREE_RUNS["test"]
 NOT_SCORED = "the run is older than the free-run score; repeat it"
 ERROR = "relative_rms_percent"
 
@@ -144,17 +143,21 @@ def _or_infinite(value: float | None) -> float:
 def read_result(folder: Path) -> Result:
     """What is known of one run."""
     try:
-        choices = read_choices(folder / CONFIG) if (folder / CONFIG).is_file() else {}
-        if (folder / METRICS).is_file():
+        choices = read_choices(folder / CONFIG) if _is_there(folder / CONFIG) else {}
+        if _is_there(folder / METRICS):
             return Result(folder, FINISHED, "", choices, read_metrics(folder))
-        failure = read_failure(folder) if (folder / run_folder.FAILED).is_file() else None
-    except (ValueError, KeyError, yaml.YAMLError) as error:
-        first = str(error).splitlines()[0]
-        return Result(folder, DAMAGED, f"{first}; repeat the run", {}, {})
+        failure = read_failure(folder) if _is_there(folder / run_folder.FAILED) else None
+    except (ValueError, OSError) as error:
+        return Result(folder, DAMAGED, f"{reason(error)}; repeat the run", {}, {})
     if failure is None:
         return Result(folder, UNFINISHED, f"it has no {METRICS} yet", choices, {})
     status = ESCAPED if failure["escaped"] else FAILED
     return Result(folder, status, failure["reason"], choices, {})
+
+
+def _is_there(path: Path) -> bool:
+    """Whatever it is; what is no file is damage."""
+    return os.path.lexists(path)
 
 
 def spread_of(runs: Sequence[Result], number: Callable[[Result], float | None]) -> Spread:

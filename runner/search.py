@@ -27,14 +27,16 @@ from optuna.distributions import (
     distribution_to_json,
 )
 from optuna.trial import TrialState
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from data.terminal import Terminal, terminal
 from runner.choices import typed
 from runner.identity import EVERY_CLASS, code_version
 from runner.outcome import validation_error
-from runner.run_folder import METRICS, write_json
+from runner.plain_data import read_json
+from runner.run_files import METRICS
+from runner.run_folder import read_metrics, write_json
 from runner.spread import percent
 
 STORAGE, FILE = "search.sqlite3", "search.json"
@@ -168,15 +170,12 @@ class Trial:
         lowest = "–" if math.isinf(best) else f"{percent(best)} %"
         line = f"[{done}/{self.search.trials}] {self.search.name}: {text}, best {lowest}"
         settings = " ".join(f"{k}={_short(v)}" for k, v in self.settings.items())
-        Console(width=None).print(
-            f"{line}; {settings}", highlight=False, markup=False, soft_wrap=True
-        )
+        Terminal().print(f"{line}; {settings}", highlight=False, markup=False, soft_wrap=True)
 
 
 def error_in(folder: Path) -> float:
     """Validation error of a run in percent; infinite where it has none."""
-    path = folder / METRICS
-    return validation_error(json.loads(path.read_text("utf-8"))) if path.is_file() else math.inf
+    return validation_error(read_metrics(folder)) if (folder / METRICS).is_file() else math.inf
 
 
 def words(settings: Mapping[str, Any]) -> list[str]:
@@ -197,7 +196,7 @@ def write_searches(
 ) -> None:
     """Write search.json: each search, and its runs on fresh seeds, as configured and as tuned."""
     new = {search.name: {**search.content(), "final": chosen[search.name]} for search in searches}
-    content = json.loads((folder / FILE).read_text("utf-8")) if (folder / FILE).is_file() else {}
+    content = read_json(folder / FILE) if (folder / FILE).is_file() else {}
     write_json(folder / FILE, {**content, **new})
 
 
@@ -212,4 +211,4 @@ def print_searches(searches: Sequence[Search]) -> None:
         errors = (percent(content[name]) for name in ("first_percent", "best_percent"))
         settings = " ".join(f"{key}={_short(value)}" for key, value in content["best"].items())
         table.add_row(Text(search.name), str(search.trials), *errors, Text(settings))
-    Console(width=None if Console().is_terminal else 160).print(table)
+    terminal(160).print(table)

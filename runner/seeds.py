@@ -11,7 +11,9 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from runner.run_folder import config_text, name_of, plain
+from runner.choices import plain
+from runner.identity import name_of
+from runner.run_folder import config_text
 
 
 class SeedsOf:

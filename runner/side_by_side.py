@@ -30,8 +30,9 @@ from models.training.identification import SPLITS, Identification
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.vwnn import VWNN
 from runner.outcome import metrics_of
-from runner.run_folder import Run
+from runner.run import Run
 from runner.seeds import SeedsOf
+from runner.settings import check_settings
 
 SIDE_BY_SIDE = (EquivalentLinear, VWNN, LastValue, TwoPoint, FilteredExtrapolation)
 AT_ONCE = 4  # runs on each core; more take more memory and no less time
@@ -39,6 +40,7 @@ AT_ONCE = 4  # runs on each core; more take more memory and no less time
 
 def can_be_batched(cfg: DictConfig) -> bool:
     """Whether runs of this config may go side by side: closed forms on simulated motions."""
+    check_settings(cfg)
     data = data_from(cfg)
     models = [cfg.model, *cfg.baselines.values()]
     return (

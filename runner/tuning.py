@@ -23,7 +23,7 @@ from hydra.core.override_parser.types import Override
 
 from runner.grids import GridSweeper, print_lost, unfinished
 from runner.progress import would_fail_again
-from runner.run_folder import FAILED, METRICS
+from runner.run_files import FAILED, METRICS
 
 if TYPE_CHECKING:
     from runner.search import Search
@@ -47,14 +47,16 @@ class TuningSweeper(GridSweeper):
     def sweep(self, arguments: list[str]) -> None:
         try:
             # inside, because Optuna is an extra and Hydra imports every sweeper at every start
-            from runner.search import print_searches, write_searches
+            import runner.search  # noqa: F401
         except ModuleNotFoundError as error:
             need = "pip install -c constraints.txt -e '.[optuna]'"
             raise ValueError(f"a search needs {error.name}: {need}") from None
 
-        assert self.config is not None
-        folder = Path(self.config.hydra.sweep.dir)
-        folder.mkdir(parents=True, exist_ok=True)
+        super().sweep(arguments)
+
+    def work(self, arguments: list[str], folder: Path) -> None:
+        from runner.search import print_searches, write_searches
+
         searches = self.searches(arguments, folder)
         while unfinished := [search for search in searches if search.left > 0]:
             trials = [search.ask() for search in unfinished]  # one of each: they fill the cores

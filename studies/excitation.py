@@ -26,9 +26,12 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from data.arguments import Parser
 from data.simulation.motion import EscapedMotionError
+from data.terminal import terminal
 from models.training.assemble import changed, data_from, estimator_from
 from models.training.metrics import score
+from runner.command_line import command_errors
 from runner.compose import composed
 from runner.paper_values import paper_values
 
@@ -216,14 +219,13 @@ def _range(values: list[float]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--confirm", action="store_true", help="only confirm conf/system")
     only_confirm = parser.parse_args().confirm
-    console = Console(width=None if Console().is_terminal else 130)
+    console = terminal(130)
     confirm({s: None if only_confirm else search(s, console) for s in GRID}, console)
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

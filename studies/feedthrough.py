@@ -17,15 +17,17 @@ from pathlib import Path
 from statistics import median
 
 import torch
-from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
+from data.arguments import Parser
 from data.record import Record
 from data.simulation.motion import EscapedMotionError
+from data.terminal import Terminal
 from models.training.assemble import changed, data_from, estimator_from
 from models.training.metrics import score
 from models.vwnn import VWNN
+from runner.command_line import command_errors
 from runner.compose import composed
 from runner.run_folder import write_json
 
@@ -69,9 +71,7 @@ def feedthrough_errors(seeds: range = SEEDS) -> dict[str, dict[str, list[float]]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, default=OUTPUT, help=f"default: {OUTPUT}")
     output = parser.parse_args().output
     errors = feedthrough_errors()
@@ -82,8 +82,9 @@ def main() -> None:
         table.add_column(name, justify="left" if name == "system" else "right")
     for system, by_name in errors.items():
         table.add_row(system, *(f"{median(values):.2f}" for values in by_name.values()))
-    Console(width=100).print(table, f"errors in {output}")
+    Terminal(width=100).print(table, f"errors in {output}")
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

@@ -18,10 +18,12 @@ from itertools import product
 from statistics import median
 
 from joblib import Parallel, delayed
-from rich.console import Console
 from rich.table import Table
 
+from data.arguments import Parser
+from data.terminal import Terminal
 from models.training.assemble import changed
+from runner.command_line import command_errors
 from runner.paper_values import paper_values
 from studies.excitation import Cell, Draws, configs_of, inside, run_seeds
 
@@ -66,9 +68,7 @@ def row(name: str, draws: Draws) -> tuple[str, ...]:
 
 
 def main() -> None:
-    argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    ).parse_args()
+    Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     base, models, scenarios = configs_of("polynomial")
     models = {method: models[method] for method in METHODS}
 
@@ -100,8 +100,9 @@ def main() -> None:
     own = scenarios["integrated"]
     setting = (own.causal, own.order, own.cutoff)
     table.add_row(*row(f"conf, fresh: {named[setting]}", drawn(setting, FRESH_SEEDS)))
-    Console(width=150).print(table)
+    Terminal(width=150).print(table)
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

@@ -18,10 +18,11 @@ from statistics import median
 import torch
 from joblib import Parallel, delayed
 from omegaconf import DictConfig
-from rich.console import Console
 from rich.table import Table
 
+from data.arguments import Parser
 from data.datamodule import Data
+from data.terminal import terminal
 from models.estimator import Estimator
 from models.training.assemble import changed, data_from, estimator_from
 from models.training.metrics import score
@@ -30,6 +31,7 @@ from models.training.solvers.lbfgs import LBFGS
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.training.trainable import require_trainable
 from report.paper.cells import SETTINGS
+from runner.command_line import command_errors
 from runner.compose import composed
 from runner.paper_values import paper_values
 
@@ -85,10 +87,8 @@ def _gain(losses: list[float]) -> float:
 
 
 def main() -> None:
-    argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    ).parse_args()
-    console = Console(width=None if Console().is_terminal else 130)
+    Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    console = terminal(130)
     hits = dict.fromkeys([*(f"{fraction:g}" for fraction in FRACTIONS), "lbfgs"], 0)
     for system, scenario in SETTINGS.values():
         title = f"{system}, {scenario}: medians over seeds {SEEDS}"
@@ -119,4 +119,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

@@ -40,7 +40,7 @@ class Textbook:
         self.P = (self.P - np.outer(K, g)) / FORGETTING
 
 
-def contenders(a: torch.Tensor, f: torch.Tensor) -> Iterator[tuple[str, Callable[[int], None]]]:
+def contenders(a: torch.Tensor, f: torch.Tensor) -> Iterator[tuple[str, Callable[[int], object]]]:
     """Names and what takes the sample k."""
     samples, model = samples_from(a, f), VWNN(3, 3, DT)
     xi, _ = model.filters(torch.cat([a, f], dim=-1))

@@ -34,8 +34,10 @@ from benchmarks.published.measure import (
 )
 from benchmarks.published.page import write_page
 from benchmarks.published.table import report
-from runner.command_line import one_line_errors, quiet_lightning
+from data.terminal import Terminal
+from runner.command_line import one_line_errors
 from runner.compose import composed
+from runner.job import quiet_lightning
 from runner.run_folder import write_json
 
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")
@@ -109,7 +111,7 @@ def main() -> None:
         threadpool_limits(1)
         quiet_lightning()
         (options.output / "results").mkdir(parents=True, exist_ok=True)
-        console = Console(width=120)
+        console = Terminal(width=120)
         results = measured(options, console)
         report(results, options.output, console)
         if options.page is not None:

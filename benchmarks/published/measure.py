@@ -18,14 +18,14 @@ import numpy as np
 import torch
 
 from benchmarks.published import narx, sindy, subnet
+from data.datamodule import Data
 from data.record import Drive, Record
-from data.simulation.datamodule import SimulatedData
 from models.checkpoint import load_estimator
 from models.estimator import NoFreeRunError
 from models.training.assemble import data_from, estimator_from
 from runner.compose import composed
-from runner.run_folder import CHECKPOINT
-from train import identify
+from runner.job import identify
+from runner.run_files import CHECKPOINT
 
 PACKAGES = {"subnet": subnet, "narx": narx, "sindy": sindy}
 INSTALL = "pip install -e '.[published]'"
@@ -49,7 +49,7 @@ class Case:
         sizes = (f"data.train_records={self.records}", f"data.duration={self.duration}")
         return f"system={self.system}", f"seed={self.seed}", *sizes
 
-    def data(self) -> SimulatedData:
+    def data(self) -> Data:
         data = data_from(composed(*self.words()))
         data.setup()
         return data

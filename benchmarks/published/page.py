@@ -128,7 +128,9 @@ def _lost(results: Sequence[Result]) -> str:
     grouped: dict[tuple[str, ...], list[int]] = {}
     for r in mine:
         system, records = PRINTED.get(r["system"], r["system"]), str(r["records"])
-        grouped.setdefault((f"`{r['model']}`", system, records, r["remark"]), []).append(r["seed"])
+        grouped.setdefault((f"`{r['model']}`", str(system), records, r["remark"]), []).append(
+            r["seed"]
+        )
     lines = [(*key, ", ".join(map(str, sorted(seeds)))) for key, seeds in grouped.items()]
     return as_markdown([("model", "system", "records", "why", "seeds"), *lines])
 

@@ -146,7 +146,9 @@ def peer_rows(system: str, size: Size) -> list[tuple[str, ...]]:
     case = case_of(system, size.peer_duration)
     exact, ours = case.reference(system), case.seconds(5 * size.repeats)
     error = relative_rms(case.motion().a, exact)
-    rows = [(system, "ours", "1e-07", f"{error:.1e}", f"{1e3 * ours:.2f}", "1", "")]
+    rows: list[tuple[str, ...]] = [
+        (system, "ours", "1e-07", f"{error:.1e}", f"{1e3 * ours:.2f}", "1", "")
+    ]
     best = size.peer_budget
     for peer in PEERS:
         rtol, reached, seconds = loosest(peer, case, exact, EQUAL * error, best)

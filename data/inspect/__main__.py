@@ -12,6 +12,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.text import Text
 
@@ -21,6 +22,7 @@ from data.inspect.inspection import Inspection, inspection, places, step_of
 from data.inspect.picture import draw
 from data.inspect.summary import show
 from data.measured.files.columns import FileError
+from data.terminal import terminal
 
 CONFIGS = "configs"  # folder of configs, where --config names none
 READER = {"skip_rows": 0, "delimiter": None, "decimal": ".", "group": None, "header": True}
@@ -52,9 +54,7 @@ def inspect(words: Sequence[str] | None = None) -> None:
     records = places(args.record, args.channels)
     if (args.picture or args.config) and len(records) > 1:
         raise ValueError(f"--picture and --config are of one record; there are {len(records)}")
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=140)
+    console = terminal(140)
     reader = {key: getattr(args, key) for key in READER}
     read = 0
     for path, named in records:
@@ -97,7 +97,8 @@ def save_picture(path: Path, record: Inspection) -> None:
     dt, samples = next((steps[name], len(signal)) for name, signal in raw.channels.items())
     timed = bool(raw.clocks) or raw.time is not None or raw.dt is not None
     rate = f", {1.0 / dt:.6g} Hz, {dt * samples:.4g} s" if timed else ""
-    title = plain(f"{raw.name}: {samples:,} samples{rate}")
+    name = raw.name if len(raw.name) <= 60 else f"{raw.name[:59]}…"
+    title = f"{name}: {samples:,} samples{rate}"
     draw(path, title, raw.channels, steps, record.spectra, record.units, timed)
 
 
@@ -112,7 +113,8 @@ def save_config(path: Path, record: Inspection, args: argparse.Namespace) -> Non
 def main(words: Sequence[str] | None = None) -> None:
     """Run the command line: bad input ends in one line and exit status 1, Ctrl-C in silence."""
     try:
-        inspect(words)
+        with np.errstate(all="ignore"):  # absurd values show in the statistics
+            inspect(words)
     except (ValueError, OSError) as error:
         print(f"error: {reason(error)}", file=sys.stderr)
         sys.exit(1)

@@ -5,7 +5,10 @@ Nothing guessed takes effect before somebody who knows the sensors takes its # a
 
 from __future__ import annotations
 
+import math
+import os
 import re
+import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,26 +19,50 @@ from data.arguments import plain
 from data.measured.channels import signal_of
 from data.measured.finding import Finding
 
+OWN = Path(__file__).parents[2] / "conf" / "data"
+
 
 def config_path(wanted: str, record: Path) -> Path:
     """FOLDER/data/NAME.yaml, where Hydra looks for data=NAME under --config-dir FOLDER.
 
-    wanted: a folder, or the .yaml file itself.
+    wanted: a folder, or the .yaml file itself. Raises ValueError for a name that the project's own
+    configs have, which come before those of --config-dir.
     """
     place = Path(wanted)
+    taken = {path.stem for path in OWN.glob("*.yaml")}
     if place.suffix not in (".yaml", ".yml"):
-        name = re.sub(r"\W+", "_", record.resolve().stem).strip("_") or "record"
-        return place / "data" / f"{name}.yaml"
-    inside = place.resolve().parent.name == "data"
+        name = re.sub(r"\W+", "_", plain(record.resolve().stem))[:60].strip("_") or "record"
+        return place / "data" / f"{name}{'_record' if name in taken else ''}.yaml"
+    if place.stem in taken:
+        raise ValueError(
+            f"--config {wanted}: data={place.stem} is a config of the project itself; choose "
+            "another name"
+        )
+    inside = Path(os.path.abspath(place)).parent.name == "data"
     return place.with_suffix(".yaml") if inside else place.parent / "data" / f"{place.stem}.yaml"
 
 
 def command(config: Path, channels: Iterable[str]) -> str:
-    """Command that trains on a config; accelerations alone are integrated first."""
+    """Command that trains on a config, as a shell and Hydra take it; accelerations are integrated.
+
+    Only accelerations are integrated first: with x and v there is nothing to integrate.
+    """
     signals = {signal_of(channel) for channel in channels}
-    scenario = " scenario=integrated" if "a" in signals and not {"x", "v"} <= signals else ""
-    folder = config.parent.parent
-    return f"python train.py --config-dir {folder} data={config.stem} model=vwnn{scenario}"
+    scenario = ["scenario=integrated"] if "a" in signals and not {"x", "v"} <= signals else []
+    folder = str(Path(os.path.abspath(config)).parent.parent)
+    folder = folder if config.is_absolute() else os.path.relpath(folder)
+    folder = f"./{folder}" if folder.startswith("-") else folder
+    words = ["--config-dir", folder, f"data={_choice(config.stem)}", "model=vwnn", *scenario]
+    return f"python train.py {shlex.join(words)}"
+
+
+def _choice(name: str) -> str:
+    """A name as Hydra's grammar takes it for a choice: quoted unless it is a plain word."""
+    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) and yaml.safe_load(name) == name:
+        return name
+    quoted = re.sub(r"(\\*)'", r"\1\1\\'", name)
+    quoted = re.sub(r"(\\+)$", r"\1\1", quoted)
+    return f"'{quoted}'"
 
 
 def write_config(
@@ -53,7 +80,7 @@ def write_config(
     text = [
         "# @package _global_",
         f"# {plain(Path(settings['path']).name)}, as python -m data.inspect understood it",
-        f"# {command(path, channels or guesses.values())}",
+        f"# {plain(command(path, channels or guesses.values()))}",
         "defaults: [measured, _self_]",
         "data:",
         *(f"  {line}" for line in inner),
@@ -64,7 +91,8 @@ def write_config(
 
 def _channels(channels: Mapping[str, str], guesses: Mapping[str, str]) -> Iterator[str]:
     if channels:
-        yield from _dumped({"channels": dict(channels)})
+        yield "channels:"
+        yield from (f"  {line}" for line in _dumped(channels))
     elif guesses:
         yield "channels: # guesses: take away the # of each line that is right"
         for column, channel in guesses.items():
@@ -96,16 +124,32 @@ def _number(text: str) -> float:
 
 
 def _dumped(settings: Mapping[str, Any]) -> list[str]:
-    """Lines of YAML; a column called ${…} must not be taken for an interpolation."""
-    if not settings:
-        return []
-    text = yaml.safe_dump(
-        _escaped(dict(settings)), sort_keys=False, allow_unicode=True, width=10_000
-    )
-    return text.splitlines()
+    """A line of YAML for each value; composed and resolved once it is what it was."""
+    return [f"{_scalar(key)}: {_value(value)}" for key, value in settings.items()]
 
 
-def _escaped(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _escaped(inner) for key, inner in value.items()}
-    return value.replace("${", "\\${") if isinstance(value, str) else value
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_scalar(k)}: {_scalar(v)}" for k, v in value.items()) + "}"
+    return _scalar(value)
+
+
+def _scalar(value: Any) -> str:
+    """One line of YAML: a plain word, else in double quotes with escapes."""
+    if not isinstance(value, str):
+        return str(yaml.safe_dump(value)).split("\n")[0]
+    if re.fullmatch(r"[A-Za-z/][A-Za-z0-9_./]*", value) and yaml.safe_load(value) == value:
+        return value
+    dumped = yaml.safe_dump(literal(value), default_style='"', width=math.inf)
+    return str(dumped).removesuffix("\n")
+
+
+def literal(text: str) -> str:
+    """Text that OmegaConf, which resolves it once, gives back as it is.
+
+    k backslashes before ${ become 2 k + 1: pairs stand for one each, the last keeps the ${ from
+    being an interpolation. Three question marks alone would mean that a value is missing.
+    """
+    if text == "???":
+        return "${oc.decode:\"'???'\"}"
+    return re.sub(r"(\\*)\$\{", r"\1\1\\${", text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.signal import find_peaks, welch
+
+from data.arguments import label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,17 +71,20 @@ def draw(
     if max(len(channels[name]) for name in shown) > SEEN:
         title += f"; spectra of the middle {SEEN:,} samples"
     figure = Figure(figsize=(11.0, 1.7 * len(shown) + 1.0), layout="constrained")
-    figure.suptitle(title, fontsize=10)
+    figure.suptitle(label(title, 150), fontsize=10)
     grid = figure.subplots(len(shown), 2, squeeze=False, width_ratios=(2, 1), sharex="col")
     for (left, right), name in zip(grid, shown, strict=True):
         unit = units.get(name, "").replace("^2", "²")
         _history(left, channels[name], steps[name])
-        left.set_ylabel(f"{name} [{unit}]" if unit else name)
+        words = label(name, 24)
+        left.set_ylabel(f"{words} [{label(unit, 12)}]" if unit else words)
         _density(right, spectra[name])
-        right.set_ylabel(f"[({unit})²/Hz]" if unit else "power density", fontsize=8)
+        right.set_ylabel(f"[({label(unit, 12)})²/Hz]" if unit else "power density", fontsize=8)
     grid[-1, 0].set_xlabel("time [s]" if timed else "sample")
     grid[-1, 1].set_xlabel("frequency [Hz]" if timed else "frequency [1/sample]")
-    figure.savefig(path, dpi=110)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # drawn as a box
+        figure.savefig(path, dpi=110)
 
 
 def _history(axes: Axes, signal: np.ndarray, dt: float) -> None:

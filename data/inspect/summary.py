@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 
 import numpy as np
@@ -32,11 +33,11 @@ def show(console: Console, record: Inspection) -> None:
     if not record.findings:
         console.print(Text("  nothing wrong was found", style="green"))
     if record.guesses:
-        words = [f"{channel}={_quoted(column)}" for column, channel in record.guesses.items()]
+        words = [f"{channel}={shlex.quote(column)}" for column, channel in record.guesses.items()]
         console.print(Text("  what these columns may be; you decide:", style="cyan"))
         console.print(Text(plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
     elif not any(CHANNEL.fullmatch(name) for name in record.raw.channels):
-        example = _quoted(next(iter(record.raw.channels)))
+        example = shlex.quote(next(iter(record.raw.channels)))
         advice = f"  say what each column is: --channels a1={plain(example)} …"
         console.print(Text(advice, style="cyan"))
 
@@ -70,9 +71,7 @@ def _channels(record: Inspection) -> Table:
     table.add_column("  channel")
     for head in ("unit", "least", "largest", "mean", "std", "missing"):
         table.add_column(head, justify="left" if head == "unit" else "right")
-    table.add_column(
-        "strongest frequencies " + ("[Hz]" if timed else "[1/sample]").replace("[", "\\[")
-    )
+    table.add_column("strongest frequencies " + ("[Hz]" if timed else "[1/sample]"))
     for name, x in record.statistics.items():
         numbers = [f"{v:.4g}" for v in (x.minimum, x.maximum, x.mean, x.std)]
         peaks = ", ".join(f"{f:.4g}" for f in dominant(record.spectra[name])) or "–"
@@ -80,7 +79,3 @@ def _channels(record: Inspection) -> Table:
         cells = [f"  {name}", record.units.get(name, ""), *numbers, missing, peaks]
         table.add_row(*(Text(plain(cell)) for cell in cells))
     return table
-
-
-def _quoted(column: str) -> str:
-    return column if column.isidentifier() else "'" + column.replace("'", "'\\''") + "'"

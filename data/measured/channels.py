@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 SIGNALS = ("f", "x", "v", "a", "s", "s_dot", "s_ddot", "r")
-CHANNEL = re.compile(r"(f|x|v|a|s|s_dot|s_ddot|r)([1-9]\d*)")
+CHANNEL = re.compile(r"(f|x|v|a|s|s_dot|s_ddot|r)([1-9][0-9]{0,5})")
 CLOCKS = ("time", "t", "Time", "time_s", "TIME")  # columns that are taken for time
 
 

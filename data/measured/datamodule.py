@@ -23,6 +23,7 @@ from data.measured.units import DIMENSIONS
 from data.record import Record
 from data.simulation.scenario import Scenario
 
+SHORTEST, LONGEST = 1e-12, 1e9  # time step [s]
 OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
 
 
@@ -54,7 +55,7 @@ class MeasuredData(Data):
         test: str | Sequence[str] | None = None,
         split: float = 0.5,
         channels: Mapping[str, str] | None = None,
-        units: Mapping[str, str] | None = None,
+        units: Mapping[str, str | None] | None = None,
         dt: float | None = None,
         start: float = 0.0,
         stop: float | None = None,
@@ -77,6 +78,11 @@ class MeasuredData(Data):
             raise ValueError(f"data.quantity={quantity!r}: choose {', '.join(OUTPUTS)}, or null")
         if not 0.0 < split < 1.0:
             raise ValueError(f"data.split={split} must lie between 0 and 1")
+        if dt is not None and not SHORTEST <= dt <= LONGEST:
+            raise ValueError(
+                f"data.dt={dt} s must be a time step from {SHORTEST:g} to {LONGEST:g} s, or null "
+                "where the files have a clock"
+            )
         self.name, self.seed, self.scenario, self.mend = name, seed, scenario, mend
         self.initial_state, self.hold = initial_state, hold
         self.stated_dt, self.stated_quantity = dt, quantity

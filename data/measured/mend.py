@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from scipy.signal import detrend as without_trend
 
 from data.measured.finding import Finding
@@ -57,8 +56,11 @@ class Mending:
     def __post_init__(self) -> None:
         for name in ("resample", "fill", "low_pass", "high_pass"):
             value = getattr(self, name)
-            if value is not None and not 0.0 < value < np.inf:
-                raise ValueError(f"data.mend.{name}={value} must be positive, or null")
+            if value is not None and not 1e-12 <= value <= 1e12:
+                unit = "s" if name == "fill" else "Hz"
+                raise ValueError(
+                    f"data.mend.{name}={value} must be positive, from 1e-12 to 1e12 {unit}, or null"
+                )
         if self.detrend not in (None, "mean", "linear"):
             raise ValueError(f"data.mend.detrend={self.detrend} must be mean, linear or null")
         if not 1 <= self.order <= 20 or int(self.order) != self.order:

@@ -46,6 +46,11 @@ def between(raw: RawRecord, start: float, stop: float | None, closed: bool = Tru
 
     Raises ValueError for a part of fewer than two samples, and a clock that does not rise.
     """
+    for key, value in (("start", start), ("stop", stop)):
+        if value is not None and not np.isfinite(value):
+            raise ValueError(
+                f"data.{key}={value} must be a time in seconds after the first sample; leave it out"
+            )
     if start <= 0.0 and stop is None:
         return raw
     end = np.inf if stop is None else stop

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from data.measured.channels import CHANNEL, CLOCKS, SIGNALS, signal_of
+from data.measured.files.columns import shorten
 from data.measured.files.table import Table, read_table
 from data.measured.raw_record import RawRecord
 from data.measured.units import to_si
@@ -55,8 +56,9 @@ def by_name(table: Table) -> dict[str, str]:
     """Columns that bear names of channels, as {channel: column}. Raises ValueError without any."""
     channels = {name: name for name in table.columns if CHANNEL.fullmatch(name)}
     if not channels:
+        names = [shorten(name, bare=True) for name in list(table.columns)[:12]]
         raise ValueError(
-            f"{table.path} has the columns {', '.join(list(table.columns)[:12])}; say which is "
+            f"{table.path} has the columns {', '.join(names)}; say which is "
             'what, as in "data.channels={time: t, f1: Force, a1: Acc_X}", or call them time, f1, '
             "a1, … in the file"
         )
@@ -120,9 +122,10 @@ def assembled(
     for channel, (file, column) in places.items():
         table = tables[file]
         if column not in table.columns:
+            has = ", ".join(shorten(name, bare=True) for name in list(table.columns)[:12])
             raise ValueError(
-                f"{table.path} has no column {column!r}; it has "
-                f"{', '.join(list(table.columns)[:12])}"
+                f"data.channels: {channel}: {table.path} has no column {shorten(column)}; it has "
+                f"{has}"
             )
         clock = channel.startswith("time")
         signal = "time" if clock else signal_of(channel)
@@ -151,7 +154,8 @@ def _on_one_clock(
     lengths = {channel: len(values) for channel, values in channels.items()}
     if len(set(lengths.values())) > 1 and len(clocks) < 2:
         raise ValueError(
-            f"{path.name}: the channels differ in length ({lengths}); name the clock of each file "
+            f"{path.name}: the channels differ in length ({shorten(lengths, 200, bare=True)}); "
+            "name the clock of each file "
             "as time in data.channels, without a file, and set data.mend.resample"
         )
     dt = stated_dt(tables.values())
@@ -159,22 +163,33 @@ def _on_one_clock(
         return RawRecord(path.name, None, dt, channels, notes=notes)
     first = next(iter(clocks.values()))
     step = np.median(np.diff(first)) if len(first) > 1 else 0.0
-    agree = all(
-        len(clock) == len(first) and np.abs(clock - first).max() <= SAME * abs(step)
-        for clock in clocks.values()
-    )
-    if agree:
-        return RawRecord(path.name, first - first[0], dt, channels, notes=notes)
-    origin = min(clock[0] for clock in clocks.values())
+    others = list(clocks.values())[1:]
+    if all(_agree(clock, first, SAME * abs(step)) for clock in others):
+        return RawRecord(path.name, first - _first(first), dt, channels, notes=notes)
+    origin = min(_first(clock) for clock in clocks.values())
     of_channel = {c: clocks[places[c][0]] - origin for c in channels}
     return RawRecord(path.name, None, dt, channels, of_channel, notes)
+
+
+def _agree(clock: np.ndarray, other: np.ndarray, most: float) -> bool:
+    """Whether two clocks differ by no more than `most` [s], and lack the same times."""
+    if len(clock) != len(other) or (np.isfinite(clock) != np.isfinite(other)).any():
+        return False
+    known = np.isfinite(clock)
+    return bool(np.abs(clock[known] - other[known]).max(initial=0.0) <= most)
+
+
+def _first(clock: np.ndarray) -> float:
+    """The first time that is known, or 0."""
+    known = np.flatnonzero(np.isfinite(clock))
+    return float(clock[known[0]]) if len(known) else 0.0
 
 
 def stated_dt(tables: Iterable[Table]) -> float | None:
     """Time step [s] that a file states beside its columns, as dt or fs; None where none does."""
     for table in tables:
         for key, value in table.facts.items():
-            if not value > 0.0:
+            if not 1e-300 < value < 1e300:
                 continue
             name = key.lower().replace(" ", "_").replace("_", "")
             if name in ("dt", "ts", "timestep", "samplingtime", "sampleperiod"):

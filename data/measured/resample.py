@@ -16,6 +16,7 @@ from scipy.signal import butter, sosfiltfilt
 from data.measured.raw_record import RawRecord
 from data.measured.statistics import runs
 from data.measured.time_step import time_step
+from data.memory import require_memory
 
 PASS = 0.8  # of the new Nyquist frequency: −6 dB point of the anti-alias filter
 ANTI_ALIAS_ORDER = 8
@@ -100,6 +101,11 @@ def _missing(signal: Sampled) -> tuple[np.ndarray, np.ndarray]:
     place = np.arange(len(signal.time))
     if "dropped samples" in signal.troubles or "uneven time steps" in signal.troubles:
         steps = np.maximum(np.rint(np.diff(signal.time) / signal.dt), 1.0)
+        require_memory(
+            16.0 * steps.sum(),
+            f"{len(place)} samples with a gap of {steps.max() * signal.dt:.4g} s filled",
+            "cut the gap out with data.start or data.stop",
+        )
         place[1:] = np.cumsum(steps.astype(np.int64))
     missing = np.ones(int(place[-1]) + 1, dtype=bool)
     missing[place[np.isfinite(signal.values)]] = False
@@ -126,7 +132,15 @@ def resampled(name: str, channels: dict[str, Sampled], rate: float, done: list[s
     """
     start = max(float(signal.time[0]) for signal in channels.values())
     stop = min(float(signal.time[-1]) for signal in channels.values())
-    count = int((stop - start) * rate * (1.0 + 1e-9)) + 1
+    wanted = (stop - start) * rate * (1.0 + 1e-9)
+    fastest = max(rate, *(1.0 / signal.dt for signal in channels.values()))
+    if np.isfinite(wanted):
+        require_memory(
+            16.0 * len(channels) * max((stop - start) * fastest, 0.0),
+            f"{name}: data.mend.resample={rate:g} Hz over {stop - start:.4g} s",
+            "lower it, or cut the record with data.start and data.stop",
+        )
+    count = int(wanted) + 1 if np.isfinite(wanted) else 0
     if stop <= start or count < 2:
         raise ValueError(
             f"{name}: the channels have no common time, the last begins at {start:.4g} s and the "

@@ -8,6 +8,7 @@ from fnmatch import fnmatch
 from glob import glob
 from pathlib import Path
 
+from data.measured.files.columns import shorten
 from data.measured.raw_record import RawRecord, between
 
 
@@ -16,19 +17,30 @@ def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None)
     patterns = [path] if isinstance(path, str) else list(path)
     paths: list[Path] = []
     for pattern in patterns:
-        hits = [pattern] if Path(pattern).exists() else sorted(glob(pattern))
+        hits = [pattern] if _exists(pattern) else sorted(glob(pattern))
         if not hits:
             raise ValueError(
-                f"data.path={pattern}: there is no such file or folder (seen from {Path.cwd()})"
+                f"data.path={shorten(pattern, 300, bare=True)}: there is no such file or folder "
+                f"(seen from {Path.cwd()})"
             )
         paths += [Path(hit) for hit in hits]
     one_each = any(":" in where for where in (channels or {}).values())
     places: list[Path] = []
     for place in paths:
-        whole = place.is_file() or one_each
-        files = [] if whole else sorted(p for p in place.iterdir() if p.is_file())
-        places += [place] if whole else files
+        whole = not place.is_dir() or one_each
+        files = [place] if whole else sorted(p for p in place.iterdir() if p.is_file())
+        if not files:
+            raise ValueError(f"data.path={place} is an empty folder; expected files of records")
+        places += files
     return places
+
+
+def _exists(path: str) -> bool:
+    """Whether there is such a file or folder; a loop of links or a name too long is none."""
+    try:
+        return Path(path).exists()
+    except (OSError, ValueError, RuntimeError):
+        return False
 
 
 def split_records(
@@ -45,7 +57,7 @@ def split_records(
                 f"there are {len(raws)} records, {', '.join(names[:6])}: say which to test on, "
                 f"for example data.test=[{names[-1]}]"
             )
-        name, raw = next(iter(raws.items()))
+        ((name, raw),) = raws.items()
         first, last = raw.span
         middle = first + split * (last - first)
         return {

@@ -8,6 +8,7 @@ import numpy as np
 
 from data.measured.finding import Finding
 
+HUGE, TINY = 1e30, 1e-30  # s; beyond them no clock counts anything
 JITTER = 0.01  # of dt: steps that differ by less are even
 ROUGH = 0.1  # of dt: stamps with a finer rounding are not reported
 GAP = 1.5  # times dt: longer steps have lost samples
@@ -28,6 +29,9 @@ def time_step(time: np.ndarray) -> tuple[float, list[Finding]]:
     if len(missing):
         text = f"{len(missing)} times are missing, the first at sample {missing[0]}; {_WITHOUT}"
         return _median(time[np.isfinite(time)]), [Finding("NaN run", "", text, True)]
+    if not np.abs(time).max() <= HUGE:
+        text = f"times beyond {HUGE:g} s, such as {time[np.abs(time).argmax()]:.6g} s; {_WITHOUT}"
+        return _median(time), [Finding("impossible times", "", text, True)]
     steps = np.diff(time)
     if not (steps > 0.0).any() or steps.min() < 0.0:
         return _median(time), [_decreasing(time, steps)]
@@ -109,6 +113,8 @@ def _rounding(time: np.ndarray, steps: np.ndarray) -> tuple[float, float]:
     Rounded stamps take two or three different steps, and stay within their resolution of a line.
     """
     dt = float(steps.mean())
+    if not dt > TINY:
+        return 0.0, dt
     levels = np.unique(np.rint(steps[:1_000_000] * (1000.0 / dt))) * (dt / 1000.0)
     rare = np.abs(steps - np.median(steps)) > JITTER * dt
     if not 2 <= len(levels) <= 6 or rare.sum() < 3:
@@ -172,6 +178,9 @@ def _suspicious(dt: float, time: np.ndarray) -> list[Finding]:
     """Steps unlike any sensor's of a structure: the clock counts something else than seconds."""
     if 1e-6 <= dt < 1.0:
         return []
+    if dt < TINY:
+        text = f"steps of {dt:.4g} s, which no clock has; {_WITHOUT}"
+        return [Finding("impossible times", "", text, True)]
     if dt < 1e-6:
         text = f"steps of {dt:.4g} s; if these are days or hours say data.units.time=day or h"
     elif abs(dt - 1.0) < 1e-9 and not (time[:1000] % 1.0).any():

@@ -56,7 +56,14 @@ class Files:
             if name not in stored:
                 raise ValueError(f"{place} has no variable {name!r}; is it the benchmark's own?")
             if not isinstance(stored[name], np.ndarray) or stored[name].dtype.kind not in "iuf":
-                raise ValueError(f"{place}: {name!r} does not hold real numbers")
+                raise ValueError(
+                    f"{place}: {name!r} does not hold real numbers; is it the benchmark's own? "
+                    "fetch it again"
+                )
+            if not (stored[name].size and np.isfinite(stored[name]).all()):
+                raise ValueError(
+                    f"{place}: {name!r} is empty or not finite; expected samples; fetch it again"
+                )
         return [np.asarray(stored[name], dtype=np.float64) for name in variables]
 
 

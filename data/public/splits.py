@@ -22,6 +22,16 @@ def _column(signal: np.ndarray) -> np.ndarray:
     return signal.reshape(-1, 1)
 
 
+def _positive(name: str, value: np.ndarray) -> float:
+    """The first of some numbers. Raises ValueError unless it is positive."""
+    number = float(value.flat[0]) if value.size else 0.0
+    if not 0.0 < number < np.inf:
+        raise ValueError(
+            f"{name}={number:g} must be positive; is the file the benchmark's own? fetch it again"
+        )
+    return number
+
+
 def _f16_name(kind: str, level: int) -> str:
     return f"F16Data_{kind}_Level{level}" + ("" if level % 2 else "_Validation") + ".mat"
 
@@ -58,14 +68,14 @@ def silverbox(files: Files) -> Splits:
 def wiener_hammerstein(files: Files) -> Splits:
     """One record of filtered noise, cut in two."""
     u, y, rate = files.load(WIENER_HAMMERSTEIN, "uBenchMark", "yBenchMark", "fs")
-    whole = Series("all", 1.0 / float(rate.item()), _column(u), _column(y), warmup=50)
+    whole = Series("all", 1.0 / _positive("fs", rate), _column(u), _column(y), warmup=50)
     return [whole.cut("train", 5200, 105200)], [whole.cut("test", 105200, 184000)]
 
 
 def cascaded_tanks(files: Files) -> Splits:
     """A training and a test record, each with its own input."""
     u, y, u_test, y_test, dt = files.load(TANKS, "uEst", "yEst", "uVal", "yVal", "Ts")
-    train = Series("train", float(dt.flat[0]), _column(u), _column(y), warmup=50)
+    train = Series("train", _positive("Ts", dt), _column(u), _column(y), warmup=50)
     return [train], [replace(train, name="test", u=_column(u_test), y=_column(y_test))]
 
 
@@ -74,7 +84,7 @@ def emps(files: Files) -> Splits:
     both = []
     for name, path in zip(("train", "test"), EMPS, strict=True):
         force, position, t = files.load(path, "vir", "qm", "t")
-        dt = float(t.flat[1] - t.flat[0])
+        dt = _positive("the step of t", np.diff(t.ravel()[:2]))
         both.append(Series(name, dt, _column(force), _column(position), warmup=20))
     return [both[0]], [both[1]]
 
@@ -98,7 +108,7 @@ def f16(files: Files) -> Splits:
     for path in F16:
         u, y, rate = files.load(path, "Force", "Acceleration", "Fs")
         name = path.rpartition("F16Data_")[2].removesuffix(".mat").removesuffix("_Validation")
-        series = Series(name, 1.0 / float(rate.flat[0]), _column(u[0]), y.T, warmup=50)
+        series = Series(name, 1.0 / _positive("Fs", rate), _column(u[0]), y.T, warmup=50)
         (test if "Validation" in path else train).append(series)
     return train, test
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from data.checked import checked
 from data.simulation.elements import BoucWen
 from data.simulation.structure import Structure
 
@@ -72,6 +73,7 @@ class Damage(ABC):
         """
 
 
+@checked
 @dataclass(frozen=True)
 class StiffnessLoss(Damage):
     """`element` loses the fraction φ of its stiffness, at once or evenly over a `duration`.
@@ -91,6 +93,8 @@ class StiffnessLoss(Damage):
                 f"damage.fraction={self.fraction} must lie in (0, 1]: 0.2 is a loss of 20 % of the "
                 "stiffness"
             )
+        if not math.isfinite(self.time):
+            raise ValueError(f"damage.time={self.time} s lies outside every record")
         if not 0.0 <= self.duration < math.inf:
             raise ValueError(f"damage.duration={self.duration} s must not be negative")
 
@@ -125,6 +129,7 @@ class StiffnessLoss(Damage):
         return kept
 
 
+@checked
 @dataclass(frozen=True)
 class HystereticDegradation(Damage):
     """A Bouc–Wen `element` wears with the energy E that it takes up, from the start of the record.

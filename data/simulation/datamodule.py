@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 
+from data.checked import checked
 from data.datamodule import Data
 from data.record import Record
 from data.simulation.damage import Damage
@@ -13,6 +14,7 @@ from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
 
 
+@checked
 class SimulatedData(Data):
     """Training and test motions of one structure, each `duration` [s] long, sampled every `dt` [s].
 
@@ -43,6 +45,21 @@ class SimulatedData(Data):
         self.simulation = Simulation(
             structure, excitation, scenario, dt, duration, name, tolerance, damage
         )
+        if seed < 0:
+            raise ValueError(f"seed={seed} must not be negative")
+        for split, count in (("train", train_records), ("test", test_records)):
+            if count < 1:
+                raise ValueError(f"data.{split}_records={count} must be at least 1")
+        self.simulation.require_room(train_records + test_records)
+        samples = self.simulation.samples
+        kept = round((1.0 - validation) * samples) if validation > 0.0 else samples
+        if validation > 0.0 and samples - kept < 2:
+            raise ValueError(
+                f"data.validation={validation} holds {samples - kept} of {samples} samples back; "
+                "at least 2 are needed: raise it, or 0 for none"
+            )
+        channels = 7 * structure.dofs + 2 * (structure.supports + len(structure.elements))
+        self.check_windows([kept] * min(train_records, 1000), channels)
         for waveform in (excitation.force, excitation.support):
             if waveform is not None:
                 waveform.check(train_records)

@@ -25,16 +25,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from data.checked import checked
 from data.simulation.accelerograms import Accelerogram, check_event, earthquake_of, read_event
 from data.simulation.excitation import Signal, Waveform
 
 GRAVITY = 9.80665  # m/s² in a g
 LOST = 0.05  # of the Arias intensity, at most
+MOST_EVENTS = 10_000
 
 
+@checked
 @dataclass(frozen=True)
 class RecordedEarthquake(Waveform):
     """Ground motions of recorded events; an earthquake is trained on or tested, never both.
@@ -48,7 +52,7 @@ class RecordedEarthquake(Waveform):
     own.
     """
 
-    events: Sequence[str]
+    events: Sequence[Any]  # str; what is wrong with others, check_event says
     train_records: int
     test_events: Sequence[str] | None = None
     seed: int | None = None
@@ -60,6 +64,8 @@ class RecordedEarthquake(Waveform):
         for name, events in (("events", self.events), ("test_events", self.test_events or ())):
             if isinstance(events, str):
                 raise ValueError(f"{name}={events!r} must be a list, for example [{events}]")
+            if len(events) > MOST_EVENTS:
+                raise ValueError(f"{name} lists {len(events)} events; {MOST_EVENTS} are possible")
             listed = [check_event(event) for event in events]
             if len(set(listed)) < len(listed):
                 raise ValueError(f"{name}={listed} names an event twice")
@@ -68,6 +74,11 @@ class RecordedEarthquake(Waveform):
         for name, value in (("peak", self.peak), ("scale", self.scale)):
             if value is not None and not 0.0 < value < np.inf:
                 raise ValueError(f"{name}={value} of the earthquakes must be positive")
+        if self.train_records < 1 or (self.seed is not None and self.seed < 0):
+            raise ValueError(
+                f"train_records={self.train_records}, seed={self.seed} of the earthquakes: "
+                "expected at least 1 and 0"
+            )
         if not 0.0 <= self.lag < 1.0:
             raise ValueError(f"lag={self.lag} s of the earthquakes must lie between 0 and 1 s")
 

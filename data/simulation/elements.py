@@ -19,6 +19,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import ClassVar
 
+from data.checked import checked
 from data.numba_cache import compilers
 
 HERE = Path(__file__)
@@ -164,6 +165,7 @@ class Element:
         raise NotImplementedError
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Bilinear(Element):
     """Bilinear hysteresis: r = k2 y + (k1 − k2) z + c ẏ, z elastoplastic at ±z_y (Fig. 5a)."""
@@ -185,6 +187,7 @@ class Bilinear(Element):
         return self.stiffness, self.damping
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class LimitedSlip(Element):
     """Slider (k1, ±z_y) in parallel with a spring k2 beyond a gap ±z_g, plus c ẏ (Fig. 5b)."""
@@ -207,6 +210,7 @@ class LimitedSlip(Element):
         return self.stiffness, self.damping
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Polynomial(Element):
     """Cubic spring and linear damper: r = p1 y + p2 ẏ + p3 y³ (Eq. 19)."""
@@ -225,6 +229,7 @@ class Polynomial(Element):
         return self.stiffness, self.damping
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class BoucWen(Element):
     """Bouc–Wen hysteresis: ṙ = [A ẏ − ν (β |ẏ| |r|ⁿ⁻¹ r − γ ẏ |r|ⁿ)] / η (Eq. 20, printed sign).

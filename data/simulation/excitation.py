@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data.checked import checked
 from data.simulation.structure import Structure
 
 Signal = tuple[np.ndarray, np.ndarray]  # values (T, c) and their rates (T, c)
@@ -31,13 +32,14 @@ class Waveform(ABC):
     def check(self, train_records: int) -> None:  # noqa: B027 - most have nothing to say
         """Raise ValueError where this number of training records would test what was trained on."""
 
+    def check_samples(self, samples: int, dt: float) -> None:  # noqa: B027 - as above
+        """Raise ValueError where a record of so many samples cannot be drawn."""
+
 
 def _harmonics(band: Sequence[float], samples: int, dt: float) -> np.ndarray:
     """Numbers of the harmonics of the record that lie in the band [Hz], below Nyquist's."""
     low, high = band
     duration, nyquist = samples * dt, 0.5 / dt
-    if not 0.0 <= low < high:
-        raise ValueError(f"band={list(band)} Hz: expected 0 ≤ lower < upper")
     if high > nyquist:
         raise ValueError(
             f"band={list(band)} Hz reaches above the Nyquist frequency {nyquist:g} Hz; "
@@ -67,6 +69,7 @@ def _sum_of_harmonics(
     return value, rate
 
 
+@checked
 @dataclass(frozen=True)
 class BandLimitedGaussian(Waveform):
     """Zero-mean stationary Gaussian process, flat in its band, independent between channels."""
@@ -74,15 +77,23 @@ class BandLimitedGaussian(Waveform):
     std: float  # of the process [N or m]
     band: Sequence[float] = (0.0, 3.0)  # [Hz]
 
+    def __post_init__(self) -> None:
+        _require_positive("std", self.std)
+        _require_band(self.band)
+
+    def check_samples(self, samples: int, dt: float) -> None:
+        _harmonics(self.band, samples, dt)
+
     def draw(
         self, samples: int, dt: float, channels: int, record: int, rng: np.random.Generator
     ) -> Signal:
         harmonics = _harmonics(self.band, samples, dt)
-        scale = _positive("std", self.std) / np.sqrt(harmonics.size)
+        scale = self.std / np.sqrt(harmonics.size)
         cosine, sine = scale * rng.standard_normal((2, harmonics.size, channels))
         return _sum_of_harmonics(harmonics, cosine, sine, samples, dt)
 
 
+@checked
 @dataclass(frozen=True)
 class Multisine(Waveform):
     """Harmonics of equal amplitude and random phase: a flat spectrum without chance in its size."""
@@ -90,16 +101,24 @@ class Multisine(Waveform):
     std: float  # root-mean-square value [N or m]
     band: Sequence[float] = (0.0, 3.0)  # [Hz]
 
+    def __post_init__(self) -> None:
+        _require_positive("std", self.std)
+        _require_band(self.band)
+
+    def check_samples(self, samples: int, dt: float) -> None:
+        _harmonics(self.band, samples, dt)
+
     def draw(
         self, samples: int, dt: float, channels: int, record: int, rng: np.random.Generator
     ) -> Signal:
         harmonics = _harmonics(self.band, samples, dt)
-        amplitude = _positive("std", self.std) * np.sqrt(2.0 / harmonics.size)
+        amplitude = self.std * np.sqrt(2.0 / harmonics.size)
         phase = rng.uniform(0.0, 2.0 * np.pi, (harmonics.size, channels))
         cosine, sine = amplitude * np.cos(phase), amplitude * np.sin(phase)
         return _sum_of_harmonics(harmonics, cosine, sine, samples, dt)
 
 
+@checked
 @dataclass(frozen=True)
 class SineSweep(Waveform):
     """A sinusoid whose frequency rises linearly through the band; random phase per channel."""
@@ -107,30 +126,46 @@ class SineSweep(Waveform):
     amplitude: float  # [N or m]
     band: Sequence[float] = (0.1, 3.0)  # [Hz]
 
+    def __post_init__(self) -> None:
+        _require_positive("amplitude", self.amplitude)
+        _require_band(self.band)
+
+    def check_samples(self, samples: int, dt: float) -> None:
+        _harmonics(self.band, samples, dt)
+
     def draw(
         self, samples: int, dt: float, channels: int, record: int, rng: np.random.Generator
     ) -> Signal:
-        _harmonics(self.band, samples, dt)  # checks the band
+        self.check_samples(samples, dt)
         low, high = 2.0 * np.pi * np.asarray(self.band)
         t = dt * np.arange(samples)[:, None]
         pace = (high - low) / (samples * dt)
         phase = low * t + 0.5 * pace * t**2 + rng.uniform(0.0, 2.0 * np.pi, channels)
-        size = _positive("amplitude", self.amplitude)
-        return size * np.sin(phase), size * (low + pace * t) * np.cos(phase)
+        rate = self.amplitude * (low + pace * t) * np.cos(phase)
+        return self.amplitude * np.sin(phase), rate
 
 
+@checked
 class Given(Waveform):
     """A history given as an array (N, c) or a file of one (.npy, .csv), sampled every `data.dt`.
 
     Record i takes rows i·T … (i+1)·T − 1, so that testing never repeats training.
     """
 
-    def __init__(self, values: np.ndarray | None = None, path: str | None = None) -> None:
+    def __init__(
+        self,
+        values: np.ndarray | Sequence[float] | Sequence[Sequence[float]] | None = None,
+        path: str | None = None,
+    ) -> None:
         if (values is None) == (path is None):
             raise ValueError("give either values or path, for example excitation.force.path=f.csv")
         if path is not None:
             values = _load_table(Path(path))
-        self.values = np.asarray(values, dtype=float)
+        assert values is not None
+        try:
+            self.values = np.asarray(values, dtype=float)
+        except (ValueError, TypeError, OverflowError) as error:  # rows of unequal length, words
+            raise ValueError(f"a given history is no table of numbers ({error})") from None
         if self.values.ndim == 1:
             self.values = self.values[:, None]
         if self.values.ndim != 2 or not np.isfinite(self.values).all():
@@ -157,17 +192,30 @@ class Given(Waveform):
 def _load_table(path: Path) -> np.ndarray:
     if not path.is_file():
         raise ValueError(f"no file {path}; expected a .npy or .csv table, one column per channel")
-    if path.suffix == ".npy":
-        return np.load(path, allow_pickle=False)
-    return np.loadtxt(path, delimiter=",", comments="#", ndmin=2)
+    try:
+        if path.suffix == ".npy":  # mapped: a header may claim more than the file holds
+            table = np.load(path, mmap_mode="r", allow_pickle=False)
+        else:
+            table = np.loadtxt(path, delimiter=",", comments="#", ndmin=2)
+    except (ValueError, EOFError, OSError) as error:
+        words = " ".join(str(error).split())
+        raise ValueError(f"{path} cannot be read ({words}); export it again") from None
+    if not isinstance(table, np.ndarray) or table.dtype.kind not in "fiu" or table.ndim > 2:
+        raise ValueError(f"{path} holds no table of numbers; expected one column per channel")
+    return np.array(table, dtype=float)
 
 
-def _positive(name: str, value: float) -> float:
+def _require_positive(name: str, value: float) -> None:
     if not 0.0 < value < np.inf:
         raise ValueError(f"{name}={value} of the excitation must be positive")
-    return value
 
 
+def _require_band(band: Sequence[float]) -> None:
+    if len(band) != 2 or not 0.0 <= band[0] < band[1]:
+        raise ValueError(f"band={list(band)} Hz: expected 0 ≤ lower < upper")
+
+
+@checked
 @dataclass(frozen=True)
 class Excitation:
     """What drives a structure: a waveform of forces, one of support displacements, or both.
@@ -180,6 +228,23 @@ class Excitation:
     support: Waveform | None = None
     dofs: Sequence[int] | None = None
     ramp: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.ramp < np.inf:
+            raise ValueError(f"excitation.ramp={self.ramp} s must not be negative")
+
+    def check(self, structure: Structure, samples: int, dt: float) -> None:
+        """Raise ValueError where this cannot drive a structure for so many samples."""
+        if self.force is None and self.support is None:
+            raise ValueError("the excitation has neither force nor support; give one of them")
+        if self.support is not None and structure.supports == 0:
+            raise ValueError(
+                "support motion needs a structure with supports s1, s2, …; it has none"
+            )
+        self.driven(structure)
+        for waveform in (self.force, self.support):
+            if waveform is not None:
+                waveform.check_samples(samples, dt)
 
     def driven(self, structure: Structure) -> list[int]:
         """Columns of the DOFs that carry a force."""
@@ -197,12 +262,7 @@ class Excitation:
         self, structure: Structure, samples: int, dt: float, record: int, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Force (T, n) [N], support displacement (T, p) [m] and velocity (T, p) [m/s]."""
-        if self.force is None and self.support is None:
-            raise ValueError("the excitation has neither force nor support; give one of them")
-        if self.support is not None and structure.supports == 0:
-            raise ValueError(
-                "support motion needs a structure with supports s1, s2, …; it has none"
-            )
+        self.check(structure, samples, dt)
         columns = self.driven(structure)
         force = np.zeros((samples, structure.dofs))
         support = velocity = np.zeros((samples, structure.supports))
@@ -216,8 +276,6 @@ class Excitation:
 
     def _growth(self, t: np.ndarray) -> Signal:
         """A half cosine from 0 to 1 over the ramp, and its rate."""
-        if self.ramp < 0.0:
-            raise ValueError(f"excitation.ramp={self.ramp} s must not be negative")
         if self.ramp == 0.0:
             return np.ones_like(t), np.zeros_like(t)
         angle = np.pi * np.minimum(t / self.ramp, 1.0)

@@ -218,29 +218,64 @@ def _change_branches(q, branch, N, ends, law, p):
     return changed
 
 
+class Progress:
+    """A record that is integrated call by call: all that one call hands on to the next.
+
+    The bits are those of a single call. T samples, n DOFs, m supports, E elements.
+    """
+
+    def __init__(self, n: int, m: int, E: int, dt: float, tolerance: float) -> None:
+        N = n + m + 1
+        size = 2 * (N + E)
+        self.q, self.k = np.zeros(size), np.zeros((7, size))
+        self.forces, self.branch = np.zeros(E), np.zeros(E, np.int64)
+        self.scale = np.full(2 * N + E, 1e-9 * tolerance)
+        self.scale[n:N], self.scale[N + n : 2 * N] = np.inf, np.inf  # these are known exactly
+        self.at = np.array([dt, dt])  # step, time since the sample before
+        self.counts = np.zeros(4, np.int64)  # samples done, changes done, stalled, steps tried
+
+    @property
+    def samples(self) -> int:
+        return int(self.counts[0])
+
+    @property
+    def steps(self) -> int:
+        return int(self.counts[3])
+
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        return self.q, self.k, self.forces, self.branch, self.scale, self.at, self.counts
+
+
+UNFINISHED, FINISHED = -2.0, -1.0  # what `integrate` returns where the motion did not escape
+
+
 @compiled
 def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, element, changed_p,
-              changed_z, x, v, a, y, r, work):  # fmt: skip
-    """Fill the record sample by sample from rest; returns the time of escape, or −1.
+              changed_z, x, v, a, y, r, work, q, k, forces, branch, scale, at, counts,
+              most):  # fmt: skip
+    """Go on with a record, from rest at first, by `most` steps; the time of escape, or how it ends.
 
     Change c of element[c] comes offset[c] after sample when[c] − 1: its row of p becomes
-    changed_p[c], its z is multiplied by changed_z[c]. p is overwritten.
+    changed_p[c], its z is multiplied by changed_z[c]. p is overwritten, and so is what `Progress`
+    keeps from call to call.
     """
     n, N, E = f.shape[1], f.shape[1] + s.shape[1] + 1, law.size
     size = 2 * (N + E)
-    q, trial, k = np.zeros(size), np.zeros(size), np.zeros((7, size))
-    forces, branch = np.zeros(E), np.zeros(E, np.int64)
-    scale = np.full(2 * N + E, 1e-9 * tolerance)
-    scale[n:N], scale[N + n : 2 * N] = np.inf, np.inf  # these are known exactly
-    h, change = dt, 0
-    for sample in range(f.shape[0]):
-        start, t, stalled = max(sample - 1, 0) * dt, 0.0, 0
-        if sample == 0:
-            t = dt
+    trial = np.zeros(size)
+    h, t, first = at[0], at[1], counts[0]
+    change, stalled, steps, last = counts[1], counts[2], counts[3], counts[3] + most
+    if first == 0 and steps == 0:
+        _slope(q, branch, masses, ends, law, p, f, s, w, 0, dt, 1.0, k, 0, forces)
+        if _change_branches(q, branch, N, ends, law, p):  # a support may start displaced
             _slope(q, branch, masses, ends, law, p, f, s, w, 0, dt, 1.0, k, 0, forces)
-            if _change_branches(q, branch, N, ends, law, p):  # a support may start displaced
-                _slope(q, branch, masses, ends, law, p, f, s, w, 0, dt, 1.0, k, 0, forces)
+    for sample in range(first, f.shape[0]):
+        start = max(sample - 1, 0) * dt
         while t < dt:
+            if steps >= last:
+                at[0], at[1] = h, t
+                counts[0], counts[1], counts[2], counts[3] = sample, change, stalled, steps
+                return UNFINISHED
+            steps += 1
             due = change < when.size and when[change] == sample
             until = offset[change] if due else dt
             left, tau = until - t, t / dt
@@ -278,4 +313,6 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
         for e in range(E):
             r[sample, e], work[sample, e] = forces[e], q[2 * N + E + e]
             y[sample, e] = q[ends[e, 1]] - q[ends[e, 0]]
-    return -1.0
+        t, stalled = 0.0, 0
+    counts[0], counts[3] = f.shape[0], steps
+    return FINISHED

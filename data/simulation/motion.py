@@ -10,12 +10,18 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Event
 
 import numpy as np
 
 from data.simulation.damage import Changes
-from data.simulation.integrator import integrate
+from data.simulation.integrator import UNFINISHED, Progress, integrate
 from data.simulation.structure import Structure
+
+STEPS_OF_A_CALL = 2_000_000  # over the number of nodes and elements: a fraction of a second
+STEPS_OF_A_SAMPLE, LEAST_BUDGET = 1000, 1_000_000  # that a record may take; usual are 1 to 10
+LONGEST_STEP = 3.5  # times the fastest time constant: beyond, the method is unstable
+REMEDY = "lower its stiffness or damping, raise its mass, or lower data.dt and data.duration"
 
 
 class EscapedMotionError(ValueError):
@@ -47,15 +53,28 @@ def simulate(
     support_velocity: np.ndarray | None = None,
     tolerance: float = 1e-7,
     changes: Changes | None = None,
+    stop: Event | None = None,
 ) -> Motion:
     """Motion of `structure` from rest under `force` (T, n) [N], sampled every `dt` [s].
 
     `support` (T, m) [m] and `support_velocity` (T, m) [m/s] move the supports; without them they
     stand still. `tolerance` is the allowed error of a step relative to the largest x, v and z so
-    far. `changes` of elements come at their instants (data/simulation/damage.py).
-    Raises ValueError for shapes that do not fit, values that are not finite and dt ≤ 0.
+    far. `changes` of elements come at their instants (data/simulation/damage.py). Another thread
+    ends the simulation by setting `stop`.
+    Raises ValueError for shapes that do not fit, values that are not finite, dt ≤ 0, and a motion
+    that takes more steps than `most_steps`.
     A motion that escapes is returned with its `escape_time`.
     """
+    given = {"force": force, "support": support, "support_velocity": support_velocity}
+    for name, u in given.items():
+        if u is None and name != "force":
+            continue
+        if not (isinstance(u, np.ndarray) and u.dtype.kind in "fi"):
+            raise ValueError(f"{name} must be an array of numbers (samples, ·)")
+        if u.ndim != 2:
+            raise ValueError(f"{name} has shape {u.shape}; expected (samples, ·)")
+    if not all(isinstance(u, int | float) for u in (dt, tolerance)):
+        raise ValueError(f"dt={dt!r}, tolerance={tolerance!r}: expected numbers")
     T, n, E = len(force), structure.dofs, len(structure.elements)
     if (support is None) != (support_velocity is None):
         raise ValueError("give support and support_velocity together, or neither")
@@ -84,8 +103,55 @@ def simulate(
     inputs = [np.ascontiguousarray(u, dtype=float) for u in (force, support, support_velocity)]
     changing = _arrays(changes, structure.parameters.shape[1])
     settings = float(dt), float(tolerance)
-    escape = integrate(*model, *inputs, *settings, *changing, x, v, a, y, r, work)
+    progress = Progress(n, structure.supports, E, *settings)
+    fixed = (*model, *inputs, *settings, *changing, x, v, a, y, r, work, *progress.arrays())
+    budget = most_steps(T)
+    call = min(budget, max(1, STEPS_OF_A_CALL // (n + structure.supports + E)))
+    while (escape := integrate(*fixed, call)) == UNFINISHED:  # between calls Ctrl-C is heard
+        if stop is not None and stop.is_set():
+            raise InterruptedError("the simulation was stopped")
+        if progress.steps >= budget:
+            raise ValueError(_beyond(structure, dt, T, progress, budget))
     return Motion(x, v, a, y, r, work, escape_time=None if escape < 0.0 else escape)
+
+
+def most_steps(samples: int) -> int:
+    """Steps that the integrator may take for a record."""
+    return max(LEAST_BUDGET, STEPS_OF_A_SAMPLE * samples)
+
+
+def least_steps(structure: Structure, duration: float) -> tuple[float, str]:
+    """Steps that a record of the linearised structure takes at least, and what asks for them.
+
+    An explicit step may not be longer than some LONGEST_STEP/ω of the fastest motion, whether that
+    is excited or not; a mass whose neighbours stand still has ω² = Σk/m, and a rate Σc/m where it
+    is heavily damped: no more than the fastest of the structure.
+    """
+    stiffness, damping = np.zeros((2, structure.dofs + structure.supports + 1))
+    for (start, end), element in zip(structure.ends, structure.elements.values(), strict=True):
+        k, c = element.tangent()
+        for node in (start, end):
+            stiffness[node] += k
+            damping[node] += c
+    n = structure.dofs
+    rates = np.maximum(
+        np.sqrt(np.maximum(stiffness[:n], 0.0) / structure.masses), damping[:n] / structure.masses
+    )
+    i = int(rates.argmax())
+    cause = (
+        f"x{i + 1} of {structure.masses[i]:g} kg, held by {stiffness[i]:.3g} N/m and "
+        f"{damping[i]:.3g} N s/m, moves at {rates[i]:.3g} rad/s"
+    )
+    return duration * float(rates[i]) / LONGEST_STEP, cause
+
+
+def _beyond(structure: Structure, dt: float, T: int, progress: Progress, budget: int) -> str:
+    done = max(progress.samples, 1)
+    return (
+        f"the integrator took {progress.steps:.3g} steps for the first {done} of {T} samples, and "
+        f"would take {progress.steps * T / done:.3g} for the record; {budget:.3g} are allowed. "
+        f"{least_steps(structure, T * dt)[1]}; {REMEDY}"
+    )
 
 
 def _arrays(changes: Changes | None, width: int) -> tuple[np.ndarray, ...]:
@@ -110,10 +176,17 @@ def simulate_many(
     supports_ = supports if supports is not None else [None] * len(forces)
     velocities_ = support_velocities if support_velocities is not None else [None] * len(forces)
 
+    stop = Event()
+
     def one(force: np.ndarray, s: np.ndarray | None, w: np.ndarray | None) -> Motion:
-        return simulate(structure, force, dt, s, w, tolerance, changes)
+        return simulate(structure, force, dt, s, w, tolerance, changes, stop)
 
     if len(forces) == 1:
         return [one(forces[0], supports_[0], velocities_[0])]
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the compiled loop releases the GIL
-        return list(pool.map(one, forces, supports_, velocities_))
+        try:
+            return list(pool.map(one, forces, supports_, velocities_))
+        except BaseException:  # Ctrl-C, or a record that failed: the others need not go on
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

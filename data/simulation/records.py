@@ -11,10 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from data.checked import checked
+from data.memory import require_memory
 from data.record import Escape, Record, Truth
 from data.simulation.damage import Changes, Damage
 from data.simulation.excitation import Excitation
-from data.simulation.motion import EscapedMotionError, Motion, simulate, simulate_many
+from data.simulation.motion import (
+    REMEDY,
+    EscapedMotionError,
+    Motion,
+    least_steps,
+    most_steps,
+    simulate,
+    simulate_many,
+)
 from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
 
@@ -30,6 +40,7 @@ def stream(seed: int, split: str, record: int, purpose: int) -> np.random.Genera
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
+@checked
 @dataclass(frozen=True)
 class Simulation:
     """Simulated measurements of a structure."""
@@ -46,13 +57,35 @@ class Simulation:
     def __post_init__(self) -> None:
         if not 0.0 < self.dt < np.inf:
             raise ValueError(f"data.dt={self.dt} s must be positive")
+        if not 0.0 < self.duration < np.inf:
+            raise ValueError(f"data.duration={self.duration} s must be positive")
+        self.require_room(1)
         if self.samples < 2:
             raise ValueError(
                 f"data.duration={self.duration} s holds {self.samples} samples of "
                 f"data.dt={self.dt} s; at least 2 are needed"
             )
+        if not 0.0 < self.tolerance <= 1e-3:
+            raise ValueError(f"data.tolerance={self.tolerance} must lie between 0 and 1e-3")
+        steps, cause = least_steps(self.structure, self.duration)
+        if steps > most_steps(self.samples):
+            raise ValueError(
+                f"{self.name}: {cause}, which takes {steps:.3g} steps in data.duration="
+                f"{self.duration:g} s; {most_steps(self.samples):.3g} are allowed: {REMEDY}"
+            )
+        self.excitation.check(self.structure, self.samples, self.dt)
         if self.damage is not None:
             self.damage.check(self.structure, self.samples, self.dt)
+
+    def require_room(self, records: int) -> None:
+        """Raise ValueError where so many records, as they are made, would not fit in memory."""
+        n, m, E = self.structure.dofs, self.structure.supports, len(self.structure.elements)
+        channels = 12 * n + 4 * m + 6 * E  # drawn, integrated, with noise, in a batch
+        require_memory(
+            8.0 * channels * (self.duration / self.dt) * records,
+            f"data.duration={self.duration:g} s at data.dt={self.dt:g} s in {records} records",
+            "shorten data.duration, raise data.dt or take fewer data.train_records",
+        )
 
     @property
     def samples(self) -> int:
@@ -69,6 +102,7 @@ class Simulation:
         """
         if count < 1:
             raise ValueError(f"data.{split}_records={count} must be at least 1")
+        self.require_room(count)
         drawn = [self._draw(split, seed, i, first) for i in range(count)]
         forces, supports, velocities = zip(*drawn, strict=True)
         structure, changes = self._damaged(split)

@@ -14,7 +14,10 @@ from typing import Any
 import numpy as np
 import torch
 
+from data.checked import checked
 from data.record import Record
+
+HIGHEST_ORDER = 20  # of a Butterworth filter that rounding leaves as it should be
 
 
 class Scenario(ABC):
@@ -24,6 +27,7 @@ class Scenario(ABC):
     def __call__(self, record: Record, rng: np.random.Generator) -> Record: ...
 
 
+@checked
 @dataclass(frozen=True)
 class FullState(Scenario):
     """x, v, a and f as they are."""
@@ -32,6 +36,7 @@ class FullState(Scenario):
         return record
 
 
+@checked
 @dataclass(frozen=True)
 class Noisy(Scenario):
     """White Gaussian noise; its standard deviation is `level` times that of each channel."""
@@ -59,6 +64,7 @@ class Noisy(Scenario):
         return replace(record, **noisy)
 
 
+@checked
 @dataclass(frozen=True)
 class Integrated(Scenario):
     """v and x by integrating the measured a, high-pass filtered before and after each step.
@@ -72,6 +78,14 @@ class Integrated(Scenario):
     cutoff: float = 0.02  # of the high-pass filters [Hz]
     order: int = 1
     causal: bool = True
+
+    def __post_init__(self) -> None:
+        if not self.cutoff > 0.0:
+            raise ValueError(f"scenario.cutoff={self.cutoff} Hz must be positive")
+        if not 1 <= self.order <= HIGHEST_ORDER:
+            raise ValueError(
+                f"scenario.order={self.order} must be at least 1, {HIGHEST_ORDER} at most"
+            )
 
     def __call__(self, record: Record, rng: np.random.Generator) -> Record:
         if record.quantity != "acceleration":
@@ -99,8 +113,6 @@ class Integrated(Scenario):
                 f"scenario.cutoff={self.cutoff} Hz must lie between 0 and the Nyquist frequency "
                 f"{nyquist:g} Hz; lower it or data.dt"
             )
-        if self.order < 1:
-            raise ValueError(f"scenario.order={self.order} must be at least 1")
         sos = butter(self.order, self.cutoff, "highpass", fs=1.0 / dt, output="sos")
         filtered = sosfilt(sos, signal, axis=0)
         if not self.causal:  # from rest both ways: padded ends would be integrated into a drift
@@ -113,6 +125,7 @@ def _trapezoid(rate: np.ndarray, dt: float) -> np.ndarray:
     return np.concatenate([np.zeros_like(rate[:1]), np.cumsum(steps, axis=0)])
 
 
+@checked
 class Composed(Scenario):
     """Scenarios one after the other, as `steps` lists them."""
 

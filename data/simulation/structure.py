@@ -12,10 +12,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from data.checked import checked
 from data.simulation.elements import Element
 from data.topology import incidence, node_numbers
 
+SUPPORT = r"s[1-9]\d{0,8}"  # a support's name; longer numbers are of no structure
+MOST_NODES = 10_000  # matrices of the structure are dense: 800 MB each
 
+
+@checked
 class Structure:
     """Masses [kg] of DOFs x1 … xn and named elements between DOFs, supports s1 … sm and ground.
 
@@ -34,8 +39,13 @@ class Structure:
             raise ValueError("the structure has no elements; give at least one restoring force")
         self.elements = dict(elements)
         self.dofs = self.masses.size
-        nodes = [node for e in self.elements.values() for node in e.between]
-        self.supports = max((int(s[1:]) for s in nodes if re.fullmatch(r"s[1-9]\d*", s)), default=0)
+        nodes = {node for e in self.elements.values() for node in e.between}
+        self.supports = max((int(s[1:]) for s in nodes if re.fullmatch(SUPPORT, s)), default=0)
+        if self.dofs + self.supports > MOST_NODES:
+            raise ValueError(
+                f"the structure has {self.dofs} masses and supports up to s{self.supports}: "
+                f"{MOST_NODES} nodes are possible; number the supports from s1 on, lump masses"
+            )
         self.ends = self._node_numbers()  # (E, 2): start, end
         self._check_held()
 
@@ -53,11 +63,17 @@ class Structure:
         return np.array(pairs, dtype=np.int64)
 
     def _check_held(self) -> None:
-        held = np.arange(self.dofs + self.supports + 1) >= self.dofs
-        for _ in range(self.dofs):
-            for start, end in self.ends:
-                held[start] = held[end] = held[start] or held[end]
-        loose = [f"x{i + 1}" for i in np.flatnonzero(~held)]
+        joined: dict[int, list[int]] = {}
+        for start, end in self.ends.tolist():
+            joined.setdefault(start, []).append(end)
+            joined.setdefault(end, []).append(start)
+        held = set(range(self.dofs, self.dofs + self.supports + 1))
+        reached = list(held)
+        while reached:
+            new = set(joined.get(reached.pop(), ())) - held
+            held |= new
+            reached += new
+        loose = [f"x{i + 1}" for i in range(self.dofs) if i not in held]
         if loose:
             raise ValueError(
                 f"disconnected structure: no chain of elements leads from {', '.join(loose)} "

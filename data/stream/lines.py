@@ -28,6 +28,7 @@ from data.stream.time_stamps import TimeStamps
 LONGEST = 1 << 16  # bytes of a line
 DIGITS = 64  # characters of a number
 FAULTS = 100  # newest faults that are kept
+CHANNELS = 256  # of a line: the weights of a VWNN grow with their square, its time with the fourth
 DELIMITERS = (",", ";", "\t")
 
 
@@ -48,7 +49,8 @@ class SampleLines:
         units: Mapping[str, str] | None = None,
     ) -> None:
         self.lines, self.dt = _lines(file), dt
-        self.bad = 0  # lines
+        self.bad = 0  # lines that were left out
+        self.mistimed = 0  # lines whose time stamp was changed
         self.faults: deque[str] = deque(maxlen=FAULTS)
         self.stamps = TimeStamps(dt)
         filled = (numbered_line for numbered_line in self.lines if numbered_line[1].strip())
@@ -79,6 +81,7 @@ class SampleLines:
             return
         time = self.stamps(values[0] if self.timed else None)
         if self.stamps.note:
+            self.mistimed += 1
             self.faults.append(f"line {number}: {self.stamps.note}")
         yield came, self._assembled(values, time)
 
@@ -146,6 +149,11 @@ class SampleLines:
             for signal in ("f", "x", "v", "a", "s", "s_dot", "s_ddot")
         }
         n = len(places["a"])
+        if len(self.names) > CHANNELS:
+            raise ValueError(
+                f"the input names {len(self.names):,} channels; expected at most {CHANNELS}; send "
+                "those of the model alone"
+            )
         for signal in ("a", "x", "v", "s", "s_dot"):
             if places[signal] and f"{signal}{len(places[signal])}" not in self.names:
                 raise ValueError(f"the input names {read}; expected {signal}1, … without a gap")

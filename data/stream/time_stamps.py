@@ -6,7 +6,9 @@ from itertools import pairwise
 from math import isfinite
 from statistics import median
 
-PATIENCE = 100  # samples behind the newest, then the clock is taken for set back
+AGREEING = 3  # stamps in a row that are off alike, then a gap or a new clock is believed
+NEAR = 3.5  # steps that a stamp may be ahead without being doubted
+PATIENCE = 100  # samples; a stamp no further behind may be that of a sample sent again
 LEAP = 3600.0  # [s]; a longer step is a clock set ahead, not a silent sensor
 CHECKED = 20  # first steps that are compared with the stated rate
 
@@ -14,9 +16,11 @@ CHECKED = 20  # first steps that are compared with the stated rate
 class TimeStamps:
     """Seconds since the first sample; a missing stamp is one step after its predecessor.
 
-    Stamps that repeat or lie behind the newest are passed on unchanged, for the stream to report.
-    Where stamps stay behind, or leap far ahead, the sensors' clock was set: time then goes on from
-    its newest value. Raises ValueError where the first steps differ from dt [s] by half of it.
+    So is a stamp that does not fit, ahead or far behind. Where the stamps after it agree with it,
+    it was a gap, and time is theirs; or the sensors' clock was set, by more than LEAP ahead or
+    back, and time goes on from its newest value. Stamps that repeat or lie a little behind the
+    newest are passed on unchanged, for the stream to report, unless they stay behind. Raises
+    ValueError where the first steps differ from dt [s] by half of it.
     """
 
     def __init__(self, dt: float) -> None:
@@ -25,28 +29,48 @@ class TimeStamps:
         self.origin: float | None = None  # stamp at time 0
         self.behind = 0
         self.note = ""  # how the newest stamp was changed, "" if it was not
+        self._doubted: list[float] = []  # the newest stamps, which agree with one another alone
         self._stamps: list[float] = []  # the first stamps
 
     def __call__(self, stamp: float | None) -> float:
         """Time [s] of the next sample, whose stamp [s] may be missing."""
         self.note = ""
         if stamp is None or not isfinite(stamp):
+            if stamp is not None:
+                self.note = "the time stamp is missing; one step after the one before"
             return self._advance(self.time + self.dt)
         if self.origin is None:
             self.origin = stamp - (self.time + self.dt)
         time = stamp - self.origin
         self._check_rate(stamp)
-        if self.time < time < self.time + LEAP:
+        steps = (time - self.time) / self.dt
+        if 0.0 < steps < NEAR:
+            self._doubted.clear()
             return self._advance(time)
-        self.behind += time <= self.time
-        if time <= self.time and self.behind <= PATIENCE:
+        if -PATIENCE <= steps <= 0.0 and self.behind < PATIENCE:
+            self.behind += 1
             return time
+        return self._doubt(stamp, time)
+
+    def _doubt(self, stamp: float, time: float) -> float:
+        """Time of a sample whose stamp does not follow from those before."""
+        before = self._doubted[-1] if self._doubted else stamp
+        if not 0.0 < (stamp - before) / self.dt < NEAR:
+            self._doubted.clear()
+        self._doubted.append(stamp)
+        if self.behind < PATIENCE and len(self._doubted) < AGREEING:
+            self.note = f"the time stamp {stamp:g} s does not fit; one step after the one before"
+            return self._advance(self.time + self.dt, self.behind)
+        self._doubted.clear()
+        if self.time < time < self.time + LEAP:
+            self.note = f"a gap of {time - self.time:g} s"
+            return self._advance(time)
         self.note = f"the clock was set, by {time - self.time:g} s; time goes on from there"
         self.origin = stamp - (self.time + self.dt)
         return self._advance(self.time + self.dt)
 
-    def _advance(self, time: float) -> float:
-        self.time, self.behind = time, 0
+    def _advance(self, time: float, behind: int = 0) -> float:
+        self.time, self.behind = time, behind
         return time
 
     def _check_rate(self, stamp: float) -> None:

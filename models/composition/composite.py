@@ -28,6 +28,8 @@ from models.layers.state_variables import corner_frequency, state_variables
 from models.training.trainable import Trainable
 
 MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
+MOST_SUBSTEPS = 10_000  # of a sample interval
+MOST_STEPS = 50_000  # under autograd, at a millisecond each
 BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities
 
 
@@ -59,13 +61,15 @@ class Composite(Trainable):
         if early_prior is None:
             early_prior = prior
         for name, weight in (("prior", prior), ("early_prior", early_prior)):
-            if not weight >= 0.0:
+            if not 0.0 <= weight < float("inf"):
                 raise ValueError(f"model.{name}={weight} must not be negative")
         self.prior, self.early_prior = prior, early_prior
         self.register_buffer("identified", torch.tensor(torch.nan, dtype=torch.float64))
         self.register_buffer("measures", torch.full((dofs,), ACCELERATION))
         if not isinstance(substeps, int) or substeps < 1:
             raise ValueError(f"model.substeps={substeps} must be a whole number, at least 1")
+        if substeps > MOST_SUBSTEPS:
+            raise ValueError(f"model.substeps={substeps} must be {MOST_SUBSTEPS} at most")
         self.substeps = substeps
 
     def pull(self, last: bool) -> tuple[float, Tensor]:
@@ -85,7 +89,6 @@ class Composite(Trainable):
 
         The memory of hysteretic units follows the increments of the steps.
         """
-        self.check(record)
         stateless = self.from_accelerations or record.x is None or record.v is None
         return self.restarted_run(record, None if stateless else 1)
 
@@ -99,11 +102,17 @@ class Composite(Trainable):
         return sum(p.numel() for p in self.parameters() if p.requires_grad)
 
     def free_run(self, drive: Drive) -> Response:
-        self.check(drive)
         self.require_identified(self.identified)
         differentiated = torch.is_grad_enabled() and any(p.requires_grad for p in self.parameters())
         if differentiated:
-            return simulate(self.composition(), drive, self._substeps(drive.dt))
+            substeps = self._substeps(drive.dt)
+            if drive.samples * substeps > MOST_STEPS:
+                raise ValueError(
+                    f"{drive.samples} samples in {substeps} substeps each are more than the "
+                    f"{MOST_STEPS} steps that autograd follows in Python; simulate under "
+                    "torch.no_grad(), or take a shorter drive"
+                )
+            return simulate(self.composition(), drive, substeps)
         return self.trace(drive).response
 
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
@@ -160,7 +169,7 @@ class Composite(Trainable):
         """x, v, a, u (T, ·) of each record as measured; filtered alike where x or v is missing."""
         counted = slice(record.warmup, None)
         a = record.a.reshape(-1, *record.a.shape[-2:])
-        u = record.excitation.reshape(len(a), record.samples, -1)
+        u = record.excitation.reshape(len(a), record.samples, self.inputs)
         measured = MEASURES[record.quantity]
         whole = measured == ACCELERATION and not self.from_accelerations
         for i in range(len(a)):
@@ -193,7 +202,13 @@ class Composite(Trainable):
 
     def _substeps(self, dt: float) -> int:
         """Number of substeps in a sample interval of `dt`: substeps keep their length."""
-        return max(1, round(self.substeps * dt / self.dt))
+        substeps = max(1, round(self.substeps * dt / self.dt))
+        if substeps > MOST_SUBSTEPS:
+            raise ValueError(
+                f"the signals have dt={dt:g} s, of which {type(self).__name__}, built for dt="
+                f"{self.dt:g} s, makes {substeps} substeps; {MOST_SUBSTEPS} are possible: resample"
+            )
+        return substeps
 
 
 class _Restarted(torch.autograd.Function):

@@ -22,6 +22,7 @@ from torch import Tensor, nn
 
 from models.composition.coefficients import Coefficients, Numbering, Part
 
+MOST_COLUMNS, MOST_COEFFICIENTS = 1000, 200_000  # of a law, of all of them
 LINEAR = 6  # columns k, c, k₃, k₂, c₁, c₂ before those of hinges, tanhs and units
 GAPS = (0.05, 0.8)  # of the largest deformation: between these the hinges start
 STEEPNESS = 2.0  # s b of a tanh at the start
@@ -54,6 +55,13 @@ class ElementLaws(nn.Module):
             raise ValueError(
                 f"model.hinges={hinges}, tanhs={tanhs}, units={units}: expected whole numbers, not "
                 "negative"
+            )
+        columns = LINEAR + 2 * hinges + 3 * tanhs + 4 * units
+        if columns > MOST_COLUMNS or elements * columns > MOST_COEFFICIENTS:
+            raise ValueError(
+                f"model.hinges={hinges}, tanhs={tanhs}, units={units} make {columns} coefficients "
+                f"of a law, {elements * columns} of {elements} elements; {MOST_COLUMNS} and "
+                f"{MOST_COEFFICIENTS} are possible: take fewer"
             )
         self.counts = (hinges, tanhs, units)
         self.stiffness = Coefficients(elements, positive=True, learned=springs)

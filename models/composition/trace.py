@@ -7,11 +7,14 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from data.interruptible import interruptible
+from data.memory import require_memory
 from data.record import Drive, Response
 from models.composition.coefficients import PART, Part
 from models.composition.simulate import Composition
@@ -45,15 +48,21 @@ def traced(
     """
     device, lead = drive.u.device, drive.u.shape[:-2]
     drive = Drive(drive.dt, drive.u.cpu(), drive.x0.cpu(), drive.v0.cpu(), drive.hold)
-    u = drive.u.reshape(-1, *drive.u.shape[-2:])
-    fine = between(drive.u, drive.hold, substeps)
-    fine = fine.reshape(len(u), drive.samples - 1, -1, drive.u.shape[-1])
+    u = drive.u.reshape(lead.numel(), *drive.u.shape[-2:])
     starts = torch.stack([drive.x0, drive.v0], dim=-2).expand(*lead, 2, -1)
     measured = starts.reshape(len(u), 2, -1)[:, :, None, :]
     if anchors is not None:
         measured = anchors.cpu().reshape(len(u), *anchors.shape[-3:])
     P = composition.parameters if derivatives else 0
     o, E = composition.outputs.value.shape[0], composition.laws.value.shape[0]
+    per_sample = 3 * o + 2 * E + o * P + substeps * drive.u.shape[-1]
+    require_memory(
+        8.0 * per_sample * len(u) * drive.samples,
+        f"{len(u)} runs of {drive.samples} samples with {E} elements and {P} derivatives",
+        "take shorter records, fewer elements or fewer of their units",
+    )
+    fine = between(drive.u, drive.hold, substeps)
+    fine = fine.reshape(len(u), drive.samples - 1, substeps, drive.u.shape[-1])
     shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P)]
     out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
     arrays = _arrays(composition)
@@ -74,8 +83,9 @@ def traced(
         with ThreadPoolExecutor(torch.get_num_threads()) as pool:
             list(pool.map(one, range(len(u))))
     else:
+        steps = drive.samples * substeps * max(1, o) * (1 + P)
         for i in range(len(u)):
-            one(i)
+            interruptible(partial(one, i), steps)
     x, v, a, *rest = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
     return Trace(Response(x, v, composition.output(x, v, a)), *rest)
 

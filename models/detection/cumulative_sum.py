@@ -17,9 +17,11 @@ import math
 import torch
 from torch import Tensor
 
+from data.checked import checked
 from models.detection.detector import Detector
 
 
+@checked
 class CumulativeSum(Detector):
     """Blocks are residuals (…, samples, n).
 

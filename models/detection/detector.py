@@ -19,6 +19,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from data.checked import checked
+
 
 @dataclass(frozen=True)
 class Alarm:
@@ -29,6 +31,7 @@ class Alarm:
     size: float  # the largest statistic in units of the threshold, above 1
 
 
+@checked
 class Detector(ABC):
     """Base of all detectors. The first `settle` blocks of a record are not watched."""
 

@@ -15,10 +15,14 @@ import torch
 from scipy.signal import butter, sosfilt
 from torch import Tensor
 
+from data.checked import checked
 from data.record import Record
 from data.sample import INPUTS, Sample
 
+HIGHEST_ORDER = 20  # of a filter that rounding leaves as it should be
 
+
+@checked
 class HighPass:
     """Butterworth filter of `order`, cutoff [Hz], for signals sampled every `dt` [s].
 
@@ -26,6 +30,10 @@ class HighPass:
     """
 
     def __init__(self, cutoff: float, dt: float, order: int = 2) -> None:
+        if not (dt > 0.0 and 1 <= order <= HIGHEST_ORDER):
+            raise ValueError(
+                f"dt={dt} s, order={order}: expected more than 0, and 1 to {HIGHEST_ORDER}"
+            )
         if not 0.0 < cutoff < 0.5 / dt:
             raise ValueError(
                 f"cutoff={cutoff} Hz must lie between 0 and the Nyquist frequency {0.5 / dt:g} Hz; "

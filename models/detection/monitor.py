@@ -11,10 +11,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from data.checked import checked
 from models.detection.detector import Alarm, Detector
 from models.detection.weight_distance import WeightDistance
 
 
+@checked
 class Monitor:
     """Collects samples to blocks of `every` and raises the alarm at the end of a block.
 

@@ -12,9 +12,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from data.checked import checked
 from models.detection.detector import Detector
 
 
+@checked
 class WeightDistance(Detector):
     """Blocks are weights (…, P, n). The estimator's own forgetting is the memory.
 

@@ -12,9 +12,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from data.checked import checked
 from models.detection.weight_distance import WeightDistance
 
 
+@checked
 class WeightDrift(WeightDistance):
     """Blocks are weights (…, P, n), best with a short memory of the estimator's own.
 

@@ -7,12 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations, combinations_with_replacement
+from math import comb
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
 from models.layers.features_compiled import feature_products
+from models.layers.least_squares import require_solvable
+
+
+def _products(channels: int, factors: int, squares: bool) -> int:
+    """Number of products of so many factors."""
+    if factors == 1 or not squares:
+        return comb(channels, factors)
+    return comb(channels + factors - 1, factors)
 
 
 class SigmoidProducts(nn.Module):
@@ -42,6 +51,11 @@ class SigmoidProducts(nn.Module):
         orders = list(range(1, order + 1)) if isinstance(order, int) else list(order)
         if not orders or not set(orders) <= {1, 2, 3} or sorted(set(orders)) != orders:
             raise ValueError(f"model.order={order}: choose 1, 2 or 3, or a list as [1, 3]")
+        require_solvable(
+            sum(_products(channels, n, squares) for n in orders) + bias,
+            f"model.order={order} on {channels} channels",
+            "lower model.order or model.stages",
+        )
         self.channels, self.orders = channels, orders
         self.register_buffer("weight", torch.tensor(weight, dtype=torch.float64))
         choose = combinations_with_replacement if squares else combinations

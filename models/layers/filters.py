@@ -16,6 +16,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
+MOST_STAGES = 1000  # of a cascade
+
 
 def one_pole(u: Tensor, decay: float, first: Tensor) -> tuple[Tensor, Tensor]:
     """y (…, T, C) of y[k] = α y[k−1] + (1−α) u[k−1] with y[0] = `first` (…, C), and y[T] (…, C).
@@ -53,8 +55,8 @@ class LowPassCascade(nn.Module):
     def __init__(self, cutoff: float, stages: int, dt: float) -> None:
         super().__init__()
         require_below_nyquist("cutoff", cutoff, dt)
-        if stages < 1:
-            raise ValueError(f"stages={stages} must be at least 1")
+        if not 1 <= stages <= MOST_STAGES:
+            raise ValueError(f"stages={stages} must be at least 1, {MOST_STAGES} at most")
         self.stages = stages
         self.register_buffer("decay", torch.tensor(math.exp(-cutoff * dt), dtype=torch.float64))
 

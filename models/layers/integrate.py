@@ -6,7 +6,7 @@ T samples, n DOFs, m channels of excitation.   Hairer, Nørsett & Wanner (1993),
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import torch
 from torch import Tensor
@@ -15,7 +15,41 @@ from torch.nn.functional import pad
 from data.record import Drive, Response
 
 Acceleration = Callable[[Tensor, Tensor, Tensor], Tensor]  # (x, ẋ, u) (…, n), (…, n), (…, m) → ẍ
+BLOCK = 1 << 12  # samples of which each is a tensor of its own, a hundred times as large
 DelayedAcceleration = Callable[[Tensor, Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
+
+
+def one_by_one(u: Tensor) -> Iterator[Tensor]:
+    """The samples (…, m) of a signal (…, T, m), in their order."""
+    for block in u.split(BLOCK, dim=-2):
+        yield from block.unbind(dim=-2)
+
+
+class History:
+    """Signals of one sample after the other, put together along time a block at a time."""
+
+    def __init__(self) -> None:
+        self.samples = 0
+        self.newest: list[tuple[Tensor, ...]] = []
+        self.blocks: list[tuple[Tensor, ...]] = []
+
+    def add(self, *signals: Tensor) -> None:
+        """Add a sample (…, m) of each signal."""
+        self.newest.append(signals)
+        self.samples += 1
+        if len(self.newest) == BLOCK:
+            self._close()
+
+    def signals(self) -> tuple[Tensor, ...]:
+        """Each signal (…, T, m)."""
+        if self.newest:
+            self._close()
+        return tuple(torch.cat(blocks, dim=-2) for blocks in zip(*self.blocks, strict=True))
+
+    def _close(self) -> None:
+        stacked = (torch.stack(signal, dim=-2) for signal in zip(*self.newest, strict=True))
+        self.blocks.append(tuple(stacked))
+        self.newest = []
 
 
 def between(u: Tensor, hold: str, substeps: int) -> Tensor:
@@ -25,7 +59,7 @@ def between(u: Tensor, hold: str, substeps: int) -> Tensor:
     Fourier series of the record, which looks ahead.
     """
     first, last = u[..., :-1, None, :], u[..., 1:, None, :]
-    if hold == "zero_order":
+    if hold == "zero_order" or u.shape[-1] == 0:
         return first.expand(*first.shape[:-2], substeps, -1)
     if hold == "linear":
         part = torch.arange(1, substeps + 1, dtype=u.dtype, device=u.device)[:, None] / substeps
@@ -60,29 +94,29 @@ def runge_kutta_delayed(law: DelayedAcceleration, drive: Drive, past: Tensor) ->
     first one and accelerations, which leaves x[k+1] = x + h v + h²/6 (a + a₂ + a₃).
     """
     halves = between(drive.u, drive.hold, 2)
-    middle, end = (u.unbind(dim=-2) for u in halves.unbind(dim=-2))
-    at_samples = drive.u.unbind(dim=-2)
+    middle, end = (one_by_one(u) for u in halves.unbind(dim=-2))
+    at_samples, history = one_by_one(drive.u), History()
     h, x, v = drive.dt, drive.x0, drive.v0
-    a, now = law(x, v, at_samples[0], past)
-    history = [(x, v, a)]
-    for k in range(drive.samples - 1):  # a step begins after any jump of u at its sample
+    a, now = law(x, v, next(at_samples), past)
+    history.add(x, v, a)
+    # a step begins after any jump of u at its sample
+    for k, (at_middle, at_end, at_next) in enumerate(zip(middle, end, at_samples, strict=True)):
         delayed = 0.5 * (past + now)
         v2 = torch.add(v, a, alpha=0.5 * h)
-        a2 = law(torch.add(x, v, alpha=0.5 * h), v2, middle[k], delayed)[0]
+        a2 = law(torch.add(x, v, alpha=0.5 * h), v2, at_middle, delayed)[0]
         v3 = torch.add(v, a2, alpha=0.5 * h)
-        a3 = law(torch.add(x, v2, alpha=0.5 * h), v3, middle[k], delayed)[0]
-        a4 = law(torch.add(x, v3, alpha=h), torch.add(v, a3, alpha=h), end[k], now)[0]
+        a3 = law(torch.add(x, v2, alpha=0.5 * h), v3, at_middle, delayed)[0]
+        a4 = law(torch.add(x, v3, alpha=h), torch.add(v, a3, alpha=h), at_end, now)[0]
         halfway = a2 + a3
         x = torch.add(torch.add(x, v, alpha=h), a + halfway, alpha=h * h / 6.0)
         v = torch.add(v, torch.add(a + a4, halfway, alpha=2.0), alpha=h / 6.0)
         past = now
-        a, now = law(x, v, at_samples[k + 1], past)
-        history.append((x, v, a))
+        a, now = law(x, v, at_next, past)
+        history.add(x, v, a)
         if k % 100 == 99 and _all_lost(a):
             break
-    x, v, a = (torch.stack(signal, dim=-2) for signal in zip(*history, strict=True))
-    lost = drive.samples - len(history)
-    return Response(*(pad(signal, (0, 0, 0, lost), value=torch.nan) for signal in (x, v, a)))
+    lost = drive.samples - history.samples
+    return Response(*(pad(u, (0, 0, 0, lost), value=torch.nan) for u in history.signals()))
 
 
 def _all_lost(a: Tensor) -> bool:

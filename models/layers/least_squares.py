@@ -15,9 +15,30 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from data.memory import require_memory
+
+MOST_FEATURES = 10_000
+SQUARES = 4  # matrices (P, P) at a time
+BLOCK = 1 << 27  # numbers that are factorised at a time (1 GiB); shorter records are one block
+
 
 class RankDeficientError(ValueError):
     """Raised where the features do not determine the weights."""
+
+
+def require_ridge(ridge: float) -> None:
+    """Raise ValueError for a ridge that is negative or infinite."""
+    if not 0.0 <= ridge < float("inf"):
+        raise ValueError(f"model.ridge={ridge} must not be negative")
+
+
+def require_solvable(features: int, cause: str, remedy: str) -> None:
+    """Raise ValueError for more features P than least squares solves: P² numbers, P² a sample."""
+    if features > MOST_FEATURES:
+        raise ValueError(
+            f"{cause} makes {features} features; least squares solves {MOST_FEATURES}: {remedy}"
+        )
+    require_memory(SQUARES * 8.0 * features**2, f"{cause}, {features} features,", remedy)
 
 
 @dataclass(frozen=True)
@@ -48,8 +69,7 @@ class LeastSquares:
     """
 
     def __init__(self, ridge: float = 0.0, stacked: bool = False) -> None:
-        if not 0.0 <= ridge < float("inf"):
-            raise ValueError(f"model.ridge={ridge} must not be negative")
+        require_ridge(ridge)
         self.ridge, self.samples, self.leading = ridge, 0, int(stacked)
         self.triangle: Tensor | None = None  # R of [Φ Y], (…, P+n, P+n)
         self.features = 0
@@ -66,9 +86,11 @@ class LeastSquares:
             )
         self.features = phi.shape[-1]
         self.samples += phi.shape[-2]
-        if self.triangle is not None:
-            rows = torch.cat([self.triangle, rows], dim=-2)
-        self.triangle = torch.linalg.qr(rows, mode="r").R
+        longest = max(rows.shape[-1], BLOCK * rows.shape[-2] // max(rows.numel(), 1))
+        for block in rows.split(longest, dim=-2):
+            if self.triangle is not None:
+                block = torch.cat([self.triangle, block], dim=-2)
+            self.triangle = torch.linalg.qr(block, mode="r").R
 
     def solve(self) -> Solution:
         """Weights, rank and condition. Raises RankDeficientError, but not with a ridge."""

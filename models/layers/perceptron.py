@@ -11,7 +11,23 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from data.annotations import shown
+from data.memory import require_memory
 from models.layers.scaling import Extents
+
+WIDEST, DEEPEST = 10_000, 100  # neurons of a layer, layers
+COPIES = 100  # of the parameters that a solver keeps
+
+
+def require_trainable_size(name: str, hidden: Sequence[int], sizes: Sequence[int]) -> None:
+    """Raise ValueError for layers of such `sizes` that are too many, too wide or too large."""
+    if len(hidden) > DEEPEST or any(neurons > WIDEST for neurons in sizes):
+        raise ValueError(
+            f"model.{name}={shown(list(hidden))}: {DEEPEST} layers of {WIDEST} neurons at most"
+        )
+    count = sum(columns * rows for columns, rows in pairwise(sizes))
+    require_memory(8.0 * COPIES * count, f"model.{name}={shown(list(hidden))}", "take fewer")
+
 
 ACTIVATIONS = {"tanh": nn.Tanh, "sigmoid": nn.Sigmoid, "relu": nn.ReLU, "silu": nn.SiLU}
 
@@ -26,6 +42,7 @@ class Perceptron(nn.Module):
         self, inputs: int, hidden: Sequence[int], outputs: int, activation: str = "tanh"
     ) -> None:
         super().__init__()
+        require_trainable_size("hidden", hidden, [inputs, *hidden, outputs])
         if activation not in ACTIVATIONS or not hidden or min(hidden) < 1:
             raise ValueError(
                 f"hidden={list(hidden)}, activation={activation!r}: expected numbers of neurons "

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from models.layers.least_squares import require_solvable
+
 
 def powers(q: Tensor, order: int) -> Tensor:
     """1, q, q², … (…, order + 1)."""
@@ -26,6 +28,12 @@ def chebyshev(q: Tensor, order: int) -> Tensor:
 
 
 BASES = {"power": powers, "chebyshev": chebyshev}
+
+
+def require_order(order: int, pairs: int, series: int) -> None:
+    """Raise ValueError for series of so many pairs of coordinates that no least squares solves."""
+    terms = max(pairs * (order + 1) ** 2, series * (order + 1) ** 2)
+    require_solvable(terms, f"model.order={order}", "lower model.order")
 
 
 Term = tuple[int, int, int, int]  # T_k of coordinate a times T_l of coordinate b, as a, k, b, l

@@ -37,6 +37,8 @@ class Online(Estimator):
     Raises ValueError for an estimator whose weights do not all enter linearly.
     """
 
+    mends = True  # see its guard
+
     def __init__(
         self,
         dofs: int,

@@ -1,6 +1,7 @@
 """Bad samples of a stream: detected, named, and kept from the weights.
 
     not_finite  a channel is NaN or infinite
+    outlier     a value far from all of late, and alone (models/online/outliers.py)
     saturated   an acceleration is at the sensor's full scale
     repeated    an acceleration stands still to the last bit, or a sample came twice
     dropped     samples, or an acceleration, did not come
@@ -10,7 +11,8 @@ Inputs keep their last sound value; the estimate stands in for a missing acceler
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
+from copy import copy
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
 from typing import Any
@@ -18,8 +20,10 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from data.checked import checked
 from data.record import Record
 from data.sample import INPUTS, Sample
+from models.online.outliers import Ranges, lone
 
 EVENTS = 1000  # newest ones that are kept: a stream may last for months
 
@@ -30,13 +34,15 @@ class Event:
 
     sample: int  # number, from 0, dropped ones counted
     time: float  # [s]
-    kind: str  # dropped, repeated, not_finite or saturated
+    kind: str  # dropped, repeated, not_finite, outlier or saturated
     channel: str  # a1, f2, …; "all" where the sample did not come, or came twice
 
 
+@checked
 class Guard(nn.Module):
     """Which samples count as bad, and for how long the weights then rest.
 
+    outlier: so many times as far as anything of late, and alone, is an outlier, > 1; None: nothing.
     full_scale: |ẍ| [m/s²] at which a sensor saturates; None: not known.
     repeats: so many values in a row that equal the one before are a fault, ≥ 1; a structure at
     rest, where all is zero, is none. Sensors of few bits repeat themselves: raise it for them.
@@ -50,17 +56,20 @@ class Guard(nn.Module):
         repeats: int = 3,
         longest: int = 100,
         settle: int = 10,
+        outlier: float | None = 4.0,
     ) -> None:
         super().__init__()
         if full_scale is not None and not full_scale > 0.0:
             raise ValueError(f"guard.full_scale={full_scale} m/s² must be positive")
+        if outlier is not None and not 1.0 < outlier < inf:
+            raise ValueError(f"guard.outlier={outlier}: expected more than 1, or null for none")
         if repeats < 1 or longest < 0 or settle < 0:
             raise ValueError(
                 f"guard.repeats={repeats}, longest={longest}, settle={settle}: expected at least "
                 "1, 0 and 0 samples"
             )
         self.full_scale = inf if full_scale is None else full_scale
-        self.repeats = repeats
+        self.repeats, self.outlier = repeats, outlier
         self.longest, self.settle = longest, settle
 
     def finds(self, record: Record) -> bool:
@@ -70,10 +79,20 @@ class Guard(nn.Module):
         if float(record.a.abs().max()) >= self.full_scale:
             return True
         moving = (record.a != 0.0).any(-1) | (record.excitation != 0.0).any(-1)
+        if self.outlier is not None and self._has_outlier(record, moving):
+            return True
         same = (record.a[..., 1:, :] == record.a[..., :-1, :]) & moving[..., 1:, None]
         if record.samples <= self.repeats:
             return False
         return bool(same.unfold(-2, self.repeats, 1).all(dim=-1).any())
+
+    def _has_outlier(self, record: Record, moving: Tensor) -> bool:
+        """Whether a record (…, T, ·) holds one."""
+        assert self.outlier is not None
+        signals = torch.cat(list(record.signals().values()), dim=-1)
+        records = signals.reshape(-1, *signals.shape[-2:])
+        pairs = zip(records, moving.reshape(len(records), -1), strict=True)
+        return any(lone(signal, when, self.outlier) for signal, when in pairs)
 
 
 class Watch:
@@ -82,6 +101,7 @@ class Watch:
     def __init__(self, guard: Guard, dofs: int, dt: float) -> None:
         self.guard, self.dt = guard, dt
         self.events: deque[Event] = deque(maxlen=EVENTS)
+        self.kinds: Counter[str] = Counter()  # of all events
         self.sample, self.time = -1, 0.0  # of the newest sample
         self.still_bad: set[tuple[str, str]] = set()  # of the sample before
         self.bad: set[tuple[str, str]] = set()  # of this one
@@ -90,6 +110,20 @@ class Watch:
         self.same = [0] * dofs  # values in a row that equal the one before
         self.largest = [0.0] * dofs  # |ẍ| so far
         self.unsettled = 0  # samples until something may be learnt again
+        self.ranges = Ranges(guard.outlier)
+        self.blind = 0  # samples until an innovation tells about its acceleration again
+
+    def snapshot(self) -> Watch:
+        """A watch of its own in the same state."""
+        other = copy(self)
+        for name in ("events", "kinds", "still_bad", "bad", "before", "same", "largest"):
+            setattr(other, name, copy(getattr(self, name)))
+        other.ranges = self.ranges.copy()
+        return other
+
+    def restore(self, snapshot: Watch) -> None:
+        """Go back to the state of a snapshot, which must not be used again."""
+        self.__dict__.update(snapshot.__dict__)
 
     def arrive(self, time: float | None) -> int:
         """Number of samples missing before this one; −1 for a sample that came already.
@@ -103,61 +137,105 @@ class Watch:
         missed = round((time - self.time) / self.dt) - 1 if started else 0
         came, anew = self.sample + 1, missed < -self.guard.longest - 1
         if missed < 0 and not anew:
-            self.events.append(Event(self.sample, time, "repeated", "all"))
+            self._add(Event(self.sample, time, "repeated", "all"))
             return -1
         self.still_bad, self.bad = self.bad, set()
         if missed != 0:
-            self.events.append(Event(came, self.time + self.dt, "dropped", "all"))
-            self.unsettled = self.guard.settle
+            self._add(Event(came, self.time + self.dt, "dropped", "all"))
+            self.unsettled = self.blind = self.guard.settle
         self.sample, self.time = came + max(missed, 0), time
         return self.guard.longest + 1 if anew else missed
 
+    @property
+    def repeats(self) -> bool:
+        """Whether the samples of an event are gone through again."""
+        return self.ranges.limits is not None
+
+    def strays(self, sample: Sample) -> bool:
+        """Whether an input of a sample is an outlier, as far as can be said of it now."""
+        signals = ((name, getattr(sample, name)) for name in INPUTS)
+        return any(u is not None and self.ranges.far(name, u.tolist()) for name, u in signals)
+
     def mended(self, sample: Sample) -> Sample:
-        """The sample with the last sound values where its own are not finite."""
+        """The sample with the last sound values where its own are not finite, or outliers."""
         changed: dict[str, Any] = {}
         for name in INPUTS:
             signal = getattr(sample, name)
-            if signal is not None and not isfinite(sum(signal.tolist())):
-                changed[name] = self._held(name, signal)
+            if signal is None:
+                continue
+            values = signal.tolist()
+            far = self.ranges.far(name, values)
+            finite = isfinite(sum(values)) or all(map(isfinite, values))
+            kept = values
+            if far or not finite:
+                changed[name] = self._held(name, signal, far)
+                kept = changed[name].tolist()
+            self.ranges.take(
+                name, values, kept, [u != v for u, v in zip(values, kept, strict=True)]
+            )
+        if changed:
+            self.blind = self.guard.settle
         self.sound = replace(sample, **changed) if changed else sample
         return self.sound
 
-    def _held(self, name: str, signal: Tensor) -> Tensor:
-        finite = torch.isfinite(signal)
-        for i in torch.nonzero(~finite).flatten().tolist():
+    def _held(self, name: str, signal: Tensor, far: list[int]) -> Tensor:
+        good = torch.isfinite(signal)
+        for i in torch.nonzero(~good).flatten().tolist():
             self._note("not_finite", f"{name}{i + 1}")
+        for i in far:
+            if good[i]:
+                good[i] = False
+                self._note("outlier", f"{name}{i + 1}")
         held = torch.zeros_like(signal) if self.sound is None else getattr(self.sound, name)
-        return torch.where(finite, signal, held)
+        return torch.where(good, signal, held)
+
+    def far(self, a: Tensor, estimate: Tensor) -> list[int]:
+        """DOFs whose acceleration (n,) is an outlier, as far as can be said of it now."""
+        errors = None if self.blind else (a - estimate).tolist()
+        return self.ranges.far("a", a.tolist(), errors)
 
     def judged(self, a: Tensor | None, sample: Sample, estimate: Tensor) -> tuple[Tensor, bool]:
         """The acceleration (n,) or its replacement, and whether the weights may learn from it."""
+        kept, values, wrong = estimate, [nan] * len(self.before), [True] * len(self.before)
         if a is None:
             self._note("dropped", "a")
-            a = torch.full_like(estimate, torch.nan)
-            wrong = [True] * len(self.before)
         else:
-            values = a.tolist()
-            wrong = [self._wrong(i, value, sample) for i, value in enumerate(values)]
+            kept, values, far = a, a.tolist(), self.far(a, estimate)
+            wrong = [self._wrong(i, u, sample, i in far) for i, u in enumerate(values)]
             self.before = values
         if True in wrong:
-            a = torch.where(torch.tensor(wrong), self.bounded(estimate), a)
+            kept = torch.where(torch.tensor(wrong), self.bounded(estimate), kept)
+        errors = None if self.blind else (kept - estimate).tolist()
+        self.ranges.take("a", values, kept.tolist(), wrong, errors)
+        self._pass(values, sample)
         if self.bad:
             self.unsettled = self.guard.settle
-            return a, False
+            return kept, False
         settled = self.unsettled == 0
         self.unsettled -= not settled
-        return a, settled
+        return kept, settled
+
+    def _pass(self, values: list[float], sample: Sample) -> None:
+        """Count a sample down."""
+        ranges = self.ranges
+        ranges.left -= ranges.left > 0
+        self.blind -= self.blind > 0
+        if ranges.young and (any(values) or bool(sample.excitation.any())):
+            ranges.young -= 1
 
     def bounded(self, estimate: Tensor) -> Tensor:
         """An estimate (n,) made finite and limited to the largest acceleration measured so far."""
         largest = torch.tensor(self.largest, dtype=estimate.dtype)
         return torch.nan_to_num(estimate).clamp(-largest, largest)
 
-    def _wrong(self, i: int, value: float, sample: Sample) -> bool:
+    def _wrong(self, i: int, value: float, sample: Sample, far: bool) -> bool:
         """Whether the acceleration of DOF i is bad; a repeated value is, unless all is at rest."""
         size, still = abs(value), value == self.before[i]
         if size < self.guard.full_scale and not still:  # not NaN either
             self.same[i] = 0
+            if far:
+                self._note("outlier", f"a{i + 1}")
+                return True
             self.largest[i] = max(self.largest[i], size)
             return False
         if not size < self.guard.full_scale:
@@ -165,12 +243,18 @@ class Watch:
             self._note("saturated" if isfinite(value) else "not_finite", f"a{i + 1}")
             return True
         self.same[i] += value != 0.0 or bool(sample.excitation.any())
-        if self.same[i] < self.guard.repeats:
-            return False
-        self._note("repeated", f"a{i + 1}")
-        return True
+        if self.same[i] >= self.guard.repeats:
+            self._note("repeated", f"a{i + 1}")
+            return True
+        if far:
+            self._note("outlier", f"a{i + 1}")
+        return far
 
     def _note(self, kind: str, channel: str) -> None:
         self.bad.add((kind, channel))
         if (kind, channel) not in self.still_bad:
-            self.events.append(Event(self.sample, self.time, kind, channel))
+            self._add(Event(self.sample, self.time, kind, channel))
+
+    def _add(self, event: Event) -> None:
+        self.events.append(event)
+        self.kinds[event.kind] += 1

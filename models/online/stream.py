@@ -9,17 +9,24 @@ The estimate at k is made before a[k] is used. n DOFs; heads j with P_j features
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from data.checked import checked
 from data.sample import Sample
 from models.linear_in_weights import LinearInWeights
 from models.online.guard import Event, Guard, Watch
+from models.online.hold import Hold
 from models.online.laws.law import Adapted, Law
 
+CHANGING = ["states", "memory", "sample", "previous", "newest"]
+CHANGING += ["_came_twice", "_phi", "_outputs", "_known"]
 
+
+@checked
 class Stream:
     """Weights, filter states and the state of the guard, carried from sample to sample.
 
@@ -44,6 +51,10 @@ class Stream:
         self.previous: Sample | None = None
         self.newest = torch.zeros(estimator.dofs, dtype=torch.float64)  # estimate
         self._came_twice = False
+        self._phi: list[Tensor] = []
+        self._outputs = self.newest
+        self._known: Tensor | None = None
+        self._hold: Hold | None = None
         self._reads = [name for name in estimator.reads if name not in ("a", "f")]
 
     @property
@@ -70,6 +81,7 @@ class Stream:
         self._check(sample)
         if self.sample is not None:
             self.update(None)
+        self._held(self.estimate, sample, self.watch.strays(sample))
         missed = self.watch.arrive(sample.time)
         self._came_twice = missed < 0
         if missed < 0:
@@ -86,9 +98,31 @@ class Stream:
             return
         if self.sample is None:
             raise ValueError("no sample is waiting for its acceleration; call estimate first")
+        self._held(self.update, a, a is not None and bool(self.watch.far(a, self.newest)))
         known, sound = self.watch.judged(a, self.sample, self.newest)
         self._learn(self.sample, known, sound)
         self.previous, self.sample = self.sample, None
+        if self._hold is not None and not self.watch.repeats:
+            self._hold = self._hold.decided(self)
+
+    def _held(self, call: Callable[[Any], Any], argument: Any, stray: bool) -> None:
+        """Keep a call, and the stream as it is before, where a value is far off or lately was."""
+        if self.watch.repeats:
+            return
+        if stray and self._hold is None:
+            self._hold = Hold(self)
+        if self._hold is not None:
+            self._hold.calls.append((call, argument))
+
+    def snapshot(self) -> dict[str, Any]:
+        """All that a sample changes, as it is now."""
+        return {name: getattr(self, name) for name in CHANGING} | {"watch": self.watch.snapshot()}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go back to a snapshot, which must not be used again."""
+        self.watch.restore(snapshot["watch"])
+        for name in CHANGING:
+            setattr(self, name, snapshot[name])
 
     def _bridge(self, missed: int) -> None:
         """Go on over missing samples: inputs are held, estimates stand in for accelerations."""

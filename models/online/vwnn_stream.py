@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -51,6 +52,19 @@ class VWNNStream(Stream):
     @property
     def weights(self) -> list[Tensor]:
         return [torch.from_numpy(self._weights.copy())]
+
+    def snapshot(self) -> dict[str, Any]:
+        arrays = [u.copy() for u in self._changing()]
+        return super().snapshot() | {"arrays": arrays, "prediction": self._prediction, "f": self._f}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        super().restore(snapshot)
+        for array, before in zip(self._changing(), snapshot["arrays"], strict=True):
+            array[:] = before
+        self._prediction, self._f = snapshot["prediction"], snapshot["f"]
+
+    def _changing(self) -> tuple[np.ndarray, ...]:
+        return self._weights, self._memory, self._xi, self._phi_now
 
     def _rest(self) -> None:
         self._xi[:] = 0.0

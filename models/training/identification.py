@@ -103,13 +103,13 @@ class Identification(LightningModule):
         """As if training had never been broken off: its end is the same."""
         self.load_state_dict(self.broken_off["state_dict"])
         progress = self.broken_off["progress"]
-        for name, value in progress["identification"].items():
-            setattr(self, name, value)
+        for name in KEPT:
+            setattr(self, name, progress["identification"][name])
         self.objective.ranked = progress["ranked"]
         self.solver = self._new_solver(self.free_parameters().values())
         self.solver.load_state_dict(progress["memory"])
-        for name, value in progress["solver"].items():
-            setattr(self.solver, name, value)
+        for name in self.solver.kept:
+            setattr(self.solver, name, progress["solver"][name])
         torch.set_rng_state(progress["random"])  # windows are shuffled as they would have been
         self.start -= progress["seconds"]
 

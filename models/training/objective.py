@@ -9,12 +9,13 @@ Ribeiro et al. 2020, On the smoothness of nonlinear system identification).
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol
 
 import torch
 from torch import Tensor, nn
 
+from data.checked import checked
 from data.record import Record
 from models.estimator import Estimator
 from models.training.problem import FreeRunProblem, Problem
@@ -25,32 +26,32 @@ MakeSolver = Callable[[Iterable[nn.Parameter]], Solver]
 Note = Callable[[list[float]], None]
 
 
-class Objective(Protocol):
+class Objective(ABC):
     """Stages of training; each has a solver of its own and starts where the one before ended."""
 
     stages: Sequence[str]  # in words
     ranked: list[list[Tensor]]  # states of the finalists, the best first
 
+    @abstractmethod
     def problem(self, estimator: Trainable, record: Record, stage: int) -> Minimised:
         """What the solver of a stage minimises on a batch."""
-        ...
 
+    @abstractmethod
     def begin(
         self, estimator: Trainable, batches: Iterable[Record], make_solver: MakeSolver, note: Note
     ) -> None:
         """Choose the start of the first stage; `note` is handed the accepted losses."""
-        ...
 
+    @abstractmethod
     def enter(self, estimator: Trainable, stage: int) -> None:
         """Called before every stage but the first."""
-        ...
 
+    @abstractmethod
     def final_loss(self, estimator: Trainable, batches: Iterable[Record]) -> float:
         """Loss on whole records in the last stage's terms, by which the ends of stages compare."""
-        ...
 
 
-class OneStep:
+class OneStep(Objective):
     """The error of each estimate, in a single stage."""
 
     stages: Sequence[str] = ("one step",)
@@ -73,7 +74,8 @@ class OneStep:
         return _mean_loss([Problem(estimator, record) for record in batches])
 
 
-class FreeRun:
+@checked
+class FreeRun(Objective):
     """The error of a simulation that begins anew every so many samples, a horizon a stage.
 
     horizons: in samples, rising; None for the whole record. restart: False takes the first samples

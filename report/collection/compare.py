@@ -16,9 +16,10 @@ from rich.table import Table
 from rich.text import Text
 
 from report.collection.runs import chosen
-from report.collection.scores import SPLITS, scores_of
+from report.collection.scores import scores_of
 from runner.choices import typed
 from runner.result import Result, spread_of
+from runner.schema import SPLITS
 from runner.spread import DIVERGED, ESCAPED, FAILED, Spread, percent
 
 CASE = ("system", "scenario", "model")  # kept apart, whatever is asked for

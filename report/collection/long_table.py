@@ -21,6 +21,7 @@ import pyarrow.parquet  # type: ignore[import-untyped]
 
 from report.collection.runs import chosen
 from report.collection.scores import Score, scores_of
+from report.output import spreadsheet
 from runner.result import FINISHED, STATUSES, Result
 from runner.spread import DIVERGED
 
@@ -88,13 +89,27 @@ def write_long(table: pa.Table, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     writers: dict[str, Callable[[pa.Table, Path], None]] = {
         "results.parquet": pa.parquet.write_table,
-        "results.csv": pa.csv.write_csv,
+        "results.csv": lambda table, path: pa.csv.write_csv(_for_spreadsheets(table), path),
     }
     for name, write in writers.items():
         aside = folder / f"{name}.part"
         write(table, aside)
         os.replace(aside, folder / name)
     return [folder / name for name in writers]
+
+
+def _for_spreadsheets(table: pa.Table) -> pa.Table:
+    """The table without texts that a spreadsheet would compute."""
+    columns = []
+    for column in table.columns:
+        if pa.types.is_string(column.type):
+            texts = column.combine_chunks().dictionary_encode()
+            safe = pa.array(
+                [spreadsheet(text) for text in texts.dictionary.to_pylist()], pa.string()
+            )
+            column = safe.take(texts.indices)
+        columns.append(column)
+    return pa.table(columns, names=[spreadsheet(name) for name in table.column_names])
 
 
 def counted(runs: Sequence[Result]) -> str:

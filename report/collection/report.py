@@ -8,11 +8,12 @@ from pathlib import Path
 
 from rich.console import Console
 
+from data.terminal import terminal
 from report.collection.compare import as_table, compare
 from report.collection.figure import draw_comparison
 from report.collection.long_table import counted, long_table, write_long
 from report.collection.runs import collect, results_folder
-from report.output import save_figure, terminal
+from report.output import save_figure
 from runner.progress import is_finished, reasons
 from runner.result import Result
 

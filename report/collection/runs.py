@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from runner.choices import varying
-from runner.progress import is_finished
-from runner.result import Result, read_result
-from runner.run_folder import CONFIG, FAILED, METRICS
+from runner.progress import is_finished, print_damaged
+from runner.result import DAMAGED, Result, read_result
+from runner.run_files import CONFIG, FAILED, METRICS
 
 
 def folders_of(typed: str | Sequence[str]) -> list[Path]:
@@ -31,8 +31,8 @@ def folders_of(typed: str | Sequence[str]) -> list[Path]:
     return list(found.values())
 
 
-def collect(folders: Sequence[Path]) -> list[Result]:
-    """All runs below these folders, each once. Raises ValueError where there are none."""
+def run_folders(folders: Sequence[Path]) -> list[Path]:
+    """Folders of all runs below these, each once. Raises ValueError where there are none."""
     places: dict[Path, Path] = {}
     for folder in folders:
         for path, below, files in os.walk(folder):
@@ -44,13 +44,23 @@ def collect(folders: Sequence[Path]) -> list[Result]:
             f"no runs in {_listed(folders)}; make some (python train.py -m "
             "experiment=table3) or name another folder"
         )
-    return [read_result(path) for path in sorted(places.values())]
+    return sorted(places.values())
+
+
+def collect(folders: Sequence[Path]) -> list[Result]:
+    """All runs below these folders, each once. Raises ValueError where there are none."""
+    return [read_result(path) for path in run_folders(folders)]
 
 
 def read_runs(folders: Path | Sequence[Path]) -> list[Result]:
-    """All runs below folders that ended, with numbers or a reason. Raises ValueError for none."""
+    """All runs below folders that ended, with numbers or a reason; the damaged ones are printed.
+
+    Raises ValueError for none.
+    """
     folders = [folders] if isinstance(folders, Path) else list(folders)
-    if runs := [run for run in collect(folders) if run.ended]:
+    every = collect(folders)
+    print_damaged({run.folder.name: run.reason for run in every if run.status == DAMAGED})
+    if runs := [run for run in every if run.ended]:
         return runs
     raise ValueError(f"no run in {_listed(folders)} has ended yet")
 

@@ -10,7 +10,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-SPLITS = ("train", "validation", "test", "free_run_train", "free_run_validation", "free_run")
+from runner.schema import SPLITS
+
 OF_THE_RUN = ("fit_seconds", "parameters", "simulation_error")
 
 
@@ -63,8 +64,8 @@ def _online(online: Mapping[str, Any]) -> Iterator[Score]:
     """Of a model that adapts (models/online/scores.py); infinite where an error never settled."""
     for way, told in online.get("ways", {}).items():
         estimate = "" if way == "adapting" else way
-        yield _score("test", estimate, "worst_percent", None, told["worst_percent"])
-        for level, seconds in told["settle_s"].items():
+        yield _score("test", estimate, "worst_percent", None, told.get("worst_percent"))
+        for level, seconds in told.get("settle_s", {}).items():
             never = math.inf if seconds is None else seconds
             yield Score("test", estimate, f"settle_s/{level}", None, never)
     for seconds, percent in online.get("learnt_percent", {}).items():

@@ -11,20 +11,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data.arguments import Parser
-from report.collection.report import tell_ended
-from report.collection.runs import has_runs, read_runs, results_folder
-from report.free_run.figures import draw_leaderboard
-from report.free_run.page import ASKED, LEADERBOARD, write_page
-from report.free_run.questions import (
-    EXPERIMENT,
-    QUESTION_COLUMNS,
-    QUESTIONS,
-    question_of,
-    question_rows,
-)
-from report.free_run.rows import leaderboard
-from report.free_run.tables import CAPTION, sections, write_rows
-from report.output import printed, terminal
+from data.terminal import terminal
+from report.collection.runs import has_runs, read_runs, results_folder, run_folders
+from report.usual import LEADERBOARD
+from report.usual import QUESTIONS as ASKED
 from runner.command_line import command_errors
 from runner.result import Result
 
@@ -39,11 +29,12 @@ def main(words: Sequence[str] | None = None) -> None:
         default=[LEADERBOARD],
         help=f"of the runs; {LEADERBOARD} without any",
     )
-    add("--questions", type=Path, default=ASKED, help=f"runs of experiment={EXPERIMENT}")
+    add("--questions", type=Path, default=ASKED, help="runs of experiment=free_run_questions")
     add("--output", type=Path, help="of tables and figures; results/ in the folder of the runs")
     add("--page", type=Path, help="to write, with its figures beside it: docs/free_run.md")
     with command_errors():
         options = parser.parse_args(words)
+        run_folders(options.folders)
         report_free_run(options.folders, options.questions, options.output, options.page)
 
 
@@ -54,6 +45,15 @@ def report_free_run(
     page: Path | None = None,
 ) -> None:
     """Write and print the leaderboard, and what the questions' runs answer; and the page."""
+    # PyTorch and Matplotlib take seconds to load: a mistyped folder is told before
+    from report.collection.report import tell_ended
+    from report.free_run.figures import draw_leaderboard
+    from report.free_run.page import write_page
+    from report.free_run.questions import QUESTION_COLUMNS, QUESTIONS, question_of, question_rows
+    from report.free_run.rows import leaderboard
+    from report.free_run.tables import CAPTION, sections, write_rows
+    from report.output import printed
+
     output = output or results_folder(folders)
     runs = read_runs(folders)
     rows = leaderboard(runs)

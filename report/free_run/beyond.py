@@ -10,7 +10,6 @@ scores in its beyond.json, and what is there is not made again.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
@@ -23,17 +22,22 @@ from omegaconf import DictConfig, OmegaConf
 from data.arguments import Parser
 from data.record import stack
 from data.simulation.motion import EscapedMotionError
-from models.training.assemble import changed
+from data.terminal import terminal
+from models.training.assemble import changed, simulated_from
 from models.training.metrics import FreeRunScore
 from report.collection.runs import read_runs, results_folder
 from report.free_run.rows import Row, case_of, rank, row_of
 from report.free_run.tables import COLUMNS, Columns, sections, write_rows
-from report.output import printed, terminal
-from runner.command_line import command_errors, quiet_lightning
-from runner.compose import simulated_from
+from report.output import printed
+from runner.command_line import command_errors
 from runner.identity import written_code_version
+from runner.job import quiet_lightning
+from runner.plain_data import read_json
 from runner.result import FREE_RUN, Result
-from runner.run_folder import CONFIG, read_run, restore, write_json
+from runner.run import restore
+from runner.run_files import CONFIG
+from runner.run_folder import read_run, write_json
+from runner.schema import ANYTHING, SCORES, require
 from runner.spread import ESCAPED
 
 FILE = "beyond.json"
@@ -45,6 +49,7 @@ MODELS = (
     "linear",
 )
 STD = "excitation.force.std"
+KIND = {"origin": {...: ANYTHING}, "scores": {...: {"escaped": str, **SCORES}}}
 LARGER = 1.5
 STEPS = (0.005, 0.02)  # [s]
 AS_TRAINED = "as trained"
@@ -65,12 +70,22 @@ def score_beyond(run: Result) -> None:
     """Write the scores of a run under all changes, unless they are there and of this code."""
     origin = {"run": run.metrics.get("identity"), "code": written_code_version(run.folder / CONFIG)}
     path = run.folder / FILE
-    kept = json.loads(path.read_text("utf-8")) if path.is_file() else {}
+    kept = _read(path)
     scores = kept["scores"] if kept.get("origin") == origin else {}
     for change in CHANGES[1:]:
         if change not in scores:
             scores[change] = _score(run, change)
             write_json(path, {"origin": origin, "scores": scores})
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """What `score_beyond` wrote; nothing of a damaged file, which is written anew."""
+    try:
+        content: dict[str, Any] = read_json(path)
+        require(content, KIND)
+    except (ValueError, OSError):
+        return {}
+    return content if "scores" in content else {}
 
 
 def _score(run: Result, change: str) -> dict[str, Any]:
@@ -110,7 +125,11 @@ def under(run: Result, change: str) -> Result:
     """The run scored under a change, in which the structure itself may have escaped."""
     if change == AS_TRAINED:
         return run
-    scores: Mapping[str, Any] = json.loads((run.folder / FILE).read_text("utf-8"))["scores"]
+    scores: Mapping[str, Any] = _read(run.folder / FILE).get("scores", {})
+    if change not in scores:
+        raise ValueError(
+            f"{run.folder / FILE} is damaged; python -m report.free_run.beyond mends it"
+        )
     if "escaped" in scores[change]:
         return replace(run, status=ESCAPED)
     return replace(run, metrics={**run.metrics, FREE_RUN: scores[change]})

@@ -22,7 +22,6 @@ from report.free_run.beyond import AS_TRAINED, FILE, LARGER, STD, STEPS, beyond_
 from report.free_run.beyond import BEYOND_COLUMNS as BEYOND
 from report.free_run.questions import (
     ASK,
-    EXPERIMENT,
     QUESTION_COLUMNS,
     QUESTIONS,
     question_of,
@@ -31,6 +30,8 @@ from report.free_run.questions import (
 from report.free_run.rows import SYSTEMS, Row, leaderboard, row_of, rows_apart
 from report.free_run.tables import COLUMNS, Columns, Title, case, records_of, sections
 from report.output import code, markdown, sections_markdown
+from report.usual import LEADERBOARD
+from report.usual import QUESTIONS as ASKED
 from runner.result import Result, against_true
 from runner.run_folder import write_text
 from runner.spread import DIVERGED, ESCAPED, FAILED, percent, quantile
@@ -38,7 +39,6 @@ from runner.spread import DIVERGED, ESCAPED, FAILED, percent, quantile
 TEMPLATE = Path(__file__).with_name("page.md")
 FULL_STATE = "full_state"
 PRINTED = {"bouc_wen": "Bouc–Wen"}
-LEADERBOARD, ASKED = Path("runs/free_run"), Path("runs") / EXPERIMENT
 NEEDS = {LEADERBOARD: "python train.py -m experiment=free_run", ASKED: ASK}  # of the page
 CAUGHT = 10.0  # times the median of the other seeds
 MARKS = {"yes": " †", "possible": " ‡"}

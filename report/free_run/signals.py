@@ -27,7 +27,8 @@ from report.about import colour_of
 from report.paper.signals import behaviour
 from report.style import MEASURED
 from runner.result import Result
-from runner.run_folder import read_run, restore
+from runner.run import restore
+from runner.run_folder import read_run
 
 ROOM = 0.5  # of the true range, above and below; a motion beyond is cut off
 

@@ -8,25 +8,25 @@ python -m report.online --page docs/online.md         the page, of the runs in b
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
+from data.arguments import Parser
 from report.online.cases import read_online
 from report.online.page import ONLINE, STABILITY, write_online_page
 from report.online.tables import TABLES
-from runner.command_line import one_line_errors
+from runner.command_line import command_errors
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = Parser("python -m report.online", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("table", nargs="?", choices=TABLES)
     parser.add_argument("folder", nargs="?", type=Path, help="of finished runs")
     parser.add_argument("--estimator", help="of the table, such as vwnn; all without it")
     parser.add_argument("--page", type=Path, help="write the page")
-    options = parser.parse_args()
-    if options.page is None and options.table is None:
-        parser.error("say which table, or --page docs/online.md")
-    with one_line_errors("train"):
+    with command_errors():
+        options = parser.parse_args()
+        if options.page is None and options.table is None:
+            parser.error("say which table, or --page docs/online.md")
         if options.table is not None:
             usual = STABILITY if options.table == "stable" else ONLINE
             runs = read_online(options.folder or usual, options.estimator)

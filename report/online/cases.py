@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
-
-from runner.run_folder import CONFIG, METRICS, read_metrics
+from data.arguments import reason
+from runner.progress import print_damaged
+from runner.run_files import METRICS
+from runner.run_folder import read_config, read_metrics
+from runner.schema import ANYTHING, NUMBER, require
 
 SETTING = {  # of each law, the one that a study varies
     "RecursiveLeastSquares": ("least squares", "forgetting", "λ"),
@@ -18,6 +20,14 @@ SETTING = {  # of each law, the one that a study varies
     "RandomWalk": ("random walk", "walk", "Q"),
     "Frozen": ("frozen", "", ""),
 }
+ESTIMATOR: dict[Any, Any] = {"name": str, "cutoff": NUMBER, ...: ANYTHING}
+ONLINE_CONFIG: dict[Any, Any] = {
+    "model": {"estimator": (ESTIMATOR, None), **ESTIMATOR},
+    "adaptation": ({"forgetting": NUMBER, "gain": NUMBER, "walk": NUMBER, ...: ANYTHING}, None),
+    "excitation": ({"force": ({"_target_": str, ...: ANYTHING}, None), ...: ANYTHING}, None),
+    ...: ANYTHING,
+}
+ONLINE_NUMBERS = ("settle_s", "worst_percent", "unstable_s")
 
 
 @dataclass(frozen=True)
@@ -41,11 +51,17 @@ class OnlineRun:
 
 
 def read_online(folder: Path, estimator: str | None = None) -> list[OnlineRun]:
-    """The finished runs below a folder, of one estimator or all.
+    """The finished runs below a folder, of one estimator or all; the damaged ones are printed.
 
     Raises ValueError where there are none.
     """
-    runs = [_read(path.parent) for path in sorted(folder.rglob(METRICS))]
+    runs, damaged = [], {}
+    for path in sorted(folder.rglob(METRICS)):
+        try:
+            runs.append(_read(path.parent))
+        except (ValueError, OSError) as error:
+            damaged[path.parent.name] = reason(error)
+    print_damaged(damaged)
     chosen = [run for run in runs if estimator in (None, run.estimator)]
     if not chosen:
         raise ValueError(
@@ -56,19 +72,44 @@ def read_online(folder: Path, estimator: str | None = None) -> list[OnlineRun]:
 
 
 def _read(folder: Path) -> OnlineRun:
-    cfg = OmegaConf.load(folder / CONFIG)
-    assert isinstance(cfg, DictConfig)
-    inner = cfg.model.get("estimator")
+    """One run. Raises ValueError where it is damaged, OSError where it is not there."""
+    content, metrics = read_config(folder), read_metrics(folder)
+    require(content, ONLINE_CONFIG)
+    inner = content["model"].get("estimator")
     law, gain = "", math.nan
     if inner is not None:
-        law, name, symbol = SETTING[cfg.adaptation._target_.rpartition(".")[2]]
-        gain = float(cfg.adaptation[name]) if name else math.nan
+        law, name, symbol = _law(content)
+        gain = float(content["adaptation"].get(name, math.nan)) if name else math.nan
         law = f"{law}, {symbol} = {gain:g}" if name else law
-    node = inner or cfg.model
-    force = cfg.excitation.get("force")
-    motion = "none" if force is None else force._target_.rpartition(".")[2]
-    case = (cfg.system.name, node.name, law, gain, float(node.get("cutoff", math.nan)))
-    return OnlineRun(*case, cfg.seed, motion, read_metrics(folder))
+    _require_scores(metrics, of_online_model=inner is not None)
+    node = inner or content["model"]
+    force = (content["excitation"] or {}).get("force")
+    motion = "none" if force is None else force.get("_target_", "").rpartition(".")[2]
+    names = (content["system"]["name"], node.get("name", "?"))
+    case = (*names, law, gain, float(node.get("cutoff", math.nan)))
+    return OnlineRun(*case, content["seed"], motion, metrics)
+
+
+def _law(content: dict[str, Any]) -> tuple[str, str, str]:
+    law = (content.get("adaptation") or {}).get("_target_", "").rpartition(".")[2]
+    if law not in SETTING:
+        raise ValueError(f"config.yaml: adaptation={law!r} is none of {', '.join(SETTING)}")
+    return SETTING[law]
+
+
+def _require_scores(metrics: dict[str, Any], of_online_model: bool) -> None:
+    """Raise ValueError where a number is missing that the tables need."""
+    ways = ("adapting", "from_nothing")
+    needed: list[tuple[str, ...]] = [("test", "relative_rms_percent")]
+    if of_online_model:
+        needed += [("test", "frozen", "relative_rms_percent"), ("online", "learnt_percent")]
+        needed += [("online", "ways", way, name) for way in ways for name in ONLINE_NUMBERS]
+    for place in needed:
+        node = metrics
+        for key in place:
+            if not isinstance(node, dict) or key not in node:
+                raise ValueError(f"{METRICS} has no {'.'.join(place)}")
+            node = node[key]
 
 
 def cases(runs: Sequence[OnlineRun]) -> dict[tuple[str, str, str], list[OnlineRun]]:

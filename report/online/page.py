@@ -8,10 +8,10 @@ from string import Template
 from report.collection.runs import collect, earlier_code, stated
 from report.online.cases import read_online
 from report.online.tables import learning_table, settling_tables, stability_table
+from report.usual import ONLINE, STABILITY
 from runner.run_folder import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
-ONLINE, STABILITY = Path("runs/online"), Path("runs/online_stability")
 NEEDS = {  # of the page: what makes it
     ONLINE: "python train.py -m experiment=online",
     STABILITY: "python train.py -m experiment=online_stability",

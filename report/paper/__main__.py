@@ -11,13 +11,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data.arguments import Parser
-from report.collection.report import tell_ended
-from report.collection.runs import read_runs, results_folder
-from report.output import printed, terminal
-from report.paper.cells import study_cells
-from report.paper.figures import draw_study
-from report.paper.page import CLOSE_FIT, OUTSIDE, STUDY, write_page
-from report.paper.tables import hits, printed_sections, write_tables
+from data.terminal import terminal
+from report.collection.runs import read_runs, results_folder, run_folders
+from report.usual import CLOSE_FIT, OUTSIDE, STUDY
 from runner.command_line import command_errors
 
 
@@ -31,6 +27,7 @@ def main(words: Sequence[str] | None = None) -> None:
     add("--close-fit", type=Path, default=CLOSE_FIT, help="runs of experiment=close_fit")
     with command_errors():
         options = parser.parse_args(words)
+        run_folders(options.folders)
         report_paper(
             options.folders, options.output, options.page, options.outside, options.close_fit
         )
@@ -47,6 +44,14 @@ def report_paper(
 
     Raises ValueError where no run belongs to a table of the paper.
     """
+    # PyTorch and Matplotlib take seconds to load: a mistyped folder is told before
+    from report.collection.report import tell_ended
+    from report.output import printed
+    from report.paper.cells import study_cells
+    from report.paper.figures import draw_study
+    from report.paper.page import write_page
+    from report.paper.tables import hits, printed_sections, write_tables
+
     output = output or results_folder(folders)
     runs = read_runs(folders)
     cells = study_cells(runs)

@@ -13,11 +13,11 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from runner.choices import dotted
+from runner.choices import dotted, plain
 from runner.compose import CONF
 from runner.paper_values import PaperCell, paper_cells
 from runner.result import Result, spread_of
-from runner.run_folder import plain, settings_of
+from runner.run_folder import settings_of
 from runner.spread import Spread
 
 OWN_RESIDUAL = "own_residual"

@@ -14,17 +14,18 @@ from itertools import product
 from pathlib import Path
 
 from data.arguments import Parser
+from data.terminal import terminal
 from report.collection.grids import asked
 from report.collection.runs import read_runs
-from report.output import Section, printed, terminal
+from report.output import Section, printed
 from report.paper.cells import OWN_RESIDUAL, error_of
+from report.usual import OUTSIDE
 from runner.command_line import command_errors
 from runner.paper_values import PaperCell, paper_cells
 from runner.result import Result, spread_of
 from runner.spread import Spread, percent
 
 EXPERIMENT = "outside"
-USUAL = Path("runs") / EXPERIMENT
 COLUMNS = ("changed", "system, scenario", "method", "split", "paper", "ours", "inside", "runs")
 
 
@@ -79,7 +80,7 @@ def _ours(runs: Sequence[Result], method: str, cell: PaperCell) -> Spread:
 
 def main() -> None:
     parser = Parser(prog="python -m report.paper.changes", description=__doc__.splitlines()[0])
-    parser.add_argument("folder", nargs="*", type=Path, default=[USUAL])
+    parser.add_argument("folder", nargs="*", type=Path, default=[OUTSIDE])
     with command_errors():
         rows = rows_of(read_runs(parser.parse_args().folder))
         title = "relative RMS error in %, median (min – max)"

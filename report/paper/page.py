@@ -18,14 +18,13 @@ from report.collection.runs import earlier_code, read_runs, stated
 from report.output import code, markdown
 from report.paper.cells import OWN, SETTINGS, Cell, as_configured, error_of, of
 from report.paper.changes import COLUMNS, rows_of
-from report.paper.changes import USUAL as OUTSIDE
 from report.paper.tables import NOT_PAIRED, by_label, cells_markdown, hits
+from report.usual import CLOSE_FIT, OUTSIDE, STUDY
 from runner.result import Result, spread_of
 from runner.run_folder import write_text
 from runner.spread import ESCAPED, FAILED, percent
 
 TEMPLATE = Path(__file__).with_name("page.md")
-STUDY, CLOSE_FIT = Path("runs/study"), Path("runs/close_fit")
 FEEDTHROUGH = Path("runs/studies/feedthrough.json")
 NEEDS = {  # of the page: what makes it
     STUDY: "python train.py -m experiment=paper",

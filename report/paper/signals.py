@@ -21,14 +21,16 @@ from data.simulation.datamodule import SimulatedData
 from data.simulation.elements import Bilinear, BoucWen, Element, LimitedSlip, Polynomial
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
-from models.training.assemble import build
+from models.training.assemble import simulated_from
+from models.training.build import build
 from report.about import colour_of
 from report.paper.cells import METHODS, OWN_RESIDUAL, of
 from report.run.figures import element_loops
 from report.style import MEASURED
-from runner.compose import CONF, simulated_from
+from runner.compose import CONF
 from runner.result import Result
-from runner.run_folder import read_run, restore
+from runner.run import restore
+from runner.run_folder import read_run
 
 SIX = METHODS[:7]  # the paper's, one of them scored in two ways; the rest are baselines
 SAME_AS_CHEBYSHEV = "power_series_restoring_force"  # two bases of one space: one estimate
@@ -60,7 +62,7 @@ def paper_elements(system: str = "bilinear") -> dict[str, Any]:
     """Elements of a structure in conf/system, by name."""
     cfg = OmegaConf.load(CONF / "system" / f"{system}.yaml")
     assert isinstance(cfg, DictConfig)
-    return build(cfg.structure).elements
+    return build(cfg.structure, Structure).elements
 
 
 def sample_loops() -> Figure:

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from data.datamodule import Data
 from data.simulation.motion import EscapedMotionError
+from data.terminal import terminal
 from models.estimator import Estimator
 from models.training.assemble import changed, data_from
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
@@ -21,6 +22,16 @@ from report.run.table import error_table, rows_of, why_no_free_run
 from runner.spread import Spread
 
 SPLITS = ("train", "test")
+
+
+def require_scores(metrics: dict[str, Any], dofs: int) -> None:
+    """Raise ValueError where a run's numbers are not those of a model with so many DOFs."""
+    names = ("model", "system", "scenario")
+    lacking = [name for name in names if name not in metrics]
+    per_dof = metrics.get("test", {}).get("per_dof_percent", ())
+    if lacking or len(per_dof) != dofs:
+        what = lacking[0] if lacking else f"test.per_dof_percent of {dofs} DOFs"
+        raise ValueError(f"metrics.json has no {what}; repeat the run")
 
 
 def score_split(
@@ -73,7 +84,7 @@ def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: 
         rows += rows_of("as trained", metrics)
     dofs = len(metrics["test"]["per_dof_percent"])
     title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
-    console = Console(width=None if Console().is_terminal else 120)
+    console = terminal(120)
     console.print(error_table(title, rows, dofs))
     for line in why_no_free_run({metrics["model"]: next(iter(results.values()))}):
         console.print(line, markup=False)
@@ -94,8 +105,8 @@ def print_stored(metrics: dict[str, Any], gone: Path) -> None:
     """Table of the scores in `metrics.json`, and what cannot be done without the record."""
     title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     rows, dofs = rows_of("as stored", metrics), len(metrics["test"]["per_dof_percent"])
-    console = Console(width=None if Console().is_terminal else 120)
-    console.print(error_table(title, rows, dofs, metrics["quantity"]))
+    console = terminal(120)
+    console.print(error_table(title, rows, dofs, metrics.get("quantity", "acceleration")))
     console.print(
         f"neither scored again nor drawn: the record {gone} is gone; put it back, or name another "
         "one to score the model on (data.path=FILE)",

@@ -7,17 +7,18 @@ from typing import Any
 
 import torch
 from lightning.pytorch.loggers import TensorBoardLogger
-from rich.console import Console
 from torch import Tensor
 
 from data.datamodule import Data
 from data.record import QUANTITIES
+from data.terminal import terminal
 from models.training.identification import SPLITS, Identification
 from models.training.metrics import FREE_RUNS
 from report.run.figures import run_figures
 from report.run.hparams import numbers, swept
 from report.run.online_figures import online_figures
 from report.run.table import error_table, rows_of, why_no_free_run
+from report.style import words_as_they_stand
 from runner.public_scores import benchmark_lines
 
 
@@ -45,6 +46,7 @@ def log_run(
         drawn = run_figures(record, estimates[""], errors, names, free_run)
         drawn |= online_figures(module.estimator, record)
         for name, figure in drawn.items():
+            words_as_they_stand(figure)
             board.add_figure(name, figure, close=False)
     logger.save()
 
@@ -80,7 +82,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     title = (
         f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}, seed {metrics['seed']}"
     )
-    console = Console(width=None if Console().is_terminal else 120)
+    console = terminal(120)
     console.print(error_table(title, rows, dofs, metrics["quantity"]))
     for line in why_no_free_run(methods):
         console.print(line, markup=False)

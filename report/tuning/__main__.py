@@ -6,25 +6,27 @@ python -m report.tuning FOLDER FOLDER --page docs/tuning.md
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
-from rich.console import Console
-
-from report.tuning.cases import USUAL, read_cases
-from report.tuning.page import write_tuning_page
-from report.tuning.tables import as_printed
-from runner.command_line import one_line_errors
+from data.arguments import Parser
+from data.terminal import terminal
+from report.tuning.cases import read_cases
+from report.usual import SEARCHES
+from runner.command_line import command_errors
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folders", nargs="*", type=Path, default=USUAL)
+    parser = Parser("python -m report.tuning", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("folders", nargs="*", type=Path, default=SEARCHES)
     parser.add_argument("--page", type=Path, help="write the page, with its figure beside it")
-    options = parser.parse_args()
-    with one_line_errors("train"):
+    with command_errors():
+        options = parser.parse_args()
         cases = read_cases(options.folders)
-        console = Console(width=None if Console().is_terminal else 150)
+        # SciPy and Matplotlib take seconds to load: a mistyped folder is told before
+        from report.tuning.page import write_tuning_page
+        from report.tuning.tables import as_printed
+
+        console = terminal(150)
         console.print(as_printed(cases))
         if options.page is not None:
             write_tuning_page(options.page, cases)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,12 +9,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from data.arguments import reason
 from report.free_run.rows import SYSTEMS
+from runner.plain_data import read_json
 from runner.result import Result, read_result
+from runner.schema import ANYTHING, PERCENT, require
 from runner.spread import FAILED
 
-USUAL = tuple(Path(f"runs/tune_{what}") for what in ("vwnn", "polynomial", "networks"))
 FILE = "search.json"  # of runner/search.py, which needs Optuna; this does not
+SEARCH: dict[Any, Any] = {
+    **{name: [str] for name in ("case", "seeds")},
+    **dict.fromkeys(("first_percent", "best_percent"), PERCENT),
+    **{name: {...: ANYTHING} for name in ("best",)},
+    **{"final": {...: [str]}, ...: ANYTHING},
+}
 GAIN = 0.999  # of the error as configured: less is better
 WAYS = ("configured", "tuned")
 
@@ -80,6 +87,22 @@ def short(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
+def _searches(path: Path) -> list[dict[str, Any]]:
+    """The searches of a sweep. Raises ValueError where the file is damaged."""
+    try:
+        content: dict[str, dict[str, Any]] = read_json(path)
+        require(content, {...: SEARCH})
+        for name, search in content.items():
+            words = [word.partition("=")[0] for word in search.get("case", ())]
+            if lacking := [key for key in SEARCH if key is not ... and key not in search]:
+                raise ValueError(f"{name} has no {lacking[0]}")
+            if not {"model", "system"} <= set(words) or set(search["final"]) != set(WAYS):
+                raise ValueError(f"{name} has no model=, no system=, or no runs of {WAYS}")
+    except ValueError as error:
+        raise ValueError(f"{path} is damaged: {reason(error)}; repeat the search") from None
+    return list(content.values())
+
+
 def read_cases(folders: Sequence[Path]) -> list[Case]:
     """Cases of all searches, models as searched, systems in the paper's order.
 
@@ -89,7 +112,7 @@ def read_cases(folders: Sequence[Path]) -> list[Case]:
     for folder in folders:
         if not (folder / FILE).is_file():
             continue
-        for search in json.loads((folder / FILE).read_text("utf-8")).values():
+        for search in _searches(folder / FILE):
             named = dict(word.split("=", 1) for word in search["case"] if "=" in word)
             final = {
                 way: {read_result(folder / name).seed: folder / name for name in names}

@@ -10,8 +10,6 @@ again. Some seconds a run, side by side.
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,15 +18,23 @@ from typing import Any
 from joblib import Parallel, delayed
 from omegaconf import DictConfig
 
+from data.arguments import Parser
 from models.baselines import TwoPoint
 from models.training.assemble import changed, data_from
 from models.training.metrics import score
-from report.tuning.cases import USUAL, WAYS, Case, read_cases
-from runner.command_line import one_line_errors, quiet_lightning
+from report.tuning.cases import WAYS, Case, read_cases
+from report.usual import SEARCHES
+from runner.command_line import command_errors
 from runner.identity import written_code_version
-from runner.run_folder import CONFIG, read_run, restore, write_json
+from runner.job import quiet_lightning
+from runner.plain_data import read_json
+from runner.run import restore
+from runner.run_files import CONFIG
+from runner.run_folder import read_run, write_json
+from runner.schema import ANYTHING, PERCENT, require
 
 FILE = "onset.json"
+KIND = {"origin": {...: ANYTHING}, "scores": {...: PERCENT}}
 ONSET = 100  # samples: the first second, as little counted here as in the search
 
 
@@ -43,7 +49,7 @@ class Onset:
 def onsets(case: Case, way: str) -> dict[int, Onset]:
     """{seed: scores} of the finished runs of a case that this program scored."""
     paths = {seed: case.folders[way][seed] / FILE for seed in case.metrics[way]}
-    return {seed: Onset(**_read(path)["scores"]) for seed, path in paths.items() if path.is_file()}
+    return {seed: Onset(**kept["scores"]) for seed, path in paths.items() if (kept := _read(path))}
 
 
 def write_onset(folder: Path) -> None:
@@ -51,12 +57,18 @@ def write_onset(folder: Path) -> None:
     cfg, metrics = read_run(folder)
     origin = {"run": metrics.get("identity"), "code": written_code_version(folder / CONFIG)}
     path = folder / FILE
-    if not path.is_file() or _read(path)["origin"] != origin:
+    if _read(path).get("origin") != origin:
         write_json(path, {"origin": origin, "scores": asdict(after_onset(cfg, folder))})
 
 
 def _read(path: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(path.read_text("utf-8"))
+    """What `write_onset` wrote; nothing of a damaged file, which is written anew."""
+    try:
+        content: dict[str, Any] = read_json(path)
+        require(content, KIND)
+        Onset(**content["scores"])
+    except (ValueError, OSError, TypeError, KeyError):
+        return {}
     return content
 
 
@@ -79,10 +91,10 @@ def score_cases(cases: Sequence[Case]) -> int:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folders", nargs="*", type=Path, default=USUAL)
-    options = parser.parse_args()
-    with one_line_errors("train"):
+    parser = Parser("python -m report.tuning.onset", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("folders", nargs="*", type=Path, default=SEARCHES)
+    with command_errors():
+        options = parser.parse_args()
         count = score_cases(read_cases(options.folders))
         print(f"{count} runs scored, each in its {FILE}")
 

@@ -12,7 +12,7 @@ from report.about import colour_of
 from report.collection.figure import scale
 from report.collection.runs import collect, earlier_code, stated
 from report.free_run.rows import SYSTEMS
-from report.tuning.cases import USUAL, WAYS, Case
+from report.tuning.cases import WAYS, Case
 from report.tuning.onset import onsets
 from report.tuning.tables import (
     PRINTED,
@@ -23,14 +23,15 @@ from report.tuning.tables import (
     setting_rows,
     warmup_rows,
 )
+from report.usual import SEARCHES
 from runner.run_folder import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
 WARMUP = Path("runs/tune_warmup")  # runs of experiment=tune_warmup
 NEEDS = {  # of the page: what makes it
-    folder: f"python train.py -m experiment={folder.name}" for folder in (*USUAL, WARMUP)
+    folder: f"python train.py -m experiment={folder.name}" for folder in (*SEARCHES, WARMUP)
 }
-SEARCHES = {  # a model of each
+MAKES = {  # a model of each
     "tune_vwnn": "vwnn",
     "tune_polynomial": "power_series_residual",
     "tune_networks": "residual_mlp",
@@ -69,7 +70,7 @@ def _facts(cases: Sequence[Case], warmup: Path) -> Iterator[tuple[str, str]]:
     yield "runs", str(sum(len(c.folders[way]) for c in cases for way in WAYS))
     yield "lost", str(lost)
     models = {case.model for case in cases}
-    missing = [f"`{search}`" for search, model in SEARCHES.items() if model not in models]
+    missing = [f"`{search}`" for search, model in MAKES.items() if model not in models]
     yield "missing", f" Not run for this page: {', '.join(missing)}." if missing else ""
 
 

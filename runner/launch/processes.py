@@ -16,6 +16,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
+import psutil
+
 from runner.launch.launcher import SweepLauncher, Worker
 
 TRIES = 4  # of a run whose process is lost; more often, and the run itself is the reason
@@ -44,9 +46,17 @@ def _start(worker: Worker, parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent ended: two sweeps must not meet in one folder."""
-    while os.getppid() == parent:
-        time.sleep(0.2)
+    """End this process when its parent ended: two sweeps must not meet in one folder.
+
+    Asked of the parent itself, by number and time of its start: only Unix tells of a lost parent by
+    another number of the parent.
+    """
+    try:
+        sweep = psutil.Process(parent)
+        while sweep.is_running() and sweep.status() != psutil.STATUS_ZOMBIE:
+            time.sleep(0.2)
+    except psutil.NoSuchProcess:
+        pass
     os._exit(1)
 
 

@@ -9,8 +9,15 @@ from __future__ import annotations
 
 import os
 import socket
+import sys
 
 from runner.launch.launcher import SweepLauncher, Worker
+
+# Ray listens at its node's address. It takes 127.0.0.1 for a mistake and puts the machine's address
+# on the network in its place; of Linux's loopback every other address of 127.0.0.0/8 will do. Other
+# systems have but one, where Ray begins by itself.
+LOOPBACK = "127.0.0.2" if sys.platform == "linux" else "127.0.0.1"
+OF_THIS_MACHINE = {"include_dashboard": False, "_node_ip_address": LOOPBACK}
 
 
 class RayLauncher(SweepLauncher):
@@ -41,7 +48,7 @@ class RayLauncher(SweepLauncher):
             ray.init(
                 address=self.address,
                 runtime_env={"env_vars": worker.environment},
-                include_dashboard=False if self.address == "local" else None,
+                **(OF_THIS_MACHINE if self.address == "local" else {}),
                 log_to_driver=False,
                 logging_level="ERROR",
             )

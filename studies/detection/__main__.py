@@ -24,9 +24,11 @@ from rich.table import Table
 from scipy.stats import beta, binomtest
 from torch import Tensor
 
+from data.arguments import Parser
+from data.terminal import Terminal
 from models.detection.detector import conformal_rank, first_alarm
 from report.output import save_figure
-from runner.command_line import one_line_errors
+from runner.command_line import command_errors
 from studies.detection.figures import delays_figure, levels_figure
 from studies.detection.motions import (
     BLOCK,
@@ -176,17 +178,15 @@ def detect(systems: Sequence[str], seeds: int, figures: Path | None, console: Co
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--systems", nargs="+", default=SYSTEMS)
     parser.add_argument("--seeds", type=int, default=SEEDS, help="test motions of each system")
     parser.add_argument("--figures", type=Path, help="folder for two figures")
     choice = parser.parse_args()
     torch.set_num_threads(1)
-    detect(choice.systems, choice.seeds, choice.figures, Console(width=136))
+    detect(choice.systems, choice.seeds, choice.figures, Terminal(width=136))
 
 
 if __name__ == "__main__":
-    with one_line_errors("train"):
+    with command_errors():
         main()

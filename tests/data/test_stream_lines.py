@@ -18,7 +18,7 @@ from data.record import Record
 from data.simulation.scenario import FullState
 from data.stream.lines import LONGEST, SampleLines
 from data.stream.sources import one_client, paced
-from data.stream.time_stamps import PATIENCE, TimeStamps
+from data.stream.time_stamps import AGREEING, PATIENCE, TimeStamps
 
 DT = 0.01
 HEADER = "t,f1,a1,a2"
@@ -207,12 +207,26 @@ def test_a_clock_that_was_set_back_is_followed_after_a_while():
     stamps = TimeStamps(DT)
     for k in range(30):
         stamps(100.0 + DT * k)
-    behind = [stamps(DT * k) for k in range(PATIENCE)]
-    assert max(behind) < 0.0
-    assert stamps(DT * PATIENCE) == pytest.approx(0.30)
-    assert "the clock was set, by -9" in stamps.note
-    assert stamps(DT * (PATIENCE + 1)) == pytest.approx(0.31)
+    for k in range(AGREEING - 1):
+        assert stamps(DT * k) == pytest.approx(0.30 + DT * k)
+        assert "does not fit" in stamps.note
+    assert stamps(DT * (AGREEING - 1)) == pytest.approx(0.30 + DT * (AGREEING - 1))
+    assert "the clock was set, by -" in stamps.note
+    assert stamps(DT * AGREEING) == pytest.approx(0.30 + DT * AGREEING)
     assert stamps.note == ""
+
+
+def test_a_clock_that_was_set_back_a_little_is_followed_after_a_while():
+    """Samples may have been sent again: they are passed on as they are, for the stream to name."""
+    stamps = TimeStamps(DT)
+    for k in range(60):
+        stamps(DT * k)
+    behind = [stamps(DT * k) for k in range(50)]
+    assert behind == pytest.approx([DT * k for k in range(50)])
+    assert stamps(DT * 60) == pytest.approx(0.60)
+    slow = [stamps(0.30 - 0.001 * k) for k in range(PATIENCE + 1)]
+    assert slow[-1] == pytest.approx(0.61)
+    assert "the clock was set, by -" in stamps.note
 
 
 def test_a_clock_that_leaps_ahead_is_followed():
@@ -220,8 +234,23 @@ def test_a_clock_that_leaps_ahead_is_followed():
 
 
 def test_one_absurd_stamp_does_not_end_a_stream():
-    seen = times(0.0, 0.01, 1e300, *(DT * k for k in range(3, 3 + PATIENCE + 3)))
-    assert seen[-2:] == [0.04, 0.05]
+    """Nor does it cost more than its own place in time: the samples after it keep theirs."""
+    assert times(0.0, 0.01, 1e300, 0.03, 0.04) == [0.0, 0.01, 0.02, 0.03, 0.04]
+    usual = [DT * k for k in range(400)]
+    for wild in (1e18, -1.0, -1e300, math.nan, 2.5, 3e3, 1e9):
+        stamps = TimeStamps(DT)
+        seen = [stamps(wild if k == 200 else stamp) for k, stamp in enumerate(usual)]
+        assert seen == pytest.approx(usual), wild
+
+
+def test_a_real_gap_is_believed_when_the_stamps_after_it_agree():
+    seen = times(0.0, 0.01, *(5.0 + DT * k for k in range(6)))
+    assert seen == [0.0, 0.01, 0.02, 0.03, 5.02, 5.03, 5.04, 5.05]
+    assert times(0.0, 0.01, 0.04, 0.05) == [0.0, 0.01, 0.04, 0.05]  # two samples were lost
+
+
+def test_a_first_stamp_that_is_wild_is_left_behind():
+    assert times(1e18, 5.0, 5.01, 5.02, 5.03) == [0.0, 0.01, 0.02, 0.03, 0.04]
 
 
 def test_stamps_in_another_unit_are_found_out():

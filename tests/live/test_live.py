@@ -23,6 +23,7 @@ from live import __main__ as live
 from live import samples
 from live import source as live_source
 from live.alarm import LEARNING, ResidualAlarm
+from live.lines import lines_of
 from live.monitor import LiveMonitor
 from live.view import BARS, LiveView, bars
 from models.online.adaptive import Online
@@ -32,7 +33,8 @@ from models.online.stream import started
 from models.training.assemble import data_from, estimator_from
 from models.vwnn import VWNN
 from runner.compose import composed
-from runner.run_folder import Run, read_run, restore
+from runner.run import Run, restore
+from runner.run_folder import read_run
 
 ROOT = Path(__file__).parents[2]
 DT = 0.01
@@ -79,7 +81,7 @@ def online(tmp_path_factory) -> Path:
 def lines(bilinear_record: Record) -> str:
     """4 s of a yielding structure as CSV."""
     record = bilinear_record.measured().window(0, 400)
-    return "\n".join(samples.lines_of(record, base=False, speed=math.inf)) + "\n"
+    return "\n".join(lines_of(record, base=False, speed=math.inf)) + "\n"
 
 
 def estimates(path: Path | str) -> torch.Tensor:

@@ -9,7 +9,7 @@ import pytest
 from omegaconf import OmegaConf
 
 import models
-from models.training.assemble import LABELS
+from models.training.build import LABELS
 from runner.compose import CONF, composed
 
 VARIANTS = {  # config → the settings that make it another model, or another way of solving

@@ -13,7 +13,7 @@ from models.mlp import GlobalMLP
 from models.training.identification import Identification
 from models.training.objective import FreeRun
 from models.training.problem import Problem
-from models.training.resume import SaveProgress, belongs
+from models.training.resume import SaveProgress, fault_of
 from models.training.solvers.adam import Adam
 from models.training.solvers.lbfgs import LBFGS
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
@@ -96,7 +96,7 @@ def test_training_that_is_broken_off_ends_where_it_would_have_ended(case, tmp_pa
     epochs = {"shuffled_mini_batches": 2}.get(case, 5)
     with pytest.raises(KilledError):
         trained(case, tmp_path, KillAfter(epochs))
-    assert belongs(tmp_path / "training.ckpt", RUN)
+    assert not fault_of(tmp_path / "training.ckpt", RUN)
     with pytest.raises(KilledError):  # and once more, a little later
         trained(case, tmp_path, KillAfter(epochs + 1), go_on=True)
     resumed = trained(case, tmp_path, go_on=True)
@@ -116,18 +116,18 @@ def test_only_the_own_file_is_gone_on_from(tmp_path):
     with pytest.raises(KilledError):
         trained("lbfgs", tmp_path, KillAfter(1))
     path = tmp_path / "training.ckpt"
-    assert not belongs(path, {**RUN, "code": "three"})
+    assert fault_of(path, {**RUN, "code": "three"})
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
-    assert not belongs(path, RUN)
+    assert fault_of(path, RUN)
     path.write_bytes(b"")
-    assert not belongs(path, RUN)
+    assert fault_of(path, RUN)
     path.unlink()
-    assert not belongs(path, RUN)
+    assert fault_of(path, RUN)
     torch.save({"identity": RUN, "payload": Hostile()}, path)
-    assert not belongs(path, RUN)
+    assert fault_of(path, RUN)
     path.write_bytes(pickle.dumps({"identity": RUN, "payload": Hostile()}, protocol=2))
-    assert not belongs(path, RUN)
+    assert fault_of(path, RUN)
 
 
 def test_a_saving_that_never_ends_leaves_the_one_before(tmp_path, monkeypatch):
@@ -141,7 +141,7 @@ def test_a_saving_that_never_ends_leaves_the_one_before(tmp_path, monkeypatch):
     monkeypatch.setattr(Trainer, "save_checkpoint", half)
     with pytest.raises(OSError, match="No space"):
         trained("lbfgs", tmp_path, go_on=True)
-    assert belongs(tmp_path / "training.ckpt", RUN)
+    assert not fault_of(tmp_path / "training.ckpt", RUN)
 
 
 def test_a_negative_interval_is_refused(tmp_path):

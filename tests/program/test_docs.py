@@ -22,7 +22,8 @@ from data.record import stack
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
-from models.training.assemble import build
+from data.simulation.structure import Structure
+from models.training.build import build
 from models.training.metrics import free_run_score, score
 
 ROOT = Path(__file__).parents[2]
@@ -46,7 +47,7 @@ def test_the_example_in_python_prints_an_error(capsys):
 def test_the_structure_and_the_estimator_of_the_docs_work_together():
     system, model = (OmegaConf.create(text) for text in blocks(ADDING, "yaml"))
     assert model.name == "quadratic_damping"
-    structure = build(system.structure)
+    structure = build(system.structure, Structure)
     force = BandLimitedGaussian(system.excitation.std, system.excitation.band)
     simulation = Simulation(structure, Excitation(force), FullState(), dt=0.005, duration=20.0)
     records, _ = simulation.records("train", 1, seed=0)

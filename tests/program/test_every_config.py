@@ -11,14 +11,16 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
+from data import Excitation
+from models import Estimator
 from models.training.assemble import (
-    build,
     changed,
     data_from,
     estimator_from,
     objective_from,
     solver_from,
 )
+from models.training.build import build
 from models.training.metrics import score
 from runner.compose import CONF, GROUPS, experiments, help_text, placed, prepare_hydra
 from runner.paper_values import paper_values
@@ -195,9 +197,12 @@ def test_paper_cells_are_all_there():
 )
 def test_a_config_can_only_build_classes_of_this_project(target):
     with pytest.raises(ValueError, match="_target_"):
-        build(OmegaConf.create({"_target_": target}))
+        build(OmegaConf.create({"_target_": target}), Estimator)
     with pytest.raises(ValueError, match="_target_"):
-        build(changed(composed(), {"excitation": {"force": {"_target_": target}}}).excitation)
+        build(
+            changed(composed(), {"excitation": {"force": {"_target_": target}}}).excitation,
+            Excitation,
+        )
 
 
 def test_a_misspelt_argument_names_the_nearest():
@@ -205,4 +210,4 @@ def test_a_misspelt_argument_names_the_nearest():
     OmegaConf.set_struct(node, False)
     node.cutof = 3.0
     with pytest.raises(ValueError, match="did you mean 'cutoff'"):
-        build(node, dofs=3, inputs=3, dt=0.01)
+        build(node, Estimator, dofs=3, inputs=3, dt=0.01)

@@ -313,12 +313,12 @@ MISTAKES = {
     "excitation.force.band=[0,60]": "Nyquist frequency 50 Hz",
     "excitation.force.std=0": "std=0",
     "system=polynomial excitation.force.std=60": "escaped at t =",
-    "excitation=given excitation.force.path=none.csv": "no file none.csv",
+    "excitation=given excitation.force.path=none.csv": "none.csv: there is no such file",
     "trainer.accelerator=abacus": "abacus",
     "solver=levenberg": "did you mean levenberg_marquardt",
     "model=global_mlp solver.iterations=0": "solver.iterations=0",
     "model=global_mlp solver=levenberg_marquardt solver.patience=0": "patience=0",
-    "model=global_mlp model.hidden=20": "GlobalMLP",
+    "model=global_mlp model.hidden=20": "model.hidden=20 must be a list of whole numbers",
     "model=global_mlp model.activation=step": "activation='step'",
     "model=power_series_residual model.pairs=[[u1,u9]]": "u1_dot",
     "model=power_series_residual model.pairs=[]": "pairs is empty",
@@ -357,7 +357,7 @@ def test_a_failing_run_does_not_stop_a_sweep(tmp_path, monkeypatch, capsys):
     assert run(train, monkeypatch, *words) == 1
     out = capsys.readouterr().out
     assert "2 done, 1 failed" in out
-    assert "seed=-1 must be a whole number" in out
+    assert "seed=-1 must be between" in out
     assert len(list(tmp_path.glob("*/metrics.json"))) == 2
     assert len(list(tmp_path.glob("*/failed.json"))) == 1
 

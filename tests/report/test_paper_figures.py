@@ -11,7 +11,6 @@ import pytest
 from hydra import compose, initialize_config_dir
 from numpy.testing import assert_allclose
 
-import train
 from report.about import colours
 from report.collection.runs import read_runs
 from report.paper.cells import METHODS
@@ -26,6 +25,7 @@ from report.paper.signals import (
     sample_loops,
     slowly,
 )
+from runner import job
 from runner.compose import CONF, prepare_hydra
 from runner.result import FINISHED, Result
 
@@ -38,7 +38,7 @@ def identify(folder: Path, *choices: str) -> None:
         cfg = compose("train", [*QUICK, *choices])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Lightning's
-        train.identify(cfg, folder)
+        job.identify(cfg, folder)
 
 
 @pytest.fixture(scope="module")

@@ -18,10 +18,11 @@ from omegaconf import OmegaConf
 import train
 from report.collection.runs import read_runs
 from runner import run_folder
+from runner.choices import plain
 from runner.compose import CONF, placed, prepare_hydra
-from runner.identity import config_digest
+from runner.identity import config_digest, run_name
 from runner.progress import is_finished
-from runner.run_folder import config_text, plain, read_failure, run_name
+from runner.run_folder import config_text, read_failure
 from runner.seeds import SeedsOf
 from tests.program.test_train import run
 
@@ -138,7 +139,7 @@ def test_a_failed_run_is_tried_again_when_asked(tmp_path, monkeypatch, capsys):
     assert run(train, monkeypatch, *words, "hydra.sweeper.retry_failed=true") == 1
     assert failed.stat().st_mtime_ns > made
     assert {run.reason for run in read_runs(tmp_path) if not run.finished} == {
-        "seed=-1 must be a whole number, not negative"
+        "seed=-1 must be between 0 and 4294967295"
     }
 
 

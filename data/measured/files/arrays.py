@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from data.measured.files.columns import (
+    MOST,
     Contents,
     FileError,
     Request,
@@ -51,6 +52,9 @@ def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Con
     """
     contents = Contents()
     series = [variable for variable in variables if _is_series(path, variable, request, contents)]
+    series = [variable for variable in series if _may_be_wanted(variable, request)]
+    for variable in series:
+        _check_shape(path, variable)
     owners = [(variable, k) for variable in series for k in range(_width(variable))]
     headers = [_column_name(variable, k) for variable, k in owners]
     names, contents.units = name_columns(path, headers)
@@ -60,7 +64,7 @@ def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Con
         if variable.unit is not None:
             contents.units.setdefault(name, variable.unit)
     picked = {name: by_name[name] for name in chosen}
-    _check_together(path, {name: variable for name, (variable, _) in picked.items()})
+    _check_lengths(path, {name: variable for name, (variable, _) in picked.items()})
     used = {variable.name: variable for variable, _ in picked.values()}
     declared = sum(8 * variable.size for variable in used.values())
     check_size(path, declared, path.stat().st_size)
@@ -107,21 +111,36 @@ def _rows(variable: Variable) -> int:
     return variable.size // _width(variable)
 
 
-def _check_together(path: Path, picked: dict[str, Variable]) -> None:
-    for name, variable in picked.items():
-        shape = tuple(n for n in variable.shape if n > 1)
-        if len(shape) > 2:
-            raise FileError(
-                f"{path.name}: {variable.name!r} has the shape {variable.shape}; expected "
-                "(rows,) or (rows, columns); save it as several matrices or leave it out "
-                "(data.columns)"
-            )
-        if len(shape) == 2 and shape[0] < shape[1]:
-            raise FileError(
-                f"{path.name}: {variable.name!r} has the shape {variable.shape}, more columns than "
-                f"rows; expected samples along the rows; transpose it or leave {name!r} out "
-                "(data.columns)"
-            )
+def _may_be_wanted(variable: Variable, request: Request) -> bool:
+    """Whether `data.columns` may name a column of this variable; all are wanted by default."""
+    if request.columns is None:
+        return True
+    name = variable.name.strip()
+    return any(wanted.startswith(name) or name.startswith(wanted) for wanted in request.columns)
+
+
+def _check_shape(path: Path, variable: Variable) -> None:
+    name, shape = variable.name, tuple(n for n in variable.shape if n > 1)
+    if len(shape) > 2:
+        raise FileError(
+            f"{path.name}: {name!r} has the shape {variable.shape}; expected "
+            "(rows,) or (rows, columns); save it as several matrices or leave it out "
+            "(data.columns)"
+        )
+    if len(shape) == 2 and shape[0] < shape[1]:
+        raise FileError(
+            f"{path.name}: {name!r} has the shape {variable.shape}, more columns than "
+            "rows; expected samples along the rows; transpose it or leave it out "
+            "(data.columns)"
+        )
+    if _width(variable) > MOST:
+        raise FileError(
+            f"{path.name}: {name!r} has {_width(variable)} columns; expected at most {MOST}; "
+            "save it as several matrices or leave it out (data.columns)"
+        )
+
+
+def _check_lengths(path: Path, picked: dict[str, Variable]) -> None:
     lengths = {name: _rows(variable) for name, variable in picked.items()}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name} has {rows}" for name, rows in list(lengths.items())[:8])

@@ -11,11 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from data.measured.units import is_unit
+from data.memory import require_memory
 
 EXACT = 2**53  # float64 holds every integer up to here
 GIB = 2**30
 LARGEST = 64 * GIB  # bytes of one table in memory
 SUSPECT = GIB  # above this, data packed a thousandfold is taken for a bomb
+MOST = 10_000  # columns of one table
+LONGEST = 1000  # characters of a column's name
 
 
 class FileError(ValueError):
@@ -44,10 +47,11 @@ class Contents:
     notes: list[str] = field(default_factory=list)
 
 
-def shorten(text: object, length: int = 40) -> str:
-    """`text` quoted for an error message: one line, at most `length` characters."""
-    shown = repr(str(text))
-    return shown if len(shown) <= length else shown[: length - 2] + "…'"
+def shorten(text: object, length: int = 40, bare: bool = False) -> str:
+    """`text` for an error message: one line, at most `length` characters, quoted unless `bare`."""
+    shown = repr(str(text)[: 10 * length])
+    shown = shown if len(shown) <= length else shown[: length - 2] + "…'"
+    return shown[1:-1] if bare else shown
 
 
 def reason_of(error: Exception) -> str:
@@ -69,46 +73,71 @@ def split_unit(header: str) -> tuple[str, str | None]:
 
 
 def name_columns(path: Path, headers: Sequence[str]) -> tuple[list[str], dict[str, str]]:
-    """Names without their units, and the units. Raises FileError for a name that occurs twice."""
-    names: list[str] = []
+    """Names without their units, and the units.
+
+    Raises FileError for a name that occurs twice and for one that is too long to be a name.
+    """
+    places: dict[str, int] = {}
     units: dict[str, str] = {}
     for number, header in enumerate(headers, start=1):
+        if len(header) > LONGEST:
+            raise FileError(
+                f"{path.name}: the name of column {number}, {shorten(header)}, has {len(header)} "
+                f"characters; expected at most {LONGEST}; is it a name? rename that column"
+            )
         name, unit = split_unit(header)
-        if name in names:
-            first = names.index(name) + 1
+        first = places.setdefault(name, number)
+        if first != number:
             raise FileError(
                 f"{path.name}: columns {first} and {number} are both named {shorten(name)}; "
                 "rename one of them"
             )
-        names.append(name)
         if unit is not None:
             units[name] = unit
-    return names, units
+    return list(places), units
 
 
 def choose(path: Path, names: Sequence[str], wanted: Sequence[str] | None) -> list[str]:
-    """The wanted names in the order asked for, or all. Raises FileError for one that is missing."""
+    """The wanted names in the order asked for, or all.
+
+    Raises FileError for one that is missing, and for more columns than are looked at in one go.
+    """
+    asked = len(names) if wanted is None else len(set(wanted))
+    if asked > MOST:
+        raise FileError(
+            f"{path.name}: {asked} columns; expected at most {MOST} at a time; name those that "
+            "you need in data.channels"
+        )
     if wanted is None:
         return list(names)
+    known = set(names)
     for name in wanted:
-        if name not in names:
-            near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+        if name not in known:
+            near = difflib.get_close_matches(name[:LONGEST], names[:MOST], n=1, cutoff=0.5)
             guess = f", did you mean {near[0]!r}?" if near else ""
-            has = ", ".join(names[:12]) + (", …" if len(names) > 12 else "")
+            has = ", ".join(shorten(known, bare=True) for known in names[:12])
+            has += ", …" if len(names) > 12 else ""
             raise FileError(
                 f"{path.name}: no column {shorten(name)}{guess} data.columns may name {has}"
             )
     return list(dict.fromkeys(wanted))
 
 
-def check_size(path: Path, declared: int, stored: int) -> None:
-    """Raise FileError where `stored` bytes of a file claim to be too many `declared` in memory."""
+def check_size(path: Path, declared: float, stored: int) -> None:
+    """Raise FileError where `stored` bytes of a file claim to be too many `declared` in memory.
+
+    Too many are what no file unpacks to, and more than there is memory now.
+    """
+    remedy = "read fewer data.columns or cut the record into several files"
     if declared > LARGEST or (declared > SUSPECT and declared > 1000 * max(stored, 1)):
         raise FileError(
             f"{path.name}: {stored} bytes claim to unpack to {declared / GIB:.4g} GiB; expected at "
-            f"most {LARGEST // GIB} GiB and a thousandfold; "
-            "read fewer data.columns or cut the record into several files"
+            f"most {LARGEST // GIB} GiB and a thousandfold; {remedy}"
         )
+    try:
+        require_memory(declared, f"{path.name}: its columns as numbers", remedy)
+    except ValueError as error:
+        raise FileError(str(error)) from None
 
 
 def as_float(path: Path, name: str, values: np.ndarray, notes: list[str]) -> np.ndarray:
@@ -127,7 +156,10 @@ def as_float(path: Path, name: str, values: np.ndarray, notes: list[str]) -> np.
     if kind in "iu" and values.size and _largest(values) > EXACT:
         return _since_first(path, name, values, notes)
     if kind not in "biuf":
-        raise FileError(f"{path.name}: {name!r} holds {values.dtype}; expected numbers")
+        raise FileError(
+            f"{path.name}: {name!r} holds {shorten(values.dtype)}; expected numbers; "
+            "leave it out (data.columns)"
+        )
     return np.ascontiguousarray(values, dtype=np.float64)
 
 
@@ -137,6 +169,12 @@ def seconds(path: Path, name: str, stamps: np.ndarray, notes: list[str]) -> np.n
     if missing.all():
         raise FileError(f"{path.name}: {name!r} holds no time at all; leave it out (data.columns)")
     first = stamps[~missing][0]
+    years = stamps[~missing].astype("datetime64[Y]").astype(np.int64) + 1970
+    if years.min() < 1680 or years.max() > 2260 or np.ptp(years) > 290:
+        raise FileError(
+            f"{path.name}: {name!r} holds times from the year {years.min()} to {years.max()}; "
+            "expected times of one record; mend the file or leave it out (data.columns)"
+        )
     since = (stamps - first).astype("timedelta64[ns]").astype(np.int64) / 1e9
     notes.append(f"{name!r}: seconds since {first}")
     return np.where(missing, np.nan, since)

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import h5py  # type: ignore[import-untyped]
 import numpy as np
 
+from data.measured.files.apart import require_survival
 from data.measured.files.arrays import Variable, refuse, tabulate
 from data.measured.files.columns import Contents, FileError, Request, reason_of, shorten
 from data.measured.files.format import Format
 from data.measured.files.npz import fields
+
+MOST_OBJECTS = 10_000  # groups and datasets of one file that are looked at
+DEEPEST = 50  # groups within groups
 
 
 def read_hdf5(path: Path, request: Request) -> Contents:
@@ -20,20 +25,27 @@ def read_hdf5(path: Path, request: Request) -> Contents:
 
     Raises FileError for external and dangling links, virtual and external datasets, and damage.
     """
+    require_survival(path, request, __name__)
+    return read_here(path, request)
+
+
+def read_here(path: Path, request: Request) -> Contents:
+    """The same in this process, which a damaged file may end."""
     try:
         with h5py.File(path, "r") as file:
             group = _group(path, file, request.group)
             matlab = path.suffix.lower() == ".mat"
-            contents = tabulate(
-                path, list(_walk(file, group, "", matlab, {_address(group)})), request
-            )
+            found = _walk(file, group, "", matlab, {_address(group)})
+            contents = tabulate(path, _at_most(path, found), request)
             for name, value in group.attrs.items():
                 if np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf":
                     contents.facts.setdefault(name, float(value))
             return contents
     except FileError:
         raise
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+    except MemoryError:
+        raise
+    except Exception as error:  # h5py passes on whatever the damage leads to
         raise FileError(
             f"{path.name} is damaged: {reason_of(error)}; copy or export it again"
         ) from None
@@ -74,6 +86,16 @@ def _inside(file: h5py.File, name: str) -> Any:
     return place
 
 
+def _at_most(path: Path, found: Iterator[Variable]) -> list[Variable]:
+    variables = list(islice(found, MOST_OBJECTS + 1))
+    if len(variables) > MOST_OBJECTS:
+        raise FileError(
+            f"{path.name} holds more than {MOST_OBJECTS} datasets; expected those of one record; "
+            "name its group in data.group"
+        )
+    return variables
+
+
 def _address(group: h5py.Group) -> int:
     return int(h5py.h5o.get_info(group.id).addr)
 
@@ -98,7 +120,9 @@ def _walk(
         if isinstance(item, h5py.Dataset):
             yield from _dataset(name, item, matlab)
         elif isinstance(item, h5py.Group) and not (matlab and key.startswith("#")):
-            if _address(item) in seen:  # or groups within each other would be walked for ever
+            if name.count("/") + name.count(".") > DEEPEST:
+                yield refuse(name, "a group nested too deeply")
+            elif _address(item) in seen:  # or groups within each other would be walked for ever
                 yield refuse(name, "a second name of a group")
             else:
                 seen.add(_address(item))

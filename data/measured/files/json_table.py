@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from data.measured.files.columns import (
     FileError,
     Request,
     as_float,
+    check_size,
     choose,
     name_columns,
     seconds,
@@ -73,11 +75,14 @@ def _parse(path: Path) -> Any:
             "save it as Parquet"
         )
 
+    size = path.stat().st_size
+    check_size(path, 12 * size, size)
+
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         values = dict(pairs)
         if len(values) < len(pairs):
-            keys = [key for key, _ in pairs]
-            twice = next(key for key in keys if keys.count(key) > 1)
+            counts = Counter(key for key, _ in pairs)
+            twice = next(key for key, count in counts.items() if count > 1)
             raise FileError(f"{path.name}: {shorten(twice)} occurs twice; rename one of them")
         return values
 

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.io
 import scipy.sparse
 
+from data.measured.files.apart import require_survival
 from data.measured.files.arrays import Variable, refuse, tabulate
 from data.measured.files.columns import Contents, FileError, Request, check_size, reason_of
 from data.measured.files.format import Format
@@ -32,6 +33,14 @@ def read_mat(path: Path, request: Request) -> Contents:
         return read_hdf5(path, request)
     if request.group is not None:
         raise FileError(f"{path.name}: data.group is for MAT v7.3 and HDF5 files; leave it out")
+    require_survival(path, request, __name__)
+    return read_here(path, request)
+
+
+def read_here(path: Path, request: Request) -> Contents:
+    """A file of v4 to v7 in this process, which a damaged file may end."""
+    with path.open("rb") as file:
+        head = file.read(2056)
     notes: list[str] = []
     raw = _load(path, head, notes)
     variables = [v for name, value in raw.items() for v in _variables(name, value)]

@@ -22,6 +22,9 @@ from data.measured.files.columns import (
 from data.measured.files.format import Format
 from data.measured.files.text_columns import to_times
 
+BATCH = 1024  # rows
+LONGEST_TIME = 64  # bytes of a time as text
+
 
 def read_parquet(path: Path, request: Request) -> Contents:
     """The number and time columns; text is left out with a note.
@@ -55,6 +58,9 @@ def _read(path: Path, file: pyarrow.parquet.ParquetFile, request: Request) -> Co
                 f"{path.name}: {name!r} is nested ({raw.type}); expected numbers; "
                 "name the others in data.columns"
             )
+        if _is_text(raw.type) and not _may_be_times(file, raw.name):
+            _left_out(path, name, raw.type, request, contents.notes)
+            continue
         values = file.read(columns=[raw.name]).column(0)
         if len(values) != file.metadata.num_rows:
             raise FileError(
@@ -64,14 +70,37 @@ def _read(path: Path, file: pyarrow.parquet.ParquetFile, request: Request) -> Co
         column = _column(path, name, values, contents.notes)
         if column is not None:
             contents.columns[name] = column
-        elif request.columns is not None:
-            raise FileError(
-                f"{path.name}: column {name!r} holds {raw.type}; expected numbers; "
-                "take it out of data.columns"
-            )
+        else:
+            _left_out(path, name, raw.type, request, contents.notes)
     contents.units = {name: unit for name, unit in units.items() if name in contents.columns}
     contents.facts = _facts(schema.metadata or {})
     return contents
+
+
+def _left_out(path: Path, name: str, kind: pa.DataType, request: Request, notes: list[str]) -> None:
+    """Note a column that holds no numbers. Raises FileError where `data.columns` names it."""
+    if request.columns is not None:
+        raise FileError(
+            f"{path.name}: column {name!r} holds {kind}; expected numbers; "
+            "take it out of data.columns"
+        )
+    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    notes.append(f"{name!r} left out: {kind}")
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
+
+
+def _may_be_times(file: pyarrow.parquet.ParquetFile, name: str) -> bool:
+    """Whether all texts of a column are short enough for times: a few bytes may mean many texts."""
+    for batch in file.iter_batches(batch_size=BATCH, columns=[name]):
+        texts = batch.column(0)
+        texts = texts.dictionary if pa.types.is_dictionary(texts.type) else texts
+        if len(texts) and texts.nbytes > LONGEST_TIME * len(texts):
+            return False
+    return True
 
 
 def _column(path: Path, name: str, values: pa.ChunkedArray, notes: list[str]) -> np.ndarray | None:
@@ -92,7 +121,6 @@ def _column(path: Path, name: str, values: pa.ChunkedArray, notes: list[str]) ->
     if pa.types.is_decimal(kind) or pa.types.is_boolean(kind) or pa.types.is_float16(kind):
         values = values.cast(pa.float64())
     elif not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
-        notes.append(f"{name!r} left out: {kind}")
         return None
     if pa.types.is_integer(kind) and values.null_count:
         values = values.cast(pa.float64())  # raises beyond 2^53, where float64 would round

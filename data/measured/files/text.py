@@ -17,6 +17,7 @@ from data.measured.files.columns import (
     Contents,
     FileError,
     Request,
+    check_size,
     choose,
     name_columns,
 )
@@ -93,6 +94,7 @@ def _parse(
     """Columns by number: arrays of numbers, or text to convert. Raises FileError naming a line."""
     rows = _survey(path, layout, notes)
     kinds = {k: layout.kinds[k] for k, name in enumerate(read) if name}
+    check_size(path, 8 * rows * len(kinds), path.stat().st_size)
     with contextlib.suppress(pa.ArrowInvalid):
         return _collect(path, layout, kinds, rows, request)
     find_fault(path, _narrow(path, layout, kinds, request), read, request, 2 * STRETCH)
@@ -173,7 +175,10 @@ def _read_csv(piece: bytes, layout: Layout, kinds: dict[int, str], request: Requ
 
 
 def _survey(path: Path, layout: Layout, notes: list[str]) -> int:
-    """Number of lines below the header, an upper bound of the rows."""
+    """Number of lines below the header, an upper bound of the rows.
+
+    Raises FileError for a NUL byte: a file with holes may seem to be larger than any disk.
+    """
     feeds = returns = pairs = 0
     last = b""
     with path.open("rb") as file:
@@ -183,6 +188,8 @@ def _survey(path: Path, layout: Layout, notes: list[str]) -> int:
             returns += block.count(b"\r")
             pairs += block.count(b"\r\n") + (last == b"\r" and block[:1] == b"\n")
             last = block[-1:]
+            if b"\0" in block:
+                find_fault(path, layout, [""] * len(layout.headers), Request())
     if (pairs > 0) + (feeds > pairs) + (returns > pairs) > 1:
         notes.append("mixed line ends")
     return feeds + returns - pairs + 1

@@ -18,6 +18,9 @@ COMPLEX = re.compile(r"\(?([+-]?[\d.]+([eE][+-]?\d+)?)?\s*[+-]?\s*[\d.]*([eE][+-
 WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?\s*\[?([A-Za-zµ].*?)\]?")
 
 
+LONGEST = 100  # characters of what may be meant as a number
+
+
 def opens_object(head: bytes) -> bool:
     """Whether the first bytes of a file open a JSON object, perhaps behind a byte-order mark."""
     return head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{"
@@ -44,6 +47,8 @@ def is_number(text: str, decimal: str = ".") -> bool:
 
 def spoilt_number(cell: str, decimal: str) -> str:
     """Why a cell that is meant as a number is none, and the remedy; "" for other cells."""
+    if len(cell) > LONGEST:
+        return ""
     other = "," if decimal == "." else "."
     thousands = re.fullmatch(r"[+-]?\d{1,3}([,. ']\d{3})+([,.]\d*)?", cell)
     if re.fullmatch(rf"[+-]?(\d+\{other}\d*|\{other}\d+)([eE][+-]?\d+)?", cell):

@@ -14,6 +14,7 @@ from data.measured.files.columns import FileError, Request, shorten
 from data.measured.files.text_cells import DATE, ISO_TIME, MISSING, is_number, split, spoilt_number
 from data.measured.files.text_layout import COMMENT, Layout
 
+LONGEST_LINE = 2**24  # bytes; longer ones are looked at in pieces
 REMEDY = "mend the file or leave the column out (data.columns)"
 
 
@@ -45,7 +46,7 @@ def _lines(path: Path, layout: Layout, length: float) -> Iterator[tuple[int, str
     with path.open("rb") as file:
         file.seek(layout.offset)
         number, read = layout.line, 0
-        for piece in file:
+        while piece := file.readline(LONGEST_LINE):
             bare = piece.removesuffix(b"\n").removesuffix(b"\r")
             for line in bare.split(b"\r"):  # line ends of old Macs
                 yield number, line.decode("utf-8", errors="replace")

@@ -7,12 +7,14 @@ P features φ that all n targets y share; M is what a law keeps of the past, (P,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from data.interruptible import interruptible
 from models.online.laws import laws_compiled as compiled
 
 
@@ -55,10 +57,12 @@ class Law(nn.Module):
         W, memory = (u.detach().cpu().numpy().copy() for u in (state.weights, state.memory))
         features, wanted = (np.ascontiguousarray(u.detach().cpu().numpy()) for u in (phi, target))
         estimates = np.empty_like(wanted)
-        compiled.follow(
+        run = partial(
+            compiled.follow,
             *(self.number, self.settings(), features, wanted, first),
             *(W, memory, work_for(W), estimates),
         )
+        interruptible(run, len(features) * memory.size)
         estimated, weights, memory_after = (
             torch.from_numpy(u).to(target.device) for u in (estimates, W, memory)
         )

@@ -14,10 +14,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from data.checked import checked
 from models.online.laws import laws_compiled as compiled
 from models.online.laws.law import Adapted, Law, require
 
 
+@checked
 class NormalisedGradient(Law):
     """A step along φ that removes the share γ of the present error.
 

@@ -9,16 +9,19 @@ Bucy & Joseph (1968); Ljung & Söderström, Theory and Practice of Recursive Ide
 
 from __future__ import annotations
 
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from data.checked import checked
 from models.online.laws import laws_compiled as compiled
 from models.online.laws.law import Adapted, Law, require
 
 
+@partial(checked, finite=False)  # an infinite limit is none
 class RandomWalk(Law):
     """Weights that wander, all by as much a sample; how fast is said, not how much is forgotten.
 

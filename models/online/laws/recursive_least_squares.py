@@ -10,16 +10,19 @@ II.8; forgetting: Haykin, Adaptive Filter Theory, on recursive least squares.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from data.checked import checked
 from models.online.laws import laws_compiled as compiled
 from models.online.laws.law import Adapted, Law, require
 
 
+@partial(checked, finite=False)  # an infinite limit is none
 class RecursiveLeastSquares(Law):
     """The weights that fit the past best, what is older counting less.
 

@@ -12,9 +12,11 @@ from collections.abc import Iterable
 import torch
 from torch import nn
 
+from data.checked import checked
 from models.training.solvers.solver import Minimised
 
 
+@checked
 class Adam(torch.optim.Adam):
     """iterations: steps in all, one for every mini-batch; rate: the first step length."""
 

@@ -12,11 +12,13 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor, nn
 
+from data.checked import checked
 from models.training.solvers.solver import Minimised
 
 WALL = 1e6  # of the largest loss that is remembered
 
 
+@checked
 class LBFGS(torch.optim.LBFGS):
     """iterations: at most; history: pairs of steps and gradients that make the inverse Hessian.
 

@@ -13,11 +13,14 @@ import torch
 from torch import nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
+from data.checked import checked
+from data.memory import require_memory
 from models.training.solvers.solver import Minimised
 
 SMALLEST_SHARE = 1e-9  # of the largest diagonal element, for parameters without any effect
 
 
+@checked
 class LevenbergMarquardt(torch.optim.Optimizer):
     """iterations: at most (trainlm's epochs); damping: μ at the start.
 
@@ -57,6 +60,12 @@ class LevenbergMarquardt(torch.optim.Optimizer):
                 "expected above 0, between 0 and 1, above 1"
             )
         super().__init__(parameters, {})
+        count = sum(p.numel() for group in self.param_groups for p in group["params"])
+        require_memory(
+            24.0 * count**2,
+            f"Levenberg–Marquardt's matrix of {count} parameters",
+            "choose solver=lbfgs, or fewer parameters",
+        )
         self.iterations, self.damping, self.done = iterations, damping, 0
         self.decrease, self.increase, self.largest = decrease, increase, largest
         self.gradient, self.change, self.patience, self.every = gradient, change, patience, every

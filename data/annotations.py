@@ -1,0 +1,92 @@
+"""What the annotation of an argument asks of a value that was typed or read, in words."""
+
+from __future__ import annotations
+
+import math
+import types
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal, Union, get_args, get_origin
+
+from data.arguments import plain
+
+NUMBERS = {float: "a number", int: "a whole number"}
+WORDS = {bool: "true or false", str: "text", type(None): "null"}
+SHOWN = 60  # characters of a value in a message
+
+
+def fits(value: Any, annotation: Any) -> bool:
+    """Whether a value is of an annotated type; a whole number is a float, true and NaN are none.
+
+    Text must be printable, or a line break: it will stand in tables and in file names.
+    """
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin in (Union, types.UnionType):
+        return any(fits(value, one) for one in inner)
+    if origin is Literal:
+        return any(value == one and type(value) is type(one) for one in inner)
+    if origin is tuple and Ellipsis not in inner:
+        pairs = zip(value, inner, strict=False) if _is_list(value) else ()
+        return _is_list(value) and len(value) == len(inner) and all(fits(v, a) for v, a in pairs)
+    if origin is not None and issubclass(origin, Mapping):
+        return isinstance(value, Mapping) and all(
+            fits(key, inner[0]) and fits(one, inner[1]) for key, one in value.items()
+        )
+    if origin in (list, tuple, Sequence, Iterable):
+        return _is_list(value) and all(fits(one, inner[0]) for one in value)
+    if annotation in NUMBERS:
+        return isinstance(value, (int, annotation)) and _is_number(value)
+    if annotation is str:
+        return isinstance(value, str) and all(c.isprintable() or c in "\n\t" for c in value)
+    if annotation is Any or origin is not None:  # a callable, a generic class: nobody types it
+        return True
+    return isinstance(value, annotation)
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
+
+
+def _is_number(value: float) -> bool:
+    try:
+        return not isinstance(value, bool) and not math.isnan(value)
+    except OverflowError:  # a whole number of more than 308 digits
+        return False
+
+
+def expectation(annotation: Any) -> str:
+    """What `annotation` asks for: float | None → "a number or null"."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin in (Union, types.UnionType):
+        return " or ".join(expectation(one) for one in inner)
+    if origin is Literal:
+        return f"one of {', '.join(map(str, inner))}"
+    if origin is tuple and Ellipsis not in inner:
+        return f"a list of {len(inner)}: {', '.join(expectation(one) for one in inner)}"
+    if origin is not None and issubclass(origin, Mapping):
+        return f"a mapping of names to {_many(expectation(inner[1]))}"
+    if origin in (list, tuple, Sequence, Iterable):
+        return f"a list of {_many(expectation(inner[0]))}"
+    known = {**NUMBERS, **WORDS}.get(annotation)
+    return known or f"a {getattr(annotation, '__name__', str(annotation))} (with its _target_)"
+
+
+def _many(words: str) -> str:
+    """The plural of what an item is: "a whole number" → "whole numbers"."""
+    return f"{words.removeprefix('a ')}s" if words in NUMBERS.values() else words
+
+
+def require(key: str, value: Any, annotation: Any, remedy: str) -> None:
+    """Raise ValueError, naming `key`, where a value is not of the annotated type."""
+    if not fits(value, annotation):
+        raise ValueError(f"{key}={shown(value)} must be {expectation(annotation)}; {remedy}")
+
+
+def shown(value: Any) -> str:
+    """A value as it would be typed, cut where it is long."""
+    words = {None: "null", True: "true", False: "false"}
+    named = isinstance(value, bool) or value is None
+    try:
+        text = plain(words[value] if named else str(value))
+    except ValueError:  # a whole number of more digits than Python prints
+        text = "a number of thousands of digits"
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"

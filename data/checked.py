@@ -1,0 +1,116 @@
+"""Arguments of public classes, held against their annotations where an object is made.
+
+`@checked` above a class does that for its constructor; under `@dataclass` it stands above that.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import is_dataclass
+from functools import cache, wraps
+from typing import Any, TypeVar, get_origin, get_type_hints
+
+import numpy as np
+
+from data.annotations import expectation, fits, shown
+
+C = TypeVar("C", bound=type)
+LONGEST = 1_000_000  # items of a list that are looked at one by one
+
+
+def checked(cls: C, finite: bool = True) -> C:
+    """Let the constructor of a class raise ValueError, naming it, for an argument of another type.
+
+    Numbers must be `finite`, and those of NumPy will do. Objects remember what they were built
+    with, see `built_with`.
+    """
+    init = cls.__init__  # type: ignore[misc]
+
+    @wraps(init)
+    def construct(self: Any, *args: Any, **kwargs: Any) -> None:
+        bound = _signature(cls).bind(*args, **kwargs)
+        given = bound.arguments
+        infinite = _checked_types(cls, given)
+        if not is_dataclass(cls) and "_given" not in vars(self):  # by itself, not by a base
+            bound.apply_defaults()
+            vars(self)["_given"] = bound.arguments
+        try:
+            init(self, *args, **kwargs)  # whose own words about NaN come first
+        except (TypeError, OverflowError, RuntimeError):
+            if infinite:
+                raise ValueError(infinite) from None
+            raise
+        if infinite and finite:
+            raise ValueError(infinite)
+
+    cls.__init__ = construct  # type: ignore[misc]
+    return cls
+
+
+def _checked_types(cls: type, given: Mapping[str, Any]) -> str:
+    """What to say of a number that is not finite, if there is one. Raises ValueError for types."""
+    infinite = ""
+    for name, value in given.items():
+        key, annotation = f"{cls.__name__}: {name}", _hints(cls).get(name, Any)
+        if get_origin(annotation) is Iterable or (
+            isinstance(value, np.ndarray) and fits(value, annotation)
+        ):
+            continue  # to look at an iterator is to empty it
+        value = _plain_numbers(value)
+        numbers = value if isinstance(value, list) else [value]
+        known = [0.5 if _is_infinite(number) else number for number in numbers[:LONGEST]]
+        if known != numbers[:LONGEST]:
+            infinite = infinite or f"{key}={shown(value)} is not finite; give a finite number"
+            value = known if isinstance(value, list) else known[0]
+        if not fits(value, annotation):
+            raise ValueError(f"{key}={shown(given[name])} must be {expectation(annotation)}")
+    return infinite
+
+
+def _is_infinite(number: Any) -> bool:
+    return isinstance(number, float) and not math.isfinite(number)
+
+
+def built_with(thing: Any) -> dict[str, Any]:
+    """Arguments that an object of a checked class was built with, as far as JSON holds them."""
+    given = vars(thing) if is_dataclass(thing) else getattr(thing, "_given", {})
+    return {name: _plain(value) for name, value in given.items()}
+
+
+@cache
+def _signature(cls: type) -> inspect.Signature:
+    return inspect.signature(cls)
+
+
+@cache
+def _hints(cls: type) -> Mapping[str, Any]:
+    return get_type_hints(cls.__init__)  # type: ignore[misc]
+
+
+def _plain_numbers(value: Any) -> Any:
+    """Numbers of NumPy as Python's, alone or in a list; an array of numbers as a list."""
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 1):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return (
+            type(value)(_plain_numbers(one) for one in value)
+            if type(value) in (list, tuple)
+            else value
+        )
+    return value
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON holds it: what else there is, by its class and arguments; None for none."""
+    value = _plain_numbers(value)
+    if isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, Mapping):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if is_dataclass(value) or hasattr(value, "_given"):
+        return {"class": type(value).__name__, **built_with(value)}
+    return None

@@ -1,0 +1,58 @@
+"""Files whose library may crash or never end on damage are first read in a process of its own.
+
+SciPy's MAT reader and HDF5 are compiled code that trusts what a file says of itself: a few flipped
+bytes end the whole program without a word, or keep it busy for ever.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from data.measured.files.columns import FileError, Request
+
+ROOT = Path(__file__).parents[3]  # holds `data`; a folder of data files may hold a hostile json.py
+SECONDS, RATE = 20.0, 5e6  # time for any file, and bytes a second for a large one
+CRASHES = 2**31  # statuses from here on are those of crashes, on Windows
+
+
+def require_survival(path: Path, request: Request, module: str) -> None:
+    """Raise FileError where the `read_here` of a module crashes on a file, or does not end."""
+    limit = SECONDS + path.stat().st_size / RATE
+    try:
+        status = subprocess.run(
+            [sys.executable, "-m", __name__, module, str(path.absolute())],
+            cwd=ROOT,
+            input=json.dumps(asdict(request)).encode(),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            timeout=limit,
+            check=False,
+        ).returncode
+    except subprocess.TimeoutExpired:
+        raise FileError(
+            f"{path.name} is damaged: it kept the library that reads it busy for {limit:.0f} s; "
+            "copy or export it again"
+        ) from None
+    if status < 0 or status >= CRASHES:
+        raise FileError(
+            f"{path.name} is damaged: the library that reads it crashed; copy or export it again"
+        )
+
+
+def _main() -> None:
+    module, path = sys.argv[1:]
+    request = json.load(sys.stdin)
+    columns = request.pop("columns")
+    wanted = None if columns is None else tuple(columns)
+    with contextlib.suppress(FileError, OSError, MemoryError):  # whoever asked meets it, too
+        importlib.import_module(module).read_here(Path(path), Request(**request, columns=wanted))
+
+
+if __name__ == "__main__":
+    _main()

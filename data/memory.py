@@ -1,0 +1,43 @@
+"""What a piece of work would take, against the memory that is there: asked before it is begun."""
+
+from __future__ import annotations
+
+import sys
+
+import psutil
+
+if sys.platform != "win32":
+    import resource
+
+PREFIXES = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
+
+
+def require_memory(need: float, cause: str, remedy: str) -> None:
+    """Raise ValueError where `need` [bytes] is more than the memory that is available now.
+
+    cause: the keys and values that ask for it, such as "data.duration=1e9 at data.dt=0.01";
+    remedy: what to change, such as "shorten data.duration".
+    """
+    there = _available()
+    if not need <= there:
+        raise ValueError(
+            f"{cause} would take some {amount(need)} of memory, {amount(there)} are there; {remedy}"
+        )
+
+
+def _available() -> float:
+    """Bytes that this process may still take: the machine's, or what its own limit leaves."""
+    there = float(psutil.virtual_memory().available)
+    if sys.platform != "win32":
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit != resource.RLIM_INFINITY:
+            there = min(there, max(0.0, limit - psutil.Process().memory_info().vms))
+    return there
+
+
+def amount(size: float) -> str:
+    """A number of bytes as a person says it: 1.3e9 → "1.3 GB"."""
+    power = 0
+    while size >= 1000.0 and power < len(PREFIXES) - 1:
+        size, power = size / 1000.0, power + 1
+    return f"{size:.3g} {PREFIXES[power]}"

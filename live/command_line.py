@@ -1,0 +1,101 @@
+"""What a live run is told: its source of samples, and the config of its model."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from omegaconf import DictConfig, OmegaConf
+
+from data.arguments import Pairs
+from runner.compose import composed
+from runner.run_folder import read_run
+
+RECORDED = ("simulation", "test")
+GROUPS = ("adaptation", "damage")  # choices that may differ from a finished run's,
+KEYS = ("data", "seed")  # and settings
+
+
+def add_source(parser: argparse.ArgumentParser) -> None:
+    """Add the options that name a source of samples, and settings of the config."""
+    parser.add_argument(
+        "words",
+        nargs="*",
+        metavar="SOURCE | key=value",
+        help="simulation, test (record of the run), - (standard input); settings as of train.py",
+    )
+    parser.add_argument("--run", metavar="FOLDER", help="a finished run; else begin from nothing")
+    parser.add_argument("--replay", metavar="PATH", help="a record, as data=measured reads it")
+    parser.add_argument("--speed", type=float, default=1.0, help="of records; inf does not wait")
+
+
+def add_lines(parser: argparse.ArgumentParser) -> None:
+    """Add the options of lines of text."""
+    parser.add_argument("--listen", type=int, metavar="PORT", help="a socket on 127.0.0.1")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="of the lines; else the run's")
+    parser.add_argument("--channels", nargs="+", action=Pairs, default={}, metavar="a1=COLUMN")
+    parser.add_argument("--units", nargs="+", action=Pairs, default={}, metavar="a=g")
+
+
+def split_words(args: argparse.Namespace) -> tuple[str, list[str]]:
+    """The name of the source, and the settings. Raises ValueError unless one source is named."""
+    named = [word for word in args.words if "=" not in word]
+    if args.replay is not None:
+        named.append("replay")
+    if getattr(args, "listen", None) is not None:
+        named.append("listen")
+    known = (*RECORDED, "-", "replay", "listen")
+    if len(named) != 1 or named[0] not in known:
+        raise ValueError(
+            f"{', '.join(named) or 'no source'} was given; expected one of simulation, test, - "
+            "(standard input), --replay PATH, --listen PORT"
+        )
+    return named[0], [word for word in args.words if "=" in word]
+
+
+def config_of(kind: str, args: argparse.Namespace, settings: Sequence[str]) -> DictConfig:
+    """The config of the finished run, or of a model that begins from nothing.
+
+    Raises ValueError, OSError for a folder or a record that is not there.
+    """
+    pattern = args.replay is None or set(args.replay) & set("*?[")
+    if not pattern and not Path(args.replay).exists():
+        raise ValueError(f"--replay {args.replay}: there is no such file or folder")
+    if args.run is None:
+        return fresh_config(settings, kind == "replay")
+    return run_config(Path(args.run), settings)
+
+
+def fresh_config(words: Sequence[str], replayed: bool) -> DictConfig:
+    """The config of a model that begins from nothing, as train.py would compose it."""
+    named = {word.partition("=")[0] for word in words}
+    first = [] if "model" in named else ["model=online_vwnn"]
+    if replayed and not named & {"data", "experiment"}:
+        first.append("data=measured")
+    return composed(*first, *words)
+
+
+def run_config(folder: Path, words: Sequence[str]) -> DictConfig:
+    """A finished run's config, with the law, damage, data or seed that the words name.
+
+    Raises ValueError for other words: a run brings its model along.
+    """
+    cfg, _ = read_run(folder)
+    chosen = {word.partition("=")[0] for word in words} & set(GROUPS)
+    for group in chosen:
+        cfg[group] = composed(*(w for w in words if _head(w) == group))[group]
+    keys = [word for word in words if _head(word) in {*KEYS, *GROUPS} - chosen]
+    other = [word for word in words if _head(word) not in (*GROUPS, *KEYS)]
+    if other:
+        raise ValueError(
+            f"{other[0]}: a run brings its model along; beside --run there may stand "
+            f"{', '.join(f'{name}=' for name in GROUPS)} seed= and data.…="
+        )
+    merged = OmegaConf.merge(cfg, OmegaConf.from_dotlist(keys))
+    assert isinstance(merged, DictConfig)
+    return merged
+
+
+def _head(word: str) -> str:
+    return word.partition("=")[0].partition(".")[0]

@@ -1,0 +1,177 @@
+"""Outliers: samples far from all of late, and alone. What lasts is an event, however sudden.
+
+A value is far off where its step from the value before, and its innovation, together exceed those
+of late: |Δu| |e| > times² max|Δu| max|e|, both maxima fading in FADE samples. Rejecting by the
+innovation is the recursive least M-estimate of Zou, Chan & Ng (2000), with the hard limit of
+Hampel's identifier; the largest of late stands in for their median, as innovations of sound data
+come in bursts. Whether a far value was alone is known some samples later (`models/online/hold.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from math import exp, inf, isfinite
+
+import torch
+from torch import Tensor
+
+FADE = 1000  # samples in which the largest of late falls to 1/e
+YOUNG = 20  # first samples in motion, which nothing can be compared with
+WINDOW = 12  # samples in which a far value may prove the first of an event, itself counted
+EVENT = 5  # values out of the ordinary among them, of one channel, from which on it is one
+NEWEST = 3  # values that nothing came after yet that could be compared
+BEYOND = 2.0  # times the largest of late is out of the ordinary: sound data grow by less
+KEPT = exp(-1.0 / FADE)
+
+
+class Range:
+    """The ordinary range of one channel: of its values, its steps and its innovations."""
+
+    __slots__ = ("error", "last", "level", "quantum", "step")
+
+    def __init__(self) -> None:
+        self.last = self.level = self.step = self.error = 0.0
+        self.quantum = 0.0  # smallest step so far but none at all: of a coarse converter, its bit
+
+    def far(self, value: float, error: float | None, times: float) -> bool:
+        """Whether a value is far off; without an innovation its size is judged instead."""
+        step = abs(value - self.last)
+        if step <= self.step:
+            return False
+        size, usual = (value, self.level) if error is None else (error, self.error)
+        bound = times**2 * max(self.step, self.quantum) * max(usual, self.quantum)
+        return step * abs(size) > bound
+
+    def unusual(self, value: float) -> bool:
+        """Whether a value or its step is out of the ordinary."""
+        return abs(value) > BEYOND * self.level or abs(value - self.last) > BEYOND * self.step
+
+    def take(self, value: float, error: float | None) -> None:
+        """Widen the range by a sound value."""
+        step = abs(value - self.last)
+        if 0.0 < step < (self.quantum or step + 1.0):
+            self.quantum = step
+        self.step, self.level = max(step, KEPT * self.step), max(abs(value), KEPT * self.level)
+        if error is not None and isfinite(error):
+            self.error = max(abs(error), KEPT * self.error)
+
+
+class Ranges:
+    """The ranges of all channels along one stream, and how many samples after an outlier it is.
+
+    times: None judges nothing. `error` of a channel is its innovation; an input has none.
+    """
+
+    def __init__(self, times: float | None) -> None:
+        self.times = times
+        self.of: dict[str, list[Range]] = {}  # by signal
+        self.young = YOUNG  # samples in motion that are still to come
+        self.left = 0  # samples of the window behind an outlier that are still to come
+        self.window: dict[tuple[str, int], list[float]] = {}  # |values| in it, by channel
+        self.unusual: dict[tuple[str, int], int] = {}  # how many of them are out of the ordinary
+        self.limits: dict[tuple[str, int], float] | None = None  # while an event is repeated
+
+    def copy(self) -> Ranges:
+        """Ranges of their own that are equal."""
+        other = copy(self)
+        other.of = {name: [copy(one) for one in ranges] for name, ranges in self.of.items()}
+        other.window = {channel: list(sizes) for channel, sizes in self.window.items()}
+        other.unusual = dict(self.unusual)
+        return other
+
+    def far(
+        self, name: str, values: Sequence[float], errors: Sequence[float] | None = None
+    ) -> list[int]:
+        """Channels of a signal whose values are far off."""
+        if self.limits is not None:
+            limits = self.limits
+            return [i for i, u in enumerate(values) if abs(u) > limits.get((name, i), inf)]
+        if self.times is None or self.young:
+            return []
+        ranges, times, found = self._of(name, len(values)), self.times, []
+        for i, value in enumerate(values):
+            if ranges[i].far(value, None if errors is None else errors[i], times):
+                found.append(i)
+        return found
+
+    def take(
+        self,
+        name: str,
+        values: Sequence[float],
+        kept: Sequence[float],
+        wrong: Sequence[bool] | None = None,
+        errors: Sequence[float] | None = None,
+    ) -> None:
+        """Take over a signal's measured values and those that were kept instead of wrong ones."""
+        for i, one in enumerate(self._of(name, len(values))):
+            if self.left:
+                if isfinite(values[i]):
+                    self.window.setdefault((name, i), []).append(abs(values[i]))
+                if one.unusual(values[i]):
+                    self.unusual[name, i] = self.unusual.get((name, i), 0) + 1
+            elif not (wrong is not None and wrong[i]):
+                one.take(kept[i], None if errors is None else errors[i])
+            one.last = kept[i]
+
+    def event(self) -> dict[tuple[str, int], float] | None:
+        """None unless what seemed an outlier lasts; then the limits of the channels in the event.
+
+        What exceeds by far all that came after it, in the event itself, is no part of it.
+        """
+        if self.times is None or max(self.unusual.values(), default=0) < EVENT:
+            return None
+        much = self.times**2
+        for sizes in self.window.values():
+            newest, before = max(sizes[-NEWEST:]), max(sizes[:-NEWEST], default=0.0)
+            if self.left and newest > much * before > 0.0:
+                return None  # let us see what comes after it
+        return {channel: much * _of_event(u, much) for channel, u in self.window.items()}
+
+    def watch(self) -> None:
+        """Begin the window behind an outlier."""
+        self.left, self.window, self.unusual = WINDOW, {}, {}
+
+    def _of(self, name: str, channels: int) -> list[Range]:
+        ranges = self.of.get(name)
+        if ranges is None:
+            ranges = self.of[name] = [Range() for _ in range(channels)]
+        return ranges
+
+
+def _of_event(sizes: Sequence[float], much: float) -> float:
+    """The largest of some values in a row, without those that fall off much to all after them."""
+    largest = max(sizes[-NEWEST:])
+    for size in reversed(sizes[:-NEWEST]):
+        if size <= much * largest:
+            largest = max(largest, size)
+    return largest or inf
+
+
+def lone(signal: Tensor, moving: Tensor, times: float) -> bool:
+    """Whether a whole signal (T, C) holds an outlier; moving (T,): samples that are not at rest.
+
+    Without a model the size is judged, and ahead of time: both by what `Range` says.
+    """
+    size, step = signal.abs(), torch.diff(signal, dim=0, prepend=signal[:1]).abs()
+    level_before, step_before = _of_late(size), _of_late(step)
+    old = (moving.cumsum(dim=0) > YOUNG)[:, None]
+    far = old & (step > step_before) & (step * size > times**2 * step_before * level_before)
+    for k, i in torch.nonzero(far).tolist():
+        after, steps = signal[k : k + WINDOW, i], step_before[k, i]
+        drift = torch.arange(1, len(after) + 1, device=signal.device) * steps
+        moved, large = (after - signal[k - 1, i]).abs(), after.abs() > BEYOND * level_before[k, i]
+        unusual = (moved > BEYOND * drift) | large
+        stays = ((moved > drift) | large)[: NEWEST + 2]
+        quantum = float(step[:k, i][step[:k, i] > 0.0].min()) if step[:k, i].any() else 0.0
+        alone = int(unusual.sum()) < EVENT and not bool(stays.all())
+        if alone and float(step[k, i]) > times**2 * quantum:
+            return True
+    return False
+
+
+def _of_late(size: Tensor) -> Tensor:
+    """The largest before each sample (T, C), fading."""
+    fading = torch.arange(len(size), device=size.device)[:, None] / FADE
+    grown = torch.cummax(torch.log(size) + fading, dim=0).values
+    return torch.cat([torch.zeros_like(size[:1]), torch.exp(grown - fading)[:-1]])

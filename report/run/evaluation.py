@@ -1,0 +1,69 @@
+"""What evaluate.py does: a finished run scored again, or many compared."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+
+from models.training.assemble import changed
+from report.collection.report import report_by, report_collection
+from report.collection.runs import folders_of
+from report.run.rescore import (
+    draw_figures,
+    print_evaluation,
+    print_stored,
+    record_gone,
+    require_scores,
+    score_seeds,
+)
+from runner.command_line import absolute
+from runner.plain_data import as_config
+from runner.run import restore
+from runner.run_folder import read_run, write_json
+
+
+def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict[str, Any]:
+    """Scores of a run under the changes in `cfg`, saved with figures in its `evaluation/`."""
+    run, metrics = read_run(folder)
+    estimator = restore(run, folder)
+    require_scores(metrics, estimator.dofs)
+    changes = {key: value for key, value in cfg.data.items() if value is not None}
+    run = changed(run, {"data": as_config(changes)})
+    if cfg.get("scenario") is not None:
+        run.scenario = cfg.scenario
+    seeds = [run.seed] if cfg.seeds is None else list(cfg.seeds)
+    altered = cfg.get("scenario") is not None or bool(changes) or cfg.seeds is not None
+    require_scores(metrics, estimator.dofs)
+    gone = record_gone(run)
+    if gone is not None and not altered:
+        print_stored(metrics, gone)
+        return metrics
+
+    results = score_seeds(estimator, run, seeds, same_motions=not changes)
+    print_evaluation(results, metrics, altered)
+    output = folder / "evaluation" / label
+    draw_figures(estimator, run, seeds[0], output)
+    write_json(output / "scores.json", results)
+    print(f"figures and scores in {output}")
+    return results
+
+
+def report_runs(cfg: DictConfig) -> None:
+    """All numbers of many runs, or a comparison of them."""
+    output = absolute(cfg.output) if cfg.output else None
+    typed = [cfg.runs] if isinstance(cfg.runs, str) else list(cfg.runs or [])
+    if not typed:
+        asked = (
+            "by= compares the runs of runs=FOLDER"
+            if cfg.by is not None
+            else ("run=FOLDER scores a run again, runs=FOLDER compares many")
+        )
+        raise ValueError(f"{asked}; say which")
+    folders = folders_of([str(absolute(name)) for name in typed])
+    if cfg.by is None:
+        report_collection(folders, output)
+    else:
+        keys = [cfg.by] if isinstance(cfg.by, str) else list(cfg.by)
+        report_by(folders, keys, cfg.metric, cfg.split, output)

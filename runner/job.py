@@ -1,0 +1,174 @@
+"""One run from its config to its files, and what becomes of its errors."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning.fabric.utilities.exceptions import MisconfigurationException
+from lightning.pytorch import Trainer
+from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.plugins.environments import LightningEnvironment
+from omegaconf import DictConfig
+from threadpoolctl import threadpool_limits
+from torch import nn
+
+from data.datamodule import Data
+from data.simulation.motion import EscapedMotionError
+from models.training.assemble import assembled
+from models.training.identification import Identification
+from models.training.resume import SaveProgress
+from runner import command_line
+from runner.command_line import fail, reason_of
+from runner.lock import HeldError, release_all
+from runner.outcome import compare_baselines, metrics_of
+from runner.run import Run
+from runner.run_folder import write_failure
+from runner.settings import check_settings
+
+EXPECTED = (*command_line.EXPECTED, MisconfigurationException)
+
+
+def quiet_lightning() -> None:
+    """Silence what Lightning says to everybody; here, because processes of a sweep start afresh."""
+    for name in ("lightning.pytorch", "lightning.fabric"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+    warnings.filterwarnings("ignore", message=".*does not have many workers.*")
+    warnings.filterwarnings("ignore", message=".*LeafSpec.*deprecated.*")
+    warnings.filterwarnings("ignore", message="The `srun` command is available.*")
+    threading.excepthook = _thread_failed
+
+
+_others_failed = threading.excepthook
+
+
+def _thread_failed(failed: threading.ExceptHookArgs) -> None:
+    """TensorBoard's writer hands a full disk on to the run, which says so in one line."""
+    writer = type(failed.thread).__name__ == "_AsyncWriterThread"
+    if not (writer and issubclass(failed.exc_type, OSError)):
+        _others_failed(failed)
+
+
+Log = Callable[[TensorBoardLogger, dict[str, Any], Identification, Data, dict[str, Any]], None]
+
+
+def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str, Any]:
+    """One run: data, fit, test, files; returns what `metrics.json` holds.
+
+    `log` adds to the TensorBoard logs before the run is finished. Raises ValueError for choices
+    that do not fit together and for a fit that failed, OSError for a folder that cannot be used.
+    """
+    quiet_lightning()
+    check_settings(cfg)
+    _check_device(cfg.trainer.get("accelerator"))
+    data, module, baselines = assembled(cfg)
+    run = Run.begin(folder, cfg, data.sensors)
+    try:
+        data.setup()
+    except ValueError:
+        run.withdraw()
+        raise
+
+    torch.set_num_threads(cfg.threads)
+    threadpool_limits(cfg.threads)
+    logger = TensorBoardLogger(folder, name="", version="tensorboard")
+    trainer = Trainer(
+        logger=logger,
+        plugins=LightningEnvironment(),  # a run is one process, in a Slurm job too
+        default_root_dir=folder,
+        callbacks=SaveProgress(run.progress, run.identity, cfg.checkpoint_seconds),
+        enable_checkpointing=False,
+        enable_model_summary=False,
+        limit_val_batches=None if data.validation else 0,
+        **cfg.trainer,
+    )
+    try:
+        trainer.fit(module, datamodule=data, ckpt_path=run.unfinished, weights_only=True)
+        _check_weights(module.estimator)
+        trainer.test(module, datamodule=data, verbose=False)
+    except SystemExit:  # what Lightning makes of Ctrl-C
+        raise KeyboardInterrupt from None
+
+    _check_fit(module)
+    metrics = metrics_of(run, module, data, compare_baselines(baselines, data))
+    run.save(module.estimator)
+    if log is not None:
+        log(logger, run.choices, module, data, metrics)
+    run.finish(metrics)
+    return metrics
+
+
+def _check_device(accelerator: str | None) -> None:
+    """Raise ValueError for a device that PyTorch does not find."""
+    there = {
+        "gpu": torch.cuda.is_available() or torch.backends.mps.is_available(),
+        "cuda": torch.cuda.is_available(),
+        "mps": torch.backends.mps.is_available(),
+    }
+    if not there.get(accelerator or "cpu", True):
+        raise ValueError(
+            f"trainer.accelerator={accelerator}: PyTorch finds none on this machine; "
+            "choose trainer=cpu, or install a PyTorch with its drivers"
+        )
+
+
+def _check_weights(estimator: nn.Module) -> None:
+    """Raise ValueError for a fit that left weights which are not finite: it is no result."""
+    for name, values in estimator.state_dict().items():
+        if values.is_floating_point() and not torch.isfinite(values).all():
+            raise ValueError(
+                f"the fit failed: {name} is not finite; look for outliers in the record, or "
+                "choose smaller steps or more ridge (solver.rate, model.ridge)"
+            )
+
+
+def _check_fit(module: Identification) -> None:
+    """Raise ValueError where a solver ended at a model that overflows where it was trained."""
+    trained = module.solver is not None
+    if trained and module.results()["train"]["relative_rms_percent"] is None:
+        raise ValueError(
+            f"the fit failed: after {len(module.losses)} iterations the model's error on the "
+            "training motion is not finite; choose smaller steps (solver.rate) or another solver"
+        )
+
+
+def _disk_error(error: Exception) -> Exception:
+    """The disk's, where a logger made another of it."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, OSError):
+        cause = cause.__cause__
+    return cause or error
+
+
+@contextmanager
+def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) -> Iterator[None]:
+    """A failing run ends the program; in a sweep it leaves config and reason in its folder."""
+    try:
+        yield
+    except Exception as raised:
+        error = _disk_error(raised)
+        expected = isinstance(error, EXPECTED)
+        if sweep_folder is not None and isinstance(error, HeldError):
+            raise  # the folder is another's: nothing is written there
+        if sweep_folder is None:
+            if not expected:
+                raise
+            fail(reason_of(error))
+            sys.exit(1)
+        trace = "" if expected else traceback.format_exc() + "\n"
+        words = " ".join(
+            f"{'' if expected else type(error).__name__ + ': '}{reason_of(error)}".split()
+        )
+        own = expected and not isinstance(error, OSError)  # not that of a disk or a machine
+        escaped = isinstance(error, EscapedMotionError)
+        write_failure(sweep_folder, cfg, words, trace, own, escaped)
+    finally:
+        release_all()

@@ -1,0 +1,125 @@
+"""A run that is being made, and a finished one's estimator."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import DictConfig
+
+from data.sample import Sensors
+from models.checkpoint import digest_of, load_estimator, save_estimator
+from models.estimator import Estimator
+from models.training.assemble import data_from, estimator_from
+from models.training.resume import fault_of
+from runner.choices import plain
+from runner.identity import identity_of
+from runner.lock import hold, release
+from runner.run_files import CHECKPOINT, CONFIG, FAILED, METRICS, PROGRESS, SENSORS
+from runner.run_folder import config_text, read_metrics, read_sensors, write_json, write_text
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that is being made: its folder and its resolved values."""
+
+    folder: Path
+    choices: dict[str, Any]
+
+    @classmethod
+    def begin(cls, folder: Path, cfg: DictConfig, sensors: Sensors) -> Run:
+        """Start a run in a folder, which has no results from now on.
+
+        Raises OSError where the folder cannot be written to, ValueError where another process
+        works in it.
+        """
+        run = cls(folder, plain(cfg))
+        run.start(config_text(cfg), sensors)
+        return run
+
+    @cached_property
+    def identity(self) -> dict[str, str]:
+        return identity_of(self.choices)
+
+    def start(self, config: str, sensors: Sensors) -> None:
+        """Write what is known beforehand, the text of config.yaml last; earlier results go."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        hold(self.folder)
+        for name in (METRICS, CHECKPOINT, FAILED, PROGRESS):
+            if (self.folder / name).is_dir():
+                raise ValueError(
+                    f"{self.folder / name} is a folder in place of a file; remove it, or "
+                    "choose another hydra.run.dir"
+                )
+        for name in (METRICS, CHECKPOINT, FAILED):
+            (self.folder / name).unlink(missing_ok=True)
+        if fault := fault_of(self.progress, self.identity):
+            if os.path.lexists(self.progress):
+                print(f"{self.progress} {fault}; training begins anew", file=sys.stderr)
+            self.progress.unlink(missing_ok=True)
+            shutil.rmtree(self.folder / "tensorboard", ignore_errors=True)
+        write_json(self.folder / SENSORS, asdict(sensors))
+        write_text(self.folder / CONFIG, config)
+
+    def withdraw(self) -> None:
+        """Take back a run whose records cannot be made: the folder holds no run."""
+        for name in (CONFIG, SENSORS):
+            (self.folder / name).unlink(missing_ok=True)
+
+    @property
+    def progress(self) -> Path:
+        """Where half-done training is saved."""
+        return self.folder / PROGRESS
+
+    @property
+    def unfinished(self) -> Path | None:
+        """Half-done training to go on from, if this very run was broken off in it."""
+        return self.progress if self.progress.exists() else None
+
+    def save(self, estimator: Estimator) -> None:
+        """Write the identified estimator."""
+        save_estimator(estimator, self.folder / CHECKPOINT, self.choices["model"]["name"])
+
+    def finish(self, metrics: dict[str, Any]) -> None:
+        """Write the numbers, which makes the run a finished one."""
+        checkpoint = digest_of(self.folder / CHECKPOINT)
+        write_json(self.folder / METRICS, {**metrics, "checkpoint": checkpoint})
+        self.progress.unlink(missing_ok=True)
+        release(self.folder)
+
+
+def sensors_of(cfg: DictConfig, folder: Path) -> Sensors:
+    """What a run's model was built for; runs of earlier layouts need their records for it."""
+    path = folder / SENSORS
+    if not os.path.lexists(path):
+        return data_from(cfg).sensors
+    try:
+        return Sensors(**read_sensors(folder))
+    except (ValueError, TypeError, OSError) as error:
+        raise ValueError(f"{path} is damaged ({error}); repeat the run") from None
+
+
+def restore(cfg: DictConfig, folder: Path) -> Estimator:
+    """The identified estimator of a run, of the size and time step it was identified with.
+
+    Its records are not looked at: they may be gone. Raises ValueError where the file is not the one
+    that the run wrote.
+    """
+    torch.set_num_threads(cfg.threads)  # the same threads, the same bits
+    try:
+        estimator = estimator_from(cfg.model, sensors_of(cfg, folder))
+    except (MemoryError, RuntimeError) as error:  # PyTorch's, for sizes that nobody has
+        raise ValueError(f"{folder}: its model cannot be built: {_first(error)}") from None
+    digest = read_metrics(folder).get("checkpoint")  # runs of older code have none
+    load_estimator(estimator, folder / CHECKPOINT, cfg.model.name, digest)
+    return estimator.eval()
+
+
+def _first(error: Exception) -> str:
+    return (str(error) or "not enough memory").partition("\n")[0]

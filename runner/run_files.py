@@ -1,0 +1,34 @@
+"""Names of the files of a run's folder, and whether a finished one is there."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from hydra.utils import to_absolute_path
+
+CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
+SENSORS = "sensors.json"
+FAILED = "failed.json"  # why a run of a sweep has no metrics.json
+PROGRESS = "training.ckpt"
+FREE_RUN = "free_run"  # of the test motion, in metrics.json
+
+
+def require_finished(folder: Path) -> None:
+    """Raise ValueError for a folder that holds no finished run."""
+    for name in (CONFIG, CHECKPOINT, METRICS):
+        if not os.path.lexists(folder / name):
+            raise ValueError(
+                f"{folder} is not a finished run: it has no {name}; "
+                "give the folder that train.py wrote (hydra.run.dir)"
+            )
+
+
+def require_folders(names: str | Sequence[str] | None) -> None:
+    """Raise ValueError for a folder of runs that is not there; patterns are looked at later."""
+    for name in [names] if isinstance(names, str) else names or []:
+        if not set(name) & set("*?[") and not Path(to_absolute_path(name)).is_dir():
+            raise ValueError(
+                f"there is no folder {name}; runs= takes a folder, a list [a,b] or a pattern"
+            )

@@ -1,0 +1,123 @@
+"""What the files of a run hold: the types of all values that programs use; others may be anything.
+
+A kind is a type, None, a tuple of kinds of which one has to fit, [kind] for a list, {key: kind} for
+a mapping, where `...` stands for all other keys. Absent keys are allowed: older runs lack some.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+NUMBER = (int, float)
+ANYTHING = object
+PERCENT = (NUMBER, None)  # None: it overflowed
+SCORES: dict[Any, Any] = {
+    "none": str,
+    "left_after_s": ([NUMBER], None),
+    **{f"per_dof_{of}{true}": [PERCENT] for of in ("percent", "rms") for true in ("", "_true")},
+    **{f"relative_rms_percent{true}": PERCENT for true in ("", "_true")},
+}
+SCORES[...] = (NUMBER, None, SCORES)  # another way in which the model estimates
+SPLITS = ("train", "validation", "test", "free_run_train", "free_run_validation", "free_run")
+ONLINE_WAY: dict[Any, Any] = {
+    "settle_s": {...: PERCENT},
+    "worst_percent": PERCENT,
+    "unstable_s": PERCENT,
+}
+METRICS_KIND: dict[Any, Any] = {
+    **dict.fromkeys(("model", "system", "scenario", "quantity"), str),
+    **dict.fromkeys(SPLITS, SCORES),
+    "scenario_settings": {...: ANYTHING},
+    "seed": int,
+    "identity": {...: str},
+    "checkpoint": str,
+    "fit_seconds": NUMBER,
+    "parameters": int,
+    "simulation_error": PERCENT,
+    "identification": {...: ANYTHING},
+    "training": {...: ANYTHING},
+    "online": {"ways": {...: ONLINE_WAY}, "learnt_percent": {...: PERCENT}, ...: ANYTHING},
+    ...: ANYTHING,
+}
+FAILURE_KIND: dict[Any, Any] = {
+    "reason": str,
+    "own": bool,
+    "escaped": bool,
+    "code": str,
+    ...: ANYTHING,
+}
+SENSORS_KIND: dict[Any, Any] = {
+    "dt": NUMBER,
+    "dofs": int,
+    "inputs": int,
+    "forced": ([int], str, None),
+    "quantity": str,
+    "channels": [str],
+    "units": {...: str},
+    ...: ANYTHING,
+}
+CHOICES_KIND: dict[Any, Any] = {  # of a config, dotted
+    **dict.fromkeys(("model.name", "system.name", "scenario.name"), str),
+    "seed": int,
+    "grid": (str, None),
+    "data.train_records": (int, None),
+    ...: ANYTHING,
+}
+NAMED: dict[Any, Any] = {"name": str, ...: ANYTHING}
+BUILT: dict[Any, Any] = {"_target_": str, ...: ANYTHING}
+BLOCK: dict[Any, Any] = {...: ANYTHING}
+CONFIG_KIND: dict[Any, Any] = {
+    **dict.fromkeys(("model", "system", "scenario"), NAMED),
+    "data": BUILT,
+    **dict.fromkeys(("adaptation", "solver", "objective"), (BUILT, None)),
+    **dict.fromkeys(("excitation", "damage", "baselines"), (BLOCK, None)),
+    "seed": int,
+    "threads": int,
+    ...: ANYTHING,
+}
+WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or false"}
+
+
+def require(value: Any, kind: Any, place: str = "") -> None:
+    """Raise ValueError, with the place, where a value is not of its kind."""
+    if not fits_outside(value, kind):
+        raise ValueError(f"{place or 'it'} is {_short(value)}, expected {_words(kind)}")
+    kind = next((k for k in _kinds(kind) if fits_outside(value, k)), kind)
+    if isinstance(kind, Mapping):
+        for key, inner in value.items():
+            require(inner, kind.get(key, kind.get(..., ANYTHING)), f"{place}.{key}".lstrip("."))
+    elif isinstance(kind, list):
+        for inner in value:
+            require(inner, kind[0], f"a value of {place}")
+
+
+def _kinds(kind: Any) -> list[Any]:
+    return [k for one in kind for k in _kinds(one)] if isinstance(kind, tuple) else [kind]
+
+
+def fits_outside(value: Any, kind: Any) -> bool:
+    """Whether a value fits, whatever is inside it; true and false are no numbers."""
+    if isinstance(kind, tuple):
+        return any(fits_outside(value, one) for one in kind)
+    if isinstance(kind, Mapping | list):
+        return isinstance(value, dict if isinstance(kind, Mapping) else list)
+    if kind is None:
+        return value is None
+    return isinstance(value, kind) and not (isinstance(value, bool) and kind in (int, float))
+
+
+def _words(kind: Any) -> str:
+    kinds = [one for one in _kinds(kind) if one is not int or float not in _kinds(kind)]
+    return " or ".join(dict.fromkeys(map(_word, kinds)))
+
+
+def _word(kind: Any) -> str:
+    if isinstance(kind, Mapping):
+        return "a mapping"
+    return "a list" if isinstance(kind, list) else WORDS.get(kind, "nothing")
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) < 60 else f"{text[:60]}…"

@@ -1,0 +1,131 @@
+"""What the settings outside of the choices must be: held against types and ranges before any work.
+
+What stands inside a choice, such as model.cutoff, is held against its class: models/training/build.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from omegaconf import DictConfig, OmegaConf
+
+from data.annotations import fits, require, shown
+from runner.plain_data import MISSING
+
+Group = Mapping[str, Any]
+TEXTS = str | list[str] | None
+MOST_THREADS, LARGEST_SEED = 1024, 2**32 - 1  # of PyTorch's and NumPy's generators
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Type and range of a value, and the range in words."""
+
+    annotation: Any
+    inside: Callable[[Any], bool] = lambda value: True
+    words: str = ""
+
+    def check(self, key: str, value: Any) -> None:
+        """Raise ValueError, naming `key`, for a value of another type or out of range."""
+        require(key, value, self.annotation, "see --help")
+        if not self.inside(value):
+            raise ValueError(f"{key}={shown(value)} must be {self.words}")
+
+
+def _is_name(value: str) -> bool:
+    return 0 < len(value) <= 100 and not set(value) & set("/\\\n\t") and value.strip(". ") == value
+
+
+NAME = Setting(str, _is_name, "a name: text that can stand in a folder's name, without / or \\")
+TRAIN = {
+    **dict.fromkeys(("system", "scenario", "data", "model", "solver", "objective"), Setting(Group)),
+    **dict.fromkeys(("adaptation", "baselines", "trainer"), Setting(Group)),
+    **dict.fromkeys(("excitation", "damage"), Setting(Group | None)),
+    "threads": Setting(int, lambda n: 1 <= n <= MOST_THREADS, f"between 1 and {MOST_THREADS}"),
+    "figures": Setting(bool),
+    "checkpoint_seconds": Setting(float, lambda s: s >= 0.0, "0 or more, .inf to save none"),
+    "max_fail": Setting(int, lambda n: n >= 1, "1 or more"),
+    "grid": Setting(str | None),
+    "seed": Setting(int, lambda n: 0 <= n <= LARGEST_SEED, f"between 0 and {LARGEST_SEED}"),
+}
+EVALUATE = {
+    "label": Setting(str | None),
+    "runs": Setting(TEXTS),
+    "by": Setting(TEXTS),
+    "metric": Setting(str),
+    "split": Setting(str),
+    "output": Setting(str | None),
+    "run": Setting(str | None),
+    "seeds": Setting(list[int] | None, lambda seeds: seeds != [], "null, or a list such as [5,6]"),
+    "data": Setting(Group),
+    "scenario": Setting(Group | None),
+}
+TRAINER = {
+    "accelerator": Setting(Literal["cpu", "gpu", "cuda", "mps", "auto"]),
+    "devices": Setting(
+        int | list[int] | Literal["auto"],
+        lambda d: d in (1, "auto") or (isinstance(d, list) and len(d) == 1 and d[0] >= 0),
+        "1, or a list of one device; more runs at once: -m and hydra/launcher=joblib",
+    ),
+    "max_epochs": Setting(
+        int, lambda n: n == -1 or n >= 1, "-1 (the solver says when) or 1 or more"
+    ),
+    "num_sanity_val_steps": Setting(int, lambda n: n >= 0, "0 or more"),
+    "log_every_n_steps": Setting(int, lambda n: n >= 1, "1 or more"),
+    "enable_progress_bar": Setting(bool),
+    "detect_anomaly": Setting(bool),
+    "deterministic": Setting(bool),
+    "profiler": Setting(Literal["simple"] | None),
+}
+NAMED = ("system", "scenario", "model")  # choices whose names stand in the run's folder
+
+
+def check_settings(cfg: DictConfig, settings: Mapping[str, Setting] = TRAIN) -> None:
+    """Raise ValueError, naming the key, for a setting that is unknown or cannot be used."""
+    _check(OmegaConf.to_container(cfg, resolve=True), settings, "")
+    if settings is TRAIN:
+        _check(OmegaConf.to_container(cfg.trainer, resolve=True), TRAINER, "trainer.")
+        for key in NAMED:
+            if "name" not in cfg[key]:
+                raise ValueError(f"{key} lacks a name; choose one of conf/{key}, see --help")
+            NAME.check(f"{key}.name", cfg[key].name)
+        for name, model in cfg.baselines.items():
+            Setting(Group).check(f"baselines.{name}", OmegaConf.to_container(model))
+
+
+def _check(values: Any, settings: Mapping[str, Setting], prefix: str) -> None:
+    for key, value in values.items():
+        if key not in settings:
+            near = difflib.get_close_matches(str(key), settings, n=1)
+            hint = (
+                f"did you mean {prefix}{near[0]}?" if near else f"there are {', '.join(settings)}"
+            )
+            raise ValueError(f"there is no setting {prefix}{shown(key)}; {hint}")
+        settings[key].check(f"{prefix}{key}", value)
+    for key in settings.keys() - values.keys() if settings is not TRAINER else ():
+        if not fits(None, settings[key].annotation):
+            raise ValueError(f"the config lacks {key}; see --help")
+
+
+def check_files(cfg: DictConfig) -> None:
+    """Raise ValueError where a record or a table of forces that the config names is not there."""
+    for key, path in _paths(OmegaConf.to_container(cfg, resolve=True), ""):
+        if not set(path) & set("*?[") and path != MISSING and not Path(path).exists():
+            raise ValueError(
+                f"{key}={shown(path)}: there is no such file or folder (seen from {Path.cwd()})"
+            )
+
+
+def _paths(node: Any, key: str) -> Iterator[tuple[str, str]]:
+    """(key, path) of every file that a config names as such."""
+    if isinstance(node, list) and key.endswith(".path"):
+        yield from ((key, path) for path in node if isinstance(path, str))
+    elif isinstance(node, str) and key.endswith(".path"):
+        yield key, node
+    elif isinstance(node, dict):
+        for name, value in node.items():
+            yield from _paths(value, f"{key}.{name}".lstrip("."))

@@ -1,0 +1,198 @@
+"""Nothing runs from a config, and what cannot be used is refused by key, value and expectation."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from omegaconf import OmegaConf
+
+from benchmarks.attack.attempt import BAD, judged
+from benchmarks.attack.targets import command_lines, configs
+from data import Excitation, Structure
+from data.annotations import expectation, fits
+from models import Estimator
+from models.training.build import build
+from runner import job
+from runner.command_line import read_words
+from runner.compose import composed
+from runner.lock import release_all
+from runner.settings import check_settings
+
+ROOT = Path(__file__).parents[2]
+SIZES = {"dofs": 3, "inputs": 3, "dt": 0.01}
+
+
+@pytest.mark.parametrize("backslashes", range(6))
+def test_a_config_is_resolved_once_and_only_to_plain_values(backslashes, tmp_path):
+    """Finding 1: what is escaped stays text, whatever it says."""
+    command = f"touch {tmp_path / 'executed'}"
+    run = f'{{_target_:torch.utils.collect_env.run,command:"{command}"}}'
+    for key in ("ridge", "cutoff", "bias"):
+        cfg = composed("model=vwnn")
+        cfg.model[key] = "\\" * backslashes + f"${{oc.create:{run}}}"
+        with pytest.raises(ValueError, match=r"_target_|must be"):
+            build(cfg.model, Estimator, **SIZES)
+    assert not (tmp_path / "executed").exists()
+
+
+def test_an_honest_text_with_braces_reaches_its_argument():
+    cfg = composed("system=bilinear")
+    cfg.system.structure.elements = {"${acc}": cfg.system.structure.elements.r1}
+    cfg.system.structure.masses = [1.0]
+    structure = build(cfg.system.structure, Structure)
+    assert list(structure.elements) == ["${acc}"]
+
+
+@pytest.mark.parametrize(
+    ("words", "key", "asked"),
+    [
+        (["threads=null"], "threads=null", "a whole number"),
+        (["threads=1000000"], "threads=1000000", "between 1 and"),
+        (["figures=perhaps"], "figures=perhaps", "true or false"),
+        (["+foo=1"], "foo", "no setting"),
+        (["model.name=null"], "model.name=null", "text"),
+        (["model.name='../x'"], "model.name=../x", "a name"),
+        (["+trainer.plugins=x"], "trainer.plugins", "no setting"),
+        (["trainer.devices=-1"], "trainer.devices=-1", "a list of one device"),
+        (["trainer.devices=2"], "trainer.devices=2", "hydra/launcher=joblib"),
+        (["seed=1.5"], "seed=1.5", "a whole number"),
+        (["checkpoint_seconds=nan"], "checkpoint_seconds=nan", "a number"),
+    ],
+)
+def test_a_setting_of_a_wrong_type_is_named(words, key, asked):
+    """Finding 10."""
+    with pytest.raises(ValueError, match=r".") as error:
+        check_settings(composed(*words))
+    assert key in str(error.value)
+    assert asked in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("node", "key", "asked"),
+    [
+        ({"band": "abc"}, "excitation.force.band=abc", "a list of numbers"),
+        ({"band": [0.0, float("nan")]}, "excitation.force.band=", "a list of numbers"),
+        ({"std": True}, "excitation.force.std=true", "a number"),
+        ({"std": None}, "excitation.force.std=null", "a number"),
+        ({"std": 10**400}, "excitation.force.std=", "a number"),
+        ({"std": {"a": 1}}, "excitation.force.std=", "a number"),
+    ],
+)
+def test_an_argument_of_a_wrong_type_is_named(node, key, asked):
+    """Findings 10 and 13: the key as it is typed, the value and what is expected."""
+    cfg = OmegaConf.merge(composed(), {"excitation": {"force": node}})
+    with pytest.raises(ValueError, match=r".") as error:
+        build(cfg.excitation, Excitation)
+    assert key in str(error.value)
+    assert asked in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "target", ["data.Record", "models.NoFreeRunError", "models.Adam", "data.Structure"]
+)
+def test_a_class_of_another_kind_is_no_estimator(target):
+    cfg = composed()
+    cfg.model._target_ = target
+    with pytest.raises(ValueError, match="is no Estimator"):
+        build(cfg.model, Estimator, **SIZES)
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(VALUES, st.sampled_from([float, int, bool, str, float | None, list[int], tuple[str, float]]))
+@settings(deadline=None, max_examples=300, derandomize=True)
+def test_any_value_fits_an_annotation_or_not(value, annotation):
+    assert fits(value, annotation) in (True, False)
+    assert expectation(annotation)
+    if fits(value, float):
+        assert value == value
+        assert not isinstance(value, bool)
+
+
+@pytest.mark.parametrize("number", range(40))
+def test_generated_configs_are_refused_in_a_line_or_built(number):
+    draw = random.Random(f"test {number}")
+    attempt = TARGETS["configs"].attempt(draw, Path())
+    verdict = judged(attempt)
+    assert verdict.outcome not in BAD, (attempt.what, verdict)
+
+
+@pytest.mark.parametrize("number", range(10))
+def test_generated_command_lines_end_in_a_line_or_a_run(number):
+    draw = random.Random(f"test {number}")
+    attempt = TARGETS["command_lines"].attempt(draw, Path())
+    verdict = judged(attempt)
+    assert verdict.outcome not in BAD, (attempt.what, verdict)
+
+
+TARGETS = {"configs": configs.Target(), "command_lines": command_lines.Target()}
+
+
+def test_an_option_that_unpickles_is_refused(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["train.py", "--experimental-rerun=config.pickle"])
+    with pytest.raises(ValueError, match="pickle"):
+        read_words()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["train.py", "model=vwn"],
+        ["train.py", "data.durations=3"],
+        ["train.py", "threads=null"],
+        ["train.py", "data=measured", "data.path=nothing.csv"],
+        ["train.py", "-x"],
+        ["evaluate.py", "seeds=[]"],
+        ["evaluate.py", "run=nothing"],
+        ["-m", "live", "simulation", "--run", "nothing"],
+        ["-m", "live", "--replay", "nothing.csv"],
+        ["-m", "live", "simulation", "model=vwn"],
+        ["-m", "live.samples", "--replay", "nothing.csv"],
+        ["-m", "report.paper", "nothing"],
+        ["-m", "report.free_run", "nothing"],
+        ["-m", "report.online", "learnt", "nothing"],
+        ["-m", "report.tuning", "nothing"],
+    ],
+)
+def test_a_mistyped_word_is_told_before_pytorch_is_loaded(words):
+    """Seconds of imports come after; counted by what was imported, not by the clock."""
+    environment = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1"}
+    command = [sys.executable, *words]
+    began = time.monotonic()
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("import time:")]
+    assert (done.returncode, len(lines)) == (1, 1), (lines, time.monotonic() - began)
+    assert lines[0].startswith("error: ")
+    assert not any(line.split("|")[-1].strip() == "torch" for line in done.stderr.splitlines())
+
+
+@pytest.mark.parametrize("kind", ["overflows", "not finite"])
+def test_a_fit_that_failed_is_no_result(kind, tmp_path, monkeypatch):
+    """Finding 10: status 1, and nothing that looks finished."""
+    words = ["data.duration=5", "figures=false", "baselines=none"]
+    words += ["model=residual_mlp", "solver=adam", "solver.rate=1e300", "solver.iterations=3"]
+    if kind == "not finite":  # whatever a solver does to its weights
+        words[3:] = ["model=linear"]
+
+        def spoil(self, module, **_: object) -> None:
+            for values in module.estimator.state_dict().values():
+                values.fill_(float("nan"))
+
+        monkeypatch.setattr(job.Trainer, "fit", spoil)
+    with pytest.raises(ValueError, match="the fit failed"):
+        job.identify(composed(*words, "trainer.enable_progress_bar=false"), tmp_path)
+    assert not (tmp_path / "metrics.json").exists()
+    release_all()

@@ -1,0 +1,259 @@
+"""Folders of runs that somebody tampered with, half-done training that is damaged, held folders."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from omegaconf import OmegaConf
+
+import train
+from benchmarks.attack.targets.run_folders import BOMBS, mutation
+from models.training.resume import fault_of, seal
+from report.collection.long_table import long_table
+from report.collection.runs import collect, read_runs
+from runner.lock import RUN, HeldError, hold, release, sweep_held
+from runner.plain_data import as_config, read_json, read_yaml
+from runner.result import DAMAGED, FINISHED, STATUSES
+from runner.run import restore
+from runner.run_files import CHECKPOINT, CONFIG, METRICS
+from runner.run_folder import config_text, read_run, write_failure
+from runner.schema import METRICS_KIND, require
+from tests.program.test_train import run
+
+ROOT = Path(__file__).parents[2]
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+SIGNS = st.text(st.sampled_from("\\${}:,.[]'\" a?\n=%()"), max_size=14) | st.text(max_size=8)
+QUICK = ["data.duration=2", "figures=false", "baselines=none", "trainer.enable_progress_bar=false"]
+
+
+@settings(deadline=None, max_examples=300, derandomize=True)
+@given(SIGNS)
+@example("\\${oc.env:HOME}")
+@example("\\\\${oc.env:HOME}")
+@example("${oc.create:{_target_:os.system}}")
+@example("${")
+def test_any_text_of_a_config_stays_that_text(text):
+    if text == "???":
+        return
+    cfg = as_config({"a": text, "b": [text]})
+    assert cfg.a == cfg.b[0] == text
+    assert OmegaConf.to_container(cfg, resolve=True)["b"] == [text]
+    if text.isprintable():  # YAML folds some of the other signs
+        assert read_yaml(config_text(cfg))["a"] == text
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("finished") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        assert run(train, patch, *QUICK, "model=vwnn", f"hydra.run.dir={folder}") == 0
+    assert not (folder / RUN).exists()
+    return folder
+
+
+@pytest.fixture
+def copy(finished, tmp_path) -> Path:
+    return shutil.copytree(finished, tmp_path / "runs" / "copy")
+
+
+def changed(folder: Path, **values: object) -> None:
+    content = read_yaml((folder / CONFIG).read_text("utf-8"))
+    (folder / CONFIG).write_text(OmegaConf.to_yaml({**content, **values}), "utf-8")
+
+
+def test_nothing_in_a_runs_config_is_resolved(copy, monkeypatch):
+    monkeypatch.setenv("SECRET", "told")
+    for text in ("${oc.env:SECRET}", "\\${oc.env:SECRET}", "${seed}"):
+        content = read_yaml((copy / CONFIG).read_text("utf-8")) | {"grid": text}
+        (copy / CONFIG).write_text(json.dumps(content), "utf-8")  # JSON is YAML
+        cfg, _ = read_run(copy)
+        assert cfg.grid == text
+        assert collect([copy.parent])[0].grid == text
+    changed(copy, grid="???")
+    with pytest.raises(ValueError, match=r"grid=\?\?\?, a value that was never given"):
+        read_run(copy)
+
+
+def test_a_column_that_looks_like_an_interpolation_survives_a_run(tmp_path, monkeypatch):
+    lines = [f"{k / 100:.2f},{k * k * 7919 % 13},{k * k * 104729 % 11}" for k in range(300)]
+    (tmp_path / "record.csv").write_text("\n".join(["time,F,${acc}", *lines]), "utf-8")
+    words = [*QUICK[1:], "data=measured", f"data.path={tmp_path / 'record.csv'}", "model=vwnn"]
+    channels = r"data.channels={time: time, f1: F, a1: '\${acc}'}"
+    folder = tmp_path / "run"
+    assert run(train, monkeypatch, *words, channels, f"hydra.run.dir={folder}") == 0
+    assert read_run(folder)[0].data.channels.a1 == "${acc}"
+
+
+def test_nothing_is_downloaded_by_loading_a_run(copy):
+    data = read_yaml((copy / CONFIG).read_text("utf-8"))["data"]
+    changed(copy, data={**data, "download": True})
+    assert read_run(copy)[0].data.download is False
+
+
+@pytest.mark.parametrize("text", BOMBS)
+def test_a_bomb_is_refused_at_once(text, copy):
+    (copy / CONFIG).write_text(text, "utf-8")
+    with pytest.raises(ValueError, match=r"is damaged: config\.yaml: .*; repeat the run"):
+        read_run(copy)
+    assert collect([copy.parent])[0].status in (DAMAGED, FINISHED)  # some are no bombs to a table
+
+
+@pytest.mark.parametrize("text", ["NaN", "1e999", "[" * 99999, "9" * 5000, '"\\ud800"', "{"])
+def test_json_of_no_run_is_refused(text, tmp_path):
+    (tmp_path / METRICS).write_text(text, "utf-8")
+    with pytest.raises(ValueError, match=r"metrics\.json"):
+        read_json(tmp_path / METRICS)
+
+
+@pytest.mark.parametrize(
+    ("metrics", "said"),
+    [
+        ([], "it is [], expected a mapping"),
+        ({"seed": True}, "seed is True, expected a whole number"),
+        ({"test": {"per_dof_percent": [1.0, "x"]}}, "a value of test.per_dof_percent is 'x'"),
+        ({"test": {"own_residual": {"x": []}}}, "test.own_residual.x is []"),
+        ({"identity": 3}, "identity is 3, expected a mapping"),
+    ],
+)
+def test_metrics_of_another_type_are_named(metrics, said):
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        require(metrics, METRICS_KIND)
+    assert said in str(error.value)
+
+
+def test_one_damaged_run_leaves_the_others_readable(copy, capsys):
+    other = shutil.copytree(copy, copy.with_name("other"))
+    (other / METRICS).unlink()
+    os.mkfifo(other / METRICS)
+    assert [r.status for r in collect([copy.parent])] == [FINISHED, DAMAGED]
+    assert [r.folder.name for r in read_runs(copy.parent)] == ["copy"]
+    assert "damaged: other: " in capsys.readouterr().err
+
+
+def test_a_changed_bit_of_the_model_is_refused(copy):
+    cfg, _ = read_run(copy)
+    content = bytearray((copy / CHECKPOINT).read_bytes())
+    content[-3] ^= 1
+    (copy / CHECKPOINT).write_bytes(content)
+    with pytest.raises(ValueError, match="not the file that the run wrote"):
+        restore(cfg, copy)
+
+
+@pytest.mark.parametrize("number", range(40))
+def test_a_tampered_file_is_read_or_refused(number, finished, tmp_path, capsys):
+    """The attack in small; the whole of it: python -m benchmarks.attack --only run_folders."""
+    draw = random.Random(number)
+    file = draw.choice((CONFIG, METRICS, "sensors.json", CHECKPOINT))
+    folder = shutil.copytree(finished, tmp_path / "runs" / "one")
+    (tmp_path / "runs" / "one").joinpath("kept").touch()
+    what, mutate = mutation(draw, file)
+    mutate(folder / file)
+    (result,) = collect([tmp_path / "runs"]) or (None,)
+    assert result.status in STATUSES, what
+    long_table([result])
+    with contextlib.suppress(ValueError):
+        read_run(folder)
+
+
+@settings(deadline=None, max_examples=200, derandomize=True)
+@given(st.data())
+def test_no_flipped_bit_of_half_done_training_is_taken(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("half") / "training.ckpt"
+    identity = {"config": "a", "code": "b"}
+    torch.save({"identity": identity, "state_dict": {"w": torch.arange(9.0)}}, path)
+    assert fault_of(path, identity) == "is damaged, or of earlier code"
+    seal(path)
+    assert fault_of(path, identity) == ""
+    content = bytearray(path.read_bytes())
+    content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    path.write_bytes(content)
+    assert fault_of(path, identity) == "is damaged, or of earlier code"
+
+
+def test_weights_that_are_no_numbers_are_not_gone_on_from(tmp_path):
+    path, identity = tmp_path / "training.ckpt", {"config": "a"}
+    torch.save({"identity": identity, "state_dict": {"w": torch.tensor([1.0, torch.nan])}}, path)
+    seal(path)
+    assert fault_of(path, identity) == "holds weights that are not numbers"
+
+
+def held_by_another(folder: Path, call: str) -> subprocess.Popen:
+    """A process that holds a folder until its input ends."""
+    program = (
+        "import sys; from pathlib import Path; from runner.lock import *\n"
+        f"folder = Path({str(folder)!r})\n{call}\nprint('held', flush=True); sys.stdin.read()"
+    )
+    words = [sys.executable, "-c", program]
+    process = subprocess.Popen(
+        words, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "held\n"
+    return process
+
+
+def test_who_comes_second_is_told_and_touches_nothing(copy, monkeypatch, capsys):
+    before = {path.name: path.read_bytes() for path in copy.iterdir() if path.is_file()}
+    process = held_by_another(copy, "hold(folder)")
+    try:
+        assert run(train, monkeypatch, *QUICK, "model=vwnn", f"hydra.run.dir={copy}") == 1
+        error = capsys.readouterr().err
+        assert f"error: {copy} is in use by process {process.pid} on " in error
+        assert "another hydra.run.dir" in error
+        with pytest.raises(HeldError):
+            write_failure(copy, None, "it failed", "", own=True)
+        now = {p.name: p.read_bytes() for p in copy.iterdir() if p.is_file() and p.name != RUN}
+        assert now == before
+    finally:
+        process.kill()
+        process.communicate()
+    hold(copy)  # the lock is gone with its process, though the file is left
+    release(copy)
+    assert not (copy / RUN).exists()
+
+
+def test_the_second_command_of_a_sweep_is_told(tmp_path, monkeypatch, capsys):
+    process = held_by_another(tmp_path, "kept = sweep_held(folder); kept.__enter__()")
+    try:
+        words = ["-m", *QUICK, "model=linear", "seed=0,1", f"hydra.sweep.dir={tmp_path}"]
+        assert run(train, monkeypatch, *words) == 1
+        assert "another hydra.sweep.dir" in capsys.readouterr().err
+        assert [path.name for path in tmp_path.iterdir()] == [".sweep.lock"]
+    finally:
+        process.kill()
+        process.communicate()
+    with sweep_held(tmp_path):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_job_whose_folder_is_anothers_is_lost_and_leaves_no_failure(
+    tmp_path, monkeypatch, capsys
+):
+    words = ["-m", *QUICK, "model=linear", "seed=0,1", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    (first, _) = sorted(path.parent for path in tmp_path.glob(f"*/{METRICS}"))
+    (first / METRICS).unlink()
+    process = held_by_another(first, "hold(folder)")
+    try:
+        capsys.readouterr()
+        assert run(train, monkeypatch, *words) == 1
+        assert "is in use by process" in capsys.readouterr().err
+        assert not (first / "failed.json").exists()
+    finally:
+        process.kill()
+        process.communicate()
