@@ -100,7 +100,9 @@ class Recurrent(Trainable):
         """[ẍ, x, ẋ] (…, T, 3n)."""
         self.require_identified(self.signals)
         shape = drive.u.shape[:-2]
-        u = self.input_scale(drive.u).reshape(-1, *drive.u.shape[-2:])  # (B, T, m)
+        u = self.input_scale(drive.u).reshape(
+            drive.u.shape[:-2].numel(), *drive.u.shape[-2:]
+        )  # (B, T, m)
         first = self.state_scale(torch.cat([drive.x0, drive.v0], dim=-1)).reshape(len(u), -1)
         h = self.begin(first).view(len(u), self.states, -1, self.cells.hidden_size)
         parts = tuple(h.permute(1, 2, 0, 3).contiguous())  # each (layers, B, H)

@@ -123,6 +123,8 @@ class ForwardVWNN(ForwardNetwork):
         """
         before = best = self.weights.clone()
         normal, gradient = self._normal_equations(batches, length)
+        if not normal.diagonal().any():
+            return error  # nothing drives the run, so that no weight moves it
         eye = torch.eye(len(normal)).to(normal) * normal.diagonal().mean()
         for damping in DAMPING:
             step = torch.linalg.solve(normal + damping * eye, gradient)

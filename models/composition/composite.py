@@ -168,7 +168,7 @@ class Composite(Trainable):
     def states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
         """x, v, a, u (T, ·) of each record as measured; filtered alike where x or v is missing."""
         counted = slice(record.warmup, None)
-        a = record.a.reshape(-1, *record.a.shape[-2:])
+        a = record.a.reshape(record.a.shape[:-2].numel(), *record.a.shape[-2:])
         u = record.excitation.reshape(len(a), record.samples, self.inputs)
         measured = MEASURES[record.quantity]
         whole = measured == ACCELERATION and not self.from_accelerations

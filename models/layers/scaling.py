@@ -24,7 +24,8 @@ class Extents(nn.Module):
 
     def fit(self, signals: Iterable[Tensor]) -> None:
         """Take the extents of signals (…, *shape), handed out in any number of pieces."""
-        flat = [u.reshape(-1, *self.centre.shape) for u in signals]
+        lead = self.centre.ndim
+        flat = [u.reshape(u.shape[: u.ndim - lead].numel(), *self.centre.shape) for u in signals]
         low = torch.stack([u.amin(dim=0) for u in flat]).amin(dim=0)
         high = torch.stack([u.amax(dim=0) for u in flat]).amax(dim=0)
         self.centre.copy_(0.5 * (high + low))

@@ -169,6 +169,6 @@ def single(batch: Record) -> Iterator[Record]:
     if batch.a.ndim == 2:
         yield batch
         return
-    flat = batch.map(lambda u: u.reshape(-1, *u.shape[-2:]))
+    flat = batch.map(lambda u: u.reshape(u.shape[:-2].numel(), *u.shape[-2:]))
     for i in range(len(flat.a)):
         yield flat.map(lambda u, i=i: u[i])  # type: ignore[misc]

@@ -90,7 +90,7 @@ class Guard(nn.Module):
         """Whether a record (…, T, ·) holds one."""
         assert self.outlier is not None
         signals = torch.cat(list(record.signals().values()), dim=-1)
-        records = signals.reshape(-1, *signals.shape[-2:])
+        records = signals.reshape(signals.shape[:-2].numel(), *signals.shape[-2:])
         pairs = zip(records, moving.reshape(len(records), -1), strict=True)
         return any(lone(signal, when, self.outlier) for signal, when in pairs)
 

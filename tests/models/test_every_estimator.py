@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import fields, replace
 from functools import partial
 
@@ -482,3 +483,20 @@ def test_an_estimator_of_nothing_is_refused(make, dofs, inputs, dt):
 def test_a_vwnn_above_the_nyquist_frequency_is_refused():
     with pytest.raises(ValueError, match="Nyquist"):
         VWNN(3, 3, 0.1)
+
+
+@pytest.mark.parametrize("name", ZOO)
+@pytest.mark.parametrize("records", [(), (2,)], ids=["one record", "two records"])
+def test_a_structure_that_nothing_drives_is_identified_or_refused(records, name):
+    """A free decay has no channels of excitation; what needs some says so."""
+    t = DT * torch.arange(300.0, dtype=torch.float64)[:, None]
+    x = torch.exp(-0.1 * t) * torch.cos(torch.tensor([5.0, 9.0]) * t)
+    v = torch.gradient(x, spacing=DT, dim=0)[0]
+    a = torch.gradient(v, spacing=DT, dim=0)[0]
+    signals = (u.expand(*records, -1, -1) for u in (a, x.new_zeros(300, 0), x, v))
+    record = Record(DT, *signals)
+    with suppress(ValueError):
+        estimator = ZOO[name](2, 0, DT)
+        estimator.identify([record])
+        with torch.no_grad():
+            assert estimator(record).shape == record.a.shape
