@@ -106,7 +106,7 @@ QUANTITIES = {  # that `a` may be, with symbol and unit
     "output": ("y", "–"),
 }
 HOLDS = ("linear", "zero_order", "band_limited")
-INITIAL_STATES = ("rest", "given", "periodic")
+INITIAL_STATES = ("rest", "given", "periodic", "unknown")
 
 
 @dataclass(frozen=True)
@@ -119,8 +119,10 @@ class Record:
     sensors measured: a displacement, say, the force of an element under an imposed motion s and
     s_dot, or an output of whatever unit.
 
-    `initial_state` says how the motion begins: at rest, with the first x and v as given, or in the
-    periodic steady state of an excitation that repeats itself. `hold` says what the excitation does
+    `initial_state` says how the motion begins: at rest, with the first x and v as given, in the
+    periodic steady state of an excitation that repeats itself, or in a motion that is unknown: then
+    the first `warmup` samples tell of it to models that can estimate a state, and for all others it
+    is at rest. `hold` says what the excitation does
     between samples: "linear" and "zero_order" as digital-to-analogue converters do, or
     "band_limited", which looks ahead and so is not causal.
     """

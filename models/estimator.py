@@ -83,6 +83,10 @@ class Estimator(nn.Module):
         """
         raise NoFreeRunError(f"{type(self).__name__} has no free run")
 
+    def run_of(self, record: Record) -> Response:
+        """The free run of a record; one that begins in an unknown motion is begun at rest."""
+        return self.free_run(record.drive())
+
     def check(self, signals: Record | Drive) -> None:
         """Raise ValueError where a record, or the excitation of a free run, does not fit."""
         own = next(chain(self.parameters(), self.buffers()), None)

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
+from models.composition.beginning import beginning, projected
 from models.composition.coefficients import Coefficients
 from models.composition.simulate import (
     ACCELERATION,
@@ -90,6 +91,8 @@ class Composite(Trainable):
         The memory of hysteretic units follows the increments of the steps.
         """
         stateless = self.from_accelerations or record.x is None or record.v is None
+        if stateless and record.initial_state == "unknown":
+            return self.run_of(record).a
         return self.restarted_run(record, None if stateless else 1)
 
     def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
@@ -115,6 +118,37 @@ class Composite(Trainable):
             return simulate(self.composition(), drive, substeps)
         return self.trace(drive).response
 
+    def run_of(self, record: Record) -> Response:
+        """The free run of a record. An unknown beginning is estimated from the warm-up samples."""
+        if record.initial_state != "unknown" or not record.warmup:
+            return self.free_run(record.drive())
+        seen = record.window(0, record.warmup)
+        return self.trace(record.drive(), begin=self.beginning(seen)).response
+
+    def beginning(self, record: Record) -> Tensor:
+        """q, q̇ and the units' memory (…, 2n + E·units) at the first sample of a record.
+
+        All its samples are simulated as well as can be; it begins where x and v are measured.
+        """
+        self.require_identified(self.identified)
+        drive, composition = record.drive(), self.composition()
+        n, lead = composition.core.value.shape[1], record.a.shape[:-2]
+        memory = composition.laws.value.shape[0] * composition.counts[2]
+        start = record.a.new_zeros(lead.numel(), 2 * n + memory)
+        if record.x is not None and record.v is not None and not self.from_accelerations:
+            back = torch.linalg.pinv(composition.outputs.value)
+            first = [u[..., 0, :].reshape(len(start), -1) @ back.T for u in (record.x, record.v)]
+            start[:, : 2 * n] = torch.cat(first, dim=1)
+        measured = record.a.reshape(len(start), *record.a.shape[-2:])
+        u = drive.u.reshape(len(start), *drive.u.shape[-2:])
+        flat = Drive(drive.dt, u, drive.x0.new_zeros(self.dofs), drive.x0.new_zeros(self.dofs))
+        flat, substeps = replace(flat, hold=drive.hold), self._substeps(drive.dt)
+
+        def run(begin: Tensor, differentiated: bool) -> Trace:
+            return traced(composition, flat, substeps, begin=begin, by_begin=differentiated)
+
+        return beginning(run, measured, start).reshape(*lead, -1)
+
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
         """Acceleration (…, T, n) of runs that begin anew at measured x and v.
 
@@ -123,15 +157,26 @@ class Composite(Trainable):
         free = [p for p in self.parameters() if p.requires_grad]
         if torch.is_grad_enabled() and free:
             return _Restarted.apply(self, record, horizon, *free)
-        anchors = self._anchors(record, horizon)
-        return self.trace(record.drive(), anchors, horizon or 0).response.a
+        return self._restarted(record, horizon, False).response.a
 
     def restarted_jacobian(
         self, record: Record, horizon: int | None, warmup: int = 0
     ) -> tuple[Tensor, Tensor]:
-        anchors = self._anchors(record, horizon)
-        trace = self.trace(record.drive(), anchors, horizon or 0, derivatives=True)
+        trace = self._restarted(record, horizon, True)
         return trace.response.a, trace.jacobian
+
+    def _restarted(self, record: Record, horizon: int | None, derivatives: bool) -> Trace:
+        """A run of a record in training, all of whose samples tell how it begins."""
+        anchors = self._anchors(record, horizon)
+        if anchors is not None or record.initial_state != "unknown":
+            return self.trace(record.drive(), anchors, horizon or 0, derivatives)
+        begin = self.beginning(record)
+        trace = self.trace(record.drive(), None, 0, derivatives, begin)
+        if not derivatives:
+            return trace
+        flat = record.a.shape[:-2].numel()
+        both = (u.reshape(flat, *u.shape[-3:]) for u in (trace.jacobian, trace.by_begin))
+        return replace(trace, jacobian=projected(*both).reshape(trace.jacobian.shape))
 
     def element_loops(self, drive: Drive) -> tuple[Tensor, Tensor]:
         """Deformations [m] and restoring forces [N] (…, T, E) of the elements in a free run."""
@@ -144,11 +189,17 @@ class Composite(Trainable):
         anchors: Tensor | None = None,
         every: int = 0,
         derivatives: bool = False,
+        begin: Tensor | None = None,
     ) -> Trace:
-        """A compiled run, begun anew from `anchors` (…, 2, T, n) every so many samples."""
+        """A compiled run, begun anew from `anchors` (…, 2, T, n) every so many samples.
+
+        begin: q, q̇ and the units' memory (…, S) at the first sample, in place of the drive's.
+        """
         self.require_identified(self.identified)
-        substeps = self._substeps(drive.dt)
-        return traced(self.composition(), drive, substeps, anchors, every, derivatives)
+        substeps, by_begin = self._substeps(drive.dt), derivatives and begin is not None
+        return traced(
+            self.composition(), drive, substeps, anchors, every, derivatives, begin, by_begin
+        )
 
     def admitted(self, batches: Iterable[Record]) -> list[Record]:
         """The records on the processor; sets what their sensors measure.
@@ -218,8 +269,7 @@ class _Restarted(torch.autograd.Function):
     def forward(
         ctx: Any, model: Composite, record: Record, horizon: int | None, *free: Tensor
     ) -> Tensor:
-        anchors = model._anchors(record, horizon)
-        trace = model.trace(record.drive(), anchors, horizon or 0, derivatives=True)
+        trace = model._restarted(record, horizon, True)
         ctx.save_for_backward(trace.jacobian)
         ctx.shapes = [p.shape for p in free]
         return trace.response.a

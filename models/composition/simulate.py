@@ -45,14 +45,21 @@ class Composition:
         return torch.stack([x, v, a], dim=-1).gather(-1, which)[..., 0]
 
 
-def simulate(composition: Composition, drive: Drive, substeps: int) -> Response:
-    """Free run (…, T, o) in PyTorch, batched and differentiable."""
+def simulate(
+    composition: Composition, drive: Drive, substeps: int, begin: Tensor | None = None
+) -> Response:
+    """Free run (…, T, o) in PyTorch, batched and differentiable.
+
+    begin: q, q̇ and the units' memory (…, 2n + E·units) at the first sample, or the drive's.
+    """
     K, C = composition.core.value
     inputs, G, D = composition.inputs.value, composition.G.value, composition.D.value
     laws, outputs, h = composition.laws.value, composition.outputs.value, drive.dt / substeps
     back = torch.linalg.pinv(outputs)
     u, fine = drive.u, between(drive.u, drive.hold, substeps)
     q, rate = drive.x0 @ back.T, drive.v0 @ back.T
+    if begin is not None:
+        q, rate = begin[..., : q.shape[-1]], begin[..., q.shape[-1] : 2 * q.shape[-1]]
 
     def deformation(q: Tensor, rate: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         return q @ D.T + u @ composition.supports[0].T, rate @ D.T + u @ composition.supports[1].T
@@ -64,6 +71,8 @@ def simulate(composition: Composition, drive: Drive, substeps: int) -> Response:
 
     y, speed = deformation(q, rate, u[..., 0, :])
     z = y.new_zeros(*y.shape, composition.counts[2])
+    if begin is not None:
+        z = begin[..., 2 * q.shape[-1] :].reshape(z.shape)
     a = acceleration(q, rate, u[..., 0, :], y, speed, z)
     history = [(q, rate, a)]
     for k in range(1, drive.samples):

@@ -5,7 +5,7 @@ increments of deformation, the accelerations there with a velocity that is extra
 velocity by the trapezoid: second order, one evaluation a substep. Along with the motion go its
 derivatives by P parameters. simulate.py is the readable reference; tests hold both together.
 
-n coordinates, E elements, m excitations, o outputs, T samples, S substeps, P parameters.
+n coordinates, E elements, m excitations, o outputs, T samples, P parameters, S of a beginning.
 """
 
 from __future__ import annotations
@@ -111,19 +111,22 @@ def _accelerations(q, rate, dq, drate, u_at, core, icore, score, inputs, iinputs
 
 
 @compiled
-def run(u, between, dt, every, measured, back, core, icore, score, inputs, iinputs,
+def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs, iinputs,
         sinputs, G, iG, sG, D, iD, sD, supports, laws, ilaws, slaws, counts, outputs, ioutputs,
-        soutputs, measures, P, x, v, a, forces, deformations, jacobian):  # fmt: skip
+        soutputs, measures, P, S, x, v, a, forces, deformations, jacobian):  # fmt: skip
     """A free run from the first of `measured` (2, T, o), begun anew every `every` samples (0: not).
 
-    u (T, m); between (T − 1, S, m), u at the end of each substep. Fills x, v, a (T, o), forces and
-    deformations (T, E) and, for P > 0, jacobian (T, o, P) of what each output `measures` (o,): the
-    displacement (0), velocity (1) or acceleration (2). The units' memory goes on where a
-    run begins anew. A run that has diverged is NaN from there on.
+    begin: q, q̇ and the units' z at the first sample (2n + E·units,), in place of the first of
+    `measured` and of units at rest; empty: not.
+
+    u (T, m); between (T − 1, substeps, m), u at the end of each substep. Fills x, v, a (T, o),
+    forces and deformations (T, E) and, for P + S > 0, jacobian (T, o, P + S) of what each output
+    `measures` (o,): the displacement (0), velocity (1) or acceleration (2); S columns by `begin`.
+    The units' memory goes on where a run begins anew. A run that has diverged is NaN from there on.
     """
-    (T, m), S = u.shape, between.shape[1]
+    (T, m), substeps = u.shape, between.shape[1]
     E, n = D.shape
-    o, h = outputs.shape[0], dt / S
+    o, h, first, P = outputs.shape[0], dt / substeps, P, P + S
     q, rate, ahead, acc, new = np.zeros((5, n))
     dq, drate, dahead = np.zeros((n, P)), np.zeros((n, P)), np.zeros((n, P))
     dacc, dnew = np.zeros((n, P)), np.zeros((n, P))
@@ -133,11 +136,13 @@ def run(u, between, dt, every, measured, back, core, icore, score, inputs, iinpu
         begins = k == 0 or (every > 0 and (k - 1) % every == 0)
         if begins:
             _begin_anew(measured, max(k - 1, 0), back, ioutputs, soutputs, q, rate, dq, drate)
+            if k == 0 and begin.size > 0:
+                _begin_at(begin, first, S, q, rate, z, dq, drate, dz)
             _forces(q, rate, dq, drate, False, u[max(k - 1, 0)], D, iD, sD, supports, laws, ilaws,
                     slaws, counts, y, dy, z, dz, r, dr, work)  # fmt: skip
             _accelerations(q, rate, dq, drate, u[max(k - 1, 0)], core, icore, score, inputs,
                            iinputs, sinputs, G, iG, sG, r, dr, acc, dacc)  # fmt: skip
-        for substep in range(S if k > 0 else 0):
+        for substep in range(substeps if k > 0 else 0):
             for i in range(n):
                 q[i] += h * (rate[i] + 0.5 * h * acc[i])
                 ahead[i] = rate[i] + h * acc[i]
@@ -156,7 +161,7 @@ def run(u, between, dt, every, measured, back, core, icore, score, inputs, iinpu
                     drate[i, p] += 0.5 * h * (dacc[i, p] + dnew[i, p])
                     dacc[i, p] = dnew[i, p]
         for j in range(m):  # an excitation held between samples jumps at them
-            jump = u[k, j] - between[k - 1, S - 1, j] if k > 0 else 0.0
+            jump = u[k, j] - between[k - 1, substeps - 1, j] if k > 0 else 0.0
             if jump != 0.0:
                 for i in range(n):
                     acc[i] += inputs[i, j] * jump
@@ -210,3 +215,20 @@ def _begin_anew(measured, k, back, ioutputs, soutputs, q, rate, dq, drate):
                 for j in range(n):
                     add(dq[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * q[j])
                     add(drate[i], ioutputs[c, j], -back[i, c] * soutputs[c, j] * rate[j])
+
+
+@inlined
+def _begin_at(begin, first, S, q, rate, z, dq, drate, dz):
+    """q, q̇ and z of `begin`; where S > 0, their derivatives by themselves stand from `first` on."""
+    n, (E, units) = q.size, z.shape
+    dq[:], drate[:], dz[:] = 0.0, 0.0, 0.0
+    for i in range(n):
+        q[i], rate[i] = begin[i], begin[n + i]
+        if S > 0:
+            dq[i, first + i] = drate[i, first + n + i] = 1.0
+    for e in range(E):
+        for unit in range(units):
+            at = 2 * n + e * units + unit
+            z[e, unit] = begin[at]
+            if S > 0:
+                dz[e, unit, first + at] = 1.0

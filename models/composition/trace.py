@@ -30,6 +30,7 @@ class Trace:
     forces: Tensor  # (…, T, E) [N]
     deformations: Tensor  # (…, T, E) [m]
     jacobian: Tensor  # (…, T, o, P), or P = 0
+    by_begin: Tensor  # ∂output/∂(q, q̇, z) of the first sample (…, T, o, S), or S = 0
 
 
 @torch.no_grad()
@@ -40,11 +41,14 @@ def traced(
     anchors: Tensor | None = None,
     every: int = 0,
     derivatives: bool = False,
+    begin: Tensor | None = None,
+    by_begin: bool = False,
 ) -> Trace:
     """The compiled run of a batch of drives.
 
     anchors: measured x and v (…, 2, T, o), from which the run begins anew every `every` samples;
-    None: it never does. derivatives: fill the Jacobian too.
+    None: it never does. derivatives: fill the Jacobian too. begin: q, q̇ and the units' memory
+    (…, 2n + E·units) at the first sample, in place of the drive's; by_begin: derivatives by it too.
     """
     device, lead = drive.u.device, drive.u.shape[:-2]
     drive = Drive(drive.dt, drive.u.cpu(), drive.x0.cpu(), drive.v0.cpu(), drive.hold)
@@ -55,7 +59,9 @@ def traced(
         measured = anchors.cpu().reshape(len(u), *anchors.shape[-3:])
     P = composition.parameters if derivatives else 0
     o, E = composition.outputs.value.shape[0], composition.laws.value.shape[0]
-    per_sample = 3 * o + 2 * E + o * P + substeps * drive.u.shape[-1]
+    begins = drive.u.new_zeros(len(u), 0) if begin is None else begin.cpu().reshape(len(u), -1)
+    S = begins.shape[1] if by_begin else 0
+    per_sample = 3 * o + 2 * E + o * (P + S) + substeps * drive.u.shape[-1]
     require_memory(
         8.0 * per_sample * len(u) * drive.samples,
         f"{len(u)} runs of {drive.samples} samples with {E} elements and {P} derivatives",
@@ -63,9 +69,9 @@ def traced(
     )
     fine = between(drive.u, drive.hold, substeps)
     fine = fine.reshape(len(u), drive.samples - 1, substeps, drive.u.shape[-1])
-    shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P)]
+    shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P + S)]
     out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
-    arrays = _arrays(composition)
+    arrays = _arrays(composition, derivatives)
     supports = np.ascontiguousarray(composition.supports.cpu().numpy())
     measures = composition.measures.cpu().numpy()
     back = np.ascontiguousarray(np.linalg.pinv(arrays["outputs"][0]))
@@ -73,9 +79,10 @@ def traced(
     def one(i: int) -> None:
         run(
             *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
-            drive.dt, every, np.ascontiguousarray(measured[i].numpy()), back,
+            drive.dt, every, np.ascontiguousarray(measured[i].numpy()),
+            np.ascontiguousarray(begins[i].numpy()), back,
             *arrays["core"], *arrays["inputs"], *arrays["G"], *arrays["D"],
-            supports, *arrays["laws"], composition.counts, *arrays["outputs"], measures, P,
+            supports, *arrays["laws"], composition.counts, *arrays["outputs"], measures, P, S,
             *(signal[i].numpy() for signal in out),
         )  # fmt: skip
 
@@ -83,18 +90,24 @@ def traced(
         with ThreadPoolExecutor(torch.get_num_threads()) as pool:
             list(pool.map(one, range(len(u))))
     else:
-        steps = drive.samples * substeps * max(1, o) * (1 + P)
+        steps = drive.samples * substeps * max(1, o) * (1 + P + S)
         for i in range(len(u)):
             interruptible(partial(one, i), steps)
-    x, v, a, *rest = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
-    return Trace(Response(x, v, composition.output(x, v, a)), *rest)
+    x, v, a, *rest, slopes = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
+    motion = Response(x, v, composition.output(x, v, a))
+    return Trace(motion, *rest, *slopes.split([P, S], dim=-1))
 
 
-def _arrays(composition: Composition) -> dict[str, tuple[np.ndarray, ...]]:
-    """Values, numbers and slopes of every part, as arguments of the compiled run."""
+def _arrays(composition: Composition, derivatives: bool) -> dict[str, tuple[np.ndarray, ...]]:
+    """Values, numbers and slopes of every part, as arguments of the compiled run.
+
+    Without derivatives nothing depends on a parameter.
+    """
     parts: dict[str, Part] = {
         name: getattr(composition, name) for name in ("core", "inputs", "G", "D", "laws", "outputs")
     }
+    if not derivatives:
+        parts = {name: Part.fixed(part.value) for name, part in parts.items()}
     return {
         name: tuple(np.ascontiguousarray(getattr(p, key).cpu().numpy()) for key in PART)
         for name, p in parts.items()

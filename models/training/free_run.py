@@ -29,7 +29,7 @@ def simulate(estimator: Estimator, record: Record) -> Response:
     except ValueError as reason:
         raise NoFreeRunError(str(reason)) from None
     periodic = record.initial_state == "periodic"
-    return periodic_run(estimator, drive) if periodic else estimator.free_run(drive)
+    return periodic_run(estimator, drive) if periodic else estimator.run_of(record)
 
 
 def periodic_run(estimator: Estimator, drive: Drive) -> Response:
