@@ -17,7 +17,7 @@ from data.datamodule import Data
 from data.public.benchmarks import benchmark_called, files_of
 from data.public.files import cache
 from data.public.measures import noise_floor
-from data.public.series import Series, choose, matching, require_held_out
+from data.public.series import Series, choose, matching, require_held_out, stretch
 from data.record import Record
 from data.simulation.scenario import Scenario
 from data.windows import WindowDataset
@@ -28,7 +28,8 @@ class BenchmarkData(Data):
 
     `train` and `test` name series by patterns as in a shell; None takes the usual series.
     `folder` holds the files, by default the cache of the package nonlinear-benchmarks, which
-    fetches missing files only with `download`. `hold` says what the input does between samples,
+    fetches missing files only with `download`. `samples` trains on a stretch of so many at a random
+    place, which begins in an unknown motion. `hold` says what the input does between samples,
     None: the benchmark's own. The official state-initialisation window is the warm-up of the
     records; `warmup` may lengthen it.
 
@@ -42,13 +43,14 @@ class BenchmarkData(Data):
         self,
         benchmark: str,
         scenario: Scenario,
-        seed: int = 0,  # nothing here is random
+        seed: int = 0,  # of the place of a stretch; nothing else here is random
         name: str | None = None,
         folder: str | None = None,
         download: bool = False,
         train: str | Sequence[str] | None = None,
         test: str | Sequence[str] | None = None,
         hold: str | None = None,
+        samples: int | None = None,
         window: int | None = None,
         stride: int | None = None,
         warmup: int = 0,
@@ -67,6 +69,8 @@ class BenchmarkData(Data):
             "test": choose("test", series[1], test or usual),
         }
         require_held_out(**self.series)
+        if samples is not None:
+            self.series["train"] = [stretch(self.series["train"], samples, seed)]
         first = self.series["train"][0]
         self.name, self.dt = name or benchmark, first.dt
         self.dofs, self.inputs = first.y.shape[1], first.u.shape[1]

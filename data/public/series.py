@@ -11,6 +11,8 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
+FEWEST = 20  # samples of a stretch
+
 
 @dataclass(frozen=True)
 class Series:
@@ -56,3 +58,19 @@ def require_held_out(train: Sequence[Series], test: Sequence[Series]) -> None:
                     f"test series {tested.name} has samples of training series {trained.name}; "
                     "change data.train or data.test"
                 )
+
+
+def stretch(series: Sequence[Series], samples: int, seed: int) -> Series:
+    """A stretch of one of the series, at a place that the seed draws; how it begins is unknown.
+
+    Raises ValueError where no series is as long.
+    """
+    long = [s for s in series if len(s.u) >= samples]
+    if samples < FEWEST or not long:
+        longest = max(len(s.u) for s in series)
+        raise ValueError(f"data.samples={samples}: expected from {FEWEST} to {longest}")
+    draw = np.random.default_rng(seed)
+    chosen = long[draw.integers(len(long))]
+    start = int(draw.integers(len(chosen.u) - samples + 1))
+    part = chosen.cut(f"{chosen.name}, {samples} from {start}", start, start + samples)
+    return replace(part, warmup=samples // 5, initial_state="unknown")

@@ -9,7 +9,7 @@ B records, T samples, o outputs, n coordinates, E elements, P parameters, S = 2n
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -18,36 +18,67 @@ from models.composition.trace import Trace
 
 STEPS = 30
 ENOUGH = 1e-6  # relative gain of a step, below which there is none to be had
-DAMPING, EASED, RAISED = 1e-3, 0.1, 10.0
+DAMPING, EASED, RAISED, HOPELESS = 1e-3, 0.1, 10.0, 1e6
+FEWEST = 20  # samples of a part
+FAINT = 1e-2
 LEAST = 1e-9  # of the largest effect: what has less is not to be seen in the record
 
-Run = Callable[[Tensor, bool], Trace]  # of beginnings (B, S); with their derivatives
+PARTS = (8, 2, 1)  # of the samples: an eighth first, where a wrong state has not led far astray
+
+Run = Callable[[Tensor, int], Trace]  # the first samples of runs from (B, S), with ∂/∂(B, S)
 
 
-def beginning(run: Run, measured: Tensor, start: Tensor) -> Tensor:
+def beginning(run: Run, measured: Tensor, starts: Sequence[Tensor]) -> Tensor:
     """q₀, q̇₀, z₀ (B, S) of the least error against the `measured` (B, T, o) first samples.
 
-    A record whose run diverges from every beginning tried keeps its `start` (B, S).
+    The best that is reached from some `starts` (B, S), first for a part of the samples. A record
+    whose run diverges from every beginning tried keeps its start.
     """
     T = measured.shape[1]
-    state, damping = start.clone(), torch.full((len(start),), DAMPING).to(start)
-    trace = run(state, True)
-    error = _errors(trace, measured, T)
+    best, least = starts[0], measured.new_full((len(measured),), torch.inf)
+    for state in starts:
+        for part in PARTS:
+            state, error = _fitted(run, measured[:, : max(T // part, min(T, FEWEST))], state)
+        better = error < least
+        best, least = torch.where(better[:, None], state, best), torch.minimum(error, least)
+    return best
+
+
+def _fitted(run: Run, measured: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+    """The state (B, S) that damped steps lead to, and Σ e² (B,)."""
+    damping = torch.full((len(state),), DAMPING).to(state)
+    trace = run(state, measured.shape[1])
+    error = _errors(trace, measured)
     for _ in range(STEPS):
-        J = trace.by_begin[:, :T].flatten(1, 2)  # (B, T·o, S)
-        missed = (trace.response.a[:, :T] - measured).flatten(1)
-        step = _step(J.nan_to_num(), missed.nan_to_num(), damping)
-        tried = run(state - step, True)
-        now = _errors(tried, measured, T)
+        J = trace.by_begin.flatten(1, 2)  # (B, T·o, S)
+        step = _step(J.nan_to_num(), (trace.response.a - measured).flatten(1).nan_to_num(), damping)
+        tried = run(state - step, measured.shape[1])
+        now = _errors(tried, measured)
         better = now < error
-        state = torch.where(better[:, None], state - step, state)
-        damping = damping * torch.where(better, EASED, RAISED)
         gain = torch.where(better, 1.0 - now / error, 0.0)
+        state = torch.where(better[:, None], state - step, state)
         error = torch.where(better, now, error)
-        trace = tried if bool(better.all()) else run(state, True)
-        if bool(((gain < ENOUGH) & (better | (damping > 1e6))).all()):
+        damping = damping * torch.where(better, EASED, RAISED)
+        trace = tried if bool(better.all()) else run(state, measured.shape[1])
+        if bool(((gain < ENOUGH) & (better | (damping > HOPELESS))).all()):
             break
-    return state
+    return state, error
+
+
+def units_of(by_begin: Tensor, measured: Tensor, n: int) -> Tensor:
+    """Changes of a first state (…, S) that change the estimates (…, T, o) by their own size.
+
+    A number that has next to no effect, such as the memory of a unit without stiffness, is given
+    the effect of `FAINT` of the others of its kind: displacements and memories, or velocities.
+    """
+    effect = torch.linalg.vector_norm(by_begin, dim=(-3, -2))
+    rates = torch.zeros(effect.shape[-1], dtype=torch.bool)
+    rates[n : 2 * n] = True
+    for kind in (rates, ~rates):
+        least = FAINT * effect[..., kind].amax(dim=-1, keepdim=True)
+        effect[..., kind] = torch.maximum(effect[..., kind], least)
+    whole = torch.linalg.vector_norm(measured, dim=(-2, -1))[..., None]
+    return torch.where(effect > 0.0, whole / effect, 0.0)
 
 
 def projected(jacobian: Tensor, by_begin: Tensor) -> Tensor:
@@ -61,9 +92,9 @@ def projected(jacobian: Tensor, by_begin: Tensor) -> Tensor:
     return (J - basis @ (basis.mT @ J)).reshape(jacobian.shape)
 
 
-def _errors(trace: Trace, measured: Tensor, T: int) -> Tensor:
+def _errors(trace: Trace, measured: Tensor) -> Tensor:
     """Σ e² (B,); infinite where a run diverged."""
-    squares = (trace.response.a[:, :T] - measured).square().sum(dim=(1, 2))
+    squares = (trace.response.a - measured).square().sum(dim=(1, 2))
     return squares.nan_to_num(torch.inf, torch.inf)
 
 

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.composition.beginning import beginning, projected
+from models.composition.beginning import beginning, projected, units_of
 from models.composition.coefficients import Coefficients
 from models.composition.simulate import (
     ACCELERATION,
@@ -31,6 +31,7 @@ from models.training.trainable import Trainable
 MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
 MOST_SUBSTEPS = 10_000  # of a sample interval
 MOST_STEPS = 50_000  # under autograd, at a millisecond each
+SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities
 
 
@@ -44,6 +45,7 @@ class Composite(Trainable):
     """
 
     reads = ("f",)
+    estimates_beginning = True
     measures: Tensor  # (n,): of the sensors, displacement 0, velocity 1, acceleration 2
     identified: Tensor  # 1 once the parameters have their units, until then NaN
 
@@ -72,6 +74,7 @@ class Composite(Trainable):
         if substeps > MOST_SUBSTEPS:
             raise ValueError(f"model.substeps={substeps} must be {MOST_SUBSTEPS} at most")
         self.substeps = substeps
+        self.first: dict[int, tuple[Tensor, Tensor, Tensor]] = {}  # states of records in training
 
     def pull(self, last: bool) -> tuple[float, Tensor]:
         """Weight and deviation (P,) of the free parameters from where they stay without data."""
@@ -125,6 +128,7 @@ class Composite(Trainable):
         seen = record.window(0, record.warmup)
         return self.trace(record.drive(), begin=self.beginning(seen)).response
 
+    @torch.no_grad()
     def beginning(self, record: Record) -> Tensor:
         """q, q̇ and the units' memory (…, 2n + E·units) at the first sample of a record.
 
@@ -141,13 +145,42 @@ class Composite(Trainable):
             start[:, : 2 * n] = torch.cat(first, dim=1)
         measured = record.a.reshape(len(start), *record.a.shape[-2:])
         u = drive.u.reshape(len(start), *drive.u.shape[-2:])
-        flat = Drive(drive.dt, u, drive.x0.new_zeros(self.dofs), drive.x0.new_zeros(self.dofs))
-        flat, substeps = replace(flat, hold=drive.hold), self._substeps(drive.dt)
+        rest, substeps = drive.x0.new_zeros(self.dofs), self._substeps(drive.dt)
 
-        def run(begin: Tensor, differentiated: bool) -> Trace:
-            return traced(composition, flat, substeps, begin=begin, by_begin=differentiated)
+        def run(begin: Tensor, samples: int) -> Trace:
+            part = Drive(drive.dt, u[:, :samples], rest, rest, drive.hold)
+            return traced(composition, part, substeps, begin=begin, by_begin=True)
 
-        return beginning(run, measured, start).reshape(*lead, -1)
+        limit = composition.limits().flatten()
+        starts = [start.clone() for _ in SHARES]
+        for state, share in zip(starts, SHARES, strict=True):
+            state[:, 2 * n :] = share * limit
+        found = beginning(run, measured, starts)
+        found[:, 2 * n :] = found[:, 2 * n :].clamp(-limit, limit)
+        return found.reshape(*lead, -1)
+
+    @torch.no_grad()
+    def first_states(self, record: Record) -> Tensor:
+        key = hash(record.a.numpy().tobytes())
+        if key not in self.first:
+            begin = self.beginning(record)
+            by_begin = self.trace(record.drive(), None, 0, True, begin).by_begin
+            unit = units_of(by_begin, record.a, self.composition().core.value.shape[1])
+            self.first[key] = (begin, unit, begin.new_zeros(begin.numel()))
+        return self.first[key][2]
+
+    def run_from(
+        self, record: Record, own: Tensor, derivatives: bool
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        begin, unit, _ = self.first[hash(record.a.numpy().tobytes())]
+        trace = self.trace(
+            record.drive(), None, 0, derivatives, begin + unit * own.reshape(begin.shape)
+        )
+        by_state = trace.by_begin * unit[..., None, None, :] if derivatives else trace.by_begin
+        return trace.response.a, trace.jacobian, by_state
+
+    def forget(self) -> None:
+        self.first.clear()
 
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
         """Acceleration (…, T, n) of runs that begin anew at measured x and v.

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from data.record import Drive, Response
 from models.composition.coefficients import Part
-from models.composition.laws import law, units
+from models.composition.laws import LINEAR, law, units
 from models.layers.integrate import between
 
 DISPLACEMENT, VELOCITY, ACCELERATION = range(3)
@@ -36,6 +36,11 @@ class Composition:
     counts: tuple[int, int, int]  # hinges, tanhs, units of an element
     parameters: int  # P
     measures: Tensor  # (o,): what each output is: displacement 0, velocity 1, acceleration 2
+
+    def limits(self) -> Tensor:
+        """Limits of the units' memory (E, units)."""
+        hinges, tanhs, _ = self.counts
+        return self.laws.value[:, LINEAR + 2 * hinges + 3 * tanhs + 1 :: 4]
 
     def output(self, x: Tensor, v: Tensor, a: Tensor) -> Tensor:
         """What sensors measure (…, T, o) of the motion x, v, a (…, T, o) of the outputs."""

@@ -21,6 +21,7 @@ from models.estimator import Estimator
 from models.training.problem import FreeRunProblem, Problem
 from models.training.solvers.solver import Minimised, Solver
 from models.training.trainable import Trainable
+from models.training.unknown_beginning import UnknownBeginningProblem, begins_unknown
 
 MakeSolver = Callable[[Iterable[nn.Parameter]], Solver]
 Note = Callable[[list[float]], None]
@@ -132,6 +133,8 @@ class FreeRun(Objective):
             horizon = None  # there is no shorter part that begins in the steady state
         elif not self.restart and horizon is not None:
             record, horizon = record.window(0, min(horizon, record.samples), record.warmup), None
+        if horizon is None and begins_unknown(estimator, record):
+            return UnknownBeginningProblem(estimator, record, last)
         return FreeRunProblem(estimator, record, horizon, self.warmup, last)
 
     def begin(
@@ -148,6 +151,7 @@ class FreeRun(Objective):
             if start > 0:
                 restore(estimator, identified)
                 estimator.restart(generator)
+                estimator.forget()
             self._first_steps(estimator, batches, make_solver(free), note)
             loss = _mean_loss([self.problem(estimator, record, 0) for record in batches])
             ends.append((loss, state_of(estimator)))
@@ -187,6 +191,8 @@ def restore(estimator: Estimator, state: list[Tensor]) -> None:
     """Set parameters and buffers to a state that `state_of` returned."""
     for tensor, value in zip((*estimator.parameters(), *estimator.buffers()), state, strict=True):
         tensor.copy_(value)
+    if isinstance(estimator, Trainable):
+        estimator.forget()
 
 
 @torch.no_grad()

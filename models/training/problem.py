@@ -7,7 +7,7 @@ N errors, P free parameters θ.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import torch
@@ -24,6 +24,7 @@ class Problem:
     """Errors, loss and normal equations of an estimator's free parameters on a batch of windows."""
 
     steepest = float("inf")
+    own: Sequence[Tensor] = ()
 
     def __init__(self, estimator: Trainable, record: Record) -> None:
         record = record.measured()
@@ -117,6 +118,7 @@ class FreeRunProblem:
     """
 
     steepest = 1.0  # a run on the verge of divergence has a gradient without measure
+    own: Sequence[Tensor] = ()
 
     def __init__(
         self,

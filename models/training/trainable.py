@@ -19,6 +19,8 @@ from models.estimator import Estimator
 class Trainable(Estimator):
     """Base of estimators with free parameters: those that `identify` leaves to a solver."""
 
+    estimates_beginning = False  # whether runs of a record begin in the state that suits it
+
     def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
         """(g, u, y): training the free parameters means g(u) ≈ y (…, T, n) [m/s²].
 
@@ -62,6 +64,22 @@ class Trainable(Estimator):
         For estimators that differentiate faster than PyTorch; None leaves it to PyTorch.
         """
         return None
+
+    def first_states(self, record: Record) -> Tensor:
+        """First states of a batch of records (B·S,), the same tensor at every call.
+
+        Solvers change it. For estimators that estimate a beginning; in units of its effect.
+        """
+        raise NotImplementedError
+
+    def run_from(
+        self, record: Record, own: Tensor, derivatives: bool
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """The free run from `first_states`; derivatives (…, n, P) and (…, n, S)."""
+        raise NotImplementedError
+
+    def forget(self) -> None:
+        """Forget first states: the parameters are others now."""
 
     def pull(self, last: bool) -> tuple[float, Tensor]:
         """Weight of Σ d² beside the squared relative error of a free run, and d (P,).

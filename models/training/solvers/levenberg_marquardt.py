@@ -17,7 +17,7 @@ from data.checked import checked
 from data.memory import require_memory
 from models.training.solvers.solver import Minimised
 
-SMALLEST_SHARE = 1e-9  # of the largest diagonal element, for parameters without any effect
+LEAST = 3e-3  # of the mean diagonal: what damps parameters of less effect, which then stay put
 
 
 @checked
@@ -76,7 +76,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     @torch.no_grad()
     def solve(self, problem: Minimised) -> list[float]:
         """One iteration."""
-        free = [p for group in self.param_groups for p in group["params"]]
+        free = [p for group in self.param_groups for p in group["params"]] + list(problem.own)
         here, loss = parameters_to_vector(free), float(problem.loss())
         if not math.isfinite(loss):
             return self._finish("the loss is not finite at the start")
@@ -87,7 +87,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
             return self._finish(f"gradient below {self.gradient:g}")
         scale = torch.ones_like(vector)
         if self.scaled:
-            scale = matrix.diagonal() + SMALLEST_SHARE * matrix.diagonal().max()
+            scale = matrix.diagonal().clamp_min(LEAST * float(matrix.diagonal().mean()))
         while self.damping <= self.largest:
             damped = matrix.clone()
             damped.diagonal().add_(self.damping * scale)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar, Protocol
 
 from torch import Tensor
@@ -12,13 +13,14 @@ class Minimised(Protocol):
 
     y: Tensor  # what is fitted, N numbers
     steepest: float  # largest gradient that first-order solvers follow; longer ones are clipped
+    own: Sequence[Tensor]  # what is fitted along with the parameters, by solvers of all of J
 
     def loss(self) -> Tensor:
         """Mean square of the errors."""
         ...
 
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
-        """JᵀJ (P, P) and Jᵀe (P,)."""
+        """JᵀJ (P, P) and Jᵀe (P,), of the parameters and then of `own`."""
         ...
 
 
