@@ -30,6 +30,7 @@ from models.training.trainable import Trainable
 MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
 MOST_SUBSTEPS = 10_000  # of a sample interval
 MOST_STEPS = 50_000  # under autograd, at a millisecond each
+LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
 BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities
 
 
@@ -43,7 +44,9 @@ class Composite(Trainable):
     """
 
     reads = ("f",)
+    later = ("bound",)
     measures: Tensor  # (n,): of the sensors, displacement 0, velocity 1, acceleration 2
+    bound: Tensor  # (n,): of what sensors measure; a run beyond has diverged
     identified: Tensor  # 1 once the parameters have their units, until then NaN
 
     def __init__(
@@ -66,6 +69,7 @@ class Composite(Trainable):
         self.prior, self.early_prior = prior, early_prior
         self.register_buffer("identified", torch.tensor(torch.nan, dtype=torch.float64))
         self.register_buffer("measures", torch.full((dofs,), ACCELERATION))
+        self.register_buffer("bound", torch.full((dofs,), torch.inf, dtype=torch.float64))
         if not isinstance(substeps, int) or substeps < 1:
             raise ValueError(f"model.substeps={substeps} must be a whole number, at least 1")
         if substeps > MOST_SUBSTEPS:
@@ -148,10 +152,11 @@ class Composite(Trainable):
         """A compiled run, begun anew from `anchors` (…, 2, T, n) every so many samples."""
         self.require_identified(self.identified)
         substeps = self._substeps(drive.dt)
-        return traced(self.composition(), drive, substeps, anchors, every, derivatives)
+        composed = self.composition()
+        return traced(composed, drive, substeps, anchors, every, derivatives, self.bound)
 
     def admitted(self, batches: Iterable[Record]) -> list[Record]:
-        """The records on the processor; sets what their sensors measure.
+        """The records on the processor; sets what their sensors measure, and how much at most.
 
         Raises ValueError for records that hold no motion.
         """
@@ -163,6 +168,9 @@ class Composite(Trainable):
                     f"{record.quantity}: choose another model"
                 )
             self.measures.fill_(MEASURES[record.quantity])
+        largest = torch.stack([r.a.abs().reshape(-1, self.dofs).amax(dim=0) for r in records])
+        size = largest.amax(dim=0)
+        self.bound.copy_(torch.where(size > 0.0, LOST * size, torch.inf))
         return records
 
     def states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:

@@ -40,11 +40,13 @@ def traced(
     anchors: Tensor | None = None,
     every: int = 0,
     derivatives: bool = False,
+    bound: Tensor | None = None,
 ) -> Trace:
     """The compiled run of a batch of drives.
 
     anchors: measured x and v (…, 2, T, o), from which the run begins anew every `every` samples;
-    None: it never does. derivatives: fill the Jacobian too.
+    None: it never does. derivatives: fill the Jacobian too. bound: what sensors measure (o,) in a
+    run that has diverged; None: it is infinite.
     """
     device, lead = drive.u.device, drive.u.shape[:-2]
     drive = Drive(drive.dt, drive.u.cpu(), drive.x0.cpu(), drive.v0.cpu(), drive.hold)
@@ -68,6 +70,7 @@ def traced(
     arrays = _arrays(composition)
     supports = np.ascontiguousarray(composition.supports.cpu().numpy())
     measures = composition.measures.cpu().numpy()
+    ends = np.full(o, np.inf) if bound is None else bound.cpu().numpy()
     back = np.ascontiguousarray(np.linalg.pinv(arrays["outputs"][0]))
 
     def one(i: int) -> None:
@@ -75,7 +78,7 @@ def traced(
             *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
             drive.dt, every, np.ascontiguousarray(measured[i].numpy()), back,
             *arrays["core"], *arrays["inputs"], *arrays["G"], *arrays["D"],
-            supports, *arrays["laws"], composition.counts, *arrays["outputs"], measures, P,
+            supports, *arrays["laws"], composition.counts, *arrays["outputs"], measures, ends, P,
             *(signal[i].numpy() for signal in out),
         )  # fmt: skip
 
