@@ -1,4 +1,4 @@
-"""The hysteretic unit: continuous in start, way and parameters; its slopes, its order, its scale."""
+"""The hysteretic unit: continuous in start, way and parameters; slopes, order and scale."""
 
 from __future__ import annotations
 
