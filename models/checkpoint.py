@@ -66,6 +66,8 @@ def load_estimator(estimator: Estimator, path: Path, name: str, digest: str | No
     require_same(built, built_with(estimator), path)
     if not wanted:
         tensors.pop("empty", None)
+    for key in estimator.later:
+        tensors.setdefault(key, wanted[key])
     differ = sorted(set(wanted) ^ set(tensors)) or [
         f"{key} {tuple(tensors[key].shape)} for {tuple(value.shape)}"
         for key, value in wanted.items()

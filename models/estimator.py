@@ -38,6 +38,7 @@ class Estimator(nn.Module):
 
     reads: ClassVar[tuple[str, ...]] = ("a", "f")
     mends: ClassVar[bool] = False  # copes with NaN
+    later: ClassVar[tuple[str, ...]] = ()  # buffers that older files of weights lack
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)

@@ -32,6 +32,7 @@ MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": 
 MOST_SUBSTEPS = 10_000  # of a sample interval
 MOST_STEPS = 50_000  # under autograd, at a millisecond each
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
+LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
 BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities
 
 
@@ -46,7 +47,9 @@ class Composite(Trainable):
 
     reads = ("f",)
     estimates_beginning = True
+    later = ("bound",)
     measures: Tensor  # (n,): of the sensors, displacement 0, velocity 1, acceleration 2
+    bound: Tensor  # (n,): of what sensors measure; a run beyond has diverged
     identified: Tensor  # 1 once the parameters have their units, until then NaN
 
     def __init__(
@@ -69,6 +72,7 @@ class Composite(Trainable):
         self.prior, self.early_prior = prior, early_prior
         self.register_buffer("identified", torch.tensor(torch.nan, dtype=torch.float64))
         self.register_buffer("measures", torch.full((dofs,), ACCELERATION))
+        self.register_buffer("bound", torch.full((dofs,), torch.inf, dtype=torch.float64))
         if not isinstance(substeps, int) or substeps < 1:
             raise ValueError(f"model.substeps={substeps} must be a whole number, at least 1")
         if substeps > MOST_SUBSTEPS:
@@ -230,12 +234,13 @@ class Composite(Trainable):
         """
         self.require_identified(self.identified)
         substeps, by_begin = self._substeps(drive.dt), derivatives and begin is not None
+        composed = self.composition()
         return traced(
-            self.composition(), drive, substeps, anchors, every, derivatives, begin, by_begin
+            composed, drive, substeps, anchors, every, derivatives, self.bound, begin, by_begin
         )
 
     def admitted(self, batches: Iterable[Record]) -> list[Record]:
-        """The records on the processor; sets what their sensors measure.
+        """The records on the processor; sets what their sensors measure, and how much at most.
 
         Raises ValueError for records that hold no motion.
         """
@@ -247,6 +252,9 @@ class Composite(Trainable):
                     f"{record.quantity}: choose another model"
                 )
             self.measures.fill_(MEASURES[record.quantity])
+        largest = torch.stack([r.a.abs().reshape(-1, self.dofs).amax(dim=0) for r in records])
+        size = largest.amax(dim=0)
+        self.bound.copy_(torch.where(size > 0.0, LOST * size, torch.inf))
         return records
 
     def states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:

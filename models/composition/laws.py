@@ -6,6 +6,7 @@ r = k y + c ẏ + spring and damper + Σ w (z − y), where hinges and tanhs
 and hysteretic units do nothing at small amplitude, so that k and c are those of small motions.
 A unit is driven by the increment of deformation and mapped back onto its yield surface:
     dz = (1 + b₊ u) dy  for u = sgn(dy) z > 0,   (1 + b₋ u) dy  otherwise,   |z| ≤ limit
+solved exactly, step by step, and continuous where z changes its sign.
 With b = 0 it is elastoplastic; without a limit it is the law of Bouc and Wen with n = 1.
 
 `law` and `units` are the readable reference; runs use laws_compiled.py, which tests hold to them.
@@ -21,6 +22,7 @@ import torch
 from torch import Tensor, nn
 
 from models.composition.coefficients import Coefficients, Numbering, Part
+from models.composition.laws_compiled import LARGEST, SMALL, TERMS, TERMS_OF_LOGARITHM
 
 MOST_COLUMNS, MOST_COEFFICIENTS = 1000, 200_000  # of a law, of all of them
 LINEAR = 6  # columns k, c, k₃, k₂, c₁, c₂ before those of hinges, tanhs and units
@@ -144,15 +146,46 @@ def law(laws: Tensor, counts: tuple[int, int, int], y: Tensor, rate: Tensor, z: 
 
 
 def units(laws: Tensor, counts: tuple[int, int, int], z: Tensor, increment: Tensor) -> Tensor:
-    """z (…, E, units) after increments of deformation (…, E)."""
+    """z (…, E, units) after increments of deformation (…, E).
+
+    In the direction of the motion, w = sgn(dy) z, the law is dw = (1 + b w) d|y|: solved exactly,
+    to w = 0 with b₋ and from there on with b₊.
+    """
     first = LINEAR + 2 * counts[0] + 3 * counts[1]
     limit, rising, falling = (laws[:, first + i :: 4] for i in (1, 2, 3))
     delta = increment[..., None]
     sign = torch.where(delta > 0.0, 1.0, -1.0).to(delta)
-    c = sign * torch.where(sign * z > 0.0, rising, falling)
-    q = c * delta
-    phi = 1.0 + q * (0.5 + q * (1.0 / 6.0 + q / 24.0))  # (eᵠ − 1)/q: dz = (1 + c z) dy solved
-    return (z + delta * (1.0 + c * z) * phi).clamp(-limit, limit)
+    w, way = sign * z, sign * delta
+    above = w >= 0.0
+    to_zero = _way_to_zero(torch.where(above, -torch.ones_like(w), w), falling)
+    b = torch.where(above, rising, falling)
+    one_side = w + way * (1.0 + b * w) * _growth(b * way)
+    rest = (way - to_zero).clamp_min(0.0)
+    across = ~above & (one_side > 0.0)
+    w = torch.where(across, rest * _growth(rising * rest), one_side)
+    return (sign * w).clamp(-limit, limit)
+
+
+def _growth(q: Tensor) -> Tensor:
+    """(eᵠ − 1)/q; near 0 by its series, so that autograd does not divide by 0."""
+    near = q.abs() <= SMALL
+    far = torch.where(near, torch.ones_like(q), q.clamp_max(LARGEST))
+    close, series = torch.where(near, q, torch.zeros_like(q)), torch.ones_like(q)
+    for n in range(TERMS, 1, -1):
+        series = 1.0 + close * series / n
+    return torch.where(near, series, torch.expm1(far) / far)
+
+
+def _way_to_zero(w: Tensor, b: Tensor) -> Tensor:
+    """−log(1 + b w)/b, the way from w < 0 to 0; infinite where w does not rise."""
+    p = b * w
+    near, rises = p.abs() <= SMALL, p > -1.0
+    far = torch.where(near | ~rises, torch.ones_like(p), p)
+    close, series = torch.where(near, p, torch.zeros_like(p)), torch.zeros_like(p)
+    for n in range(TERMS_OF_LOGARITHM, 0, -1):
+        series = 1.0 / n - close * series
+    way = -w * torch.where(near, series, torch.log1p(far) / far)
+    return torch.where(rises, way, torch.full_like(way, torch.inf))
 
 
 def _levels(count: int, place: float, low: float, high: float) -> Tensor:

@@ -6,6 +6,7 @@ none), so that a coefficient adds one number to one derivative.   E elements, P 
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,9 @@ HERE = Path(__file__)
 _, inlined = compilers(HERE, contract=True)
 
 LINEAR = 6  # columns before those of hinges, tanhs and units
+SMALL = 0.1  # b y below which the laws of units are summed as series,
+TERMS, TERMS_OF_LOGARITHM = 12, 18  # of so many terms
+LARGEST = 100.0  # b y of a step: a unit that grows beyond eᵇʸ is on its limit
 
 
 @inlined
@@ -25,25 +29,61 @@ def add(row, index, value):
 
 
 @inlined
-def unit_step(z, delta, limit, slope_up, slope_down):
-    """A unit after an increment of deformation: z, its slopes by z, by delta and by the b in use.
+def growth(q):
+    """φ = (eᵠ − 1)/q and dφ/dq, to rounding: near 0 by their series."""
+    if abs(q) > SMALL:
+        q = min(q, LARGEST)
+        phi = math.expm1(q) / q
+        return phi, (1.0 + q * phi - phi) / q
+    phi, slope = 1.0, 0.0
+    for n in range(TERMS, 1, -1):  # 1 + q/2 (1 + q/3 (1 + … and its derivative
+        slope = (phi + q * slope) / n
+        phi = 1.0 + q * phi / n
+    return phi, slope
 
-    dz = (1 + b u) dy with u = sgn(dy) z is solved exactly up to fourth order; then |z| ≤ limit.
-    Returns z, its side (±1 on the limit, 0 within), whether b₊ was in use, and the three slopes.
+
+@inlined
+def way_to_zero(w, b):
+    """Way d > 0 from w < 0 to 0 along dw = (1 + b w) dy, and its slope by b."""
+    p = b * w
+    if abs(p) > SMALL:
+        way = -math.log1p(p) / b
+        return way, -(way + w / (1.0 + p)) / b
+    series, slope = 0.0, 0.0
+    for n in range(TERMS_OF_LOGARITHM, 0, -1):  # log1p(p)/p = 1 − p/2 + p²/3 − …
+        slope = -series - p * slope
+        series = 1.0 / n - p * series
+    return -w * series, -w * w * slope
+
+
+@inlined
+def unit_step(z, delta, limit, slope_up, slope_down):
+    """A unit after an increment of deformation: z, its slopes by z, by delta, by b₊ and by b₋.
+
+    Returns z, its side (±1 on the limit, 0 within) and the four slopes. In the direction of the
+    motion, w = sgn(dy) z, the law is dw = (1 + b w) d|y| with b₋ for w < 0 and b₊ above: it is
+    solved exactly on both sides, so that the force has no jump where w crosses zero.
     """
     sign = 1.0 if delta > 0.0 else -1.0
-    rising = sign * z > 0.0
-    c = sign * (slope_up if rising else slope_down)
-    q, h = c * delta, 1.0 + c * z
-    phi = 1.0 + q * (0.5 + q * (1.0 / 6.0 + q / 24.0))
-    slope = 0.5 + q * (1.0 / 3.0 + q / 8.0)
-    new = z + delta * h * phi
+    w, way = sign * z, abs(delta)
+    rising = w >= 0.0
+    b = slope_up if rising else slope_down
+    phi, slope = growth(b * way)
+    h = 1.0 + b * w
+    new, by_w, by_way = w + way * h * phi, 1.0 + b * way * phi, h * (1.0 + b * way * phi)
+    by_b = way * (w * phi + way * h * slope)
+    by_up, by_down = (by_b, 0.0) if rising else (0.0, by_b)
+    if not rising and new > 0.0:
+        first, first_by_b = way_to_zero(w, b)
+        rest = max(way - first, 0.0)
+        phi, slope = growth(slope_up * rest)
+        new, by_way = rest * phi, 1.0 + slope_up * rest * phi
+        by_w, by_up, by_down = by_way / h, rest * rest * slope, -by_way * first_by_b
     if new > limit:
-        return limit, 1, rising, 0.0, 0.0, 0.0
+        return sign * limit, sign, 0.0, 0.0, 0.0, 0.0
     if new < -limit:
-        return -limit, -1, rising, 0.0, 0.0, 0.0
-    by_b = sign * delta * (z * phi + delta * h * slope)
-    return new, 0, rising, 1.0 + q * phi, h * (phi + q * slope), by_b
+        return -sign * limit, -sign, 0.0, 0.0, 0.0, 0.0
+    return sign * new, 0.0, by_w, by_way, sign * by_up, sign * by_down
 
 
 @inlined

@@ -19,8 +19,6 @@ from models.composition.laws_compiled import HERE, LINEAR, add, memoryless, unit
 
 compiled, inlined = compilers(Path(__file__), HERE, contract=True)
 
-LOST = 1e6  # [m]; a motion beyond has diverged
-
 
 @inlined
 def _forces(q, rate, dq, drate, moved, u_at, D, iD, sD, supports, laws, ilaws, slaws, counts,
@@ -62,15 +60,15 @@ def _forces(q, rate, dq, drate, moved, u_at, D, iD, sD, supports, laws, ilaws, s
             j = first + 4 * unit
             weight = laws[e, j]
             if moved:
-                z[e, unit], side, rising, by_z, by_delta, by_b = unit_step(
+                z[e, unit], side, by_z, by_delta, by_up, by_down = unit_step(
                     z[e, unit], ye - y[e], laws[e, j + 1], laws[e, j + 2], laws[e, j + 3]
                 )
                 for p in range(P):
                     dz[e, unit, p] = by_z * dz[e, unit, p] + by_delta * (dnow[p] - dy[e, p])
                 if P > 0:
-                    used = j + 2 if rising else j + 3
                     add(dz[e, unit], ilaws[e, j + 1], side * slaws[e, j + 1])
-                    add(dz[e, unit], ilaws[e, used], by_b * slaws[e, used])
+                    add(dz[e, unit], ilaws[e, j + 2], by_up * slaws[e, j + 2])
+                    add(dz[e, unit], ilaws[e, j + 3], by_down * slaws[e, j + 3])
             r[e] += weight * (z[e, unit] - ye)
             by_y -= weight
             for p in range(P):
@@ -113,7 +111,7 @@ def _accelerations(q, rate, dq, drate, u_at, core, icore, score, inputs, iinputs
 @compiled
 def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs, iinputs,
         sinputs, G, iG, sG, D, iD, sD, supports, laws, ilaws, slaws, counts, outputs, ioutputs,
-        soutputs, measures, P, S, x, v, a, forces, deformations, jacobian):  # fmt: skip
+        soutputs, measures, bound, P, S, x, v, a, forces, deformations, jacobian):  # fmt: skip
     """A free run from the first of `measured` (2, T, o), begun anew every `every` samples (0: not).
 
     begin: q, q̇ and the units' z at the first sample (2n + E·units,), in place of the first of
@@ -122,7 +120,8 @@ def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs
     u (T, m); between (T − 1, substeps, m), u at the end of each substep. Fills x, v, a (T, o),
     forces and deformations (T, E) and, for P + S > 0, jacobian (T, o, P + S) of what each output
     `measures` (o,): the displacement (0), velocity (1) or acceleration (2); S columns by `begin`.
-    The units' memory goes on where a run begins anew. A run that has diverged is NaN from there on.
+    The units' memory goes on where a run begins anew. A run of which an output's measure passes its
+    `bound` (o,) has diverged; it is NaN from there on.
     """
     (T, m), substeps = u.shape, between.shape[1]
     E, n = D.shape
@@ -188,7 +187,8 @@ def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs
                 if P > 0:
                     seen = (q[i], rate[i], acc[i])[measures[c]]
                     add(jacobian[k, c], ioutputs[c, i], soutputs[c, i] * seen)
-            lost = lost or not abs(x[k, c]) < LOST
+            measure = (x[k, c], v[k, c], a[k, c])[measures[c]]
+            lost = lost or not (abs(measure) < bound[c] and abs(x[k, c]) < np.inf)
         for e in range(E):
             forces[k, e], deformations[k, e] = r[e], y[e]
         if lost:

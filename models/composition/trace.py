@@ -41,13 +41,15 @@ def traced(
     anchors: Tensor | None = None,
     every: int = 0,
     derivatives: bool = False,
+    bound: Tensor | None = None,
     begin: Tensor | None = None,
     by_begin: bool = False,
 ) -> Trace:
     """The compiled run of a batch of drives.
 
     anchors: measured x and v (…, 2, T, o), from which the run begins anew every `every` samples;
-    None: it never does. derivatives: fill the Jacobian too. begin: q, q̇ and the units' memory
+    None: it never does. derivatives: fill the Jacobian too. bound: what sensors measure (o,) in a
+    run that has diverged; None: it is infinite. begin: q, q̇ and the units' memory
     (…, 2n + E·units) at the first sample, in place of the drive's; by_begin: derivatives by it too.
     """
     device, lead = drive.u.device, drive.u.shape[:-2]
@@ -74,6 +76,7 @@ def traced(
     arrays = _arrays(composition, derivatives)
     supports = np.ascontiguousarray(composition.supports.cpu().numpy())
     measures = composition.measures.cpu().numpy()
+    ends = np.full(o, np.inf) if bound is None else bound.cpu().numpy()
     back = np.ascontiguousarray(np.linalg.pinv(arrays["outputs"][0]))
 
     def one(i: int) -> None:
@@ -82,7 +85,8 @@ def traced(
             drive.dt, every, np.ascontiguousarray(measured[i].numpy()),
             np.ascontiguousarray(begins[i].numpy()), back,
             *arrays["core"], *arrays["inputs"], *arrays["G"], *arrays["D"],
-            supports, *arrays["laws"], composition.counts, *arrays["outputs"], measures, P, S,
+            supports, *arrays["laws"], composition.counts, *arrays["outputs"], measures, ends,
+            P, S,
             *(signal[i].numpy() for signal in out),
         )  # fmt: skip
 

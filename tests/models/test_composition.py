@@ -338,14 +338,14 @@ def test_a_unit_without_limit_rises_along_the_exponential_of_bouc_and_wen(b):
     """dz = (1 + b z) dy from rest is z = (eᵇʸ − 1)/b; falling, b₋ takes the place of b₊."""
     table = torch.zeros(1, 10).double()
     table[0, 6:] = torch.tensor([1.0, 1e9, b, 7.0])
-    step = torch.full((1,), 0.01).double()
-    z = torch.full((1, 1), np.expm1(b * 0.01) / b).double()
+    step = torch.full((1,), 0.01, dtype=torch.float64)
+    z = torch.full((1, 1), np.expm1(b * 0.01) / b, dtype=torch.float64)
     for k in range(2, 51):
         z = units(table, (0, 0, 1), z, step)
         exact = np.expm1(b * 0.01 * k) / b
-        assert float(z) == pytest.approx(exact, rel=1e-7)
+        assert float(z) == pytest.approx(exact, rel=1e-12)
         force = law(table, (0, 0, 1), k * step, step, z[None])
-        assert float(force) == pytest.approx(exact - 0.01 * k, rel=1e-6)
+        assert float(force) == pytest.approx(exact - 0.01 * k, rel=1e-9)
 
 
 GROUNDED = [
