@@ -28,8 +28,10 @@ PARTS = (8, 2, 1)  # of the samples: an eighth first, where a wrong state has no
 Run = Callable[[Tensor, int], Trace]  # the first samples of runs from (B, S), with ∂/∂(B, S)
 
 
-def beginning(run: Run, measured: Tensor, starts: Sequence[Tensor]) -> Tensor:
+def beginning(run: Run, measured: Tensor, starts: Sequence[Tensor], most: Tensor) -> Tensor:
     """q₀, q̇₀, z₀ (B, S) of the least error against the `measured` (B, T, o) first samples.
+
+    most: the largest magnitude of each (S,), which is the limit of a memory.
 
     The best that is reached from some `starts` (B, S), first for a part of the samples. A record
     whose run diverges from every beginning tried keeps its start.
@@ -38,13 +40,14 @@ def beginning(run: Run, measured: Tensor, starts: Sequence[Tensor]) -> Tensor:
     best, least = starts[0], measured.new_full((len(measured),), torch.inf)
     for state in starts:
         for part in PARTS:
-            state, error = _fitted(run, measured[:, : max(T // part, min(T, FEWEST))], state)
+            samples = max(T // part, min(T, FEWEST))
+            state, error = _fitted(run, measured[:, :samples], state, most)
         better = error < least
         best, least = torch.where(better[:, None], state, best), torch.minimum(error, least)
     return best
 
 
-def _fitted(run: Run, measured: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
+def _fitted(run: Run, measured: Tensor, state: Tensor, most: Tensor) -> tuple[Tensor, Tensor]:
     """The state (B, S) that damped steps lead to, and Σ e² (B,)."""
     damping = torch.full((len(state),), DAMPING).to(state)
     trace = run(state, measured.shape[1])
@@ -52,11 +55,12 @@ def _fitted(run: Run, measured: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
     for _ in range(STEPS):
         J = trace.by_begin.flatten(1, 2)  # (B, T·o, S)
         step = _step(J.nan_to_num(), (trace.response.a - measured).flatten(1).nan_to_num(), damping)
-        tried = run(state - step, measured.shape[1])
+        new = (state - step).clamp(-most, most)
+        tried = run(new, measured.shape[1])
         now = _errors(tried, measured)
         better = now < error
         gain = torch.where(better, 1.0 - now / error, 0.0)
-        state = torch.where(better[:, None], state - step, state)
+        state = torch.where(better[:, None], new, state)
         error = torch.where(better, now, error)
         damping = damping * torch.where(better, EASED, RAISED)
         trace = tried if bool(better.all()) else run(state, measured.shape[1])

@@ -26,6 +26,7 @@ from models.composition.simulate import (
 )
 from models.composition.trace import Trace, traced
 from models.layers.state_variables import corner_frequency, state_variables
+from models.training.free_run import simulate as simulate_record
 from models.training.trainable import Trainable
 
 MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
@@ -98,8 +99,8 @@ class Composite(Trainable):
         The memory of hysteretic units follows the increments of the steps.
         """
         stateless = self.from_accelerations or record.x is None or record.v is None
-        if stateless and record.initial_state == "unknown":
-            return self.run_of(record).a
+        if stateless and record.initial_state in ("periodic", "unknown"):
+            return simulate_record(self, record).a
         return self.restarted_run(record, None if stateless else 1)
 
     def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
@@ -155,13 +156,12 @@ class Composite(Trainable):
             part = Drive(drive.dt, u[:, :samples], rest, rest, drive.hold)
             return traced(composition, part, substeps, begin=begin, by_begin=True)
 
-        limit = composition.limits().flatten()
+        limit, most = composition.limits().flatten(), start.new_full((2 * n + memory,), torch.inf)
+        most[2 * n :] = limit
         starts = [start.clone() for _ in SHARES]
         for state, share in zip(starts, SHARES, strict=True):
             state[:, 2 * n :] = share * limit
-        found = beginning(run, measured, starts)
-        found[:, 2 * n :] = found[:, 2 * n :].clamp(-limit, limit)
-        return found.reshape(*lead, -1)
+        return beginning(run, measured, starts, most).reshape(*lead, -1)
 
     @torch.no_grad()
     def first_states(self, record: Record) -> Tensor:
