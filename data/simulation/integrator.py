@@ -19,13 +19,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from data.simulation.corners import change_branches, first_corner
 from data.simulation.elements.compiling import compiled, inlined
 from data.simulation.elements.element import MEMORY
 from data.simulation.elements.laws import force as element_force
-from data.simulation.elements.laws import margin, next_branch
 
 SMALLEST_STEP = 1e-9  # of a sample interval; a motion that needs less is escaping
-CORNER_RESOLUTION = 1e-7  # of a step
 LARGEST_DISPLACEMENT = 1e6  # [m]; a motion beyond has escaped
 
 
@@ -131,73 +130,6 @@ def _error(k, h, scale):
 
 
 @inlined
-def _margin(e, q, branch, N, ends, law, p, m):
-    """How far element e is from the end of its branch; negative beyond it."""
-    start, end = ends[e, 0], ends[e, 1]
-    y, ydot = q[end] - q[start], q[N + end] - q[N + start]
-    return margin(law[e], p, m, e, branch[e], y, ydot, q[2 * N + e])
-
-
-@inlined
-def _at(u, i, q0, q1, k, h):
-    """Entry i of the state at fraction u of a step, on the cubic Hermite interpolant."""
-    rise, bend = u * u * (3.0 - 2.0 * u), h * u * (1.0 - u)
-    return q0[i] + rise * (q1[i] - q0[i]) + bend * ((1.0 - u) * k[0, i] - u * k[6, i])
-
-
-@inlined
-def _margin_at(u, e, q0, q1, k, h, branch, N, ends, law, p, m):
-    """The margin of element e at fraction u of a step."""
-    start, end = ends[e, 0], ends[e, 1]
-    y = _at(u, end, q0, q1, k, h) - _at(u, start, q0, q1, k, h)
-    ydot = _at(u, N + end, q0, q1, k, h) - _at(u, N + start, q0, q1, k, h)
-    return margin(law[e], p, m, e, branch[e], y, ydot, _at(u, 2 * N + e, q0, q1, k, h))
-
-
-@inlined
-def _crossing(e, high, at_end, q0, q1, k, h, branch, N, ends, law, p, m):
-    """Fraction of a step, below `high`, at which element e leaves its branch: Illinois method."""
-    start = _margin(e, q0, branch, N, ends, law, p, m)
-    if not start > 0.0:
-        return 0.0
-    past = CORNER_RESOLUTION * (start - at_end)  # aim a little past the corner
-    low, at_low, at_high, kept = 0.0, start + past, at_end + past, 0
-    for _ in range(60):
-        if at_high > -past:
-            break
-        u = high - (high - low) * at_high / (at_high - at_low)
-        middle = _margin_at(u, e, q0, q1, k, h, branch, N, ends, law, p, m) + past
-        if abs(middle) < past:
-            return u
-        if middle < 0.0:
-            high, at_high = u, middle
-            at_low, kept = 0.5 * at_low if kept == -1 else at_low, -1
-        else:
-            low, at_low = u, middle
-            at_high, kept = 0.5 * at_high if kept == 1 else at_high, 1
-    return high
-
-
-@inlined
-def _first_corner(q0, q1, k, h, branch, N, ends, law, p, m):
-    """Fraction of a step at which the first element leaves its branch; 1 where none does."""
-    cut = 1.0
-    for e in range(law.size):
-        start, end = ends[e, 0], ends[e, 1]
-        before, after = q0[N + end] - q0[N + start], q1[N + end] - q1[N + start]
-        until = 1.0
-        beyond = margin(law[e], p, m, e, branch[e], q1[end] - q1[start], after, q1[2 * N + e])
-        if beyond >= 0.0 and before * after < 0.0:
-            # an element that turned round may have been beyond its branch in between
-            until = before / (before - after)
-            beyond = _margin_at(until, e, q0, q1, k, h, branch, N, ends, law, p, m)
-        if beyond < 0.0:
-            at = _crossing(e, until, beyond, q0, q1, k, h, branch, N, ends, law, p, m)
-            cut = min(cut, at)
-    return cut
-
-
-@inlined
 def _allow(q, n, N, tolerance, scale):
     """Allowed errors: tolerance × size so far, one size for all x, one for all v, one per z."""
     for i in range(n):
@@ -207,19 +139,6 @@ def _allow(q, n, N, tolerance, scale):
         scale[i], scale[N + i] = scale[0], scale[N]
     for i in range(2 * N, scale.size):
         scale[i] = max(scale[i], tolerance * abs(q[i]))
-
-
-@inlined
-def _change_branches(q, branch, N, ends, law, p, m):
-    """Move every element that is past the end of its branch to the next; True if one was."""
-    changed = False
-    for e in range(law.size):
-        if _margin(e, q, branch, N, ends, law, p, m) < 0.0:
-            start, end, z = ends[e, 0], ends[e, 1], 2 * N + e
-            y, ydot = q[end] - q[start], q[N + end] - q[N + start]
-            branch[e], q[z] = next_branch(law[e], p, m, e, branch[e], y, ydot, q[z])
-            changed = True
-    return changed
 
 
 class Progress:
@@ -274,7 +193,7 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
     change, stalled, steps, last = counts[1], counts[2], counts[3], counts[3] + most
     if first == 0 and steps == 0:
         _slope(q, branch, masses, ends, law, p, m, f, s, w, 0, dt, 1.0, k, 0, forces)
-        if _change_branches(q, branch, N, ends, law, p, m):  # a support may start displaced
+        if change_branches(q, branch, N, ends, law, p, m):  # a support may start displaced
             _slope(q, branch, masses, ends, law, p, m, f, s, w, 0, dt, 1.0, k, 0, forces)
     for sample in range(first, f.shape[0]):
         start = max(sample - 1, 0) * dt
@@ -298,7 +217,7 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
                     return start + t
                 continue
             h = step * min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
-            cut = _first_corner(q, trial, k, step, branch, N, ends, law, p, m)
+            cut = first_corner(q, trial, k, step, branch, N, ends, law, p, m)
             if cut < 1.0:
                 # corners that follow at once get ever longer steps: none can stall the motion
                 stalled = stalled + 1 if cut * step <= SMALLEST_STEP * dt else 0
@@ -308,7 +227,7 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
             t = until if step == left else t + step
             for i in range(size):
                 q[i], k[0, i] = trial[i], k[6, i]
-            changed = _change_branches(q, branch, N, ends, law, p, m)
+            changed = change_branches(q, branch, N, ends, law, p, m)
             if due and t == until:
                 p[element[change]] = changed_p[change]
                 q[2 * N + element[change]] *= changed_z[change]

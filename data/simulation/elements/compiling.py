@@ -10,4 +10,5 @@ from pathlib import Path
 from data.numba_cache import compilers
 
 ROOM = Path(__file__).parent
-compiled, inlined = compilers(*sorted(ROOM.glob("*.py")), ROOM.with_name("integrator.py"))
+CALLERS = (ROOM.with_name("corners.py"), ROOM.with_name("integrator.py"))
+compiled, inlined = compilers(*sorted(ROOM.glob("*.py")), *CALLERS)
