@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from data.simulation.elements import Element, Polynomial
+from data.simulation.elements.element import Element
+from data.simulation.elements.polynomial import Polynomial
 from data.simulation.motion import EscapedMotionError, Motion, simulate
 from data.simulation.structure import Structure
 
