@@ -15,14 +15,17 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from benchmarks.simulation.cases import DT, FORCES, Case, Size, case_of, relative_rms, show
-from data.simulation.elements import BILINEAR, BOUC_WEN, LIMITED_SLIP, POLYNOMIAL
+from data.simulation.elements.bilinear import BILINEAR
+from data.simulation.elements.bouc_wen import BOUC_WEN
+from data.simulation.elements.limited_slip import LIMITED_SLIP
+from data.simulation.elements.polynomial import POLYNOMIAL
 
 EQUAL = 1.1  # errors within this factor count as equal
 FASTER = 100.0  # target
 
 
 def law_of(law: int, p: np.ndarray) -> Callable[..., tuple[np.ndarray, np.ndarray | float]]:
-    """(y, ẏ, z) → (r, ż) of elements with parameters p (E, P), see data/simulation/elements.py."""
+    """(y, ẏ, z) → (r, ż) of elements with parameters p (E, P), see data/simulation/elements."""
     if law == POLYNOMIAL:
         p1, p2, p3 = p.T[:3]
         return lambda y, ydot, z: ((p1 + p3 * y * y) * y + p2 * ydot, 0.0)

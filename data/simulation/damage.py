@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from data.checked import checked
-from data.simulation.elements import BoucWen
+from data.simulation.elements.bouc_wen import BoucWen
 from data.simulation.structure import Structure
 
 

@@ -19,11 +19,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from data.simulation.elements import compiled, inlined, margin, next_branch
-from data.simulation.elements import force as element_force
+from data.simulation.corners import change_branches, first_corner
+from data.simulation.elements.compiling import compiled, inlined
+from data.simulation.elements.element import MEMORY
+from data.simulation.elements.laws import force as element_force
 
 SMALLEST_STEP = 1e-9  # of a sample interval; a motion that needs less is escaping
-CORNER_RESOLUTION = 1e-7  # of a step
 LARGEST_DISPLACEMENT = 1e6  # [m]; a motion beyond has escaped
 
 
@@ -39,7 +40,7 @@ def _support(j, s, w, sample, dt, tau):
 
 
 @inlined
-def _slope(q, branch, masses, ends, law, p, f, s, w, sample, dt, tau, k, row, r):
+def _slope(q, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, row, r):
     """q̇ at fraction tau of an interval into a row of k, and the element forces r.
 
     Puts the supports into q.
@@ -54,7 +55,9 @@ def _slope(q, branch, masses, ends, law, p, f, s, w, sample, dt, tau, k, row, r)
     for e in range(E):
         start, end, z, work = ends[e, 0], ends[e, 1], 2 * N + e, 2 * N + E + e
         ydot = q[N + end] - q[N + start]
-        force, zdot = element_force(law[e], p, e, branch[e], q[end] - q[start], ydot, q[z], q[work])
+        force, zdot = element_force(
+            law[e], p, m, e, branch[e], q[end] - q[start], ydot, q[z], q[work]
+        )
         r[e], k[row, z], k[row, work] = force, zdot, force * ydot
         k[row, N + end] -= force
         k[row, N + start] += force
@@ -66,18 +69,18 @@ def _slope(q, branch, masses, ends, law, p, f, s, w, sample, dt, tau, k, row, r)
 
 
 @inlined
-def _step(q0, h, branch, masses, ends, law, p, f, s, w, sample, dt, tau, k, q1, r):
+def _step(q0, h, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, q1, r):
     """One Dormand–Prince step from q0, whose slope is k[0]; leaves q1, its slope k[6] and its r."""
     d = h / dt
     for i in range(q0.size):
         q1[i] = q0[i] + h * (1 / 5 * k[0, i])
-    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + 1 / 5 * d, k, 1, r)
+    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + 1 / 5 * d, k, 1, r)
     for i in range(q0.size):
         q1[i] = q0[i] + h * (3 / 40 * k[0, i] + 9 / 40 * k[1, i])
-    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + 3 / 10 * d, k, 2, r)
+    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + 3 / 10 * d, k, 2, r)
     for i in range(q0.size):
         q1[i] = q0[i] + h * (44 / 45 * k[0, i] - 56 / 15 * k[1, i] + 32 / 9 * k[2, i])
-    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + 4 / 5 * d, k, 3, r)
+    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + 4 / 5 * d, k, 3, r)
     for i in range(q0.size):
         q1[i] = q0[i] + h * (
             19372 / 6561 * k[0, i]
@@ -85,7 +88,7 @@ def _step(q0, h, branch, masses, ends, law, p, f, s, w, sample, dt, tau, k, q1, 
             + 64448 / 6561 * k[2, i]
             - 212 / 729 * k[3, i]
         )
-    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + 8 / 9 * d, k, 4, r)
+    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + 8 / 9 * d, k, 4, r)
     for i in range(q0.size):
         q1[i] = q0[i] + h * (
             9017 / 3168 * k[0, i]
@@ -94,7 +97,7 @@ def _step(q0, h, branch, masses, ends, law, p, f, s, w, sample, dt, tau, k, q1, 
             + 49 / 176 * k[3, i]
             - 5103 / 18656 * k[4, i]
         )
-    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + d, k, 5, r)
+    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + d, k, 5, r)
     for i in range(q0.size):
         q1[i] = q0[i] + h * (
             35 / 384 * k[0, i]
@@ -103,7 +106,7 @@ def _step(q0, h, branch, masses, ends, law, p, f, s, w, sample, dt, tau, k, q1, 
             - 2187 / 6784 * k[4, i]
             + 11 / 84 * k[5, i]
         )
-    _slope(q1, branch, masses, ends, law, p, f, s, w, sample, dt, tau + d, k, 6, r)
+    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + d, k, 6, r)
 
 
 @inlined
@@ -127,73 +130,6 @@ def _error(k, h, scale):
 
 
 @inlined
-def _margin(e, q, branch, N, ends, law, p):
-    """How far element e is from the end of its branch; negative beyond it."""
-    start, end = ends[e, 0], ends[e, 1]
-    y, ydot = q[end] - q[start], q[N + end] - q[N + start]
-    return margin(law[e], p, e, branch[e], y, ydot, q[2 * N + e])
-
-
-@inlined
-def _at(u, i, q0, q1, k, h):
-    """Entry i of the state at fraction u of a step, on the cubic Hermite interpolant."""
-    rise, bend = u * u * (3.0 - 2.0 * u), h * u * (1.0 - u)
-    return q0[i] + rise * (q1[i] - q0[i]) + bend * ((1.0 - u) * k[0, i] - u * k[6, i])
-
-
-@inlined
-def _margin_at(u, e, q0, q1, k, h, branch, N, ends, law, p):
-    """The margin of element e at fraction u of a step."""
-    start, end = ends[e, 0], ends[e, 1]
-    y = _at(u, end, q0, q1, k, h) - _at(u, start, q0, q1, k, h)
-    ydot = _at(u, N + end, q0, q1, k, h) - _at(u, N + start, q0, q1, k, h)
-    return margin(law[e], p, e, branch[e], y, ydot, _at(u, 2 * N + e, q0, q1, k, h))
-
-
-@inlined
-def _crossing(e, high, at_end, q0, q1, k, h, branch, N, ends, law, p):
-    """Fraction of a step, below `high`, at which element e leaves its branch: Illinois method."""
-    start = _margin(e, q0, branch, N, ends, law, p)
-    if not start > 0.0:
-        return 0.0
-    past = CORNER_RESOLUTION * (start - at_end)  # aim a little past the corner
-    low, at_low, at_high, kept = 0.0, start + past, at_end + past, 0
-    for _ in range(60):
-        if at_high > -past:
-            break
-        u = high - (high - low) * at_high / (at_high - at_low)
-        middle = _margin_at(u, e, q0, q1, k, h, branch, N, ends, law, p) + past
-        if abs(middle) < past:
-            return u
-        if middle < 0.0:
-            high, at_high = u, middle
-            at_low, kept = 0.5 * at_low if kept == -1 else at_low, -1
-        else:
-            low, at_low = u, middle
-            at_high, kept = 0.5 * at_high if kept == 1 else at_high, 1
-    return high
-
-
-@inlined
-def _first_corner(q0, q1, k, h, branch, N, ends, law, p):
-    """Fraction of a step at which the first element leaves its branch; 1 where none does."""
-    cut = 1.0
-    for e in range(law.size):
-        start, end = ends[e, 0], ends[e, 1]
-        before, after = q0[N + end] - q0[N + start], q1[N + end] - q1[N + start]
-        until = 1.0
-        beyond = margin(law[e], p, e, branch[e], q1[end] - q1[start], after, q1[2 * N + e])
-        if beyond >= 0.0 and before * after < 0.0:
-            # an element that turned round may have been beyond its branch in between
-            until = before / (before - after)
-            beyond = _margin_at(until, e, q0, q1, k, h, branch, N, ends, law, p)
-        if beyond < 0.0:
-            at = _crossing(e, until, beyond, q0, q1, k, h, branch, N, ends, law, p)
-            cut = min(cut, at)
-    return cut
-
-
-@inlined
 def _allow(q, n, N, tolerance, scale):
     """Allowed errors: tolerance × size so far, one size for all x, one for all v, one per z."""
     for i in range(n):
@@ -205,30 +141,20 @@ def _allow(q, n, N, tolerance, scale):
         scale[i] = max(scale[i], tolerance * abs(q[i]))
 
 
-@inlined
-def _change_branches(q, branch, N, ends, law, p):
-    """Move every element that is past the end of its branch to the next; True if one was."""
-    changed = False
-    for e in range(law.size):
-        if _margin(e, q, branch, N, ends, law, p) < 0.0:
-            start, end, z = ends[e, 0], ends[e, 1], 2 * N + e
-            y, ydot = q[end] - q[start], q[N + end] - q[N + start]
-            branch[e], q[z] = next_branch(law[e], p, e, branch[e], y, ydot, q[z])
-            changed = True
-    return changed
-
-
 class Progress:
     """A record that is integrated call by call: all that one call hands on to the next.
 
     The bits are those of a single call. T samples, n DOFs, m supports, E elements.
     """
 
-    def __init__(self, n: int, m: int, E: int, dt: float, tolerance: float) -> None:
+    def __init__(
+        self, n: int, m: int, E: int, dt: float, tolerance: float, memory: bool = True
+    ) -> None:
         N = n + m + 1
         size = 2 * (N + E)
         self.q, self.k = np.zeros(size), np.zeros((7, size))
         self.forces, self.branch = np.zeros(E), np.zeros(E, np.int64)
+        self.memory = np.zeros((E, MEMORY)) if memory else None
         self.scale = np.full(2 * N + E, 1e-9 * tolerance)
         self.scale[n:N], self.scale[N + n : 2 * N] = np.inf, np.inf  # these are known exactly
         self.at = np.array([dt, dt])  # step, time since the sample before
@@ -242,8 +168,9 @@ class Progress:
     def steps(self) -> int:
         return int(self.counts[3])
 
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        return self.q, self.k, self.forces, self.branch, self.scale, self.at, self.counts
+    def arrays(self) -> tuple[np.ndarray | None, ...]:
+        q, k, memory = self.q, self.k, self.memory
+        return q, k, self.forces, self.branch, memory, self.scale, self.at, self.counts
 
 
 UNFINISHED, FINISHED = -2.0, -1.0  # what `integrate` returns where the motion did not escape
@@ -251,7 +178,7 @@ UNFINISHED, FINISHED = -2.0, -1.0  # what `integrate` returns where the motion d
 
 @compiled
 def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, element, changed_p,
-              changed_z, x, v, a, y, r, work, q, k, forces, branch, scale, at, counts,
+              changed_z, x, v, a, y, r, work, q, k, forces, branch, m, scale, at, counts,
               most):  # fmt: skip
     """Go on with a record, from rest at first, by `most` steps; the time of escape, or how it ends.
 
@@ -265,9 +192,9 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
     h, t, first = at[0], at[1], counts[0]
     change, stalled, steps, last = counts[1], counts[2], counts[3], counts[3] + most
     if first == 0 and steps == 0:
-        _slope(q, branch, masses, ends, law, p, f, s, w, 0, dt, 1.0, k, 0, forces)
-        if _change_branches(q, branch, N, ends, law, p):  # a support may start displaced
-            _slope(q, branch, masses, ends, law, p, f, s, w, 0, dt, 1.0, k, 0, forces)
+        _slope(q, branch, masses, ends, law, p, m, f, s, w, 0, dt, 1.0, k, 0, forces)
+        if change_branches(q, branch, N, ends, law, p, m):  # a support may start displaced
+            _slope(q, branch, masses, ends, law, p, m, f, s, w, 0, dt, 1.0, k, 0, forces)
     for sample in range(first, f.shape[0]):
         start = max(sample - 1, 0) * dt
         while t < dt:
@@ -280,7 +207,9 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
             until = offset[change] if due else dt
             left, tau = until - t, t / dt
             step = left if h > 0.999 * left else min(h, 0.5 * left)
-            _step(q, step, branch, masses, ends, law, p, f, s, w, sample, dt, tau, k, trial, forces)
+            _step(
+                q, step, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, trial, forces
+            )
             error = _error(k, step, scale)
             if error > 1.0:
                 h = step * (max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2)
@@ -288,23 +217,25 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
                     return start + t
                 continue
             h = step * min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
-            cut = _first_corner(q, trial, k, step, branch, N, ends, law, p)
+            cut = first_corner(q, trial, k, step, branch, N, ends, law, p, m)
             if cut < 1.0:
                 # corners that follow at once get ever longer steps: none can stall the motion
                 stalled = stalled + 1 if cut * step <= SMALLEST_STEP * dt else 0
                 step = min(max(cut * step, SMALLEST_STEP * dt * 2.0**stalled), left)
-                _step(q, step, branch, masses, ends, law, p, f, s, w, sample, dt, tau,
+                _step(q, step, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau,
                       k, trial, forces)  # fmt: skip
             t = until if step == left else t + step
             for i in range(size):
                 q[i], k[0, i] = trial[i], k[6, i]
-            changed = _change_branches(q, branch, N, ends, law, p)
+            changed = change_branches(q, branch, N, ends, law, p, m)
             if due and t == until:
                 p[element[change]] = changed_p[change]
                 q[2 * N + element[change]] *= changed_z[change]
                 change, changed = change + 1, True
             if changed:
-                _slope(q, branch, masses, ends, law, p, f, s, w, sample, dt, t / dt, k, 0, forces)
+                _slope(
+                    q, branch, masses, ends, law, p, m, f, s, w, sample, dt, t / dt, k, 0, forces
+                )
             _allow(q, n, N, tolerance, scale)
             if not scale[0] < tolerance * LARGEST_DISPLACEMENT:
                 return start + t

@@ -15,6 +15,7 @@ from threading import Event
 import numpy as np
 
 from data.simulation.damage import Changes
+from data.simulation.elements.laws import INLINED
 from data.simulation.integrator import UNFINISHED, Progress, integrate
 from data.simulation.structure import Structure
 
@@ -103,7 +104,8 @@ def simulate(
     inputs = [np.ascontiguousarray(u, dtype=float) for u in (force, support, support_velocity)]
     changing = _arrays(changes, structure.parameters.shape[1])
     settings = float(dt), float(tolerance)
-    progress = Progress(n, structure.supports, E, *settings)
+    memory = not np.isin(structure.law, INLINED).all()
+    progress = Progress(n, structure.supports, E, *settings, memory=memory)
     fixed = (*model, *inputs, *settings, *changing, x, v, a, y, r, work, *progress.arrays())
     budget = most_steps(T)
     call = min(budget, max(1, STEPS_OF_A_CALL // (n + structure.supports + E)))

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from data.checked import checked
-from data.simulation.elements import Element
+from data.simulation.elements.element import PARAMETERS, Element
 from data.topology import incidence, node_numbers
 
 SUPPORT = r"s[1-9]\d{0,8}"  # a support's name; longer numbers are of no structure
@@ -89,7 +89,7 @@ class Structure:
     def parameters(self) -> np.ndarray:
         """Law parameters, padded with zeros, (E, P)."""
         rows = [e.parameters for e in self.elements.values()]
-        table = np.zeros((len(rows), max(map(len, rows))))
+        table = np.zeros((len(rows), PARAMETERS))
         for row, values in zip(table, rows, strict=True):
             row[: len(values)] = values
         return table

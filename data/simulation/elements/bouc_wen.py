@@ -1,0 +1,76 @@
+"""Bouc–Wen hysteresis whose state is the force. Brewick & Masri (2016), Eq. 20.
+
+The branch holds the signs: bit 0 is set where ẏ < 0, bit 1 where r < 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from data.checked import checked
+from data.simulation.elements.compiling import inlined
+from data.simulation.elements.element import Element
+
+BOUC_WEN = 3
+
+
+@inlined
+def force(p, e, branch, ydot, z, work):  # p = A, β, γ, n, η, ν, dη/dwork, dν/dwork
+    speed = -ydot if branch & 1 else ydot  # |ẏ| on this branch
+    size = -z if branch & 2 else z  # |r| on this branch
+    power = size if p[e, 3] == 1.0 else max(size, 0.0) ** p[e, 3]
+    eta, nu = p[e, 4] + p[e, 6] * work, p[e, 5] + p[e, 7] * work
+    loading = p[e, 1] * speed * (-power if branch & 2 else power) - p[e, 2] * ydot * power
+    return z, (p[e, 0] * ydot - nu * loading) / eta
+
+
+@inlined
+def margin(p, e, branch, ydot, z):
+    if p[e, 0] == 0.0:  # all its fibres are broken: no force, no branches
+        return 1.0
+    return min(-ydot if branch & 1 else ydot, -z if branch & 2 else z)
+
+
+@inlined
+def next_branch(ydot, z):
+    return (1 if ydot < 0.0 else 0) + (2 if z < 0.0 else 0), z
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class BoucWen(Element):
+    """Bouc–Wen hysteresis: ṙ = [A ẏ − ν (β |ẏ| |r|ⁿ⁻¹ r − γ ẏ |r|ⁿ)] / η (Eq. 20, printed sign).
+
+    η and ν may grow with the energy E = ∫ r ẏ dt that the element took up, η = η₀ + η' E, and so
+    degrade its stiffness and strength (Baber & Wen 1981). The paper has η' = ν' = 0.
+    """
+
+    law = BOUC_WEN
+    fibres = ("stiffness",)
+    stiffness: float  # A [N/m]
+    beta: float  # β [N^(1−n)·1/m]
+    gamma: float  # γ [N^(1−n)·1/m]
+    exponent: float = 1.0  # n
+    eta: float = 1.0  # η₀
+    nu: float = 1.0  # ν₀
+    eta_rate: float = 0.0  # η' [1/J]
+    nu_rate: float = 0.0  # ν' [1/J]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require("positive", "stiffness", "eta", "nu")
+        self._require("not negative", "eta_rate", "nu_rate")
+        if self.exponent < 1.0:
+            raise ValueError(
+                f"BoucWen.exponent={self.exponent} must be at least 1; "
+                "below 1 the law has no unique solution at r = 0"
+            )
+
+    def weakened(self, kept: float) -> tuple[float, ...]:
+        # each fibre goes on under r / kept, so that β and γ, which multiply |r|ⁿ, change too
+        A, beta, gamma, *rest = super().weakened(kept)
+        factor = kept ** (1.0 - self.exponent) if kept > 0.0 else 0.0
+        return A, factor * beta, factor * gamma, *rest
+
+    def tangent(self) -> tuple[float, float]:
+        return self.stiffness / self.eta, 0.0

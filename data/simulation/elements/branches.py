@@ -1,0 +1,39 @@
+"""Pieces of branches that several laws share: sides in bits, the elastoplastic slider.
+
+A side is stored in two bits: 00 neither, 01 the positive, 10 the negative.
+"""
+
+from __future__ import annotations
+
+from data.simulation.elements.compiling import inlined
+
+
+@inlined
+def side(branch):
+    return (branch & 1) - ((branch >> 1) & 1)
+
+
+@inlined
+def bits(side):
+    return 1 if side > 0 else (2 if side < 0 else 0)
+
+
+# Elastoplastic slider: sticks (0) while |z| < z_y, slides (+1, −1) at z = ±z_y until the velocity
+# turns round.
+
+
+@inlined
+def slider_margin(sliding, yield_displacement, ydot, z):
+    if sliding != 0:
+        return sliding * ydot
+    return yield_displacement - abs(z)
+
+
+@inlined
+def slider_next(sliding, yield_displacement, ydot, z):
+    """Side after the end of a branch, and z exactly on the yield surface if it got there."""
+    if slider_margin(sliding, yield_displacement, ydot, z) >= 0.0:
+        return sliding, z
+    if sliding != 0:
+        return 0, z
+    return (1, yield_displacement) if z > 0.0 else (-1, -yield_displacement)

@@ -1,0 +1,14 @@
+"""How the laws are compiled: with each other and with the integrator, which calls them.
+
+A change in any of these files compiles all of them anew.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from data.numba_cache import compilers
+
+ROOM = Path(__file__).parent
+CALLERS = (ROOM.with_name("corners.py"), ROOM.with_name("integrator.py"))
+compiled, inlined = compilers(*sorted(ROOM.glob("*.py")), *CALLERS)

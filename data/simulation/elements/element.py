@@ -1,0 +1,71 @@
+"""A restoring-force element: the two nodes it joins, its law and the parameters of the law.
+
+y = position(second) − position(first).
+"""
+
+# annotations are no strings here: those of a law's constructor are read in the file of the law
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+PARAMETERS = 14  # numbers that a law may have, at most
+MEMORY = 6  # numbers that a law may remember of its past, besides its state z
+
+
+@dataclass(frozen=True, kw_only=True)
+class Element:
+    """One restoring-force element between two nodes: y = position(second) − position(first).
+
+    A node is a degree of freedom (`x1`, `x2`, ...), a support (`s1`, ...) or `ground`.
+    """
+
+    between: Sequence[str]
+    law: ClassVar[int]
+    fibres: ClassVar[tuple[str, ...]]  # parameters that grow with the number of parallel fibres
+
+    def __post_init__(self) -> None:
+        if len(self.between) != 2 or self.between[0] == self.between[1]:
+            raise ValueError(
+                f"between={list(self.between)}: an element joins two different nodes, "
+                "for example [s1, x1]"
+            )
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name != "between" and not math.isfinite(value):
+                raise ValueError(f"{type(self).__name__}.{field.name}={value} is not finite")
+
+    def _require(self, condition: str, *names: str) -> None:
+        """Check parameters against `positive` or `not negative`."""
+        for name in names:
+            value = getattr(self, name)
+            if value < 0.0 or (condition == "positive" and value == 0.0):
+                raise ValueError(f"{type(self).__name__}.{name}={value} must be {condition}")
+
+    def _require_share(self, *names: str) -> None:
+        """Check parameters that are a fraction, in [0, 1)."""
+        for name in names:
+            value = getattr(self, name)
+            if not 0.0 <= value < 1.0:
+                raise ValueError(f"{type(self).__name__}.{name}={value} must lie in [0, 1)")
+
+    @property
+    def parameters(self) -> tuple[float, ...]:
+        """Parameters p in the order the compiled law reads them."""
+        return tuple(float(getattr(self, f.name)) for f in fields(self) if f.name != "between")
+
+    def weakened(self, kept: float) -> tuple[float, ...]:
+        """Parameters p of what is left when only a share `kept` of the element's fibres hold.
+
+        See data/simulation/damage.py.
+        """
+        named = [f.name for f in fields(self) if f.name != "between"]
+        return tuple(
+            kept * value if name in self.fibres else value
+            for name, value in zip(named, self.parameters, strict=True)
+        )
+
+    def tangent(self) -> tuple[float, float]:
+        """Stiffness [N/m] and damping [N s/m] for small motions about rest."""
+        raise NotImplementedError

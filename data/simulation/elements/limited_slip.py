@@ -1,0 +1,61 @@
+"""Limited slip: a slider beside a spring behind a gap. Brewick & Masri (2016), Fig. 5b, Table 1.
+
+The branch keeps the slider's side in bits 0–1 and the gap's in bits 2–3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from data.checked import checked
+from data.simulation.elements.branches import bits, side, slider_margin, slider_next
+from data.simulation.elements.compiling import inlined
+from data.simulation.elements.element import Element
+
+LIMITED_SLIP = 1
+
+
+@inlined
+def force(p, e, branch, y, ydot, z):  # p = z_y, k1, k2, c1, c2, z_g
+    slider, gap = branch & 3, side(branch >> 2)
+    spring = 0.0 if gap == 0 else p[e, 2] * (y - gap * p[e, 5])
+    if slider == 0:
+        return p[e, 1] * z + spring + p[e, 3] * ydot, ydot
+    return p[e, 1] * z + spring + p[e, 4] * ydot, 0.0
+
+
+@inlined
+def margin(p, e, branch, y, ydot, z):
+    slider, gap = side(branch), side(branch >> 2)
+    to_gap = p[e, 5] - abs(y) if gap == 0 else gap * y - p[e, 5]
+    return min(to_gap, slider_margin(slider, p[e, 0], ydot, z))
+
+
+@inlined
+def next_branch(p, e, branch, y, ydot, z):
+    slider, z = slider_next(side(branch), p[e, 0], ydot, z)
+    gap = 0.0 if abs(y) < p[e, 5] else y
+    return bits(slider) | bits(gap) << 2, z
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class LimitedSlip(Element):
+    """Slider (k1, ±z_y) in parallel with a spring k2 beyond a gap ±z_g, plus c ẏ (Fig. 5b)."""
+
+    law = LIMITED_SLIP
+    fibres = ("stiffness", "gap_stiffness")
+    yield_displacement: float  # z_y [m]
+    stiffness: float  # k1 [N/m]
+    gap_stiffness: float  # k2 [N/m]
+    damping: float = 0.0  # c1 [N s/m], sticking
+    slip_damping: float = 0.0  # c2 [N s/m], slipping
+    gap: float  # z_g [m]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require("positive", "yield_displacement", "stiffness", "gap")
+        self._require("not negative", "gap_stiffness", "damping", "slip_damping")
+
+    def tangent(self) -> tuple[float, float]:
+        return self.stiffness, self.damping

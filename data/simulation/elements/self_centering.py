@@ -1,0 +1,97 @@
+"""Self-centering, flag-shaped: post-tensioned joints, shape-memory braces, rocking walls.
+
+Elastic up to y_a, then with slope b k; unloading falls elastically onto a line that lies β of the
+activation force lower, and follows it back to the elastic line through zero. With the slip u,
+
+    r = k (y − u) + c ẏ,   (1 − b) (|y| − y_a)₊ ≤ |u| ≤ (1 − b) (|y| − (1 − β) y_a)₊,  u y ≥ 0
+
+u stays as it is until y drives it along one of these limits.
+Christopoulos, Filiatrault & Folz (2002), Earthquake Eng. Struct. Dyn. 31, 1131–1150; the material
+SelfCentering of OpenSees without slip and bearing.
+State z = u. Branch 0 is elastic, 1 and 2 load (y > 0, y < 0), 3 and 4 unload.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from data.checked import checked
+from data.simulation.elements.compiling import inlined
+from data.simulation.elements.element import Element
+
+SELF_CENTERING = 5
+
+
+@inlined
+def _side(branch):
+    return 1.0 if branch & 1 else -1.0
+
+
+@inlined
+def _slip(p, branch, y, z):
+    """u of a branch at y."""
+    if branch == 0:
+        return z
+    side = _side(branch)
+    onset = p[0] if branch <= 2 else (1.0 - p[3]) * p[0]
+    return side * (1.0 - p[2]) * (side * y - onset)
+
+
+@inlined
+def force(p, branch, y, ydot, z):  # p = y_a, k, b, β, c
+    return p[1] * (y - _slip(p, branch, y, z)) + p[4] * ydot, 0.0
+
+
+@inlined
+def margin(p, branch, y, ydot, z):
+    low = (1.0 - p[3]) * p[0]
+    if branch == 0:
+        if z == 0.0:
+            return p[0] - abs(y)
+        out = (y if z > 0.0 else -y) - abs(z) / (1.0 - p[2])
+        return min(p[0] - out, out - low)
+    side = _side(branch)
+    return side * ydot if branch <= 2 else min(-side * ydot, side * y - low)
+
+
+@inlined
+def next_branch(p, branch, y, ydot, z):
+    low = (1.0 - p[3]) * p[0]
+    if branch == 0:
+        side = y if z == 0.0 else z
+        out = (y if side > 0.0 else -y) - abs(z) / (1.0 - p[2])
+        loading = out > 0.5 * (low + p[0])
+        return (1 if side > 0.0 else 2) + (0 if loading else 2), z
+    if branch > 2 and _side(branch) * y <= low:
+        return 0, 0.0
+    return 0, _slip(p, branch, y, z)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class SelfCentering(Element):
+    """Flag: r = k (y − u) + c ẏ, yielding beyond y_a with slope b k, and back to rest at zero.
+
+    Unloading takes place on a line that lies β of the activation force below that of loading
+    (exactly: on the line of slope b k through the elastic one at (1 − β) y_a). β = 1 leaves no
+    force at the return to zero. Raises ValueError for parameters out of range.
+    """
+
+    law = SELF_CENTERING
+    fibres = ("stiffness",)
+    activation_displacement: float  # y_a [m]
+    stiffness: float  # k [N/m]; it opens at k y_a
+    hardening_ratio: float  # b, slope after activation over k
+    flag: float  # β in (0, 1], height of the flag over the activation force
+    damping: float = 0.0  # c [N s/m], beside the law
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require("positive", "activation_displacement", "stiffness")
+        self._require("not negative", "damping")
+        self._require_share("hardening_ratio")
+        if not 0.0 < self.flag <= 1.0:
+            raise ValueError(f"SelfCentering.flag={self.flag} must lie in (0, 1]")
+
+    def tangent(self) -> tuple[float, float]:
+        return self.stiffness, self.damping

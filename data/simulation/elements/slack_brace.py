@@ -1,0 +1,88 @@
+"""A pair of slender braces that only pull, one for each direction, whose slack grows as they yield.
+
+With the slack g at rest and the plastic elongations p₊, p₋ of the two, ρ = r/k for y > 0 is
+
+    0                              y ≤ g + p₊
+    y − g − p₊                     until it yields at ρ = y_y + b p₊ / (1 − b)
+    y_y + b (y − g − y_y)          while it yields, and p₊ = (1 − b) (y − g − y_y)
+
+and the mirror image, with p₋, for y < 0. The material ElasticPPGap of OpenSees with damage, one in
+each direction. Memory m: p₊, p₋. Branch 0 is slack, 1 and 2 taut (y > 0, y < 0), 3 and 4 yield.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from data.checked import checked
+from data.simulation.elements.compiling import inlined
+from data.simulation.elements.element import Element
+
+SLACK_BRACE = 6
+
+
+@inlined
+def _side(branch):
+    return 1.0 if branch & 1 else -1.0
+
+
+@inlined
+def force(p, m, branch, y, ydot):  # p = y_y, k, b, g, c
+    r = p[4] * ydot
+    if branch == 0:
+        return r, 0.0
+    side = _side(branch)
+    if branch <= 2:
+        return r + p[1] * side * (side * y - p[3] - m[branch - 1]), 0.0
+    return r + p[1] * side * (p[0] + p[2] * (side * y - p[3] - p[0])), 0.0
+
+
+@inlined
+def margin(p, m, branch, y, ydot):
+    if branch == 0:
+        return min(p[3] + m[0] - y, p[3] + m[1] + y)
+    side = _side(branch)
+    if branch > 2:
+        return side * ydot
+    plastic, out = m[branch - 1], side * y - p[3]
+    return min(out - plastic, p[0] + plastic / (1.0 - p[2]) - out)
+
+
+@inlined
+def next_branch(p, m, branch, y):
+    if branch == 0:
+        return (1 if y > p[3] + m[0] else 2), m
+    out = _side(branch) * y - p[3]
+    if branch <= 2:
+        return (0 if out < m[branch - 1] else branch + 2), m
+    plastic = max(m[branch - 3], (1.0 - p[2]) * (out - p[0]))
+    if branch == 3:
+        return 1, (plastic, m[1], 0.0, 0.0, 0.0, 0.0)
+    return 2, (m[0], plastic, 0.0, 0.0, 0.0, 0.0)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class SlackBrace(Element):
+    """Braces that only pull, one each way, slack by g and by what they have yielded.
+
+    r = k (y − g − p₊) while taut, k [y_y + b (y − g − y_y)] while yielding, 0 in between; mirrored
+    for y < 0 with p₋; c ẏ beside. Raises ValueError for parameters out of range.
+    """
+
+    law = SLACK_BRACE
+    fibres = ("stiffness",)
+    yield_displacement: float  # y_y [m], from taut to yield
+    stiffness: float  # k [N/m]; it yields at k y_y
+    hardening_ratio: float = 0.0  # b, slope after yield over k
+    gap: float = 0.0  # g [m], slack each way at rest
+    damping: float = 0.0  # c [N s/m], beside the law
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require("positive", "yield_displacement", "stiffness")
+        self._require("not negative", "gap", "damping")
+        self._require_share("hardening_ratio")
+
+    def tangent(self) -> tuple[float, float]:
+        return (self.stiffness if self.gap == 0.0 else 0.0), self.damping
