@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 from lightning.pytorch.loggers import TensorBoardLogger
+from rich.text import Text
 from torch import Tensor
 
 from data.datamodule import Data
@@ -17,9 +18,18 @@ from models.training.metrics import FREE_RUNS
 from report.run.figures import run_figures
 from report.run.hparams import numbers, swept
 from report.run.online_figures import online_figures
-from report.run.table import error_table, rows_of, why_no_free_run
+from report.run.table import (
+    WIDTH,
+    error_table,
+    not_identified,
+    record_rows,
+    rows_of,
+    titled,
+    why_no_free_run,
+)
 from report.style import words_as_they_stand
 from runner.public_scores import benchmark_lines
+from runner.trained_range import warnings_of
 
 
 def log_run(
@@ -82,8 +92,14 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     title = (
         f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}, seed {metrics['seed']}"
     )
-    console = terminal(120)
-    console.print(error_table(title, rows, dofs, metrics["quantity"]))
+    console = terminal(WIDTH)
+    width = console.width
+    console.print(error_table(titled(metrics, title), rows, dofs, metrics["quantity"], width))
+    if records := record_rows(metrics):
+        about = f"{metrics['model']}, each test record"
+        console.print(error_table(about, records, dofs, metrics["quantity"], width, ("test",)))
+    if reason := not_identified(metrics):
+        console.print(Text(f"not identified: {reason}", style="red"))
     for line in why_no_free_run(methods):
         console.print(line, markup=False)
     solution = ", ".join(
@@ -107,6 +123,8 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
         console.print(rms_line(metrics))
         for line in benchmark_lines(metrics["benchmark"]) if metrics["benchmark"] else []:
             console.print(line)
+        for line in warnings_of(metrics["outside_trained_range"]):
+            console.print(f"test motion {line}", style="yellow")
         for record, notes in metrics["records"].items():
             console.print(f"{record}: {'; '.join(notes) or 'as it is'}", markup=False)
     elif metrics["simulation_error"] > 1e-5:
