@@ -7,29 +7,28 @@ from typing import Any
 
 import torch
 from lightning.pytorch.loggers import TensorBoardLogger
-from rich.text import Text
 from torch import Tensor
 
 from data.datamodule import Data
 from data.record import QUANTITIES
 from data.terminal import terminal
-from models.training.identification import SPLITS, Identification
+from models.training.identification import Identification
 from models.training.metrics import FREE_RUNS
-from report.run.figures import run_figures
 from report.run.hparams import numbers, swept
-from report.run.online_figures import online_figures
+from report.run.rescore import draw_record
 from report.run.table import (
     WIDTH,
     error_table,
-    not_identified,
+    print_verdict,
     record_rows,
     rows_of,
     titled,
     why_no_free_run,
 )
 from report.style import words_as_they_stand
+from runner.outcome import each_record
 from runner.public_scores import benchmark_lines
-from runner.trained_range import warnings_of
+from runner.trained_range import warnings_of, worst_of
 
 
 def log_run(
@@ -47,14 +46,16 @@ def log_run(
         for step in range(0, len(error), max(1, len(error) // 200)):
             if torch.isfinite(error[step]):
                 board.add_scalar(f"{key}/relative_rms_percent_over_time", 100.0 * error[step], step)
-    names = list(data.elements)
     if choices["figures"]:
-        record, estimates = module.examples["test"]
-        errors = {split: over_time[split] for split in SPLITS}
-        example = module.free_runs["test"].example
-        free_run = None if example is None else example[1]
-        drawn = run_figures(record, estimates[""], errors, names, free_run)
-        drawn |= online_figures(module.estimator, record)
+        name, record = next(iter(each_record(data, "test").items()))
+        drawn = draw_record(
+            module.estimator,
+            record.to(module.device),
+            metrics["model"],
+            name,
+            worst_of(metrics["outside_trained_range"]),
+            list(data.elements),
+        )
         for name, figure in drawn.items():
             words_as_they_stand(figure)
             board.add_figure(name, figure, close=False)
@@ -98,8 +99,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     if records := record_rows(metrics):
         about = f"{metrics['model']}, each test record"
         console.print(error_table(about, records, dofs, metrics["quantity"], width, ("test",)))
-    if reason := not_identified(metrics):
-        console.print(Text(f"not identified: {reason}", style="red"))
+    print_verdict(console, metrics)
     for line in why_no_free_run(methods):
         console.print(line, markup=False)
     solution = ", ".join(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -83,6 +84,12 @@ def not_identified(metrics: Mapping[str, Any]) -> str:
     """Why a run's model is no result; "" where it is one, and in runs that nobody judged."""
     verdict = metrics.get("verdict", {})
     return verdict.get("reason", "") if verdict.get("identified") is False else ""
+
+
+def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
+    """A line in red where a run's model is no result."""
+    if reason := not_identified(metrics):
+        console.print(Text(f"not identified: {reason}", style="red"))
 
 
 def record_rows(metrics: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
