@@ -41,10 +41,11 @@ def range_of(estimator: Estimator, records: Iterable[Record]) -> Range:
     names = {"excitation": inputs, **dict.fromkeys(("deformation", "rate"), names_of(estimator))}
     units = {"displacement": "m", "velocity": "m/s", "deformation": "m", "rate": "m/s"}
     units |= {quantity: QUANTITIES[quantity][1], "excitation": ""}
+    letter = "r" if quantity == "force" else "x"
     return {
         kind: {
             "unit": units[kind],
-            "names": names.get(kind) or [f"x{i + 1}" for i in range(len(values))],
+            "names": names.get(kind) or [f"{letter}{i + 1}" for i in range(len(values))],
             "largest": values.tolist(),
         }
         for kind, values in largest.items()

@@ -5,6 +5,7 @@ Signals are drawn over the part of a record in which most happens.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 
 import numpy as np
@@ -18,6 +19,7 @@ from models.training.metrics import displacement_of
 from report.style import ESTIMATED, MEASURED
 
 SHORTEST, LONGEST = 10.0, 20.0  # of the strong motion that is drawn [s]
+LEGEND, LETTERS = 3.0, 11.0  # width [inches], letters of a title in an inch
 MOST_LOOPS = 12  # elements that are drawn, those with the largest forces
 SHARES = (0.05, 0.95)  # of the power of a motion, between which it is strong
 
@@ -207,8 +209,14 @@ def run_figures(
         figures["element_loops"] = identified_loops(*loops, elements)
     for figure in figures.values():
         if title:
-            figure.suptitle(title, fontsize="medium", x=0.01, ha="left")
+            figure.suptitle(_wrapped(title, figure), fontsize="medium", x=0.01, ha="left")
     return figures
+
+
+def _wrapped(title: str, figure: Figure) -> str:
+    """A title in lines that end before the legend beside it."""
+    free = figure.get_figwidth() - (LEGEND if figure.legends else 0.0)
+    return "\n".join(textwrap.wrap(title, max(20, int(LETTERS * free))))
 
 
 def _first(signal: Tensor) -> np.ndarray:

@@ -14,7 +14,6 @@ from typing import Any
 
 from omegaconf import DictConfig
 from rich.console import Console
-from rich.text import Text
 
 from data.datamodule import Data
 from data.record import QUANTITIES, Record
@@ -26,12 +25,19 @@ from models.training.assemble import changed, data_from
 from models.training.metrics import FREE_RUNS, free_run_score, score
 from report.output import as_csv, save_figure, spreadsheet
 from report.run.rescore import draw_record
-from report.run.table import WIDTH, error_table, print_verdict, titled, why_no_free_run
+from report.run.table import (
+    WIDTH,
+    error_table,
+    print_outside,
+    print_verdict,
+    titled,
+    why_no_free_run,
+)
 from runner.compose import composed
 from runner.outcome import each_record, per_record
 from runner.run import sensors_of
 from runner.run_folder import write_json, write_text
-from runner.trained_range import outside, range_of, warnings_of, worst_of
+from runner.trained_range import outside, range_of, worst_of
 from runner.verdict import CANNOT
 
 WHOLE = {  # nothing is held back and nothing is cut out
@@ -164,8 +170,7 @@ def _print(
 
 def _print_range(console: Console, left: Mapping[str, Any], known: bool) -> None:
     for name, found in left.items():
-        for line in warnings_of(found):
-            console.print(Text(f"{name}: {line}", style="yellow"))
+        print_outside(console, f"{name}: ", found)
     if not known:
         console.print("the run is older than the range it was trained in; repeat it to be warned")
 

@@ -26,6 +26,7 @@ from report.run.online_figures import online_figures
 from report.run.table import (
     WIDTH,
     error_table,
+    print_outside,
     print_verdict,
     rows_of,
     titled,
@@ -104,6 +105,8 @@ def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: 
         console.print(line, markup=False)
     if not altered:
         (scores,) = results.values()
+        if metrics.get("simulation_error", 0.0) is None:  # measured
+            print_outside(console, "test motion ", metrics.get("outside_trained_range", []))
         _print_equality(scores, metrics, console)
     elif len(results) > 1:
         _print_medians(results, console)
@@ -196,7 +199,8 @@ def titled_picture(
     model: str, record: str, one_step: dict[str, Any], free_run: dict[str, Any], remark: str = ""
 ) -> str:
     """Model, record and errors in a line."""
-    scores = {"one step": one_step, "free run": free_run}
+    same = free_run.get("per_dof_percent") == one_step["per_dof_percent"]
+    scores = {"free run": free_run} if same else {"one step": one_step, "free run": free_run}
     errors = []
     for way, of_way in scores.items():
         if "none" not in of_way:

@@ -18,7 +18,9 @@ from report.run.hparams import numbers, swept
 from report.run.rescore import draw_record
 from report.run.table import (
     WIDTH,
+    baseline_rows,
     error_table,
+    print_outside,
     print_verdict,
     record_rows,
     rows_of,
@@ -28,7 +30,7 @@ from report.run.table import (
 from report.style import words_as_they_stand
 from runner.outcome import each_record
 from runner.public_scores import benchmark_lines
-from runner.trained_range import warnings_of, worst_of
+from runner.trained_range import worst_of
 
 
 def log_run(
@@ -88,7 +90,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     if metrics["paper"]:  # one step ahead, so it stands above the free run
         rows.insert(len(rows) - 1, ("  paper, its settings", metrics["paper"]))
     for name, scores in metrics["baselines"].items():
-        rows += rows_of(name, scores)
+        rows += baseline_rows(name, scores)
     dofs = len(metrics["test"]["per_dof_percent"])
     title = (
         f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}, seed {metrics['seed']}"
@@ -123,8 +125,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
         console.print(rms_line(metrics))
         for line in benchmark_lines(metrics["benchmark"]) if metrics["benchmark"] else []:
             console.print(line)
-        for line in warnings_of(metrics["outside_trained_range"]):
-            console.print(f"test motion {line}", style="yellow")
+        print_outside(console, "test motion ", metrics["outside_trained_range"])
         for record, notes in metrics["records"].items():
             console.print(f"{record}: {'; '.join(notes) or 'as it is'}", markup=False)
     elif metrics["simulation_error"] > 1e-5:

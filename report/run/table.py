@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from models.training.metrics import FREE_RUNS
+from runner.trained_range import warnings_of
 
 SPLITS = tuple(FREE_RUNS)
 WIDTH = 120  # of a table that goes elsewhere than to a terminal
@@ -92,6 +93,12 @@ def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
         console.print(Text(f"not identified: {reason}", style="red"))
 
 
+def print_outside(console: Console, start: str, found: Iterable[Mapping[str, Any]]) -> None:
+    """Lines in yellow for what leaves the range that a model was trained in."""
+    for line in warnings_of(found):
+        console.print(Text(f"{start}{line}", style="yellow"))
+
+
 def record_rows(metrics: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
     """Rows of the test records by themselves; none where there is only one."""
     rows: list[tuple[str, Mapping[str, Any]]] = []
@@ -117,6 +124,19 @@ def rows_of(name: str, scores: Mapping[str, Any]) -> list[tuple[str, Mapping[str
     if free:
         exists = any("none" not in of_split for of_split in free.values())
         rows.append(("  free run" if exists else "  no free run", free))
+    return rows
+
+
+def baseline_rows(name: str, scores: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    """Rows of a baseline; a single one where every estimate of it is a free run."""
+    rows = rows_of(name, scores)
+    same = ("relative_rms_percent", "per_dof_percent")
+    if len(rows) == 2 and all(
+        of_split.get(key) == rows[0][1].get(split, {}).get(key)
+        for split, of_split in rows[1][1].items()
+        for key in same
+    ):
+        return [(f"{name}, free run", rows[1][1])]
     return rows
 
 

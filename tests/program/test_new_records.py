@@ -47,7 +47,7 @@ def moved(seed: int, size: float = 1.0, samples: int = 900) -> dict[str, np.ndar
 def write(path: Path, columns: dict[str, np.ndarray]) -> Path:
     lines = [
         ",".join(columns),
-        *(",".join(map(repr, map(float, r))) for r in zip(*columns.values())),
+        *(",".join(map(repr, map(float, r))) for r in zip(*columns.values(), strict=True)),
     ]
     path.write_text("\n".join(lines) + "\n")
     return path
