@@ -54,7 +54,11 @@ def each_record(data: Data, split: str) -> dict[str, Record]:
     """The records of a split as batches of one, scored as the whole split is, by their names."""
     windows = WindowDataset(data.records[split], warmup=data.cut["warmup"], whole=True)
     told = [note.removeprefix(f"{split}: ") for note in data.notes if note.startswith(f"{split}: ")]
-    names = told if len(set(told)) == len(windows) else [f"{i + 1}" for i in range(len(windows))]
+    names = (
+        told
+        if len(set(told)) == len(windows)
+        else [f"{split} {i + 1}" for i in range(len(windows))]
+    )
     return {name: stack([windows[i]]) for i, name in enumerate(names)}
 
 
@@ -74,8 +78,8 @@ def metrics_of(
 ) -> dict[str, Any]:
     """What `metrics.json` holds; errors in percent, times in seconds."""
     names = {part: str(run.choices[part]["name"]) for part in ("model", "system", "scenario")}
-    tested = each_record(data, "test")
-    trained = range_of(module.estimator, data.records["train"])
+    tested = {n: r.to(module.device) for n, r in each_record(data, "test").items()}
+    trained = range_of(module.estimator, (r.to(module.device) for r in data.records["train"]))
     return {
         **names,
         "scenario_settings": settings_of(run.choices["scenario"]),

@@ -28,6 +28,7 @@ from report.run.rescore import draw_record
 from report.run.table import (
     WIDTH,
     error_table,
+    merged_rows,
     print_outside,
     print_verdict,
     titled,
@@ -176,12 +177,10 @@ def _print_range(console: Console, left: Mapping[str, Any], known: bool) -> None
 
 
 def _rows(scores: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """By record: the estimates, the free run, and free runs of what stands beside."""
+    """By record: estimates and free run, one row where they are the same; what stands beside."""
     together = {"all records": scores["together"]} if len(scores["records"]) > 1 else {}
     for name, of_record in {**scores["records"], **together}.items():
-        yield name, {"test": of_record["test"]}
-        free = of_record[FREE_RUNS["test"]]
-        yield ("  no free run" if "none" in free else "  free run"), {"test": free}
+        yield from merged_rows(name, of_record)
         for beside, of_each in scores["beside"].items():
             if name in of_each and "none" not in of_each[name]:
                 yield f"  {beside}, free run", {"test": of_each[name]}

@@ -18,8 +18,8 @@ from report.run.hparams import numbers, swept
 from report.run.rescore import draw_record
 from report.run.table import (
     WIDTH,
-    baseline_rows,
     error_table,
+    merged_rows,
     print_outside,
     print_verdict,
     record_rows,
@@ -90,7 +90,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     if metrics["paper"]:  # one step ahead, so it stands above the free run
         rows.insert(len(rows) - 1, ("  paper, its settings", metrics["paper"]))
     for name, scores in metrics["baselines"].items():
-        rows += baseline_rows(name, scores)
+        rows += merged_rows(name, scores)
     dofs = len(metrics["test"]["per_dof_percent"])
     title = (
         f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}, seed {metrics['seed']}"

@@ -127,8 +127,8 @@ def rows_of(name: str, scores: Mapping[str, Any]) -> list[tuple[str, Mapping[str
     return rows
 
 
-def baseline_rows(name: str, scores: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
-    """Rows of a baseline; a single one where every estimate of it is a free run."""
+def merged_rows(name: str, scores: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    """`rows_of`; a single row where every estimate is a free run."""
     rows = rows_of(name, scores)
     same = ("relative_rms_percent", "per_dof_percent")
     if len(rows) == 2 and all(
