@@ -3,6 +3,7 @@
     python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
     python evaluate.py run=FOLDER data.duration=100
+    python evaluate.py run=FOLDER data.path=other.csv  on records of other files
     python evaluate.py runs=FOLDER output=FOLDER    all numbers as one table: results.parquet, .csv
     python evaluate.py runs=[a,b]                   of several folders, or 'runs=runs/*/'
     python evaluate.py runs=FOLDER by=model.cutoff  compared by a choice: a table and a picture

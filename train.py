@@ -36,7 +36,7 @@ def main(cfg: DictConfig) -> float | None:
     # PyTorch takes seconds to load: a mistyped word is told before
     from report.run.summary import log_run, print_run
     from runner.job import identify, job_errors
-    from runner.outcome import validation_error
+    from runner.outcome import require_identified, validation_error
 
     error: float | None = math.inf  # of a run that fails
     with job_errors(folder if in_sweep else None, cfg):
@@ -44,6 +44,7 @@ def main(cfg: DictConfig) -> float | None:
         error = validation_error(metrics) if cfg.data.validation else None
         if not in_sweep:
             print_run(metrics, folder)
+            require_identified(metrics)
     return error
 
 

@@ -44,6 +44,7 @@ model.cutoff [rad/s], trainer.accelerator, hydra.run.dir. All of them: python tr
     python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
     python evaluate.py run=FOLDER data.duration=100
+    python evaluate.py run=FOLDER data.path=other.csv data.units.a=g   on a new record
     python evaluate.py runs=FOLDER output=FOLDER    all numbers: results.parquet, results.csv
     python evaluate.py runs=[a,b] by=model.cutoff   of several folders, compared by a choice
 

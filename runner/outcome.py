@@ -12,6 +12,9 @@ import numpy
 import torch
 
 from data.datamodule import Data
+from data.record import Record, stack
+from data.windows import WindowDataset
+from models.baselines import NotApplicableError
 from models.estimator import Estimator
 from models.online.scores import online_scores
 from models.training.identification import HELD_BACK, SPLITS, Identification
@@ -20,23 +23,54 @@ from runner.paper_values import paper_values
 from runner.public_scores import benchmark_scores
 from runner.run import Run
 from runner.run_folder import settings_of
+from runner.trained_range import outside, range_of
+from runner.verdict import CANNOT, NotIdentifiedError, verdict_of
 
 
-def compare_baselines(baselines: dict[str, Estimator], data: Data) -> dict[str, Any]:
+def compare_baselines(
+    baselines: Mapping[str, Estimator | ValueError], data: Data
+) -> dict[str, Any]:
     """Errors of each baseline on the same records, one step ahead and in free run.
 
-    One that cannot be identified says why.
+    One that cannot be built or identified says why; one that means nothing here is left out.
     """
     results: dict[str, Any] = {}
     for name, baseline in baselines.items():
         try:
+            if isinstance(baseline, ValueError):
+                raise baseline
             baseline.identify(data.loader("train"))
             one_step = {split: score(baseline, data.loader(split)) for split in SPLITS}
             free = {key: free_run_score(baseline, data.loader(s)) for s, key in FREE_RUNS.items()}
             results[name] = {**one_step, **free}
-        except ValueError as error:
-            results[name] = {"failed": str(error)}
+        except NotApplicableError:
+            continue
+        except CANNOT as error:
+            results[name] = {"failed": str(error) or type(error).__name__}
     return results
+
+
+def each_record(data: Data, split: str) -> dict[str, Record]:
+    """The records of a split as batches of one, scored as the whole split is, by their names."""
+    windows = WindowDataset(data.records[split], warmup=data.cut["warmup"], whole=True)
+    told = [note.removeprefix(f"{split}: ") for note in data.notes if note.startswith(f"{split}: ")]
+    names = (
+        told
+        if len(set(told)) == len(windows)
+        else [f"{split} {i + 1}" for i in range(len(windows))]
+    )
+    return {name: stack([windows[i]]) for i, name in enumerate(names)}
+
+
+def per_record(estimator: Estimator, records: Mapping[str, Record]) -> dict[str, Any]:
+    """{name: {"test": scores, "free_run": scores}} of each record by itself."""
+    return {
+        name: {
+            "test": score(estimator, [record]),
+            FREE_RUNS["test"]: free_run_score(estimator, [record]),
+        }
+        for name, record in records.items()
+    }
 
 
 def metrics_of(
@@ -44,6 +78,8 @@ def metrics_of(
 ) -> dict[str, Any]:
     """What `metrics.json` holds; errors in percent, times in seconds."""
     names = {part: str(run.choices[part]["name"]) for part in ("model", "system", "scenario")}
+    tested = {n: r.to(module.device) for n, r in each_record(data, "test").items()}
+    trained = range_of(module.estimator, (r.to(module.device) for r in data.records["train"]))
     return {
         **names,
         "scenario_settings": settings_of(run.choices["scenario"]),
@@ -56,6 +92,10 @@ def metrics_of(
         },
         "training": module.how_trained(),
         **module.results(),
+        "verdict": verdict_of(module, data, baselines),
+        "per_record": per_record(module.estimator, tested) if len(tested) > 1 else {},
+        "trained_range": trained,
+        "outside_trained_range": outside(trained, range_of(module.estimator, tested.values())),
         "quantity": data.records["test"][0].quantity,
         "peak": {  # in the unit of the quantity
             split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
@@ -87,3 +127,11 @@ def validation_error(metrics: Mapping[str, Any]) -> float:
         raise ValueError("the run held nothing back to be judged on; set data.validation=0.2")
     error = metrics[HELD_BACK]["relative_rms_percent"]
     return math.inf if error is None else error
+
+
+def require_identified(metrics: Mapping[str, Any]) -> None:
+    """Raise NotIdentifiedError, with the reason, where a run's model is no result."""
+    if metrics["verdict"]["identified"] is False:
+        raise NotIdentifiedError(
+            f"{metrics['model']} is not identified: {metrics['verdict']['reason']}"
+        )

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
@@ -19,7 +20,7 @@ from runner.identity import written_code_version
 from runner.result import Result, read_result, spread_of
 from runner.run_files import CONFIG, FAILED, METRICS
 from runner.run_folder import read_failure, read_metrics
-from runner.spread import DIVERGED, percent
+from runner.spread import DIVERGED, NOT_IDENTIFIED, percent
 
 OWN = ("model", "system", "scenario", "seed", "grid")  # have columns of their own, or need none
 
@@ -101,7 +102,8 @@ def _line(folder: Path, failed: bool) -> str:
     name = folder.name.rpartition("-")[0]  # without the hash
     free = run.free_run
     simulated = "" if free is None else f" free run {_padded(free)}"
-    return f"{name:<50} train {train} test {test}{simulated}"
+    lost = f" {NOT_IDENTIFIED}" if run.identified is False else ""
+    return f"{name:<50} train {train} test {test}{simulated}{lost}"
 
 
 def _padded(error: float | None) -> str:
@@ -130,16 +132,33 @@ def print_summary(jobs: Mapping[Path, Sequence[str]], skipped: int, hopeless: in
         console.print(sweep_table([(told[run.folder], run) for run in runs if run.ended]))
     for line in reasons({run.folder.name: run.reason for run in failed}):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
+    print_not_identified(console, runs)
     before = f" ({skipped} of them before)" if skipped else ""
+    judged = sum(run.identified is False for run in done)
+    no_result = f", {judged} of them {NOT_IDENTIFIED}" if judged else ""
     lost = len(folders) - len(done) - len(failed)
     unknown = f", {lost} without any result" if lost else ""
     again = "not tried again; hydra.sweeper.retry_failed=true does"
     left = f" ({hopeless} of them before, {again})" if hopeless else ""
     place = f"in {folders[0].parent}" if folders else ""
     console.print(
-        f"{len(done)} done{before}, {len(failed)} failed{left}{unknown}, {place}", soft_wrap=True
+        f"{len(done)} done{before}{no_result}, {len(failed)} failed{left}{unknown}, {place}",
+        soft_wrap=True,
     )
     return len(done) == len(folders)
+
+
+def print_not_identified(console: Console, runs: Sequence[Result]) -> None:
+    """Say, in red, which model on which system is no result in how many runs, and one reason."""
+    cases: dict[str, list[Result]] = {}
+    for run in runs:
+        if run.identified is False:
+            cases.setdefault(f"{run.model} on {run.system}, {run.scenario}", []).append(run)
+    for case, of_case in cases.items():
+        first = of_case[0]
+        several = f" in {len(of_case)} runs" if len(of_case) > 1 else ""
+        line = f"{NOT_IDENTIFIED}: {case}{several}: {first.why} ({first.folder.name})"
+        console.print(Text(line, style="red"), soft_wrap=True)
 
 
 def reasons(failed: dict[str, str]) -> list[str]:
@@ -193,5 +212,6 @@ def sweep_table(runs: Sequence[tuple[str, Result]]) -> Table:
         test = spread_of(group, lambda run: run.error("test"))
         free = spread_of(group, lambda run: run.free_run)
         head = (Text(t) for t in (model, system, scenario, *([settings] if varied else [])))
-        table.add_row(*head, test.counted(), train.text(), test.text(), free.text())
+        style = "red" if test.unidentified else None
+        table.add_row(*head, test.counted(), train.text(), test.text(), free.text(), style=style)
     return table

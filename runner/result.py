@@ -2,7 +2,8 @@
 
 A run is finished where metrics.json is there; failed where it says why, and escaped where the
 reason is that the structure's own motion did; unfinished otherwise: killed, or still at work. What
-cannot be read is damaged.
+cannot be read is damaged. A finished run's model may still be no result: not identified
+(runner/verdict.py). Its numbers count as they are.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from runner import run_folder
 from runner.choices import dotted, read_choices, typed
 from runner.run_files import CONFIG, FREE_RUN, METRICS
 from runner.run_folder import read_failure, read_metrics
-from runner.spread import ESCAPED, FAILED, Spread
+from runner.spread import ESCAPED, FAILED, NOT_IDENTIFIED, Spread
 
 FINISHED, UNFINISHED, DAMAGED = "finished", "unfinished", "damaged"
 STATUSES = (FINISHED, FAILED, ESCAPED, UNFINISHED, DAMAGED)
+VERDICTS = (FINISHED, NOT_IDENTIFIED, *STATUSES[1:])  # what a person is told of a run
 NOT_SCORED = "the run is older than the free-run score; repeat it"
 ERROR = "relative_rms_percent"
 
@@ -45,6 +47,23 @@ class Result:
     def ended(self) -> bool:
         """Whether there is something to tell: numbers, or why there are none."""
         return self.status in (FINISHED, FAILED, ESCAPED)
+
+    @property
+    def identified(self) -> bool | None:
+        """Whether the model is a result; None where nobody judged it, as in older runs."""
+        verdict: bool | None = self.metrics.get("verdict", {}).get("identified")
+        return verdict
+
+    @property
+    def verdict(self) -> str:
+        """One of VERDICTS."""
+        return NOT_IDENTIFIED if self.identified is False else self.status
+
+    @property
+    def why(self) -> str:
+        """Why the run has no numbers, or no model behind them; "" where it has both."""
+        lost = self.identified is False
+        return self.metrics["verdict"].get("reason", "") if lost else self.reason
 
     @property
     def model(self) -> str | None:
@@ -170,4 +189,5 @@ def spread_of(runs: Sequence[Result], number: Callable[[Result], float | None]) 
     if values or not any(run.finished for run in runs):
         values += [math.inf] * failed
     without = sum(run.ended for run in runs) - len(values) - escaped
-    return Spread(tuple(values), failed, escaped, without)
+    unidentified = sum(run.identified is False for run in runs)
+    return Spread(tuple(values), failed, escaped, without, unidentified)

@@ -25,9 +25,26 @@ ONLINE_WAY: dict[Any, Any] = {
     "worst_percent": PERCENT,
     "unstable_s": PERCENT,
 }
+VERDICT: dict[Any, Any] = {
+    "identified": (bool, None),  # None: nothing to judge
+    "reason": str,
+    "by": str,
+    **dict.fromkeys(("error_percent", "linear_percent"), PERCENT),
+}
+RANGE: dict[Any, Any] = {"unit": str, "names": [str], "largest": [NUMBER]}  # of a kind of signal
+OUTSIDE: dict[Any, Any] = {
+    **dict.fromkeys(("kind", "name", "unit"), str),
+    **dict.fromkeys(("largest", "trained"), NUMBER),
+    "times": PERCENT,
+    "channels": int,
+}
 METRICS_KIND: dict[Any, Any] = {
     **dict.fromkeys(("model", "system", "scenario", "quantity"), str),
     **dict.fromkeys(SPLITS, SCORES),
+    "verdict": VERDICT,
+    "per_record": {...: {"test": SCORES, "free_run": SCORES}},
+    "trained_range": {...: RANGE},
+    "outside_trained_range": [OUTSIDE],
     "scenario_settings": {...: ANYTHING},
     "seed": int,
     "identity": {...: str},

@@ -8,6 +8,9 @@ escaped   the structure's own motion left every bound, before any estimator ran.
           draw: every method lacks the same seeds, and none of them can be judged there. Such runs
           are counted and take no part in median, quartiles and range
 
+not identified  the run has numbers, which count as they are, but its model is no better than none,
+          than a rigid body or than a linear system on its own training motion
+
 A lost run is never dropped: half of the runs diverged is a median that diverged. Only the judgement
 whether a value of somebody else lies inside a range takes the finite ends, because an infinite end
 would let every value in.
@@ -21,6 +24,7 @@ from dataclasses import dataclass
 from typing import Any
 
 DIVERGED, FAILED, ESCAPED = "diverged", "failed", "escaped"
+NOT_IDENTIFIED = "not identified"
 LARGE = 1e5  # from here on as a power of ten
 
 
@@ -55,6 +59,7 @@ class Spread:
     failed: int = 0
     escaped: int = 0  # have no value
     without: int = 0  # ended, but have no such number: no free run, say
+    unidentified: int = 0  # of any of these runs
 
     @property
     def runs(self) -> int:
@@ -99,6 +104,7 @@ class Spread:
     def counted(self) -> str:
         """How many runs, and how many of them were lost: "20, 2 escaped"."""
         counts = {DIVERGED: self.diverged, FAILED: self.failed, ESCAPED: self.escaped}
+        counts[NOT_IDENTIFIED] = self.unidentified
         lost = (f"{count} {what}" for what, count in counts.items() if count)
         return ", ".join((str(self.runs), *lost))
 

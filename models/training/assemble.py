@@ -94,11 +94,13 @@ def objective_from(objective: DictConfig) -> Objective:
     return built
 
 
-def assembled(cfg: DictConfig) -> tuple[Data, Identification, dict[str, Estimator]]:
+def assembled(
+    cfg: DictConfig,
+) -> tuple[Data, Identification, dict[str, Estimator | ValueError]]:
     """Everything that a run needs: its data, its model with solver and objective, its baselines.
 
-    The starting weights are drawn from the run's seed. Raises ValueError for settings that do not
-    fit together, before any work is done.
+    A baseline that cannot be built is the reason why. The starting weights are drawn from the
+    run's seed. Raises ValueError for settings that do not fit together, before any work is done.
     """
     data = data_from(cfg)
     seed_everything(cfg.seed, verbose=False)
@@ -106,4 +108,11 @@ def assembled(cfg: DictConfig) -> tuple[Data, Identification, dict[str, Estimato
     module = Identification(
         estimator, solver_from(cfg.solver), cfg.max_fail, objective_from(cfg.objective)
     )
-    return data, module, {name: estimator_from(node, data) for name, node in cfg.baselines.items()}
+    return data, module, {name: _or_why_not(node, data) for name, node in cfg.baselines.items()}
+
+
+def _or_why_not(baseline: DictConfig, data: Data) -> Estimator | ValueError:
+    try:
+        return estimator_from(baseline, data)
+    except ValueError as error:
+        return error

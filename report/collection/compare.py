@@ -20,7 +20,7 @@ from report.collection.scores import scores_of
 from runner.choices import typed
 from runner.result import Result, spread_of
 from runner.schema import SPLITS
-from runner.spread import DIVERGED, ESCAPED, FAILED, Spread, percent
+from runner.spread import DIVERGED, ESCAPED, FAILED, NOT_IDENTIFIED, Spread, percent
 
 CASE = ("system", "scenario", "model")  # kept apart, whatever is asked for
 LOST = (DIVERGED, FAILED, ESCAPED)
@@ -167,9 +167,10 @@ def as_table(comparison: Comparison) -> Table:
 def _counts(comparison: Comparison) -> list[str]:
     """Columns of what went wrong anywhere."""
     counts = [_counts_of(group) for group in comparison.groups]
-    return [name for name in (*LOST, "without") if any(of_group[name] for of_group in counts)]
+    columns = (*LOST, NOT_IDENTIFIED, "without")
+    return [name for name in columns if any(of_group[name] for of_group in counts)]
 
 
 def _counts_of(group: Group) -> dict[str, int]:
     lost = {name: getattr(group.spread, name) for name in LOST}
-    return {**lost, "without": group.without}
+    return {**lost, NOT_IDENTIFIED: group.spread.unidentified, "without": group.without}

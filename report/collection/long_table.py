@@ -2,7 +2,8 @@
 
 Columns: run, model, system, scenario, seed, code, status, reason, split, estimate, metric, dof,
 value; then every choice that is not the same in all runs, by its dotted name. What diverged has an
-infinite value. A run without numbers (failed, escaped, unfinished or damaged) has one row with the
+infinite value. A run whose model is not identified says so, with the reason, beside its numbers. A
+run without numbers (failed, escaped, unfinished or damaged) has one row with the
 reason, without a metric; runner/spread.py says how such runs count.
 """
 
@@ -22,7 +23,7 @@ import pyarrow.parquet  # type: ignore[import-untyped]
 from report.collection.runs import chosen
 from report.collection.scores import Score, scores_of
 from report.output import spreadsheet
-from runner.result import FINISHED, STATUSES, Result
+from runner.result import FINISHED, VERDICTS, Result
 from runner.spread import DIVERGED
 
 NOTHING = Score("", "", "", None, math.nan)  # of a run without numbers
@@ -58,7 +59,8 @@ def _runs_table(runs: Sequence[Result]) -> pa.Table:
     columns: dict[str, Any] = {"run": [_from_here(run.folder) for run in runs]}
     columns |= {name: [getattr(run, name) for run in runs] for name in HEAD[1:4]}
     columns["seed"] = pa.array([_whole(run.seed) for run in runs], pa.int64())
-    columns |= {name: [getattr(run, name) for run in runs] for name in ("code", "status", "reason")}
+    columns["code"] = [run.code for run in runs]
+    columns |= {"status": [run.verdict for run in runs], "reason": [run.why for run in runs]}
     choices = {name: _column(values) for name, values in chosen(runs).items()}
     return pa.table(columns | choices)
 
@@ -114,8 +116,8 @@ def _for_spreadsheets(table: pa.Table) -> pa.Table:
 
 def counted(runs: Sequence[Result]) -> str:
     """How many there are of each status, in a line."""
-    counts = dict.fromkeys(STATUSES, 0)
+    counts = dict.fromkeys(VERDICTS, 0)
     for run in runs:
-        counts[run.status] += 1
+        counts[run.verdict] += 1
     told = [f"{count} {status}" for status, count in counts.items() if count or status == FINISHED]
     return f"{len(runs)} runs: {', '.join(told)}"

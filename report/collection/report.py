@@ -14,7 +14,7 @@ from report.collection.figure import draw_comparison
 from report.collection.long_table import counted, long_table, write_long
 from report.collection.runs import collect, results_folder
 from report.output import save_figure
-from runner.progress import is_finished, reasons
+from runner.progress import is_finished, print_not_identified, reasons
 from runner.result import Result
 
 WIDTH = 145
@@ -38,6 +38,7 @@ def report_by(
     console = terminal(WIDTH)
     console.print(as_table(comparison))
     console.print(counted(runs), *comparison.notes, sep="\n", soft_wrap=True, markup=False)
+    print_not_identified(console, runs)
     name = f"{comparison.number} by {' '.join(comparison.by)}"
     figure = draw_comparison(comparison)
     folder = output or results_folder(folders)
@@ -46,8 +47,9 @@ def report_by(
 
 
 def tell_ended(console: Console, runs: Sequence[Result]) -> None:
-    """Which runs are of other code, and why those without numbers have none."""
+    """Which runs are of other code, why some have no numbers, and others no model."""
     if any(run.finished and not is_finished(run.folder) for run in runs):
         console.print("some of these runs were made by other code than this; repeat the sweep")
     for line in reasons({run.folder.name: run.reason for run in runs if not run.finished}):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
+    print_not_identified(console, runs)

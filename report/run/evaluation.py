@@ -1,15 +1,17 @@
-"""What evaluate.py does: a finished run scored again, or many compared."""
+"""What evaluate.py does: a finished run scored again or on other records, or many compared."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
+from models.estimator import Estimator
 from models.training.assemble import changed
 from report.collection.report import report_by, report_collection
 from report.collection.runs import folders_of
+from report.run.new_records import evaluate_records
 from report.run.rescore import (
     draw_figures,
     print_evaluation,
@@ -29,10 +31,12 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict[str, Any]:
     run, metrics = read_run(folder)
     estimator = restore(run, folder)
     require_scores(metrics, estimator.dofs)
-    changes = {key: value for key, value in cfg.data.items() if value is not None}
-    run = changed(run, {"data": as_config(changes)})
+    changes = _typed(OmegaConf.to_container(cfg.data, resolve=True))
     if cfg.get("scenario") is not None:
         run.scenario = cfg.scenario
+    if "path" in changes:
+        return _on_new_records(cfg, run, metrics, folder, estimator, changes, label)
+    run = changed(run, {"data": as_config(changes)})
     seeds = [run.seed] if cfg.seeds is None else list(cfg.seeds)
     altered = cfg.get("scenario") is not None or bool(changes) or cfg.seeds is not None
     require_scores(metrics, estimator.dofs)
@@ -46,6 +50,33 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict[str, Any]:
     output = folder / "evaluation" / label
     draw_figures(estimator, run, seeds[0], output)
     write_json(output / "scores.json", results)
+    print(f"figures and scores in {output}")
+    return results
+
+
+def _typed(values: Any) -> dict[str, Any]:
+    """What was said of the data, without what was left open."""
+    kept = {key: _typed(v) if isinstance(v, dict) else v for key, v in values.items()}
+    return {key: value for key, value in kept.items() if value is not None and value != {}}
+
+
+def _on_new_records(
+    cfg: DictConfig,
+    run: DictConfig,
+    metrics: dict[str, Any],
+    folder: Path,
+    estimator: Estimator,
+    changes: dict[str, Any],
+    label: str,
+) -> dict[str, Any]:
+    """Scores on the records of other files, saved in the run's `evaluation/`."""
+    if cfg.seeds is not None:
+        raise ValueError("seeds= draws motions, and data.path= names measured ones; leave one out")
+    files = [changes["path"]] if isinstance(changes["path"], str) else list(changes["path"])
+    changes["path"] = [str(absolute(file)) for file in files]
+    stems = "+".join(Path(file).stem for file in files).replace("*", "all")
+    output = folder / "evaluation" / (stems[:80] if "data.path=" in label else label)
+    results = evaluate_records(estimator, run, metrics, folder, changes, output)
     print(f"figures and scores in {output}")
     return results
 

@@ -1,7 +1,11 @@
-"""Pictures of one run: acceleration measured against estimated, error over time, element loops."""
+"""Pictures of one run: acceleration measured against estimated, error over time, element loops.
+
+Signals are drawn over the part of a record in which most happens.
+"""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,15 +18,22 @@ from data.record import QUANTITIES, Record, Response
 from models.training.metrics import displacement_of
 from report.style import ESTIMATED, MEASURED
 
+SHORTEST, LONGEST = 10.0, 20.0  # of the strong motion that is drawn [s]
+LEGEND, LETTERS = 3.0, 11.0  # width [inches], letters of a title in an inch
+MOST_LOOPS = 12  # elements that are drawn, those with the largest forces
+SHARES = (0.05, 0.95)  # of the power of a motion, between which it is strong
 
-def acceleration(record: Record, estimate: Tensor, seconds: float = 10.0) -> Figure:
-    """Draw the measured and the estimated output of each DOF over `seconds` (Figs. 9–11)."""
+
+def acceleration(record: Record, estimate: Tensor, seconds: float | None = None) -> Figure:
+    """Draw the measured and the estimated output of each DOF (Figs. 9–11)."""
     signals = {"measured": record.a, "estimated": estimate}
     return _compared(record, signals, _label(record), seconds)
 
 
-def free_run_acceleration(record: Record, response: Response, seconds: float = 10.0) -> Figure:
-    """Draw the output of each DOF against that of the free run over `seconds`."""
+def free_run_acceleration(
+    record: Record, response: Response, seconds: float | None = None
+) -> Figure:
+    """Draw the output of each DOF against that of the free run."""
     true = {"measured": record.a} if record.truth is None else {"true": record.truth.a}
     return _compared(record, {**true, "free run": response.a}, _label(record), seconds)
 
@@ -32,8 +43,10 @@ def _label(record: Record) -> str:
     return f"{symbol}{{}} [{unit}]"
 
 
-def free_run_displacement(record: Record, response: Response, seconds: float = 10.0) -> Figure:
-    """Draw the displacement of each DOF against that of the free run over `seconds`."""
+def free_run_displacement(
+    record: Record, response: Response, seconds: float | None = None
+) -> Figure:
+    """Draw the displacement of each DOF against that of the free run."""
     displacement = displacement_of(record)
     assert displacement is not None
     known = "measured" if record.truth is None else "true"
@@ -41,18 +54,35 @@ def free_run_displacement(record: Record, response: Response, seconds: float = 1
     return _compared(record, signals, "x{} [m]", seconds)
 
 
-def _compared(record: Record, signals: dict[str, Tensor], label: str, seconds: float) -> Figure:
-    """Draw signals (…, T, n) from the middle, the model's last; the first sets the ranges.
+def strong_motion(a: np.ndarray, dt: float, seconds: float | None = None) -> slice:
+    """The samples of a (T, n) in which most happens, `seconds` of them.
 
-    A model that leaves the range before the middle is drawn around the time when it leaves.
+    None: from 5 to 95 % of the power of the motion, 10 s at least and 20 s at most.
+    """
+    power = np.concatenate([[0.0], np.cumsum((a**2).sum(axis=1))])
+    if seconds is None:
+        begins, ends = np.searchsorted(power, np.multiply(SHARES, power[-1]))
+        seconds = min(max(float(ends - begins) * dt, SHORTEST), LONGEST)
+    count = min(len(a), max(2, round(seconds / dt)))
+    start = int(np.argmax(power[count:] - power[: len(power) - count]))
+    return slice(start, start + count)
+
+
+def _compared(
+    record: Record, signals: dict[str, Tensor], label: str, seconds: float | None
+) -> Figure:
+    """Draw the strong part of signals (…, T, n), the model's last; the first sets the ranges.
+
+    A model that leaves the range before that part is drawn around the time when it leaves.
     """
     curves = {name: _first(signal) for name, signal in signals.items()}
-    count = min(record.samples, max(2, round(seconds / record.dt)))
+    span = strong_motion(_first(record.a), record.dt, seconds)
     largest = 3.0 * np.abs(next(iter(curves.values()))).max(axis=0)
     outside = ~(np.abs(list(curves.values())[-1]) <= largest).all(axis=1)
-    leaves = int(outside.argmax()) if outside.any() else record.samples
-    start = max(0, min(record.samples, 2 * leaves) - count) // 2
-    span = slice(start, start + count)
+    leaves, count = int(outside.argmax()), span.stop - span.start
+    if outside.any() and leaves < span.start:
+        start = max(0, leaves - count // 2)
+        span = slice(start, start + count)
     t = record.dt * np.arange(record.samples)[span]
     figure = Figure(figsize=(9.0, 1.9 * record.dofs + 0.8), layout="constrained")
     for i, axes in enumerate(_rows(figure, record.dofs)):
@@ -110,6 +140,27 @@ def element_loops(record: Record, names: list[str]) -> Figure:
     return figure
 
 
+def identified_loops(deformations: Tensor, forces: Tensor, names: list[str]) -> Figure:
+    """Force against deformation (…, T, E) of a model's elements in its free run.
+
+    Of many elements those with the largest forces. names: of all elements, or none.
+    """
+    y, r = _first(deformations), _first(forces)
+    chosen = np.sort(np.argsort(-np.abs(r).max(axis=0), kind="stable")[:MOST_LOOPS])
+    columns = min(3, len(chosen))
+    rows = -(-len(chosen) // columns)
+    figure = Figure(figsize=(3.0 * columns, 2.5 * rows + 0.4), layout="constrained")
+    for place, i in enumerate(chosen, start=1):
+        axes = figure.add_subplot(rows, columns, place)
+        axes.plot(y[:, i], r[:, i], color=ESTIMATED, linewidth=0.5)
+        axes.set_title(names[i] if names else f"element {i + 1}", fontsize="medium")
+        axes.locator_params(axis="x", nbins=4)
+        axes.set_xlabel("y [m]")
+        axes.set_ylabel("r [N]")
+        axes.grid(alpha=0.25)
+    return figure
+
+
 def imposed_loops(record: Record, estimate: Tensor) -> Figure:
     """Force against imposed deformation of an element test, measured and by the model."""
     assert record.s is not None
@@ -132,8 +183,14 @@ def run_figures(
     errors: dict[str, Tensor],
     elements: list[str],
     free_run: Response | None = None,
+    loops: tuple[Tensor, Tensor] | None = None,
+    title: str = "",
 ) -> dict[str, Figure]:
-    """Pictures of a run by name, from a batch of records, its estimate and its free run."""
+    """Pictures of a run by name, from a batch of records, its estimate and its free run.
+
+    elements: names; loops: deformations and forces of a model's elements, drawn where the true ones
+    are not known. title: of the pictures in which the model is compared with the record.
+    """
     figures = {
         "acceleration": acceleration(record, estimate),
         "error_over_time": error_over_time(errors, record.dt, record.warmup),
@@ -148,7 +205,18 @@ def run_figures(
         figures["free_run_displacement"] = free_run_displacement(record, free_run)
     if record.truth is not None:
         figures["element_loops"] = element_loops(record, elements)
+    elif loops is not None and "element_loops" not in figures and torch.isfinite(loops[1]).all():
+        figures["element_loops"] = identified_loops(*loops, elements)
+    for figure in figures.values():
+        if title:
+            figure.suptitle(_wrapped(title, figure), fontsize="medium", x=0.01, ha="left")
     return figures
+
+
+def _wrapped(title: str, figure: Figure) -> str:
+    """A title in lines that end before the legend beside it."""
+    free = figure.get_figwidth() - (LEGEND if figure.legends else 0.0)
+    return "\n".join(textwrap.wrap(title, max(20, int(LETTERS * free))))
 
 
 def _first(signal: Tensor) -> np.ndarray:

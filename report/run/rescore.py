@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from glob import has_magic
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure
 from omegaconf import DictConfig
 from rich.console import Console
 
 from data.datamodule import Data
+from data.record import Record
 from data.simulation.motion import EscapedMotionError
 from data.terminal import terminal
+from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.training.assemble import changed, data_from
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from report.output import save_figure
 from report.run.figures import run_figures
 from report.run.online_figures import online_figures
-from report.run.table import error_table, rows_of, why_no_free_run
-from runner.spread import Spread
+from report.run.table import (
+    WIDTH,
+    error_table,
+    print_outside,
+    print_verdict,
+    rows_of,
+    titled,
+    why_no_free_run,
+)
+from runner.outcome import each_record
+from runner.spread import DIVERGED, Spread, percent
+from runner.trained_range import loops_of, names_of
 
 SPLITS = ("train", "test")
 
@@ -34,17 +49,13 @@ def require_scores(metrics: dict[str, Any], dofs: int) -> None:
         raise ValueError(f"metrics.json has no {what}; repeat the run")
 
 
-def score_split(
-    estimator: Estimator, data: Data, split: str
-) -> tuple[Scores, FreeRunScore, tuple[Any, Any]]:
-    """Scores of a split one step ahead and in free run, and its first batch with the estimate."""
-    score, free_run, example = Scores(), FreeRunScore(), None
+def score_split(estimator: Estimator, data: Data, split: str) -> tuple[Scores, FreeRunScore]:
+    """Scores of a split one step ahead and in free run."""
+    score, free_run = Scores(), FreeRunScore()
     for record in data.loader(split):
-        estimates = score.update(estimator, record)
+        score.update(estimator, record)
         free_run.update(estimator, record)
-        example = example or (record, estimates[""])
-    assert example is not None
-    return score, free_run, example
+    return score, free_run
 
 
 def score_seeds(
@@ -72,7 +83,7 @@ def scores_of(estimator: Estimator, data: Data, splits: tuple[str, ...]) -> dict
     """Errors in percent under the keys of `metrics.json`."""
     results: dict[str, Any] = {}
     for split in splits:
-        one_step, free_run, _ = score_split(estimator, data, split)
+        one_step, free_run = score_split(estimator, data, split)
         results |= {split: one_step.percent(), FREE_RUNS[split]: free_run.percent()}
     return results
 
@@ -84,12 +95,18 @@ def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: 
         rows += rows_of("as trained", metrics)
     dofs = len(metrics["test"]["per_dof_percent"])
     title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
-    console = terminal(120)
-    console.print(error_table(title, rows, dofs))
+    console = terminal(WIDTH)
+    table = error_table(
+        titled(metrics, title), rows, dofs, metrics.get("quantity", "acceleration"), console.width
+    )
+    console.print(table)
+    print_verdict(console, metrics)
     for line in why_no_free_run({metrics["model"]: next(iter(results.values()))}):
         console.print(line, markup=False)
     if not altered:
         (scores,) = results.values()
+        if metrics.get("simulation_error", 0.0) is None:  # measured
+            print_outside(console, "test motion ", metrics.get("outside_trained_range", []))
         _print_equality(scores, metrics, console)
     elif len(results) > 1:
         _print_medians(results, console)
@@ -97,16 +114,18 @@ def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: 
 
 def record_gone(run: DictConfig) -> Path | None:
     """Where a run's measured record was, if it is not there any more."""
-    typed = [Path(run.data[key]) for key in ("path", "folder") if run.data.get(key)]
-    return next((path for path in typed if not path.exists()), None)
+    typed = [run.data[key] for key in ("path", "folder") if run.data.get(key)]
+    each = [one for names in typed for one in ([names] if isinstance(names, str) else names)]
+    return next((Path(one) for one in each if not (Path(one).exists() or has_magic(one))), None)
 
 
 def print_stored(metrics: dict[str, Any], gone: Path) -> None:
     """Table of the scores in `metrics.json`, and what cannot be done without the record."""
     title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     rows, dofs = rows_of("as stored", metrics), len(metrics["test"]["per_dof_percent"])
-    console = terminal(120)
-    console.print(error_table(title, rows, dofs, metrics.get("quantity", "acceleration")))
+    console, quantity = terminal(WIDTH), metrics.get("quantity", "acceleration")
+    console.print(error_table(titled(metrics, title), rows, dofs, quantity, console.width))
+    print_verdict(console, metrics)
     console.print(
         f"neither scored again nor drawn: the record {gone} is gone; put it back, or name another "
         "one to score the model on (data.path=FILE)",
@@ -144,10 +163,47 @@ def draw_figures(estimator: Estimator, run: DictConfig, seed: int, folder: Path)
     """The run's figures for one seed, as PNG and PDF."""
     data = data_from(changed(run, {"seed": seed}))
     data.setup()
-    score, free_run, example = score_split(estimator, data, "test")
-    names = list(data.elements)
-    own_motion = None if free_run.example is None else free_run.example[1]
-    drawn = run_figures(*example, {"test": score.over_time()}, names, own_motion)
-    drawn |= online_figures(estimator, example[0])
-    for name, figure in drawn.items():
-        save_figure(figure, folder, name)
+    name, record = next(iter(each_record(data, "test").items()))
+    drawn = draw_record(estimator, record, run.model.name, name, elements=list(data.elements))
+    for title, figure in drawn.items():
+        save_figure(figure, folder, title)
+
+
+def draw_record(
+    estimator: Estimator,
+    record: Record,
+    model: str,
+    name: str,
+    remark: str = "",
+    elements: Sequence[str] = (),
+) -> dict[str, Figure]:
+    """Pictures of a model on one record, by name; they say which, and how far it errs.
+
+    remark: what else the title says. elements: names of the structure's, where they are known.
+    """
+    score, free_run = Scores(), FreeRunScore()
+    estimate = score.update(estimator, record)[""]
+    free_run.update(estimator, record)
+    title = titled_picture(model, name, score.percent(), free_run.percent(), remark)
+    loops = loops_of(estimator, record) if isinstance(estimator, Composite) else None
+    own = None if free_run.example is None else free_run.example[1]
+    errors = {"one step": score.over_time()}
+    if (over_time := free_run.over_time()) is not None:
+        errors["free run"] = over_time
+    names = list(elements) if record.truth is not None else names_of(estimator)
+    drawn = run_figures(record, estimate, errors, names, own, loops, title)
+    return drawn | online_figures(estimator, record)
+
+
+def titled_picture(
+    model: str, record: str, one_step: dict[str, Any], free_run: dict[str, Any], remark: str = ""
+) -> str:
+    """Model, record and errors in a line."""
+    same = free_run.get("per_dof_percent") == one_step["per_dof_percent"]
+    scores = {"free run": free_run} if same else {"one step": one_step, "free run": free_run}
+    errors = []
+    for way, of_way in scores.items():
+        if "none" not in of_way:
+            error = of_way["relative_rms_percent"]
+            errors.append(f"{way} {DIVERGED if error is None else percent(error) + ' %'}")
+    return "; ".join(filter(None, (f"{model} on {record}: {', '.join(errors)}", remark)))

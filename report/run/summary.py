@@ -12,14 +12,25 @@ from torch import Tensor
 from data.datamodule import Data
 from data.record import QUANTITIES
 from data.terminal import terminal
-from models.training.identification import SPLITS, Identification
+from models.training.identification import Identification
 from models.training.metrics import FREE_RUNS
-from report.run.figures import run_figures
 from report.run.hparams import numbers, swept
-from report.run.online_figures import online_figures
-from report.run.table import error_table, rows_of, why_no_free_run
+from report.run.rescore import draw_record
+from report.run.table import (
+    WIDTH,
+    error_table,
+    merged_rows,
+    print_outside,
+    print_verdict,
+    record_rows,
+    rows_of,
+    titled,
+    why_no_free_run,
+)
 from report.style import words_as_they_stand
+from runner.outcome import each_record
 from runner.public_scores import benchmark_lines
+from runner.trained_range import worst_of
 
 
 def log_run(
@@ -37,14 +48,16 @@ def log_run(
         for step in range(0, len(error), max(1, len(error) // 200)):
             if torch.isfinite(error[step]):
                 board.add_scalar(f"{key}/relative_rms_percent_over_time", 100.0 * error[step], step)
-    names = list(data.elements)
     if choices["figures"]:
-        record, estimates = module.examples["test"]
-        errors = {split: over_time[split] for split in SPLITS}
-        example = module.free_runs["test"].example
-        free_run = None if example is None else example[1]
-        drawn = run_figures(record, estimates[""], errors, names, free_run)
-        drawn |= online_figures(module.estimator, record)
+        name, record = next(iter(each_record(data, "test").items()))
+        drawn = draw_record(
+            module.estimator,
+            record.to(module.device),
+            metrics["model"],
+            name,
+            worst_of(metrics["outside_trained_range"]),
+            list(data.elements),
+        )
         for name, figure in drawn.items():
             words_as_they_stand(figure)
             board.add_figure(name, figure, close=False)
@@ -77,13 +90,18 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     if metrics["paper"]:  # one step ahead, so it stands above the free run
         rows.insert(len(rows) - 1, ("  paper, its settings", metrics["paper"]))
     for name, scores in metrics["baselines"].items():
-        rows += rows_of(name, scores)
+        rows += merged_rows(name, scores)
     dofs = len(metrics["test"]["per_dof_percent"])
     title = (
         f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}, seed {metrics['seed']}"
     )
-    console = terminal(120)
-    console.print(error_table(title, rows, dofs, metrics["quantity"]))
+    console = terminal(WIDTH)
+    width = console.width
+    console.print(error_table(titled(metrics, title), rows, dofs, metrics["quantity"], width))
+    if records := record_rows(metrics):
+        about = f"{metrics['model']}, each test record"
+        console.print(error_table(about, records, dofs, metrics["quantity"], width, ("test",)))
+    print_verdict(console, metrics)
     for line in why_no_free_run(methods):
         console.print(line, markup=False)
     solution = ", ".join(
@@ -107,6 +125,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
         console.print(rms_line(metrics))
         for line in benchmark_lines(metrics["benchmark"]) if metrics["benchmark"] else []:
             console.print(line)
+        print_outside(console, "test motion ", metrics["outside_trained_range"])
         for record, notes in metrics["records"].items():
             console.print(f"{record}: {'; '.join(notes) or 'as it is'}", markup=False)
     elif metrics["simulation_error"] > 1e-5:

@@ -1,0 +1,155 @@
+"""Equivalent linear system as a bar to clear: identified from any record, stable, in free run.
+
+ẍ = −M⁻¹C ẋ − M⁻¹K x + Γ u,   of an element test   r = k s + c ṡ
+
+Unlike `EquivalentLinear` it needs no measured x and v, and its free run cannot diverge.
+B records, T samples, n DOFs, m excitations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+import torch
+from scipy.signal import lfilter
+from torch import Tensor
+
+from data.record import Drive, Record, Response
+from models.estimator import Estimator, weight_matrix
+from models.layers.integrate import between
+from models.layers.least_squares import LeastSquares
+from models.layers.state_variables import corner_frequency, state_variables
+from models.linear import EquivalentLinear
+from models.training.metrics import free_run_score
+
+CORNERS = (0.3, 1.0, 3.0, 10.0)  # times the usual corner of the filters; the best of them is kept
+DIFFERENTIATED = {"displacement": 2, "velocity": 1, "acceleration": 0}  # how often, to be ẍ
+SUBSTEPS = 4  # of a sample interval, where the excitation is band-limited
+RIDGE = 1e-12  # against silent channels
+LEAST_DAMPING = 1e-3  # share of critical that an unstable mode is given
+
+
+class LinearMotion(Estimator):
+    """Every estimate is a free run. The motion sets the excitation's effect: no mass is needed.
+
+    Of some ways of filtering the signals, that one is kept whose free run of the records that it is
+    identified from is best. Poles that would grow are made to decay.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ("f",)
+
+    def __init__(self, dofs: int, inputs: int, dt: float) -> None:
+        super().__init__(dofs, inputs, dt)
+        self.quantity = "acceleration"
+        self.system = EquivalentLinear(dofs, inputs, dt)
+        self.weights = weight_matrix(inputs, dofs)  # of an element test
+
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        records = list(batches)
+        self.quantity = records[0].quantity
+        if self.quantity not in DIFFERENTIATED:
+            return self._static(records)
+        best: tuple[float, Tensor | None] = (float("inf"), None)
+        for corner in (*([None] if self._states_known(records[0]) else []), *CORNERS):
+            self.system.weights.data = self._dynamic(records, corner)
+            error = free_run_score(self, records).get("relative_rms_percent")
+            if error is not None and error < best[0]:
+                best = error, self.system.weights.data
+        if best[1] is None:
+            raise ValueError("no linear system follows the motion; look for outliers in the record")
+        self.system.weights.data = best[1]
+        return {}
+
+    def _static(self, records: list[Record]) -> dict[str, float]:
+        fit = LeastSquares(RIDGE)
+        for record in records:
+            counted = slice(record.warmup, None)
+            fit.add(record.excitation[..., counted, :], record.a[..., counted, :])
+        self.weights.data = fit.solve().weights
+        return {}
+
+    def _dynamic(self, records: list[Record], corner: float | None) -> Tensor:
+        """Weights (2n + m, n) of [ẋ, x, u] that make a stable system."""
+        fit = LeastSquares(RIDGE)
+        for record in records:
+            for signals in self._signals(record, corner):
+                x, v, a, u = (s[record.warmup :] for s in signals)
+                fit.add(torch.cat([v, x, u], dim=-1), a)
+        return stable(fit.solve().weights, self.dofs)
+
+    def _signals(self, record: Record, corner: float | None) -> Iterable[tuple[Tensor, ...]]:
+        """x, v, a, u (T, ·) of each record, filtered alike; None for the corner: as measured."""
+        a = record.a.reshape(-1, *record.a.shape[-2:])
+        u = record.excitation.reshape(*a.shape[:-1], -1)
+        for i in range(len(a)):
+            if corner is None:
+                assert record.x is not None
+                assert record.v is not None
+                yield record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i], a[i], u[i]
+                continue
+            cut, order = corner * corner_frequency(a[i], record.dt), DIFFERENTIATED[self.quantity]
+            x, v, filtered = (cut**order * s for s in state_variables(a[i], cut, record.dt))
+            driven = cut**order * state_variables(u[i], cut, record.dt)[2 - order]
+            yield x, v, filtered, driven
+
+    def _states_known(self, record: Record) -> bool:
+        known = record.x is not None and record.v is not None
+        return self.quantity == "acceleration" and known
+
+    def forward(self, record: Record) -> Tensor:
+        return self.free_run(record.drive()).a
+
+    def free_run(self, drive: Drive) -> Response:
+        if self.quantity not in DIFFERENTIATED:
+            self.require_identified(self.weights)
+            r = drive.u @ self.weights
+            return Response(torch.zeros_like(r), torch.zeros_like(r), r)
+        run = self._motion(drive)
+        seen = {"displacement": run.x, "velocity": run.v, "acceleration": run.a}[self.quantity]
+        return Response(run.x, run.v, seen)
+
+    def _motion(self, drive: Drive) -> Response:
+        """The system's free run, mode by mode: a record of 10⁵ samples takes no second."""
+        parts = SUBSTEPS if drive.hold == "band_limited" else 1
+        system, hold, u = self.system, drive.hold, drive.u
+        if parts > 1:  # as if it were linear between finer samples
+            system = EquivalentLinear(self.dofs, self.inputs, self.dt / parts)
+            system.weights, hold = self.system.weights, "linear"
+            u = torch.cat([u[..., :1, :], between(u, drive.hold, parts).flatten(-3, -2)], dim=-2)
+        step, first, last = system._exact_step(hold)
+        driven = u[..., :-1, :] @ first + u[..., 1:, :] @ last
+        poles, vectors = np.linalg.eig(step.numpy().T)
+        start = torch.cat([drive.x0, drive.v0], dim=-1).expand(*driven.shape[:-2], -1)
+        inputs = torch.cat([start[..., None, :], driven], dim=-2).numpy()
+        modal = np.linalg.solve(vectors, np.moveaxis(inputs, -1, 0).reshape(2 * self.dofs, -1))
+        modal = modal.reshape(-1, *inputs.shape[:-1])
+        for pole, signal in zip(poles, modal, strict=True):
+            signal[...] = lfilter([1.0], [1.0, -pole], signal, axis=-1)
+        states = np.moveaxis(np.tensordot(vectors, modal, axes=1).real, 0, -1)
+        states = np.ascontiguousarray(states[..., ::parts, :])
+        x, v = torch.from_numpy(states).chunk(2, dim=-1)
+        return Response(x, v, self.system.acceleration(x, v, drive.u))
+
+
+def stable(weights: Tensor, dofs: int) -> Tensor:
+    """Weights (2n + m, n) of [ẋ, x, u] with poles that grow, and only those, made to decay.
+
+    A pole with a positive real part is given its mirror image, or a little damping.
+    """
+    n = dofs
+    A = weights.new_zeros(2 * n, 2 * n)
+    A[:n, n:] = torch.eye(n, dtype=A.dtype)
+    A[n:, :n], A[n:, n:] = weights[n : 2 * n].T, weights[:n].T
+    poles, vectors = torch.linalg.eig(A)
+    least = LEAST_DAMPING * poles.abs()
+    if bool((poles.real <= 0.0).all()):
+        return weights
+    decaying = torch.where(
+        poles.real > 0.0, torch.complex(-torch.maximum(poles.real, least), poles.imag), poles
+    )
+    shapes = vectors[:n]
+    both = torch.cat([shapes, shapes * decaying])
+    rows = torch.linalg.solve(both.T, (shapes * decaying**2).T).T.real  # [−M⁻¹K, −M⁻¹C]
+    return torch.cat([rows[:, n:].T, rows[:, :n].T, weights[2 * n :]])

@@ -1,0 +1,138 @@
+"""How far a model was moved in training, and where a new motion leaves that range.
+
+What a law does beyond the deformations it was fitted to, nobody measured. Deformations and rates of
+elements are those of the model's own free run; all others are measured.
+T samples, E elements.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from data.record import QUANTITIES, Record
+from models.composition.composite import Composite
+from models.estimator import Estimator
+
+BEYOND = 1.05  # times the largest of training: what is called outside
+Range = dict[str, dict[str, Any]]
+
+
+@torch.no_grad()
+def range_of(estimator: Estimator, records: Iterable[Record]) -> Range:
+    """{kind: {"unit": …, "names": […], "largest": […]}} of all that moves, over records.
+
+    Kinds: excitation, what is estimated, displacement and velocity where they are measured, and
+    deformation and rate of each element of a composite model. A run that diverges has none.
+    """
+    largest: dict[str, Tensor] = {}
+    for record in records:
+        for kind, signal in _signals(estimator, record).items():
+            of_record = signal[..., record.warmup :, :].abs().flatten(0, -2).amax(dim=0).cpu()
+            before = largest.get(kind)
+            largest[kind] = of_record if before is None else torch.maximum(before, of_record)
+            quantity, inputs = record.quantity, _input_names(record)
+    if not largest:
+        return {}
+    names = {"excitation": inputs, **dict.fromkeys(("deformation", "rate"), names_of(estimator))}
+    units = {"displacement": "m", "velocity": "m/s", "deformation": "m", "rate": "m/s"}
+    units |= {quantity: QUANTITIES[quantity][1], "excitation": ""}
+    letter = "r" if quantity == "force" else "x"
+    return {
+        kind: {
+            "unit": units[kind],
+            "names": names.get(kind) or [f"{letter}{i + 1}" for i in range(len(values))],
+            "largest": values.tolist(),
+        }
+        for kind, values in largest.items()
+        if torch.isfinite(values).all()
+    }
+
+
+def _signals(estimator: Estimator, record: Record) -> dict[str, Tensor]:
+    """What is compared, by kind (…, T, ·)."""
+    signals = {"excitation": record.excitation, record.quantity: record.a}
+    if record.quantity == "acceleration":
+        states = {"displacement": record.x, "velocity": record.v}
+        signals |= {kind: u for kind, u in states.items() if u is not None}
+    if isinstance(estimator, Composite) and (loops := loops_of(estimator, record)):
+        deformation = loops[0]
+        signals["deformation"] = deformation
+        signals["rate"] = torch.gradient(deformation, spacing=record.dt, dim=-2)[0]
+    return {kind: u for kind, u in signals.items() if u.shape[-1] > 0}
+
+
+def loops_of(estimator: Composite, record: Record) -> tuple[Tensor, Tensor] | None:
+    """Deformations and forces (…, T, E) in the free run of a record; None where it has none."""
+    try:
+        return estimator.element_loops(record.drive())
+    except ValueError:  # it begins in motion, without its state
+        return None
+
+
+def names_of(estimator: Estimator) -> list[str]:
+    """Of a model's elements: the nodes that they join, where it knows them."""
+    pairs = getattr(estimator, "elements", None)
+    if isinstance(pairs, Sequence):
+        return ["–".join(map(str, pair)) for pair in pairs]
+    return []
+
+
+def _input_names(record: Record) -> list[str]:
+    signals = (("f", record.f), ("s", record.s), ("s_dot", record.s_dot))
+    sizes = ((name, 0 if u is None else u.shape[-1]) for name, u in signals)
+    return [f"{name}{i + 1}" for name, size in sizes for i in range(size)]
+
+
+def outside(trained: Mapping[str, Any], new: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Where a new range leaves the trained one: of each kind the channel that leaves it most.
+
+    `times` the largest of training; None where training had no motion there at all. Kinds and
+    channels that either lacks are left out.
+    """
+    found = []
+    for kind in (kind for kind in new if kind in trained):
+        pairs = list(zip(trained[kind]["largest"], new[kind]["largest"], strict=False))
+        ratios = [now / then if then > 0.0 else math.inf * now for then, now in pairs]
+        ratios = [0.0 if math.isnan(ratio) else ratio for ratio in ratios]
+        worst = max(range(len(ratios)), key=ratios.__getitem__)
+        if ratios[worst] > BEYOND:
+            found.append(
+                {
+                    "kind": kind,
+                    "name": new[kind]["names"][worst],
+                    "times": ratios[worst] if math.isfinite(ratios[worst]) else None,
+                    "largest": pairs[worst][1],
+                    "trained": pairs[worst][0],
+                    "unit": new[kind]["unit"],
+                    "channels": sum(ratio > BEYOND for ratio in ratios),
+                }
+            )
+    return found
+
+
+def warnings_of(found: Iterable[Mapping[str, Any]]) -> list[str]:
+    """A line for each kind."""
+    lines = []
+    for one in found:
+        unit = f" {one['unit']}" if one["unit"] else ""
+        times = "" if one["times"] is None else f" {one['times']:.3g} ×"
+        others = f", and {one['channels'] - 1} more" if one["channels"] > 1 else ""
+        lines.append(
+            f"outside the trained range:{times} the largest {one['kind']} of {one['name']} "
+            f"({one['largest']:.3g}{unit}, in training {one['trained']:.3g}{unit}){others}"
+        )
+    return lines
+
+
+def worst_of(found: Iterable[Mapping[str, Any]]) -> str:
+    """For the title of a picture: "2.0 × the trained deformation"; "" inside the range."""
+    ranked = sorted(found, key=lambda one: one["times"] or math.inf)
+    if not ranked:
+        return ""
+    times = "beyond" if ranked[-1]["times"] is None else f"{ranked[-1]['times']:.2g} ×"
+    return f"{times} the trained {ranked[-1]['kind']}"

@@ -1,0 +1,98 @@
+"""Whether a fit identified anything: the model against nothing, a rigid body and a linear one.
+
+Judged on the training motion alone, never on a test motion. A model that was trained on its free
+run is judged by its free run; every other one by its estimates one step ahead, for which the free
+run is information. A motionless structure is at 100 % by definition of the error (Eq. 21).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from data.datamodule import Data
+from data.record import Record
+from models.estimator import Estimator
+from models.linear_motion import LinearMotion
+from models.training.identification import Identification
+from models.training.metrics import FREE_RUNS, free_run_score
+from models.training.objective import FreeRun
+
+STILL = 100.0  # percent, of no motion
+WORSE = 1.05  # times the linear system's error: a model that contains it may miss it by rounding
+ERROR = "relative_rms_percent"
+CANNOT = (ValueError, RuntimeError, MemoryError)  # of a baseline that cannot run
+
+
+class NotIdentifiedError(ValueError):
+    """Raised after a single run whose model identified nothing; its numbers are written."""
+
+
+def verdict_of(
+    module: Identification, data: Data, baselines: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """For `metrics.json`: `identified` (null: nothing to judge), `reason`, and what was compared.
+
+    baselines: their errors, as `metrics.json` has them.
+    """
+    results = module.results()
+    if judged_by_free_run(module):
+        scores = results[FREE_RUNS["train"]]
+        linear = linear_percent(data, baselines)
+        return judged("free run", scores, data.forced == "base", linear)
+    if module.estimator.identified_parameters == 0:
+        return {"identified": None, "reason": "the estimate has nothing to identify"}
+    return judged("one step", results["train"], data.forced == "base", None)
+
+
+def judged_by_free_run(module: Identification) -> bool:
+    """Whether the model was trained on its free run."""
+    return module.solver is not None and isinstance(module.objective, FreeRun)
+
+
+def judged(
+    way: str, scores: Mapping[str, Any], on_base: bool, linear: float | None
+) -> dict[str, Any]:
+    """The verdict on errors in percent on the training motion. linear: None where there is none."""
+    verdict = {"by": way, "error_percent": scores.get(ERROR), "linear_percent": linear}
+    if "none" in scores:
+        return {"identified": None, "reason": scores["none"], **verdict}
+    reason = _fault(way, scores, on_base, linear)
+    return {"identified": not reason, "reason": reason, **verdict}
+
+
+def _fault(way: str, scores: Mapping[str, Any], on_base: bool, linear: float | None) -> str:
+    """Why a model is no result; "" where it is one."""
+    what = f"its {'free run' if way == 'free run' else 'estimate'} of the training motion"
+    error, left = scores.get(ERROR), scores.get("left_after_s")
+    if left:
+        return f"{what} diverges, {min(left):.3g} s after it begins"
+    if error is None:
+        return f"{what} overflows"
+    if error >= STILL:
+        still = "moving rigidly with the base" if on_base else "no motion at all"
+        return f"{what} errs by {error:.4g} %, {still} by 100 %"
+    if linear is not None and error > WORSE * linear:
+        return f"{what} errs by {error:.4g} %, that of the equivalent linear system by {linear:.4g}"
+    return ""
+
+
+def linear_percent(data: Data, baselines: Mapping[str, Mapping[str, Any]]) -> float | None:
+    """Error of an equivalent linear system's free run of the training motion, in percent.
+
+    That of the baseline `linear`; where it has none, that of `models.LinearMotion`. None where no
+    linear system follows the motion.
+    """
+    error = baselines.get("linear", {}).get(FREE_RUNS["train"], {}).get(ERROR)
+    if error is None:
+        error = _scored(LinearMotion(data.dofs, data.inputs, data.dt), list(data.loader("train")))
+    return error
+
+
+def _scored(linear: Estimator, records: list[Record]) -> float | None:
+    try:
+        linear.identify(records)
+        error: float | None = free_run_score(linear, records).get(ERROR)
+    except CANNOT:
+        return None
+    return error

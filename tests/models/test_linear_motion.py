@@ -1,0 +1,72 @@
+"""The linear bar: recovers what is linear from any channels, and never diverges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from data.record import Record
+from models.linear import EquivalentLinear
+from models.linear_motion import LinearMotion, stable
+from models.training.metrics import free_run_score
+
+
+def error(record: Record) -> float:
+    model = LinearMotion(record.dofs, record.excitation.shape[-1], record.dt)
+    model.identify([record])
+    return free_run_score(model, [record])["relative_rms_percent"]
+
+
+def test_a_linear_structure_is_recovered(linear_record):
+    assert error(linear_record) < 1e-3
+
+
+def test_accelerations_and_forces_alone_are_enough(linear_record):
+    assert error(replace(linear_record, x=None, v=None)) < 1.0
+
+
+def test_displacements_alone_are_enough(linear_record):
+    record = Record(linear_record.dt, linear_record.x, linear_record.f, quantity="displacement")
+    assert error(record) < 5.0
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e6])
+def test_units_do_not_matter(linear_record, size):
+    measured = replace(linear_record.measured(), x=None, v=None)
+    forces = replace(measured, f=size * measured.f)
+    accelerations = replace(measured, a=size * measured.a)
+    for changed in (forces, accelerations):
+        assert error(changed) == pytest.approx(error(measured), rel=1e-6)
+
+
+@pytest.mark.parametrize("hold", ["linear", "zero_order", "band_limited"])
+def test_its_run_is_that_of_the_equivalent_linear_system(linear_record, hold):
+    ours = LinearMotion(linear_record.dofs, linear_record.f.shape[-1], linear_record.dt)
+    theirs = EquivalentLinear(linear_record.dofs, linear_record.f.shape[-1], linear_record.dt)
+    for model in (ours, theirs):
+        model.identify([linear_record])
+    theirs.weights.data = ours.system.weights.data
+    drive = replace(linear_record.drive(), hold=hold)
+    near = {"rtol": 0.0, "atol": (1e-3 if hold == "band_limited" else 1e-9) * float(drive.u.std())}
+    assert torch.allclose(ours.free_run(drive).a, theirs.free_run(drive).a, **near)
+
+
+def test_poles_that_grow_are_mirrored_and_others_stay():
+    weights = torch.tensor([[0.4], [-9.0], [1.0]], dtype=torch.float64)  # negative damping
+    assert torch.allclose(stable(weights, 1), weights * torch.tensor([[-1.0], [1.0], [1.0]]))
+    decays = weights * torch.tensor([[-1.0], [1.0], [1.0]])
+    assert torch.equal(stable(decays, 1), decays)
+
+
+def test_noise_makes_it_useless_and_never_diverge():
+    noise = torch.randn(2000, 4, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    assert error(Record(0.01, noise[:, :3], noise[:, 3:])) < 110.0
+
+
+def test_an_element_test_is_a_spring_and_a_damper():
+    t = 0.01 * torch.arange(400, dtype=torch.float64)[:, None]
+    s, rate = torch.sin(t), torch.cos(t)
+    record = Record(0.01, 3.0 * s + 0.5 * rate, s[:, :0], s=s, s_dot=rate, quantity="force")
+    assert error(record) < 1e-8

@@ -1,0 +1,213 @@
+"""`evaluate.py run=… data.path=…` and the verdict, as a person meets them."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import evaluate
+import train
+from runner import job
+from tests.program.test_train import run
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+DT = 0.01
+QUIET = ["trainer.enable_progress_bar=false", "figures=false"]
+NETWORK = [  # a small one, and little training
+    "model=element_network_accelerations", "model.units=1", "model.hinges=0", "model.cubic=false",
+    "objective.starts=1", "objective.finalists=1", "objective.horizons=[null]",
+    "solver.iterations=3",
+]  # fmt: skip
+
+
+def moved(seed: int, size: float = 1.0, samples: int = 900) -> dict[str, np.ndarray]:
+    """A damped mass under a random force: m = 2 kg, 2 Hz, 5 % of critical."""
+    rng = np.random.default_rng(seed)
+    force = size * np.convolve(rng.standard_normal(samples), np.ones(8) / 8, "same")
+    force *= np.hanning(samples)
+    omega, x, v = 4.0 * np.pi, 0.0, 0.0
+    a = np.empty(samples)
+    for k in range(samples):
+        a[k] = force[k] / 2.0 - 0.1 * omega * v - omega**2 * x
+        v += DT * a[k]
+        x += DT * v
+    return {"time": DT * np.arange(samples), "f1": force, "a1": a}
+
+
+def write(path: Path, columns: dict[str, np.ndarray]) -> Path:
+    lines = [
+        ",".join(columns),
+        *(",".join(map(repr, map(float, r))) for r in zip(*columns.values(), strict=True)),
+    ]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory) -> Path:
+    """Three records of one mass, a.csv, b.csv and c.csv."""
+    folder = tmp_path_factory.mktemp("records")
+    for seed, name in enumerate("abc"):
+        write(folder / f"{name}.csv", moved(seed))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def network(records, tmp_path_factory) -> Path:
+    """A network that was trained on a and tested on b and c."""
+    folder = tmp_path_factory.mktemp("runs") / "network"
+    words = ["data=measured", f"data.path={records}", "data.test=[b,c]", *NETWORK, *QUIET]
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert run(train, monkeypatch, *words, f"hydra.run.dir={folder}") == 0
+    return folder
+
+
+def numbers(folder: Path) -> dict:
+    return json.loads((folder / "metrics.json").read_text())
+
+
+def scores(run_folder: Path, label: str) -> dict:
+    return json.loads((run_folder / "evaluation" / label / "scores.json").read_text())
+
+
+def test_a_run_says_what_it_was_judged_by_and_tells_its_records_apart(network):
+    metrics = numbers(network)
+    assert metrics["verdict"]["identified"] is True
+    assert metrics["verdict"]["by"] == "free run"
+    assert metrics["verdict"]["error_percent"] == metrics["free_run_train"]["relative_rms_percent"]
+    assert metrics["baselines"].keys() == {"zero", "two_point", "linear"}
+    each = [of["free_run"]["relative_rms_percent"] for of in metrics["per_record"].values()]
+    assert list(metrics["per_record"]) == ["b", "c"]
+    assert min(each) < metrics["free_run"]["relative_rms_percent"] < max(each)
+    assert metrics["trained_range"]["deformation"]["names"] == ["ground–x1"]
+
+
+def test_the_same_record_in_another_file_has_the_same_errors(
+    network, records, tmp_path, monkeypatch, capsys
+):
+    other = shutil.copy(records / "c.csv", tmp_path / "other.csv")
+    assert run(evaluate, monkeypatch, f"run={network}", f"data.path={other}") == 0
+    found, own = scores(network, "other")["records"]["other"], numbers(network)["per_record"]["c"]
+    for way in ("test", "free_run"):
+        for key, value in own[way].items():
+            assert found[way][key] == pytest.approx(value, rel=1e-12), (way, key)
+    printed = capsys.readouterr().out
+    assert f"{own['free_run']['relative_rms_percent']:.2f}" in printed
+    assert "linear, free run" in printed
+    with (network / "evaluation/other/scores.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["dof"] for row in rows] == ["all", "1"] * 2
+    assert float(rows[2]["relative_rms_percent"]) == own["free_run"]["relative_rms_percent"]
+    for name in ("free_run_acceleration", "element_loops", "error_over_time"):
+        assert (network / f"evaluation/other/{name}.png").is_file()
+
+
+def test_other_units_and_columns_change_nothing(network, records, tmp_path, monkeypatch):
+    named = moved(2)
+    path = write(
+        tmp_path / "cgs.csv",
+        {"t": 1e3 * named["time"], "Load": 1e-3 * named["f1"], "Acc": named["a1"] / 9.80665},
+    )
+    words = ["data.channels={time: t, f1: Load, a1: Acc}", "data.units={time: ms, f: kN, a: g}"]
+    assert run(evaluate, monkeypatch, f"run={network}", f"data.path={path}", *words) == 0
+    found, own = scores(network, "cgs")["records"]["cgs"], numbers(network)["per_record"]["c"]
+    for way in ("test", "free_run"):
+        assert found[way]["per_dof_rms"] == pytest.approx(own[way]["per_dof_rms"], rel=1e-6)
+
+
+@pytest.mark.parametrize(("size", "warned"), [(0.9, False), (2.0, True)])
+def test_a_warning_at_twice_the_stroke_and_none_below_it(
+    size, warned, network, tmp_path, monkeypatch, capsys
+):
+    path = write(tmp_path / f"scaled{size:g}.csv", moved(0, size))
+    assert run(evaluate, monkeypatch, f"run={network}", f"data.path={path}", "label=scaled") == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert ("outside the trained range: 2 × the largest deformation" in printed) == warned
+    (found,) = scores(network, "scaled")["outside_trained_range"].values()
+    assert {one["kind"] for one in found} == (
+        {"excitation", "acceleration", "deformation", "rate"} if warned else set()
+    )
+
+
+def test_several_records_are_told_apart_and_taken_together(network, records, monkeypatch, capsys):
+    words = [f"run={network}", f"data.path=[{records}/b.csv,{records}/c.csv]"]
+    assert run(evaluate, monkeypatch, *words) == 0
+    found, own = scores(network, "b+c"), numbers(network)
+    assert found["together"]["free_run"] == own["free_run"]
+    assert found["records"] == own["per_record"]
+    assert "all records" in capsys.readouterr().out
+
+
+def test_a_run_on_simulated_motions_is_scored_on_a_file(tmp_path, monkeypatch):
+    folder = tmp_path / "run"
+    words = ["model=last_value", "system=single_oscillator", "data.duration=20", *QUIET]
+    assert run(train, monkeypatch, *words, "baselines=none", f"hydra.run.dir={folder}") == 0
+    path = write(tmp_path / "new.csv", moved(0))
+    assert run(evaluate, monkeypatch, f"run={folder}", f"data.path={path}") == 0
+    assert 0.0 < scores(folder, "new")["records"]["new"]["test"]["relative_rms_percent"] < 100.0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["data.path=none.csv"], "no such file"),
+        (["data.path={b}", "data.duration=20"], "data.duration is of simulated motions"),
+        (["data.path={b}", "seeds=[1]"], "leave one out"),
+        (["data.path={b}", "data.channels={time: t, f1: Load}"], "no column"),
+        (
+            ["data.path={b}", "data.channels={time: time, s_ddot1: f1, a1: a1}"],
+            "moved the structure",
+        ),
+        (["data.path={b}", "data.channels={time: time, f1: f1, x1: a1}"], "estimates acceleration"),
+    ],
+)
+def test_records_that_do_not_fit_are_one_line(words, said, network, records, monkeypatch, capsys):
+    typed = [word.replace("{b}", str(records / "b.csv")) for word in words]
+    assert run(evaluate, monkeypatch, f"run={network}", *typed) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+
+
+def test_a_network_that_diverges_is_no_result_and_says_so(records, tmp_path, monkeypatch, capsys):
+    fit = job.Trainer.fit
+
+    def spoilt(self, module, **more: object) -> None:
+        fit(self, module, **more)
+        with torch.no_grad():
+            laws = module.estimator.laws
+            laws.unit_stiffness.theta.fill_(-50.0)
+
+    monkeypatch.setattr(job.Trainer, "fit", spoilt)
+    words = ["data=measured", f"data.path={records}", "data.test=[b,c]", *NETWORK, *QUIET]
+    folder = tmp_path / "run"
+    assert run(train, monkeypatch, *words, f"hydra.run.dir={folder}") == 1
+    told = capsys.readouterr()
+    (line,) = told.err.splitlines()
+    assert line.startswith("error: element_network_accelerations is not identified: its free run ")
+    assert "NOT IDENTIFIED" in told.out
+    verdict = numbers(folder)["verdict"]
+    assert verdict["identified"] is False
+    assert (folder / "model.safetensors").is_file()  # to look at
+    assert run(evaluate, monkeypatch, f"run={folder}", f"data.path={records / 'b.csv'}") == 0
+    assert "not identified" in capsys.readouterr().out
+    sweep = tmp_path / "sweep"
+    assert run(train, monkeypatch, "-m", *words, f"hydra.sweep.dir={sweep}") == 0
+    assert "1 done, 1 of them not identified, 0 failed" in capsys.readouterr().out
+
+
+def test_an_estimate_one_step_ahead_is_not_judged_by_its_free_run(records, tmp_path, monkeypatch):
+    words = ["data=measured", f"data.path={records}", "data.test=[b,c]", "model=vwnn_first_order"]
+    folder = tmp_path / "run"
+    assert run(train, monkeypatch, *words, *QUIET, f"hydra.run.dir={folder}") == 0
+    verdict = numbers(folder)["verdict"]
+    assert (verdict["identified"], verdict["by"]) == (True, "one step")

@@ -1,0 +1,76 @@
+"""Tables and pictures of a run: they fit the terminal, show what happens and say of what."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from rich.console import Console
+
+from data.record import Record
+from models.hysteretic_element import HystereticElement
+from report.run.figures import LONGEST, SHORTEST, identified_loops, run_figures, strong_motion
+from report.run.rescore import draw_record, titled_picture
+from report.run.table import error_table, rows_of
+
+
+@pytest.mark.parametrize(("width", "columns"), [(200, 9), (80, 6), (40, 3)])
+def test_a_table_leaves_columns_out_before_it_breaks_numbers(width, columns):
+    scores = {"relative_rms_percent": 12345.67, "per_dof_percent": [12345.67] * 3}
+    rows = rows_of("element_network", {"train": scores, "test": scores, "free_run": scores})
+    table = error_table("a title", rows, 3, width=width)
+    assert len(table.columns) == columns
+    console = Console(width=width)
+    with console.capture() as captured:
+        console.print(table)
+    assert "12345.67" in captured.get()
+
+
+def test_the_strong_motion_is_where_the_power_is():
+    a = np.full((6000, 2), 1e-3)
+    a[4000:4300] = 1.0
+    part = strong_motion(a, 0.01)
+    assert part.start <= 4000
+    assert part.stop >= 4300
+    assert part.stop - part.start == round(SHORTEST / 0.01)
+    assert strong_motion(np.ones((6000, 2)), 0.01).stop == round(LONGEST / 0.01)
+    assert strong_motion(a[:50], 0.01) == slice(0, 50)
+
+
+def test_a_title_says_model_record_error_and_what_is_odd():
+    scores = {"relative_rms_percent": 5.0, "per_dof_percent": [5.0]}
+    free = {"relative_rms_percent": None, "per_dof_percent": [None]}
+    told = titled_picture("gru", "kobe", scores, free, "2.1 × the trained deformation")
+    assert told == (
+        "gru on kobe: one step 5.00 %, free run diverged; 2.1 × the trained deformation"
+    )
+    assert titled_picture("gru", "kobe", scores, scores) == "gru on kobe: free run 5.00 %"
+    assert titled_picture("two_point", "kobe", scores, {"none": "why"}).endswith("one step 5.00 %")
+
+
+def test_every_picture_of_a_new_record_has_the_title(linear_record):
+    t = 0.01 * torch.arange(400, dtype=torch.float64)[:, None]
+    s, rate = torch.sin(t), torch.cos(t)
+    record = Record(0.01, 3.0 * s + rate, s[:, :0], s=s, s_dot=rate, quantity="force")
+    model = HystereticElement(1, 2, 0.01)
+    model.identify([record])
+    drawn = draw_record(model, record, "element", "sine")
+    assert {"acceleration", "element_loops", "free_run_acceleration"} <= drawn.keys()
+    for figure in drawn.values():
+        assert "element on sine" in " ".join(figure.get_suptitle().split())
+
+
+def test_loops_of_a_model_are_drawn_where_the_true_ones_are_unknown(linear_record):
+    loops = torch.randn(2, linear_record.samples, 20, dtype=torch.float64)
+    measured = linear_record.measured()
+    errors = {"one step": torch.ones(linear_record.samples)}
+    drawn = run_figures(measured, measured.a, errors, [], loops=(loops[0], loops[1]))
+    assert "element_loops" in drawn
+    assert len(drawn["element_loops"].axes) == 12  # of twenty
+    strong = loops[1].abs().amax(dim=0).argmax()
+    titles = [axes.get_title() for axes in identified_loops(loops[0], loops[1], []).axes]
+    assert f"element {int(strong) + 1}" in titles
+    gone = loops.clone()
+    gone[1, -1] = torch.nan
+    drawn = run_figures(measured, measured.a, errors, [], loops=(gone[0], gone[1]))
+    assert "element_loops" not in drawn

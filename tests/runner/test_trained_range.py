@@ -1,0 +1,79 @@
+"""How far training moved a model, and where a new motion leaves that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from data.record import Record
+from models.element_network import ElementNetwork
+from models.hysteretic_element import HystereticElement
+from models.linear import EquivalentLinear
+from runner.trained_range import outside, range_of, warnings_of, worst_of
+
+
+@pytest.fixture(scope="module")
+def chain(linear_record) -> ElementNetwork:
+    """An identified network of the linear chain: linear, so its motion scales with the force."""
+    model = ElementNetwork(linear_record.dofs, linear_record.f.shape[-1], linear_record.dt, units=0)
+    model.identify([linear_record])
+    return model
+
+
+def times(record: Record, factor: float) -> Record:
+    return record.measured().map(lambda u: factor * u)
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.0])
+def test_a_smaller_motion_is_inside(chain, linear_record, factor):
+    trained = range_of(chain, [linear_record.measured()])
+    assert outside(trained, range_of(chain, [times(linear_record, factor)])) == []
+
+
+def test_twice_the_motion_is_outside_by_two_in_every_kind(chain, linear_record):
+    trained = range_of(chain, [linear_record.measured()])
+    found = outside(trained, range_of(chain, [times(linear_record, 2.0)]))
+    kinds = ["excitation", "acceleration", "displacement", "velocity", "deformation", "rate"]
+    assert [one["kind"] for one in found] == kinds
+    assert all(one["times"] == pytest.approx(2.0, rel=1e-6) for one in found)
+    lines = warnings_of(found)
+    assert len(lines) == len(kinds)
+    assert all(line.startswith("outside the trained range: 2 × the largest ") for line in lines)
+    assert "ground–x1" in str(trained["deformation"]["names"])
+    assert worst_of(found).startswith("2 × the trained ")
+
+
+def test_the_range_is_that_of_the_widest_of_all_records(chain, linear_record):
+    records = [times(linear_record, factor) for factor in (0.5, 2.0, 1.0)]
+    assert range_of(chain, records) == range_of(chain, records[1:2])
+
+
+def test_twice_the_stroke_of_an_element_test_is_outside():
+    t = 0.01 * torch.arange(400, dtype=torch.float64)[:, None]
+    s, rate = torch.sin(t), torch.cos(t)
+    record = Record(0.01, 3.0 * s + rate, s[:, :0], s=s, s_dot=rate, quantity="force")
+    model = HystereticElement(1, 2, 0.01)
+    model.identify([record])
+    trained = range_of(model, [record])
+    assert outside(trained, range_of(model, [times(record, 0.9)])) == []
+    found = {one["kind"]: one for one in outside(trained, range_of(model, [times(record, 2.0)]))}
+    assert found["excitation"]["times"] == pytest.approx(2.0)
+    assert found["deformation"]["times"] == pytest.approx(2.0)
+    assert found["deformation"]["unit"] == "m"
+
+
+def test_a_silent_channel_that_moves_is_outside_without_a_factor(linear_record):
+    model = EquivalentLinear(linear_record.dofs, linear_record.f.shape[-1], linear_record.dt)
+    silent = replace(linear_record.measured(), f=torch.zeros_like(linear_record.f))
+    trained, new = range_of(model, [silent]), range_of(model, [linear_record.measured()])
+    assert "deformation" not in trained
+    (one,) = outside(trained, new)
+    assert (one["kind"], one["times"]) == ("excitation", None)
+    assert worst_of([one]) == "beyond the trained excitation"
+
+
+def test_a_run_that_diverges_has_no_range(chain, linear_record):
+    gone = linear_record.measured().map(lambda u: 1e300 * u)
+    assert "deformation" not in range_of(chain, [gone])
