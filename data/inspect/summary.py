@@ -15,7 +15,7 @@ from data.inspect.inspection import Inspection, step_of
 from data.inspect.picture import dominant
 from data.measured.channels import CHANNEL
 from data.measured.clock_faults import shared_clocks
-from data.measured.time_step import GAP
+from data.measured.rounded_stamps import GAP
 
 
 def show(console: Console, record: Inspection) -> None:
