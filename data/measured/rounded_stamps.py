@@ -13,7 +13,7 @@ import numpy as np
 FINE = 0.01  # of dt: a finer rounding is none
 GAP = 1.5  # times dt: longer steps have lost samples, where rounding does not explain them
 MOST_LEVELS = 40  # different steps of rounded stamps, gaps apart
-FEWEST = 20  # long steps that stand for a rounding and not for lost samples
+FEWEST = 20  # odd steps that stand for a rounding and not for lost samples
 TINY = 1e-30  # s
 
 
@@ -55,9 +55,10 @@ def lattice_of(time: np.ndarray) -> Lattice | None:
     off = time - dt * places
     if not _explained(off, piece, stamps, np.concatenate((coarse[:1], coarse)), dt):
         return None
-    rare = int((steps > GAP * np.median(steps)).sum())
-    if 0 < rare < FEWEST and float(coarse.max()) > 0.5 * dt and not long.any():
-        return None  # few long steps among many short ones: lost samples
+    usual = np.median(steps)
+    odd = ~long & ((steps > GAP * usual) | (steps < 0.5 * usual))
+    if 0 < odd.sum() < FEWEST and float(coarse.max()) > 0.5 * dt:
+        return None  # few odd steps among many even ones: lost or doubled samples
     return Lattice(dt, float(coarse.max()), places)
 
 
@@ -99,7 +100,7 @@ def _slope(time: np.ndarray, places: np.ndarray, piece: np.ndarray) -> float:
 
 
 def _stepped(time: np.ndarray, places: np.ndarray, piece: np.ndarray, dt: float) -> np.ndarray:
-    """Places with the gaps that the pieces as a whole ask for, not one rounded stamp on each side."""
+    """Places with the gaps that whole pieces ask for, not one rounded stamp on each side."""
     count = np.bincount(piece)
     middle = np.bincount(piece, time - dt * places) / count
     more = np.rint(np.diff(middle) / dt)

@@ -81,7 +81,7 @@ def _steady(time: np.ndarray, steps: np.ndarray) -> tuple[float, list[Finding]]:
 
 
 def _of_lattice(lattice: Lattice) -> float:
-    """Step [s] as round as its stamps, which err by their rounding over all of the clock, allow."""
+    """Step [s], as round as stamps allow that err by their rounding."""
     samples = int(lattice.places[-1])
     return neat(lattice.dt, samples, 0.3 * lattice.resolution / (samples * lattice.dt))
 
@@ -101,7 +101,7 @@ def neat(dt: float, samples: int, error: float = 0.0) -> float:
 
 
 def even_times(time: np.ndarray) -> np.ndarray:
-    """Times (T,) [s] of the even samples that rounded stamps stand for; other stamps as they are."""
+    """Times (T,) [s] of the even samples that rounded stamps stand for; others as they are."""
     lattice = lattice_of(time)
     if lattice is None:
         return time
