@@ -89,8 +89,8 @@ def _of_lattice(lattice: Lattice) -> float:
 def neat(dt: float, samples: int, error: float = 0.0) -> float:
     """The round step or rate that a step stands for: 0.01 for 0.009999999999999998.
 
-    Round is what has four digits at most, and drifts by less than a tenth of a sample over all, or by
-    less than the relative `error` of the step.
+    Round is what has four digits at most, and drifts by less than a tenth of a sample over all, or
+    by less than the relative `error` of the step.
     """
     near = max(error, min(1e-5, max(1e-9, 0.1 / max(samples, 1)))) * dt
     for digits in range(1, 5):

@@ -115,7 +115,7 @@ def _delimiter(
     detected = _detect([line.text for line in kept[1 : SAMPLE_ROWS + 1]] or [kept[0].text], request)
     if stated is None:
         delimiter = detected or ","
-        if detected:
+        if detected and detected != ",":
             notes.append(f"delimiter {CALLED.get(delimiter, repr(delimiter))}")
         return delimiter
     if detected and not any(len(split(line.text, stated)) > 1 for line in kept):
