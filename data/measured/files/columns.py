@@ -47,6 +47,7 @@ class Contents:
     facts: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     records: int = 1  # that the file holds; the columns are of one of them
+    labels: dict[str, str] = field(default_factory=dict)  # where the sensor of a column stands
 
 
 def shorten(text: object, length: int = 40, bare: bool = False) -> str:
