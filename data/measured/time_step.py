@@ -11,6 +11,7 @@ from data.measured.rounded_stamps import GAP, TINY, Lattice, lattice_of
 
 HUGE = 1e30  # s; beyond it, and below TINY, no clock counts anything
 JITTER = 0.01  # of dt: steps that differ by less are even
+COUNTERS = tuple(2.0**bits * unit for bits in (16, 24, 32) for unit in (1.0, 1e-3, 1e-6))
 ROUGH = 0.1  # of dt: stamps with a finer rounding are not reported
 IRREGULAR = 0.2  # of all steps: a clock with more gaps than this has no rate
 
@@ -56,7 +57,7 @@ def _decreasing(time: np.ndarray, steps: np.ndarray) -> Finding:
         return Finding("duplicate times", "", text, True)
     at = int(back[0])
     cause = "the clock started anew or the rows are out of order"
-    if any(abs(-steps[at] / full - 1.0) < 0.01 for full in (2**16, 2**32, 4294.967296)):
+    if any(abs(-steps[at] / full - 1.0) < 0.01 for full in COUNTERS):
         cause = "the counter ran over"
     text = (
         f"{len(back)} times, the first from {time[at]:.6g} s to {time[at + 1]:.6g} s at sample "
