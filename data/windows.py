@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -50,7 +51,8 @@ def after_rest(record: Record, samples: int) -> Record:
         rest = torch.zeros_like(u[:1]) if nil else u[:1]
         return torch.cat([rest.expand(before, -1), u])
 
-    return replace(record, **{name: longer(name, u) for name, u in record.signals().items()})
+    signals: dict[str, Any] = {name: longer(name, u) for name, u in record.signals().items()}
+    return replace(record, **signals)
 
 
 @checked

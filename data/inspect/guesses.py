@@ -11,7 +11,7 @@ from data.measured.channels import signal_of
 from data.measured.units import to_si
 
 BASE = (  # in a column's name or its sensor's place: what stands below the structure
-    r"ground|\bgnd|gnd\b|table|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
+    r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
     r"(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|input.?(acc|motion)"
 )
 PLACE = r"roof|floor|store?y|level|top|mass[ _-]?\d|dof[ _-]?\d|deck|pier|girder|mid.?span"
@@ -21,7 +21,10 @@ KINDS = (  # in a column's name → signal
     (r"vel(o|\b|_|\d|$)|^v[_ ]?\d*$", "v"),
     (r"force|load|hammer|^f[_ ]?\d*$", "f"),
 )
-OTHER = r"volt|current|command|temperature|pressure|normal.?force|preload|pretension"
+OTHER = (
+    r"volt|current|command|temperature|pressure|preload|pretension|"
+    r"(normal|vertical|axial|gravity).?(force|load)"
+)
 ELEMENT = r"damper|device|bearing|isolator|brace|piston|stroke|actuator|element|hysteresis"
 CLOCK = r"time|zeit|temps|tiempo|seconds?$|^t$|^t[_ ]?\[?s\]?$"
 UNITS = (("m/s^2", "a"), ("m/s", "v"), ("m", "x"), ("N", "f"))
@@ -57,7 +60,7 @@ def suggest(
     kinds = [s for s in signals.values() if s]
     if _is_element_test(kinds, f"{title} {' '.join(said.values())}".lower(), signals, values):
         signals = {c: _of_element(c, said[c], s, units.get(c)) for c, s in signals.items()}
-    return _numbered(_driven(signals))
+    return _numbered(_driven(signals, integrals=("x", "v") if places else ()))
 
 
 def _numbered(signals: Mapping[str, str | None]) -> dict[str, str]:
@@ -72,10 +75,10 @@ def _numbered(signals: Mapping[str, str | None]) -> dict[str, str]:
     return guesses
 
 
-def _driven(signals: dict[str, str | None]) -> dict[str, str | None]:
+def _driven(signals: dict[str, str | None], integrals: Sequence[str]) -> dict[str, str | None]:
     """Where the base's acceleration was measured, its velocity and displacement say no more.
 
-    Nor do velocities and displacements of agencies, which are integrals.
+    Nor do velocities and displacements of agencies, which are `integrals`.
     """
     if "s_ddot" not in signals.values() or "a" not in signals.values():
         return signals
@@ -83,7 +86,7 @@ def _driven(signals: dict[str, str | None]) -> dict[str, str | None]:
     for column, signal in signals.items():
         again = signal == "s_ddot" and seen
         seen = seen or signal == "s_ddot"
-        kept[column] = None if again or signal in ("s", "s_dot", "x", "v") else signal
+        kept[column] = None if again or signal in ("s", "s_dot", *integrals) else signal
     return kept
 
 

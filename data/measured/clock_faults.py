@@ -61,6 +61,14 @@ def _of_own_clocks(raw: RawRecord) -> Iterator[Finding]:
     yield Finding("sensors out of sync", "", f"first samples at {late}; {remedy}", True)
 
 
+def require_common_time(raw: RawRecord) -> None:
+    """Raise ValueError for sensors none of whose samples were taken in the same time."""
+    starts = {name: float(clock[0]) for name, clock in raw.clocks.items() if len(clock)}
+    ends = {name: float(raw.clocks[name][-1]) for name in starts}
+    if starts and max(starts.values()) >= min(ends.values()):
+        raise ValueError(f"{raw.name}: no common time: {_no_common_time(starts, ends)}")
+
+
 def _no_common_time(starts: Mapping[str, float], ends: Mapping[str, float]) -> str:
     last, first = max(starts, key=lambda n: starts[n]), min(ends, key=lambda n: ends[n])
     return (

@@ -19,7 +19,7 @@ PHASE = 0.02  # of dt: grids that lie closer are one
 DRIFT = 0.1  # samples over all: clocks that drift apart by less run alike
 UNEVEN = {"uneven time steps", "dropped samples", "duplicate times", "decreasing times", "NaN run"}
 LONGEST_LAG = 0.5  # of the shorter of two signals
-ALIKE = 0.3  # least correlation of two sensors of one motion
+ALIKE = 0.5  # least correlation of two sensors of one motion
 
 
 def on_common_grid(raw: RawRecord) -> RawRecord:

@@ -21,6 +21,7 @@ from data.measured.assembly import (
     with_rates,
 )
 from data.measured.channels import numbered, signal_of
+from data.measured.clock_faults import require_common_time
 from data.measured.common_time import ALIGNMENTS
 from data.measured.mend import Mending
 from data.measured.onset import without_quiet_start
@@ -112,6 +113,7 @@ class MeasuredData(Data):
         raws = {}
         for place in record_places(path, channels):
             for name_of, raw in read_records(place, channels, units, align, **reader).items():
+                require_common_time(raw)
                 part = between(self._with_clock(raw), start, stop)
                 if onset and start == 0.0:
                     part = without_quiet_start(part)

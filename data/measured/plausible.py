@@ -19,7 +19,7 @@ from data.measured.finding import Finding
 SHORTEST = 512  # samples
 COHERENT = 0.8  # least coherence of base and response
 BELOW = 0.6  # of the frequency of the largest amplification: H of a single mode is below 1.6
-LINES = 5  # frequencies at least
+LINES = 4  # frequencies at least
 WIDE = 2.0  # highest over lowest of them
 FAINT = 1e-5  # of the base's largest power density: below it there is noise
 

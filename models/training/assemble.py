@@ -76,7 +76,7 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
     more: dict[str, Any] = {}
     sensors = data.sensors if isinstance(data, Data) else data
     others = [c for c in sensors.channels if signal_of(c) == "u"]
-    if others and not class_of(model.get("_target_")).takes_other_inputs:
+    if others and not getattr(class_of(model.get("_target_")), "takes_other_inputs", True):
         raise ValueError(
             f"model={model.get('name', '')} has no place for the other inputs {', '.join(others)}; "
             "take them out of data.channels, or choose a model that reads any excitation, such as "
