@@ -82,11 +82,16 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         raise FileError(f"{path.name}: no column holds a series of numbers; {'; '.join(notes)}")
     guesses = suggest(list(columns), table.units, table.labels, columns, path.stem)
     clock = next((c for c, channel in guesses.items() if channel == "time"), None)
+    told = "by its name"
+    if clock is None:
+        clock, told = _runs_like_a_clock(columns, notes), "by its even steps"
+        guesses.pop(clock or "", None)
+        guesses = guesses if clock is None else {clock: "time", **guesses}
     time = None
     if clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > FORWARD:
         unit = units.get("time") or table.units.get(clock, "s")
         time = (columns[clock] - columns[clock][0]) * to_si(unit, "time")
-        notes.append(f"{clock!r} is taken for the clock, in {unit}, by its name")
+        notes.append(f"{clock!r} is taken for the clock, in {unit}, {told}")
     elif clock is not None:
         del guesses[clock]
     columns = {c: x for c, x in columns.items() if time is None or c != clock}
@@ -103,6 +108,19 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     if time is not None or raw.dt is not None:
         findings += plausibility(mapped, step_of(raw, next(iter(columns))))
     return replace(record, findings=findings)
+
+
+def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> str | None:
+    """The first column, if it rises evenly; whole numbers one apart count samples, no time."""
+    name, values = next(iter(columns.items()))
+    steps = np.diff(values)
+    step = float(np.median(steps)) if len(steps) > 2 else 0.0
+    if not step > 0.0 or not np.abs(steps - step).max() <= 0.01 * step:
+        return None
+    if step == 1.0:
+        notes.append(f"{name!r} counts the samples; say data.dt, the seconds between them")
+        return None
+    return name
 
 
 def _facts(table: Table) -> dict[str, str]:
