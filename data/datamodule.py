@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader
 from data.memory import require_memory
 from data.record import Escape, Record, stack
 from data.sample import Sensors
-from data.windows import WindowDataset, cut
+from data.windows import WindowDataset, after_rest, cut
 
 
 class Data(LightningDataModule):
@@ -108,8 +108,19 @@ class Data(LightningDataModule):
         )
 
     def windows(self, split: str) -> WindowDataset:
-        """Windows of the records of a split, as `window`, `stride` and `warmup` cut them."""
-        return WindowDataset(self.records[split], **self.cut)
+        """Windows of the records of a split, as `window`, `stride` and `warmup` cut them.
+
+        Whole records of unequal length that begin at rest are given rest before them, which adds
+        nothing to any error, so that one batch holds them all.
+        """
+        records, cut = self.records[split], dict(self.cut)
+        if self.cut["length"] is None and len({r.samples for r in records}) > 1:
+            if all(r.initial_state == "rest" and r.truth is None for r in records):
+                longest = max(r.samples for r in records)
+                records = [after_rest(r, longest) for r in records]
+            else:
+                cut["to_the_end"] = True
+        return WindowDataset(records, **cut)
 
     def loader(self, split: str) -> DataLoader[Any]:
         """Whole records of a split, for scores and closed forms; one batch if equally long."""

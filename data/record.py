@@ -15,6 +15,13 @@ from torch import Tensor
 
 from data.annotations import shown
 
+SAME_STEP = 1e-3  # relative: time steps of two files or crystals that agree to this are one
+
+
+def same_step(dt: float, other: float) -> bool:
+    """Whether two time steps [s] are one, but for rounding and the drift of clocks."""
+    return abs(dt - other) <= SAME_STEP * abs(other)
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -139,6 +146,7 @@ class Record:
     initial_state: str = "rest"
     hold: str = "linear"
     quantity: str = "acceleration"
+    e: Tensor | None = None  # other inputs (…, T, k), such as a voltage or a temperature
 
     def __post_init__(self) -> None:
         _require_step(self.dt)
@@ -182,8 +190,8 @@ class Record:
 
     @property
     def excitation(self) -> Tensor:
-        """All that drives the structure: forces, then support motions where there are any."""
-        parts = [u for u in (self.f, self.s, self.s_dot) if u is not None]
+        """All that drives the structure: forces, then support motions and other inputs, if any."""
+        parts = [u for u in (self.f, self.s, self.s_dot, self.e) if u is not None]
         return parts[0] if len(parts) == 1 else torch.cat(parts, dim=-1)
 
     def drive(self) -> Drive:
@@ -193,14 +201,22 @@ class Record:
             return Drive(self.dt, self.excitation, rest, rest, self.hold)
         if self.x is None or self.v is None:
             raise ValueError(
-                "the record begins in motion but has no x and v; integrate (scenario=integrated), "
-                "or start at rest and count the first samples as warm-up (data.warmup)"
+                f"the record begins in motion but has no x and v; {self.remedy_of_state}, or start "
+                "at rest and count the first samples as warm-up (data.initial_state=rest, "
+                "data.warmup)"
             )
         return Drive(self.dt, self.excitation, self.x[..., 0, :], self.v[..., 0, :], self.hold)
 
+    @property
+    def remedy_of_state(self) -> str:
+        """What to do where x and v are missing: only accelerations can be integrated."""
+        if self.quantity == "acceleration":
+            return "measure them or integrate (scenario=integrated)"
+        return f"choose a model that a {self.quantity} alone can train (it reads no x and v)"
+
     def signals(self) -> dict[str, Tensor]:
         """The measured signals that this record has, by name."""
-        named = {name: getattr(self, name) for name in ("a", "f", "x", "v", "s", "s_dot")}
+        named = {name: getattr(self, name) for name in ("a", "f", "x", "v", "s", "s_dot", "e")}
         return {name: signal for name, signal in named.items() if signal is not None}
 
     def require_finite(self) -> None:

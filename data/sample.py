@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from data.checked import checked
-from data.record import Record
+from data.record import Record, same_step
 
-INPUTS = ("f", "x", "v", "s", "s_dot")  # what an estimate at k may see of sample k
+INPUTS = ("f", "x", "v", "s", "s_dot", "e")  # what an estimate at k may see of sample k
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,14 @@ class Sample:
     s: Tensor | None = None  # support displacement (p,) [m]
     s_dot: Tensor | None = None  # support velocity (p,) [m/s]
     time: float | None = None
+    e: Tensor | None = None  # other inputs (k,)
 
     @property
     def excitation(self) -> Tensor:
-        """Forces, then support motions where there are any, as in `Record.excitation`."""
-        if self.s is None and self.s_dot is None:
+        """Forces, then support motions and other inputs, as in `Record.excitation`."""
+        if self.s is None and self.s_dot is None and self.e is None:
             return self.f
-        return torch.cat([u for u in (self.f, self.s, self.s_dot) if u is not None])
+        return torch.cat([u for u in (self.f, self.s, self.s_dot, self.e) if u is not None])
 
 
 def samples_of(record: Record) -> Iterator[Sample]:
@@ -91,7 +92,7 @@ class Sensors:
                 f"excitation; the run was identified with {dofs} and {inputs}; give it the same "
                 "sensors, or begin from nothing (without --run)"
             )
-        if abs(self.dt / dt - 1.0) > 1e-6:
+        if not same_step(self.dt, dt):
             raise ValueError(
                 f"the source is sampled every {self.dt:g} s, the run every {dt:g} s; "
                 "resample it (data.mend.resample), or begin from nothing (without --run)"

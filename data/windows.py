@@ -8,11 +8,17 @@ is counted once (`stride = length − warmup`), and what is left at the end is n
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
+import torch
+from torch import Tensor
 from torch.utils.data import Dataset
 
 from data.checked import checked
 from data.record import Record
+
+MOVING = ("f", "v", "s_dot")  # what is nil at rest; an acceleration is, too
 
 
 def cut(shortest: int, length: int | None, stride: int | None, warmup: int) -> tuple[int, int]:
@@ -36,6 +42,19 @@ def cut(shortest: int, length: int | None, stride: int | None, warmup: int) -> t
     return length, stride
 
 
+def after_rest(record: Record, samples: int) -> Record:
+    """A record that begins at rest, (T, ·), with rest before it up to so many samples."""
+    before = samples - record.samples
+
+    def longer(name: str, u: Tensor) -> Tensor:
+        nil = name in MOVING or (name == "a" and record.quantity in ("acceleration", "velocity"))
+        rest = torch.zeros_like(u[:1]) if nil else u[:1]
+        return torch.cat([rest.expand(before, -1), u])
+
+    signals: dict[str, Any] = {name: longer(name, u) for name, u in record.signals().items()}
+    return replace(record, **signals)
+
+
 @checked
 class WindowDataset(Dataset[Record]):
     """Windows of one or many records. Raises ValueError for windows that fit no record."""
@@ -47,6 +66,7 @@ class WindowDataset(Dataset[Record]):
         stride: int | None = None,  # samples; None takes length − warmup
         warmup: int = 0,  # samples
         whole: bool = False,  # each record in its own length
+        to_the_end: bool = False,  # one more window where some samples are left at the end
     ) -> None:
         if not records:
             raise ValueError("no records to cut into windows")
@@ -58,7 +78,7 @@ class WindowDataset(Dataset[Record]):
         self.places = [
             (i, start, record.samples if whole else length)
             for i, record in enumerate(records)
-            for start in ([0] if whole else range(0, record.samples - length + 1, stride))
+            for start in ([0] if whole else _starts(record.samples, length, stride, to_the_end))
         ]
 
     def __len__(self) -> int:
@@ -68,3 +88,10 @@ class WindowDataset(Dataset[Record]):
         i, start, length = self.places[index]
         record = self.records[i]
         return record.window(start, length, max(self.warmup, record.warmup - start))
+
+
+def _starts(samples: int, length: int, stride: int, to_the_end: bool) -> list[int]:
+    starts = list(range(0, samples - length + 1, stride))
+    if to_the_end and starts[-1] + length < samples:
+        starts.append(samples - length)
+    return starts

@@ -42,6 +42,8 @@ class ElementNetwork(Composite):
     Raises ValueError for channels, masses or pairs of nodes that do not fit.
     """
 
+    takes_other_inputs = False
+
     mass_known: bool
 
     def __init__(

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from data.checked import checked
-from data.record import Drive, Record, Response
+from data.record import Drive, Record, Response, same_step
 
 
 class NoFreeRunError(ValueError):
@@ -39,6 +39,7 @@ class Estimator(nn.Module):
     reads: ClassVar[tuple[str, ...]] = ("a", "f")
     mends: ClassVar[bool] = False  # copes with NaN
     later: ClassVar[tuple[str, ...]] = ()  # buffers that older files of weights lack
+    takes_other_inputs: ClassVar[bool] = True  # such as a voltage, beside forces and motions
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
@@ -103,7 +104,7 @@ class Estimator(nn.Module):
             self._check_record(signals)
 
     def _check_record(self, record: Record) -> None:
-        if abs(record.dt - self.dt) > 1e-9 * self.dt:
+        if not same_step(record.dt, self.dt):
             raise ValueError(
                 f"the record has dt={record.dt} s, the estimator was built for dt={self.dt} s; "
                 "resample the record or identify a new model"
@@ -112,7 +113,7 @@ class Estimator(nn.Module):
         if missing:
             raise ValueError(
                 f"{type(self).__name__} reads {', '.join(missing)}, which the record lacks; "
-                "measure it or integrate it (scenario=integrated)"
+                f"{record.remedy_of_state}"
             )
         if record.dofs != self.dofs or record.excitation.shape[-1] != self.inputs:
             raise ValueError(
@@ -121,7 +122,7 @@ class Estimator(nn.Module):
             )
 
     def _check_drive(self, drive: Drive) -> None:
-        if abs(drive.dt - self.dt) > 1e-9 * self.dt:
+        if not same_step(drive.dt, self.dt):
             raise ValueError(
                 f"the excitation has dt={drive.dt} s, the estimator was built for dt={self.dt} s; "
                 "resample it or identify a new model"

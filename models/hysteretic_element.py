@@ -28,6 +28,8 @@ class HystereticElement(Composite):
     hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
     """
 
+    takes_other_inputs = False
+
     def __init__(
         self,
         dofs: int,

@@ -161,7 +161,7 @@ class NeuralStateSpace(Trainable):
 def _state(record: Record) -> Tensor:
     if record.x is None or record.v is None:
         raise ValueError(
-            "a neural state space is identified from x and v, which the record lacks; measure them "
-            "or integrate (scenario=integrated)"
+            "a neural state space is identified from x and v, which the record lacks; "
+            f"{record.remedy_of_state}"
         )
     return torch.cat([record.x, record.v], dim=-1)

@@ -24,6 +24,8 @@ class RestoringForceSurface(Estimator):
     ridge: ≥ 0, without unit, on scaled columns.
     """
 
+    takes_other_inputs = False
+
     reads = ("f",)
 
     def __init__(

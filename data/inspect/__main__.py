@@ -18,9 +18,11 @@ from rich.text import Text
 
 from data.arguments import Pairs, Parser, plain, reason
 from data.inspect.config import command, config_path, write_config
+from data.inspect.folder import show_folders
 from data.inspect.inspection import Inspection, inspection, places, step_of
 from data.inspect.picture import draw
 from data.inspect.summary import show
+from data.measured.common_time import ALIGNMENTS
 from data.measured.files.columns import FileError
 from data.terminal import terminal
 
@@ -39,6 +41,7 @@ def parser() -> argparse.ArgumentParser:
     line.add_argument("--decimal", default=".")
     line.add_argument("--group", help="of an HDF5 or MAT v7.3 file")
     line.add_argument("--no-header", dest="header", action="store_false", help="columns c1, c2, …")
+    line.add_argument("--align", choices=ALIGNMENTS, help="sensors without a common zero of time")
     line.add_argument("--picture", nargs="?", const="", metavar="PNG", help="NAME.png by default")
     line.add_argument(
         "--config", nargs="?", const=CONFIGS, metavar="FOLDER",
@@ -56,18 +59,21 @@ def inspect(words: Sequence[str] | None = None) -> None:
         raise ValueError(f"--picture and --config are of one record; there are {len(records)}")
     console = terminal(140)
     reader = {key: getattr(args, key) for key in READER}
-    read = 0
+    read, seen = 0, list[Inspection]()
     for path, named in records:
         try:
-            record = inspection(path, args.channels, args.units, **reader)
+            record = inspection(path, args.channels, args.units, args.align, **reader)
         except FileError as error:
             if named:
                 raise
             console.print(Text(f"left out: {plain(str(error))}", style="dim"), soft_wrap=True)
             continue
         show(console, record)
+        seen.append(record)
         _save(console, record, args)
         read += 1
+    if not args.channels:
+        show_folders(console, args.record, seen)
     if not read:
         raise ValueError("none of these files could be read")
 
@@ -106,6 +112,7 @@ def save_config(path: Path, record: Inspection, args: argparse.Namespace) -> Non
     """Write what the command line says of a record, less the reader's defaults, as a config."""
     settings = {"path": str(record.path.resolve()), "channels": args.channels}
     settings["units"] = args.units or None
+    settings |= {"align": args.align} if args.align else {}
     settings |= {key: v for key in READER if (v := getattr(args, key)) != READER[key]}
     write_config(path, settings, record.guesses, record.findings)
 

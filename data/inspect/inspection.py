@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
 from typing import Any
@@ -13,17 +13,21 @@ import numpy as np
 from data.inspect.guesses import suggest
 from data.inspect.picture import Spectrum, spectrum
 from data.measured.channels import CHANNEL, signal_of
+from data.measured.files.columns import FileError
 from data.measured.files.format import suffixes_of
 from data.measured.files.table import FORMATS, Table, read_table
 from data.measured.finding import Finding
+from data.measured.onset import without_quiet_start
+from data.measured.plausible import plausibility
 from data.measured.raw_record import RawRecord
-from data.measured.reading import by_name, read_record, record_of, stated_dt
+from data.measured.reading import by_name, read_records, record_of, stated_dt
 from data.measured.signal_faults import findings
 from data.measured.statistics import Statistics, statistics
 from data.measured.time_step import time_step
 from data.measured.units import DIMENSIONS, to_si
 
 SUFFIXES = suffixes_of(FORMATS)
+FORWARD = 0.9  # of the steps of what is called a clock
 
 
 @dataclass(frozen=True)
@@ -40,15 +44,20 @@ class Inspection:
 
 
 def inspection(
-    path: Path, channels: Mapping[str, str], units: Mapping[str, str], **reader: Any
+    path: Path,
+    channels: Mapping[str, str],
+    units: Mapping[str, str],
+    align: str | None = None,
+    **reader: Any,
 ) -> Inspection:
     """Read and examine one record: mapped by `channels`, by its columns' names, or not at all.
 
-    channels, units, reader: as in `data.measured.reading.read_record`. Raises FileError for a file
-    that cannot be read, ValueError for channels and units that do not fit it.
+    channels, units, align, reader: as in `data.measured.reading.read_record`. Raises FileError for
+    a file that cannot be read, ValueError for channels and units that do not fit it.
     """
     if channels:
-        return _mapped(path, read_record(path, channels, units, **reader))
+        records = read_records(path, channels, units, align, **reader)
+        return _mapped(path, next(iter(records.values())))
     table = read_table(path, **reader)
     if any(CHANNEL.fullmatch(name) for name in table.columns):
         return _mapped(path, record_of(path, table, by_name(table), units))
@@ -57,24 +66,73 @@ def inspection(
 
 def _mapped(path: Path, raw: RawRecord) -> Inspection:
     units = {name: DIMENSIONS[signal_of(name)][1] for name in raw.channels}
-    return _examined(path, raw, units, {}, {})
+    record = _examined(path, raw, units, {}, {})
+    steps = {step_of(raw, name) for name in raw.channels}
+    if len(steps) == 1 and not raw.clocks:
+        record.findings.extend(plausibility(raw.channels, steps.pop()))
+    return record
 
 
 def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
-    """All columns by their own names; a column is the clock only where its values surely rise."""
-    guesses = suggest(list(table.columns), table.units)
+    """All columns by their own names; a column is the clock where its name and values say so."""
+    facts, notes = _facts(table), list(table.notes)
+    notes += [f"{c!r} {text}" for c, text in facts.items()]
+    columns = {c: x for c, x in table.columns.items() if c not in facts}
+    if not columns:
+        raise FileError(f"{path.name}: no column holds a series of numbers; {'; '.join(notes)}")
+    guesses = suggest(list(columns), table.units, table.labels, columns, path.stem)
     clock = next((c for c, channel in guesses.items() if channel == "time"), None)
-    time, notes = None, list(table.notes)
-    if clock is not None and (np.diff(table.columns[clock]) > 0.0).all():
+    told = "by its name"
+    if clock is None:
+        clock, told = _runs_like_a_clock(columns, notes), "by its even steps"
+        guesses.pop(clock or "", None)
+        guesses = guesses if clock is None else {clock: "time", **guesses}
+    time = None
+    if clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > FORWARD:
         unit = units.get("time") or table.units.get(clock, "s")
-        time = (table.columns[clock] - table.columns[clock][0]) * to_si(unit, "time")
-        notes.append(f"{clock!r} is taken for the clock, in {unit}, by its name")
-    columns = {c: x for c, x in table.columns.items() if time is None or c != clock}
+        time = (columns[clock] - columns[clock][0]) * to_si(unit, "time")
+        notes.append(f"{clock!r} is taken for the clock, in {unit}, {told}")
+    elif clock is not None:
+        del guesses[clock]
+    columns = {c: x for c, x in columns.items() if time is None or c != clock}
     signals = {c: signal_of(g) for c, g in guesses.items() if g != "time"}
     own = {c: table.units.get(c, DIMENSIONS[s][1]) for c, s in signals.items()}
     in_si = {c: s for c, s in signals.items() if to_si(own[c], s) == 1.0}
     raw = RawRecord(path.name, time, stated_dt([table]), columns, notes=tuple(notes))
-    return _examined(path, raw, dict(table.units), guesses, in_si)
+    record = _examined(path, raw, dict(table.units), guesses, in_si)
+    findings = [
+        replace(f, blocks=f.blocks and (not f.channel or f.channel in guesses))
+        for f in record.findings
+    ]
+    mapped = {g: columns[c] * to_si(own[c], signals[c]) for c, g in guesses.items() if g != "time"}
+    if time is not None or raw.dt is not None:
+        findings += plausibility(mapped, step_of(raw, next(iter(columns))))
+    return replace(record, findings=findings)
+
+
+def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> str | None:
+    """The first column, if it rises evenly; whole numbers one apart count samples, no time."""
+    name, values = next(iter(columns.items()))
+    steps = np.diff(values)
+    step = float(np.median(steps)) if len(steps) > 2 else 0.0
+    if not step > 0.0 or not np.abs(steps - step).max() <= 0.01 * step:
+        return None
+    if step == 1.0:
+        notes.append(f"{name!r} counts the samples; say data.dt, the seconds between them")
+        return None
+    return name
+
+
+def _facts(table: Table) -> dict[str, str]:
+    """Columns that hold a fact beside the series, or nothing, and what to say of each."""
+    said = {}
+    for name, values in table.columns.items():
+        finite = np.flatnonzero(np.isfinite(values))
+        if len(finite) == 0:
+            said[name] = "is empty: left out"
+        elif len(finite) == 1 and len(values) > 2:
+            said[name] = f"holds one value, {values[finite[0]]:.6g}: a fact and no signal, left out"
+    return said
 
 
 def _examined(
@@ -87,7 +145,12 @@ def _examined(
     """The record with statistics, spectra and faults; `signals`: guesses of columns in SI units."""
     known = {name: statistics(signal) for name, signal in raw.channels.items()}
     spectra = {name: spectrum(x, step_of(raw, name)) for name, x in raw.channels.items()}
-    return Inspection(path, raw, units, guesses, known, spectra, findings(raw, known, signals))
+    found = findings(raw, known, signals)
+    start = without_quiet_start(raw)
+    if start is not raw:
+        text = f"{start.notes[-1]} by data.onset, which is true by default"
+        found.append(Finding("quiet start", "", text))
+    return Inspection(path, raw, units, guesses, known, spectra, found)
 
 
 def step_of(raw: RawRecord, channel: str) -> float:

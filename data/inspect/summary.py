@@ -11,11 +11,12 @@ from rich.table import Table
 from rich.text import Text
 
 from data.arguments import plain
+from data.inspect.guesses import lacking
 from data.inspect.inspection import Inspection, step_of
 from data.inspect.picture import dominant
 from data.measured.channels import CHANNEL
 from data.measured.clock_faults import shared_clocks
-from data.measured.time_step import GAP
+from data.measured.rounded_stamps import GAP
 
 
 def show(console: Console, record: Inspection) -> None:
@@ -36,6 +37,9 @@ def show(console: Console, record: Inspection) -> None:
         words = [f"{channel}={shlex.quote(column)}" for column, channel in record.guesses.items()]
         console.print(Text("  what these columns may be; you decide:", style="cyan"))
         console.print(Text(plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
+        lack = lacking(record.guesses)
+        if lack:
+            console.print(Text(f"  {lack}", style="yellow"), soft_wrap=True)
     elif not any(CHANNEL.fullmatch(name) for name in record.raw.channels):
         example = shlex.quote(next(iter(record.raw.channels)))
         advice = f"  say what each column is: --channels a1={plain(example)} …"

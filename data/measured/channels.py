@@ -1,7 +1,8 @@
 """Channels by name: a signal and a number, such as a1, the acceleration of DOF x1.
 
 f force on a DOF; x, v, a displacement, velocity and acceleration of a DOF; s, s_dot, s_ddot those
-of a support; r force of an element.   T samples.
+of a support; r force of an element; u another input of an element, such as the voltage of a damper
+or a temperature.   T samples.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-SIGNALS = ("f", "x", "v", "a", "s", "s_dot", "s_ddot", "r")
-CHANNEL = re.compile(r"(f|x|v|a|s|s_dot|s_ddot|r)([1-9][0-9]{0,5})")
+SIGNALS = ("f", "x", "v", "a", "s", "s_dot", "s_ddot", "r", "u")
+CHANNEL = re.compile(r"(f|x|v|a|s|s_dot|s_ddot|r|u)([1-9][0-9]{0,5})")
 CLOCKS = ("time", "t", "Time", "time_s", "TIME")  # columns that are taken for time
 
 

@@ -36,11 +36,11 @@ def clock_findings(raw: RawRecord) -> list[Finding]:
 def _of_own_clocks(raw: RawRecord) -> Iterator[Finding]:
     """Findings of sensors with clocks of their own; channels that share a clock are one."""
     shared = shared_clocks(raw.clocks)
-    steps, starts = {}, {}
+    steps, starts, ends = {}, {}, {}
     for channels in shared:
         clock, names = raw.clocks[channels[0]], ", ".join(channels)
         steps[names], faults = time_step(clock)
-        starts[names] = float(clock[0])
+        starts[names], ends[names] = float(clock[0]), float(clock[-1])
         for fault in faults:
             yield Finding(fault.what, "", f"{names}: {fault.message}", fault.blocks)
     if len(shared) < 2:
@@ -53,8 +53,29 @@ def _of_own_clocks(raw: RawRecord) -> Iterator[Finding]:
         yield Finding("different rates", "", f"{rates}; {remedy}", True)
     if apart and len(set(starts.values())) == 1:
         return
+    if max(starts.values()) >= min(ends.values()):
+        text = _no_common_time(starts, ends)
+        yield Finding("no common time", "", text, True)
+        return
     late = _listed({name: f"{start:.4g} s" for name, start in starts.items()})
     yield Finding("sensors out of sync", "", f"first samples at {late}; {remedy}", True)
+
+
+def require_common_time(raw: RawRecord) -> None:
+    """Raise ValueError for sensors none of whose samples were taken in the same time."""
+    starts = {name: float(clock[0]) for name, clock in raw.clocks.items() if len(clock)}
+    ends = {name: float(raw.clocks[name][-1]) for name in starts}
+    if starts and max(starts.values()) >= min(ends.values()):
+        raise ValueError(f"{raw.name}: no common time: {_no_common_time(starts, ends)}")
+
+
+def _no_common_time(starts: Mapping[str, float], ends: Mapping[str, float]) -> str:
+    last, first = max(starts, key=lambda n: starts[n]), min(ends, key=lambda n: ends[n])
+    return (
+        f"{last} begins at {starts[last]:.6g} s, when {first} has ended at {ends[first]:.6g} s: "
+        "their counters have no common zero; if all began together say data.align=start, or "
+        "data.align=motion, which shifts each onto the first by its likeness"
+    )
 
 
 def shared_clocks(clocks: Mapping[str, np.ndarray]) -> list[list[str]]:

@@ -8,23 +8,32 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from torch import Tensor
 
 from data.datamodule import Data
-from data.measured.channels import matrix, numbered, signal_of
+from data.measured.assembly import (
+    OUTPUTS,
+    REFERENCES,
+    Meaning,
+    based,
+    record_of_channels,
+    with_rates,
+)
+from data.measured.channels import numbered, signal_of
+from data.measured.clock_faults import require_common_time
+from data.measured.common_time import ALIGNMENTS
 from data.measured.mend import Mending
+from data.measured.onset import without_quiet_start
+from data.measured.plausible import doubts
 from data.measured.raw_record import RawRecord, between
-from data.measured.reading import read_record
+from data.measured.reading import read_records
 from data.measured.splits import record_places, split_records
 from data.measured.units import DIMENSIONS
-from data.record import Record
+from data.record import Record, same_step
 from data.simulation.scenario import Scenario
 
 SHORTEST, LONGEST = 1e-12, 1e9  # time step [s]
-OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
 
 
 class MeasuredData(Data):
@@ -38,7 +47,10 @@ class MeasuredData(Data):
     record.
     quantity: what is estimated; None takes accelerations, else the force of an element, else
     displacements. initial_state: None begins as measured where x and v are, else at rest.
-    With a support's acceleration s_ddot1, motions are relative to it and f = −s̈ drives them.
+    With a support's acceleration s_ddot1, motions are relative to it and f = −s̈ drives them;
+    accelerations says how a1, … were measured, "absolute" or "relative" to that support.
+    align: sensors whose counters have no common zero begin at once ("start"), or are shifted onto
+    the first by their likeness ("motion"). onset: a quiet start is cut off, unless `start` is said.
     mend: repairs of the signals (data/measured/mend.py).
     Raises ValueError for files, channels and units that do not fit, blocking faults that `mend`
     does not repair, and records that differ in dt or channels.
@@ -67,6 +79,9 @@ class MeasuredData(Data):
         decimal: str = ".",
         group: str | None = None,
         header: bool = True,
+        align: str | None = None,
+        onset: bool = True,
+        accelerations: str = "absolute",
         window: int | None = None,
         stride: int | None = None,
         warmup: int = 0,
@@ -76,6 +91,12 @@ class MeasuredData(Data):
         super().__init__(window, stride, warmup, batch, validation)
         if quantity is not None and quantity not in OUTPUTS:
             raise ValueError(f"data.quantity={quantity!r}: choose {', '.join(OUTPUTS)}, or null")
+        for key, value, choices in (
+            ("accelerations", accelerations, REFERENCES), ("align", align, (None, *ALIGNMENTS)),
+        ):  # fmt: skip
+            if value not in choices:
+                words = ", ".join(c or "null" for c in choices)
+                raise ValueError(f"data.{key}={value!r}: choose {words}")
         if not 0.0 < split < 1.0:
             raise ValueError(f"data.split={split} must lie between 0 and 1")
         if dt is not None and not SHORTEST <= dt <= LONGEST:
@@ -86,15 +107,17 @@ class MeasuredData(Data):
         self.name, self.seed, self.scenario, self.mend = name, seed, scenario, mend
         self.initial_state, self.hold = initial_state, hold
         self.stated_dt, self.stated_quantity = dt, quantity
+        self.accelerations, self.stated_units = accelerations, dict(units or {})
         text = {"skip_rows": skip_rows, "delimiter": delimiter, "decimal": decimal}
         reader = {**text, "group": group, "header": header}
         raws = {}
         for place in record_places(path, channels):
-            raw = read_record(place, channels, units, **reader)
-            name_of = place.stem if place.is_file() else place.name
-            if name_of in raws:
-                name_of = str(place)
-            raws[name_of] = between(self._with_clock(raw), start, stop)
+            for name_of, raw in read_records(place, channels, units, align, **reader).items():
+                require_common_time(raw)
+                part = between(self._with_clock(raw), start, stop)
+                if onset and start == 0.0:
+                    part = without_quiet_start(part)
+                raws[str(place) if name_of in raws else name_of] = part
         self.parts = self._parts(raws, train, test, split)
         del raws
         self.setup()
@@ -115,85 +138,55 @@ class MeasuredData(Data):
     def make_records(self) -> dict[str, list[Record]]:
         """Records of both splits, each part mended on its own; the files' contents are released."""
         records: dict[str, list[Record]] = {}
+        meaning = Meaning(self.stated_quantity, self.accelerations, self.initial_state, self.hold)
+        notes: dict[tuple[str, ...], list[str]] = {}
         for number, split in enumerate(("train", "test")):
             records[split] = []
             for i, (name, raw) in enumerate(self.parts[split].items()):
                 dt, channels, done = self.mend(raw)
-                self.notes[f"{split}: {name}"] = [*raw.notes, *done]
-                record = self._record(dt, channels, raw.whole)
+                channels = with_rates(channels, dt, done)
+                done += doubts(channels, dt, self.accelerations)
+                notes.setdefault((split, *raw.notes, *done), []).append(name)
+                record = record_of_channels(self.name, dt, channels, meaning, raw.whole)
                 rng = np.random.default_rng((self.seed, number, i))
                 records[split].append(self.scenario(record, rng))
+                self._describe(channels, record.quantity)
+        self.notes |= {f"{said[0]}: {_few(names)}": list(said[1:]) for said, names in notes.items()}
         self.parts = {}
-        return records
+        return self._on_one_step(records)
+
+    def _describe(self, channels: dict[str, np.ndarray], quantity: str) -> None:
+        self.forced = "base" if based(channels, quantity) else numbered(channels, "f")
+        units = {c: DIMENSIONS[signal_of(c)][1] for c in channels}
+        others = {c: self.stated_units.get(c) or self.stated_units.get("u") or "" for c in units}
+        self.units = {c: others[c] if signal_of(c) == "u" else unit for c, unit in units.items()}
 
     def _with_clock(self, raw: RawRecord) -> RawRecord:
         if self.stated_dt is None:
             return raw
         return replace(raw, time=None, clocks={}, dt=self.stated_dt)
 
-    def _record(self, dt: float, channels: dict[str, np.ndarray], whole: bool) -> Record:
-        usual = ("acceleration", "force", "displacement")
-        measured = [q for q in usual if numbered(channels, OUTPUTS[q])]
-        quantity = self.stated_quantity or next(iter(measured), None)
-        output = None if quantity is None else matrix(channels, OUTPUTS[quantity])
-        if quantity is None or output is None:
-            raise ValueError(
-                f"{self.name}: the channels {', '.join(channels)} hold nothing to estimate; "
-                "expected accelerations a1, …, displacements x1, … or forces of an element r1"
-            )
-        self.forced, f = numbered(channels, "f"), matrix(channels, "f")
-        self.units = {c: DIMENSIONS[signal_of(c)][1] for c in channels}
-        ground = matrix(channels, "s_ddot")
-        if ground is not None:
-            output, f = self._relative(output, f, ground, channels)
-        empty = output.new_zeros(len(output), 0)
-        # beside accelerations only: an estimate of x must not see x
-        x, v = (matrix(channels, s) if quantity == "acceleration" else None for s in ("x", "v"))
-        x, v = (u if u is not None and u.shape == output.shape else None for u in (x, v))
-        known = x is not None and v is not None
-        record = Record(
-            dt=dt,
-            a=output,
-            f=empty if f is None else f,
-            x=x,
-            v=v,
-            s=matrix(channels, "s"),
-            s_dot=matrix(channels, "s_dot"),
-            initial_state=self.initial_state or ("given" if known or not whole else "rest"),
-            hold=self.hold,
-            quantity=quantity,
-        )
-        if record.excitation.shape[-1] == 0:
-            raise ValueError(
-                f"{self.name}: the channels {', '.join(channels)} hold nothing that drives the "
-                "motion; expected forces f1, …, a support's acceleration s_ddot1, or s1 and s_dot1"
-            )
-        record.require_finite()
-        return record
-
-    def _relative(
-        self, a: Tensor, f: Tensor | None, ground: Tensor, channels: Mapping[str, Any]
-    ) -> tuple[Tensor, Tensor]:
-        """Motion relative to a support, which drives it by −M ι s̈: f = −s̈ in m/s²."""
-        if f is not None or ground.shape[-1] != 1 or numbered(channels, "x"):
-            raise ValueError(
-                f"{self.name}: the channels {', '.join(channels)} mix a support's acceleration "
-                "with forces, displacements or a second one; base excitation takes s_ddot1 and "
-                "absolute accelerations a1, … alone"
-            )
-        self.forced = "base"
-        return a - ground, -ground
+    def _on_one_step(self, records: dict[str, list[Record]]) -> dict[str, list[Record]]:
+        """The records with the time step of the first, where theirs are the same to rounding."""
+        dt = records["train"][0].dt
+        for record in (r for split in records.values() for r in split):
+            if not same_step(record.dt, dt):
+                raise ValueError(
+                    f"the records of {self.name} are sampled every {dt:g} s and every "
+                    f"{record.dt:g} s; set data.mend.resample={1.0 / dt:g} (Hz)"
+                )
+        return {split: [replace(r, dt=dt) for r in rs] for split, rs in records.items()}
 
     def _check_alike(self) -> None:
         for split, records in self.records.items():
             for record in records:
-                if abs(record.dt / self.dt - 1.0) > 1e-6:
-                    raise ValueError(
-                        f"the records of {self.name} are sampled every {self.dt:g} s and every "
-                        f"{record.dt:g} s; set data.mend.resample={1.0 / self.dt:g} (Hz)"
-                    )
                 if (record.dofs, record.excitation.shape[-1]) != (self.dofs, self.inputs):
                     raise ValueError(f"the {split} records of {self.name} differ in their channels")
+
+
+def _few(names: list[str]) -> str:
+    shown = ", ".join(names[:4])
+    return shown if len(names) <= 4 else f"{shown} … ({len(names)} records)"
 
 
 class WholeRecords(MeasuredData):

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from data.measured.channels import CHANNEL, CLOCKS, SIGNALS, signal_of
+from data.measured.common_time import aligned, on_common_grid
 from data.measured.files.columns import shorten
-from data.measured.files.table import Table, read_table
+from data.measured.files.format import suffixes_of
+from data.measured.files.table import FORMATS, Table, read_table
+from data.measured.files.zipped import unpacked
 from data.measured.raw_record import RawRecord
 from data.measured.units import to_si
 
+SUFFIXES = suffixes_of(FORMATS)
 SAME = 1e-3  # of dt: clocks that agree to this are one
 
 
@@ -21,13 +26,15 @@ def read_record(
     path: Path,
     channels: Mapping[str, str] | None = None,
     units: Mapping[str, str | None] | None = None,
+    align: str | None = None,
     **reader: Any,
 ) -> RawRecord:
     """A file, or a folder of one file per sensor, as a record.
 
     channels: {"time": column, "a1": column, …}; in a folder "file.csv:column". None takes columns
     by their own names. units: of a signal ("a": "g") or a channel ("a1": "g"); SI where neither
-    `units` nor the file names one. `reader` goes to data.measured.files.table.read_table.
+    `units` nor the file names one. align: see data.measured.common_time. `reader` goes to
+    data.measured.files.table.read_table.
     Raises ValueError for channels and columns that do not exist.
     """
     stated = {key: unit for key, unit in (units or {}).items() if unit is not None}
@@ -39,10 +46,63 @@ def read_record(
                 "each channel: \"data.channels={time: t, a1: 'floor_1.csv:Acc_X', …}\""
             )
         tables, places = _tables_of_folder(path, channels, reader)
-        return assembled(path, tables, places, stated)
+        return assembled(path, tables, places, stated, align)
     wanted = None if channels is None else list(dict.fromkeys(channels.values()))
     table = read_table(path, **{"columns": wanted, **reader})
     return record_of(path, table, channels or by_name(table), stated)
+
+
+def read_records(
+    path: Path,
+    channels: Mapping[str, str] | None = None,
+    units: Mapping[str, str | None] | None = None,
+    align: str | None = None,
+    **reader: Any,
+) -> dict[str, RawRecord]:
+    """All records of a file, a folder or a zip archive by name; arguments as in `read_record`.
+
+    A file of arrays records × samples (× channels) holds several, a zip archive is the folder that
+    it was made of, or its one file.
+    """
+    if path.suffix.lower() == ".zip" and path.is_file():
+        with unpacked(path) as folder:
+            return _of_archive(path, folder, channels, units, align, reader)
+    if path.is_dir():
+        return {path.name: read_record(path, channels, units, align, **reader)}
+    stated = {key: unit for key, unit in (units or {}).items() if unit is not None}
+    wanted = None if channels is None else list(dict.fromkeys(channels.values()))
+    table = read_table(path, **{"columns": wanted, **reader})
+    records = {path.stem: record_of(path, table, channels or by_name(table), stated)}
+    if table.records == 1:
+        return records
+    for k in range(1, table.records + 1):
+        if k > 1:
+            table = read_table(path, **{"columns": wanted, **reader}, record=k)
+        records[f"{path.stem}_{k}"] = record_of(path, table, channels or by_name(table), stated)
+    del records[path.stem]
+    return records
+
+
+def _of_archive(
+    path: Path,
+    folder: Path,
+    channels: Mapping[str, str] | None,
+    units: Mapping[str, str | None] | None,
+    align: str | None,
+    reader: dict[str, Any],
+) -> dict[str, RawRecord]:
+    if any(":" in where for where in (channels or {}).values()):
+        raw = read_record(folder, channels, units, align, **reader)
+        return {path.stem: replace(raw, name=path.name)}
+    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
+    if not files:
+        raise ValueError(f"{path.name} holds no file of {', '.join(SUFFIXES)}")
+    found: dict[str, RawRecord] = {}
+    for file in files:
+        found |= read_records(file, channels, units, align, **reader)
+    if len(found) == 1:
+        return {path.stem: replace(next(iter(found.values())), name=path.name)}
+    return {f"{path.stem}_{name}": raw for name, raw in found.items()}
 
 
 def record_of(
@@ -110,6 +170,7 @@ def assembled(
     tables: Mapping[str, Table],
     places: Mapping[str, tuple[str, str]],
     units: Mapping[str, str],
+    align: str | None = None,
 ) -> RawRecord:
     """One record of columns in SI units on one clock.
 
@@ -139,7 +200,8 @@ def assembled(
     clocks = {
         c.removeprefix("time of "): signals.pop(c) for c in list(signals) if c.startswith("time")
     }
-    return _on_one_clock(path, signals, clocks, places, tables, tuple(dict.fromkeys(notes)))
+    notes_ = tuple(dict.fromkeys(notes))
+    return _on_one_clock(path, signals, clocks, places, tables, notes_, align)
 
 
 def _on_one_clock(
@@ -149,16 +211,16 @@ def _on_one_clock(
     places: Mapping[str, tuple[str, str]],
     tables: Mapping[str, Table],
     notes: tuple[str, ...],
+    align: str | None,
 ) -> RawRecord:
     """The record on one time where its clocks agree, else on all clocks, for mending."""
     lengths = {channel: len(values) for channel, values in channels.items()}
-    if len(set(lengths.values())) > 1 and len(clocks) < 2:
-        raise ValueError(
-            f"{path.name}: the channels differ in length ({shorten(lengths, 200, bare=True)}); "
-            "name the clock of each file "
-            "as time in data.channels, without a file, and set data.mend.resample"
-        )
     dt = stated_dt(tables.values())
+    if len(set(lengths.values())) > 1 and len(clocks) < 2:
+        if align != "start" or clocks or dt is None:
+            raise ValueError(_unequal(path, lengths))
+        own = {c: dt * np.arange(len(u)) for c, u in channels.items()}
+        return on_common_grid(RawRecord(path.name, None, dt, channels, own, notes))
     if not clocks:
         return RawRecord(path.name, None, dt, channels, notes=notes)
     first = next(iter(clocks.values()))
@@ -168,7 +230,16 @@ def _on_one_clock(
         return RawRecord(path.name, first - _first(first), dt, channels, notes=notes)
     origin = min(_first(clock) for clock in clocks.values())
     of_channel = {c: clocks[places[c][0]] - origin for c in channels}
-    return RawRecord(path.name, None, dt, channels, of_channel, notes)
+    raw = RawRecord(path.name, None, dt, channels, of_channel, notes)
+    return on_common_grid(raw if align is None else aligned(raw, align))
+
+
+def _unequal(path: Path, lengths: Mapping[str, int]) -> str:
+    return (
+        f"{path.name}: the channels differ in length ({shorten(lengths, 200, bare=True)}); "
+        "name the clock of each file as time in data.channels, without a file; where the files "
+        "say dt and all sensors began together, data.align=start will do"
+    )
 
 
 def _agree(clock: np.ndarray, other: np.ndarray, most: float) -> bool:

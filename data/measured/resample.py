@@ -15,7 +15,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from data.measured.raw_record import RawRecord
 from data.measured.statistics import runs
-from data.measured.time_step import time_step
+from data.measured.time_step import even_times, time_step
 from data.memory import require_memory
 
 PASS = 0.8  # of the new Nyquist frequency: −6 dB point of the anti-alias filter
@@ -56,6 +56,8 @@ def _clock(
     troubles = frozenset(finding.what for finding in findings)
     if not troubles & {"uneven time steps", "dropped samples", "duplicate times"}:
         time = time[0] + dt * np.arange(len(time))
+    elif troubles & {"rounded time stamps"}:
+        time = even_times(time)
     return time, dt, troubles
 
 

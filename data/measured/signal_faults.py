@@ -21,7 +21,7 @@ BLOCKS = 20  # of a record, whose means show a drift
 ACCELERATIONS = ("a", "s_ddot")
 MOTIONS = ("a", "s_ddot", "v", "s_dot", "x", "s")
 LARGEST = {  # what no structure does [SI], and what the unit may be then
-    "a": (500.0, "cm/s^2 or gal"), "s_ddot": (500.0, "cm/s^2 or gal"),
+    "a": (100.0, "cm/s^2 or gal"), "s_ddot": (100.0, "cm/s^2 or gal"),
     "v": (100.0, "mm/s"), "s_dot": (100.0, "mm/s"), "x": (100.0, "mm"), "s": (100.0, "mm"),
 }  # fmt: skip
 SMALLEST = 1e-4  # m/s², peak
@@ -102,8 +102,8 @@ def _missing(name: str, signal: np.ndarray, clock: tuple[float, float]) -> Itera
         text += (
             f"{longest} samples ({longest * dt:.4g} s) from {start + at * dt:.6g} s (sample {at}); "
         )
-        if where.all():
-            text += "take it out of data.channels"
+        if len(signal) - where.sum() < 2:
+            text += "a fact and no signal; take it out of data.channels"
         elif where[0] or where[-1]:
             side = "data.start" if where[0] else "data.stop"
             text += f"cut the missing end off with {side}"

@@ -28,11 +28,23 @@ def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None)
     places: list[Path] = []
     for place in paths:
         whole = not place.is_dir() or one_each
-        files = [place] if whole else sorted(p for p in place.iterdir() if p.is_file())
+        events = _events(place, channels or {}) if place.is_dir() and one_each else []
+        files = events or [place]
+        if not whole:
+            files = sorted(p for p in place.iterdir() if p.is_file())
         if not files:
             raise ValueError(f"data.path={place} is an empty folder; expected files of records")
         places += files
     return places
+
+
+def _events(place: Path, channels: Mapping[str, str]) -> list[Path]:
+    """Folders of a folder that hold the files of the channels, which the folder itself lacks."""
+    named = {where.rpartition(":")[0] for where in channels.values()} - {""}
+    if any((place / file).exists() for file in named):
+        return []
+    folders = sorted(p for p in place.iterdir() if p.is_dir())
+    return [p for p in folders if any((p / file).exists() for file in named)]
 
 
 def _exists(path: str) -> bool:

@@ -7,19 +7,21 @@ import math
 import numpy as np
 
 from data.measured.finding import Finding
+from data.measured.rounded_stamps import GAP, TINY, Lattice, lattice_of
 
-HUGE, TINY = 1e30, 1e-30  # s; beyond them no clock counts anything
+HUGE = 1e30  # s; beyond it, and below TINY, no clock counts anything
 JITTER = 0.01  # of dt: steps that differ by less are even
+COUNTERS = tuple(2.0**bits * unit for bits in (16, 24, 32) for unit in (1.0, 1e-3, 1e-6))
 ROUGH = 0.1  # of dt: stamps with a finer rounding are not reported
-GAP = 1.5  # times dt: longer steps have lost samples
 IRREGULAR = 0.2  # of all steps: a clock with more gaps than this has no rate
 
 
 def time_step(time: np.ndarray) -> tuple[float, list[Finding]]:
-    """Median step [s] of a clock (T,) [s], and the faults of that clock.
+    """Step [s] of a clock (T,) [s] as a whole, and the faults of that clock.
 
     Stamps of even samples that were rounded when they were written (0.01, 0.02, 0.02, 0.03 at
     120 Hz) are not taken for uneven samples: their step is the slope of a line through all stamps.
+    A step that is as good as round is taken as round.
     """
     if len(time) < 2:
         return math.nan, [
@@ -55,7 +57,7 @@ def _decreasing(time: np.ndarray, steps: np.ndarray) -> Finding:
         return Finding("duplicate times", "", text, True)
     at = int(back[0])
     cause = "the clock started anew or the rows are out of order"
-    if any(abs(-steps[at] / full - 1.0) < 0.01 for full in (2**16, 2**32, 4294.967296)):
+    if any(abs(-steps[at] / full - 1.0) < 0.01 for full in COUNTERS):
         cause = "the counter ran over"
     text = (
         f"{len(back)} times, the first from {time[at]:.6g} s to {time[at + 1]:.6g} s at sample "
@@ -68,12 +70,43 @@ def _steady(time: np.ndarray, steps: np.ndarray) -> tuple[float, list[Finding]]:
     """Time step and unevenness of a clock that never goes back."""
     dt = float(np.median(steps))
     if dt > 0.0 and np.abs(steps - dt).max() <= JITTER * dt:
-        return float(time[-1] - time[0]) / len(steps), []  # the mean is not quantised
-    resolution, slope = _rounding(time, steps)
-    if resolution:
-        return slope, [_rounded(slope, resolution)] if resolution > ROUGH * slope else []
-    dt = dt or _median(time)
-    return _gaps_and_jitter(time, steps, dt)
+        return neat(float(time[-1] - time[0]) / len(steps), len(steps)), []
+    lattice = lattice_of(time)
+    if lattice is None:
+        return _gaps_and_jitter(time, steps, dt or _median(time))
+    dt = _of_lattice(lattice)
+    findings = [_rounded(dt, lattice.resolution)] if lattice.resolution > ROUGH * dt else []
+    if lattice.lost.any():
+        findings.insert(0, _dropped(time, lattice.lost, dt))
+    return dt, findings
+
+
+def _of_lattice(lattice: Lattice) -> float:
+    """Step [s], as round as stamps allow that err by their rounding."""
+    samples = int(lattice.places[-1])
+    return neat(lattice.dt, samples, 0.3 * lattice.resolution / (samples * lattice.dt))
+
+
+def neat(dt: float, samples: int, error: float = 0.0) -> float:
+    """The round step or rate that a step stands for: 0.01 for 0.009999999999999998.
+
+    Round is what has four digits at most, and drifts by less than a tenth of a sample over all, or
+    by less than the relative `error` of the step.
+    """
+    near = max(error, min(1e-5, max(1e-9, 0.1 / max(samples, 1)))) * dt
+    for digits in range(1, 5):
+        for step in (float(f"{dt:.{digits}g}"), 1.0 / float(f"{1.0 / dt:.{digits}g}")):
+            if abs(step - dt) <= near:
+                return step
+    return dt
+
+
+def even_times(time: np.ndarray) -> np.ndarray:
+    """Times (T,) [s] of the even samples that rounded stamps stand for; others as they are."""
+    lattice = lattice_of(time)
+    if lattice is None:
+        return time
+    return time[0] + _of_lattice(lattice) * lattice.places
 
 
 def _gaps_and_jitter(time: np.ndarray, steps: np.ndarray, dt: float) -> tuple[float, list[Finding]]:
@@ -82,51 +115,21 @@ def _gaps_and_jitter(time: np.ndarray, steps: np.ndarray, dt: float) -> tuple[fl
     if same.any():
         findings.append(_duplicates(time, same))
     if long.mean() > IRREGULAR:
+        dt = _whole(time, dt)
         return dt, [*findings, _uneven(time, steps, dt, steps >= 0.0)]
     even = ~long & ~same
+    dt = neat(float(steps[even].mean()), len(steps))
     if np.abs(steps[even] - dt).max() > JITTER * dt:
-        resolution, slope = _rounding_of_longest_piece(time, steps, long | same)
-        dt = slope if resolution else dt
-        if not resolution:
-            findings.append(_uneven(time, steps, dt, even))
-        elif resolution > ROUGH * dt:
-            findings.append(_rounded(dt, resolution))
-    else:
-        dt = float(steps[even].mean())
+        findings.append(_uneven(time, steps, dt, even))
     if long.any():
-        findings.insert(0, _dropped(time, steps, dt, long))
+        findings.insert(0, _dropped(time, np.where(long, np.rint(steps / dt) - 1, 0), dt))
     return dt, findings
 
 
-def _rounding_of_longest_piece(
-    time: np.ndarray, steps: np.ndarray, breaks: np.ndarray
-) -> tuple[float, float]:
-    edges = np.concatenate(([-1], np.flatnonzero(breaks), [len(steps)]))
-    k = int(np.diff(edges).argmax())
-    first, last = int(edges[k]) + 1, int(edges[k + 1])
-    return _rounding(time[first : last + 1], steps[first:last])
-
-
-def _rounding(time: np.ndarray, steps: np.ndarray) -> tuple[float, float]:
-    """Resolution [s] of stamps that were rounded, or 0, and the slope of a line through them.
-
-    Rounded stamps take two or three different steps, and stay within their resolution of a line.
-    """
-    dt = float(steps.mean())
-    if not dt > TINY:
-        return 0.0, dt
-    levels = np.unique(np.rint(steps[:1_000_000] * (1000.0 / dt))) * (dt / 1000.0)
-    rare = np.abs(steps - np.median(steps)) > JITTER * dt
-    if not 2 <= len(levels) <= 6 or rare.sum() < 3:
-        return 0.0, dt
-    if rare.mean() <= 0.05 and steps.max() >= GAP * np.median(steps):
-        return 0.0, dt  # lost samples instead
-    apart = np.diff(levels)
-    resolution = float(apart[apart > 0.5 * JITTER * dt].min(initial=levels[-1] - levels[0]))
-    middle = np.arange(len(time)) - (len(time) - 1) / 2.0
-    slope = float(middle @ time / (middle @ middle))
-    off = time - slope * middle
-    return (resolution if np.ptp(off) <= 1.2 * resolution else 0.0), slope
+def _whole(time: np.ndarray, dt: float) -> float:
+    """Mean step of the whole clock [s], or `dt` where that mean is none."""
+    mean = float(time[-1] - time[0]) / (len(time) - 1)
+    return mean if mean > TINY else dt
 
 
 def _rounded(dt: float, resolution: float) -> Finding:
@@ -146,13 +149,14 @@ def _duplicates(time: np.ndarray, same: np.ndarray) -> Finding:
     return Finding("duplicate times", "", text, True)
 
 
-def _dropped(time: np.ndarray, steps: np.ndarray, dt: float, long: np.ndarray) -> Finding:
-    lost = np.rint(steps[long] / dt).astype(int) - 1
-    at = int(np.flatnonzero(long)[lost.argmax()])
-    gaps = "1 gap" if len(lost) == 1 else f"{len(lost)} gaps, the longest"
+def _dropped(time: np.ndarray, lost: np.ndarray, dt: float) -> Finding:
+    """Samples that are lost in each step (T − 1,)."""
+    at, count = int(lost.argmax()), int((lost > 0).sum())
+    most = int(lost[at])
+    gaps = "1 gap" if count == 1 else f"{count} gaps, the longest"
     text = (
-        f"{gaps} of {lost.max()} samples ({lost.max() * dt:.4g} s) after {time[at]:.6g} s "
-        f"(sample {at}); data.mend.fill={_above(lost.max() * dt)} interpolates"
+        f"{gaps} of {most} samples ({most * dt:.4g} s) after {time[at]:.6g} s "
+        f"(sample {at}); data.mend.fill={_above(most * dt)} interpolates"
     )
     return Finding("dropped samples", "", text, True)
 

@@ -25,6 +25,7 @@ DIMENSIONS = {
     "s_dot": ("a velocity", "m/s", "m/s, mm/s, in/s, cm/s"),
     "a": ("an acceleration", "m/s^2", "m/s^2, g, mg, gal, cm/s^2, in/s^2"),
     "s_ddot": ("an acceleration", "m/s^2", "m/s^2, g, mg, gal, cm/s^2, in/s^2"),
+    "u": ("an input of any dimension", "", "V, A, degC, kN"),  # kept as it is
 }
 
 ANY_SIGNAL = {"secs": "s", "usec": "us", "msecs": "ms"}
@@ -56,11 +57,14 @@ LONGEST = 32  # characters; longer than any unit, too short to keep the parser b
 def to_si(unit: str, signal: str) -> float:
     """Factor that turns values in `unit` into SI: s, N, m, m/s or m/s², as `signal` asks.
 
-    `signal` is "time", "f", "r", "x", "s", "v", "s_dot", "a" or "s_ddot". Raises ValueError for
+    `signal` is "time", "f", "r", "x", "s", "v", "s_dot", "a", "s_ddot", or "u", whose
+    unit is kept. Raises ValueError for
     another signal, an unknown unit, or a unit of another dimension.
     """
     if signal not in DIMENSIONS:
         raise ValueError(f"signal={signal!r}: choose {', '.join(DIMENSIONS)}")
+    if signal == "u":
+        return 1.0
     what, si, examples = DIMENSIONS[signal]
     expected = f"signal {signal} is {what} and wants a unit of {si}, for example {examples}"
     words = _readable(unit)

@@ -283,7 +283,7 @@ class Composite(Trainable):
         if self.from_accelerations or record.x is None or record.v is None:
             raise ValueError(
                 "runs begin anew at measured x and v, which this record or model lacks; set "
-                "objective.restart=false, or integrate (scenario=integrated)"
+                f"objective.restart=false, or {record.remedy_of_state}"
             )
         drive, anchors = record.drive(), torch.stack([record.x, record.v], dim=-3).clone()
         anchors[..., 0, 0, :], anchors[..., 1, 0, :] = drive.x0, drive.v0

@@ -13,6 +13,7 @@ from torch.optim import Optimizer
 
 from data.annotations import shown
 from data.datamodule import Data
+from data.measured.channels import signal_of
 from data.sample import Sensors
 from data.simulation.damage import Damage
 from data.simulation.datamodule import SimulatedData
@@ -20,7 +21,7 @@ from data.simulation.excitation import Excitation
 from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
 from models.estimator import Estimator
-from models.training.build import build
+from models.training.build import build, class_of
 from models.training.identification import Identification
 from models.training.objective import Objective
 from models.training.solvers.solver import Solver
@@ -73,6 +74,14 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
     if not isinstance(model, DictConfig):
         raise ValueError(f"{shown(model)!r} stands in place of a model; see --help")
     more: dict[str, Any] = {}
+    sensors = data.sensors if isinstance(data, Data) else data
+    others = [c for c in sensors.channels if signal_of(c) == "u"]
+    if others and not getattr(class_of(model.get("_target_")), "takes_other_inputs", True):
+        raise ValueError(
+            f"model={model.get('name', '')} has no place for the other inputs {', '.join(others)}; "
+            "take them out of data.channels, or choose a model that reads any excitation, such as "
+            "gru, lstm or restoring forces learned by neural_state_space"
+        )
     if "forced" in model and model.forced is None:
         more["forced"] = data.forced
     if "estimator" in model:  # one that wraps another

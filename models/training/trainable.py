@@ -112,8 +112,8 @@ def windows_of(record: Record, horizon: int, warmup: int) -> tuple[Drive, Tensor
         raise ValueError(f"horizon={horizon}, warmup={warmup}: expected at least 1 and 0 samples")
     if record.x is None or record.v is None:
         raise ValueError(
-            "runs begin anew at measured x and v, which the record lacks; integrate "
-            "(scenario=integrated), or set objective.horizons=[null]"
+            "runs begin anew at measured x and v, which the record lacks; set "
+            f"objective.horizons=[null], or {record.remedy_of_state}"
         )
     device, last = record.a.device, record.samples - 1
     begins = torch.arange(0, record.samples, horizon, device=device)

@@ -207,8 +207,7 @@ def test_options_that_do_not_fit(
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the measured records in ../shared/data")
 def test_measured_records_of_others() -> None:
     floor = SHARED / "shake_table_3story" / "sine_1_5" / "floor_1.csv"
-    with pytest.raises(FileError, match=r"line 8 looks like the header .*set data.skip_rows=7"):
-        read_table(floor)
+    assert "header found in line 8" in read_table(floor).notes
     table = read_table(floor, skip_rows=7, columns=["SampleTimeFine", "Acc_X"])
     assert np.median(np.diff(table.columns["SampleTimeFine"])) == 8333.0
     assert "7 preamble lines skipped" in table.notes

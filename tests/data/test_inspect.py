@@ -153,7 +153,7 @@ def test_nothing_moves_the_cursor(run, tmp_path):
 
 
 def test_sensors_in_files_of_their_own(run, tmp_path):
-    for name, late in (("one", 0.0), ("two", 0.25)):
+    for name, late in (("one", 0.0), ("two", 0.254)):
         t = 0.01 * np.arange(400) + late
         rows = np.column_stack((t, np.sin(9.0 * t)))
         np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="t,Acc", comments="")
@@ -161,7 +161,7 @@ def test_sensors_in_files_of_their_own(run, tmp_path):
     status, out, _ = run(".", *words)
     assert status == 0
     assert "clock of a2: dt = 0.01 s" in out
-    assert "sensors out of sync: first samples at a1 0 s, a2 0.25 s" in out
+    assert "sensors out of sync: first samples at a1 0 s, a2 0.254 s" in out
     (config,) = tmp_path.glob("configs/data/*.yaml")
     assert "#   resample: 100" in config.read_text()
 

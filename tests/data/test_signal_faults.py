@@ -269,3 +269,28 @@ def test_shake_table_is_found_with_gravity_and_a_zero_first_row():
     assert [f.what for f in faults] == ["zero first row", "offset"]
     assert faults[1].channel == "a2"
     assert re.search("gravity", faults[1].message)
+
+
+@pytest.mark.parametrize("rate", [90.0, 99.0, 120.0])
+def test_the_step_of_rounded_stamps_is_that_of_the_whole_clock(rate):
+    """Lost samples among stamps that a rounding doubles or skips leave the step as it is."""
+    lost = np.delete(np.arange(T), slice(500, 503))
+    dt, faults = time_step(np.round(lost / rate, 2))
+    assert dt == pytest.approx(1.0 / rate, rel=1e-6)
+    assert {f.what for f in faults} == {"dropped samples", "rounded time stamps"}
+    assert "of 3 samples" in next(f.message for f in faults if f.blocks)
+
+
+@pytest.mark.parametrize("digits", [4, 5])
+def test_stamps_of_so_many_digits_are_rounded_by_decades(digits):
+    time = np.array([float(f"{k / 128.0:.{digits}g}") for k in range(20_000)])
+    dt, faults = time_step(time)
+    assert dt == pytest.approx(1.0 / 128.0, rel=1e-6)
+    assert [f.what for f in faults] == ["rounded time stamps"]
+
+
+def test_a_step_as_good_as_round_is_round():
+    assert time_step(1234.5 + DT * np.arange(T))[0] == DT
+    assert time_step(np.cumsum(np.full(T, 0.01)))[0] == 0.01
+    assert time_step((0.01 * np.arange(T)).astype(np.float32).astype(float))[0] == 0.01
+    assert time_step(8333.0 * np.arange(300))[0] == 8333.0  # µs of 120.005 Hz, not of 120 Hz

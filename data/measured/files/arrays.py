@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +53,7 @@ def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Con
     contents = Contents()
     series = [variable for variable in variables if _is_series(path, variable, request, contents)]
     series = [variable for variable in series if _may_be_wanted(variable, request)]
+    series = one_record(path, series, request, contents)
     for variable in series:
         _check_shape(path, variable)
     owners = [(variable, k) for variable in series for k in range(_width(variable))]
@@ -71,6 +72,50 @@ def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Con
     contents.units = {name: unit for name, unit in contents.units.items() if name in picked}
     _read(path, picked, contents)
     return contents
+
+
+def one_record(
+    path: Path, series: Sequence[Variable], request: Request, contents: Contents
+) -> list[Variable]:
+    """The variables of one record, where arrays are records × samples (× channels).
+
+    They are where one has three dimensions, or several share one wide shape; vectors of as many
+    samples, such as the time, belong to every record. Other shapes are left as they are.
+    """
+    shape = _records_by_samples(series)
+    if shape is None:
+        return list(series)
+    count, samples = shape
+    if not 1 <= request.record <= count:
+        raise FileError(f"{path.name} holds {count} records, and none is number {request.record}")
+    contents.records, k = count, request.record - 1
+    contents.notes.append(f"{count} records of {samples} samples")
+    kept = []
+    for variable in series:
+        if variable.shape[:2] == shape:
+            kept.append(_slice(variable, k))
+        elif variable.size == samples:
+            kept.append(variable)
+        else:
+            contents.notes.append(f"{variable.name!r} left out: shape {variable.shape}")
+    return kept
+
+
+def _records_by_samples(series: Sequence[Variable]) -> tuple[int, int] | None:
+    deep = {v.shape[:2] for v in series if len(v.shape) == 3 and v.shape[1] == max(v.shape)}
+    wide = [v.shape for v in series if len(v.shape) == 2 and 1 < v.shape[0] < v.shape[1]]
+    shapes = deep or {s for s in wide if wide.count(s) > 1}
+    if len(shapes) != 1:
+        return None
+    count, samples = next(iter(shapes))
+    return (count, samples) if count < samples else None
+
+
+def _slice(variable: Variable, k: int) -> Variable:
+    def read() -> np.ndarray:
+        return variable.read()[k]
+
+    return replace(variable, shape=variable.shape[1:], read=read)
 
 
 def _is_series(path: Path, variable: Variable, request: Request, contents: Contents) -> bool:

@@ -35,6 +35,7 @@ class Request:
     group: str | None = None
     columns: tuple[str, ...] | None = None
     header: bool = True
+    record: int = 1  # of a file of several, counted from 1
 
 
 @dataclass
@@ -45,6 +46,8 @@ class Contents:
     units: dict[str, str] = field(default_factory=dict)
     facts: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    records: int = 1  # that the file holds; the columns are of one of them
+    labels: dict[str, str] = field(default_factory=dict)  # where the sensor of a column stands
 
 
 def shorten(text: object, length: int = 40, bare: bool = False) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +21,15 @@ from data.measured.files.json_table import JSON
 from data.measured.files.mat import MAT
 from data.measured.files.npz import NPY, NPZ
 from data.measured.files.parquet import PARQUET
+from data.measured.files.peer import PEER
+from data.measured.files.strong_motion import STRONG_MOTION
 from data.measured.files.text import TEXT
+from data.measured.files.uff import UFF
 
 __all__ = ["FileError", "Table", "read_table"]
 
 # the first that recognises a file without signature names it: JSON is text, too
-FORMATS = (TEXT, HDF5, MAT, PARQUET, NPZ, NPY, JSON)
+FORMATS = (TEXT, HDF5, MAT, PARQUET, NPZ, NPY, JSON, STRONG_MOTION, PEER, UFF)
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,8 @@ class Table:
     units: dict[str, str]  # as the file states them, in headers such as "acc [g]"
     facts: dict[str, float]  # scalars that the file holds beside its columns, such as dt, fs
     notes: tuple[str, ...]  # what the reader noticed and did
+    records: int = 1  # that the file holds, in arrays records × samples (× channels)
+    labels: dict[str, str] = field(default_factory=dict)  # where the sensor of a column stands
 
 
 def read_table(
@@ -49,17 +54,19 @@ def read_table(
     group: str | None = None,
     columns: Sequence[str] | None = None,
     header: bool = True,
+    record: int = 1,
 ) -> Table:
-    """The columns of a CSV, MAT, Parquet, HDF5, NPZ, NPY or JSON file, as its suffix says.
+    """The columns of a file of text, arrays, strong motion or UFF, as its suffix says.
 
     `skip_rows` lines stand before the header, `delimiter` and `decimal` separate cells and
     fractions, `header=False` names the columns c1, c2, …; all four for text files only. `group`
     selects a group of an HDF5 or MAT v7.3 file. `columns` names the columns to read, without units.
+    `record` is the number of one record in a file of several, counted from 1.
     Raises FileError, one line with the remedy, for whatever could be read wrongly.
     """
     place = Path(path)
     wanted = None if columns is None else tuple(columns)
-    request = Request(skip_rows, delimiter, decimal, group, wanted, header)
+    request = Request(skip_rows, delimiter, decimal, group, wanted, header, record)
     try:
         _check_path(place)
         format_ = format_of(place, FORMATS)
@@ -74,7 +81,8 @@ def read_table(
         raise FileError(f"{place.name} does not fit into memory; read fewer data.columns") from None
     _check_rows(place, contents)
     notes = tuple(dict.fromkeys(contents.notes))
-    return Table(str(path), contents.columns, contents.units, contents.facts, notes)
+    held, labels = contents.records, contents.labels
+    return Table(str(path), contents.columns, contents.units, contents.facts, notes, held, labels)
 
 
 def _check_path(path: Path) -> None:

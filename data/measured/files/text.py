@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -142,7 +143,13 @@ def _pieces(path: Path, layout: Layout, size: int) -> Iterator[bytes]:
     """The rows of the file, whole lines of some `size` bytes at a time."""
     with path.open("rb") as file:
         file.seek(layout.offset)
-        while piece := file.read(size) + file.readline():
+        left = math.inf if layout.end is None else layout.end - layout.offset
+        while left > 0:
+            piece = file.read(size) + file.readline() if left > size else file.read(int(left))
+            if not piece:
+                return
+            piece = piece[: int(left)] if len(piece) > left else piece
+            left -= len(piece)
             yield piece
 
 

@@ -48,6 +48,8 @@ def _lines(path: Path, layout: Layout, length: float) -> Iterator[tuple[int, str
         number, read = layout.line, 0
         while piece := file.readline(LONGEST_LINE):
             bare = piece.removesuffix(b"\n").removesuffix(b"\r")
+            if layout.end is not None and layout.offset + read >= layout.end:
+                return
             for line in bare.split(b"\r"):  # line ends of old Macs
                 yield number, line.decode("utf-8", errors="replace")
                 number += 1
@@ -66,6 +68,11 @@ def _cells(path: Path, number: int, text: str, layout: Layout) -> list[str]:
             f"{shorten(text)}; expected pairs of quotes around whole cells; mend that line"
         ) from None
     if len(cells) == width:
+        if [cell.strip() for cell in cells] == layout.headers:
+            raise FileError(
+                f"{path.name}: line {number} repeats the header: another recording begins there; "
+                "make two files of it"
+            )
         return cells
     if text.lstrip().startswith(COMMENT):
         raise FileError(

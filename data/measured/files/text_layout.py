@@ -17,6 +17,7 @@ from data.measured.units import is_unit
 
 SAMPLE_BYTES = 2**20
 SAMPLE_ROWS = 200
+TAIL_BYTES = 2**16
 DELIMITERS = ("\t", ";", ",", " ")  # in this order of trust; " " stands for any white space
 CALLED = {"\t": "tab", " ": "white space"}
 COMMENT = ("#", "%")
@@ -33,6 +34,7 @@ class Layout:
     offset: int  # of that line in the file [bytes]
     notes: list[str]
     units: dict[int, str] = field(default_factory=dict)  # by column, from a row of units
+    end: int | None = None  # where comments follow the last row [bytes]
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,23 @@ def layout_of(path: Path, request: Request) -> Layout:
     rows = [split(line.text, delimiter) for line in kept if line.number >= layout.line]
     rows = [row for row in rows[:SAMPLE_ROWS] if len(row) == len(layout.headers)]
     cells = zip(*rows, strict=True) if rows else [()] * len(layout.headers)
+    layout.end = _comments_at_end(path, layout)
     layout.kinds = [kind_of_column(column, request.decimal) for column in cells]
     return layout
+
+
+def _comments_at_end(path: Path, layout: Layout) -> int | None:
+    """Offset of the comments that follow the last row; None without any."""
+    size = path.stat().st_size
+    start = max(layout.offset, size - TAIL_BYTES)
+    with path.open("rb") as file:
+        file.seek(start)
+        tail = file.read(TAIL_BYTES)
+    found = re.search(rb"((?:\r\n|\n|\r)[ \t]*[#%][^\r\n]*)+\s*\Z", tail)
+    if found is None or found.start() == 0:
+        return None
+    layout.notes.append("comments at the end left out")
+    return start + found.start() + 1
 
 
 def _first_lines(path: Path, notes: list[str]) -> list[Line]:
@@ -115,7 +132,7 @@ def _delimiter(
     detected = _detect([line.text for line in kept[1 : SAMPLE_ROWS + 1]] or [kept[0].text], request)
     if stated is None:
         delimiter = detected or ","
-        if detected:
+        if detected and detected != ",":
             notes.append(f"delimiter {CALLED.get(delimiter, repr(delimiter))}")
         return delimiter
     if detected and not any(len(split(line.text, stated)) > 1 for line in kept):
@@ -155,8 +172,28 @@ def _layout(
         if bare != first.text:
             notes.append(f"{first.text[0]!r} before the header left out")
         return _with_header(path, bare, rest, delimiter, request, notes)
+    start = 0 if request.skip_rows else _after_preamble(kept, width, delimiter, request.decimal)
+    if start:
+        notes.append(f"header found in line {kept[start].number}")
+        return _layout(path, kept[start:], delimiter, request, notes)
     _complain(path, kept, width, delimiter, request)
     return _with_header(path, first.text, rest, delimiter, request, notes)
+
+
+def _after_preamble(kept: Sequence[Line], width: int, delimiter: str, decimal: str) -> int:
+    """Place of the one header below lines of another kind; 0 without one."""
+    if len(split(kept[0].text, delimiter)) == width and _row_like(
+        split(kept[0].text, delimiter), decimal
+    ):
+        return 0
+    for k, line in enumerate(kept[1 : SAMPLE_ROWS + 1], start=1):
+        cells = split(line.text, delimiter)
+        if len(cells) == width and _row_like(cells, decimal):
+            return 0
+        bare = line.text.lstrip("".join(COMMENT) + " ")
+        if kept[k + 2 :] and _is_header(bare, kept[k + 1 :], width, delimiter, decimal):
+            return k
+    return 0
 
 
 def _with_header(

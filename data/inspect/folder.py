@@ -1,0 +1,67 @@
+"""A folder of one file per sensor: which channels its files may be together."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from data.arguments import plain
+from data.inspect.guesses import BASE, KINDS
+from data.inspect.inspection import Inspection
+from data.measured.channels import signal_of
+
+
+def show_folders(console: Console, wanted: Sequence[str], records: Sequence[Inspection]) -> None:
+    """Print, for each folder that was asked for, its files as one record, where they may be."""
+    for folder in map(Path, wanted):
+        if not folder.is_dir():
+            continue
+        channels = of_folder([record for record in records if record.path.parent == folder])
+        if channels:
+            words = [f"{channel}={shlex.quote(where)}" for channel, where in channels.items()]
+            text = f"{folder}: one record of these files, perhaps; you decide:"
+            console.print(Text(plain(text), style="cyan"), soft_wrap=True)
+            console.print(Text(plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
+
+
+def of_folder(records: Sequence[Inspection]) -> dict[str, str]:
+    """{channel: file:column} of files with the same columns, one of which stands on the base.
+
+    The axis is that along which the base shakes most. Empty where no file is named for the base,
+    or where the files are as long as separate events are.
+    """
+    columns = [set(record.raw.channels) for record in records]
+    bases = [record for record in records if re.search(BASE, record.path.stem.lower())]
+    if len(records) < 2 or len(bases) != 1 or any(names != columns[0] for names in columns):
+        return {}
+    base = bases[0]
+    axes = [c for c in base.raw.channels if _is_acceleration(base, c)]
+    if not axes:
+        return {}
+    axis = max(axes, key=lambda c: base.statistics[c].std if base.statistics[c].finite else -np.inf)
+    clock = next((c for c, g in base.guesses.items() if g == "time"), None)
+    channels = {} if clock is None else {"time": clock}
+    channels["s_ddot1"] = f"{base.path.name}:{axis}"
+    above = [record for record in records if record is not base]
+    for number, record in enumerate(sorted(above, key=_order), start=1):
+        channels[f"a{number}"] = f"{record.path.name}:{axis}"
+    return channels
+
+
+def _is_acceleration(record: Inspection, column: str) -> bool:
+    guess = record.guesses.get(column)
+    if guess is not None:
+        return signal_of(guess) in ("a", "s_ddot")
+    return re.search(KINDS[0][0], column.lower()) is not None
+
+
+def _order(record: Inspection) -> tuple[list[int], str]:
+    """Files by the numbers in their names: floor_10 after floor_9."""
+    name = record.path.stem
+    return [int(digits) for digits in re.findall(r"\d{1,9}", name)], name

@@ -1,0 +1,114 @@
+"""Channels in SI units, on one even clock → a Record: what drives, what answers, what is estimated.
+
+T samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.signal import savgol_filter
+from torch import Tensor
+
+from data.measured.channels import matrix, numbered
+from data.record import Record
+
+OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
+USUAL = ("acceleration", "force", "displacement")  # what is estimated, the first that is there
+REFERENCES = ("absolute", "relative")
+SLOPE = 9  # samples of the cubic whose slope is the rate of a support
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What channels mean, where their names do not say it."""
+
+    quantity: str | None = None  # what is estimated; None: the first of USUAL
+    accelerations: str = "absolute"  # or "relative", to a support that s_ddot1 measures
+    initial_state: str | None = None
+    hold: str = "linear"
+
+
+def with_rates(
+    channels: Mapping[str, np.ndarray], dt: float, done: list[str]
+) -> dict[str, np.ndarray]:
+    """The channels, and the velocities of supports whose displacements alone were measured."""
+    whole = dict(channels)
+    for number in numbered(channels, "s"):
+        if f"s_dot{number}" not in channels:
+            s = channels[f"s{number}"]
+            size = min(SLOPE, len(s) - (len(s) + 1) % 2)
+            if size > 3:
+                whole[f"s_dot{number}"] = savgol_filter(s, size, 3, deriv=1, delta=dt)
+                done.append(f"s_dot{number} from the slopes of s{number}, over {size} samples")
+    return whole
+
+
+def record_of_channels(
+    name: str, dt: float, channels: Mapping[str, np.ndarray], meaning: Meaning, whole: bool
+) -> Record:
+    """The record of channels (T,) [SI]; `whole`: it is not the rest of one that was cut in motion.
+
+    Beside the acceleration of a support, s_ddot1, accelerations become relative to it, and
+    displacements and velocities are taken to be so.
+    Raises ValueError for channels that hold nothing to estimate or nothing that drives.
+    """
+    quantity = meaning.quantity or next((q for q in USUAL if numbered(channels, OUTPUTS[q])), None)
+    output = None if quantity is None else matrix(channels, OUTPUTS[quantity])
+    if quantity is None or output is None:
+        raise ValueError(
+            f"{name}: the channels {', '.join(channels)} hold nothing to estimate; "
+            "expected accelerations a1, …, displacements x1, … or forces of an element r1"
+        )
+    f, ground = matrix(channels, "f"), matrix(channels, "s_ddot")
+    if ground is not None and quantity != "force":  # an imposed motion says more than its rate
+        f = _driven_by_base(name, f, ground, channels)
+        if quantity == "acceleration" and meaning.accelerations == "absolute":
+            output = output - ground
+    # beside accelerations only: an estimate of x must not see x
+    x, v = (matrix(channels, s) if quantity == "acceleration" else None for s in ("x", "v"))
+    x, v = (u if u is not None and u.shape == output.shape else None for u in (x, v))
+    known = x is not None and v is not None
+    imposed = quantity == "force"  # nothing moves by itself
+    begins = "given" if known or not (whole or imposed) else "rest"
+    record = Record(
+        dt=dt,
+        a=output,
+        f=output.new_zeros(len(output), 0) if f is None else f,
+        x=x,
+        v=v,
+        s=None if based(channels, quantity) else matrix(channels, "s"),
+        s_dot=None if based(channels, quantity) else matrix(channels, "s_dot"),
+        e=matrix(channels, "u"),
+        initial_state=meaning.initial_state or begins,
+        hold=meaning.hold,
+        quantity=quantity,
+    )
+    if record.excitation.shape[-1] == (0 if record.e is None else record.e.shape[-1]):
+        raise ValueError(
+            f"{name}: the channels {', '.join(channels)} hold nothing that drives the "
+            "motion; expected forces f1, …, a support's acceleration s_ddot1, or s1 and s_dot1"
+        )
+    record.require_finite()
+    return record
+
+
+def based(channels: Mapping[str, object], quantity: str) -> bool:
+    """Whether a support's acceleration drives the motion, which is relative to that support."""
+    return bool(numbered(channels, "s_ddot")) and quantity != "force"
+
+
+def _driven_by_base(
+    name: str, f: Tensor | None, ground: Tensor, channels: Mapping[str, object]
+) -> Tensor:
+    """A support's acceleration drives the motion relative to it by −M ι s̈: f = −s̈ in m/s²."""
+    if f is not None or ground.shape[-1] != 1:
+        raise ValueError(
+            f"{name}: the channels {', '.join(channels)} mix a support's acceleration "
+            "with forces or a second one; base excitation takes s_ddot1 beside "
+            "accelerations a1, …, or displacements x1, … relative to the base"
+        )
+    return torch.neg(ground)

@@ -1,0 +1,267 @@
+"""Accelerograms of strong-motion agencies: CSMIP volumes 1 and 2 (.V1, .V2), COSMOS (.V1c, .V2c).
+
+Text of fixed columns: per channel a text header, whole numbers, real numbers, then blocks of
+accelerations, and in volume 2 of velocities and displacements, each announced by a line that says
+how many there are, their unit and their Fortran format. Sources: COSMOS Strong Motion Data Format
+1.20 (2001); the CSMIP formats as CESMD distributes them.   T samples.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from data.measured.files.columns import Contents, FileError, Request, check_size, choose, shorten
+from data.measured.files.format import Format
+
+CSMIP = re.compile(  # 3000 points of accel data equally spaced at .020 sec, in cm/sec2. (8f10.3)
+    r"\s*(?P<count>\d+)\s+points of (?P<kind>accel|veloc|displ)\w* data equally spaced at\s*"
+    r"(?P<dt>[\d.]+(?:e[+-]?\d+)?)\s*sec[.,]*\s*(?:\(?in (?P<unit>[\w/^* ]+?)\)?[.,]?\s*)?"
+    r"(?:\(\s*(?P<format>[^()]*)\))?\s*$",
+    re.IGNORECASE,
+)
+COSMOS = re.compile(  # 12091 acceleration pts, approx 120 secs, units=cm/s^2 (4),Format=(8F10.5)
+    r"\s*(?P<count>\d+)\s+(?P<kind>accel|veloc|displ)\w* pts,.*?units\s*=\s*(?P<unit>[^,(]+?)\s*"
+    r"(?:\(\s*\d+\s*\))?\s*,\s*format\s*=\s*\(\s*(?P<format>[^()]*)\)",
+    re.IGNORECASE,
+)
+REALS = re.compile(r"\s*(\d+)\s+real-header values follow on\s+(\d+)\s+lines", re.IGNORECASE)
+CHANNEL = re.compile(r"chan(?:nel|\.)?\s*(\d+)\s*:\s*(.*)", re.IGNORECASE)
+LOCATION = re.compile(r"location:\s*(\S.*)", re.IGNORECASE)
+END = re.compile(r"^(/&)?\s*-*\s*end[ -]of[ -]data", re.IGNORECASE)
+POINTS = re.compile(r"no\.? of points\s*=\s*(\d+)", re.IGNORECASE)
+UNCORRECTED = re.compile(r"units of uncor\w*\.? accel\w* are (?P<what>.*?)(?:\.\s|\s{2,}|$)", re.I)
+UNITS = {"cm/sec2": "cm/s^2", "cm/sec/sec": "cm/s^2", "cm/s/s": "cm/s^2", "cm/sec^2": "cm/s^2",
+         "cm/sec": "cm/s", "g/10": "0.1*g", "cm": "cm", "g": "g", "cm/s^2": "cm/s^2",
+         "cm/s2": "cm/s^2", "cm/s": "cm/s", "mg": "mg", "in": "in"}  # fmt: skip
+SHORT = {"accel": "acc", "veloc": "vel", "displ": "disp"}
+HEADER_V1 = 27  # lines of a channel of volume 1: 13 of text, 7 of whole and 7 of real numbers
+UNKNOWN = -999.0
+
+
+@dataclass(frozen=True)
+class Block:
+    """One series of a channel."""
+
+    kind: str  # "acc", "vel" or "disp"
+    channel: str  # its number
+    place: str  # direction and location of the sensor
+    unit: str
+    dt: float  # [s]
+    values: np.ndarray  # (T,)
+
+
+def read_strong_motion(path: Path, request: Request) -> Contents:
+    """Series of all channels as columns acc1, vel1, disp1, acc2, …, numbered like the channels.
+
+    Where each sensor stands is in `labels` and in the notes. Raises FileError for blocks that are
+    shorter than announced, counts (raw recorder units), and channels of unequal rates.
+    """
+    check_size(path, 16.0 * path.stat().st_size, path.stat().st_size)
+    lines = path.read_text(encoding="latin-1").splitlines()
+    blocks = _named(_blocks(path, lines))
+    if not blocks:
+        raise FileError(
+            f"{path.name} announces no accelerations; expected a line such as '3000 points of accel"
+            " data equally spaced at .02 sec' or '3000 acceleration pts, …'"
+        )
+    chosen = choose(path, list(blocks), request.columns)
+    used = {name: blocks[name] for name in chosen}
+    contents = Contents()
+    contents.facts["dt"] = _common_step(path, used)
+    shortest = min(len(block.values) for block in used.values())
+    if any(len(block.values) != shortest for block in used.values()):
+        contents.notes.append(f"series of unequal length: the first {shortest} samples of each")
+    for name, block in used.items():
+        contents.columns[name] = block.values[:shortest]
+        contents.units[name] = block.unit
+        if block.place:
+            contents.labels[name] = block.place
+    places = {block.channel: block.place for block in used.values() if block.place}
+    contents.notes += [f"channel {number}: {place}" for number, place in places.items()]
+    return contents
+
+
+def content(head: bytes) -> str:
+    """Name of content that begins as such a file does, "" for other content."""
+    text = head.decode("latin-1").lower()
+    known = ("accelerogram", "acceleration", "corrected data", "-header values follow", "velocity")
+    return "strong-motion accelerograms" if any(word in text for word in known) else ""
+
+
+STRONG_MOTION = Format(
+    "strong motion", (".v2", ".v1", ".v2c", ".v1c", ".raw"), read_strong_motion, content=content
+)
+
+
+def _blocks(path: Path, lines: Sequence[str]) -> list[Block]:
+    blocks: list[Block] = []
+    start = at = 0  # of the channel's header; the line looked at
+    while at < len(lines):
+        line = lines[at]
+        found = CSMIP.match(line) or COSMOS.match(line)
+        if found is not None:
+            block, at = _read_block(path, lines, start, at, found)
+            blocks.append(block)
+        elif END.match(line.strip()):
+            start = at = at + 1
+        elif at == start + HEADER_V1 and _has_pairs(lines[start:at], line):
+            block, at = _read_pairs(path, lines, start, at)
+            blocks.append(block)
+        else:
+            at += 1
+    return blocks
+
+
+def _read_block(
+    path: Path, lines: Sequence[str], start: int, at: int, found: re.Match[str]
+) -> tuple[Block, int]:
+    """The block that a line announces, and the line after it."""
+    said = found.groupdict()
+    header = lines[start:at]
+    count, kind = int(said["count"]), SHORT[said["kind"].lower()]
+    per_line, width = _format(path, at, said.get("format"))
+    rows = -(-count // per_line)
+    values = _numbers(path, lines[at + 1 : at + 1 + rows], count, width, at)
+    unit = _unit(path, said.get("unit"), header, at)
+    dt = float(said["dt"]) if said.get("dt") else _step_of_cosmos(path, header, at, count)
+    number, place = _channel(header)
+    return Block(kind, number, place, unit, dt, values), at + 1 + rows
+
+
+def _format(path: Path, at: int, text: str | None) -> tuple[int, int]:
+    """Numbers in a line and their width, of a Fortran format such as 8f10.3."""
+    found = re.search(r"(\d+)\s*[FEIG](\d+)", (text or "8F10.3").upper())
+    if found is None or not 1 <= int(found[1]) <= 100 or not 1 <= int(found[2]) <= 40:
+        raise FileError(
+            f"{path.name}: line {at + 1} has the format {shorten(text)}; expected 8F10.3"
+        )
+    return int(found[1]), int(found[2])
+
+
+def _numbers(path: Path, rows: Sequence[str], count: int, width: int, at: int) -> np.ndarray:
+    """Numbers of fixed columns, which may touch each other."""
+    words = " ".join(rows).split()
+    if len(words) != count or any(len(word) > width for word in words):
+        words = [
+            row[k : k + width] for row in rows for k in range(0, len(row.rstrip()), width)
+        ]  # fmt: skip
+    try:
+        values = np.array([float(word.replace("D", "E")) for word in words[:count]])
+    except ValueError as error:
+        raise FileError(
+            f"{path.name}: below line {at + 1}: {shorten(error, 80, bare=True)}; expected numbers "
+            f"of {width} characters; download it again"
+        ) from None
+    if len(values) != count:
+        raise FileError(
+            f"{path.name}: line {at + 1} announces {count} values and {len(values)} follow; the "
+            "file was cut off: download it again"
+        )
+    return values
+
+
+def _unit(path: Path, text: str | None, header: Sequence[str], at: int) -> str:
+    if text is None:
+        said = next((m for m in map(UNCORRECTED.search, header) if m), None)
+        text = "cm/sec2" if said is None else said["what"].lower().replace("sec and ", "")
+    known = UNITS.get(text.strip().lower().rstrip(".").replace("sec**2", "sec2"))
+    if known is None:
+        raise FileError(
+            f"{path.name}: line {at + 1} is in {shorten(text)}; expected cm/sec2, g/10, g, cm/sec "
+            "or cm (counts are not converted; download the corrected record)"
+        )
+    return known
+
+
+def _step_of_cosmos(path: Path, header: Sequence[str], at: int, count: int) -> float:
+    """Time step [s]: value 62 of the real header in ms, else value 34 in s."""
+    for k, line in enumerate(header):
+        found = REALS.match(line)
+        if found:
+            words = " ".join(header[k + 1 : k + 1 + int(found[2])]).split()
+            try:
+                values = [float(word) for word in words]
+            except ValueError:
+                break
+            series = values[61] * 1e-3 if len(values) > 61 else UNKNOWN
+            recorder = values[33] if len(values) > 33 else UNKNOWN
+            length = values[62] if len(values) > 62 else UNKNOWN
+            for dt in (series, recorder):
+                if dt > 0.0 and (length <= 0.0 or abs(length / dt - count) <= 0.02 * count + 2.0):
+                    return dt
+    raise FileError(
+        f"{path.name}: the real header before line {at + 1} says no time step (values 62 and 34) "
+        "that fits the length of the record; say data.dt by a copy as CSV"
+    )
+
+
+def _channel(header: Sequence[str]) -> tuple[str, str]:
+    """Number of a channel, and where its sensor stands and points."""
+    number, place = "", ""
+    for line in header:
+        found, location = CHANNEL.search(line), LOCATION.search(line)
+        if found and not number:
+            number = found[1]
+            direction = re.split(r"\s{2,}|\(|location:", found[2], flags=re.IGNORECASE)[0].strip()
+            place = direction
+        if location and not place.endswith(location[1].strip()):
+            place = f"{place}, {' '.join(location[1].split())}".strip(", ")
+            break
+    return number, place
+
+
+def _has_pairs(header: Sequence[str], line: str) -> bool:
+    """Whether a channel of volume 1 holds pairs of time and acceleration from this line on."""
+    uncorrected = any("uncorrected" in text.lower() for text in header[:2])
+    return uncorrected and re.search(r"[A-Za-z]{2}", line) is None and bool(line.strip())
+
+
+def _read_pairs(path: Path, lines: Sequence[str], start: int, at: int) -> tuple[Block, int]:
+    """Pairs of time [s] and acceleration, ten numbers of seven characters in a line."""
+    header = lines[start:at]
+    last = next((k for k in range(at, len(lines)) if END.match(lines[k].strip())), len(lines))
+    points = next((int(m[1]) for m in map(POINTS.search, header) if m), 0)
+    count = 2 * points or sum(-(-len(row.rstrip()) // 7) for row in lines[at:last])
+    pairs = _numbers(path, lines[at:last], count, 7, at - 1).reshape(-1, 2)
+    time = pairs[:, 0]
+    steps = np.diff(time)
+    dt = float(time[-1] - time[0]) / max(len(steps), 1)
+    if len(steps) < 1 or steps.min() <= 0.0:
+        raise FileError(f"{path.name}: the times below line {at} do not rise; download it again")
+    even = dt * np.arange(len(time))
+    values = pairs[:, 1]
+    if np.abs(time - time[0] - even).max() > 0.5 * dt:  # digitised by hand
+        values = np.interp(even, time - time[0], values)
+    number, place = _channel(header)
+    return Block("acc", number, place, _unit(path, None, header, at), dt, values), last
+
+
+def _named(blocks: list[Block]) -> dict[str, Block]:
+    """Blocks by kind and channel; channels without a number, or of one number, are counted."""
+    named: dict[str, Block] = {}
+    order: dict[str, int] = {}
+    for block in blocks:
+        order[block.kind] = order.get(block.kind, 0) + 1
+        number = block.channel or str(order[block.kind])
+        name = f"{block.kind}{number}"
+        if name in named:
+            name = f"{block.kind}{number}_{order[block.kind]}"
+        named[name] = replace(block, channel=number)
+    return named
+
+
+def _common_step(path: Path, blocks: dict[str, Block]) -> float:
+    steps = {name: block.dt for name, block in blocks.items()}
+    low, high = min(steps.values()), max(steps.values())
+    if not low > 0.0 or high - low > 1e-3 * low:
+        shown = ", ".join(f"{name} {dt:g} s" for name, dt in list(steps.items())[:6])
+        raise FileError(
+            f"{path.name}: the series have the time steps {shown}; expected one; name series of "
+            "one step in data.channels"
+        )
+    return low

@@ -1,0 +1,134 @@
+"""Universal files (UFF): time responses of data set 58 and 58b, by the package pyuff.
+
+A file is first read in a process of its own (see data/measured/files/apart.py): pyuff trusts what
+a file says of itself.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data.measured.files.apart import require_survival
+from data.measured.files.columns import (
+    MOST,
+    Contents,
+    FileError,
+    Request,
+    check_size,
+    choose,
+    reason_of,
+)
+from data.measured.files.format import Format
+
+TIME_RESPONSE = 1  # function type
+KINDS = {8: ("disp", "m"), 11: ("vel", "m/s"), 12: ("acc", "m/s^2"), 13: ("force", "N"),
+         9: ("force", "N")}  # fmt: skip
+AXES = {0: "", 1: "X", -1: "-X", 2: "Y", -2: "-Y", 3: "Z", -3: "-Z", 4: "RX", 5: "RY", 6: "RZ"}
+BARE = ("", "none", "null")
+
+
+def read_uff(path: Path, request: Request) -> Contents:
+    """Time responses as columns such as acc_3Z (acceleration of node 3 along Z), and dt [s].
+
+    Raises FileError where pyuff is missing, and for files without real, evenly sampled responses.
+    """
+    if importlib.util.find_spec("pyuff") is None:
+        raise FileError(
+            f"{path.name}: universal files need the package pyuff: "
+            "pip install -c constraints.txt -e '.[uff]'"
+        )
+    check_size(path, 4.0 * path.stat().st_size, path.stat().st_size)
+    require_survival(path, request, __name__)
+    return read_here(path, request)
+
+
+def read_here(path: Path, request: Request) -> Contents:
+    """The responses in this process, which a damaged file may keep busy."""
+    import pyuff  # type: ignore[import-untyped,import-not-found,unused-ignore]
+
+    try:
+        file = pyuff.UFF(str(path))
+        kinds = [int(kind) for kind in file.get_set_types()]
+        wanted = [k for k, kind in enumerate(kinds) if kind == 58][: MOST + 1]
+        sets = [file.read_sets(k) for k in wanted]
+    except (MemoryError, FileError):
+        raise
+    except Exception as error:  # pyuff raises plain Exception for whatever it meets
+        raise FileError(f"{path.name} is damaged: {reason_of(error)}; export it again") from None
+    contents = Contents()
+    series: dict[str, dict[str, Any]] = {}
+    for data in sets:
+        if int(data.get("func_type", 0)) == TIME_RESPONSE:
+            series[_name(data, series)] = data
+    if len(sets) > len(series):
+        contents.notes.append(f"{len(sets) - len(series)} functions that are no time response")
+    if not series:
+        raise FileError(
+            f"{path.name} holds no time response (data set 58, function type 1); export time "
+            "histories"
+        )
+    for name in choose(path, list(series), request.columns):
+        contents.columns[name] = _values(path, name, series[name])
+        unit = str(series[name].get("ordinate_axis_units_lab", "")).strip()
+        kind = KINDS.get(int(series[name].get("ordinate_spec_data_type", 0)))
+        if unit.lower() not in BARE or kind:
+            contents.units[name] = unit if unit.lower() not in BARE or not kind else kind[1]
+    return _even(path, series, contents)
+
+
+def content(head: bytes) -> str:
+    """Name of content that begins as universal files do, "" for other content."""
+    first = head.lstrip(b"\r\n").splitlines()[:1]
+    return "a universal file" if first and first[0].strip() == b"-1" else ""
+
+
+UFF = Format("UFF", (".uff", ".unv", ".bunv"), read_uff, content=content)
+
+
+def _name(data: dict[str, Any], taken: dict[str, Any]) -> str:
+    kind = KINDS.get(int(data.get("ordinate_spec_data_type", 0)), ("c", ""))[0]
+    axis = AXES.get(int(data.get("rsp_dir", 0)), "")
+    name = f"{kind}_{int(data.get('rsp_node', 0))}{axis}"
+    same = sum(other == name or other.startswith(f"{name}_") for other in taken)
+    return f"{name}_{same + 1}" if same else name
+
+
+def _values(path: Path, name: str, data: dict[str, Any]) -> np.ndarray:
+    values = np.asarray(data["data"])
+    if values.dtype.kind == "c" and not np.any(values.imag):
+        values = values.real
+    if values.dtype.kind not in "fiu":
+        raise FileError(f"{path.name}: {name!r} holds complex numbers; export time histories")
+    return values.astype(np.float64).ravel()
+
+
+def _even(path: Path, series: dict[str, dict[str, Any]], contents: Contents) -> Contents:
+    """The series with their common time step; cut to the shortest. Raises FileError without one."""
+    steps = {}
+    for name in contents.columns:
+        data = series[name]
+        dt = float(data.get("abscissa_inc", 0.0))
+        x = np.asarray(data.get("x", []), dtype=float)
+        if not dt > 0.0 and len(x) > 1:
+            dt = float(x[-1] - x[0]) / (len(x) - 1)
+            if np.abs(np.diff(x) - dt).max() > 0.01 * dt:
+                raise FileError(
+                    f"{path.name}: {name!r} is unevenly sampled; resample and export it"
+                )
+        steps[name] = dt
+    low, high = min(steps.values()), max(steps.values())
+    if not low > 0.0 or high - low > 1e-3 * low:
+        raise FileError(
+            f"{path.name}: the responses have time steps from {low:g} to {high:g} s; expected one; "
+            "name responses of one step in data.channels"
+        )
+    contents.facts["dt"] = low
+    shortest = min(len(values) for values in contents.columns.values())
+    if any(len(values) != shortest for values in contents.columns.values()):
+        contents.notes.append(f"responses of unequal length: the first {shortest} samples of each")
+    contents.columns = {name: values[:shortest] for name, values in contents.columns.items()}
+    return contents

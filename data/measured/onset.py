@@ -1,0 +1,71 @@
+"""Where a record begins to move after a quiet start.   T samples.
+
+A start is quiet while no channel stirs: no response, and no excitation.  What comes later is never
+looked at, so that a training motion's beginning does not depend on its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from data.measured.raw_record import RawRecord
+
+BLOCK = 0.25  # s
+FEWEST = 16  # samples of a block
+RISE = 20.0  # times the deviation of the blocks before
+QUIET = 4  # blocks at least that are compared with
+SHORTEST = 1.0  # s, the least that is worth cutting
+KEPT = 0.5  # s of rest that stay before the onset
+
+
+def onset_of(channels: Mapping[str, np.ndarray], dt: float) -> int:
+    """Sample at which the first channel begins to move; 0 where the record begins in motion."""
+    size = max(FEWEST, round(BLOCK / dt))
+    starts = [_onset(signal, size) for signal in channels.values()]
+    found = [start for start in starts if start is not None]
+    return min(found) * size if found and len(found) == len(starts) else _of_some(starts, size)
+
+
+def _of_some(starts: list[int | None], size: int) -> int:
+    """Onset where some channels never rise: they are noise throughout if others do by far."""
+    found = [start for start in starts if start is not None]
+    return min(found) * size if len(found) > len(starts) / 2 else 0
+
+
+def _onset(signal: np.ndarray, size: int) -> int | None:
+    """First block (of `size` samples) that rises far above all before it, None without one."""
+    count = len(signal) // size
+    if count <= QUIET:
+        return None
+    blocks = signal[: count * size].reshape(count, size)
+    deviation = blocks.std(axis=1)
+    moved = np.abs(blocks.mean(axis=1) - blocks[0].mean())
+    for k in range(QUIET, count):
+        before = float(np.median(deviation[:k]))
+        slowly = max(before, float(moved[1:k].max()))  # a slow test moves from its first block on
+        if deviation[k] > RISE * before or moved[k] > RISE * slowly:
+            return k
+    return None
+
+
+def without_quiet_start(raw: RawRecord) -> RawRecord:
+    """The record from shortly before its onset on, with a note; as it is where none is quiet."""
+    if raw.clocks or (raw.time is None and raw.dt is None):
+        return raw
+    time = raw.own_time()
+    if len(time) < 2 or not np.isfinite(time).all() or not (np.diff(time) > 0.0).all():
+        return raw
+    known = {c: u for c, u in raw.channels.items() if np.isfinite(u).all() and np.ptp(u) > 0.0}
+    dt = float(time[-1] - time[0]) / (len(time) - 1)
+    if not known or len(known) < len(raw.channels):
+        return raw
+    first = onset_of(known, dt) - round(KEPT / dt)
+    if first * dt < SHORTEST or len(time) - first < 2:
+        return raw
+    note = f"quiet until {(first * dt) + KEPT:.4g} s: the first {first * dt:.4g} s cut off"
+    channels = {c: u[first:] for c, u in raw.channels.items()}
+    later = None if raw.time is None else raw.time[first:]
+    return replace(raw, time=later, channels=channels, notes=(*raw.notes, note))

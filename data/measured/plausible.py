@@ -1,0 +1,119 @@
+"""Do the channels of a base-excited structure fit together?   T samples.
+
+Well below its first resonance a structure follows its base: an absolute acceleration is then that
+of the base itself, H(f) = 1; a relative one is +(f/f₁)² of it; and where a displacement of the base
+stands for its acceleration, H(f) = −(2πf)².  Slope, sign and size of H tell which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import csd, welch
+
+from data.measured.channels import numbered
+from data.measured.finding import Finding
+
+SHORTEST = 512  # samples
+COHERENT = 0.8  # least coherence of base and response
+BELOW = 0.6  # of the frequency of the largest amplification: H of a single mode is below 1.6
+LINES = 4  # frequencies at least
+WIDE = 2.0  # highest over lowest of them
+FAINT = 1e-5  # of the base's largest power density: below it there is noise
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Transfer function from the base well below the first resonance."""
+
+    slope: float  # of log |H| over log f
+    gain: float  # median of Re H
+    along: float  # share of H that is real, with its sign
+    low: float  # [Hz]
+    high: float  # [Hz]
+
+
+def plausibility(
+    channels: Mapping[str, np.ndarray], dt: float, accelerations: str = "absolute"
+) -> list[Finding]:
+    """Contradictions between a support's acceleration s_ddot1 and the accelerations a1, … [SI]."""
+    numbers = numbered(channels, "a")
+    if not numbers or "s_ddot1" not in channels:
+        return []
+    base = channels["s_ddot1"]
+    found = {f"a{i}": transfer(base, channels[f"a{i}"], dt) for i in numbers}
+    known = {name: h for name, h in found.items() if h is not None}
+    rates = [name for name, h in known.items() if 1.3 < h.slope < 3.0 and abs(h.along) > 0.8]
+    if known and len(rates) > len(known) / 2:
+        return _of_rates(rates, [known[name] for name in rates], accelerations)
+    return [
+        finding
+        for name, h in known.items()
+        for finding in _of_gain(name, h, accelerations)
+        if abs(h.slope) < 0.8
+    ]
+
+
+def doubts(channels: Mapping[str, np.ndarray], dt: float, accelerations: str) -> list[str]:
+    """What `plausibility` finds, as notes of a run."""
+    return [f"doubtful: {finding}" for finding in plausibility(channels, dt, accelerations)]
+
+
+def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | None:
+    """H(f) below the first resonance; None where too little is coherent there."""
+    both = np.isfinite(base).all() and np.isfinite(response).all()
+    if len(base) < SHORTEST or len(base) != len(response) or not both:
+        return None
+    length = min(len(base) // 4, 4096)
+    rate: dict[str, float | int] = {"fs": 1.0 / dt, "nperseg": length}
+    f, s_uu = welch(base, **rate)
+    s_yy, s_uy = welch(response, **rate)[1], csd(base, response, **rate)[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        h, coherence = s_uy / s_uu, np.abs(s_uy) ** 2 / (s_uu * s_yy)
+    good = (coherence > COHERENT) & (s_uu > FAINT * s_uu.max()) & (f > 1.5 * f[1])
+    if good.sum() < LINES:
+        return None
+    first = float(f[good][np.abs(h[good]).argmax()])
+    steady = good & (f < BELOW * first)
+    if steady.sum() < LINES or f[steady].max() < WIDE * f[steady].min():
+        return None
+    at, size = f[steady], h[steady]
+    slope = float(np.polyfit(np.log(at), np.log(np.abs(size)), 1)[0])
+    along = float(np.median(size.real / np.abs(size)))
+    return Transfer(slope, float(np.median(size.real)), along, float(at.min()), float(at.max()))
+
+
+def _of_rates(names: list[str], found: list[Transfer], accelerations: str) -> list[Finding]:
+    low, high = min(h.low for h in found), max(h.high for h in found)
+    where = f"from {low:.2g} to {high:.2g} Hz {names[0]} grows like f² times s_ddot1"
+    if all(h.along < 0.0 for h in found):
+        text = (
+            f"{where}, against it: s_ddot1 looks like a displacement of the base; name it s1, with "
+            "its unit"
+        )
+        return [Finding("displacement for acceleration", "s_ddot1", text)]
+    if accelerations == "relative" or not all(h.along > 0.0 for h in found):
+        return []
+    text = (
+        f"{where}, where an absolute acceleration equals it: these look relative to the base; "
+        "if so say data.accelerations=relative"
+    )
+    return [Finding("relative accelerations", ", ".join(names), text)]
+
+
+def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
+    where = f"from {h.low:.2g} to {h.high:.2g} Hz {name} is {h.gain:.3g} times s_ddot1"
+    if accelerations == "relative":
+        if 0.6 < h.gain < 1.7:
+            text = f"{where}, as an absolute acceleration is; say data.accelerations=absolute"
+            return [Finding("absolute accelerations", name, text)]
+        return []
+    if h.along < -0.8 and 0.5 < -h.gain < 2.0:
+        text = f"{where}, where both should move alike: one of the sensors points the other way"
+        return [Finding("reversed sensor", name, text)]
+    if h.along > 0.8 and not 0.33 < h.gain < 3.0:
+        text = f"{where}, where both should move alike; check data.units.a and data.units.s_ddot"
+        return [Finding("units that do not fit", name, text)]
+    return []

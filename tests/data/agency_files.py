@@ -1,0 +1,136 @@
+"""Files as agencies and analysers write them, made for tests: CSMIP V1 and V2, COSMOS, PEER.
+
+The layouts are those of the published formats; the numbers are ours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+CM = 100.0  # cm/s² in m/s²
+
+
+def fixed(values, width: int, decimals: int, per_line: int) -> list[str]:
+    """Numbers in fixed columns, which touch where they are large."""
+    cells = [f"{v:{width}.{decimals}f}"[-width:] for v in values]
+    return ["".join(cells[k : k + per_line]) for k in range(0, len(cells), per_line)]
+
+
+def whole(count: int, width: int, per_line: int, value: int = 0) -> list[str]:
+    cells = [f"{value:{width}d}"] * count
+    return ["".join(cells[k : k + per_line]) for k in range(0, count, per_line)]
+
+
+def csmip_v2(channels: dict[int, tuple[str, np.ndarray]], dt: float, motions: bool = True) -> str:
+    """Volume 2 of CSMIP: 25 lines of text, 100 whole and 100 real numbers, then the series [cm]."""
+    lines: list[str] = []
+    for number, (place, a) in channels.items():
+        direction, _, location = place.partition(", ")
+        text = [
+            "CORRECTED ACCELEROGRAM  12345-S1234-01001.01     CSMIP  QL 01/02/20",
+            "A building, made for tests", "EARTHQUAKE OF SOME DAY", "", "TRIGGER TIME UNKNOWN",
+            "STATION NO. 12345", "SOMEWHERE - 6-STORY HOTEL",
+            f"CHAN {number:2d}: {direction:<12} LOCATION: {location}",
+        ]  # fmt: skip
+        lines += text + [""] * (25 - len(text))
+        lines += whole(100, 5, 16) + fixed(np.zeros(100), 10, 3, 8)
+        series = [("ACCEL", "CM/SEC2", CM * a)]
+        if motions:
+            v = dt * np.cumsum(CM * a)
+            series += [("VELOC", "CM/SEC", v), ("DISPL", "CM", dt * np.cumsum(v))]
+        for kind, unit, values in series:
+            lines.append(
+                f"{len(values):8d} POINTS OF {kind} DATA EQUALLY SPACED AT {dt:6.3f} SEC, "
+                f"IN {unit}. (8F10.3)"
+            )
+            lines += fixed(values, 10, 3, 8)
+        lines.append(f"/&  ---------- END OF DATA FOR CHANNEL {number:2d} ----------")
+    return "\n".join(lines) + "\n"
+
+
+def csmip_v1(channels: dict[int, tuple[str, np.ndarray]], dt: float) -> str:
+    """Volume 1 of CSMIP: 13 lines of text, 100 whole and 50 real numbers, pairs of s and g/10."""
+    lines: list[str] = []
+    for number, (place, a) in channels.items():
+        text = [
+            "UNCORRECTED ACCELEROGRAM DATA              PROCESSED: 02/28/94", "A BUILDING", "", "",
+            "STATION NO. 99999", "SOMEWHERE", f"CHAN {number:2d}: {place}", "", "",
+            f"NO. OF POINTS = {len(a):5d}",
+            "RECORD LENGTH UNKNOWN", "UNITS OF UNCOR ACCEL ARE SEC AND G/10.   MAX = .1 G", "",
+        ]  # fmt: skip
+        lines += text + whole(100, 5, 16) + fixed(np.zeros(50), 10, 3, 8)
+        pairs = np.stack([dt * np.arange(len(a)), 10.0 * a / 9.80665], axis=1).ravel()
+        lines += fixed(pairs, 7, 3, 10)
+        lines.append(f"----- END OF DATA FOR CHANNEL {number} -----")
+    return "\n".join(lines) + "\n"
+
+
+def cosmos(channels: dict[int, tuple[str, np.ndarray]], dt: float, variant: str = "usgs") -> str:
+    """COSMOS 1.20 as USGS (8F10.5, step in ms) or CGS (1E15.6, step in s) write it."""
+    lines: list[str] = []
+    for number, (place, a) in channels.items():
+        direction, _, location = place.partition(", ")
+        text = [
+            "Corrected acceleration   (Format v01.20 with 13 text lines)  Src: test",
+            "Some earthquake", "Hypocenter: unknown", "Origin: unknown", "Statn No: 01- 1  Code:XX",
+            "Coords: 1 2", "Recorder: none", "Rcrd start time: unknown",
+            f"Sta Chan {number:3d}: {direction} (Rcrdr Chan {number:2d}) Location: {location}",
+            "Raw record length = 60 sec", "Processed: Max = 1", "Record filtered below 0.1 Hz",
+            "Values used when parameter or data value is unknown/unspecified:   -999 -999.0",
+        ]  # fmt: skip
+        reals = np.full(100, -999.0)
+        reals[33] = dt
+        if variant == "usgs":
+            reals[61], reals[62] = 1e3 * dt, dt * len(a)
+        lines += text
+        lines.append(" 100 Integer-header values follow on  10 lines, Format= (10I8)")
+        lines += whole(100, 8, 10, -999)
+        lines.append(" 100 Real-header values follow on  20 lines, Format= (5F15.6)")
+        lines += fixed(reals, 15, 6, 5)
+        comments = ["| Sensor: none", "| RcrdId: none"]
+        lines.append(f'{len(comments):4d} Comment line(s) follow, each starting with a "|":')
+        lines += comments
+        values = CM * a
+        if variant == "usgs":
+            shape, rows = "units=cm/s^2 (4),Format=(8F10.5)", fixed(values, 10, 5, 8)
+        else:
+            shape, rows = "units=cm/sec2(04),Format=(1E15.6)", [f"{v:15.6E}" for v in values]
+        lines.append(f"{len(a):8d} acceleration pts, approx {dt * len(a):4.0f} secs, {shape}")
+        lines += rows
+        lines.append(f"End-of-data for Chan {number:2d} acceleration")
+    return "\n".join(lines) + "\n"
+
+
+def peer(a: np.ndarray, dt: float) -> str:
+    """PEER's .AT2: four lines of header, five numbers [g] in a line."""
+    rows = [f"{v:15.7E}" for v in a / 9.80665]
+    lines = ["".join(rows[k : k + 5]) for k in range(0, len(rows), 5)]
+    head = ["PEER NGA STRONG MOTION DATABASE RECORD", "Some event",
+            "ACCELERATION TIME SERIES IN UNITS OF G",
+            f"NPTS= {len(a)}, DT= {dt:.4f} SEC"]  # fmt: skip
+    return "\n".join([*head, *lines]) + "\n"
+
+
+def uff58(nodes: dict[int, np.ndarray], dt: float, binary: bool) -> bytes:
+    """Data sets 58, or 58b, of accelerations [m/s²] along X at some nodes, in double precision."""
+    out = b""
+    for node, a in nodes.items():
+        opening = f"{58:6d}"
+        if binary:
+            opening += f"b{1:6d}{2:6d}{11:12d}{8 * len(a):12d}{0:6d}{0:6d}{0:12d}{0:12d}"
+        text = [
+            f"{-1:6d}", opening, "made for tests", "NONE", "01-Jan-20 00:00:00", "NONE", "NONE",
+            f"{1:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10}{node:10d}{1:4d} {'NONE':<10}{0:10d}{0:4d}",
+            f"{4:10d}{len(a):10d}{1:10d}{0.0:13.5E}{dt:13.5E}{0.0:13.5E}",
+            f"{17:10d}{0:5d}{0:5d}{0:5d} {'Time':<20} {'s':<20}",
+            f"{12:10d}{0:5d}{0:5d}{0:5d} {'Acceleration':<20} {'m/s^2':<20}",
+            *[f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {'NONE':<20}"] * 2,
+        ]  # fmt: skip
+        out += ("\n".join(text) + "\n").encode()
+        if binary:
+            out += np.asarray(a, dtype="<f8").tobytes() + b"\n"
+        else:
+            rows = [f"{v:20.12E}" for v in a]
+            out += "".join("".join(rows[k : k + 4]) + "\n" for k in range(0, len(a), 4)).encode()
+        out += f"{-1:6d}\n".encode()
+    return out

@@ -1,0 +1,262 @@
+"""Twenty-odd files as people have them, each with a kind of trouble, made for tests.
+
+Each says what `python -m data.inspect` is expected to print of it, and whether the config that it
+proposes can be trained on, perhaps with the repair that it names, or why not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import butter, cont2discrete, dlsim, lfilter
+
+DT, T = 0.01, 2400
+Columns = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Odd:
+    """A file, what is said of it, and what has to be added to the proposed config."""
+
+    write: Callable[[Path], Path]
+    says: tuple[str, ...]
+    words: tuple[str, ...] = ()  # of the command line
+    config: Mapping[str, object] = field(default_factory=dict)  # what a person adds, as it says
+    refused: str = ""  # what training says where it cannot
+
+
+def shaken(seed: int = 0, samples: int = T, dt: float = DT) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations of a base and of a mass of 3 Hz and 3 % damping on it [m/s²]."""
+    rng = np.random.default_rng(seed)
+    t = dt * np.arange(samples)
+    base = lfilter(*butter(2, [0.5, 10.0], "band", fs=1.0 / dt), rng.standard_normal(samples))
+    base *= 4.0 * np.exp(-(((t - 8.0) / 6.0) ** 2))
+    w, z = 2.0 * np.pi * 3.0, 0.03
+    A, B = np.array([[0.0, 1.0], [-w * w, -2.0 * z * w]]), np.array([[0.0], [-1.0]])
+    C = np.array([[-w * w, -2.0 * z * w]])
+    system = cont2discrete((A, B, C, np.zeros((1, 1))), dt, "foh")
+    return base, dlsim((*system[:4], dt), base[:, None])[1][:, 0]
+
+
+def clock(samples: int = T, dt: float = DT) -> np.ndarray:
+    return dt * np.arange(samples)
+
+
+def table(path: Path, columns: Columns, formats: str = "%.7g", delimiter: str = ",") -> Path:
+    """A text file with a header."""
+    rows = np.column_stack(list(columns.values()))
+    head = delimiter.join(columns)
+    np.savetxt(path, rows, delimiter=delimiter, header=head, comments="", fmt=formats)
+    return path
+
+
+def changed(path: Path, change: Callable[[str], str]) -> Path:
+    path.write_text(change(path.read_text()))
+    return path
+
+
+def plain(path: Path, **columns: np.ndarray) -> Path:
+    base, roof = shaken()
+    return table(path, {"Time (s)": clock(), "Ground": base, "Roof": roof, **columns})
+
+
+def decimal_commas(folder: Path) -> Path:
+    base, roof = shaken()
+    columns = {"Zeit [s]": clock(), "Table acc [g]": base / 9.80665, "Acc 1 [g]": roof / 9.80665}
+    path = table(folder / "commas.csv", columns, delimiter=";")
+    return changed(path, lambda text: text.replace(".", ","))
+
+
+def preamble(folder: Path) -> Path:
+    head = "Logger;7\nStation: north\nRate 100 Hz\n\n"
+    return changed(plain(folder / "preamble.csv"), lambda text: head + text)
+
+
+def byte_order_mark(folder: Path) -> Path:
+    path = plain(folder / "mark.csv")
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    return path
+
+
+def repeated_header(folder: Path) -> Path:
+    def twice(text: str) -> str:
+        lines = text.splitlines()
+        return "\n".join([*lines[:1000], lines[0], *lines[1000:]]) + "\n"
+
+    return changed(plain(folder / "twice.csv"), twice)
+
+
+def units_row(folder: Path) -> Path:
+    base, roof = shaken()
+    path = table(folder / "units.csv", {"t": clock(), "gnd": 100 * base, "roof_acc": 100 * roof})
+    return changed(path, lambda text: text.replace("\n", "\n[s],[gal],[gal]\n", 1))
+
+
+def comments_at_the_end(folder: Path) -> Path:
+    return changed(plain(folder / "end.csv"), lambda text: text + "# end of record\n# bye\n")
+
+
+def mixed_sampling(folder: Path) -> Path:
+    base, roof = shaken()
+    time = np.concatenate([clock(T // 2), clock(T // 2)[-1] + 2 * DT * np.arange(1, T // 2 + 1)])
+    return table(folder / "mixed.csv", {"Time": time, "Base": base, "Roof": roof})
+
+
+def missing_run(folder: Path) -> Path:
+    base, roof = shaken()
+    roof[700:705] = np.nan
+    return table(folder / "nan.csv", {"Time": clock(), "Basement": base, "Roof": roof})
+
+
+def wrapped_counter(folder: Path) -> Path:
+    base, roof = shaken()
+    ticks = (65536 - 9000 + 10 * np.arange(T)) % 65536
+    return table(folder / "wrapped.csv", {"Time [ms]": ticks, "shake table": base, "Acc1": roof})
+
+
+def day_fractions(folder: Path) -> Path:
+    base, roof = shaken()
+    days = 45000.25 + clock() / 86400.0
+    columns = {"Time [day]": days, "Ground acc": base, "Roof acc": roof}
+    return table(folder / "days.csv", columns, formats="%.12g")
+
+
+def milliseconds(folder: Path) -> Path:
+    base, roof = shaken()
+    return table(folder / "ms.csv", {"Time": 1e3 * clock(), "floor_0": base, "floor_1": roof})
+
+
+def swapped(folder: Path) -> Path:
+    base, roof = shaken()
+    return table(folder / "swapped.csv", {"Roof": base, "Time": clock(), "Ground": roof})
+
+
+def empty_channels(folder: Path) -> Path:
+    path = plain(folder / "empty.csv")
+    lines = path.read_text().splitlines()
+    body = [f"{line},,{'12.5' if k == 0 else ''}" for k, line in enumerate(lines[1:])]
+    path.write_text("\n".join([lines[0] + ",Spare,Mass", *body]) + "\n")
+    return path
+
+
+def negative_time(folder: Path) -> Path:
+    base, roof = shaken()
+    return table(folder / "before.csv", {"Time": clock() - 5.0, "Ground": base, "Roof": roof})
+
+
+def concatenated(folder: Path) -> Path:
+    base, roof = shaken()
+    time = np.concatenate([clock(T // 2), clock(T // 2)])
+    return table(folder / "two.csv", {"Time": time, "Ground": base, "Roof": roof})
+
+
+def rounded_stamps(folder: Path) -> Path:
+    base, roof = shaken(dt=1.0 / 90.0)
+    lost = np.delete(np.arange(T), slice(500, 503))
+    columns = {"Time": lost / 90.0, "Ground": base[lost], "Roof": roof[lost]}
+    return table(folder / "rounded.csv", columns, "%.2f,%.6g,%.6g")
+
+
+def displacement_for_acceleration(folder: Path) -> Path:
+    base, roof = shaken()
+    moved = np.cumsum(np.cumsum(base)) * DT**2
+    moved = lfilter(*butter(2, 0.2, "high", fs=1.0 / DT), moved)
+    return table(folder / "cm.csv", {"time": clock(), "s_ddot1": 100 * moved, "a1": roof})
+
+
+def relative_accelerations(folder: Path) -> Path:
+    base, roof = shaken()
+    return table(folder / "relative.csv", {"time": clock(), "s_ddot1": base, "a1": roof - base})
+
+
+def reversed_sensor(folder: Path) -> Path:
+    base, roof = shaken()
+    return table(folder / "reversed.csv", {"time": clock(), "s_ddot1": base, "a1": -roof})
+
+
+def quiet_start(folder: Path) -> Path:
+    base, roof = shaken(samples=4800)
+    rng = np.random.default_rng(1)
+    early = np.arange(4800) < 800
+    base, roof = (np.where(early, 0.0, np.roll(u, 700)) for u in (base, roof))
+    noise = 1e-4 * rng.standard_normal((2, 4800))
+    columns = {"Time": clock(4800), "Ground": base + noise[0], "Roof": roof + noise[1]}
+    return table(folder / "quiet.csv", columns)
+
+
+def element_test(folder: Path) -> Path:
+    t = clock()
+    s = 10.0 * np.sin(3.0 * t) * (1.0 + 0.02 * t)
+    v = np.gradient(s, DT)
+    force = 2.0 * np.tanh(v / 5.0) + 0.05 * s
+    columns = {"Time (s)": t, "Displacement (mm)": s, "Velocity (mm/s)": v,
+               "Acceleration (mm/s^2)": np.gradient(v, DT), "Force (kN)": force}  # fmt: skip
+    return table(folder / "loops.csv", columns)
+
+
+def voltage(folder: Path) -> Path:
+    t = clock()
+    s = 10.0 * np.sin(3.0 * t)
+    volts = 1.0 + np.sign(np.sin(0.7 * t))
+    force = volts * np.tanh(np.gradient(s, DT) / 5.0)
+    columns = {"Time (s)": t, "Displacement (mm)": s, "Damper force (kN)": force,
+               "Voltage (V)": volts}  # fmt: skip
+    return table(folder / "mr_damper.csv", columns)
+
+
+def constant_channel(folder: Path) -> Path:
+    return plain(folder / "constant.csv", Acc_spare=np.full(T, 0.25))
+
+
+def hammer(folder: Path) -> Path:
+    base, roof = shaken()
+    moved = -1e3 * roof / (2.0 * np.pi * 3.0) ** 2  # of a mass of 1 t, but for its damping
+    columns = {"Time": clock(), "Force [kN]": -base, "Acc_1": roof - base, "LVDT [mm]": moved}
+    return table(folder / "hammer.csv", columns)
+
+
+def one_axis_only(folder: Path) -> Path:
+    base, roof = shaken()
+    return table(folder / "axes.csv", {"Time": clock(), "Acc_X": base, "Acc_Y": roof})
+
+
+ODD = {
+    "decimal commas": Odd(decimal_commas, ("--channels time=Zeit s_ddot1='Table acc'",),
+                          ("--decimal", ",")),
+    "preamble": Odd(preamble, ("header found in line 5", "s_ddot1=Ground a1=Roof")),
+    "byte-order mark": Odd(byte_order_mark, ("byte-order mark", "s_ddot1=Ground a1=Roof")),
+    "repeated header": Odd(repeated_header, ("error: twice.csv: line 1001 repeats the header",),
+                           refused="unread"),
+    "units row": Odd(units_row, ("line 2 holds units", "s_ddot1=gnd a1=roof_acc")),
+    "comments at the end": Odd(comments_at_the_end, ("comments at the end left out",)),
+    "mixed sampling": Odd(mixed_sampling, ("uneven time steps", "data.mend.resample"),
+                          config={"mend.resample": 50.0}),
+    "NaN run": Odd(missing_run, ("NaN run in Roof: 5 of 2400", "s_ddot1=Basement"),
+                   config={"mend.fill": 0.06}),
+    "wrapped counter": Odd(wrapped_counter, ("the counter ran over",), config={"dt": 0.01}),
+    "day fractions": Odd(day_fractions, ("dt = 0.01 s (100 Hz)", "s_ddot1='Ground acc'")),
+    "milliseconds": Odd(milliseconds, ("say data.units.time=ms (100 Hz)", "s_ddot1=floor_0"),
+                        config={"units": {"time": "ms"}}),
+    "swapped columns": Odd(swapped, ("--channels a1=Roof time=Time s_ddot1=Ground",)),
+    "empty channels": Odd(empty_channels, ("'Spare' is empty", "'Mass' holds one value, 12.5")),
+    "constant channel": Odd(constant_channel, ("constant channel in Acc_spare",),
+                            config={"leave": "Acc_spare"}),
+    "negative time": Odd(negative_time, ("nothing wrong was found", "s_ddot1=Ground a1=Roof")),
+    "two records in one": Odd(concatenated, ("decreasing times", "the clock started anew"),
+                              refused="runs backwards"),
+    "rounded stamps": Odd(rounded_stamps, ("of 3 samples (0.03333 s)", "dt = 0.0111111 s (90 Hz)"),
+                          config={"mend.fill": 0.04}),
+    "displacement in cm": Odd(displacement_for_acceleration, ("looks like a displacement",)),
+    "relative accelerations": Odd(relative_accelerations, ("data.accelerations=relative",),
+                                  config={"accelerations": "relative"}),
+    "reversed sensor": Odd(reversed_sensor, ("points the other way",)),
+    "quiet start": Odd(quiet_start, ("quiet until 8",)),
+    "element test": Odd(element_test, ("s1=Displacement s_dot1=Velocity r1=Force",)),
+    "voltage": Odd(voltage, ("s1=Displacement r1='Damper force' u1=Voltage",)),
+    "hammer": Odd(hammer, ("f1=Force a1=Acc_1 x1=LVDT",)),
+    "no excitation": Odd(one_axis_only, ("nothing here drives the motion",),
+                         refused="nothing that drives"),
+}  # fmt: skip

@@ -1,0 +1,203 @@
+"""Accelerograms of agencies, zip archives and universal files: read as they were written."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from data.measured.datamodule import MeasuredData
+from data.measured.files.table import FileError, read_table
+from data.measured.files.zipped import unpacked
+from data.measured.mend import Mending
+from data.measured.reading import read_records
+from data.simulation.scenario import FullState
+from tests.data.agency_files import cosmos, csmip_v1, csmip_v2, peer, uff58
+
+DT, T = 0.02, 1500
+PLACES = {1: "90 Deg, Ground: West", 13: "90 Deg, Roof: Center"}
+
+
+@pytest.fixture
+def motion() -> dict[int, tuple[str, np.ndarray]]:
+    """Accelerations of two sensors [m/s²], so large that numbers of fixed columns touch."""
+    rng = np.random.default_rng(0)
+    shaken = np.exp(-(((np.arange(T) - 600) / 300) ** 2)) * rng.standard_normal((2, T))
+    return {n: (place, u) for (n, place), u in zip(PLACES.items(), shaken, strict=True)}
+
+
+VARIANTS = {
+    "a.v2": (lambda m: csmip_v2(m, DT), 1e-5),
+    "b.V2": (lambda m: csmip_v2(m, DT, motions=False), 1e-5),
+    "c.V1": (lambda m: csmip_v1(m, DT), 1e-3),
+    "d.V2c": (lambda m: cosmos(m, DT), 1e-7),
+    "e.v2c": (lambda m: cosmos(m, DT, "cgs"), 1e-6),
+}
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_accelerations_of_all_channels_are_read(tmp_path, motion, name):
+    write, error = VARIANTS[name]
+    (tmp_path / name).write_text(write(motion))
+    table = read_table(tmp_path / name)
+    assert table.facts["dt"] == pytest.approx(DT, rel=1e-9)
+    factor = {"cm/s^2": 0.01, "0.1*g": 0.980665}[table.units["acc13"]]
+    for number, (_, a) in motion.items():
+        assert np.abs(factor * table.columns[f"acc{number}"] - a).max() <= error
+    assert "Roof" in table.labels["acc13"]
+
+
+def test_units_of_a_volume_are_heard(tmp_path, motion):
+    (tmp_path / "c.V1").write_text(csmip_v1(motion, DT))
+    (record,) = read_records(tmp_path / "c.V1", {"s_ddot1": "acc1", "a1": "acc13"}).values()
+    assert np.abs(record.channels["a1"] - motion[13][1]).max() < 1e-3
+    assert record.dt == pytest.approx(DT)
+
+
+def test_numbers_that_touch_are_told_apart(tmp_path, motion):
+    large = {1: (PLACES[1], -1.2345678 * np.ones(T) * 1e4)}
+    (tmp_path / "a.v2").write_text(csmip_v2(large, DT, motions=False).replace("-1234567.800", ""))
+    text = csmip_v2({1: (PLACES[1], -999.0 * np.ones(T))}, DT, motions=False)
+    assert "-99900.000-99900.000" in text
+    (tmp_path / "a.v2").write_text(text)
+    assert read_table(tmp_path / "a.v2").columns["acc1"] == pytest.approx(-99900.0)
+
+
+def test_velocities_and_displacements_have_columns_of_their_own(tmp_path, motion):
+    (tmp_path / "a.v2").write_text(csmip_v2(motion, DT))
+    table = read_table(tmp_path / "a.v2")
+    assert list(table.columns) == ["acc1", "vel1", "disp1", "acc13", "vel13", "disp13"]
+    assert table.units["disp13"] == "cm"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda t: t[: len(t) // 3], "cut off"),
+        (lambda t: t.replace("CM/SEC2", "COUNTS"), "is in 'COUNTS'"),
+        (lambda t: t.replace("POINTS OF", "PTS"), "announces no accelerations"),
+        (lambda t: t.replace("8F10.3", "8X99.3"), "has the format"),
+    ],
+)
+def test_what_a_volume_lacks_is_named(tmp_path, motion, spoil, message):
+    (tmp_path / "a.v2").write_text(spoil(csmip_v2(motion, DT)))
+    with pytest.raises(FileError, match=message):
+        read_table(tmp_path / "a.v2")
+
+
+def test_peer_files_are_measured_records_too(tmp_path, motion):
+    (tmp_path / "a.AT2").write_text(peer(motion[1][1], DT))
+    table = read_table(tmp_path / "a.AT2")
+    assert (table.units, table.facts) == ({"acc": "g"}, {"dt": DT})
+    assert np.abs(9.80665 * table.columns["acc"] - motion[1][1]).max() < 1e-6
+
+
+# Archives
+
+
+def pack(path, **files: str) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in files.items():
+            archive.writestr(name, text)
+
+
+def test_an_archive_is_its_one_file_or_its_folder(tmp_path, motion):
+    pack(tmp_path / "one.zip", **{"CE12345/a.v2": csmip_v2(motion, DT)})
+    where = {"s_ddot1": "acc1", "a1": "acc13"}
+    (record,) = read_records(tmp_path / "one.zip", where).values()
+    ground = {1: motion[1]}
+    roof = {13: motion[13]}
+    files = {"CE/HNE.1.V2c": cosmos(ground, DT), "CE/HNE.13.V2c": cosmos(roof, DT)}
+    pack(tmp_path / "two.zip", **files, **{"CE/readme.pdf": "%PDF"})
+    named = {"s_ddot1": "HNE.1.V2c:acc1", "a1": "HNE.13.V2c:acc13"}
+    (other,) = read_records(tmp_path / "two.zip", named).values()
+    for channel in where:
+        assert other.channels[channel] == pytest.approx(record.channels[channel], abs=2e-5)
+
+
+def test_events_in_archives_train_and_test(tmp_path, motion):
+    for name in ("first", "second"):
+        pack(tmp_path / f"{name}.zip", **{"a.v2": csmip_v2(motion, DT)})
+    data = MeasuredData(
+        path=[str(tmp_path / "first.zip"), str(tmp_path / "second.zip")], scenario=FullState(),
+        mend=Mending(), channels={"s_ddot1": "acc1", "a1": "acc13"}, test="second",
+    )  # fmt: skip
+    assert (data.dt, data.dofs, data.forced) == (DT, 1, "base")
+
+
+@pytest.mark.parametrize(
+    ("names", "kept"),
+    [
+        (["../../escaped.csv", "/abs.csv"], ["abs.csv", "escaped.csv"]),
+        (["a/x.csv", "b/x.csv"], ["a_x.csv", "b_x.csv"]),
+        (["x.csv", "inner.zip", "__MACOSX/x.csv", ".hidden"], ["x.csv"]),
+        (["..\\..\\evil.csv"], ["evil.csv"]),
+    ],
+)
+def test_nothing_leaves_the_folder_of_an_archive(tmp_path, names, kept):
+    pack(tmp_path / "a.zip", **dict.fromkeys(names, "t,a1\n0,1\n1,2\n"))
+    with unpacked(tmp_path / "a.zip") as folder:
+        assert sorted(p.name for p in folder.rglob("*")) == kept
+    assert not folder.exists()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.zip"]
+
+
+def test_a_bomb_is_not_unpacked(tmp_path):
+    with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for k in range(3):
+            with archive.open(f"{k}.csv", "w", force_zip64=True) as file:
+                for _ in range(400):
+                    file.write(bytes(2**20))
+    with pytest.raises(FileError, match="claim to unpack"), unpacked(tmp_path / "bomb.zip"):
+        pass
+
+
+def test_more_than_an_archive_says_is_not_written(tmp_path):
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.csv", bytes(10**6))
+    lie = whole.getvalue().replace((10**6).to_bytes(4, "little"), (10).to_bytes(4, "little"))
+    (tmp_path / "a.zip").write_bytes(lie)
+    with pytest.raises(FileError, match=r"damaged|unpacks to more"), unpacked(tmp_path / "a.zip"):
+        pass
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no archive at all"])
+def test_damaged_archives_are_named(tmp_path, content):
+    (tmp_path / "a.zip").write_bytes(content)
+    with pytest.raises(FileError, match=r"a\.zip is damaged"), unpacked(tmp_path / "a.zip"):
+        pass
+
+
+# Universal files
+
+
+@pytest.mark.parametrize("binary", [True, False])
+def test_universal_files_are_read(tmp_path, motion, binary):
+    a = motion[1][1]
+    pytest.importorskip("pyuff")
+    (tmp_path / "a.uff").write_bytes(uff58({1: a, 2: 2.0 * a}, DT, binary))
+    table = read_table(tmp_path / "a.uff")
+    assert list(table.columns) == ["acc_1X", "acc_2X"]
+    assert np.abs(table.columns["acc_2X"] - 2.0 * a).max() < 1e-5
+    assert table.facts["dt"] == pytest.approx(DT)
+    assert table.units["acc_1X"] == "m/s^2"
+
+
+def test_without_pyuff_the_command_is_told(tmp_path, monkeypatch):
+    (tmp_path / "a.uff").write_text("    -1\n    58\n")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(FileError, match=r"pip install .*\[uff\]"):
+        read_table(tmp_path / "a.uff")
+
+
+@pytest.mark.parametrize(
+    "content", [b"    -1\n", b"    -1\n    58\n junk\n    -1\n", b"PK\x03\x04"]
+)
+def test_damaged_universal_files_are_named(tmp_path, content):
+    pytest.importorskip("pyuff")
+    (tmp_path / "a.uff").write_bytes(content)
+    with pytest.raises(FileError, match=r"a\.uff"):
+        read_table(tmp_path / "a.uff")

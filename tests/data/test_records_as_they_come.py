@@ -1,0 +1,230 @@
+"""Several records, sensors and arrays as they come: used whole, in step, and as what they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from data.measured.common_time import aligned, on_common_grid
+from data.measured.datamodule import MeasuredData
+from data.measured.mend import Mending
+from data.measured.onset import onset_of
+from data.measured.plausible import plausibility
+from data.measured.raw_record import RawRecord
+from data.measured.reading import read_record, read_records
+from data.simulation.scenario import FullState
+from data.windows import after_rest
+from models.linear import EquivalentLinear
+from models.training.assemble import estimator_from
+from tests.data.odd_files import DT, clock, shaken, table
+
+
+def measured(path, **choices) -> MeasuredData:
+    return MeasuredData(
+        **{"path": str(path), "scenario": FullState(), "mend": Mending(), **choices}
+    )
+
+
+def write(path, samples: int, dt: float = DT, **more):
+    base, roof = shaken(samples=samples)
+    return table(path, {"time": clock(samples, dt), "s_ddot1": base, "a1": roof, **more}, "%.17g")
+
+
+# Several records
+
+
+def test_records_of_unequal_length_are_trained_on_whole(tmp_path):
+    for name, samples in (("one", 1200), ("two", 2000), ("three", 1500)):
+        write(tmp_path / f"{name}.csv", samples)
+    data = measured(tmp_path, test="three", onset=False)
+    (batch,) = data.train_dataloader()
+    assert batch.a.shape == (2, 2000, 1)
+    assert batch.initial_state == "rest"
+    for record, padded in zip(data.records["train"], batch.a, strict=True):
+        assert torch.equal(padded[-record.samples :], record.a)
+        assert not padded[: 2000 - record.samples].any()
+
+
+def test_rest_before_a_record_changes_no_motion(tmp_path):
+    """The response of a linear system to f, begun later, is its response, later."""
+    write(tmp_path / "r.csv", 1200)
+    (record,) = measured(tmp_path / "r.csv", split=0.9, onset=False).records["train"]
+    later = after_rest(record, record.samples + 300)
+    assert later.samples == record.samples + 300
+    for name, u in record.signals().items():
+        assert torch.equal(getattr(later, name)[300:], u)
+        assert not getattr(later, name)[:300].any()
+
+
+def test_time_steps_that_differ_by_rounding_are_one(tmp_path):
+    for name, dt in (("one", 0.01), ("two", 0.009999999999999998), ("three", 0.0100001)):
+        write(tmp_path / f"{name}.csv", 1000, dt)
+    data = measured(tmp_path, test="three")
+    assert {r.dt for split in data.records.values() for r in split} == {0.01}
+    write(tmp_path / "four.csv", 1000, 0.0102)
+    with pytest.raises(ValueError, match="sampled every"):
+        measured(tmp_path, test="three")
+
+
+def test_folders_of_event_folders_are_records(tmp_path):
+    for event in ("first", "second", "third"):
+        folder = tmp_path / "events" / event
+        folder.mkdir(parents=True)
+        base, roof = shaken()
+        table(folder / "ground.csv", {"t": clock(), "acc": base})
+        table(folder / "roof.csv", {"t": clock(), "acc": roof})
+    where = {"time": "t", "s_ddot1": "ground.csv:acc", "a1": "roof.csv:acc"}
+    data = measured(tmp_path / "events", channels=where, test="third")
+    assert [len(data.records[split]) for split in ("train", "test")] == [2, 1]
+
+
+@pytest.mark.parametrize("deep", [False, True])
+def test_arrays_of_records_by_samples(tmp_path, deep):
+    pairs = [shaken(seed, 800) for seed in range(5)]
+    base, roof = (np.stack(u) for u in zip(*pairs, strict=True))
+    response = np.stack([roof, 2.0 * roof], axis=-1) if deep else roof
+    np.savez(tmp_path / "r.npz", ground=base, acc=response, time=clock(800), level=np.arange(5))
+    where = {"time": "time", "s_ddot1": "ground", "a1": "acc1" if deep else "acc"}
+    records = read_records(tmp_path / "r.npz", where)
+    assert list(records) == [f"r_{k}" for k in range(1, 6)]
+    for raw, expected in zip(records.values(), roof, strict=True):
+        assert np.array_equal(raw.channels["a1"], expected)
+    data = measured(tmp_path / "r.npz", channels=where, test=["r_4", "r_5"], onset=False)
+    assert [len(data.records[split]) for split in ("train", "test")] == [3, 2]
+
+
+# Onsets
+
+
+def test_a_quiet_start_is_cut_and_told_and_a_moving_one_is_not(tmp_path):
+    base, roof = shaken(samples=3000)
+    quiet = 1e-5 * np.random.default_rng(0).standard_normal((2, 900))
+    columns = {
+        "time": clock(3900), "s_ddot1": np.concatenate([quiet[0], base]),
+        "a1": np.concatenate([quiet[1], roof]),
+    }  # fmt: skip
+    table(tmp_path / "late.csv", columns)
+    data = measured(tmp_path / "late.csv")
+    (note,) = {n for notes in data.notes.values() for n in notes if "quiet" in n}
+    assert "cut off" in note
+    assert data.records["train"][0].samples < 0.5 * 3300
+    assert measured(tmp_path / "late.csv", onset=False).records["train"][0].samples == 1950
+    assert onset_of({"a": np.sin(clock()), "b": np.cos(clock())}, DT) == 0
+    assert onset_of({"a": clock() * np.sin(9.0 * clock())}, DT) == 0  # growing from rest
+
+
+def test_an_onset_does_not_depend_on_what_follows():
+    signal = np.where(clock() > 8.0, np.sin(9.0 * clock()), 1e-6 * np.cos(40.0 * clock()))
+    other = np.where(clock() > 16.0, 100.0, signal)
+    assert onset_of({"a": signal}, DT) == onset_of({"a": other}, DT) == 800
+
+
+# Sensors
+
+
+def sensors(late: float, lost: int = 0) -> RawRecord:
+    """A base and a roof whose clock says `late` [s] more, and which runs longer."""
+    base, roof = shaken()
+    clocks = {"s_ddot1": clock(T := len(base) - lost), "a1": clock(len(roof)) + late}
+    return RawRecord("r", None, None, {"s_ddot1": base[:T], "a1": roof}, clocks)
+
+
+def test_a_sensor_that_only_runs_longer_is_in_step():
+    raw = on_common_grid(sensors(0.0, lost=400))
+    assert not raw.clocks
+    assert len(raw.channels["a1"]) == len(raw.channels["s_ddot1"]) == 2000
+    assert "all sensors have" in raw.notes[0]
+    assert on_common_grid(sensors(0.0043)).clocks  # off the grid: to be resampled
+
+
+def test_counters_without_a_common_zero_are_aligned_on_request(tmp_path):
+    base, roof = shaken()
+    table(tmp_path / "ground.csv", {"t": clock(), "acc": base})
+    table(tmp_path / "roof.csv", {"t": clock() + 5000.0, "acc": roof})
+    where = {"time": "t", "s_ddot1": "ground.csv:acc", "a1": "roof.csv:acc"}
+    with pytest.raises(ValueError, match=r"no common time.*data\.align=start"):
+        measured(tmp_path, channels=where)
+    raw = read_record(tmp_path, where, align="start")
+    assert np.abs(raw.channels["a1"] - roof).max() < 1e-5
+
+
+def test_alignment_by_motion_finds_and_tells_the_lag():
+    base, _ = shaken()
+    other = np.roll(base, 130)
+    clocks = {"s_ddot1": clock(), "a1": clock() + 77.0}
+    raw = aligned(RawRecord("r", None, None, {"s_ddot1": base, "a1": other}, clocks), "motion")
+    assert any("a1 shifted by -1.3 s onto s_ddot1" in note for note in raw.notes)
+    noise = np.random.default_rng(0).standard_normal(len(base))
+    with pytest.raises(ValueError, match="finds nothing of s_ddot1 in a1"):
+        aligned(RawRecord("r", None, None, {"s_ddot1": base, "a1": noise}, clocks), "motion")
+
+
+# What channels mean
+
+
+def test_relative_displacements_stand_beside_the_base(tmp_path):
+    base, roof = shaken()
+    x = -roof / (2.0 * np.pi * 3.0) ** 2
+    columns = {"time": clock(), "s_ddot1": base, "a1": roof, "x1": x, "v1": np.gradient(x, DT)}
+    record = measured(table(tmp_path / "r.csv", columns, "%.17g")).records["train"][0]
+    assert record.x is not None
+    assert np.allclose(record.x[:, 0], x[: record.samples])
+    assert torch.allclose(record.a - record.f, torch.from_numpy(roof[: record.samples, None]))
+    del columns["a1"]
+    record = measured(table(tmp_path / "x.csv", columns)).records["train"][0]
+    assert record.quantity == "displacement"
+
+
+def test_relative_accelerations_are_taken_as_said_and_doubted_otherwise(tmp_path):
+    base, roof = shaken()
+    path = table(tmp_path / "r.csv", {"time": clock(), "s_ddot1": base, "a1": roof - base}, "%.17g")
+    absolute = measured(path)
+    assert any("accelerations=relative" in n for notes in absolute.notes.values() for n in notes)
+    relative = measured(path, accelerations="relative")
+    assert not any("doubtful" in n for notes in relative.notes.values() for n in notes)
+    first = relative.records["train"][0]
+    assert np.allclose(first.a[:, 0], (roof - base)[: first.samples])
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1.0, 1e6])
+def test_base_and_response_fit_together_in_any_unit(factor):
+    base, roof = shaken()
+    assert plausibility({"s_ddot1": factor * base, "a1": factor * roof}, DT) == []
+    (fault,) = plausibility({"s_ddot1": factor * base, "a1": factor * roof / 9.81}, DT)
+    assert fault.what == "units that do not fit"
+
+
+def test_the_rate_of_an_imposed_motion_is_found_from_it(tmp_path):
+    s = 0.01 * np.sin(5.0 * clock())
+    columns = {"time": clock(), "s1": s, "r1": np.tanh(s)}
+    record = measured(table(tmp_path / "r.csv", columns, "%.17g")).records["train"][0]
+    expected = 0.05 * np.cos(5.0 * clock(record.samples))
+    assert np.abs(record.s_dot[5:-5, 0].numpy() - expected[5:-5]).max() < 1e-5
+
+
+def test_other_inputs_of_an_element_are_excitation(tmp_path):
+    s = 0.01 * np.sin(5.0 * clock())
+    volts = 2.0 + np.sin(clock())
+    columns = {"time": clock(), "s1": s, "r1": volts * s, "u1": volts}
+    path = table(tmp_path / "r.csv", columns, "%.17g")
+    data = measured(path, units={"u1": "V"})
+    (record,) = data.records["train"]
+    assert data.inputs == 3
+    assert np.allclose(record.excitation[:, 2], volts[: record.samples])
+    assert data.units["u1"] == "V"
+    model = OmegaConf.create({"_target_": "models.HystereticElement", "name": "hysteretic_element"})
+    with pytest.raises(ValueError, match=r"model=hysteretic_element has no place .* u1; .*gru"):
+        estimator_from(model, data)
+
+
+def test_integration_is_offered_only_where_it_is_a_remedy(tmp_path):
+    s = 0.01 * np.sin(5.0 * clock())
+    path = table(tmp_path / "r.csv", {"time": clock(), "s1": s, "r1": np.tanh(s)})
+    data = measured(path)
+    assert data.records["test"][0].drive().samples  # an imposed motion needs no state
+    model = EquivalentLinear(1, 2, data.dt)
+    with pytest.raises(ValueError, match="a force alone can train") as error:
+        model.identify(data.records["train"])
+    assert "integrated" not in str(error.value)
