@@ -77,14 +77,15 @@ class LatentHysteresisNetwork(Composite):
         )
 
     @torch.no_grad()
-    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+    def identify(self, batches: Iterable[Record]) -> dict[str, float | str]:
         """Identify the modes of the equivalent linear system (Eq. 8); set units of θ."""
         linear = EquivalentLinear(self.dofs, self.inputs, self.dt)
         records = self.admitted(batches)
         for record in records:
             self.check(record)
         seen = [(record.dt, *states) for record in records for states in self.states(record)]
-        facts = linear.identify([Record(dt, a, u, x, v) for dt, x, v, a, u in seen])
+        facts: dict[str, float | str] = {}
+        facts |= linear.identify([Record(dt, a, u, x, v) for dt, x, v, a, u in seen])
         damping, stiffness, inputs = linear.matrices()
         mass = self._mass(inputs)
         spring = _symmetric(mass @ stiffness)
