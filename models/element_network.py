@@ -26,7 +26,7 @@ from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
 from models.composition.simulate import Composition
 from models.starts.ladder import Equations, linear_start
-from models.starts.spectra import Layout, Spectra
+from models.starts.spectra import Layout, LinearStructure, Spectra
 
 MOST_NODES = 300  # all of whose pairs are elements
 MOST_PAIRED = 4  # DOFs all of whose pairs one motion tells apart
@@ -170,19 +170,27 @@ class ElementNetwork(Composite):
             layout,
             self.dt / self.substeps,
             ["s_ddot1"] if self.base else [f"f{i + 1}" for i in self.forced],
-            self.from_accelerations or any(r.x is None or r.v is None for r in records),
+            not all(self.has_states(record) for record in records),
         )
-        mass, stiffness, damping = (torch.from_numpy(s) for s in vars(found.structure).values())
+        typical = self._start(found.structure, largest, found.way.startswith("least squares"))
+        told = {"topology": self.topology} if self.topology != "as given" else {}
+        return {"linear_stiffness": float(typical), **found.facts(), **told}
+
+    def _start(self, structure: LinearStructure, largest: Tensor, raised: bool = False) -> Tensor:
+        """Start at a structure; returns its typical stiffness.
+
+        raised: springs and dampers may be of either sign, and are brought to some share of others.
+        """
+        mass, stiffness, damping = (torch.from_numpy(part) for part in vars(structure).values())
         typical = stiffness[stiffness > 0.0].median()
         self.mass.start(mass)
-        if found.way == "least squares":
+        if raised or not (stiffness > 0.0).all() or not (damping > 0.0).all():
             stiffness = stiffness.clamp_min(SOFTEST * typical)
             damping = damping.clamp_min(0.1 * damping.abs().median())
         self.linear = (stiffness, damping, largest)
         self.laws.start(*self.linear, (0.5, 0.5))
         self.identified.fill_(1.0)
-        told = {"topology": self.topology} if self.topology != "as given" else {}
-        return {"linear_stiffness": float(typical), **found.facts(), **told}
+        return typical
 
     def _names(self) -> list[str]:
         """Of the unknowns of the equations."""

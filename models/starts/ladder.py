@@ -29,8 +29,7 @@ from models.starts.spectra import (
 )
 
 STEEPEST = 2.0  # ω h beyond which substeps h of the integration run away
-WORSE = 1.0  # error of a structure that says less than that nothing moves
-DOUBTFUL, MARKED = 0.5, 0.6  # error beyond which signs are tried; what a changed sign must gain
+DOUBTFUL, MARKED = 0.5, 0.6  # error beyond which other ways, or signs, are tried; a sign's gain
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ def linear_start(
     """The start that the record gives. substep: of the integration [s]; forces: names of channels.
 
     filtered: x and v are not measured, so that the free run is all there is to begin with; least
-    squares then has to simulate better than nothing.
+    squares then has to simulate, too.
 
     Raises ValueError where a changed sign of a channel explains the motion far better.
     """
@@ -92,15 +91,16 @@ def linear_start(
     fitted = torch.linalg.lstsq(unknown, target[:, None], driver="gelsd").solution[:, 0]
     first = structure(fitted.numpy())
     fault = fault_of(first, layout, substep)
-    if not fault and filtered and not (off := spectra.error(first, layout)) < WORSE:
-        fault = f"its response is {100 * off:.3g} % off, worse than none"
-    if not fault:
+    off = spectra.error(first, layout) if filtered and not fault else 0.0
+    if not fault and off < DOUBTFUL:
         return Start(first, "least squares", [], rank, open_names)
-    told = [f"not least squares: {fault}"]
+    told = [f"not least squares: {fault}"] if fault else []
     found = {"spectra": nearest(spectra, layout)}
     errors = {"spectra": spectra.error(found["spectra"], layout)}
-    if errors["spectra"] > DOUBTFUL:
-        require_signs(spectra, layout, errors["spectra"], forces)
+    if not fault:
+        found["least squares"], errors["least squares"] = first, off
+    if min(errors.values()) > DOUBTFUL:
+        require_signs(spectra, layout, spectra.error(found["spectra"], layout), forces)
     bounded = structure(not_negative(factor))
     fault = fault_of(bounded, layout, substep)
     if fault:
@@ -154,8 +154,9 @@ def require_signs(spectra: Spectra, layout: Layout, error: float, forces: Sequen
     name = min(errors, key=lambda key: errors[key])
     if errors[name] < MARKED * error:
         raise ValueError(
-            f"a linear structure is {100 * error:.0f} % off this motion, and {100 * errors[name]:.0f} "
-            f"% off with the sign of {name} changed: check the signs and units of the signals"
+            f"a linear structure is {100 * error:.0f} % off this motion, and "
+            f"{100 * errors[name]:.0f} % off with the sign of {name} changed: check the signs and "
+            "units of the signals"
         )
 
 

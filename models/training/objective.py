@@ -27,6 +27,8 @@ from models.training.trainable import Trainable
 
 PARTS = (0.125, 0.25, 0.5)  # of the motion, in stages, where runs cannot begin anew
 PRIORS = (1e-6, 1e-4, 1e-2)  # that are tried beside a model's own
+MORE, BOUND = 1.5, 10.0  # times the excitation, and times the motion, that a model has to stand
+RUNAWAY = 1e4  # loss of one that does not, beside its own: it comes last
 LEAST_RAISED = 1e-8  # of a prior that is raised
 REFIT = "whole motion"
 MakeSolver = Callable[[Iterable[nn.Parameter]], Solver]
@@ -110,8 +112,9 @@ class FreeRun(Objective):
     `seed`, each trained for `start_iterations` calls of the solver on the first stage. finalists:
     number of starts, those with the lowest training losses, that go through all stages.
     select: weights of the prior that are tried on all but the last `held_back` of the motion; the
-    one with the least error of the free run on that goes on, on the whole. None: some beside the
-    model's own where records were measured; []: no others. It takes the place of finalists.
+    one with the least error of the free run on that goes on, on the whole; one that runs away under
+    half as much excitation again comes last. None: some beside the model's own where records were
+    measured; []: no others. It takes the place of finalists.
     """
 
     kept = ("ranked", "judged", "shorter", "raised", "present", "remarks")
@@ -185,11 +188,10 @@ class FreeRun(Objective):
     def _grow(self, samples: int) -> None:
         """Parts of a motion of so many samples, where runs cannot begin anew."""
         self.restart = False
-        parts = {max(SHORTEST, round(part * samples)): None for part in PARTS}
-        self.horizons = [*(p for p in parts if p < samples), None]
-        self.remarks = [
-            f"runs do not begin anew, for want of x and v: from the start over {_listed(self.horizons)}"
-        ]
+        lengths = dict.fromkeys(max(SHORTEST, round(part * samples)) for part in PARTS)
+        self.horizons = [*(length for length in lengths if length < samples), None]
+        parts = _listed(self.horizons)
+        self.remarks = [f"without x and v no run begins anew; stages take the first {parts}"]
 
     @property
     def refits(self) -> bool:
@@ -304,11 +306,24 @@ class FreeRun(Objective):
             if self.judges:
                 record = replace(record, warmup=held_back_from(record, self.held_back))
             problems.append(FreeRunProblem(estimator, record, None, prior=0.0))
-        loss = _mean_loss(problems)
+        stands = all(stands_more(estimator, problem.record) for problem in problems)
+        loss = _mean_loss(problems) + (0.0 if stands else RUNAWAY)
         if self.judges:
             tried = -1 if self.present < 0 else self.present // len(self.horizons)
             self.judged = [*self.judged, [tried, loss]]
         return loss
+
+
+@torch.no_grad()
+def stands_more(estimator: Trainable, record: Record) -> bool:
+    """Whether a free run stays within bounds where the excitation is MORE times that of a record.
+
+    A law that was bent to fit one motion may run away from the next; no error on the first says so.
+    """
+    drive = record.drive()
+    more = replace(drive, u=MORE * drive.u, x0=MORE * drive.x0, v0=MORE * drive.v0)
+    largest = estimator.free_run(more).a.abs().max() / record.a.abs().max()
+    return bool(largest < BOUND * MORE)  # which NaN is not
 
 
 def _listed(horizons: Sequence[int | None]) -> str:
