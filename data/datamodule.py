@@ -35,6 +35,7 @@ class Data(LightningDataModule):
     forced: list[int] | str | None = None  # DOFs that carry the forces; "base": all, by M ι s̈
     quantity: str = "acceleration"  # what is estimated, see data.record.QUANTITIES
     elements: tuple[str, ...] = ()  # names, where the elements are known
+    measured: bool = False  # by sensors of somebody's own: priors are chosen on held-back motion
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Element network: a learned element between every two DOFs and from every DOF to ground.
+"""Element network: learned elements between DOFs, and from DOFs to ground.
 
 M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law(y_e, ẏ_e, z_e)       (models/composition/simulate.py)
 
@@ -11,7 +11,8 @@ B records, T samples, n DOFs, E elements, m excitations.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import combinations
+from itertools import combinations, pairwise
+from typing import Literal
 
 import numpy as np
 import torch
@@ -24,16 +25,21 @@ from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
 from models.composition.simulate import Composition
+from models.starts.ladder import Equations, linear_start
+from models.starts.spectra import Layout, LinearStructure, Spectra
 
 MOST_NODES = 300  # all of whose pairs are elements
+MOST_PAIRED = 4  # DOFs all of whose pairs one motion tells apart
 SOFTEST = 0.05  # of the median stiffness: what an element starts with at least
 
 
 class ElementNetwork(Composite):
     """Masses and elements from the motion, or from accelerations and forces alone.
 
-    elements: None for all n(n + 1)/2 pairs of DOFs and ground, or the pairs where the topology is
-    known, such as [[ground, x1], [x1, x2]].  masses [kg]: None learns them.  forced: numbers of the
+    elements: the pairs of nodes that are joined, such as [[ground, x1], [x1, x2]]; "chain" for
+    ground, x1, x2, … one after the other; "all" for all n(n + 1)/2 pairs; None for all where the
+    motion can tell them apart, else the chain: beyond four DOFs, and where a base moves and no
+    mass is known.  masses [kg]: None learns them.  forced: numbers of the
     DOFs that carry the forces, None for all of them, "base" where f = −s̈ of a common support moves
     all of them by M ι f.  The channels beside the forces are displacements and velocities of moving
     supports; every DOF then has an element to each support instead of to ground.
@@ -51,7 +57,7 @@ class ElementNetwork(Composite):
         dofs: int,
         inputs: int,
         dt: float,
-        elements: Sequence[Sequence[str]] | None = None,
+        elements: Sequence[Sequence[str]] | Literal["chain", "all"] | None = None,
         masses: Sequence[float] | None = None,
         forced: Sequence[int] | str | None = None,
         hinges: int = 2,
@@ -80,17 +86,15 @@ class ElementNetwork(Composite):
         if masses is not None and (len(masses) != dofs or not all(m > 0.0 for m in masses)):
             raise ValueError(f"model.masses={list(masses)}: expected {dofs} positive masses in kg")
         self.supports = supports
-        nodes = dofs + max(supports, 1)
-        if elements is None and nodes > MOST_NODES:
-            raise ValueError(
-                f"{nodes} nodes make {dofs * (nodes - 1)} pairs; {MOST_NODES} nodes are possible "
-                "with model.elements=null: name the pairs that are joined"
-            )
-        self.elements = self._pairs() if elements is None else [list(pair) for pair in elements]
+        self.topology = "as given"
+        if elements is None:
+            unclear = dofs > MOST_PAIRED or (self.base and masses is None)
+            elements = self.topology = "chain" if unclear and supports <= 1 else "all"
+        if isinstance(elements, str):
+            self.topology = {"chain": "chain", "all": "all pairs"}[elements]
+        self.elements = self._named(elements)
         if not self.elements:
-            raise ValueError(
-                "model.elements is empty; give pairs of nodes, or null for all of them"
-            )
+            raise ValueError("model.elements is empty; give pairs of nodes, or chain, or all")
         self.linear: tuple[Tensor, Tensor, Tensor] | None = None
         require_memory(
             64.0 * len(self.elements) * (dofs + inputs),
@@ -144,44 +148,63 @@ class ElementNetwork(Composite):
         )
 
     @torch.no_grad()
-    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Identify masses, springs and dampers of the linear structure by least squares.
+    def identify(self, batches: Iterable[Record]) -> dict[str, float | str]:
+        """Identify masses, springs and dampers of a linear structure to begin with.
 
-        Sets the units of θ. Without x and v the equation of motion is solved for filtered signals
-        (Young 1981).
+        By least squares of the equation of motion where that gives a structure, else in the other
+        ways of models/starts/ladder.py. Sets the units of θ. Without x and v the equation of motion
+        is solved for filtered signals (Young 1981). Returns the way that was taken as `start`, and
+        what the record leaves open.
         """
-        unknown, target, largest = self._equations(batches)
+        records = self.admitted(batches)
+        unknown, target, largest = self._equations(records)
         known = self.known_masses
-        if known is None and not self.forced:
-            known = target.new_ones(1)  # of x1: support motion leaves the scale open
-        count = 0 if known is None else len(known)
-        if known is not None:
-            target = target - unknown[:, :count] @ known
-        fitted = torch.linalg.lstsq(unknown[:, count:], target[:, None], driver="gelsd").solution
-        solution = fitted[:, 0] if known is None else torch.cat([known, fitted[:, 0]])
-        E = len(self.elements)
-        mass, stiffness, damping = solution.split([self.dofs, E, E])
-        if not (mass > 0.0).all() or not (stiffness > 0.0).any():
-            raise ValueError(
-                f"the motion gives masses {mass.tolist()} kg and stiffnesses {stiffness.tolist()} "
-                "N/m; positive ones are expected: check the signs and units of the signals"
-            )
+        layout = Layout(
+            self.B.cpu().numpy(),
+            self.B_s.cpu().numpy(),
+            self.forced,
+            self.base,
+            None if known is None else known.cpu().numpy(),
+        )
+        found = linear_start(
+            Equations(unknown, target, self._names()),
+            Spectra.of(records, int(self.measures[0])),
+            layout,
+            self.dt / self.substeps,
+            ["s_ddot1"] if self.base else [f"f{i + 1}" for i in self.forced],
+            not all(self.has_states(record) for record in records),
+        )
+        typical = self._start(found.structure, largest, found.way.startswith("least squares"))
+        told = {"topology": self.topology} if self.topology != "as given" else {}
+        return {"linear_stiffness": float(typical), **found.facts(), **told}
+
+    def _start(self, structure: LinearStructure, largest: Tensor, raised: bool = False) -> Tensor:
+        """Start at a structure; returns its typical stiffness.
+
+        raised: springs and dampers may be of either sign, and are brought to some share of others.
+        """
+        mass, stiffness, damping = (torch.from_numpy(part) for part in vars(structure).values())
         typical = stiffness[stiffness > 0.0].median()
         self.mass.start(mass)
-        self.linear = (
-            stiffness.clamp_min(SOFTEST * typical),
-            damping.clamp_min(0.1 * damping.abs().median()),
-            largest,
-        )
+        if raised or not (stiffness > 0.0).all() or not (damping > 0.0).all():
+            stiffness = stiffness.clamp_min(SOFTEST * typical)
+            damping = damping.clamp_min(0.1 * damping.abs().median())
+        self.linear = (stiffness, damping, largest)
         self.laws.start(*self.linear, (0.5, 0.5))
         self.identified.fill_(1.0)
-        return {"linear_stiffness": float(typical)}
+        return typical
 
-    def _equations(self, batches: Iterable[Record]) -> tuple[Tensor, Tensor, Tensor]:
+    def _names(self) -> list[str]:
+        """Of the unknowns of the equations."""
+        joined = ["–".join(pair) for pair in self.elements]
+        masses = [f"mass of x{i + 1}" for i in range(self.dofs)]
+        return masses + [f"{part} {pair}" for part in ("spring", "damper") for pair in joined]
+
+    def _equations(self, records: Sequence[Record]) -> tuple[Tensor, Tensor, Tensor]:
         """Rows of masses, springs and dampers (N, n + 2 E), forces (N,), largest y (E,) [m]."""
         B, B_s = self.B.cpu(), self.B_s.cpu()
         rows, targets, largest = [], [], []
-        for record in self.admitted(batches):
+        for record in records:
             self.check(record)
             if record.f.shape[-1] != self.forces:
                 raise ValueError(
@@ -218,8 +241,30 @@ class ElementNetwork(Composite):
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         self.laws.start(*self.linear, places)
 
+    def _named(
+        self, elements: Sequence[Sequence[str]] | Literal["chain", "all"]
+    ) -> list[list[str]]:
+        """The pairs of nodes that a topology names."""
+        if elements == "all":
+            return self._pairs()
+        if elements != "chain":
+            return [list(pair) for pair in elements]
+        if self.supports > 1:
+            raise ValueError(
+                f"model.elements=chain stands on one support, there are {self.supports}; name the "
+                "pairs that are joined"
+            )
+        fixed = "s1" if self.supports else "ground"
+        return [list(pair) for pair in pairwise([fixed, *(f"x{i + 1}" for i in range(self.dofs))])]
+
     def _pairs(self) -> list[list[str]]:
         """All pairs of nodes: every DOF with ground or each moving support, then every two DOFs."""
+        nodes = self.dofs + max(self.supports, 1)
+        if nodes > MOST_NODES:
+            raise ValueError(
+                f"{nodes} nodes make {self.dofs * (nodes - 1)} pairs; {MOST_NODES} nodes are "
+                "possible with model.elements=all: name the pairs that are joined"
+            )
         names = [f"x{i + 1}" for i in range(self.dofs)]
         fixed = [f"s{j + 1}" for j in range(self.supports)] or ["ground"]
         pairs = [[node, name] for name in names for node in fixed]

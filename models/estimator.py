@@ -62,7 +62,7 @@ class Estimator(nn.Module):
             raise ValueError(f"dt={dt} s must be positive")
         self.dofs, self.inputs, self.dt = dofs, inputs, dt
 
-    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+    def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
         """Solve whatever has a closed form; returns facts about the solution, such as its rank.
 
         `batches` may be iterated more than once and need not fit in memory together.

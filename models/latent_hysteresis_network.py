@@ -19,7 +19,12 @@ from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
 from models.composition.simulate import Composition
+from models.layers.least_squares import RankDeficientError
 from models.linear import EquivalentLinear
+from models.starts.judged import free_run_error
+from models.starts.ladder import DOUBTFUL, STEEPEST
+from models.starts.modes import NoModesError, modes_of
+from models.starts.spectra import Spectra
 
 MOST_ELEMENTS = 10_000
 SMALLEST_DAMPING = 1e-3  # 2ζ of a mode at the start
@@ -77,14 +82,48 @@ class LatentHysteresisNetwork(Composite):
         )
 
     @torch.no_grad()
-    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Identify the modes of the equivalent linear system (Eq. 8); set units of θ."""
-        linear = EquivalentLinear(self.dofs, self.inputs, self.dt)
+    def identify(self, batches: Iterable[Record]) -> dict[str, float | str]:
+        """Identify the modes to begin with; set units of θ.
+
+        Of the equivalent linear system (Eq. 8), or, where that has none, those whose response is
+        nearest (models/starts/modes.py). Returns the way that was taken as `start`.
+        """
         records = self.admitted(batches)
         for record in records:
             self.check(record)
         seen = [(record.dt, *states) for record in records for states in self.states(record)]
-        facts = linear.identify([Record(dt, a, u, x, v) for dt, x, v, a, u in seen])
+        self.moved = torch.cat([x for _, x, *_ in seen])
+        if not torch.isfinite(self.moved).all():
+            raise ValueError("the signals hold NaN or infinite values; mend the record first")
+        equations = [Record(dt, a, u, x, v) for dt, x, v, a, u in seen]
+        try:
+            facts, start = self._equivalent(equations)
+            off = self._begin(start, records)
+            filtered = not all(self.has_states(record) for record in records)
+            if filtered and off is not None and off >= DOUBTFUL:
+                raise NoModesError(f"its response is {100 * off:.3g} % off")
+        except NoModesError as reason:
+            modes = modes_of(Spectra.of(records, int(self.measures[0])))
+            squares, *rest = map(torch.from_numpy, list(vars(modes).values())[:4])
+            self._begin((squares, *rest, squares.mean() / self.dofs), records)
+            way = f"modes from spectra, {100 * modes.error:.3g} % off; not least squares: {reason}"
+            return {"start": way}
+        return {**facts, "start": "least squares"}
+
+    def _begin(self, start: tuple[Tensor, ...], records: list[Record]) -> float | None:
+        """Start at modes; returns the error of the free run, where one can begin."""
+        self._start(*start)
+        self.identified.fill_(1.0)
+        self.restart(torch.Generator().manual_seed(0))
+        return free_run_error(self, [record.to(self.identified.device) for record in records])
+
+    def _equivalent(self, records: list[Record]) -> tuple[dict[str, float], tuple[Tensor, ...]]:
+        """Facts and modes of the equivalent linear system. Raises NoModesError if it has none."""
+        linear = EquivalentLinear(self.dofs, self.inputs, self.dt)
+        try:
+            facts = linear.identify(records)
+        except RankDeficientError as error:
+            raise NoModesError(str(error).partition(";")[0]) from None
         damping, stiffness, inputs = linear.matrices()
         mass = self._mass(inputs)
         spring = _symmetric(mass @ stiffness)
@@ -92,21 +131,25 @@ class LatentHysteresisNetwork(Composite):
         half = torch.linalg.solve(root, torch.linalg.solve(root, spring).T)
         squares, turned = torch.linalg.eigh(_symmetric(half))
         if not squares[0] > 0.0:
-            raise ValueError(
-                f"the equivalent linear system has ω² = {squares.tolist()} 1/s²; positive ones are "
-                "expected: check the signs and units of the signals"
-            )
+            listed = ", ".join(f"{value:.3g}" for value in squares.tolist()[:8])
+            raise NoModesError(f"ω² = {listed} 1/s²")
+        if not squares[-1].sqrt() * self.dt / self.substeps < STEEPEST:
+            raise NoModesError(f"ω = {float(squares[-1].sqrt()):.3g} rad/s, too fast for the steps")
         shapes = torch.linalg.solve(root.T, turned)  # Φᵀ M Φ = I
         modal_damping = (shapes.T @ mass @ damping @ shapes).diagonal()
+        typical = spring.diagonal().mean() / self.dofs  # of an element's stiffness [N/m]
+        driven = torch.linalg.solve(shapes, inputs)
+        return facts, (squares, modal_damping, shapes, driven, typical)
+
+    def _start(
+        self, squares: Tensor, damping: Tensor, shapes: Tensor, inputs: Tensor, typical: Tensor
+    ) -> None:
+        """Start at modes: ω² (n,), 2ζω (n,), Φ (n, n) and Γ (n, m)."""
         self.stiffness.start(squares)
-        self.modal_damping = modal_damping.clamp_min(SMALLEST_DAMPING * squares.sqrt())
-        _start_at(self.inputs_to, torch.linalg.solve(shapes, inputs))
+        self.modal_damping = damping.clamp_min(SMALLEST_DAMPING * squares.sqrt())
+        _start_at(self.inputs_to, inputs)
         _start_at(self.shapes, shapes)
-        self.typical = spring.diagonal().mean() / self.dofs  # of an element's stiffness [N/m]
-        self.moved = torch.cat([x for _, x, *_ in seen])
-        self.identified.fill_(1.0)
-        self.restart(torch.Generator().manual_seed(0))
-        return facts
+        self.typical = typical
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:

@@ -88,7 +88,8 @@ def metrics_of(
         "fit_seconds": module.fit_seconds,
         "parameters": module.estimator.identified_parameters,
         "identification": {
-            key: value if math.isfinite(value) else None for key, value in module.solution.items()
+            key: value if isinstance(value, str) or math.isfinite(value) else None
+            for key, value in module.solution.items()
         },
         "training": module.how_trained(),
         **module.results(),

@@ -56,6 +56,8 @@ class MeasuredData(Data):
     does not repair, and records that differ in dt or channels.
     """
 
+    measured = True
+
     def __init__(
         self,
         path: str | Sequence[str],

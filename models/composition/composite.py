@@ -98,10 +98,12 @@ class Composite(Trainable):
 
         The memory of hysteretic units follows the increments of the steps.
         """
-        stateless = self.from_accelerations or record.x is None or record.v is None
-        if stateless and record.initial_state in ("periodic", "unknown"):
+        if not self.has_states(record) and record.initial_state in ("periodic", "unknown"):
             return simulate_record(self, record).a
-        return self.restarted_run(record, None if stateless else 1)
+        return self.restarted_run(record, 1 if self.has_states(record) else None)
+
+    def has_states(self, record: Record) -> bool:
+        return not self.from_accelerations and super().has_states(record)
 
     def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
         raise ValueError(

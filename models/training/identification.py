@@ -6,6 +6,7 @@ left stops there; nothing here asks which estimator it is.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from statistics import fmean
@@ -19,12 +20,23 @@ from data.record import Record
 from models.estimator import Estimator
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.training.objective import Objective, OneStep, restore, state_of
-from models.training.solvers.solver import Solver
+from models.training.solvers.solver import Minimised, Solver
 from models.training.trainable import Trainable, require_trainable
 
 SPLITS = ("train", "test")  # order of the datamodule's test loaders,
 HELD_BACK = "validation"  # the last of them, where there is one; scored one step ahead
-KEPT = ("stage", "tried", "ended", "chosen", "losses", "best", "fails")  # by a checkpoint
+KEPT = (
+    "stage",
+    "tried",
+    "ended",
+    "chosen",
+    "losses",
+    "best",
+    "fails",
+    "rescued",
+)  # by a checkpoint
+MOST_RESCUES, MOST_HALVINGS = 3, 8  # of a stage whose run diverges at its start
+FIRMER = 100.0  # times the prior, where training goes back
 
 
 class Identification(LightningModule):
@@ -34,6 +46,9 @@ class Identification(LightningModule):
     after `max_fail` checks without a better one, and the best parameters are kept. A check follows
     each call of the solver: an iteration of Levenberg–Marquardt, some twenty of L-BFGS, an epoch
     of Adam.
+
+    Training never ends at a state that diverges where it has seen one that does not: a stage whose
+    run is not finite at its start goes back to the best state so far, or to shorter horizons.
 
     `objective` says what is minimised, in how many stages; each stage has a solver of its own. Of
     several stages, the parameters are kept that simulate the whole training motion best.
@@ -57,10 +72,11 @@ class Identification(LightningModule):
         self.ended: list[dict[str, Any]] = []  # stages: name, iterations, why they stopped
         self.chosen: tuple[float, list[Tensor]] = (float("inf"), [])  # of the stages' ends
         self.losses: list[float] = []  # Eq. 21 squared, after every accepted iteration
-        self.solution: dict[str, float] = {}  # what the closed form says of itself
+        self.solution: dict[str, float | str] = {}  # what the closed form says of itself
         self.fit_seconds = 0.0
         self.best: tuple[float, dict[str, Tensor]] = (float("inf"), {})
         self.fails = 0
+        self.rescued = 0  # how often the present stage was begun anew
         self.validated: list[float] = []  # losses of the records of a validation
         self.broken_off: dict[str, Any] = {}  # a checkpoint to go on from
         self.scores: dict[str, Scores] = {}
@@ -92,7 +108,8 @@ class Identification(LightningModule):
         solver = {name: getattr(self.solver, name) for name in self.solver.kept}
         checkpoint["progress"] = {
             **{"identification": kept, "solver": solver, "memory": self.solver.state_dict()},
-            **{"ranked": self.objective.ranked, "random": torch.get_rng_state()},
+            "objective": {name: getattr(self.objective, name) for name in self.objective.kept},
+            "random": torch.get_rng_state(),
             "seconds": time.perf_counter() - self.start,
         }
 
@@ -105,7 +122,8 @@ class Identification(LightningModule):
         progress = self.broken_off["progress"]
         for name in KEPT:
             setattr(self, name, progress["identification"][name])
-        self.objective.ranked = progress["ranked"]
+        for name in self.objective.kept:
+            setattr(self.objective, name, progress["objective"][name])
         self.solver = self._new_solver(self.free_parameters().values())
         self.solver.load_state_dict(progress["memory"])
         for name in self.solver.kept:
@@ -117,6 +135,10 @@ class Identification(LightningModule):
         self.start = time.perf_counter()
         loader = self.trainer.datamodule.train_dataloader()  # type: ignore[attr-defined]
         self.solution = self.estimator.identify(OnDevice(loader, self.device))
+        if self.solver is not None:
+            measured = self.trainer.datamodule.measured  # type: ignore[attr-defined]
+            whole = OnDevice(self._whole(), self.device)
+            self.objective.prepare(self.trainable, whole, measured)
         if self.broken_off:
             self._go_on()
         elif self.solver is None:
@@ -128,6 +150,8 @@ class Identification(LightningModule):
             )
         else:
             batches = OnDevice(loader, self.device)
+            if len(self.objective.stages) > 1:
+                self._compare_end()  # the start, which is better than an end that diverges
             self.objective.begin(self.trainable, batches, self._new_solver, self._note)
             self.tried = len(self.losses)
 
@@ -136,11 +160,39 @@ class Identification(LightningModule):
         assert self.solver is not None
         if self.solver.finished:
             self._next_stage()
-        self._note(self.solver.solve(self.objective.problem(self.trainable, record, self.stage)))
+        problem = self.objective.problem(self.trainable, record, self.stage)
+        accepted = self.solver.solve(problem)
+        if self.solver.finished and not accepted and not _is_finite(problem):
+            self._rescue(record)
+        self._note(accepted)
         if self.losses:
             self.log("error_percent", 100.0 * self.losses[-1] ** 0.5, prog_bar=True, logger=False)
         if self.solver.finished:
             self._stop_after_last_stage()
+
+    def _rescue(self, record: Record) -> None:
+        """Begin a stage anew whose run is not finite at its start; at most so often."""
+        stage, objective = self.objective.stages[self.stage], self.objective
+        if self.rescued >= MOST_RESCUES or not objective.kept:
+            return
+        self.rescued += 1
+        if self.rescued == 1 and self.chosen[1] and math.isfinite(self.chosen[0]):
+            restore(self.estimator, self.chosen[1])
+            objective.raised = FIRMER
+            way = f"training went back to the best state so far, with the prior times {FIRMER:g}"
+        else:
+            objective.shorter = max(1, objective.shorter)
+            way = "a shorter part was taken first"
+        while not _is_finite(objective.problem(self.trainable, record, self.stage)):
+            way = "a shorter part was taken first"
+            if objective.shorter == MOST_HALVINGS:
+                way = "it was left out"
+                objective.shorter = 0
+                break
+            objective.shorter += 1
+        else:
+            self.solver = self._new_solver(self.free_parameters().values())
+        objective.remarks = [*objective.remarks, f"{stage}: the run diverged at its start; {way}"]
 
     def _new_solver(self, parameters: Iterable[nn.Parameter]) -> Solver:
         assert self.make_solver is not None
@@ -156,14 +208,23 @@ class Identification(LightningModule):
                 self.logger.log_metrics(named, step=len(self.losses))
 
     def _stop_after_last_stage(self) -> None:
-        if self.stage + 1 == len(self.objective.stages):
+        if self.stage + 1 == len(self.objective.stages) and not self.objective.shorter:
             self.trainer.should_stop = True
 
     def _next_stage(self) -> None:
         """After the last validation of the stage before, which may have been its best."""
-        self._end_stage()
-        self.stage, self.fails, self.best = self.stage + 1, 0, (float("inf"), {})
-        self.objective.enter(self.trainable, self.stage)
+        if self.objective.shorter:  # the same stage, over a longer part
+            self._keep_best()
+            self.objective.shorter -= 1
+        else:
+            self._end_stage()
+            self.stage, self.rescued = self.stage + 1, 0
+            self.objective.enter(self.trainable, self.stage)
+            if self.objective.refits and self.chosen[1]:
+                restore(self.estimator, self.chosen[1])
+                self.chosen = float("inf"), []
+                self._compare_end()
+        self.fails, self.best = 0, (float("inf"), {})
         self.solver = self._new_solver(self.free_parameters().values())
 
     def _end_stage(self) -> None:
@@ -175,9 +236,12 @@ class Identification(LightningModule):
         if len(self.objective.stages) > 1:
             self._compare_end()
 
+    def _whole(self) -> Iterable[Record]:
+        loader: Iterable[Record] = self.trainer.datamodule.loader("train")  # type: ignore[attr-defined]
+        return loader
+
     def _compare_end(self) -> None:
-        whole = self.trainer.datamodule.loader("train")  # type: ignore[attr-defined]
-        loss = self.objective.final_loss(self.trainable, OnDevice(whole, self.device))
+        loss = self.objective.final_loss(self.trainable, OnDevice(self._whole(), self.device))
         if loss < self.chosen[0]:  # with buffers: each start has units of its own
             self.chosen = loss, state_of(self.estimator)
 
@@ -214,6 +278,9 @@ class Identification(LightningModule):
             self._end_stage()
         if self.chosen[1]:
             restore(self.estimator, self.chosen[1])
+        elif len(self.objective.stages) > 1:
+            none = "no stage ended in a free run of the training motion that is finite"
+            self.objective.remarks = [*self.objective.remarks, none]
         self.fit_seconds = time.perf_counter() - self.start
 
     def on_test_start(self) -> None:
@@ -239,8 +306,14 @@ class Identification(LightningModule):
         if self.solver is None:
             return {}
         name, iterations = type(self.solver).__name__, len(self.losses)
-        trained = {"solver": name, "iterations": iterations, "stopped": self.solver.why}
+        trained: dict[str, Any] = {"solver": name, "iterations": iterations}
+        trained |= {"stopped": self.solver.why, **self.objective.facts()}
         return trained if len(self.ended) < 2 else {**trained, "stages": self.ended}
+
+
+@torch.no_grad()
+def _is_finite(problem: Minimised) -> bool:
+    return math.isfinite(float(problem.loss()))
 
 
 class OnDevice(Iterable[Record]):

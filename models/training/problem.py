@@ -114,7 +114,7 @@ class FreeRunProblem:
     """Errors, loss and normal equations of a simulation that begins anew every `horizon` samples.
 
     horizon: None: the simulation never begins anew. warmup: samples that each restarted run takes
-    before its samples count.
+    before its samples count. prior: weight of the pull instead of the estimator's own.
     """
 
     steepest = 1.0  # a run on the verge of divergence has a gradient without measure
@@ -127,13 +127,14 @@ class FreeRunProblem:
         horizon: int | None,
         warmup: int = 0,
         last: bool = True,
+        prior: float | None = None,
     ) -> None:
         record = record.measured()
         if record.initial_state == "periodic":
             record = _in_steady_state(record)
         self.record = record
         self.estimator, self.horizon, self.warmup = estimator, horizon, warmup
-        self.last = last
+        self.last, self.prior = last, prior
         self.counted = slice(record.warmup, None)
         self.y = record.a[..., self.counted, :]
         self.weight = _weight(record)
@@ -144,7 +145,7 @@ class FreeRunProblem:
 
     def loss(self) -> Tensor:
         """Mean square of e, and the pull; not finite where the run diverges."""
-        prior, deviation = self.estimator.pull(self.last)
+        prior, deviation = self._pull()
         return (self.errors() ** 2).mean() + prior * (deviation**2).sum()
 
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
@@ -162,13 +163,17 @@ class FreeRunProblem:
                 errors = self._errors(run)
                 rows = self.weight * jacobian[..., self.counted, :, :].flatten(0, -2)
             samples = rows.view(*self.y.shape, -1)  # (…, T, n, P)
-            prior, deviation = self.estimator.pull(self.last)
+            prior, deviation = self._pull()
             some, pull = samples[..., ::every, :, :].flatten(0, -2), len(rows) * prior
             matrix, vector = len(rows) / len(some) * _gram(some), rows.T @ errors
             if prior > 0.0:
                 matrix.diagonal().add_(pull)
                 vector = vector + pull * deviation
             return matrix, vector
+
+    def _pull(self) -> tuple[float, Tensor]:
+        own, deviation = self.estimator.pull(self.last)
+        return own if self.prior is None or not deviation.numel() else self.prior, deviation
 
     def _errors(self, run: Tensor) -> Tensor:
         return ((run[..., self.counted, :] - self.y) * self.weight).reshape(-1)

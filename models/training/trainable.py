@@ -45,6 +45,10 @@ class Trainable(Estimator):
                 if layer.bias is not None:
                     layer.bias.zero_()
 
+    def has_states(self, record: Record) -> bool:
+        """Whether runs may begin anew within a record: at measured x and v."""
+        return record.x is not None and record.v is not None
+
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
         """Acceleration (…, T, n) of free runs that begin anew every `horizon` samples.
 

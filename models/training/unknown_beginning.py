@@ -26,9 +26,15 @@ def begins_unknown(estimator: Trainable, record: Record) -> bool:
 class UnknownBeginningProblem(FreeRunProblem):
     """A free run of whole records from first states of their own, which are in `own`."""
 
-    def __init__(self, estimator: Trainable, record: Record, last: bool = True) -> None:
+    def __init__(
+        self,
+        estimator: Trainable,
+        record: Record,
+        last: bool = True,
+        prior: float | None = None,
+    ) -> None:
         whole = replace(record, warmup=0)  # no sample is lost to a transient
-        super().__init__(estimator, whole, None, 0, last)
+        super().__init__(estimator, whole, None, 0, last, prior)
         self.own = [estimator.first_states(self.record)]  # (B·S,)
 
     def errors(self) -> Tensor:
@@ -46,7 +52,7 @@ class UnknownBeginningProblem(FreeRunProblem):
         J = self.weight * by_theta.reshape(B, -1, P)
         J0 = self.weight * by_state.reshape(B, -1, S)
         matrix, vector = J.new_zeros(P + B * S, P + B * S), J.new_zeros(P + B * S)
-        prior, deviation = self.estimator.pull(self.last)
+        prior, deviation = self._pull()
         pull = errors.numel() * prior
         matrix[:P, :P] = torch.einsum("btp,btq->pq", J, J) + pull * torch.eye(P).to(J)
         vector[:P] = torch.einsum("btp,bt->p", J, errors) + pull * deviation

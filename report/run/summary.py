@@ -107,11 +107,15 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     solution = ", ".join(
         f"{key} {'infinite' if value is None else f'{value:.6g}'}"
         for key, value in metrics["identification"].items()
+        if not isinstance(value, str)
     )
     console.print(
         f"{metrics['parameters']} parameters identified in {metrics['fit_seconds']:.2f} s"
         + (f" ({solution})" if solution else "")
     )
+    for key, value in metrics["identification"].items():
+        if isinstance(value, str) and value:
+            console.print(f"{key.replace('_', ' ')}: {value}", markup=False)
     if metrics["training"]:
         console.print(
             "{solver}: {iterations} iterations, stopped at {stopped}".format_map(

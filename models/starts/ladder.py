@@ -1,0 +1,182 @@
+"""Ways to a linear structure to begin with, from the most to the least that a record has to tell.
+
+1. least squares     the equations of motion, as they stand
+2. bounded           the same, with no mass, spring or damper below zero
+3. spectra           the structure whose frequency response is nearest (spectra.py)
+4. typical           a uniform structure with the best frequency
+The first is taken wherever it gives a structure; of the others, the one whose response is nearest.
+Every way that was not taken says why. No way depends on units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from models.starts.bounded import left_open, not_negative, triangle
+from models.starts.spectra import (
+    POLISHED,
+    RATIO,
+    Layout,
+    LinearStructure,
+    Spectra,
+    places,
+    polished,
+)
+
+STEEPEST = 2.0  # ω h beyond which substeps h of the integration run away
+DOUBTFUL, MARKED = 0.5, 0.6  # error beyond which other ways, or signs, are tried; a sign's gain
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Rows of masses, springs and dampers (N, n + 2E) and forces (N,); names of the unknowns."""
+
+    unknown: Tensor
+    target: Tensor
+    names: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Start:
+    """A structure to begin with, the way that found it, and why others did not."""
+
+    structure: LinearStructure
+    way: str
+    told: list[str]
+    rank: int
+    left_open: list[str]
+
+    def facts(self) -> dict[str, float | str]:
+        """For `metrics.json`."""
+        return {
+            "start": "; ".join([self.way, *self.told]),
+            "rank": self.rank,
+            "left_open": ", ".join(self.left_open) or "nothing",
+        }
+
+
+def linear_start(
+    equations: Equations,
+    spectra: Spectra,
+    layout: Layout,
+    substep: float,
+    forces: Sequence[str],
+    filtered: bool,
+) -> Start:
+    """The start that the record gives. substep: of the integration [s]; forces: names of channels.
+
+    filtered: x and v are not measured, so that the free run is all there is to begin with; least
+    squares then has to simulate, too.
+
+    Raises ValueError where a changed sign of a channel explains the motion far better.
+    """
+    known = np.ones(1) if layout.open_scale else layout.masses
+    count = 0 if known is None else len(known)
+    target = equations.target
+    if known is not None:
+        target = target - equations.unknown[:, :count] @ torch.as_tensor(known)
+    unknown, E = equations.unknown[:, count:], len(layout.B)
+
+    def structure(solution: np.ndarray) -> LinearStructure:
+        whole = solution if known is None else np.concatenate([known, solution])
+        return LinearStructure(*np.split(whole, [len(whole) - 2 * E, len(whole) - E]))
+
+    factor = triangle(unknown, target)
+    rank, open_names = left_open(factor, equations.names[count:])
+    fitted = torch.linalg.lstsq(unknown, target[:, None], driver="gelsd").solution[:, 0]
+    first = structure(fitted.numpy())
+    fault = fault_of(first, layout, substep)
+    off = spectra.error(first, layout) if filtered and not fault else 0.0
+    if not fault and off < DOUBTFUL:
+        return Start(first, "least squares", [], rank, open_names)
+    told = [f"not least squares: {fault}"] if fault else []
+    found = {"spectra": nearest(spectra, layout)}
+    errors = {"spectra": spectra.error(found["spectra"], layout)}
+    if not fault:
+        found["least squares"], errors["least squares"] = first, off
+    if min(errors.values()) > DOUBTFUL:
+        require_signs(spectra, layout, spectra.error(found["spectra"], layout), forces)
+    bounded = structure(not_negative(factor))
+    fault = fault_of(bounded, layout, substep)
+    if fault:
+        told.append(f"not bounded: {fault}")
+    else:
+        found["bounded least squares"] = damped(bounded, layout)
+        errors["bounded least squares"] = spectra.error(found["bounded least squares"], layout)
+    found = {way: s for way, s in found.items() if not fault_of(s, layout, substep)}
+    if not found:
+        return Start(places(spectra, layout)[0], "typical structure", told, rank, open_names)
+    way = min(found, key=lambda name: errors[name])
+    told += [f"not {w}: its response is {100 * errors[w]:.3g} % off" for w in found if w != way]
+    return Start(found[way], f"{way}, {100 * errors[way]:.3g} % off", told, rank, open_names)
+
+
+def fault_of(structure: LinearStructure, layout: Layout, substep: float) -> str:
+    """Why a solution is no structure to begin with, in words; "" where it is one."""
+    if not (structure.mass > 0.0).all():
+        return f"masses {_shown(structure.mass)} kg"
+    if not (structure.stiffness > 0.0).any():
+        return f"stiffnesses {_shown(structure.stiffness)} N/m"
+    squares = structure.frequencies(layout.B)
+    if not squares[0] > 0.0:
+        return f"ω² from {squares[0]:.3g} 1/s²"
+    if not np.sqrt(squares[-1]) * substep < STEEPEST:
+        return f"a frequency of {np.sqrt(squares[-1]) / (2 * np.pi):.3g} Hz, too fast for the steps"
+    return ""
+
+
+def nearest(spectra: Spectra, layout: Layout, most: int = POLISHED) -> LinearStructure:
+    """The best of the polished structures of the best places."""
+    ends = [polished(spectra, layout, place) for place in places(spectra, layout)[:most]]
+    return min(ends, key=lambda end: spectra.error(end, layout))
+
+
+def damped(structure: LinearStructure, layout: Layout) -> LinearStructure:
+    """The structure with a little damping where it has none, in proportion to the springs."""
+    lowest = np.sqrt(structure.frequencies(layout.B)[0])
+    least = 0.1 * RATIO * 2.0 / lowest * structure.stiffness.max()
+    damping = np.maximum(structure.damping, least)
+    return LinearStructure(structure.mass, structure.stiffness, damping)
+
+
+def require_signs(spectra: Spectra, layout: Layout, error: float, forces: Sequence[str]) -> None:
+    """Raise ValueError for the channel whose changed sign explains the motion far better."""
+    changed = {f"a{i + 1}": flipped(spectra, layout, i, None) for i in range(layout.B.shape[1])}
+    changed |= {name: flipped(spectra, layout, None, j) for j, name in enumerate(forces)}
+    if len(forces) > 1:
+        changed["all forces"] = flipped(spectra, layout, None, slice(None, len(forces)))
+    errors = {name: one.error(nearest(one, layout, 1), layout) for name, one in changed.items()}
+    name = min(errors, key=lambda key: errors[key])
+    if errors[name] < MARKED * error:
+        raise ValueError(
+            f"a linear structure is {100 * error:.0f} % off this motion, and "
+            f"{100 * errors[name]:.0f} % off with the sign of {name} changed: check the signs and "
+            "units of the signals"
+        )
+
+
+def flipped(
+    spectra: Spectra, layout: Layout, output: int | None, force: int | slice | None
+) -> Spectra:
+    """The same motion with the sign of a sensor or of an excitation changed.
+
+    Motion relative to a base is that of an absolute sensor less the base's: f = −s̈.
+    """
+    a, u = spectra.outputs.copy(), spectra.inputs.copy()
+    ground = u[:, :1] if layout.base else np.zeros_like(u[:, :1])
+    if output is not None:
+        a[:, output] = 2.0 * ground[:, 0] - a[:, output]
+    if force is not None:
+        u[:, force] *= -1.0
+        a -= 2.0 * ground
+    size = float(np.linalg.norm(a))
+    return Spectra(spectra.omega, a, u, spectra.measured, size)
+
+
+def _shown(values: np.ndarray) -> str:
+    return ", ".join(f"{value:.3g}" for value in values[:8])

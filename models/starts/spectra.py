@@ -1,0 +1,235 @@
+"""A linear structure from the spectra of its motion: positive masses, springs and dampers.
+
+(−ω² M + iω C + K) X = F,   K = Bᵀ k B,   C = Bᵀ c B        k, c, M > 0: logarithms are searched
+A typical structure is moved through the frequencies of the motion; the best places are polished by
+damped least squares on the error of the output, which noise does not bias as it does the equation.
+F frequencies, n DOFs, E elements, m channels of excitation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal.windows import tukey
+
+from data.record import Record
+
+SHARE = 0.998  # of the power of the outputs lies in the band that is compared
+MOST_NUMBERS, FEWEST, MOST = 400_000, 200, 2000  # of matrices, of frequencies in each record
+TAPER = 0.1  # of a record that is faded, where it is cut
+GRID, POLISHED, EVALUATIONS = 60, 5, 40  # places tried, of them polished, evaluations for each
+STIFFEST, ASIDE = 3.0, 0.05  # of the frequencies; stiffness beside a chain of 1
+RATIO = 0.05  # of critical damping of the first mode, to begin with
+PULL_MASS, PULL = 3e-3, 1e-3  # weight of (log of a ratio)² beside the squared relative error
+TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What is known of a structure: incidences, where forces act, and its masses, if at all."""
+
+    B: np.ndarray  # (E, n)
+    B_s: np.ndarray  # (E, p)
+    forced: list[int]
+    base: bool = False
+    masses: np.ndarray | None = None  # (n,) [kg]
+
+    def shapes(self) -> list[np.ndarray]:
+        """Relative stiffnesses (E,) to begin with: all alike, and mostly a chain if it is there."""
+        alike, chain = np.ones(len(self.B)), self.chain()
+        return [alike] if chain.all() or chain.sum() < self.B.shape[1] else [alike, chain + ASIDE]
+
+    def chain(self) -> np.ndarray:
+        """Which elements (E,) join a DOF to the one before, or the first to what is fixed."""
+        ends = [np.flatnonzero(row) for row in self.B]
+        return np.array([list(e) == [0] or (len(e) == 2 and e[1] == e[0] + 1) for e in ends])
+
+    @property
+    def open_scale(self) -> bool:
+        """No force and no mass says how heavy it is: the first mass is 1."""
+        return self.masses is None and not self.forced
+
+
+@dataclass(frozen=True)
+class LinearStructure:
+    """Masses (n,) [kg], stiffnesses (E,) [N/m] and dampers (E,) [N s/m] of elements."""
+
+    mass: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+
+    def times(self, factor: float) -> LinearStructure:
+        return LinearStructure(*(factor * part for part in vars(self).values()))
+
+    def frequencies(self, B: np.ndarray) -> np.ndarray:
+        """Squares of the natural frequencies (n,) [1/s²], rising; negative where it is unstable."""
+        root = 1.0 / np.sqrt(self.mass)
+        matrix = root[:, None] * (B.T @ (self.stiffness[:, None] * B)) * root
+        squares: np.ndarray = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
+        return squares
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Fourier transforms of motions: ω (F,), outputs (F, n), excitation (F, m).
+
+    measured: 0 for displacements, 1 for velocities, 2 for accelerations.
+    """
+
+    omega: np.ndarray
+    outputs: np.ndarray
+    inputs: np.ndarray
+    measured: int = 2
+    size: float = field(default=0.0)
+
+    @staticmethod
+    def of(records: Iterable[Record], measured: int = 2) -> Spectra:
+        """Spectra of records where their outputs have power; their constant parts are left out."""
+        parts = []
+        for record in records:
+            outputs, inputs = record.a.cpu().numpy(), record.excitation.cpu().numpy()
+            for one, u in zip(
+                outputs.reshape(-1, *outputs.shape[-2:]),
+                inputs.reshape(-1, *inputs.shape[-2:]),
+                strict=True,
+            ):
+                parts.append(_of_one(one, u, record.dt, record.initial_state != "rest"))
+        omega, a, u = (np.concatenate(s) for s in zip(*parts, strict=True))
+        return Spectra(omega, a, u, measured, float(np.linalg.norm(a)))
+
+    @property
+    def dominant(self) -> float:
+        """The frequency with the largest output [rad/s]."""
+        return float(self.omega[np.argmax(np.linalg.norm(self.outputs, axis=1))])
+
+    def error(self, structure: LinearStructure, layout: Layout) -> float:
+        """Relative error of the structure's response; 1 where it does not move."""
+        return float(np.linalg.norm(self.outputs - respond(structure, layout, self)[0]) / self.size)
+
+
+def _of_one(
+    a: np.ndarray, u: np.ndarray, dt: float, cut: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    T = len(a)
+    fade = tukey(T, TAPER)
+    if not cut:
+        fade[: T // 2] = 1.0
+    a, u = ((s - s.mean(axis=0) * (i == 0)) * fade[:, None] for i, s in enumerate((a, u)))
+    omega = 2.0 * np.pi * np.fft.rfftfreq(2 * T, dt)  # padded: what goes round is not this motion
+    A, U = np.fft.rfft(a, 2 * T, axis=0), np.fft.rfft(u, 2 * T, axis=0)
+    power = np.cumsum((np.abs(A) ** 2).sum(axis=1))
+    inside = np.flatnonzero(
+        (power >= 0.5 * (1.0 - SHARE) * power[-1]) & (power <= SHARE * power[-1])
+    )
+    first, last = (inside[0], inside[-1]) if len(inside) else (1, len(omega) - 1)
+    most = int(np.clip(MOST_NUMBERS // a.shape[1] ** 2, FEWEST, MOST))
+    first = max(first, 2)
+    some = np.arange(first, max(last, first + 1) + 1, max(1, (last - first) // most))
+    some = some[some < len(omega)]
+    return omega[some], A[some], U[some]
+
+
+def respond(
+    structure: LinearStructure, layout: Layout, spectra: Spectra, slopes: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (F, n), and their derivatives by log masses, springs and dampers (F, n, n + 2E)."""
+    m, k, c = structure.mass, structure.stiffness, structure.damping
+    w, U, B = spectra.omega[:, None], spectra.inputs, layout.B
+    iw = 1j * w
+    n, forces = B.shape[1], 1 if layout.base else len(layout.forced)
+    s, s_dot = np.split(U[:, forces:], 2, axis=1)
+    support, support_rate = s @ layout.B_s.T, s_dot @ layout.B_s.T  # (F, E)
+    F = np.zeros((len(U), n), dtype=complex)
+    if layout.base:
+        F += m * U[:, :1]
+    F[:, layout.forced] += U[:, : len(layout.forced)]
+    dynamic = np.einsum("fe,ei,ej->fij", k + iw * c, B, B)
+    dynamic[:, np.arange(n), np.arange(n)] -= w**2 * m
+    G = np.linalg.inv(dynamic)
+    X = np.einsum("fij,fj->fi", G, F - (k * support + c * support_rate) @ B)
+    rate = iw**spectra.measured
+    if not slopes:
+        return rate * X, np.empty(0)
+    driven = m * (w**2 * X + (U[:, :1] if layout.base else 0.0))  # (F, n)
+    springs, dampers = k * (X @ B.T + support), c * (iw * (X @ B.T) + support_rate)
+    through = G @ B.T  # (F, n, E)
+    by = [G * driven[:, None, :], -through * springs[:, None, :], -through * dampers[:, None, :]]
+    return rate * X, rate[:, :, None] * np.concatenate(by, axis=2)
+
+
+def typical(spectra: Spectra, layout: Layout, square: float, shape: np.ndarray) -> LinearStructure:
+    """A structure of equal masses whose first natural frequency has this square [1/s²]."""
+    mass = np.ones(layout.B.shape[1]) if layout.masses is None else layout.masses
+    unit = LinearStructure(mass, mass.mean() * shape, 0.0 * shape)
+    lowest = unit.frequencies(layout.B)
+    stiffness = unit.stiffness * square / max(lowest[0], 1e-9 * lowest[-1])
+    structure = replace(
+        unit, stiffness=stiffness, damping=2.0 * RATIO / np.sqrt(square) * stiffness
+    )
+    if layout.masses is not None or layout.open_scale:
+        return structure
+    run = respond(structure, layout, spectra)[0]  # as heavy as its motion says
+    factor = float(np.vdot(run, spectra.outputs).real / max(np.vdot(run, run).real, TINY))
+    return structure.times(1.0 / max(factor, TINY)) if factor > 0.0 else structure
+
+
+def places(spectra: Spectra, layout: Layout) -> list[LinearStructure]:
+    """Typical structures at the frequencies where the error is least around, the best first.
+
+    Of each shape, all valleys of the error and the dominant frequency of the motion.
+    """
+    grid = np.geomspace(0.5 * spectra.omega.min(), STIFFEST * spectra.omega.max(), GRID) ** 2
+    found: list[tuple[float, LinearStructure]] = []
+    for shape in layout.shapes():
+        tried = [typical(spectra, layout, square, shape) for square in grid]
+        errors = np.array([spectra.error(structure, layout) for structure in tried])
+        walls = np.concatenate([[np.inf], errors, [np.inf]])
+        valleys = np.flatnonzero((errors < walls[:-2]) & (errors <= walls[2:]))
+        found += [(errors[i], tried[i]) for i in valleys]
+        there = typical(spectra, layout, spectra.dominant**2, shape)
+        found.append((spectra.error(there, layout), there))
+    found.sort(key=lambda one: one[0])
+    return [structure for _, structure in found]
+
+
+def polished(spectra: Spectra, layout: Layout, start: LinearStructure) -> LinearStructure:
+    """The structure near `start` whose response has the least error."""
+    E, n = layout.B.shape
+    learned = np.ones(n + 2 * E, dtype=bool)
+    learned[:n] = layout.masses is None
+    if layout.open_scale:
+        learned[0] = False
+    begin = np.log(np.concatenate([start.mass, start.stiffness, start.damping]))
+    pull = np.sqrt(np.concatenate([np.full(n, PULL_MASS), np.full(2 * E, PULL)]))
+    level = np.zeros(n + 2 * E)  # a change of all masses, springs and dampers alike costs nothing
+
+    def structure(theta: np.ndarray) -> LinearStructure:
+        whole = begin.copy()
+        whole[learned] = theta
+        return LinearStructure(*np.split(np.exp(np.clip(whole, -300, 300)), [n, n + E]))
+
+    def away(theta: np.ndarray) -> np.ndarray:
+        whole = np.zeros_like(begin)
+        whole[learned] = theta - begin[learned]
+        free = whole[:n] - (whole[:n].mean() if learned[:n].all() else 0.0)
+        return np.asarray(pull * np.concatenate([free, whole[n:] - level[n:]]))
+
+    def residuals(theta: np.ndarray) -> np.ndarray:
+        e = (respond(structure(theta), layout, spectra)[0] - spectra.outputs).ravel()
+        return np.concatenate([e.real / spectra.size, e.imag / spectra.size, away(theta)])
+
+    def jacobian(theta: np.ndarray) -> np.ndarray:
+        slopes = respond(structure(theta), layout, spectra, slopes=True)[1]
+        rows = slopes.reshape(-1, n + 2 * E)[:, learned] / spectra.size
+        moved = np.stack([away(begin[learned] + e) for e in np.eye(learned.sum())], axis=1)
+        return np.concatenate([rows.real, rows.imag, moved])
+
+    if not learned.any():
+        return start
+    found = least_squares(
+        residuals, begin[learned], jacobian, method="trf", max_nfev=EVALUATIONS, xtol=1e-6
+    )
+    return structure(found.x)

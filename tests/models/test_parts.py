@@ -1,0 +1,111 @@
+"""Training on measured records: quiet starts, priors on held-back motion, stages that diverge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from data.record import Record
+from models.element_network import ElementNetwork
+from models.training.identification import Identification
+from models.training.objective import FreeRun, stands_more
+from models.training.parts import held_back_from, onset
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from tests.models.test_objective import DT, fit, free_run_loss
+from tests.models.test_resume import Motions
+from tests.models.test_starts import motion as shaken
+from tests.models.test_starts import planted
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+
+
+def test_a_quiet_start_is_no_part_of_a_horizon():
+    record = shaken(planted(True), 1000, noise=0.02, rest=800)
+    begin = onset(record)
+    assert 800 <= begin < 1000
+    assert onset(record.window(900, 900)) == 0
+    objective, model = FreeRun([200, None], restart=False), planted(True)
+    assert objective.problem(model, record, 0).record.samples == begin + 200
+    assert objective.problem(model, record, 1).record.samples == record.samples
+
+
+def test_what_is_held_back_is_a_share_of_the_motion_and_not_of_the_time():
+    record = shaken(planted(True), 1000)
+    quiet = replace(record, a=torch.cat([record.a, 0.0 * record.a]), f=torch.cat([record.f] * 2))
+    k = held_back_from(quiet, 0.2)
+    assert k == held_back_from(record, 0.2) < 1000
+    assert float(record.a[k:].square().sum() / record.a.square().sum()) == pytest.approx(0.2, 0.05)
+
+
+class Shaken(Motions):
+    """Accelerations alone, by sensors."""
+
+    dofs, inputs, forced, measured = 3, 1, "base", True
+
+    def make_records(self) -> dict[str, list[Record]]:
+        parts = [shaken(planted(True, 0.7), 600, 0.02, seed=seed) for seed in (0, 1)]
+        return {"train": parts[:1], "test": parts[1:]}
+
+
+def network() -> ElementNetwork:
+    return ElementNetwork(3, 1, DT, forced="base", hinges=0, units=1, prior=1e-9)
+
+
+def solver(parameters) -> LevenbergMarquardt:
+    return LevenbergMarquardt(parameters, iterations=3, scaled=True)
+
+
+@pytest.mark.parametrize("select", [None, []])
+def test_priors_are_tried_on_held_back_motion_unless_told_otherwise(select, tmp_path):
+    objective = FreeRun([1, 20, None], select=select)
+    module = fit(Identification(network(), solver, objective=objective), Shaken(), tmp_path)
+    trained = module.how_trained()
+    assert "without x and v" in trained["remarks"][0]
+    if select is None:
+        assert list(trained["held_back_percent"]) == ["1e-09", "1e-06", "0.0001", "0.01"]
+        assert trained["held_back_percent"][f"{trained['prior']:g}"] == min(
+            trained["held_back_percent"].values()
+        )
+        assert trained["stages"][-1]["stage"] == "whole motion"
+    else:
+        assert "prior" not in trained
+    assert free_run_loss(module.estimator, module.trainer.datamodule) < 1.0
+
+
+def test_a_law_that_runs_away_under_a_larger_motion_is_found_out():
+    model = planted(True)
+    record = shaken(model, 600)
+    assert stands_more(model, record)
+    with torch.no_grad():
+        model.laws.cubic.theta.fill_(-1.0)
+        model.laws.cubic.unit.mul_(1000.0)
+    assert not stands_more(model, record)
+
+
+def test_where_a_stage_leads_astray_training_goes_back_to_the_best_state(tmp_path):
+    class Astray(LevenbergMarquardt):
+        made = 0
+
+        def __init__(self, parameters) -> None:
+            super().__init__(parameters, iterations=2, scaled=True)
+            Astray.made += 1
+            self.astray = Astray.made == 2  # the first is made and not used
+
+        @torch.no_grad()
+        def solve(self, problem) -> list[float]:
+            accepted = super().solve(problem)
+            if self.astray and self.finished:
+                for p in (p for group in self.param_groups for p in group["params"]):
+                    p.sub_(3.0)  # a state from which the next stage diverges
+            return accepted
+
+    module = Identification(network(), Astray, objective=FreeRun([50, 300, None], select=[]))
+    fit(module, Shaken(), tmp_path, epochs=400)
+    assert free_run_loss(module.estimator, module.trainer.datamodule) < 1.0

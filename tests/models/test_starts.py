@@ -1,0 +1,221 @@
+"""Where training begins: a structure from every motion of one, whatever its units; signs named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from data.record import Drive, Record, stack
+from models.element_network import ElementNetwork
+from models.latent_hysteresis_network import LatentHysteresisNetwork
+from models.starts.bounded import left_open, not_negative, triangle
+from models.starts.ladder import nearest
+from models.starts.modes import modes_of
+from models.starts.spectra import Layout, LinearStructure, Spectra, respond, typical
+from models.training.objective import FreeRun
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+
+DT = 0.01
+MASSES = [1.2, 1.0, 0.7]
+STIFFNESS = [900.0, 700.0, 500.0]
+
+
+def coloured(channels: int, samples: int, seed: int) -> Tensor:
+    """Noise up to 8 Hz that swells and fades, of about 1."""
+    rng = np.random.default_rng(seed)
+    spectrum = np.fft.rfft(rng.standard_normal((samples, channels)), axis=0)
+    spectrum[np.fft.rfftfreq(samples, DT) > 8.0] = 0.0
+    noise = np.fft.irfft(spectrum, samples, axis=0)
+    return torch.from_numpy(3.0 * noise * np.sin(np.linspace(0.0, np.pi, samples))[:, None])
+
+
+def planted(base: bool, yielding: float = 0.0) -> ElementNetwork:
+    """A chain of three; `yielding`: share of the stiffness that is lost beyond the limits."""
+    model = ElementNetwork(
+        3, 1 if base else 3, DT, "chain", forced="base" if base else None, hinges=0, units=1
+    )
+    k = torch.tensor(STIFFNESS).double()
+    model.mass.start(torch.tensor(MASSES).double())
+    model.laws.start(k, 0.002 * k, torch.full_like(k, 0.1), (0.5, 0.5))
+    model.laws.unit_stiffness.theta.data.fill_(yielding)
+    model.identified.fill_(1.0)
+    return model
+
+
+@torch.no_grad()
+def motion(
+    model: ElementNetwork, samples: int = 3000, noise: float = 0.0, rest: int = 0, seed: int = 0
+) -> Record:
+    """Accelerations alone, after a start at `rest`, with noise on every channel."""
+    u = torch.cat([torch.zeros(rest, model.inputs), coloured(model.inputs, samples, seed)]).double()
+    zero = torch.zeros(3, dtype=torch.float64)
+    a = model.free_run(Drive(DT, u, zero, zero)).a
+    errors = torch.randn(2, len(u), 3, generator=torch.Generator().manual_seed(seed)).double()
+    f = u + noise * u.std() * errors[0, :, : model.inputs]
+    return Record(DT, a + noise * a.std() * errors[1], f)
+
+
+def layout_of(model: ElementNetwork, masses: list[float] | None = None) -> Layout:
+    known = None if masses is None else np.array(masses)
+    return Layout(model.B.numpy(), model.B_s.numpy(), model.forced, model.base, known)
+
+
+@torch.no_grad()
+def error(model, record: Record) -> float:
+    return float((model.free_run(record.drive()).a - record.a).norm() / record.a.norm())
+
+
+# Spectra
+
+
+def test_a_planted_chain_is_found_from_its_spectra_and_a_far_start():
+    model = planted(base=True)
+    record, layout = motion(model), layout_of(model)
+    spectra = Spectra.of([record])
+    found = nearest(spectra, layout)
+    wanted = LinearStructure(np.array(MASSES), np.array(STIFFNESS), np.zeros(3))
+    frequencies = [np.sqrt(s.frequencies(layout.B)) for s in (found, wanted)]
+    assert frequencies[0] == pytest.approx(frequencies[1], rel=0.02)
+    assert spectra.error(found, layout) < 0.15  # the motion is cut while it rings down
+
+
+@pytest.mark.parametrize("base", [True, False])
+def test_derivatives_of_a_response_are_those_of_differences(base):
+    model = planted(base)
+    spectra, layout = Spectra.of([motion(model, 500)]), layout_of(model)
+    structure = typical(spectra, layout, 50.0, np.array([1.0, 0.8, 0.6]))
+    slopes = respond(structure, layout, spectra, slopes=True)[1]
+    theta = np.concatenate(list(vars(structure).values()))
+    for i in range(len(theta)):
+        ends = []
+        for step in (1e-6, -1e-6):
+            moved = theta.copy()
+            moved[i] *= np.exp(step)
+            ends.append(respond(LinearStructure(*np.split(moved, 3)), layout, spectra)[0])
+        difference = (ends[0] - ends[1]) / 2e-6
+        assert np.abs(slopes[..., i] - difference).max() < 1e-5 * np.abs(slopes).max()
+
+
+# Least squares with bounds
+
+
+def test_bounds_hold_and_the_solution_is_exact_where_they_are_idle():
+    rng = np.random.default_rng(0)
+    rows = rng.standard_normal((200, 4)) * np.array([1.0, 1e6, 1e-6, 1.0])
+    planted_at = np.array([1.0, 2e-6, 3e6, 0.5])
+    factor = triangle(torch.from_numpy(rows), torch.from_numpy(rows @ planted_at))
+    assert not_negative(factor) == pytest.approx(planted_at, rel=1e-9)
+    factor = triangle(torch.from_numpy(rows), torch.from_numpy(rows @ (planted_at * [1, 1, 1, -1])))
+    assert (not_negative(factor) >= 0.0).all()
+
+
+def test_what_a_record_leaves_open_is_named():
+    rng = np.random.default_rng(0)
+    rows = rng.standard_normal((200, 3))
+    rows[:, 2] = 1e6 * rows[:, 1]
+    factor = triangle(torch.from_numpy(rows), torch.from_numpy(rows[:, 0]))
+    assert left_open(factor, ["mass", "spring", "damper"]) == (2, ["spring", "damper"])
+
+
+# The ladder
+
+
+def test_a_yielding_noisy_chain_on_a_shaken_base_gets_a_start():
+    record = motion(planted(True, 0.8), noise=0.05)
+    model = ElementNetwork(3, 1, DT, forced="base")
+    facts = model.identify([record])
+    assert facts["topology"] == "chain"
+    assert (model.mass() > 0.0).all()
+    assert (model.laws.stiffness() > 0.0).all()
+    assert error(model, record) < 0.5
+
+
+def test_what_least_squares_gives_is_kept_where_it_is_a_structure():
+    record = motion(planted(False))
+    model = ElementNetwork(3, 3, DT, from_accelerations=True)
+    assert model.identify([record])["start"] == "least squares"
+    assert model.mass().tolist() == pytest.approx(MASSES, rel=0.02)
+
+
+@pytest.mark.parametrize("channel", ["a2", "f1", "all forces"])
+def test_the_channel_whose_sign_is_wrong_is_named(channel):
+    record = motion(planted(False))
+    a, f = record.a.clone(), record.f.clone()
+    if channel == "a2":
+        a[:, 1] *= -1.0
+    elif channel == "f1":
+        f[:, 0] *= -1.0
+    else:
+        f *= -1.0
+    model = ElementNetwork(3, 3, DT, "chain")
+    with pytest.raises(ValueError, match=f"sign of {channel} changed: check the signs and units"):
+        model.identify([replace(record, a=a, f=f)])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize("base", [True, False])
+def test_a_latent_network_gets_a_start(base, noise):
+    record = motion(planted(base, 0.8), noise=noise)
+    model = LatentHysteresisNetwork(3, record.f.shape[1], DT, from_accelerations=True)
+    model.identify([record])
+    assert error(model, record) < 0.6
+
+
+def test_modes_of_a_linear_chain_are_found():
+    model = planted(True)
+    modes = modes_of(Spectra.of([motion(model)]))
+    wanted = LinearStructure(np.array(MASSES), np.array(STIFFNESS), np.zeros(3))
+    squares = wanted.frequencies(model.B.numpy())
+    assert np.sqrt(np.sort(modes.squares)) == pytest.approx(np.sqrt(squares), rel=0.02)
+    assert modes.error < 0.15
+
+
+# Topology
+
+
+def test_a_chain_by_its_name_and_where_all_pairs_are_not_determined():
+    chain = [["ground", "x1"], ["x1", "x2"], ["x2", "x3"]]
+    assert ElementNetwork(3, 3, DT, "chain").elements == chain
+    assert ElementNetwork(3, 1, DT, forced="base").elements == chain
+    assert ElementNetwork(3, 1, DT, None, MASSES, forced="base").topology == "all pairs"
+    assert len(ElementNetwork(3, 1, DT, "all", forced="base").elements) == 6
+    assert ElementNetwork(2, 2, DT, "chain", forced=[]).elements == [["s1", "x1"], ["x1", "x2"]]
+    assert len(ElementNetwork(5, 5, DT).elements) == 5
+    with pytest.raises(ValueError, match="stands on one support, there are 3"):
+        ElementNetwork(3, 9, DT, "chain")
+
+
+# Units
+
+
+def fitted(record: Record, model) -> float:
+    """Error of the free run after a few iterations."""
+    model.identify([record])
+    objective, free = FreeRun([None]), [p for p in model.parameters() if p.requires_grad]
+    solver = LevenbergMarquardt(free, iterations=4, damping=1e-4, largest=1e6, scaled=True)
+    while not solver.finished:
+        solver.solve(objective.problem(model, stack([record]), 0))
+    return error(model, record)
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+@pytest.mark.parametrize("base", [True, False])
+@pytest.mark.parametrize("kind", [ElementNetwork, LatentHysteresisNetwork])
+def test_units_of_forces_and_lengths_change_nothing(kind, base, factor):
+    """Small motions, for a free run beyond 1e6 m counts as lost."""
+    record = motion(planted(base, 0.7), 1500, noise=0.03)
+    more = {"forced": "base"} if base and kind is ElementNetwork else {}
+    make = lambda: kind(3, record.f.shape[1], DT, from_accelerations=True, **more)
+    plain = fitted(record, make())
+    f = record.f * factor if base else record.f
+    assert fitted(replace(record, a=factor * record.a, f=f), make()) == pytest.approx(
+        plain, rel=1e-5
+    )
+    if not base:
+        assert fitted(replace(record, f=factor * record.f), make()) == pytest.approx(
+            plain, rel=1e-5
+        )
