@@ -294,3 +294,9 @@ def test_a_step_as_good_as_round_is_round():
     assert time_step(np.cumsum(np.full(T, 0.01)))[0] == 0.01
     assert time_step((0.01 * np.arange(T)).astype(np.float32).astype(float))[0] == 0.01
     assert time_step(8333.0 * np.arange(300))[0] == 8333.0  # µs of 120.005 Hz, not of 120 Hz
+
+
+def test_responses_of_214_are_remarked_on():
+    time = DT * np.arange(T)
+    faults = findings(RawRecord("r", time, None, {"a1": 214.0 * np.sin(9.0 * time)}))
+    assert [f.what for f in faults] == ["suspicious unit"]
