@@ -35,7 +35,11 @@ NEED_RECORDS = {
     "friction_damper",
     "earthquakes",
 }  # experiments on them
-ELEMENT_TESTS = {"hysteretic_element", "restoring_force_surface"}  # models of an imposed motion
+ELEMENT_TESTS = {  # models of an imposed motion
+    "branch_element",
+    "hysteretic_element",
+    "restoring_force_surface",
+}
 
 
 def choices(group: str) -> list[str]:
