@@ -57,7 +57,7 @@ class BranchElement(Trainable):
                 f"an element test has a deformation s and a rate s_dot for each of {dofs} forces; "
                 f"there are {inputs} channels: name s1, s_dot1 and r1 among data.measured.channels"
             )
-        if not (0 <= min(ramps, bends) and max(ramps, bends) <= MOST_RAMPS):
+        if min(ramps, bends) < 0 or max(ramps, bends) > MOST_RAMPS:
             raise ValueError(
                 f"model.ramps={ramps}, bends={bends}: expected whole numbers up to {MOST_RAMPS}"
             )
@@ -94,7 +94,8 @@ class BranchElement(Trainable):
                 steps = self._steps(s[:, e].numpy(), rate[:, e].numpy(), e)
                 force = (r[:, e] / self.scale[2, e]).numpy()
                 parts.append(envelope_samples(steps, force, self.sizes[1]))
-            self.samples.append(tuple(np.concatenate(p) for p in zip(*parts, strict=True)))
+            x, forces, ways = (np.concatenate(p) for p in zip(*parts, strict=True))
+            self.samples.append((x, forces, ways))
         self.restart(torch.Generator().manual_seed(0))
         return {"stiffness": float((self.scale[3].exp() * self.scale[2] / self.scale[0]).mean())}
 

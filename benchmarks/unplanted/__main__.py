@@ -84,8 +84,8 @@ def one_fit(
     begin = time.process_time()
     estimator = fitted(model, settings, stack(train), seed)
     seconds = time.process_time() - begin
-    motions = (train, unseen(*law), unseen(*law, FARTHER))
-    return Fit(*(error(estimator, records) for records in motions), seconds)
+    near, farther = unseen(*law), unseen(*law, FARTHER)
+    return Fit(error(estimator, train), error(estimator, near), error(estimator, farther), seconds)
 
 
 def laws(chosen: list[str] | None, held_back: bool, quick: bool) -> dict[str, tuple[Law, float]]:

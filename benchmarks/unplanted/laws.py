@@ -81,7 +81,7 @@ def pendulum(y: np.ndarray, rate: np.ndarray) -> np.ndarray:
 
 
 def pinching(y: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Bouc–Wen with loss of strength and stiffness (Baber & Wen 1981) and pinching (Foliente 1995)."""
+    """Bouc–Wen losing strength and stiffness (Baber & Wen 1981), pinching (Foliente 1995)."""
     k, post, size = 1.5e4, 0.06, 0.010
     gamma, beta, n_exp = 0.5, 0.5, 1.3
     z, energy, r = 0.0, 0.0, np.zeros_like(y)
@@ -108,7 +108,7 @@ def takeda(y: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """Clough & Johnston (1966): reloading aims at the largest deformation of its side."""
     k, post, yielding, softer = 1.8e4, 0.05, 0.008, 0.3
     peaks = [yielding, yielding]
-    r, aim_y, aim_r, free, mode = np.zeros_like(y), 0.0, 0.0, 0.0, 0
+    r, mode = np.zeros_like(y), 0
 
     def skeleton(size: float) -> float:
         return k * min(size, yielding) + post * k * max(size - yielding, 0.0)
@@ -124,8 +124,7 @@ def takeda(y: np.ndarray, rate: np.ndarray) -> np.ndarray:
             if side * trial <= 0.0:
                 r[n] = trial
                 continue
-            free = y[n - 1] - r[n - 1] / slope
-            start_y, start_r = free, 0.0
+            start_y, start_r = y[n - 1] - r[n - 1] / slope, 0.0
         else:
             start_y, start_r = y[n - 1], r[n - 1]
         aim_y, aim_r = side * peaks[i], side * skeleton(peaks[i])
@@ -138,12 +137,12 @@ def takeda(y: np.ndarray, rate: np.ndarray) -> np.ndarray:
             r[n] = start_r + slope * (y[n] - start_y)
             r[n] = side * min(side * r[n], skeleton(peaks[i]))
         peaks[i] = max(peaks[i], side * y[n])
-        mode = side
+        mode = int(side)
     return r
 
 
 def iwan(y: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Iwan (1967): elastoplastic units in parallel, loops within loops as Masing's rule has them."""
+    """Iwan (1967): elastoplastic units in parallel, loops within loops by Masing's rule."""
     k, units = 2.0e4, 12
     limits = 0.0015 * 1.4 ** np.arange(units)
     shares = 1.0 / limits**0.7

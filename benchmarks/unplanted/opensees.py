@@ -1,4 +1,4 @@
-"""OpenSees' own materials under the same motions, where openseespy is installed: an outside peer."""
+"""OpenSees' own materials under the same motions, where openseespy is installed: a peer."""
 
 from __future__ import annotations
 

@@ -2,10 +2,11 @@
 
 On a branch in the direction s, begun at (y_r, h_r), with ŷ = s y, p = ŷ − ŷ_r, ΔE = E(ŷ) − E(ŷ_r):
     s h = s h_r + ΔE + blend(k p − ΔE, T, R) + …,   T = E(ŷ_r) − s h_r,
-    blend(a, T, R) = (a⁻ᴿ + T⁻ᴿ)^(−1/R),   r = k₁ y + c ẏ + (1 + ρ g) h,   g = 1 − exp(−|ẏ|/v₀)
-as Menegotto & Pinto (1973) have it for steel, but with everything learned. E(ŷ, m, g), log k(m) and
-log R(m) are a few smooth ramps each. The memory m is frozen along a branch. The dots bring a turning
-point beyond the envelope, T < 0, back to it.
+    blend(a, T, R) = (a⁻ᴿ + T⁻ᴿ)^(−1/R),
+    r = k₁ y + c ẏ + (1 + ρ g) h,   g = 1 − exp(−|ẏ|/v₀)
+as Menegotto & Pinto (1973) have it for steel, but with everything learned: E(ŷ, m, g), log k(m) and
+log R(m) are a few smooth ramps each. The memory m is frozen along a branch. The dots bring a
+turning point beyond the envelope, T < 0, back to it.
 
 `branch_forces` is the readable reference; runs use branch_law_compiled.py, which tests hold to it.
 All is in units of the data's largest: N steps, P parameters.
@@ -80,7 +81,7 @@ def branch_forces(
     log_k0: float,
 ) -> Tensor:
     """Forces (N,) of a motion in steps; `turns` (N,): direction of the branch that begins there."""
-    inputs, memories, ramps, bends = of
+    _, memories, ramps, bends = of
     of_E, of_k = counts(of)
     E_theta, k_theta, R_theta, tail = theta.split([of_E, of_k, of_k, TAIL])
     least, v0, growth = tail[0].exp(), tail[4].exp(), tail[3].exp()

@@ -27,7 +27,7 @@ BACK = 0.1  # of the largest deformation: the way in which the envelope pulls su
 
 @inlined
 def ramp_sum(theta, first, ramps, x, inputs):
-    """c + Σ cᵢ xᵢ + Σ wⱼ ramp(aⱼ·x + bⱼ), of parameters that begin at `first`: c, cᵢ, (bⱼ, aⱼ, wⱼ)."""
+    """c + Σ cᵢ xᵢ + Σ wⱼ ramp(aⱼ·x + bⱼ): parameters c, cᵢ, (bⱼ, aⱼ, wⱼ) from `first` on."""
     value = theta[first]
     for i in range(inputs):
         value += theta[first + 1 + i] * x[i]
@@ -165,10 +165,10 @@ def _extreme(y0, y1, d0, d1):
 def imposed(theta, sizes, y, rate, turns, place, log_k0, r, jacobian):
     """Forces of a motion in steps, and their derivatives where jacobian (T, P) is not empty.
 
-    y, rate, turns, place (N,): of `with_turning_points`; r (T,) is filled at the places. sizes: inputs of E
-    and of k, ramps of E and of k and R. `memory` holds, at the beginning of a branch: the largest
-    excursion in its direction and against it, the path, and for a larger law the turning point, the
-    force there and the energy.
+    y, rate, turns, place (N,): of `with_turning_points`; r (T,) is filled at the places. sizes:
+    inputs of E and of k, ramps of E and of k and R. `memory` holds, at the beginning of a
+    branch: the largest excursion in its direction and against it, the path, and for a larger law
+    the turning point, the force there and the energy.
     """
     inputs, memories, ramps_E, ramps_k = sizes
     P, sensitive, larger = theta.size, jacobian.size > 0, memories > 3

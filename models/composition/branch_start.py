@@ -55,10 +55,10 @@ def drawn_start(
     samples: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> np.ndarray:
     """Parameters θ (P,) of a start."""
-    inputs, memories, ramps, bends = of
+    _, memories, ramps, bends = of
     of_E, of_k = counts(of)
     x, r, ways = samples
-    theta = np.zeros(of_E + 2 * of_k + TAIL)
+    theta: np.ndarray = np.zeros(of_E + 2 * of_k + TAIL)
     tail = theta[of_E + 2 * of_k :]
     tail[0] = rng.uniform(*np.log(LEAST))
     tail[4] = rng.uniform(-1.0, 0.5)  # v₀ about the median of |ẏ|
@@ -102,11 +102,12 @@ def _envelope(rng: np.random.Generator, ramps: int, x: np.ndarray, r: np.ndarray
 
 
 def _ramp_across(rng: np.random.Generator, number: int, x: np.ndarray) -> np.ndarray:
-    """b, a of a ramp along ±ŷ whose corner goes through a sample; every other moves with excursions."""
-    a = 0.1 * rng.standard_normal(x.shape[1]) * (rng.uniform() < 0.5)
+    """b, a of a ramp along ±ŷ, its corner at a sample; half of the corners move with excursions."""
+    tilt = 0.1 if rng.uniform() < 0.5 else 0.0
+    a: np.ndarray = tilt * rng.standard_normal(x.shape[1])
     share = 1.0 if rng.uniform() < 0.5 else rng.uniform()
-    a[0] = 1.0 if number % 2 else -1.0
+    a[0] = 1.0 if number % 2 else -1.0  # of ŷ
     if number % 4 < 2:
         a[1 if number % 2 else 2] -= share
-    a *= math.exp(rng.uniform(math.log(FLATTEST), math.log(STEEPEST)))
+    a *= float(np.exp(rng.uniform(math.log(FLATTEST), math.log(STEEPEST))))
     return np.concatenate([[-a @ x[rng.integers(len(x))]], a])

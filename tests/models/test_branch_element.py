@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -159,6 +161,6 @@ def test_other_records_are_refused():
     with pytest.raises(ValueError, match="element test"):
         BranchElement(1, 1, DT)
     record = element_test()
+    other, model = replace(record, quantity="acceleration"), BranchElement(1, 2, DT)
     with pytest.raises(ValueError, match="force"):
-        other = Record(DT, record.a, record.f, s=record.s, s_dot=record.s_dot)
-        BranchElement(1, 2, DT).identify([other])
+        model.identify([other])
