@@ -132,7 +132,7 @@ def test_a_change_of_units_changes_nothing(of, per):
 def test_it_learns_friction_that_depends_on_the_rate_and_holds_on_unseen_motions():
     train, test = element_test(0, 1500), element_test(1, 1500)
     model = identified([train])
-    assert fitted(model, train, 25) < 0.02
+    assert fitted(model, train, 25) < 0.03
     with torch.no_grad():
         assert float((model(test) - test.a).norm() / test.a.norm()) < 0.05
 
