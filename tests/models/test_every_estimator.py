@@ -37,7 +37,11 @@ SMALLER = {  # what a class is built with here, so that it is identified in a se
     "models.ElementNetwork": {"hinges": 1, "units": 1},
     "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
 }
-NO_STRUCTURE = ("models.HystereticElement", "models.RestoringForceSurface")  # elements alone
+NO_STRUCTURE = (  # elements alone
+    "models.BranchElement",
+    "models.HystereticElement",
+    "models.RestoringForceSurface",
+)
 
 
 def build(cfg: DictConfig, dofs: int, inputs: int, dt: float) -> Estimator:

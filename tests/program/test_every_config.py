@@ -37,7 +37,11 @@ NEED_RECORDS = {
     "earthquakes",
 }  # experiments on them
 PAPER = {"bilinear", "polynomial", "bouc_wen", "shear_frame", "single_oscillator"}  # all models
-ELEMENT_TESTS = {"hysteretic_element", "restoring_force_surface"}  # models of an imposed motion
+ELEMENT_TESTS = {  # models of an imposed motion
+    "branch_element",
+    "hysteretic_element",
+    "restoring_force_surface",
+}
 
 
 def choices(group: str) -> list[str]:

@@ -1,0 +1,208 @@
+"""An element of any hysteresis under an imposed motion: its force by the learned branch law.
+
+r = F law(s/Y, ṡ/V; θ)                                    (models/composition/branch_law.py)
+
+The largest deformation Y and force F and the median rate V of the data are its units, so that a
+change of units changes nothing.   T samples, E elements side by side, P parameters of each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from data.record import Drive, Record, Response
+from models.composition.branch_law import TAIL, counts, sizes
+from models.composition.branch_law_compiled import imposed, with_turning_points
+from models.composition.branch_start import Steps, drawn_start, envelope_samples
+from models.training.trainable import Trainable
+
+NOISE = 5.0  # standard deviations by which a motion has to come back for a turning point
+FOURTH = math.sqrt(70.0)  # size of fourth differences of white noise of size one
+MOST_RAMPS = 200
+
+
+class BranchElement(Trainable):
+    """Forces r (T, E) from imposed deformations s and rates ṡ, the excitation [s, ṡ] (T, 2 E).
+
+    Every estimate is a free run: no measured force is read.
+    ramps: of the envelope; bends: ramps of stiffness and of sharpness. force_memory: a branch knows
+    its turning point, the force there and the energy too: it fits more and extrapolates less.
+    prior: weight of Σ (θ − θ₀)² beside the squared relative error.
+    Raises ValueError for other channels than an element test's.
+    """
+
+    reads = ("f",)
+    scale: Tensor  # (3, E): Y, V, F, and in
+    begun: Tensor  # (E, P): θ₀
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        ramps: int = 10,
+        bends: int = 3,
+        force_memory: bool = True,
+        prior: float = 1e-7,
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        if inputs != 2 * dofs:
+            raise ValueError(
+                f"an element test has a deformation s and a rate s_dot for each of {dofs} forces; "
+                f"there are {inputs} channels: name s1, s_dot1 and r1 among data.measured.channels"
+            )
+        if min(ramps, bends) < 0 or max(ramps, bends) > MOST_RAMPS:
+            raise ValueError(
+                f"model.ramps={ramps}, bends={bends}: expected whole numbers up to {MOST_RAMPS}"
+            )
+        if not 0.0 <= prior < float("inf"):
+            raise ValueError(f"model.prior={prior} must not be negative")
+        self.sizes, self.prior = sizes(force_memory, ramps, bends), prior
+        of_E, of_k = counts(self.sizes)
+        P = of_E + 2 * of_k + TAIL
+        self.theta = nn.Parameter(torch.zeros(dofs, P, dtype=torch.float64))
+        self.register_buffer("begun", torch.zeros(dofs, P, dtype=torch.float64))
+        unknown = torch.full((5, dofs), torch.nan, dtype=torch.float64)
+        self.register_buffer("scale", unknown)  # Y, V, F, log k₀, band of Y
+        self.samples: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+
+    @torch.no_grad()
+    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        """Set the units from the data and draw a start, its envelope by least squares."""
+        tests = [test for record in batches for test in self._tests(record)]
+        s, rate, r = (torch.cat([test[i] for test in tests]) for i in range(3))
+        self.scale[0], self.scale[2] = s.abs().amax(dim=0), r.abs().amax(dim=0)
+        self.scale[1] = rate.abs().median(dim=0).values
+        if not bool((self.scale[:3] > 0.0).all()):
+            raise ValueError("a deformation, its rate or a force is zero throughout; leave it out")
+        pairs = [_slopes(test[0], test[2]) for test in tests]
+        slopes = torch.cat(pairs) * self.scale[0] / self.scale[2]
+        steepest = slopes.nan_to_num(0.0).quantile(0.9, dim=0)
+        self.scale[3] = steepest.clamp_min(0.1).log()
+        noise = torch.stack([_noise(test[0]) for test in tests]).amax(dim=0)
+        self.scale[4] = NOISE * noise / self.scale[0]
+        self.samples = []
+        for e in range(self.dofs):
+            parts = []
+            for s, rate, r in tests:
+                steps = self._steps(s[:, e].numpy(), rate[:, e].numpy(), e)
+                force = (r[:, e] / self.scale[2, e]).numpy()
+                parts.append(envelope_samples(steps, force, self.sizes[1]))
+            x, forces, ways = (np.concatenate(p) for p in zip(*parts, strict=True))
+            self.samples.append((x, forces, ways))
+        self.restart(torch.Generator().manual_seed(0))
+        return {"stiffness": float((self.scale[3].exp() * self.scale[2] / self.scale[0]).mean())}
+
+    @torch.no_grad()
+    def restart(self, generator: torch.Generator) -> None:
+        """Draw envelope, stiffness and sharpness anew."""
+        if not self.samples:
+            raise ValueError("BranchElement starts anew from its identification; identify it")
+        for e, samples in enumerate(self.samples):
+            seed = int(torch.randint(2**31, (1,), generator=generator))
+            drawn = drawn_start(np.random.default_rng(seed), self.sizes, samples)
+            self.theta[e] = self.begun[e] = torch.from_numpy(drawn)
+
+    def forward(self, record: Record) -> Tensor:
+        return self.restarted_run(record, None)
+
+    def free_run(self, drive: Drive) -> Response:
+        """Forces (…, T, E); x and v are the imposed motion."""
+        s, rate = drive.u.chunk(2, dim=-1)
+        return Response(s, rate, self._differentiable(drive.u, drive.dt))
+
+    def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
+        """Forces (…, T, E) of the whole motion: it is imposed, and nothing begins anew."""
+        return self._differentiable(record.excitation, record.dt)
+
+    def restarted_jacobian(
+        self, record: Record, horizon: int | None, warmup: int = 0
+    ) -> tuple[Tensor, Tensor]:
+        return self._run(record.excitation, record.dt, derivatives=True)
+
+    def pull(self, last: bool) -> tuple[float, Tensor]:
+        return self.prior, (self.theta - self.begun).reshape(-1)
+
+    def _differentiable(self, u: Tensor, dt: float) -> Tensor:
+        if torch.is_grad_enabled() and self.theta.requires_grad:
+            forces: Tensor = _Forces.apply(self, u, dt, self.theta)
+            return forces
+        return self._run(u, dt)[0]
+
+    def _run(self, u: Tensor, dt: float, derivatives: bool = False) -> tuple[Tensor, Tensor]:
+        """Forces (…, T, E) and, asked for, ∂r/∂θ (…, T, E, E P), else nothing."""
+        self.require_identified(self.scale)
+        lead, T, E, P = u.shape[:-2], u.shape[-2], *self.theta.shape
+        motions = u.detach().cpu().reshape(-1, T, 2, E).numpy()
+        r = np.zeros((len(motions), T, E))
+        jacobian = np.zeros((len(motions), T, E, E, P) if derivatives else (0,))
+        theta, log_k0 = self.theta.detach().cpu().numpy(), self.scale[3].cpu().numpy()
+        for i, e in np.ndindex(len(motions), E):
+            steps = self._steps(motions[i, :, 0, e], motions[i, :, 1, e], e)
+            force, slopes = np.zeros(T), np.zeros((T if derivatives else 0, P))
+            imposed(theta[e].copy(), self.sizes, *steps, float(log_k0[e]), force, slopes)
+            r[i, :, e] = float(self.scale[2, e]) * force
+            if derivatives:
+                jacobian[i, :, e, e] = float(self.scale[2, e]) * slopes
+        shape = (*lead, T, E)
+        whole = torch.from_numpy(jacobian)
+        if derivatives:
+            whole = whole.reshape(*shape, E * P)
+        return torch.from_numpy(r).reshape(shape).to(u.device), whole.to(u.device)
+
+    def _steps(self, s: np.ndarray, rate: np.ndarray, element: int) -> Steps:
+        Y, V, _, _, band = (float(value) for value in self.scale[:, element])
+        y, fast = np.ascontiguousarray(s) / Y, np.ascontiguousarray(rate) / V
+        steps: Steps = with_turning_points(y, fast, self.dt * V / Y, band)
+        return steps
+
+    def _tests(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor]]:
+        """s, ṡ, r (T, E) of every motion of a record."""
+        self.check(record)
+        if record.quantity != "force":
+            raise ValueError(
+                "BranchElement describes the force of an element test; the record holds "
+                f"{record.quantity}: choose element_network or another model"
+            )
+        u = record.excitation.cpu().reshape(-1, record.samples, 2 * self.dofs)
+        r = record.a.cpu().reshape(-1, record.samples, self.dofs)
+        for motion, force in zip(u, r, strict=True):
+            s, rate = motion.chunk(2, dim=1)
+            yield s, rate, force
+
+
+def _slopes(s: Tensor, r: Tensor) -> Tensor:
+    """dr/ds (T − 1, E) where the motion is not too slow to tell; NaN elsewhere."""
+    ds, dr = s.diff(dim=0), r.diff(dim=0)
+    moves = ds.abs() > 0.2 * ds.abs().mean(dim=0)
+    return torch.where(moves, dr / ds, torch.nan)
+
+
+def _noise(s: Tensor) -> Tensor:
+    """Standard deviation (E,) of white noise in s, by the median of its fourth differences."""
+    if len(s) < 10:
+        return s.new_zeros(s.shape[1])
+    return s.diff(n=4, dim=0).abs().median(dim=0).values / (0.6745 * FOURTH)
+
+
+class _Forces(torch.autograd.Function):
+    """The compiled forces and their derivatives as a function of autograd."""
+
+    @staticmethod
+    def forward(ctx: Any, model: BranchElement, u: Tensor, dt: float, theta: Tensor) -> Tensor:
+        forces, jacobian = model._run(u, dt, derivatives=True)
+        ctx.save_for_backward(jacobian)
+        ctx.shape = theta.shape
+        return forces
+
+    @staticmethod
+    def backward(ctx: Any, slope: Tensor) -> Any:
+        (jacobian,) = ctx.saved_tensors
+        flat = slope.reshape(-1) @ jacobian.flatten(0, -2)
+        return None, None, None, flat.view(ctx.shape)

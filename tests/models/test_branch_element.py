@@ -1,0 +1,166 @@
+"""The branch law: compiled against PyTorch, its derivatives, limits, units, and planted laws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Record
+from models.branch_element import BranchElement
+from models.composition.branch_law import blend, branch_forces
+from models.composition.branch_law_compiled import blended, with_turning_points
+from models.training.problem import FreeRunProblem
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+
+DT = 0.02
+
+
+def motion(samples: int = 500, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
+    rng = np.random.default_rng(seed)
+    t = DT * np.arange(samples)
+    w, phase, size = rng.uniform(2.0, 9.0, 6), rng.uniform(0.0, 6.0, 6), np.minimum(t, 2.0) / 2.0
+    s = 0.02 * size * np.sin(np.outer(t, w) + phase).sum(axis=1)
+    return torch.from_numpy(s)[:, None], torch.from_numpy(np.gradient(s, DT))[:, None]
+
+
+def element_test(seed: int = 0, samples: int = 500, of: float = 1.0, per: float = 1.0) -> Record:
+    """A bilinear element with friction that grows with the rate; force and length in any unit."""
+    s, rate = motion(samples, seed)
+    z, r = 0.0, []
+    for k in range(samples):
+        z = float(np.clip(z + float(s[k] - (s[k - 1] if k else 0.0)), -0.015, 0.015))
+        r.append(30.0 * float(s[k]) + 170.0 * z * (1.5 - np.exp(-abs(float(rate[k])) / 0.1)))
+    force = of * torch.tensor(r, dtype=torch.float64)[:, None]
+    none = force.new_zeros(samples, 0)
+    return Record(DT, force, none, s=per * s, s_dot=per * rate, quantity="force")
+
+
+def identified(records: list[Record], **more: object) -> BranchElement:
+    model = BranchElement(1, 2, DT, **more)
+    model.identify(records)
+    return model
+
+
+def fitted(model: BranchElement, record: Record, iterations: int) -> float:
+    """Relative error of the best of a few starts."""
+    problem, best = FreeRunProblem(model, record, None), float("inf")
+    generator = torch.Generator().manual_seed(1)
+    for _ in range(3):
+        model.restart(generator)
+        solver = LevenbergMarquardt(model.parameters(), iterations, 1e-2, 0.2, 4.0, scaled=True)
+        while not solver.finished:
+            solver.solve(problem)
+        best = min(best, float(problem.loss().detach()) ** 0.5)
+    return best
+
+
+@pytest.mark.parametrize("force_memory", [False, True])
+def test_the_compiled_law_and_its_derivatives_are_those_of_pytorch(force_memory):
+    record = element_test(samples=160)
+    model = identified([record], ramps=3, bends=2, force_memory=force_memory)
+    noise = torch.randn(model.theta.shape, generator=torch.Generator().manual_seed(3)).double()
+    model.theta.data += 0.1 * noise
+    ours, jacobian = model.restarted_jacobian(record, None)
+    y, rate, turns, place = model._steps(record.s[:, 0].numpy(), record.s_dot[:, 0].numpy(), 0)
+    assert (turns != 0).sum() > 5
+    theta = model.theta.detach()[0].requires_grad_()
+    steps = (torch.from_numpy(y), torch.from_numpy(rate), torch.from_numpy(turns))
+    forces = float(model.scale[2, 0]) * branch_forces(
+        theta, model.sizes, *steps, float(model.scale[3, 0])
+    )
+    sampled = forces[torch.from_numpy(place) >= 0]
+    assert torch.allclose(ours[:, 0], sampled.detach(), rtol=0.0, atol=1e-9)
+    for k in (20, 90, 159):
+        (slope,) = torch.autograd.grad(sampled[k], theta, retain_graph=True)
+        assert torch.allclose(
+            jacobian[k, 0], slope, rtol=1e-6, atol=1e-7 * float(slope.abs().max())
+        )
+
+
+def test_autograd_through_a_run_is_its_jacobian_transposed():
+    record = element_test(samples=200)
+    model = identified([record])
+    _, jacobian = model.restarted_jacobian(record, None)
+    weights = torch.linspace(-1.0, 1.0, 200).double()
+    (slope,) = torch.autograd.grad((weights @ model(record)[:, 0]), [model.theta])
+    assert torch.allclose(slope[0], weights @ jacobian[:, 0], rtol=1e-10)
+
+
+@pytest.mark.parametrize(("a", "T", "R"), [(0.3, 1.2, 3.0), (2.0, 0.5, 20.0), (1e-9, 1.0, 0.5)])
+def test_the_blend_is_below_both_and_meets_them_far_away(a, T, R):
+    value, by_a, by_T, by_R = blended(a, T, R)
+    leaves = [torch.tensor(v, dtype=torch.float64, requires_grad=True) for v in (a, T, R)]
+    wanted = blend(*leaves)
+    assert value == pytest.approx(float(wanted.detach()), rel=1e-12)
+    assert value < min(a, T)
+    slopes = [float(s) for s in torch.autograd.grad(wanted, leaves)]
+    assert [by_a, by_T, by_R] == pytest.approx(slopes, rel=1e-8, abs=1e-12)
+
+
+def test_turning_points_are_those_of_the_motion_between_samples():
+    t = 0.1 * np.arange(200)
+    y, _, turns, _ = with_turning_points(np.sin(t), np.cos(t), 0.1, 0.0)
+    inner = y[turns != 0][1:]
+    assert len(inner) == 6
+    assert np.abs(np.abs(inner) - 1.0).max() < 1e-5
+    assert np.abs(np.abs(np.sin(t)).max() - 1.0) > 1e-7
+
+
+def test_noise_in_a_motion_makes_no_turning_points_within_its_band():
+    t, rng = 0.02 * np.arange(2000), np.random.default_rng(0)
+    noisy, rate = np.sin(t) + 1e-3 * rng.standard_normal(2000), np.cos(t)
+    rate = rate + 0.05 * rng.standard_normal(2000)
+    counted = [int((with_turning_points(noisy, rate, 0.02, b)[2] != 0).sum()) for b in (0.0, 6e-3)]
+    assert counted[0] > 50
+    assert counted[1] == 1 + 13  # half-periods in 40 s
+
+
+@pytest.mark.parametrize(("of", "per"), [(1e6, 1.0), (1e-6, 1.0), (1.0, 1000.0), (1e3, 1e-3)])
+def test_a_change_of_units_changes_nothing(of, per):
+    plain, other = element_test(), element_test(of=of, per=per)
+    one, two = identified([plain]), identified([other])
+    assert torch.allclose(one.theta, two.theta, rtol=1e-6, atol=1e-8)
+    with torch.no_grad():
+        assert torch.allclose(of * one(plain), two(other), rtol=1e-6, atol=1e-9 * of)
+    errors = [fitted(model, record, 4) for model, record in ((one, plain), (two, other))]
+    assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+
+
+def test_it_learns_friction_that_depends_on_the_rate_and_holds_on_unseen_motions():
+    train, test = element_test(0, 1500), element_test(1, 1500)
+    model = identified([train])
+    assert fitted(model, train, 25) < 0.03
+    with torch.no_grad():
+        assert float((model(test) - test.a).norm() / test.a.norm()) < 0.05
+
+
+def test_beyond_the_trained_motion_it_goes_on_in_a_line():
+    model = identified([element_test()])
+    s = torch.linspace(0.0, 100.0 * float(model.scale[0, 0]), 2001).double()[:, None]
+    rate = torch.full_like(s, 10.0 * float(model.scale[1, 0]))
+    long = Record(DT, s, s.new_zeros(2001, 0), s=s, s_dot=rate, quantity="force")
+    with torch.no_grad():
+        r = model(long)[1000:, 0]
+    assert float(r.diff(n=2).abs().max()) < 1e-2 * float(r.diff().abs().max()) + 1e-9
+    assert torch.isfinite(r).all()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [({"ramps": -1}, "ramps=-1"), ({"bends": 10**6}, "bends=1000000"), ({"prior": -1.0}, "prior")],
+)
+def test_settings_that_make_no_sense_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        BranchElement(1, 2, DT, **wrong)
+
+
+def test_other_records_are_refused():
+    with pytest.raises(ValueError, match="element test"):
+        BranchElement(1, 1, DT)
+    record = element_test()
+    other, model = replace(record, quantity="acceleration"), BranchElement(1, 2, DT)
+    with pytest.raises(ValueError, match="force"):
+        model.identify([other])
