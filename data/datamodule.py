@@ -54,6 +54,7 @@ class Data(LightningDataModule):
         self.batch, self.validation = batch, validation
         self.escapes: list[Escape] = []  # motions that were left out
         self.notes: dict[str, list[str]] = {}  # by record, what was noticed and done
+        self.names: dict[str, list[str]] = {}  # of the records of each split, where they have some
         self.records: dict[str, list[Record]] = {}
         self.units: dict[str, str] = {}  # of the records' values, by channel, where known
 

@@ -53,12 +53,9 @@ def compare_baselines(
 def each_record(data: Data, split: str) -> dict[str, Record]:
     """The records of a split as batches of one, scored as the whole split is, by their names."""
     windows = WindowDataset(data.records[split], warmup=data.cut["warmup"], whole=True)
-    told = [note.removeprefix(f"{split}: ") for note in data.notes if note.startswith(f"{split}: ")]
-    names = (
-        told
-        if len(set(told)) == len(windows)
-        else [f"{split} {i + 1}" for i in range(len(windows))]
-    )
+    names = data.names.get(split, [])
+    if len(set(names)) != len(windows):
+        names = [f"{split} {i + 1}" for i in range(len(windows))]
     return {name: stack([windows[i]]) for i, name in enumerate(names)}
 
 

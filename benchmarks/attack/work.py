@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import multiprocessing
 import pkgutil
 import random
 import tempfile
@@ -59,7 +60,7 @@ def _attack(
         prepared(target, material / name)
     end = time.monotonic() + seconds
     spent, number = dict.fromkeys(names, 0.0), dict.fromkeys(names, part)
-    while time.monotonic() < end and spent:
+    while time.monotonic() < end and spent and _wanted():
         name = min(spent, key=spent.__getitem__)
         if inputs is not None and number[name] >= inputs:
             del spent[name]
@@ -68,3 +69,9 @@ def _attack(
         queue.put(try_one(name, ready[name], seed, number[name], material / name))
         spent[name] += time.monotonic() - began
         number[name] += parts
+
+
+def _wanted() -> bool:
+    """Whether the command that asked for this work still runs."""
+    parent = multiprocessing.parent_process()
+    return parent is None or parent.is_alive()

@@ -143,7 +143,7 @@ class MeasuredData(Data):
         meaning = Meaning(self.stated_quantity, self.accelerations, self.initial_state, self.hold)
         notes: dict[tuple[str, ...], list[str]] = {}
         for number, split in enumerate(("train", "test")):
-            records[split] = []
+            records[split], self.names[split] = [], list(self.parts[split])
             for i, (name, raw) in enumerate(self.parts[split].items()):
                 dt, channels, done = self.mend(raw)
                 channels = with_rates(channels, dt, done)

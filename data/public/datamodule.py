@@ -83,6 +83,7 @@ class BenchmarkData(Data):
         self.official: dict[str, list[Record]] = {}
         for split, chosen in self.series.items():
             self.official[split] = [self._record(series) for series in chosen]
+            self.names[split] = [s.name for s in chosen]
             self.notes.update({f"{split}: {s.name}": self._remarks(split, s) for s in chosen})
 
     def _record(self, series: Series) -> Record:

@@ -104,7 +104,7 @@ def _envelope(rng: np.random.Generator, ramps: int, x: np.ndarray, r: np.ndarray
 def _ramp_across(rng: np.random.Generator, number: int, x: np.ndarray) -> np.ndarray:
     """b, a of a ramp along ±ŷ, its corner at a sample; half of the corners move with excursions."""
     tilt = 0.1 if rng.uniform() < 0.5 else 0.0
-    a = tilt * rng.standard_normal(x.shape[1:])
+    a: np.ndarray = tilt * rng.standard_normal(int(x.shape[1]))
     share = 1.0 if rng.uniform() < 0.5 else rng.uniform()
     a[0] = 1.0 if number % 2 else -1.0  # of ŷ
     if number % 4 < 2:

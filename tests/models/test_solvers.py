@@ -77,6 +77,7 @@ class Valley:
     """Rosenbrock's function as a problem: e = (10 (b − a²), 1 − a)."""
 
     y = torch.zeros(2, dtype=torch.float64)
+    own = ()
 
     def __init__(self, theta: nn.Parameter) -> None:
         self.theta, self.evaluations = theta, 0

@@ -301,7 +301,7 @@ def test_a_folder_called_data(run, tmp_path, monkeypatch):
     monkeypatch.chdir(inside)
     path = config_path("mine.yaml", Path("shaken.csv"))
     assert path == Path("mine.yaml")
-    assert command(path, ["x1"]) == "python train.py --config-dir .. data=mine model=vwnn"
+    assert command(path, ["x1"]) == "python train.py --config-dir .. data=mine model=gru"
     assert command(Path("/a/data/b.yaml"), []).split()[3] == "/a"
 
 

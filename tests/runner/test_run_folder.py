@@ -21,19 +21,21 @@ from tests.program.test_train import run
 EARLIER = Path(__file__).with_name("earlier_layout")  # runs of version 0.1, before the rooms
 
 
-def close(scores: dict, stored: dict) -> bool:
-    """Whether two nested scores agree to 9 digits: the processor may be another one."""
+def close(scores: dict, stored: dict, rel: float) -> bool:
+    """Whether two nested scores agree: the processor may be another one."""
     if isinstance(stored, dict):
-        return scores.keys() == stored.keys() and all(close(scores[k], stored[k]) for k in stored)
+        same = scores.keys() == stored.keys()
+        return same and all(close(scores[k], stored[k], rel) for k in stored)
     if isinstance(stored, list):
-        return all(close(s, k) for s, k in zip(scores, stored, strict=True))
+        return all(close(s, k, rel) for s, k in zip(scores, stored, strict=True))
     if isinstance(stored, float):
-        return scores == pytest.approx(stored, rel=1e-9)
+        return scores == pytest.approx(stored, rel=rel)
     return scores == stored
 
 
-@pytest.mark.parametrize("name", ["vwnn", "element_network"])
-def test_a_run_of_the_earlier_layout_loads_and_scores_the_same(name):
+# since version 0.4 a unit's memory has no jump where it passes zero: errors of 1 % differ by 3 %
+@pytest.mark.parametrize(("name", "rel"), [("vwnn", 1e-9), ("element_network", 0.03)])
+def test_a_run_of_the_earlier_layout_loads_and_scores_the_same(name, rel):
     cfg, metrics = read_run(EARLIER / name)
     assert cfg.model._target_.count(".") == 1  # as the front names it
     data = data_from(cfg)
@@ -41,7 +43,7 @@ def test_a_run_of_the_earlier_layout_loads_and_scores_the_same(name):
     scores = scores_of(restore(cfg, EARLIER / name), data, SPLITS)
     keys = {*SPLITS, *FREE_RUNS.values()}
     assert keys == set(scores)
-    assert close(scores, {key: metrics[key] for key in keys})
+    assert close(scores, {key: metrics[key] for key in keys}, rel)
 
 
 @pytest.fixture
@@ -77,7 +79,7 @@ def test_a_measured_run_is_rebuilt_and_read_without_its_record(measured, monkeyp
     other.write_text("\n".join([head, *rows[150:]]))  # what it was tested on, in a file of its own
     assert run(evaluate, monkeypatch, f"run={folder}", f"data.path={other}") == 0
     scores = json.loads((folder / "evaluation/other/scores.json").read_text())
-    assert close(scores["records"]["other"]["test"], metrics["test"])
+    assert close(scores["records"]["other"]["test"], metrics["test"], 1e-9)
 
 
 def test_damaged_sensors_are_named(measured):

@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 
 import train
 from report.collection.runs import read_runs
-from runner import run_folder
+from runner import run as run_module
 from runner.choices import plain
 from runner.compose import CONF, placed, prepare_hydra
 from runner.identity import config_digest, run_name
@@ -151,7 +151,7 @@ def test_what_a_machine_did_to_a_run_is_no_failure_of_its_own(tmp_path, monkeypa
 
     words = ["-m", *QUICK, "model=linear", "seed=0", f"hydra.sweep.dir={tmp_path}"]
     with monkeypatch.context() as broken:
-        broken.setattr(run_folder, "save_estimator", full)
+        broken.setattr(run_module, "save_estimator", full)
         assert run(train, broken, *words) == 1
     (folder,) = tmp_path.iterdir()
     assert "No space left on device" in read_failure(folder)["reason"]
