@@ -12,7 +12,6 @@ to six motions; its free run is compared with the true force of four unseen ones
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from dataclasses import dataclass
 from statistics import median
@@ -28,6 +27,7 @@ from data.sample import Sensors
 from models.training.assemble import estimator_from, objective_from, solver_from
 from models.training.objective import restore, state_of
 from models.training.trainable import Trainable, require_trainable
+from runner.command_line import command_errors
 from runner.compose import CONF, prepare_hydra
 
 FARTHER = 1.5  # times the unseen motions
@@ -92,10 +92,10 @@ def laws(chosen: list[str] | None, held_back: bool, quick: bool) -> dict[str, tu
     """Laws and their largest deformations."""
     own = {**LAWS, **(HELD_BACK if held_back or chosen else {})}
     known = {name: (law, SIZES[name]) for name, law in own.items()}
-    if opensees.installed():
+    if opensees.opensees() is not None:
         known |= opensees.laws()
-    elif not quick:
-        print("openseespy is not installed: its materials are left out (pip install openseespy)")
+    else:
+        print("without OpenSees' materials: pip install -c constraints.txt -e '.[opensees]'")
     if chosen is None:
         return dict(list(known.items())[:2]) if quick else known
     missing = [name for name in chosen if name not in known]
@@ -127,7 +127,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
+    with command_errors():
         main()
-    except ValueError as wrong:
-        sys.exit(str(wrong))

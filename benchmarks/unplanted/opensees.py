@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,15 +29,26 @@ MATERIALS: dict[str, tuple[float, list[object]]] = {  # largest deformation [m],
 }
 
 
-def installed() -> bool:
-    return find_spec("openseespy") is not None
+def opensees() -> Any | None:
+    """The module, or None; its wheel needs its own BLAS loaded first where the system has none."""
+    found = find_spec("openseespylinux")
+    if found is not None and found.origin is not None:
+        for name in ("libquadmath.so.0", "libgfortran.so.4", "libblas.so.3", "liblapack.so.3"):
+            library = Path(found.origin).parent / "lib" / name
+            if library.is_file():
+                ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    try:
+        return import_module("openseespy.opensees")
+    except (ImportError, RuntimeError):  # it raises the latter where a library is missing
+        return None
 
 
 def material(words: list[object]) -> Law:
     """The stress of a uniaxial material under imposed strains."""
 
     def law(y: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        ops = import_module("openseespy.opensees")
+        ops = opensees()
+        assert ops is not None
         ops.wipe()
         ops.uniaxialMaterial(*words)
         ops.testUniaxialMaterial(1)

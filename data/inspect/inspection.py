@@ -83,7 +83,7 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     guesses = suggest(list(columns), table.units, table.labels, columns, path.stem)
     clock = next((c for c, channel in guesses.items() if channel == "time"), None)
     told = "by its name"
-    if clock is None:
+    if clock is None and len(columns) > 1:
         clock, told = _runs_like_a_clock(columns, notes), "by its even steps"
         guesses.pop(clock or "", None)
         guesses = guesses if clock is None else {clock: "time", **guesses}
@@ -95,6 +95,8 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     elif clock is not None:
         del guesses[clock]
     columns = {c: x for c, x in columns.items() if time is None or c != clock}
+    if not columns:
+        raise FileError(f"{path.name}: nothing stands beside the clock {clock!r}; add a signal")
     signals = {c: signal_of(g) for c, g in guesses.items() if g != "time"}
     own = {c: table.units.get(c, DIMENSIONS[s][1]) for c, s in signals.items()}
     in_si = {c: s for c, s in signals.items() if to_si(own[c], s) == 1.0}

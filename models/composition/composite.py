@@ -31,7 +31,7 @@ from models.training.trainable import Trainable
 
 MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
 MOST_SUBSTEPS = 10_000  # of a sample interval
-MOST_STEPS = 50_000  # under autograd, at a millisecond each
+MOST_STEPS = 20_000  # under autograd, at some milliseconds each
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
 BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities

@@ -26,6 +26,8 @@ from models.training.identification import Identification
 from models.training.objective import Objective
 from models.training.solvers.solver import Solver
 
+USUAL = Sensors(dt=1e-3, dofs=3, inputs=3)  # for which every baseline can be built
+
 
 def changed(cfg: DictConfig, changes: dict[str, Any]) -> DictConfig:
     """A copy of a config with some values changed."""
@@ -108,8 +110,9 @@ def assembled(
 ) -> tuple[Data, Identification, dict[str, Estimator | ValueError]]:
     """Everything that a run needs: its data, its model with solver and objective, its baselines.
 
-    A baseline that cannot be built is the reason why. The starting weights are drawn from the
-    run's seed. Raises ValueError for settings that do not fit together, before any work is done.
+    A baseline that cannot be built for these data is the reason why. The starting weights are
+    drawn from the run's seed. Raises ValueError for settings that do not fit together, before any
+    work is done.
     """
     data = data_from(cfg)
     seed_everything(cfg.seed, verbose=False)
@@ -121,7 +124,9 @@ def assembled(
 
 
 def _or_why_not(baseline: DictConfig, data: Data) -> Estimator | ValueError:
+    """The baseline, or why it is none for these data. Raises ValueError for wrong settings."""
     try:
         return estimator_from(baseline, data)
     except ValueError as error:
+        estimator_from(baseline, USUAL)
         return error

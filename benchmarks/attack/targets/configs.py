@@ -127,5 +127,5 @@ def assemble(content: Any) -> None:
         check_settings(cfg)
         _, module, baselines = assembled(cfg)
     for estimator in (module.estimator, *baselines.values()):
-        if not isinstance(estimator, Estimator):
+        if not isinstance(estimator, Estimator | ValueError):  # why a baseline is none here
             raise WronglyAcceptedError(f"{type(estimator)} in place of an estimator")
