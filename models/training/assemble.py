@@ -77,7 +77,8 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
         raise ValueError(f"{shown(model)!r} stands in place of a model; see --help")
     more: dict[str, Any] = {}
     sensors = data.sensors if isinstance(data, Data) else data
-    others = [c for c in sensors.channels if signal_of(c) == "u"]
+    others = [] if "y1" in sensors.channels else sensors.channels  # u1 drives a benchmark's y1
+    others = [c for c in others if signal_of(c) == "u"]
     if others and not getattr(class_of(model.get("_target_")), "takes_other_inputs", True):
         raise ValueError(
             f"model={model.get('name', '')} has no place for the other inputs {', '.join(others)}; "

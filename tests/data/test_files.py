@@ -16,7 +16,7 @@ import scipy.io
 
 from data.measured.files.table import FileError, Table, read_table
 
-SHARED = Path(__file__).parents[2] / "shared" / "data"
+SHARED = Path(__file__).parents[3] / "shared" / "data"
 ROWS = 50
 RNG = np.random.default_rng(7)
 SERIES = {

@@ -18,12 +18,12 @@ from data.public.datamodule import BenchmarkData
 from data.public.measures import in_band_rms, noise_floor, official_rmse
 from data.public.splits import BOUC_WEN_TESTS, F16
 from data.simulation.scenario import FullState, Noisy
-from models.training.assemble import data_from
+from models.training.assemble import data_from, estimator_from
 from runner.job import identify
 from runner.public_scores import benchmark_lines
 from tests.program.test_every_config import composed
 
-SHARED = Path(__file__).parents[2] / "shared" / "data" / "bouc_wen_benchmark"
+SHARED = Path(__file__).parents[3] / "shared" / "data" / "bouc_wen_benchmark"
 ARCHIVES = {  # whose presence tells the package that nothing is to be downloaded
     "silverbox": "Silverbox/SilverboxFiles.zip",
     "cascaded_tanks": "Cascaded_Tanks/CascadedTanksFiles.zip",
@@ -406,3 +406,22 @@ def test_the_shared_excitation_lies_in_its_band():
     low, high = data.band
     inside = in_band_rms(u, data.dt, (low - 0.1, high + 0.1))
     np.testing.assert_allclose(inside, [50.0], rtol=1e-3)
+
+
+def test_a_stretch_begins_in_an_unknown_motion_at_a_place_that_the_seed_draws(folder):
+    places = set()
+    for seed in (0, 0, 1):
+        data = loaded("bouc_wen", folder, samples=500, seed=seed)
+        (record,) = data.make_records()["train"]
+        places.add(data.series["train"][0].name)
+        assert (record.samples, record.warmup, record.initial_state) == (500, 100, "unknown")
+    assert len(places) == 2
+    with pytest.raises(ValueError, match=r"data\.samples=9000: expected from 20 to 8192"):
+        loaded("bouc_wen", folder, samples=9000)
+
+
+def test_the_input_of_a_benchmark_drives_element_networks(folder):
+    cfg = composed("experiment=bouc_wen_benchmark", f"data.folder={folder}")
+    data = data_from(cfg)
+    assert data.sensors.channels == ("u1", "y1")
+    assert estimator_from(cfg.model, data).inputs == 1

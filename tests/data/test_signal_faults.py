@@ -16,7 +16,7 @@ from data.measured.signal_faults import blocking, findings
 from data.measured.statistics import statistics
 from data.measured.time_step import time_step
 
-SHARED = Path(__file__).parents[2] / "shared" / "data"
+SHARED = Path(__file__).parents[3] / "shared" / "data"
 T, DT = 4000, 0.01
 
 
