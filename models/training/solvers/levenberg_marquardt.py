@@ -17,7 +17,7 @@ from data.checked import checked
 from data.memory import require_memory
 from models.training.solvers.solver import Minimised
 
-LEAST = 3e-3  # of the mean diagonal: what damps parameters of less effect, which then stay put
+SMALLEST_SHARE = 1e-9  # of the largest diagonal element, for parameters without any effect
 
 
 @checked
@@ -28,7 +28,8 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     another try. Stops where μ exceeds `largest`, the gradient's norm falls below `gradient`, or
     `patience` iterations lower the loss by less than the fraction `change`.
     scaled: μ multiplies the diagonal of JᵀJ instead of I (Marquardt 1963), for parameters that
-    differ in their effect by orders of magnitude.
+    differ in their effect by orders of magnitude; never less than the share `floor` of the mean
+    diagonal, so that parameters that the data hardly tell stay where they are.
     every: JᵀJ is summed over every so-many-th sample; the gradient takes all of them.
     """
 
@@ -48,6 +49,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         patience: int = 20,
         every: int = 1,
         scaled: bool = False,
+        floor: float = 0.0,
     ) -> None:
         if min(iterations, every, patience) < 1:
             raise ValueError(
@@ -59,6 +61,8 @@ class LevenbergMarquardt(torch.optim.Optimizer):
                 f"solver.damping={damping}, decrease={decrease}, increase={increase}: "
                 "expected above 0, between 0 and 1, above 1"
             )
+        if not 0.0 <= floor <= 1.0:
+            raise ValueError(f"solver.floor={floor} must lie between 0 and 1")
         super().__init__(parameters, {})
         count = sum(p.numel() for group in self.param_groups for p in group["params"])
         require_memory(
@@ -69,7 +73,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         self.iterations, self.damping, self.done = iterations, damping, 0
         self.decrease, self.increase, self.largest = decrease, increase, largest
         self.gradient, self.change, self.patience, self.every = gradient, change, patience, every
-        self.scaled = scaled
+        self.scaled, self.floor = scaled, floor
         self.recent: list[float] = []
         self.finished, self.why = False, ""
 
@@ -87,7 +91,9 @@ class LevenbergMarquardt(torch.optim.Optimizer):
             return self._finish(f"gradient below {self.gradient:g}")
         scale = torch.ones_like(vector)
         if self.scaled:
-            scale = matrix.diagonal().clamp_min(LEAST * float(matrix.diagonal().mean()))
+            diagonal = matrix.diagonal()
+            scale = diagonal + SMALLEST_SHARE * diagonal.max()
+            scale = scale.clamp_min(self.floor * float(diagonal.mean()))
         while self.damping <= self.largest:
             damped = matrix.clone()
             damped.diagonal().add_(self.damping * scale)
