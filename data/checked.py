@@ -42,11 +42,20 @@ def checked(cls: C, finite: bool = True) -> C:
             if infinite:
                 raise ValueError(infinite) from None
             raise
+        except MemoryError:
+            raise ValueError(f"{cls.__name__} of {_largest(given)} fits no memory") from None
         if infinite and finite:
             raise ValueError(infinite)
 
     cls.__init__ = construct  # type: ignore[misc]
     return cls
+
+
+def _largest(given: Mapping[str, Any]) -> str:
+    """The largest whole number among some arguments, as it would be typed."""
+    sizes = {name: value for name, value in given.items() if type(value) is int}
+    name = max(sizes, key=sizes.__getitem__, default="such arguments")
+    return f"{name}={sizes[name]}" if name in sizes else name
 
 
 def _checked_types(cls: type, given: Mapping[str, Any]) -> str:

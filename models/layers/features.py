@@ -48,7 +48,7 @@ class SigmoidProducts(nn.Module):
                 f"λ={weight} (model.sigmoid_weight) must be positive; about 0.5 over the largest "
                 "measured acceleration or force"
             )
-        orders = list(range(1, order + 1)) if isinstance(order, int) else list(order)
+        orders = list(range(1, min(order, 4) + 1)) if isinstance(order, int) else list(order)
         if not orders or not set(orders) <= {1, 2, 3} or sorted(set(orders)) != orders:
             raise ValueError(f"model.order={order}: choose 1, 2 or 3, or a list as [1, 3]")
         require_solvable(

@@ -32,6 +32,7 @@ from data import (
     Structure,
     numba_cache,
 )
+from data.checked import checked
 from data.record import Record
 from data.simulation import motion
 from data.simulation.damage import StiffnessLoss
@@ -413,3 +414,15 @@ def test_a_damaged_table_of_forces_is_named(name, content, tmp_path):
     with pytest.raises(ValueError, match=name.replace(".", r"\.")) as error:
         data.Given(path=str(tmp_path / name))
     assert len(str(error.value).splitlines()) == 1
+
+
+def test_a_constructor_that_runs_out_of_memory_names_the_size():
+    @checked
+    class Long:
+        def __init__(self, samples: int, name: str = "") -> None:
+            self.samples = list(range(samples))
+
+    with pytest.raises(ValueError, match="Long of samples=2000000000000 fits no memory"):
+        Long(2_000_000_000_000)
+    with pytest.raises(ValueError, match=r"model\.order=2000000000000: choose 1, 2 or 3"):
+        models.VWNN(3, 3, 0.01, order=2_000_000_000_000)
