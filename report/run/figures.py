@@ -135,6 +135,7 @@ def element_loops(record: Record, names: list[str]) -> Figure:
         axes.plot(y[:, i], r[:, i], color=MEASURED, linewidth=0.5)
         axes.set_title(name, fontsize="medium")
         axes.set_xlabel("y [m]")
+        axes.locator_params(axis="x", nbins=4)  # numbers such as −0.0025 are wide
         axes.set_ylabel("r [N]")
         axes.grid(alpha=0.25)
     return figure
@@ -156,6 +157,7 @@ def identified_loops(deformations: Tensor, forces: Tensor, names: list[str]) -> 
         axes.set_title(names[i] if names else f"element {i + 1}", fontsize="medium")
         axes.locator_params(axis="x", nbins=4)
         axes.set_xlabel("y [m]")
+        axes.locator_params(axis="x", nbins=4)  # numbers such as −0.0025 are wide
         axes.set_ylabel("r [N]")
         axes.grid(alpha=0.25)
     return figure
