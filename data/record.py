@@ -251,7 +251,8 @@ class Record:
 
     def window(self, start: int, length: int, warmup: int = 0) -> Record:
         """Samples `start` … `start + length − 1`, the first `warmup` of them for warming up."""
-        begins = self.initial_state if start == 0 else "given"
+        unknown = self.initial_state == "unknown" and (self.x is None or self.v is None)
+        begins = self.initial_state if start == 0 or unknown else "given"
         if begins == "periodic" and length < self.samples:  # a part of a period is none
             begins = "given"
         cut = replace(self, warmup=0).map(lambda u: u[..., start : start + length, :])

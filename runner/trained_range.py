@@ -69,7 +69,7 @@ def _signals(estimator: Estimator, record: Record) -> dict[str, Tensor]:
 def loops_of(estimator: Composite, record: Record) -> tuple[Tensor, Tensor] | None:
     """Deformations and forces (…, T, E) in the free run of a record; None where it has none."""
     try:
-        return estimator.element_loops(record.drive())
+        return estimator.element_loops(record)
     except ValueError:  # it begins in motion, without its state
         return None
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from data.inspect import __main__ as inspect_command
 from data.record import Record
 from data.simulation.elements import Bilinear, BoucWen, Element, LimitedSlip, Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation
@@ -154,3 +155,20 @@ def bilinear_record(bilinear_records: list[Record]) -> Record:
 def linear_record(linear_structure: Structure) -> Record:
     """10 s of the linear structure."""
     return _record(linear_structure, _excitation("bilinear"), 10.0)
+
+
+@pytest.fixture
+def inspect_run(monkeypatch, tmp_path, capsys):
+    """python -m data.inspect: (words) → (exit status, stdout, stderr), in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+
+    def of(*words: str) -> tuple[int, str, str]:
+        status = 0
+        try:
+            inspect_command.main(words)
+        except SystemExit as end:
+            status = int(end.code or 0)
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    return of

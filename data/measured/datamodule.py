@@ -107,6 +107,11 @@ class MeasuredData(Data):
                 "where the files have a clock"
             )
         self.name, self.seed, self.scenario, self.mend = name, seed, scenario, mend
+        if initial_state == "unknown" and not warmup:
+            raise ValueError(
+                "data.initial_state=unknown asks for data.warmup: the number of first samples that "
+                "tell of the state, and are not scored"
+            )
         self.initial_state, self.hold = initial_state, hold
         self.stated_dt, self.stated_quantity = dt, quantity
         self.accelerations, self.stated_units = accelerations, dict(units or {})

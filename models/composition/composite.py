@@ -132,8 +132,14 @@ class Composite(Trainable):
         """The free run of a record. An unknown beginning is estimated from the warm-up samples."""
         if record.initial_state != "unknown" or not record.warmup:
             return self.free_run(record.drive())
+        return self._trace_of(record).response
+
+    def _trace_of(self, record: Record) -> Trace:
+        """The compiled run of a record, with its elements."""
+        if record.initial_state != "unknown" or not record.warmup:
+            return self.trace(record.drive())
         seen = record.window(0, record.warmup)
-        return self.trace(record.drive(), begin=self.beginning(seen)).response
+        return self.trace(record.drive(), begin=self.beginning(seen))
 
     @torch.no_grad()
     def beginning(self, record: Record) -> Tensor:
@@ -217,9 +223,12 @@ class Composite(Trainable):
         both = (u.reshape(flat, *u.shape[-3:]) for u in (trace.jacobian, trace.by_begin))
         return replace(trace, jacobian=projected(*both).reshape(trace.jacobian.shape))
 
-    def element_loops(self, drive: Drive) -> tuple[Tensor, Tensor]:
-        """Deformations [m] and restoring forces [N] (…, T, E) of the elements in a free run."""
-        trace = self.trace(drive)
+    def element_loops(self, record: Record) -> tuple[Tensor, Tensor]:
+        """Deformations [m], restoring forces [N] (…, T, E) of the elements in a record's free run.
+
+        Raises ValueError for a record that begins in motion without its state.
+        """
+        trace = self._trace_of(record)
         return trace.deformations, trace.forces
 
     def trace(

@@ -137,7 +137,7 @@ def loops_of_model(run: Result) -> Figure | None:
     if record.truth is None:
         return None
     with torch.inference_mode():
-        y, r = (signal.numpy() for signal in simulated.element_loops(record.drive()))
+        y, r = (signal.numpy() for signal in simulated.element_loops(record))
     found = {_nodes(pair): i for i, pair in enumerate(simulated.elements)}
     assert isinstance(data, SimulatedData)  # only those know the truth
     elements = data.simulation.structure.elements

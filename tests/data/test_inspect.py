@@ -25,20 +25,8 @@ MEASURED = (CONF / "data" / "measured.yaml").exists()
 
 
 @pytest.fixture
-def run(monkeypatch, tmp_path, capsys):
-    """(words) → (exit status, stdout, stderr), in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-
-    def of(*words: str) -> tuple[int, str, str]:
-        status = 0
-        try:
-            command_line.main(words)
-        except SystemExit as end:
-            status = int(end.code or 0)
-        said = capsys.readouterr()
-        return status, said.out, said.err
-
-    return of
+def run(inspect_run):
+    return inspect_run
 
 
 @pytest.fixture

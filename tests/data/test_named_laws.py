@@ -27,6 +27,7 @@ from data.simulation.elements import (
 )
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
+from tests.data.test_elements import eased
 
 DT, K, Y = 0.01, 2.0e6, 0.01  # s, N/m, m
 BETWEEN = ("s1", "x1")
@@ -56,17 +57,6 @@ LENGTHS = {  # power of the metre in each parameter, where there is one besides 
     "beta": -1, "gamma": -1, "pinching_width": 1, "pinching_spread": 1, "stiffness": -1,
 }  # fmt: skip
 every_law = pytest.mark.parametrize("element", LAWS.values(), ids=LAWS)
-
-
-def eased(*turns: float, samples: int = 100) -> tuple[np.ndarray, np.ndarray]:
-    """From 0 to each turning point in turn, at rest there: deformation and rate."""
-    u = np.arange(1, samples + 1) / samples
-    y, rate, last = [0.0], [0.0], 0.0
-    for turn in turns:
-        y.extend(last + (turn - last) * 0.5 * (1.0 - np.cos(np.pi * u)))
-        rate.extend((turn - last) * 0.5 * np.pi * np.sin(np.pi * u) / (samples * DT))
-        rate[-1], last = 0.0, turn
-    return np.array(y), np.array(rate)
 
 
 HISTORY = (0.004, -0.006, 0.018, 0.012, 0.03, -0.012, 0.008, -0.035, 0.05, -0.03, 0.0, -0.06, 0.02)

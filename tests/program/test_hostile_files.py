@@ -22,7 +22,6 @@ from hypothesis import strategies as st
 from omegaconf import DictConfig, OmegaConf
 from rich.table import Table
 
-from data.inspect import __main__ as command_line
 from data.inspect.config import command, config_path, literal, write_config
 from data.measured.datamodule import MeasuredData
 from data.measured.files import apart
@@ -42,20 +41,8 @@ HOSTILE = (
 
 
 @pytest.fixture
-def run(monkeypatch, tmp_path, capsys):
-    """(words) → (exit status, stdout, stderr), in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-
-    def of(*words: str) -> tuple[int, str, str]:
-        status = 0
-        try:
-            command_line.main(words)
-        except SystemExit as end:
-            status = int(end.code or 0)
-        said = capsys.readouterr()
-        return status, said.out, said.err
-
-    return of
+def run(inspect_run):
+    return inspect_run
 
 
 def write_csv(path: Path, clock: np.ndarray | None = None, rows: int = 200, **columns) -> Path:
