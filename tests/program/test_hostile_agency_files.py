@@ -78,6 +78,15 @@ def test_damage_within_an_archive_is_named_however_it_is_packed(tmp_path, method
     assert refused > 20
 
 
+@pytest.mark.parametrize("file", ["../out.csv", "/etc/passwd", "..", "a/out.csv"])
+def test_channels_of_an_archive_are_inside(tmp_path, file):
+    (tmp_path / "out.csv").write_text("t,a1\n0,1\n1,2\n")
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.write(tmp_path / "out.csv", "a.csv")
+    with pytest.raises(ValueError, match=r"is not in a\.zip; name its files without"):
+        read_records(tmp_path / "a.zip", {"a1": f"{file}:a1", "f1": "a.csv:t"})
+
+
 @pytest.mark.parametrize("size", [1e160, 1e-170, 1e300])
 def test_a_picture_of_any_size_of_signal(tmp_path, size):
     with np.errstate(all="ignore"):
