@@ -83,7 +83,7 @@ def names_of(estimator: Estimator) -> list[str]:
 
 
 def _input_names(record: Record) -> list[str]:
-    signals = (("f", record.f), ("s", record.s), ("s_dot", record.s_dot))
+    signals = (("f", record.f), ("s", record.s), ("s_dot", record.s_dot), ("u", record.e))
     sizes = ((name, 0 if u is None else u.shape[-1]) for name, u in signals)
     return [f"{name}{i + 1}" for name, size in sizes for i in range(size)]
 
@@ -97,6 +97,8 @@ def outside(trained: Mapping[str, Any], new: Mapping[str, Any]) -> list[dict[str
     found = []
     for kind in (kind for kind in new if kind in trained):
         pairs = list(zip(trained[kind]["largest"], new[kind]["largest"], strict=False))
+        if not pairs:
+            continue
         ratios = [now / then if then > 0.0 else math.inf * now for then, now in pairs]
         ratios = [0.0 if math.isnan(ratio) else ratio for ratio in ratios]
         worst = max(range(len(ratios)), key=ratios.__getitem__)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 SEEN = 2_000_000  # most samples of a spectrum, from the middle of the record
 COLUMNS = 2000  # of a time history: more samples are drawn as least and largest by column
 ROWS = 16  # channels in one picture
+DRAWN = (1e-280, 1e280)  # power densities [unit²/Hz] that a logarithmic axis can bear
 LINE, LACK = "#222222", "#d1495b"
 Spectrum = tuple[np.ndarray, np.ndarray]  # frequencies [Hz] and power density [unit²/Hz]
 
@@ -113,7 +114,7 @@ def envelope(signal: np.ndarray, columns: int = COLUMNS) -> tuple[np.ndarray, np
 
 
 def _density(axes: Axes, spectrum: Spectrum | None) -> None:
-    if spectrum is None or not spectrum[1].max() > 0.0:
+    if spectrum is None or not DRAWN[0] < spectrum[1].max() < DRAWN[1]:
         axes.text(0.5, 0.5, "no spectrum", ha="center", va="center", transform=axes.transAxes)
         return
     frequency, power = spectrum

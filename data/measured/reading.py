@@ -91,6 +91,13 @@ def _of_archive(
     align: str | None,
     reader: dict[str, Any],
 ) -> dict[str, RawRecord]:
+    for channel, where in (channels or {}).items():
+        member = where.rpartition(":")[0]
+        if member and (member == ".." or Path(member).name != member):
+            raise ValueError(
+                f"data.channels: {channel}: {shorten(where)} is not in {path.name}; name its files "
+                "without their folders"
+            )
     if any(":" in where for where in (channels or {}).values()):
         raw = read_record(folder, channels, units, align, **reader)
         return {path.stem: replace(raw, name=path.name)}

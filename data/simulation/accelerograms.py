@@ -108,17 +108,20 @@ def read_at2(path: Path) -> Accelerogram:
     """PEER's format: four lines of header, the last with NPTS= and DT=, then values in g."""
     lines = path.read_text(encoding="latin-1").splitlines()
     header = " ".join(lines[2:4]).upper()
-    samples = re.search(r"NPTS\s*=\s*(\d+)", header)
-    step = re.search(r"\bDT\s*=\s*(\d*\.?\d+(?:E[+-]?\d+)?)", header)
+    samples = re.search(r"NPTS\s*=\s*([0-9]{1,12})\b", header)
+    step = re.search(r"\bDT\s*=\s*([0-9]*\.?[0-9]+(?:E[+-]?[0-9]+)?)", header)
     if samples is None or step is None:
         raise ValueError(f"{path}: the fourth line of an .AT2 file names NPTS= and DT=")
     unit = re.search(r"UNITS OF\s+(\S+)", header)
     if unit is not None and unit[1].strip(",.") != "G":
-        raise ValueError(f"{path} is in units of {unit[1]}; expected accelerations in g")
+        raise ValueError(
+            f"{path} is in units of {ascii(unit[1][:40])[1:-1]}; expected accelerations in g"
+        )
     try:
         a = np.array(" ".join(lines[4:]).split(), dtype=float)
     except ValueError as error:
-        raise ValueError(f"{path}: {error}; expected numbers after four lines of header") from None
+        why = str(error)[:80]
+        raise ValueError(f"{path}: {why}; expected numbers after four lines of header") from None
     if a.size != int(samples[1]):
         raise ValueError(f"{path} holds {a.size} values, but its header says NPTS={samples[1]}")
     return Accelerogram(str(path), float(step[1]), a)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
 import train
-from benchmarks.attack.targets.run_folders import BOMBS, mutation
+from benchmarks.attack.tampering import BOMBS, mutation
 from models.training.resume import fault_of, seal
 from report.collection.long_table import long_table
 from report.collection.runs import collect, read_runs

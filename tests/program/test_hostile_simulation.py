@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 import data
 import models
-from benchmarks.attack.targets import library
+from benchmarks.attack.library.arguments import ELEMENTS, MODELS
 from data import (
     Excitation,
     FullState,
@@ -285,9 +285,7 @@ VALUES = st.one_of(
 @settings(deadline=None, max_examples=150, derandomize=True)
 @given(st.data())
 def test_whatever_an_argument_is_it_is_taken_or_refused_in_a_line(source):
-    front, known = source.draw(
-        st.sampled_from([(models, library.MODELS), (data, library.ELEMENTS)])
-    )
+    front, known = source.draw(st.sampled_from([(models, MODELS), (data, ELEMENTS)]))
     name = source.draw(st.sampled_from(sorted(known)))
     sizes = {"dofs": 1, "inputs": 1, "dt": 0.01} if front is models else {"between": ("s1", "x1")}
     arguments = {**sizes, **known[name]}

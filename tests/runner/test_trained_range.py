@@ -45,6 +45,16 @@ def test_twice_the_motion_is_outside_by_two_in_every_kind(chain, linear_record):
     assert worst_of(found).startswith("2 × the trained ")
 
 
+def test_other_inputs_have_names_too():
+    f = torch.ones(50, 1, dtype=torch.float64)
+    small, large = (Record(0.01, f, f, e=size * f) for size in (1.0, 9.0))
+    trained = range_of(EquivalentLinear(1, 2, 0.01), [small])
+    assert trained["excitation"]["names"] == ["f1", "u1"]
+    (found,) = outside(trained, range_of(EquivalentLinear(1, 2, 0.01), [large]))
+    assert (found["name"], found["times"]) == ("u1", 9.0)
+    assert outside({"excitation": trained["excitation"] | {"largest": []}}, trained) == []
+
+
 def test_the_range_is_that_of_the_widest_of_all_records(chain, linear_record):
     records = [times(linear_record, factor) for factor in (0.5, 2.0, 1.0)]
     assert range_of(chain, records) == range_of(chain, records[1:2])

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
-from benchmarks.attack import record_files
 from benchmarks.attack.attempt import Attempt, WronglyAcceptedError
+from benchmarks.attack.record_files.case import Case, escaped
+from benchmarks.attack.record_files.drawn import drawn
 from data.inspect.__main__ import main as inspect
 from data.measured.files.table import read_table
 from models.training.assemble import assembled
@@ -44,9 +45,12 @@ SETTINGS: dict[str, tuple[Any, ...]] = {
     "header": (False,),
     "group": ("g", "/", "..", "g/../..", "x" * 10_000, "a\0b"),
     "quantity": ("displacement", "force", "velocity"),
-    "initial_state": ("given", "periodic"),
+    "initial_state": ("given", "periodic", "unknown", "unknown"),
     "hold": ("zero_order",),
     "train": ("record", "nothing*"),
+    "align": ("start", "motion", "both", ""),
+    "onset": (False,),
+    "accelerations": ("relative", "absolute", "both"),
     "units": ({"a": "g"}, {"f": "kN"}, {"time": "ms"}, {"a": "9" * 30}, {"a": "(" * 30}),
 }
 MENDS: dict[str, tuple[Any, ...]] = {
@@ -75,7 +79,7 @@ class Target:
             loaded = OmegaConf.load(folder / "train.yaml")
             assert isinstance(loaded, DictConfig)
             self.config = loaded
-        case = record_files.drawn(draw, COLUMNS)
+        case = drawn(draw, COLUMNS)
         name = draw.choice(NAMES) if draw.random() < 0.3 else "record"
         place = Path(name + case.suffix)
         if draw.random() < 0.5:
@@ -88,7 +92,7 @@ class Target:
         return Attempt(f"{case.what}; {how}"[:500], act)
 
 
-def _words(draw: random.Random, place: Path, case: record_files.Case) -> list[str]:
+def _words(draw: random.Random, place: Path, case: Case) -> list[str]:
     words = [str(place if draw.random() < 0.9 else draw.choice((Path("."), Path("*"))))]
     if case.mapped and draw.random() < 0.6:
         words += ["--channels", *(f"{channel}={column}" for channel, column in case.mapped.items())]
@@ -102,7 +106,7 @@ def _words(draw: random.Random, place: Path, case: record_files.Case) -> list[st
     return words
 
 
-def _changes(draw: random.Random, place: Path, case: record_files.Case) -> dict[str, Any]:
+def _changes(draw: random.Random, place: Path, case: Case) -> dict[str, Any]:
     changes: dict[str, Any] = {"path": str(place)}
     if draw.random() < 0.05:
         changes["path"] = draw.choice((".", "*", "nothing*", "", "\0", "x" * 5000, "empty", "**"))
@@ -114,10 +118,12 @@ def _changes(draw: random.Random, place: Path, case: record_files.Case) -> dict[
     if draw.random() < 0.25:
         key = draw.choice(sorted(MENDS))
         changes["mend"] = {key: draw.choice(MENDS[key])}
+    if changes.get("initial_state") == "unknown" and draw.random() < 0.7:
+        changes["warmup"] = draw.choice((0, 3, 20, 1000))
     return changes
 
 
-def _write(place: Path, case: record_files.Case) -> None:
+def _write(place: Path, case: Case) -> None:
     os.mkdir("empty")
     try:
         case.write(place)
@@ -125,7 +131,7 @@ def _write(place: Path, case: record_files.Case) -> None:
         raise SystemExit("error: this name cannot be written here") from None
 
 
-def _inspected(place: Path, case: record_files.Case, words: list[str]) -> None:
+def _inspected(place: Path, case: Case, words: list[str]) -> None:
     _write(place, case)
     inspect(words)
     _check_table(place, case, words)
@@ -138,7 +144,7 @@ def _inspected(place: Path, case: record_files.Case, words: list[str]) -> None:
             raise WronglyAcceptedError(f"the config says {found}")
 
 
-def _check_table(place: Path, case: record_files.Case, words: list[str]) -> None:
+def _check_table(place: Path, case: Case, words: list[str]) -> None:
     """Against what was written, where the file is good and was read without options."""
     if case.truth is None or any(word.startswith("--") for word in words):
         return
@@ -151,9 +157,7 @@ def _compare(found: dict[str, np.ndarray], truth: dict[str, np.ndarray]) -> None
             raise WronglyAcceptedError(f"{name!r} is {found.get(name)}, written was {values}")
 
 
-def _trained(
-    config: DictConfig, place: Path, case: record_files.Case, changes: dict[str, Any]
-) -> None:
+def _trained(config: DictConfig, place: Path, case: Case, changes: dict[str, Any]) -> None:
     _write(place, case)
     escaped = {key: _escaped(value) for key, value in changes.items()}
     with one_line_errors("train"):
@@ -166,7 +170,8 @@ def _trained(
         record.require_finite()
     if case.truth is not None and set(changes) <= {"path", "channels"}:
         columns = case.mapped or {name: name for name in ("f1", "a1")}
-        for letter in "fa" if columns["a1"] in case.truth and columns["f1"] in case.truth else "":
+        driven = columns.get("a1") in case.truth and columns.get("f1") in case.truth
+        for letter in "fa" if driven else "":
             joined = np.concatenate([np.asarray(getattr(r, letter)[:, 0]) for r in records])
             _compare({letter: joined}, {letter: case.truth[columns[f"{letter}1"]]})
 
@@ -174,4 +179,4 @@ def _trained(
 def _escaped(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _escaped(inner) for key, inner in value.items()}
-    return record_files.escaped(value) if isinstance(value, str) else value
+    return escaped(value) if isinstance(value, str) else value

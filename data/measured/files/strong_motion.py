@@ -19,21 +19,22 @@ from data.measured.files.columns import Contents, FileError, Request, check_size
 from data.measured.files.format import Format
 
 CSMIP = re.compile(  # 3000 points of accel data equally spaced at .020 sec, in cm/sec2. (8f10.3)
-    r"\s*(?P<count>\d+)\s+points of (?P<kind>accel|veloc|displ)\w* data equally spaced at\s*"
-    r"(?P<dt>[\d.]+(?:e[+-]?\d+)?)\s*sec[.,]*\s*(?:\(?in (?P<unit>[\w/^* ]+?)\)?[.,]?\s*)?"
+    r"\s*(?P<count>[0-9]{1,18})\s+points of (?P<kind>accel|veloc|displ)\w* data equally spaced at"
+    r"\s*(?P<dt>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?)\s*sec[.,]*\s*"
+    r"(?:\(?in (?P<unit>[\w/^* ]+?)\)?[.,]?\s*)?"
     r"(?:\(\s*(?P<format>[^()]*)\))?\s*$",
     re.IGNORECASE,
 )
 COSMOS = re.compile(  # 12091 acceleration pts, approx 120 secs, units=cm/s^2 (4),Format=(8F10.5)
-    r"\s*(?P<count>\d+)\s+(?P<kind>accel|veloc|displ)\w* pts,.*?units\s*=\s*(?P<unit>[^,(]+?)\s*"
-    r"(?:\(\s*\d+\s*\))?\s*,\s*format\s*=\s*\(\s*(?P<format>[^()]*)\)",
+    r"\s*(?P<count>[0-9]{1,18})\s+(?P<kind>accel|veloc|displ)\w* pts,.*?units\s*="
+    r"(?P<unit>[^,(=]+)(?:\(\s*\d+\s*\))?\s*,\s*format\s*=\s*\(\s*(?P<format>[^()]*)\)",
     re.IGNORECASE,
 )
-REALS = re.compile(r"\s*(\d+)\s+real-header values follow on\s+(\d+)\s+lines", re.IGNORECASE)
-CHANNEL = re.compile(r"chan(?:nel|\.)?\s*(\d+)\s*:\s*(.*)", re.IGNORECASE)
+REALS = re.compile(r"\s*[0-9]+\s+real-header values follow on\s+([0-9]{1,4})\s+lines", re.I)
+CHANNEL = re.compile(r"chan(?:nel|\.)?\s*([0-9]{1,9})\s*:\s*(.*)", re.IGNORECASE)
 LOCATION = re.compile(r"location:\s*(\S.*)", re.IGNORECASE)
 END = re.compile(r"^(/&)?\s*-*\s*end[ -]of[ -]data", re.IGNORECASE)
-POINTS = re.compile(r"no\.? of points\s*=\s*(\d+)", re.IGNORECASE)
+POINTS = re.compile(r"no\.? of points\s*=\s*([0-9]{1,18})\b", re.IGNORECASE)
 UNCORRECTED = re.compile(r"units of uncor\w*\.? accel\w* are (?P<what>.*?)(?:\.\s|\s{2,}|$)", re.I)
 UNITS = {"cm/sec2": "cm/s^2", "cm/sec/sec": "cm/s^2", "cm/s/s": "cm/s^2", "cm/sec^2": "cm/s^2",
          "cm/sec": "cm/s", "g/10": "0.1*g", "cm": "cm", "g": "g", "cm/s^2": "cm/s^2",
@@ -41,6 +42,18 @@ UNITS = {"cm/sec2": "cm/s^2", "cm/sec/sec": "cm/s^2", "cm/s/s": "cm/s^2", "cm/se
 SHORT = {"accel": "acc", "veloc": "vel", "displ": "disp"}
 HEADER_V1 = 27  # lines of a channel of volume 1: 13 of text, 7 of whole and 7 of real numbers
 UNKNOWN = -999.0
+WIDEST = 400  # characters of a line that are looked at for words
+
+
+@dataclass(frozen=True)
+class Header:
+    """What stands before the first series of a channel; read once, however many series follow."""
+
+    number: str  # of the channel
+    place: str  # direction and location of its sensor
+    unit: str | None  # of what is uncorrected
+    reals: tuple[float, ...]  # of COSMOS
+    points: int  # of volume 1; 0 where none are said
 
 
 @dataclass(frozen=True)
@@ -101,14 +114,17 @@ STRONG_MOTION = Format(
 def _blocks(path: Path, lines: Sequence[str]) -> list[Block]:
     blocks: list[Block] = []
     start = at = 0  # of the channel's header; the line looked at
+    header: Header | None = None  # of this channel, once a series follows
     while at < len(lines):
-        line = lines[at]
+        line = lines[at][:WIDEST]
         found = CSMIP.match(line) or COSMOS.match(line)
         if found is not None:
-            block, at = _read_block(path, lines, start, at, found)
+            header = header or _header(lines[start:at])
+            block, at = _read_block(path, lines, header, at, found)
             blocks.append(block)
         elif END.match(line.strip()):
             start = at = at + 1
+            header = None
         elif at == start + HEADER_V1 and _has_pairs(lines[start:at], line):
             block, at = _read_pairs(path, lines, start, at)
             blocks.append(block)
@@ -118,19 +134,17 @@ def _blocks(path: Path, lines: Sequence[str]) -> list[Block]:
 
 
 def _read_block(
-    path: Path, lines: Sequence[str], start: int, at: int, found: re.Match[str]
+    path: Path, lines: Sequence[str], header: Header, at: int, found: re.Match[str]
 ) -> tuple[Block, int]:
     """The block that a line announces, and the line after it."""
     said = found.groupdict()
-    header = lines[start:at]
     count, kind = int(said["count"]), SHORT[said["kind"].lower()]
     per_line, width = _format(path, at, said.get("format"))
     rows = -(-count // per_line)
     values = _numbers(path, lines[at + 1 : at + 1 + rows], count, width, at)
-    unit = _unit(path, said.get("unit"), header, at)
+    unit = _unit(path, said.get("unit") or header.unit, at)
     dt = float(said["dt"]) if said.get("dt") else _step_of_cosmos(path, header, at, count)
-    number, place = _channel(header)
-    return Block(kind, number, place, unit, dt, values), at + 1 + rows
+    return Block(kind, header.number, header.place, unit, dt, values), at + 1 + rows
 
 
 def _format(path: Path, at: int, text: str | None) -> tuple[int, int]:
@@ -165,10 +179,8 @@ def _numbers(path: Path, rows: Sequence[str], count: int, width: int, at: int) -
     return values
 
 
-def _unit(path: Path, text: str | None, header: Sequence[str], at: int) -> str:
-    if text is None:
-        said = next((m for m in map(UNCORRECTED.search, header) if m), None)
-        text = "cm/sec2" if said is None else said["what"].lower().replace("sec and ", "")
+def _unit(path: Path, text: str | None, at: int) -> str:
+    text = text or "cm/sec2"
     known = UNITS.get(text.strip().lower().rstrip(".").replace("sec**2", "sec2"))
     if known is None:
         raise FileError(
@@ -178,26 +190,37 @@ def _unit(path: Path, text: str | None, header: Sequence[str], at: int) -> str:
     return known
 
 
-def _step_of_cosmos(path: Path, header: Sequence[str], at: int, count: int) -> float:
+def _step_of_cosmos(path: Path, header: Header, at: int, count: int) -> float:
     """Time step [s]: value 62 of the real header in ms, else value 34 in s."""
-    for k, line in enumerate(header):
-        found = REALS.match(line)
-        if found:
-            words = " ".join(header[k + 1 : k + 1 + int(found[2])]).split()
-            try:
-                values = [float(word) for word in words]
-            except ValueError:
-                break
-            series = values[61] * 1e-3 if len(values) > 61 else UNKNOWN
-            recorder = values[33] if len(values) > 33 else UNKNOWN
-            length = values[62] if len(values) > 62 else UNKNOWN
-            for dt in (series, recorder):
-                if dt > 0.0 and (length <= 0.0 or abs(length / dt - count) <= 0.02 * count + 2.0):
-                    return dt
+    values = dict(enumerate(header.reals, start=1))
+    series, recorder = values.get(62, UNKNOWN) * 1e-3, values.get(34, UNKNOWN)
+    length = values.get(63, UNKNOWN)
+    for dt in (series, recorder):
+        if dt > 0.0 and (length <= 0.0 or abs(length / dt - count) <= 0.02 * count + 2.0):
+            return dt
     raise FileError(
         f"{path.name}: the real header before line {at + 1} says no time step (values 62 and 34) "
         "that fits the length of the record; say data.dt by a copy as CSV"
     )
+
+
+def _header(lines: Sequence[str]) -> Header:
+    lines = [line[:WIDEST] for line in lines]
+    said = next((m for m in map(UNCORRECTED.search, lines) if m), None)
+    unit = None if said is None else said["what"].lower().replace("sec and ", "")
+    points = next((int(m[1]) for m in map(POINTS.search, lines) if m), 0)
+    return Header(*_channel(lines), unit, _reals(lines), points)
+
+
+def _reals(lines: Sequence[str]) -> tuple[float, ...]:
+    """Values of COSMOS' real header, none where there is none, or a damaged one."""
+    for k, line in enumerate(lines):
+        if found := REALS.match(line):
+            try:
+                return tuple(map(float, " ".join(lines[k + 1 : k + 1 + int(found[1])]).split()))
+            except ValueError:
+                break
+    return ()
 
 
 def _channel(header: Sequence[str]) -> tuple[str, str]:
@@ -223,10 +246,9 @@ def _has_pairs(header: Sequence[str], line: str) -> bool:
 
 def _read_pairs(path: Path, lines: Sequence[str], start: int, at: int) -> tuple[Block, int]:
     """Pairs of time [s] and acceleration, ten numbers of seven characters in a line."""
-    header = lines[start:at]
+    header = _header(lines[start:at])
     last = next((k for k in range(at, len(lines)) if END.match(lines[k].strip())), len(lines))
-    points = next((int(m[1]) for m in map(POINTS.search, header) if m), 0)
-    count = 2 * points or sum(-(-len(row.rstrip()) // 7) for row in lines[at:last])
+    count = 2 * header.points or sum(-(-len(row.rstrip()) // 7) for row in lines[at:last])
     pairs = _numbers(path, lines[at:last], count, 7, at - 1).reshape(-1, 2)
     time = pairs[:, 0]
     steps = np.diff(time)
@@ -237,8 +259,8 @@ def _read_pairs(path: Path, lines: Sequence[str], start: int, at: int) -> tuple[
     values = pairs[:, 1]
     if np.abs(time - time[0] - even).max() > 0.5 * dt:  # digitised by hand
         values = np.interp(even, time - time[0], values)
-    number, place = _channel(header)
-    return Block("acc", number, place, _unit(path, None, header, at), dt, values), last
+    unit = _unit(path, header.unit, at)
+    return Block("acc", header.number, header.place, unit, dt, values), last
 
 
 def _named(blocks: list[Block]) -> dict[str, Block]:

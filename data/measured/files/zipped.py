@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,12 +32,14 @@ def unpacked(path: Path) -> Iterator[Path]:
                 _unpack(path, archive, folder)
         except FileError:
             raise
-        except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError) as error:
+        except MemoryError:
+            raise FileError(f"{path.name} does not fit into memory; unpack it yourself") from None
+        except Exception as error:  # each kind of compression has errors of its own
+            if isinstance(error, OSError) and error.strerror:
+                raise FileError(f"{path.name} cannot be unpacked: {error.strerror}") from None
             raise FileError(
                 f"{path.name} is damaged: {reason_of(error)}; copy or download it again"
             ) from None
-        except OSError as error:
-            raise FileError(f"{path.name} cannot be unpacked: {error.strerror}") from None
         yield folder
 
 
@@ -85,10 +86,6 @@ def _plain_names(path: Path, members: list[str]) -> list[str]:
     if len({n.lower() for n in names}) < len(names) or "" in names:
         raise FileError(f"{path.name} holds two files of one name; unpack it yourself")
     return names
-
-
-def _parts(name: str) -> list[str]:
-    return [part for part in re.split(r"[/\\]", name) if part not in ("", ".", "..")]
 
 
 def _plain(part: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 CM = 100.0  # cm/s² in m/s²
 
 
-def fixed(values, width: int, decimals: int, per_line: int) -> list[str]:
+def fixed(values: np.ndarray, width: int, decimals: int, per_line: int) -> list[str]:
     """Numbers in fixed columns, which touch where they are large."""
     cells = [f"{v:{width}.{decimals}f}"[-width:] for v in values]
     return ["".join(cells[k : k + per_line]) for k in range(0, len(cells), per_line)]

@@ -1,0 +1,1 @@
+"""Strange calls of the library: arguments, records, and what is done with them."""

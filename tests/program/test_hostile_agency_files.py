@@ -1,0 +1,126 @@
+"""Accelerograms and archives of strangers: quick, and refused in one line."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import random
+import time
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.attack.record_files.agencies import csmip_v2
+from benchmarks.attack.record_files.agency_cases import agency_file, universal_file
+from benchmarks.attack.record_files.archives import zipped
+from data.inspect.picture import draw, spectrum
+from data.measured.files.columns import FileError
+from data.measured.files.table import read_table
+from data.measured.reading import read_records
+
+HEAD = "CORRECTED ACCELEROGRAM\n"
+SERIES = "1 points of accel data equally spaced at .02 sec, in cm/sec2. (8f10.3)\n     1.000\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        HEAD + SERIES * 9000,  # a header was read again for each series: 3 min
+        HEAD + "1 accel pts, " + "units=" * 20_000 + "\n" + SERIES,
+        HEAD + "1 accel pts, units=" + " " * 20_000 + "\n" + SERIES,
+        HEAD + "/&" + " " * 50_000 + "x\n" + SERIES,
+        HEAD + ("location:" * 20_000 + "\n") * 5 + SERIES,
+    ],
+    ids=["series", "units", "spaces", "end", "location"],
+)
+def test_no_text_keeps_the_reader_of_accelerograms_busy(tmp_path, text):
+    (tmp_path / "a.v2").write_text(text)
+    began = time.process_time()
+    with pytest.raises(FileError, match="1 row; expected at least 2"):
+        read_table(tmp_path / "a.v2")
+    assert time.process_time() - began < 2.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("1 points", "1000000000000 points", "announces 1000000000000 values and 1 follow"),
+        ("1 points", "9" * 5000 + " points", r"a\.v2 announces no accelerations"),
+        (".02", "1.2.3", r"a\.v2 announces no accelerations"),
+        (".02", "1e-400", "acc1 0 s.*expected one"),
+        ("8f10.3", "8f999999", "has the format '8f999999'; expected 8F10.3"),
+        ("cm/sec2", "counts", "is in 'counts'; expected cm/sec2"),
+    ],
+)
+def test_hostile_headers_are_named_with_their_file(tmp_path, old, new, message):
+    (tmp_path / "a.v2").write_text(HEAD + SERIES.replace(old, new))
+    with pytest.raises(FileError, match=message):
+        read_table(tmp_path / "a.v2")
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA, zipfile.ZIP_DEFLATED])
+def test_damage_within_an_archive_is_named_however_it_is_packed(tmp_path, method):
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w", method) as archive:
+        archive.writestr("a.csv", "t,a1\n" + "".join(f"{k},{k * k % 7}\n" for k in range(30)))
+    content, refused = bytearray(whole.getvalue()), 0
+    first = content.index(b"a.csv") + len("a.csv")
+    for k in range(30):
+        content[first + k] ^= 255
+        (tmp_path / "a.zip").write_bytes(content)
+        try:
+            read_records(tmp_path / "a.zip", {"a1": "a1"})
+        except FileError as error:
+            refused += "a.zip is damaged: " in str(error)
+        content[first + k] ^= 255
+    assert refused > 20
+
+
+@pytest.mark.parametrize("file", ["../out.csv", "/etc/passwd", "..", "a/out.csv"])
+def test_channels_of_an_archive_are_inside(tmp_path, file):
+    (tmp_path / "out.csv").write_text("t,a1\n0,1\n1,2\n")
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.write(tmp_path / "out.csv", "a.csv")
+    with pytest.raises(ValueError, match=r"is not in a\.zip; name its files without"):
+        read_records(tmp_path / "a.zip", {"a1": f"{file}:a1", "f1": "a.csv:t"})
+
+
+@pytest.mark.parametrize("size", [1e160, 1e-170, 1e300])
+def test_a_picture_of_any_size_of_signal(tmp_path, size):
+    with np.errstate(all="ignore"):
+        signal = size * np.sin(np.arange(400.0))
+        draw(
+            tmp_path / "p.png", "t", {"a1": signal}, {"a1": 0.01}, {"a1": spectrum(signal, 0.01)},
+            {"a1": "g"},
+        )  # fmt: skip
+    assert (tmp_path / "p.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("number", range(60))
+def test_generated_files_are_read_or_refused_in_a_line(tmp_path, number):
+    """The attack in small: agencies' files, some in archives."""
+    draw_from = random.Random(number)
+    case = agency_file(draw_from)
+    if number % 10 == 0 and importlib.util.find_spec("pyuff"):
+        case = universal_file(draw_from)
+    if number % 3 == 0:
+        case = zipped(draw_from, replace(case, what=""))
+    path = tmp_path / f"record{case.suffix}"
+    case.write(path)
+    try:
+        records = read_records(path, case.mapped)
+    except ValueError as error:
+        assert len(str(error).splitlines()) == 1  # noqa: PT017
+    else:
+        assert all(len(u) > 1 for raw in records.values() for u in raw.channels.values())
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_good_one_among_the_generated(tmp_path):
+    a = np.random.default_rng(0).standard_normal(300)
+    (tmp_path / "a.v2").write_text(csmip_v2({4: ("N, roof", a)}, 0.02))
+    table = read_table(tmp_path / "a.v2")
+    assert table.columns["acc4"] == pytest.approx(100.0 * a, abs=6e-4)
+    assert table.labels["acc4"] == "N, roof"
