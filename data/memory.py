@@ -12,20 +12,27 @@ if sys.platform != "win32":
 PREFIXES = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
+def limit_memory() -> None:
+    """Leave this process what is available now, where the system knows such limits."""
+    if sys.platform != "win32":
+        most = psutil.Process().memory_info().vms + int(available_memory())
+        resource.setrlimit(resource.RLIMIT_AS, (most, resource.getrlimit(resource.RLIMIT_AS)[1]))
+
+
 def require_memory(need: float, cause: str, remedy: str) -> None:
     """Raise ValueError where `need` [bytes] is more than the memory that is available now.
 
     cause: the keys and values that ask for it, such as "data.duration=1e9 at data.dt=0.01";
     remedy: what to change, such as "shorten data.duration".
     """
-    there = _available()
+    there = available_memory()
     if not need <= there:
         raise ValueError(
             f"{cause} would take some {amount(need)} of memory, {amount(there)} are there; {remedy}"
         )
 
 
-def _available() -> float:
+def available_memory() -> float:
     """Bytes that this process may still take: the machine's, or what its own limit leaves."""
     there = float(psutil.virtual_memory().available)
     if sys.platform != "win32":

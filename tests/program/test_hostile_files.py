@@ -357,7 +357,8 @@ def test_names_of_files_and_columns_in_print_and_picture(run, tmp_path, name):
 def test_a_crash_of_a_library_is_a_line(tmp_path, monkeypatch):
     scipy.io.savemat(tmp_path / "a.mat", {"a": np.arange(200.0), "b": np.arange(200.0)})
     assert list(read_table(tmp_path / "a.mat").columns) == ["a", "b"]
-    for module, said in (("crash", "crashed"), ("busy", "busy for 2 s")):
+    faults = (("crash", "crashed"), ("busy", "busy for 2 s"), ("greedy", "more memory"))
+    for module, said in faults:
         monkeypatch.setattr(apart, "SECONDS", 2.0)
         monkeypatch.setattr(apart, "ROOT", tmp_path)
         monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
@@ -365,6 +366,10 @@ def test_a_crash_of_a_library_is_a_line(tmp_path, monkeypatch):
             "import os, signal\ndef read_here(*_): os.kill(os.getpid(), signal.SIGSEGV)\n"
         )
         (tmp_path / "busy.py").write_text("def read_here(*_):\n    while True: pass\n")
+        (tmp_path / "greedy.py").write_text(
+            "import psutil\n"
+            "def read_here(*_): bytearray(psutil.virtual_memory().available + 10**9)\n"
+        )
         with pytest.raises(FileError, match=said):
             apart.require_survival(tmp_path / "a.mat", Request(), module)
 

@@ -1,12 +1,11 @@
 """Files whose library may crash or never end on damage are first read in a process of its own.
 
 SciPy's MAT reader and HDF5 are compiled code that trusts what a file says of itself: a few flipped
-bytes end the whole program without a word, or keep it busy for ever.
+bytes end the whole program without a word, keep it busy for ever, or make it ask for all memory.
 """
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import json
 import subprocess
@@ -15,10 +14,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 from data.measured.files.columns import FileError, Request
+from data.memory import limit_memory
 
 ROOT = Path(__file__).parents[3]  # holds `data`; a folder of data files may hold a hostile json.py
 SECONDS, RATE = 20.0, 5e6  # time for any file, and bytes a second for a large one
 CRASHES = 2**31  # statuses from here on are those of crashes, on Windows
+TOO_MUCH = 12  # status of a reader that asked for more memory than there is
 
 
 def require_survival(path: Path, request: Request, module: str) -> None:
@@ -39,6 +40,10 @@ def require_survival(path: Path, request: Request, module: str) -> None:
             f"{path.name} is damaged: it kept the library that reads it busy for {limit:.0f} s; "
             "copy or export it again"
         ) from None
+    if status == TOO_MUCH:
+        raise FileError(
+            f"{path.name} is damaged, or too large: to read it takes more memory than is free here"
+        )
     if status < 0 or status >= CRASHES:
         raise FileError(
             f"{path.name} is damaged: the library that reads it crashed; copy or export it again"
@@ -50,8 +55,13 @@ def _main() -> None:
     request = json.load(sys.stdin)
     columns = request.pop("columns")
     wanted = None if columns is None else tuple(columns)
-    with contextlib.suppress(FileError, OSError, MemoryError):  # whoever asked meets it, too
+    limit_memory()
+    try:
         importlib.import_module(module).read_here(Path(path), Request(**request, columns=wanted))
+    except (FileError, OSError):  # whoever asked meets it, too
+        pass
+    except MemoryError:
+        sys.exit(TOO_MUCH)
 
 
 if __name__ == "__main__":
