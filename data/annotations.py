@@ -17,7 +17,8 @@ SHOWN = 60  # characters of a value in a message
 def fits(value: Any, annotation: Any) -> bool:
     """Whether a value is of an annotated type; a whole number is a float, true and NaN are none.
 
-    Text must be printable, or a line break: it will stand in tables and in file names.
+    Text must be printable (a tabulator divides columns): it will stand in messages, tables and
+    names of files.
     """
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin in (Union, types.UnionType):
@@ -36,7 +37,7 @@ def fits(value: Any, annotation: Any) -> bool:
     if annotation in NUMBERS:
         return isinstance(value, (int, annotation)) and _is_number(value)
     if annotation is str:
-        return isinstance(value, str) and all(c.isprintable() or c in "\n\t" for c in value)
+        return isinstance(value, str) and all(c.isprintable() or c == "\t" for c in value)
     if annotation is Any or origin is not None:  # a callable, a generic class: nobody types it
         return True
     return isinstance(value, annotation)

@@ -36,7 +36,7 @@ PUBLIC = ESTIMATORS | {
     "WeightDrift": "models.detection.weight_drift",
     # training
     "Adam": "models.training.solvers.adam",
-    "FreeRun": "models.training.objective",
+    "FreeRun": "models.training.free_run_objective",
     "Identification": "models.training.identification",
     "LBFGS": "models.training.solvers.lbfgs",
     "LevenbergMarquardt": "models.training.solvers.levenberg_marquardt",

@@ -126,8 +126,8 @@ class BranchElement(Trainable):
     ) -> tuple[Tensor, Tensor]:
         return self._run(record.excitation, record.dt, derivatives=True)
 
-    def pull(self, last: bool) -> tuple[float, Tensor]:
-        return self.prior, (self.theta - self.begun).reshape(-1)
+    def pull(self, last: bool, prior: float | None = None) -> tuple[float | Tensor, Tensor]:
+        return self.prior if prior is None else prior, (self.theta - self.begun).reshape(-1)
 
     def _differentiable(self, u: Tensor, dt: float) -> Tensor:
         if torch.is_grad_enabled() and self.theta.requires_grad:

@@ -194,6 +194,15 @@ class ElementNetwork(Composite):
         self.identified.fill_(1.0)
         return typical
 
+    @torch.no_grad()
+    def settle(self) -> None:
+        """Start the laws anew at the present springs and dampers, which set the units of θ."""
+        if self.mass.learned:
+            self.mass.start(self.mass())
+        assert self.linear is not None
+        self.linear = self.laws.stiffness().cpu(), self.laws.damping().cpu(), self.linear[2]
+        self.laws.start(*self.linear, (0.5, 0.5))
+
     def _names(self) -> list[str]:
         """Of the unknowns of the equations."""
         joined = ["–".join(pair) for pair in self.elements]

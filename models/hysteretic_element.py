@@ -74,7 +74,8 @@ class HystereticElement(Composite):
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         """Identify spring and damper of each element by least squares; set units of θ."""
         motions, forces = [], []
-        for record in batches:
+        records = [record.to("cpu") for record in batches]
+        for record in records:
             self.check(record)
             if record.quantity != "force":
                 raise ValueError(
@@ -84,6 +85,7 @@ class HystereticElement(Composite):
             counted = slice(record.warmup, None)
             motions.append(record.excitation[..., counted, :].reshape(-1, 2 * self.dofs).cpu())
             forces.append(record.a[..., counted, :].reshape(-1, self.dofs).cpu())
+        self.bind(records)
         s, rate = torch.cat(motions).chunk(2, dim=1)
         r = torch.cat(forces)
         pairs = torch.stack([s, rate], dim=2).movedim(1, 0)  # (E, N, 2)
@@ -96,6 +98,13 @@ class HystereticElement(Composite):
         self.laws.start(*self.linear, (0.5, 0.5))
         self.identified.fill_(1.0)
         return {"linear_stiffness": float(stiffness.mean())}
+
+    @torch.no_grad()
+    def settle(self) -> None:
+        """Start the laws anew at the present springs and dampers."""
+        assert self.linear is not None
+        self.linear = self.laws.stiffness().cpu(), self.laws.damping().cpu(), self.linear[2]
+        self.laws.start(*self.linear, (0.5, 0.5))
 
     def restart(self, generator: torch.Generator) -> None:
         """Go back to the identified springs and dampers; spread hinges and limits anew."""

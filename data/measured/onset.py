@@ -1,4 +1,4 @@
-"""Where a record begins to move after a quiet start.   T samples.
+"""Where a record begins to move after a quiet start, and what sensors show at rest.   T samples.
 
 A start is quiet while no channel stirs: no response, and no excitation.  What comes later is never
 looked at, so that a training motion's beginning does not depend on its end.
@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from data.measured.channels import signal_of
 from data.measured.raw_record import RawRecord
 
 BLOCK = 0.25  # s
@@ -19,6 +20,7 @@ RISE = 20.0  # times the deviation of the blocks before
 QUIET = 4  # blocks at least that are compared with
 SHORTEST = 1.0  # s, the least that is worth cutting
 KEPT = 0.5  # s of rest that stay before the onset
+STILL = ("a", "v", "s_ddot", "s_dot")  # signals that are zero at rest: what they show is an offset
 
 
 def onset_of(channels: Mapping[str, np.ndarray], dt: float) -> int:
@@ -66,6 +68,10 @@ def without_quiet_start(raw: RawRecord) -> RawRecord:
     if first * dt < SHORTEST or len(time) - first < 2:
         return raw
     note = f"quiet until {(first * dt) + KEPT:.4g} s: the first {first * dt:.4g} s cut off"
-    channels = {c: u[first:] for c, u in raw.channels.items()}
+    rest = {c: float(u[:first].mean()) for c, u in known.items() if signal_of(c) in STILL}
+    channels = {c: u[first:] - rest.get(c, 0.0) for c, u in raw.channels.items()}
+    if rest:
+        shown = ", ".join(f"{c} {offset:.3g}" for c, offset in rest.items())
+        note += f"; taken off, as they stand at rest (SI): {shown}"
     later = None if raw.time is None else raw.time[first:]
     return replace(raw, time=later, channels=channels, notes=(*raw.notes, note))

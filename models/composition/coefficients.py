@@ -28,7 +28,7 @@ class Coefficients(nn.Module):
 
     def __init__(self, *shape: int, positive: bool = False, learned: bool = True) -> None:
         super().__init__()
-        self.positive = positive
+        self.positive, self.learned = positive, learned
         zeros = torch.zeros(shape, dtype=torch.float64)
         self.theta = nn.Parameter(zeros, requires_grad=learned)
         self.register_buffer("unit", torch.ones(shape, dtype=torch.float64))

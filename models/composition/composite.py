@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from data.record import Drive, Record, Response
 from models.composition.beginning import beginning, projected, units_of
 from models.composition.coefficients import Coefficients
+from models.composition.laws import ElementLaws
 from models.composition.simulate import (
     ACCELERATION,
     DISPLACEMENT,
@@ -25,6 +26,7 @@ from models.composition.simulate import (
     simulate,
 )
 from models.composition.trace import Trace, traced
+from models.layers.reconstructed import reconstructed
 from models.layers.state_variables import corner_frequency, state_variables
 from models.training.free_run import simulate as simulate_record
 from models.training.trainable import Trainable
@@ -34,6 +36,8 @@ MOST_SUBSTEPS = 10_000  # of a sample interval
 MOST_STEPS = 20_000  # under autograd, at some milliseconds each
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
+LOOSE = 1e-6  # weight of a prior on a linear structure, where the prior holds the rest harder
+AGAINST = 1e-2  # weight that is added for units and cubic springs of negative stiffness
 BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities
 
 
@@ -80,14 +84,51 @@ class Composite(Trainable):
             raise ValueError(f"model.substeps={substeps} must be {MOST_SUBSTEPS} at most")
         self.substeps = substeps
         self.first: dict[int, tuple[Tensor, Tensor, Tensor]] = {}  # states of records in training
+        self.motions: dict[int, tuple[Tensor, Tensor]] = {}  # x and v of such records
 
-    def pull(self, last: bool) -> tuple[float, Tensor]:
-        """Weight and deviation (P,) of the free parameters from where they stay without data."""
-        learned = [
-            c for c in self.modules() if isinstance(c, Coefficients) and c.theta.requires_grad
-        ]
-        weight = self.prior if last else self.early_prior
-        return weight, torch.cat([c.deviation(last).reshape(-1) for c in learned])
+    def pull(self, last: bool, prior: float | None = None) -> tuple[float | Tensor, Tensor]:
+        """Weights and deviation (P,) of the free parameters from where they stay without data.
+
+        A prior that is given holds what goes beyond a linear structure, which itself is nearly
+        free; units of negative stiffness, which make energy, and cubic springs that let go of
+        what goes far are held harder.
+        """
+        learned = [c for c in self._coefficients() if c.theta.requires_grad]
+        deviation = torch.cat([c.deviation(last).reshape(-1) for c in learned])
+        if prior is None:
+            return (self.prior if last else self.early_prior), deviation
+        beyond, unsound = set(self._beyond()), self._unsound()
+        weights = []
+        for c in learned:
+            weight = torch.full_like(c.theta, prior if c in beyond else min(prior, LOOSE))
+            weights.append(weight + AGAINST * (c.theta < 0.0) if c in unsound else weight)
+        return torch.cat([w.detach().reshape(-1) for w in weights]), deviation
+
+    def _coefficients(self) -> list[Coefficients]:
+        return [c for c in self.modules() if isinstance(c, Coefficients)]
+
+    def _beyond(self) -> list[Coefficients]:
+        """Those of laws beyond springs and dampers."""
+        return [c for m in self.modules() if isinstance(m, ElementLaws) for c in m.beyond]
+
+    def _unsound(self) -> set[Coefficients]:
+        laws = [m for m in self.modules() if isinstance(m, ElementLaws)]
+        return {c for m in laws for c in (m.unit_stiffness, m.cubic)}
+
+    @property
+    def begins_linear(self) -> bool:
+        return bool(self._beyond())
+
+    def let_go(self, linear_alone: bool) -> None:
+        for c in self._beyond():
+            c.theta.requires_grad_(c.learned and not linear_alone)
+
+    def settle(self) -> None:
+        beyond = set(self._beyond())
+        for c in self._coefficients():
+            if c not in beyond:
+                c.begin.copy_(c.theta.detach())
+                c.end.copy_(c.theta.detach())
 
     def composition(self) -> Composition:
         """The equation of motion with coefficients at the present parameters."""
@@ -104,6 +145,10 @@ class Composite(Trainable):
 
     def has_states(self, record: Record) -> bool:
         return not self.from_accelerations and super().has_states(record)
+
+    def begins_anew(self, record: Record) -> bool:
+        """Training takes x and v from the whole motion where only accelerations are measured."""
+        return self.has_states(record) or record.quantity == "acceleration"
 
     def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
         raise ValueError(
@@ -263,10 +308,14 @@ class Composite(Trainable):
                     f"{record.quantity}: choose another model"
                 )
             self.measures.fill_(MEASURES[record.quantity])
-        largest = torch.stack([r.a.abs().reshape(-1, self.dofs).amax(dim=0) for r in records])
-        size = largest.amax(dim=0)
-        self.bound.copy_(torch.where(size > 0.0, LOST * size, torch.inf))
+        self.bind(records)
         return records
+
+    def bind(self, records: Iterable[Record]) -> None:
+        """Set what a run must not exceed, by the motion of some records."""
+        largest = [r.a.abs().reshape(-1, self.dofs).amax(dim=0) for r in records]
+        size = torch.stack(largest).amax(dim=0)
+        self.bound.copy_(LOST * torch.where(size > 0.0, size, size.max()))
 
     def states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
         """x, v, a, u (T, ·) of each record as measured; filtered alike where x or v is missing."""
@@ -280,25 +329,43 @@ class Composite(Trainable):
                 x, v = record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i]
                 yield x[counted], v[counted], a[i][counted], u[i][counted]
                 continue
-            corner = corner_frequency(a[i], record.dt)
-            if measured != ACCELERATION:
-                corner *= BEYOND  # the filters' own share is then flat below it
+            if measured == ACCELERATION:
+                x, v, filtered, driven = reconstructed(a[i], u[i], record.dt)
+                yield x[counted], v[counted], filtered[counted], driven[counted]
+                continue
+            corner = BEYOND * corner_frequency(a[i], record.dt)  # the filters are flat below it
             size = corner ** (ACCELERATION - measured)
             x, v, filtered = (size * s for s in state_variables(a[i], corner, record.dt))
             yield x, v, filtered, size * state_variables(u[i], corner, record.dt)[measured]
 
     def _anchors(self, record: Record, horizon: int | None) -> Tensor | None:
-        """Measured x and v (…, 2, T, n), the first of them the initial state of the record."""
+        """x and v (…, 2, T, n), measured or reconstructed; first the record's initial state."""
         if horizon is None:
             return None
-        if self.from_accelerations or record.x is None or record.v is None:
+        if not self.begins_anew(record):
             raise ValueError(
                 "runs begin anew at measured x and v, which this record or model lacks; set "
                 f"objective.restart=false, or {record.remedy_of_state}"
             )
-        drive, anchors = record.drive(), torch.stack([record.x, record.v], dim=-3).clone()
-        anchors[..., 0, 0, :], anchors[..., 1, 0, :] = drive.x0, drive.v0
+        x, v = (record.x, record.v) if self.has_states(record) else self._motion(record)
+        assert x is not None
+        assert v is not None
+        anchors = torch.stack([x, v], dim=-3).clone()
+        if record.initial_state != "unknown":
+            drive = record.drive()
+            anchors[..., 0, 0, :], anchors[..., 1, 0, :] = drive.x0, drive.v0
         return anchors
+
+    def _motion(self, record: Record) -> tuple[Tensor, Tensor]:
+        """x and v (…, T, n) of a record in training, from its accelerations."""
+        key = hash(record.a.numpy().tobytes())
+        if key not in self.motions:
+            shape = record.a.shape
+            a, u = (s.reshape(-1, *s.shape[-2:]) for s in (record.a, record.excitation))
+            found = [reconstructed(a[i], u[i], record.dt)[:2] for i in range(len(a))]
+            x, v = (torch.stack(parts).reshape(shape) for parts in zip(*found, strict=True))
+            self.motions[key] = x, v
+        return self.motions[key]
 
     def check(self, signals: Record | Drive) -> None:
         super().check(replace(signals, dt=self.dt))  # any time step will do

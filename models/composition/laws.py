@@ -82,6 +82,12 @@ class ElementLaws(nn.Module):
         self.unit_rising = Coefficients(elements, units)  # b₊
         self.unit_falling = Coefficients(elements, units)  # b₋
 
+    @property
+    def beyond(self) -> list[Coefficients]:
+        """Those of terms beyond spring and damper."""
+        linear = (self.stiffness, self.damping)
+        return [c for c in self.children() if isinstance(c, Coefficients) and c not in linear]
+
     @torch.no_grad()
     def start(
         self, stiffness: Tensor, damping: Tensor, largest: Tensor, places: Sequence[float]

@@ -220,8 +220,9 @@ class Identification(LightningModule):
             self._end_stage()
             self.stage, self.rescued = self.stage + 1, 0
             self.objective.enter(self.trainable, self.stage)
-            if self.objective.refits and self.chosen[1]:
+            if self.objective.goes_back and self.chosen[1]:
                 restore(self.estimator, self.chosen[1])
+            if self.objective.refits:
                 self.chosen = float("inf"), []
                 self._compare_end()
         self.fails, self.best = 0, (float("inf"), {})

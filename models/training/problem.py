@@ -146,7 +146,7 @@ class FreeRunProblem:
     def loss(self) -> Tensor:
         """Mean square of e, and the pull; not finite where the run diverges."""
         prior, deviation = self._pull()
-        return (self.errors() ** 2).mean() + prior * (deviation**2).sum()
+        return (self.errors() ** 2).mean() + (prior * deviation**2).sum()
 
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
         """JᵀJ (P, P) and Jᵀe (P,) with J = ∂e/∂θ, and the pull.
@@ -161,19 +161,19 @@ class FreeRunProblem:
             else:
                 run, jacobian = both
                 errors = self._errors(run)
-                rows = self.weight * jacobian[..., self.counted, :, :].flatten(0, -2)
-            samples = rows.view(*self.y.shape, -1)  # (…, T, n, P)
+                rows = self.weight * jacobian[..., self.counted, :, :]
+            samples = rows.reshape(*self.y.shape, -1)  # (…, T, n, P)
+            rows = samples.flatten(0, -2)
             prior, deviation = self._pull()
             some, pull = samples[..., ::every, :, :].flatten(0, -2), len(rows) * prior
             matrix, vector = len(rows) / len(some) * _gram(some), rows.T @ errors
-            if prior > 0.0:
+            if deviation.numel():
                 matrix.diagonal().add_(pull)
                 vector = vector + pull * deviation
             return matrix, vector
 
-    def _pull(self) -> tuple[float, Tensor]:
-        own, deviation = self.estimator.pull(self.last)
-        return own if self.prior is None or not deviation.numel() else self.prior, deviation
+    def _pull(self) -> tuple[float | Tensor, Tensor]:
+        return self.estimator.pull(self.last, self.prior)
 
     def _errors(self, run: Tensor) -> Tensor:
         return ((run[..., self.counted, :] - self.y) * self.weight).reshape(-1)

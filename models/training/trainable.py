@@ -46,8 +46,12 @@ class Trainable(Estimator):
                     layer.bias.zero_()
 
     def has_states(self, record: Record) -> bool:
-        """Whether runs may begin anew within a record: at measured x and v."""
+        """Whether x and v are measured, and looked at."""
         return record.x is not None and record.v is not None
+
+    def begins_anew(self, record: Record) -> bool:
+        """Whether runs in training may begin anew within a record."""
+        return self.has_states(record)
 
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
         """Acceleration (…, T, n) of free runs that begin anew every `horizon` samples.
@@ -85,13 +89,24 @@ class Trainable(Estimator):
     def forget(self) -> None:
         """Forget first states: the parameters are others now."""
 
-    def pull(self, last: bool) -> tuple[float, Tensor]:
-        """Weight of Σ d² beside the squared relative error of a free run, and d (P,).
+    def pull(self, last: bool, prior: float | None = None) -> tuple[float | Tensor, Tensor]:
+        """Weights w of Σ w d² beside the squared relative error of a free run, and d (P,).
 
         d is the distance of the free parameters from where they would stay without data, in the
-        `last` stage of training or before.
+        `last` stage of training or before. prior: the weight instead of the estimator's own.
         """
         return 0.0, torch.zeros(0)
+
+    @property
+    def begins_linear(self) -> bool:
+        """Whether a linear structure is a part of it, which may be fitted first."""
+        return False
+
+    def let_go(self, linear_alone: bool) -> None:
+        """Leave the linear structure alone to a solver, or all that is learned."""
+
+    def settle(self) -> None:
+        """Take the present linear structure for what stays without data."""
 
 
 def require_trainable(estimator: Estimator) -> Trainable:

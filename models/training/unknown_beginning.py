@@ -54,7 +54,7 @@ class UnknownBeginningProblem(FreeRunProblem):
         matrix, vector = J.new_zeros(P + B * S, P + B * S), J.new_zeros(P + B * S)
         prior, deviation = self._pull()
         pull = errors.numel() * prior
-        matrix[:P, :P] = torch.einsum("btp,btq->pq", J, J) + pull * torch.eye(P).to(J)
+        matrix[:P, :P] = torch.einsum("btp,btq->pq", J, J) + torch.eye(P).to(J) * pull
         vector[:P] = torch.einsum("btp,bt->p", J, errors) + pull * deviation
         for b in range(B):
             place = slice(P + b * S, P + (b + 1) * S)
@@ -63,3 +63,17 @@ class UnknownBeginningProblem(FreeRunProblem):
             matrix[place, :P] = matrix[:P, place].T
             vector[place] = J0[b].T @ errors[b]
         return matrix, vector
+
+
+def run_problem(
+    estimator: Trainable,
+    record: Record,
+    horizon: int | None,
+    warmup: int = 0,
+    last: bool = True,
+    prior: float | None = None,
+) -> FreeRunProblem:
+    """The error of a free run, with first states of its own where those are not known."""
+    if horizon is None and begins_unknown(estimator, record):
+        return UnknownBeginningProblem(estimator, record, last, prior)
+    return FreeRunProblem(estimator, record, horizon, warmup, last, prior)

@@ -14,7 +14,7 @@ from data.simulation.structure import Structure
 from models.checkpoint import load_estimator, save_estimator
 from models.composition.composite import Composite
 from models.element_network import ElementNetwork
-from models.training.objective import FreeRun
+from models.training.free_run_objective import FreeRun
 from models.training.problem import FreeRunProblem
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 

@@ -19,8 +19,9 @@ from models.element_network import ElementNetwork
 from models.estimator import Estimator, NoFreeRunError
 from models.mlp import GlobalMLP, ResidualMLP
 from models.neural_state_space import NeuralStateSpace
+from models.training.free_run_objective import FreeRun
 from models.training.identification import Identification
-from models.training.objective import FreeRun, OneStep, state_of
+from models.training.objective import OneStep, state_of
 from models.training.problem import FreeRunProblem, Problem
 from models.training.solvers.adam import Adam
 from models.training.solvers.lbfgs import LBFGS

@@ -10,8 +10,8 @@ from lightning.pytorch import Callback, Trainer
 
 from data.datamodule import Data
 from models.mlp import GlobalMLP
+from models.training.free_run_objective import FreeRun
 from models.training.identification import Identification
-from models.training.objective import FreeRun
 from models.training.problem import Problem
 from models.training.resume import SaveProgress, fault_of
 from models.training.solvers.adam import Adam

@@ -16,7 +16,7 @@ from models.starts.bounded import left_open, not_negative, triangle
 from models.starts.ladder import nearest
 from models.starts.modes import modes_of
 from models.starts.spectra import Layout, LinearStructure, Spectra, respond, typical
-from models.training.objective import FreeRun
+from models.training.free_run_objective import FreeRun
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 DT = 0.01

@@ -17,6 +17,8 @@ from models.training.solvers.solver import Minimised
 
 WALL = 1e6  # of the largest loss that is remembered
 
+MOST_HISTORY = 100_000  # pairs; some tens will do
+
 
 @checked
 class LBFGS(torch.optim.LBFGS):
@@ -38,10 +40,10 @@ class LBFGS(torch.optim.LBFGS):
         change: float = 1e-6,
         patience: int = 20,
     ) -> None:
-        if iterations < 1 or patience < 1 or history < 1:
+        if iterations < 1 or patience < 1 or not 1 <= history <= MOST_HISTORY:
             raise ValueError(
                 f"solver.iterations={iterations}, patience={patience}, history={history}: "
-                "expected at least 1"
+                f"expected at least 1, and a history of {MOST_HISTORY} at most"
             )
         super().__init__(
             parameters,

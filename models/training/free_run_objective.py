@@ -1,0 +1,303 @@
+"""The error of a simulation, stage by stage.
+
+A free run of a start far from the truth drifts apart, and its error tells nothing: so the run is
+begun anew from measured states, at first often, then seldom, at last never (multiple shooting, as
+Ribeiro et al. 2020, On the smoothness of nonlinear system identification). On measured records
+models of elements go along a path of their own (prior_path.py).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import torch
+
+from data.checked import checked
+from data.record import Record
+from models.training.objective import (
+    MakeSolver,
+    Note,
+    Objective,
+    mean_loss,
+    restore,
+    state_of,
+)
+from models.training.parts import SHORTEST, held_back_from, onset
+from models.training.prior_path import (
+    FEW,
+    LONGER,
+    PATH,
+    PRIORS,
+    WORSE,
+    best_of,
+    fit_linear,
+    held_back_percent,
+    horizons_of,
+)
+from models.training.problem import FreeRunProblem
+from models.training.solvers.solver import Solver
+from models.training.stands import stands
+from models.training.trainable import Trainable
+from models.training.unknown_beginning import run_problem
+
+PARTS = (0.125, 0.25, 0.5)  # of the motion, in stages, where runs cannot begin anew
+RUNAWAY = 1e4  # loss of a law that does not stand another motion, beside its own: it comes last
+LEAST_RAISED = 1e-8  # of a prior that is raised
+REFIT = "whole motion"
+
+
+@checked
+class FreeRun(Objective):
+    """The error of a simulation that begins anew every so many samples, a horizon a stage.
+
+    horizons: in samples, rising; None for the whole record. restart: False takes the first samples
+    of each record instead, from its own initial state, where x and v are not to be trusted; so it
+    is, over growing parts of the motion, where there is no x and v. A quiet start is no part of
+    such a horizon.
+    records: number of records that the stages before the last are trained on, None for all.
+    warmup: samples that each run takes before its samples count. starts: random starts, drawn from
+    `seed`, each trained for `start_iterations` calls of the solver on the first stage. finalists:
+    number of starts, those with the lowest training losses, that go through all stages.
+    select: weights of the prior that are tried on all but the last `held_back` of the motion, and
+    after them the path from the linear structure; the one with the least error of the free run on
+    what is held back goes on, on the whole. None: some where records were measured; []: none. It
+    takes the place of finalists.
+    """
+
+    kept = ("ranked", "judged", "shorter", "raised", "present", "remarks")
+
+    def __init__(
+        self,
+        horizons: Sequence[int | None] = (50, 500, None),
+        restart: bool = True,
+        records: int | None = None,
+        warmup: int = 0,
+        starts: int = 1,
+        start_iterations: int = 10,
+        finalists: int = 1,
+        seed: int = 0,
+        select: Sequence[float] | None = None,
+        held_back: float = 0.2,
+    ) -> None:
+        lengths = [math.inf if h is None else h for h in horizons]
+        whole = all(h is None or isinstance(h, int) for h in horizons)
+        if not whole or not lengths or min(lengths) < 1 or sorted(lengths) != lengths:
+            raise ValueError(
+                f"objective.horizons={list(horizons)}: expected numbers of samples that rise, "
+                "null at the end for the whole record"
+            )
+        if warmup < 0 or min(starts, start_iterations) < 1:
+            raise ValueError(
+                f"objective.warmup={warmup}, starts={starts}, start_iterations={start_iterations}: "
+                "expected at least 0, 1 and 1"
+            )
+        if not 1 <= finalists <= starts:
+            raise ValueError(
+                f"objective.finalists={finalists} must lie between 1 and objective.starts={starts}"
+            )
+        if records is not None and records < 1:
+            raise ValueError(f"objective.records={records} must be at least 1, or null for all")
+        if not 0.0 < held_back < 1.0 or min(select or [0.0]) < 0.0:
+            raise ValueError(
+                f"objective.held_back={held_back}, select={select}: expected a fraction between 0 "
+                "and 1, and weights of the prior that are not negative"
+            )
+        self.horizons, self.warmup = list(horizons), warmup
+        self.restart, self.records = restart, records
+        self.starts, self.start_iterations, self.seed = starts, start_iterations, seed
+        self.finalists, self.select, self.held_back = finalists, select, held_back
+        self.priors: list[float] = []  # that are tried, the first `anew` of them from the starts
+        self.anew = 0
+        self.linear: list[int | None] = []  # horizons of the linear fit before it
+        self.ranked: list[list[torch.Tensor]] = []  # states of the finalists, the best first
+        self.judged: list[list[float]] = []  # number of a prior, loss on held-back motion
+        self.present = -1  # the stage, −1 before the first
+        self.remarks: list[str] = []
+        self._name_stages()
+
+    def _name_stages(self) -> None:
+        named = [f"horizon {'whole record' if h is None else h}" for h in self.horizons]
+        later = [f"{s}, start {n}" for n in range(2, self.finalists + 1) for s in named]
+        self.stages: Sequence[str] = named + later
+        if self.priors:
+            anew = [f"{s}, prior {p:g}" for p in self.priors[: self.anew] for s in named]
+            path = [f"from linear, prior {p:g}" for p in self.priors[self.anew :]]
+            self.stages = [*anew, *path, REFIT]
+
+    def _tried(self, stage: int) -> int:
+        """Number of the prior that a stage tries."""
+        first = self.anew * len(self.horizons)
+        return stage // len(self.horizons) if stage < first else self.anew + stage - first
+
+    def prepare(self, estimator: Trainable, batches: Iterable[Record], measured: bool) -> None:
+        records = list(batches)
+        anew = all(estimator.begins_anew(record) for record in records)
+        if self.restart and self.horizons != [None] and not anew:
+            self._grow(min(record.samples - onset(record) for record in records))
+        if anew and not all(estimator.has_states(record) for record in records):
+            self.remarks = ["runs in training begin anew at x and v from the accelerations"]
+        _, deviation = estimator.pull(True)
+        if deviation.numel() and (self.select or (self.select is None and measured)):
+            self.priors = [float(p) for p in self.select or PRIORS]
+            self.anew = len(self.priors)
+            if estimator.begins_linear:
+                self.priors += PATH
+            self.linear = self.horizons
+            if anew and self.horizons != [None]:
+                shortest = min(records, key=lambda record: record.samples)
+                self.linear = horizons_of(shortest, LONGER)
+                self.horizons, self.restart = [1, *horizons_of(shortest, FEW)], True
+        self._name_stages()
+
+    def _grow(self, samples: int) -> None:
+        """Parts of a motion of so many samples, where runs cannot begin anew."""
+        self.restart = False
+        lengths = dict.fromkeys(max(SHORTEST, round(part * samples)) for part in PARTS)
+        self.horizons = [*(length for length in lengths if length < samples), None]
+        parts = _listed(self.horizons)
+        self.remarks = [f"without x and v no run begins anew; stages take the first {parts}"]
+
+    @property
+    def refits(self) -> bool:
+        return bool(self.priors) and self.present + 1 == len(self.stages)
+
+    @property
+    def goes_back(self) -> bool:
+        on_path = self._tried(self.present) > self.anew
+        return self.refits or (bool(self.priors) and on_path and self._led_astray())
+
+    def _led_astray(self) -> bool:
+        """The last step of the path led away from the best of its steps."""
+        losses = [loss for tried, loss in self.judged if tried >= self.anew]
+        return bool(losses) and not losses[-1] <= WORSE * min(losses)
+
+    def facts(self) -> dict[str, Any]:
+        if not self.judged:
+            return super().facts()
+        names = [f"{p:g}" for p in self.priors]
+        names[self.anew :] = [f"{name} from linear" for name in names[self.anew :]]
+        percent = held_back_percent(names, self.judged)
+        best = best_of(self.judged)
+        return {
+            **super().facts(),
+            "prior": self.priors[best],
+            "chosen": names[best],
+            "held_back_percent": percent,
+        }
+
+    @property
+    def judges(self) -> bool:
+        """The present stage is judged on motion that was held back."""
+        return bool(self.priors) and not self.refits
+
+    def _prior(self, stage: int) -> float | None:
+        """The weight of the prior in a stage; None for the model's own."""
+        if not self.priors:
+            return None
+        last = stage + 1 == len(self.stages)
+        return self.priors[best_of(self.judged) if last else self._tried(stage)]
+
+    def problem(self, estimator: Trainable, record: Record, stage: int) -> FreeRunProblem:
+        prior, horizon, last = self._prior(stage), None, True
+        if self.raised > 1.0:
+            own = estimator.pull(True)[0] if prior is None else prior
+            prior = self.raised * max(LEAST_RAISED, float(own))
+        if self.priors and stage + 1 < len(self.stages):
+            record = self._before(record)
+        if not self.priors or stage < self.anew * len(self.horizons):
+            stage %= len(self.horizons)
+            horizon, last = self.horizons[stage], stage + 1 == len(self.horizons)
+            if not last and record.a.ndim == 3:
+                record = record.map(lambda u: u[: self.records])
+        quiet = 0 if self.restart else onset(record)
+        if self.shorter:
+            last = False
+            length = record.samples - quiet if horizon is None else min(horizon, record.samples)
+            horizon = max(SHORTEST if not self.restart else 1, length >> self.shorter)
+        if not self.restart and record.initial_state == "periodic":
+            horizon = None  # there is no shorter part that begins in the steady state
+        elif horizon is not None and not (self.restart and estimator.begins_anew(record)):
+            length = horizon + (quiet if 2 * quiet > horizon else 0)
+            record, horizon = record.window(0, min(length, record.samples), record.warmup), None
+        return run_problem(estimator, record, horizon, self.warmup, last, prior)
+
+    def _before(self, record: Record) -> Record:
+        """The part of a record that is not held back."""
+        return record.window(0, held_back_from(record, self.held_back), record.warmup)
+
+    def begin(
+        self, estimator: Trainable, batches: Iterable[Record], make_solver: MakeSolver, note: Note
+    ) -> None:
+        """Rank the starts, the first of them the estimator's own; fit the linear structure."""
+        self.present = 0
+        self.ranked = self._ranked(estimator, batches, make_solver, note)
+        if len(self.priors) > self.anew:
+            restore(estimator, self.ranked[-1])  # the estimator's own start
+            fit_linear(estimator, list(batches), self.linear, make_solver, note)
+            self.ranked[-1] = state_of(estimator)
+        restore(estimator, self.ranked[0])
+
+    def _ranked(
+        self, estimator: Trainable, batches: Iterable[Record], make_solver: MakeSolver, note: Note
+    ) -> list[list[torch.Tensor]]:
+        """States of the starts after their first steps, the best first; last, the own start."""
+        identified = state_of(estimator)
+        if self.starts == 1:
+            return [identified, identified]
+        generator = torch.Generator().manual_seed(self.seed)
+        free = [p for p in estimator.parameters() if p.requires_grad]
+        ends: list[tuple[float, list[torch.Tensor]]] = []
+        for start in range(self.starts):
+            if start > 0:
+                restore(estimator, identified)
+                estimator.restart(generator)
+                estimator.forget()
+            self._first_steps(estimator, batches, make_solver(free), note)
+            loss = mean_loss([self.problem(estimator, record, 0) for record in batches])
+            ends.append((loss, state_of(estimator)))
+        ends.sort(key=lambda end: end[0])
+        return [state for _, state in ends] + [identified]
+
+    def enter(self, estimator: Trainable, stage: int) -> None:
+        """Take the next finalist, or prior, where one has been through all horizons."""
+        self.present, self.shorter, self.raised = stage, 0, 1.0
+        number, first = divmod(stage, len(self.horizons))
+        if not self.priors and first == 0:
+            restore(estimator, self.ranked[number])
+        elif stage < self.anew * len(self.horizons) and first == 0:
+            restore(estimator, self.ranked[0])
+        elif stage == self.anew * len(self.horizons) and not self.refits:
+            restore(estimator, self.ranked[-1])
+
+    def _first_steps(
+        self, estimator: Trainable, batches: Iterable[Record], solver: Solver, note: Note
+    ) -> None:
+        done = 0
+        while True:
+            for record in batches:
+                note(solver.solve(self.problem(estimator, record, 0)))
+                done += 1
+                if solver.finished or done == self.start_iterations:
+                    return
+
+    def final_loss(self, estimator: Trainable, batches: Iterable[Record]) -> float:
+        """Mean loss of the plain free run, without restarts; on held-back motion along a path."""
+        if not self.priors:
+            return mean_loss([FreeRunProblem(estimator, record, None) for record in batches])
+        problems = []
+        for record in batches:
+            if self.judges:
+                record = replace(record, warmup=held_back_from(record, self.held_back))
+            problems.append(FreeRunProblem(estimator, record, None, prior=0.0))
+        stood = all(stands(estimator, problem.record) for problem in problems)
+        loss = mean_loss(problems) + (0.0 if stood else RUNAWAY)
+        if self.judges:
+            self.judged = [*self.judged, [self._tried(self.present), loss]]
+        return loss
+
+
+def _listed(horizons: Sequence[int | None]) -> str:
+    return ", ".join("the whole record" if h is None else str(h) for h in horizons) + " samples"

@@ -1,0 +1,31 @@
+"""Whether a law stands another motion: no error on the one that it was fitted to says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+
+from data.record import Drive, Record
+from models.training.trainable import Trainable
+
+MORE, BOUND = 1.5, 10.0  # times the excitation, and times the motion, that a model has to stand
+LESS, LEFT = 0.1, 0.5  # times the excitation: less than this share of the motion has to be left
+
+
+@torch.no_grad()
+def stands(estimator: Trainable, record: Record) -> bool:
+    """Whether free runs stay in bounds where the excitation is larger or smaller than a record's.
+
+    Under MORE times the excitation a law that was bent to fit one motion may run away; under LESS
+    of it one that makes energy at small motions goes on moving by itself.
+    """
+    runs = {share: estimator.free_run(_scaled(record, share)).a for share in (LESS, 1.0, MORE)}
+    largest = float(runs[MORE].abs().max() / record.a.abs().max())
+    left = float(runs[LESS].square().mean() / runs[1.0].square().mean().clamp_min(1e-300)) ** 0.5
+    return largest < BOUND * MORE and left < LEFT  # which NaN is not
+
+
+def _scaled(record: Record, share: float) -> Drive:
+    drive = record.drive()
+    return replace(drive, u=share * drive.u, x0=share * drive.x0, v0=share * drive.v0)
