@@ -62,6 +62,8 @@ def fits(*overrides: str) -> dict:
     if "horizons" in cfg.objective:
         cfg = changed(cfg, {"objective": {"horizons": [None], "finalists": 1}})
         cfg = changed(cfg, {"data": {"duration": 10.0}})
+    if cfg.model.name == "modal_network":
+        cfg = changed(cfg, {"data": {"duration": 10.0}, "model": {"iterations": 3, "elements": 0}})
     if "refinements" in cfg.model:
         cfg = changed(cfg, {"model": {"refinements": 1}})
     data = data_from(cfg)
