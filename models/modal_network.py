@@ -21,7 +21,7 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from models.estimator import Estimator
-from models.modal.fit import ORDERS, Plan, fitted
+from models.modal.fit import ORDERS, Plan, fitted, learned
 from models.modal.layout import FAMILIES, Layout
 from models.modal.linear_start import first_state
 from models.modal.periods import period_of
@@ -31,7 +31,7 @@ from models.modal.units import FINEST, MOST_SUBSTEPS, Scale, Signals
 from models.training.free_run import simulate
 
 MOST_MODES, MOST_ELEMENTS = 40, 8
-LIKELY = 2.0  # mean square of the errors of warm-up samples, in units of those in training
+LIKELY = 5.0  # mean square of the errors of warm-up samples, in units of those in training
 LAWS = ("cubic", "smooth", "hysteretic", "all")
 THROUGH = ("acceleration", "force", "output")  # quantities that may jump with a force
 
@@ -68,7 +68,7 @@ class ModalNetwork(Estimator):
         iterations: int = 60,
         held_back: float = 0.2,
         directions: int = 30,
-        draws: int = 2,
+        draws: int = 3,
         prior: float = 1e-9,
         seed: int = 0,
     ) -> None:
@@ -99,19 +99,19 @@ class ModalNetwork(Estimator):
         most = Layout(modes or max(ORDERS), elements, inputs, dofs, hinges, units)
         empty = torch.full((most.size,), torch.nan, dtype=torch.float64)
         self.theta = nn.Parameter(empty, requires_grad=False)  # the first of them are used
-        self.register_buffer("counts", torch.zeros(3, dtype=torch.int64))  # modes, elements, parts
+        self.register_buffer("counts", torch.zeros(4, dtype=torch.int64))
         self.register_buffer("scales", torch.ones(inputs + 2 * dofs + 1, dtype=torch.float64))
         self.register_buffer("deviation", torch.zeros(most.states, dtype=torch.float64))
         self.register_buffer("missed", torch.ones(dofs, dtype=torch.float64))
 
-    counts: Tensor
+    counts: Tensor  # modes, elements, substeps, learned parameters
     scales: Tensor  # of inputs (m,), outputs (n,), means of outputs (n,), time
     deviation: Tensor  # RMS of the states, in units of the model
     missed: Tensor  # RMS error (n,) of the training motion, in units of the outputs
 
     @property
     def layout(self) -> Layout:
-        J, E, _ = self.counts.tolist()
+        J, E, _, _ = self.counts.tolist()
         return Layout(J, E, self.inputs, self.dofs, self.plan.hinges, self.plan.units)
 
     @property
@@ -122,7 +122,7 @@ class ModalNetwork(Estimator):
 
     @property
     def identified_parameters(self) -> int:
-        return int(self.layout.size) if int(self.counts[0]) else 0
+        return int(self.counts[3])
 
     @property
     def values(self) -> np.ndarray:
@@ -133,16 +133,20 @@ class ModalNetwork(Estimator):
     def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
         """Identify all parameters; what was chosen, and its errors on held-back motion."""
         records = list(batches)
-        signals = [one for record in records for one in Signals.of(record.to("cpu"))]
         if self.inputs == 0:
-            raise ValueError("nothing drives the records, so that no modal network can be told")
+            raise ValueError(
+                "nothing drives the records, and a modal network is told by its excitation; give "
+                "a force or a motion of the base, or choose another model"
+            )
+        signals = [one for record in records for one in Signals.of(record.to("cpu"))]
         scale = Scale.of(signals)
         substeps = self.substeps or self._substeps(scale)
         motions = [scale.motion(one, substeps, self.ahead, self.held_back) for one in signals]
         plan = replace(self.plan, through=records[0].quantity in THROUGH)
         fit, facts = fitted(motions, plan)
         layout = fit.layout
-        self.counts.copy_(torch.tensor([layout.modes, layout.elements, substeps]))
+        count = int(learned(fit, plan).sum())
+        self.counts.copy_(torch.tensor([layout.modes, layout.elements, substeps, count]))
         self.theta.data.fill_(0.0)
         self.theta.data[: layout.size] = torch.from_numpy(fit.state.values)
         self.scales.copy_(torch.from_numpy(np.r_[scale.u, scale.y, scale.mean, scale.time]))
@@ -217,11 +221,13 @@ class ModalNetwork(Estimator):
         """
         layout, values = self.layout, self.values
         seen = replace(motion, stop=warmup, weight=1.0 / self.missed.cpu().numpy())
+        usual: list[tuple[float, np.ndarray]] = []
         for begin in self._usual_beginnings(motion.excited):
             out, _ = outputs(layout, values, motion.excited.first(warmup), begin)
-            squares = (seen.weight * (out - motion.y[:warmup])) ** 2
-            if squares.mean() < LIKELY:
-                return begin
+            usual.append((float(((seen.weight * (out - motion.y[:warmup])) ** 2).mean()), begin))
+        error, begin = min(usual, key=lambda one: one[0])
+        if error < LIKELY:
+            return begin
         return first_state(layout, values, seen, self.deviation[: layout.states].cpu().numpy())
 
     def _usual_beginnings(self, excited: Excited) -> Iterator[np.ndarray]:

@@ -24,6 +24,7 @@ MOST_ROWS = 12_000  # of the least squares; samples are left out evenly
 RIDGE, ALTERNATIONS = 1e-6, 20
 HINGES, WIDTH = (0.35, -0.35), -2.0  # places and log width of hinges that are tried
 UNITS = (0.7, 1.6, 2.5)  # β of units that are tried, with κ = 0
+ALIKE = 0.9  # cosine of two directions that are one
 RADII = (0.6, 0.3, 0.15)  # of directions around the best
 
 
@@ -163,8 +164,19 @@ class ElementSearch:
                     D = self.near(some[0].D, radius, rng)
                     some.append(self.element(D, self.effects(D), terms))
                 some.sort(key=lambda one: one.left)
-            found[family] = some
+            found[family] = self.apart(some)
         return found
+
+    def apart(self, elements: list[Element]) -> list[Element]:
+        """Of elements in their order those whose deformations differ from all before."""
+        size = np.concatenate([s[:, : self.layout.modes] for s in self.states]).std(axis=0)
+        kept: list[Element] = []
+        for element in elements:
+            D = element.D * size / np.linalg.norm(element.D * size)
+            others = [one.D * size / np.linalg.norm(one.D * size) for one in kept]
+            if all(abs(float(D @ other)) < ALIKE for other in others):
+                kept.append(element)
+        return kept
 
     def _terms(self, family: str, kinds: np.ndarray) -> np.ndarray:
         """Which of the terms that are tried (K,) a family has."""

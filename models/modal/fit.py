@@ -40,7 +40,7 @@ class Plan:
     units: int = 3
     through: bool = True  # outputs may see the elements' forces at once, as accelerations do
     directions: int = 30
-    draws: int = 2
+    draws: int = 3
     linear_iterations: int = 6
     first_iterations: int = 12
     iterations: int = 60

@@ -9,6 +9,9 @@ import numpy as np
 
 ALIKE = 0.99  # correlation of the excitation with itself a period later
 FEWEST = 64  # samples of a period
+SAME = 0.05  # of the RMS of the outputs: largest difference of two periods in the steady state
+NOISE = 0.9  # ratio of two successive differences, above which they are noise
+SETTLED = 0.03  # of the RMS of the outputs: largest transient that may be left
 
 
 def period_of(u: np.ndarray) -> int | None:
@@ -34,17 +37,21 @@ def period_of(u: np.ndarray) -> int | None:
     return int(near[np.argmax(likeness[near])])
 
 
-def steady_mean(
-    u: np.ndarray, y: np.ndarray, period: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Means (N, m), (N, o) of the periods after the first; RMS (o,) of the noise in one period.
+def steady_mean(u: np.ndarray, y: np.ndarray, period: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Means (N, m) and (N, o) of the periods after the first; None where they are not settled.
 
-    The noise is None where there is one period alone after the first.
+    Of three periods or more, a transient shows in how their differences shrink; of two it shows in
+    their difference, and there must be none.
     """
     whole = len(u) // period
-    start = len(u) - (whole - 1) * period
-    if whole - 1 < 1:
-        return u, y, None
-    cut = [s[start:].reshape(whole - 1, period, -1) for s in (u, y)]
-    noise = None if whole < 3 else np.sqrt(cut[1].var(axis=0, ddof=1).mean(axis=0))
-    return cut[0].mean(axis=0), cut[1].mean(axis=0), noise
+    start = len(u) - whole * period
+    cut = [s[start:].reshape(whole, period, -1) for s in (u, y)]
+    size = np.sqrt(((cut[1] - cut[1].mean(axis=(0, 1))) ** 2).mean())
+    steps = np.sqrt((np.diff(cut[1], axis=0) ** 2).mean(axis=(1, 2))) / max(size, 1e-300)
+    if whole == 2:
+        return (cut[0].mean(axis=0), cut[1].mean(axis=0)) if steps[0] < SAME else None
+    shrunk = steps[1] / max(steps[0], 1e-300)
+    left = steps[1] * shrunk / max(1.0 - shrunk, 1e-300)
+    if shrunk < NOISE and left > SETTLED:
+        return None
+    return cut[0][1:].mean(axis=0), cut[1][1:].mean(axis=0)

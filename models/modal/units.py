@@ -54,8 +54,10 @@ class Signals:
         period = None if self.periodic else period_of(self.u)
         if period is None or len(self.u) // period < 2:
             return self
-        u, y, _ = steady_mean(self.u, self.y, period)
-        return replace(self, u=u, y=y, unknown=True, periodic=True)
+        mean = steady_mean(self.u, self.y, period)
+        if mean is None:
+            return self
+        return replace(self, u=mean[0], y=mean[1], unknown=True, periodic=True)
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ ROOT = Path(__file__).parents[2]
 
 NEED_MORE = {"given", "earthquake", "none"}  # a file, an extra, measured records
 NEED_RECORDS = {
+    "benchmarks",
     "bouc_wen_benchmark",
     "bouc_wen_stretches",
     "shake_table",
