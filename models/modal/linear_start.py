@@ -14,7 +14,7 @@ from models.modal.problem import Motion, State
 from models.modal.rational import Lines, first_poles, oscillators, relocated
 from models.modal.run import Excited, blocks, outputs, steady_state
 
-RIDGE = 1e-12  # of the mean square of the columns
+RIDGE = 1e-12, 1e-5  # of the squares of columns; of several inputs, such as s and its rate
 STEPS = 8  # of Gauss and Newton, for a first state
 RELOCATIONS = (6, 20)  # of poles; the better
 MOST_MOTIONS = 6  # whose spectra give the poles, those with most samples
@@ -114,33 +114,50 @@ def _by_least_squares(
             gram[output][np.ix_(place, place)] += motion.weight[output] ** 2 * square
             right[output, place] += motion.weight[output] ** 2 * side[:, output]
         squares, samples = squares + square.diagonal()[:shared], samples + motion.stop
-    solved = np.stack([_solve(gram[output], right[output]) for output in range(o)])
+    solved = np.stack([_solve(gram[output], right[output], RIDGE[m > 1]) for output in range(o)])
     size = np.sqrt(squares / samples)
     rms = size[: 2 * J * m].reshape(m, 2, J).clip(1e-12)
     R = solved[:, : 2 * J * m].reshape(o, m, 2, J)
     layout = Layout(J, 0, m, o)
     parts = {name: np.zeros(shape) for name, shape in layout.shapes.items()}
     parts |= {"log_k": np.log(k), "log_c": np.log(c)}
-    for j in range(J):
-        scale = rms[:, :, j].max(axis=0)  # of q and q̇, of the input that moves them most
-        U, s, V = np.linalg.svd((R[..., j] * scale).transpose(0, 2, 1).reshape(2 * o, m))
-        moved = np.sqrt(((V[0] * rms[:, 0, j]) ** 2).sum())
-        parts["gamma"][j] = V[0] / moved
-        parts["Cq"][:, j], parts["Cv"][:, j] = (U[:, 0] * s[0] * moved).reshape(o, 2).T / scale[
-            :, None
+    for j in range(J):  # the direction of the inputs that moves a mode most
+        scale = rms[:, :, j].max(axis=0)  # of q and q̇
+        V = np.linalg.svd((R[..., j] * scale).transpose(0, 2, 1).reshape(2 * o, m))[2]
+        parts["gamma"][j] = V[0] / np.sqrt(((V[0] * rms[:, 0, j]) ** 2).sum())
+    together = _together(parts["gamma"], width)
+    solved = np.stack(
+        [
+            _solve(together.T @ gram[output] @ together, right[output] @ together, RIDGE[m > 1])
+            for output in range(o)
         ]
-    parts["Du"], parts["o0"] = solved[:, 2 * J * m : shared - 1], solved[:, shared - 1]
+    )
+    parts["Cq"], parts["Cv"], parts["Du"] = np.split(solved[:, : 2 * J + m], [J, 2 * J], axis=1)
+    parts["o0"] = solved[:, 2 * J + m]
     values = layout.join(parts)
     begins = np.stack([first_state(layout, values, motion) for motion in motions])
     return layout, State(values, begins)
 
 
-def _solve(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _together(gamma: np.ndarray, width: int) -> np.ndarray:
+    """From 2J columns of modes, forced by all inputs as Γ says, to those of each input alone."""
+    J, m = gamma.shape
+    by_mode = np.zeros((width, 2 * J + width - 2 * J * m))
+    for n in range(m):
+        for part in range(2):
+            place = np.arange(J) + part * J
+            by_mode[2 * J * n + place, place] = gamma[:, n]
+    rest = np.arange(2 * J * m, width)
+    by_mode[rest, rest - 2 * J * (m - 1)] = 1.0
+    return by_mode
+
+
+def _solve(gram: np.ndarray, right: np.ndarray, ridge: float) -> np.ndarray:
     """Least squares from normal equations, every column in units of its size."""
     size = np.sqrt(gram.diagonal())
     seen = size > 1e-12 * size.max()
     scale = np.where(seen, size, 1.0)
-    scaled = gram / scale / scale[:, None] + RIDGE * np.eye(len(gram))
+    scaled = gram / scale / scale[:, None] + ridge * np.eye(len(gram))
     scaled[~seen, :] = scaled[:, ~seen] = 0.0
     scaled[~seen, ~seen] = 1.0
     x: np.ndarray = np.linalg.lstsq(scaled, np.where(seen, right / scale, 0.0), rcond=1e-13)[0]

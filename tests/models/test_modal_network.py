@@ -216,6 +216,21 @@ def test_spectra_find_hidden_modes_of_a_record_that_begins_anywhere():
     assert np.abs(run - y).max() < 0.02 * np.abs(y).max()
 
 
+def test_inputs_that_say_the_same_are_borne():
+    """A support's displacement and its rate."""
+    t = 0.3 * np.arange(2000.0)
+    s, rate = np.sin(0.4 * t) + np.sin(1.3 * t), 0.4 * np.cos(0.4 * t) + 1.3 * np.cos(1.3 * t)
+    u = np.stack([s, rate], axis=1)
+    layout = Layout(1, 0, 2, 1)
+    parts = {name: np.ones(shape) for name, shape in layout.shapes.items()}
+    parts |= {"log_k": np.zeros(1), "log_c": np.log([0.1]), "gamma": np.array([[1.0, 0.1]])}
+    drive = Excited(u, interpolated(u, "linear", 1), 0.3)
+    y, _ = outputs(layout, layout.join(parts), drive, np.zeros(2))
+    found, state = by_spectra([Motion(drive, y, np.ones(1), False, 2000)], 1)
+    run, _ = outputs(found, state.values, drive, state.begins[0])
+    assert np.abs(run - y)[500:].max() < 0.02 * np.abs(y).max()  # two sines tell of no transient
+
+
 def duffing(samples: int, seed: int, noise: float = 1e-3) -> Record:
     """A circuit with offsets, quadratic and cubic spring, cut out of a motion [V]."""
     rng, dt, before = np.random.default_rng(seed), 1e-3, 300
