@@ -123,8 +123,11 @@ class BenchmarkData(Data):
 
 
 def from_rest(record: Record) -> Record:
-    """The record, taken to begin at rest: its first state is unknown, and warm-up forgets it."""
-    return replace(record, initial_state="rest")
+    """The record, taken to begin at rest: its first state is unknown, and warm-up forgets it.
+
+    One that is known to begin in an unknown motion stays as it is.
+    """
+    return record if record.initial_state == "unknown" else replace(record, initial_state="rest")
 
 
 class WindowsFromRest(WindowDataset):

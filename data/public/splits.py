@@ -1,7 +1,8 @@
 """Files of the public benchmarks → their official training and test series.
 
 Splits and state-initialisation windows are those of the package `nonlinear-benchmarks` 1.0.1, and
-tests compare them. Training series get the same window, for they too begin in an unknown state.
+tests compare them. Training series get the same window, for they too begin in an unknown state:
+models that can estimate a state take it from the window, for all others the motion begins at rest.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ BOUC_WEN_DECAY = 1500  # samples until the initial state is forgotten, to 1 % by
 def silverbox(files: Files) -> Splits:
     """Three quarters of the multisine train; its rest and the arrow, whole and cut, test."""
     u, y = files.load(SILVERBOX, "V1", "V2")
-    whole = Series("all", 1.0 / 610.35, _column(u), _column(y), warmup=50)
+    whole = Series("all", 1.0 / 610.35, _column(u), _column(y), 50, "unknown")
     arrow, multisine = whole.cut("arrow_full", 100, 40575), whole.cut("multisine", 40650, 127400)
     seen = int(0.75 * len(multisine.u))
     inner = arrow.cut("arrow_no_extrapolation", 0, 32000)
@@ -68,14 +69,14 @@ def silverbox(files: Files) -> Splits:
 def wiener_hammerstein(files: Files) -> Splits:
     """One record of filtered noise, cut in two."""
     u, y, rate = files.load(WIENER_HAMMERSTEIN, "uBenchMark", "yBenchMark", "fs")
-    whole = Series("all", 1.0 / _positive("fs", rate), _column(u), _column(y), warmup=50)
+    whole = Series("all", 1.0 / _positive("fs", rate), _column(u), _column(y), 50, "unknown")
     return [whole.cut("train", 5200, 105200)], [whole.cut("test", 105200, 184000)]
 
 
 def cascaded_tanks(files: Files) -> Splits:
     """A training and a test record, each with its own input."""
     u, y, u_test, y_test, dt = files.load(TANKS, "uEst", "yEst", "uVal", "yVal", "Ts")
-    train = Series("train", _positive("Ts", dt), _column(u), _column(y), warmup=50)
+    train = Series("train", _positive("Ts", dt), _column(u), _column(y), 50, "unknown")
     return [train], [replace(train, name="test", u=_column(u_test), y=_column(y_test))]
 
 
@@ -85,7 +86,7 @@ def emps(files: Files) -> Splits:
     for name, path in zip(("train", "test"), EMPS, strict=True):
         force, position, t = files.load(path, "vir", "qm", "t")
         dt = _positive("the step of t", np.diff(t.ravel()[:2]))
-        both.append(Series(name, dt, _column(force), _column(position), warmup=20))
+        both.append(Series(name, dt, _column(force), _column(position), 20, "unknown"))
     return [both[0]], [both[1]]
 
 
@@ -95,7 +96,7 @@ def ced(files: Files) -> Splits:
     test: list[Series] = []
     for name, u_name, y_name in (("low", "u11", "z11"), ("high", "u12", "z12")):
         u, y = files.load(CED, u_name, y_name)
-        whole = Series(name, 0.02, _column(u), _column(y), warmup=10)
+        whole = Series(name, 0.02, _column(u), _column(y), 10, "unknown")
         train.append(whole.cut(name, 0, 400))
         test.append(whole.cut(name, 400))
     return train, test
@@ -108,7 +109,7 @@ def f16(files: Files) -> Splits:
     for path in F16:
         u, y, rate = files.load(path, "Force", "Acceleration", "Fs")
         name = path.rpartition("F16Data_")[2].removesuffix(".mat").removesuffix("_Validation")
-        series = Series(name, 1.0 / _positive("Fs", rate), _column(u[0]), y.T, warmup=50)
+        series = Series(name, 1.0 / _positive("Fs", rate), _column(u[0]), y.T, 50, "unknown")
         (test if "Validation" in path else train).append(series)
     return train, test
 

@@ -328,7 +328,7 @@ def test_windows_begin_at_rest_for_their_state_is_not_known(folder):
     windows = prepared("silverbox", folder, window=65000).windows("train")
     assert [w.warmup for w in windows] == [50]
     windows = prepared("f16", folder).windows("train")
-    assert {(w.samples, w.warmup, w.initial_state) for w in windows} == {(300, 50, "rest")}
+    assert {(w.samples, w.warmup, w.initial_state) for w in windows} == {(300, 50, "unknown")}
     whole = prepared("bouc_wen", folder)
     assert next(iter(whole.train_dataloader())).initial_state == "periodic"
 

@@ -20,6 +20,7 @@ from data.simulation.excitation import BandLimitedGaussian, Excitation
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
 from models.estimator import Estimator
 from models.linear import EquivalentLinear
+from models.modal_network import ModalNetwork
 from models.online.adaptive import Online
 from models.training.assemble import changed, estimator_from
 from models.training.metrics import score
@@ -36,6 +37,7 @@ SMALLER = {  # what a class is built with here, so that it is identified in a se
     "models.ForwardVWNN": {"refinements": 1},
     "models.ElementNetwork": {"hinges": 1, "units": 1},
     "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
+    "models.ModalNetwork": {"modes": 3, "elements": 0, "iterations": 3},
 }
 NO_STRUCTURE = (  # elements alone
     "models.BranchElement",
@@ -66,7 +68,7 @@ TRAINED = [name for name, kind in KINDS.items() if isinstance(kind, Trainable)]
 SIMULATORS = [  # what they estimate is a simulation, or they are identified by one
     name
     for name, kind in KINDS.items()
-    if isinstance(kind, ForwardVWNN) or (name in TRAINED and "x" not in kind.reads)
+    if isinstance(kind, ForwardVWNN | ModalNetwork) or (name in TRAINED and "x" not in kind.reads)
 ]
 ESTIMATORS = {  # their closed form is all there is to identify
     name: make for name, make in ZOO.items() if name not in (*ADAPTING, *TRAINED, *SIMULATORS)

@@ -1,0 +1,1 @@
+"""Parts of the modal network: input between samples, modes, laws, the compiled run, its start."""

@@ -1,0 +1,224 @@
+"""Training of a modal network: linear, then element by element, judged on what was held back.
+
+The linear start is polished by Levenberg–Marquardt. An element is tried with several laws and
+directions, each trained for some iterations; the one with the least error on held-back motion
+stays if it gains enough. At last all of the motion is fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from models.modal.element_start import Element, ElementSearch
+from models.modal.layout import Layout
+from models.modal.linear_start import by_spectra, held_back_error, settled
+from models.modal.problem import ModalProblem, Motion, State, minimised
+from models.modal.run import outputs
+
+ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 20, 24)  # numbers of modes that are tried
+PATIENCE = 3  # of them without gain, after which no more are tried
+MORE_MODES = (1, 2, 4)  # numbers that are added to a model with elements
+ENOUGH = 1.1  # times the least error of any number of modes: then the smallest is taken
+GAIN = 0.97  # of the error before, that an element or a mode may leave at most
+SIMPLER = 1.02  # times the least error: of such laws the first is taken
+WEAKER = (1.0, 0.5, 0.2, 0.05)  # of an element's first strength, the first that helps
+CHANGE = 1e-4  # of the loss in some iterations, at which training ends
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is tried: numbers of modes, elements, laws; directions and draws; iterations."""
+
+    orders: Sequence[int] = ORDERS
+    elements: int = 2
+    families: Sequence[str] = ("cubic", "smooth", "hysteretic", "all")
+    hinges: int = 2
+    units: int = 3
+    through: bool = True  # outputs may see the elements' forces at once, as accelerations do
+    directions: int = 30
+    draws: int = 3
+    linear_iterations: int = 6
+    first_iterations: int = 12
+    iterations: int = 60
+    prior: float = 1e-9
+    seed: int = 0
+
+
+@dataclass
+class Fit:
+    """A model in training: what it has, its error on held-back motion, what was done."""
+
+    layout: Layout
+    state: State
+    laws: list[str] = field(default_factory=list)  # of its elements
+    error: float = np.inf
+
+
+def learned(fit: Fit, plan: Plan) -> np.ndarray:
+    """Which parameters (size,) are learned: not those that only fix units of the others."""
+    layout = fit.layout
+    mask = {name: np.ones(shape, dtype=bool) for name, shape in layout.shapes.items()}
+    parts = layout.split(fit.state.values)
+    modes = np.arange(layout.modes)
+    if layout.inputs:
+        mask["gamma"][modes, np.abs(parts["gamma"]).argmax(axis=1)] = False
+    mask["u0"][:] = layout.elements > 0  # else the outputs' offsets say it all
+    mask["Dr"][:] = plan.through
+    for i, family in enumerate(fit.laws):
+        mask["D"][i, np.abs(parts["D"][i]).argmax()] = False
+        mask["G"][np.abs(parts["G"][:, i]).argmax(), i] = False
+        mask["laws"][i] = layout.has(family)
+    return layout.join(mask).astype(bool)
+
+
+def extended(fit: Fit, element: Element, family: str, share: float, plan: Plan) -> Fit:
+    """The model with one more element, `share` as strong as it was found."""
+    old = fit.layout
+    layout = replace(old, elements=old.elements + 1, hinges=plan.hinges, units=plan.units)
+    parts = {name: part.copy() for name, part in old.split(fit.state.values).items()}
+    law = element.law.copy()
+    weights = np.ones(len(law), dtype=bool)
+    for kind in (-1, -2):
+        places = np.flatnonzero(layout.kinds == kind)
+        weights[places] = np.arange(len(places)) % 3 == 0
+    law[weights] *= share
+    before = parts["laws"] if old.elements else np.empty((0, layout.law))
+    parts["laws"] = np.concatenate([before, law[None]])
+    parts["D"] = np.concatenate([parts["D"], element.D[None]])
+    parts["G"] = np.concatenate([parts["G"], element.G[:, None]], axis=1)
+    parts["Dr"] = np.concatenate([parts["Dr"], np.zeros((layout.outputs, 1))], axis=1)
+    begins = np.zeros((len(fit.state.begins), layout.states))
+    begins[:, : fit.state.begins.shape[1]] = fit.state.begins
+    return Fit(layout, State(layout.join(parts), begins), [*fit.laws, family])
+
+
+def trained(fit: Fit, motions: Sequence[Motion], plan: Plan, iterations: int) -> Fit:
+    """The model after so many iterations on the samples that are not held back."""
+    state = settled(fit.layout, fit.state, motions)
+    problem = ModalProblem(fit.layout, motions, state, learned(fit, plan), plan.prior)
+    with np.errstate(all="ignore"):
+        state = minimised(problem, iterations, CHANGE)
+    return judged(replace(fit, state=state), motions)
+
+
+def judged(fit: Fit, motions: Sequence[Motion]) -> Fit:
+    """The model with its error on held-back motion."""
+    state = settled(fit.layout, fit.state, motions)
+    return replace(fit, state=state, error=held_back_error(fit.layout, state, motions))
+
+
+def loss(fit: Fit, motions: Sequence[Motion], plan: Plan) -> float:
+    """Of the samples that are not held back."""
+    with np.errstate(all="ignore"):
+        state = settled(fit.layout, fit.state, motions)
+        problem = ModalProblem(fit.layout, motions, state, learned(fit, plan))
+        return float(problem.loss())
+
+
+def begun(
+    fit: Fit, element: Element, family: str, motions: Sequence[Motion], plan: Plan
+) -> Fit | None:
+    """The model with an element as strong as helps; None where no strength does."""
+    before = loss(fit, motions, plan)
+    for share in WEAKER:
+        tried = extended(fit, element, family, share, plan)
+        if loss(tried, motions, plan) < before:
+            return tried
+    return None
+
+
+def with_element(fit: Fit, motions: Sequence[Motion], plan: Plan, rng: np.random.Generator) -> Fit:
+    """The model with the best further element, of all laws and draws; as it is where none helps."""
+    wide = replace(fit.layout, hinges=plan.hinges, units=plan.units) if not fit.laws else fit.layout
+    search = ElementSearch(wide, fit.state, motions, learned(fit, plan))
+    found: list[Fit] = []
+    for family, elements in search.best(plan.families, rng, plan.directions).items():
+        ends = []
+        for element in elements[: plan.draws]:
+            start = begun(fit, element, family, motions, plan)
+            if start is not None:
+                ends.append(trained(start, motions, plan, plan.first_iterations))
+        if ends:
+            best = min(ends, key=lambda end: end.error)
+            found.append(trained(best, motions, plan, 2 * plan.first_iterations))
+    if not found:
+        return fit
+    least = min(end.error for end in found)
+    chosen = next(end for end in found if end.error <= SIMPLER * least)
+    return chosen if chosen.error < GAIN * fit.error else fit
+
+
+def linear(motions: Sequence[Motion], plan: Plan) -> Fit:
+    """The smallest linear model whose error on held-back motion is nearly least.
+
+    Raises ValueError where no number of modes gives a run that is finite.
+    """
+    found: list[Fit] = []
+    for modes in plan.orders:
+        start = by_spectra(motions, modes)
+        if start is None:
+            break
+        found.append(trained(Fit(*start), motions, plan, plan.linear_iterations))
+        earlier = [fit.error for fit in found[:-PATIENCE]]
+        if earlier and min(fit.error for fit in found[-PATIENCE:]) > GAIN * min(earlier):
+            break
+    least = min((fit.error for fit in found), default=np.inf)
+    if not np.isfinite(least):
+        raise ValueError("no linear system follows the motion; look for outliers in the record")
+    chosen = next(fit for fit in found if fit.error <= ENOUGH * least)
+    return trained(chosen, motions, plan, plan.iterations)
+
+
+def joined(fit: Fit, layout: Layout, state: State) -> Fit:
+    """The model with the modes of a linear one beside its own, which elements do not see yet."""
+    old = fit.layout
+    wide = replace(old, modes=old.modes + layout.modes)
+    parts, more = old.split(fit.state.values), layout.split(state.values)
+    both = {n: np.concatenate([parts[n], more[n]]) for n in ("log_k", "log_c", "gamma")}
+    both |= {n: np.concatenate([parts[n], more[n]], axis=1) for n in ("Cq", "Cv")}
+    both["G"] = np.concatenate([parts["G"], np.zeros((layout.modes, old.elements))])
+    both["D"] = np.concatenate([parts["D"], np.zeros((old.elements, layout.modes))], axis=1)
+    both |= {n: parts[n] + more[n] for n in ("Du", "o0")}
+    q, v, z = np.split(fit.state.begins, [old.modes, 2 * old.modes], axis=1)
+    new_q, new_v = np.split(state.begins, 2, axis=1)
+    begins = np.concatenate([q, new_q, v, new_v, z], axis=1)
+    return replace(fit, layout=wide, state=State(wide.join(parts | both), begins))
+
+
+def with_modes(fit: Fit, motions: Sequence[Motion], plan: Plan) -> Fit:
+    """The model with further modes, from the spectra of its errors; as it is where none helps."""
+    left = []
+    for motion, begin in zip(motions, fit.state.begins, strict=True):
+        out, _ = outputs(fit.layout, fit.state.values, motion.excited, begin)
+        left.append(replace(motion, y=motion.y - motion.of(out)))
+    found = []
+    for modes in MORE_MODES if np.isfinite(fit.error) else ():
+        more = by_spectra(left, modes)
+        if more is not None and fit.layout.modes + more[0].modes <= max(ORDERS):
+            start = joined(fit, *more)
+            found.append(trained(start, motions, plan, plan.first_iterations))
+    least = min((end.error for end in found), default=np.inf)
+    if least > GAIN * fit.error:
+        return fit
+    chosen = next(end for end in found if end.error <= SIMPLER * least)
+    return trained(chosen, motions, plan, 2 * plan.first_iterations)
+
+
+def fitted(motions: Sequence[Motion], plan: Plan) -> tuple[Fit, dict[str, Any]]:
+    """A model of the motions, and what is to be told of it."""
+    rng = np.random.default_rng(plan.seed)
+    fit = linear(motions, plan)
+    facts: dict[str, Any] = {"held_back_linear_percent": 100.0 * fit.error}
+    while len(fit.laws) < plan.elements:
+        more = with_element(fit, motions, plan, rng)
+        if more is fit:
+            break
+        fit = with_modes(more, motions, plan) if len(plan.orders) > 1 else more
+    facts |= {"modes": fit.layout.modes, "elements": ", ".join(fit.laws) or "none"}
+    facts["held_back_percent"] = 100.0 * fit.error
+    whole = [replace(motion, stop=len(motion.y)) for motion in motions]
+    return trained(fit, whole, plan, plan.iterations), facts

@@ -1,0 +1,114 @@
+"""Free runs of a modal network, a block of samples at a time, with derivatives where asked.
+
+T samples, m inputs, o outputs; P columns by parameters, S by the first state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.modal.core import exact_steps
+from models.modal.layout import Layout, columns
+from models.modal.run_compiled import run
+
+BLOCK = 4096  # samples
+BOUND = 1e3  # times the RMS of the outputs that were trained on: beyond, a run has diverged
+
+
+@dataclass(frozen=True)
+class Excited:
+    """An excitation in units of the model: at samples u (T, m), and between them."""
+
+    u: np.ndarray
+    fine: np.ndarray  # (T − 1, 2S + 1, m)
+    dt: float  # in units of the model
+
+    @property
+    def step(self) -> float:
+        return 2.0 * self.dt / (self.fine.shape[1] - 1)
+
+    def first(self, samples: int) -> Excited:
+        return Excited(self.u[:samples], self.fine[:samples], self.dt)
+
+
+def blocks(
+    layout: Layout,
+    values: np.ndarray,
+    excited: Excited,
+    begin: np.ndarray,
+    learned: np.ndarray | None = None,
+    own: bool = False,
+    stop: int | None = None,
+    bound: float = BOUND,
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Outputs (t, o), states (t, 2J + 2E), derivatives (t, o, P + S) of one block after the other.
+
+    values: all parameters; learned: those by which derivatives are taken, None for none; own:
+    derivatives by `begin` (S,) too, after those of the parameters. A run that diverged ends there.
+    """
+    parts = {name: np.ascontiguousarray(part) for name, part in layout.split(values).items()}
+    mask = np.zeros(layout.size, dtype=bool) if learned is None else learned
+    at, moving = columns(layout, mask)
+    derived = own or learned is not None
+    S, static = (layout.states if own else 0), int(mask.sum()) - moving
+    # the kernel has the columns with dynamics first, so those of the first state before the others
+    at = {name: np.where(place >= moving, place + S, place) for name, place in at.items()}
+    J, E, U = layout.modes, layout.elements, layout.units
+    q, v = begin[:J].copy(), begin[J : 2 * J].copy()
+    z, memory = begin[2 * J :].reshape(E, U).copy(), np.zeros((2, E))
+    P = moving + S
+    dq, dv, dz = np.zeros((J, P)), np.zeros((J, P)), np.zeros((E, U, P))
+    dmemory = np.zeros((2, E, P))
+    if own:
+        each = np.eye(S)
+        dq[:, moving:], dv[:, moving:] = each[:J], each[J : 2 * J]
+        dz[..., moving:] = each[2 * J :].reshape(E, U, S)
+    core = exact_steps(parts["log_k"], parts["log_c"], excited.step)
+    order = np.r_[np.arange(moving), np.arange(P, P + static), np.arange(moving, P)]
+    T = len(excited.u) if stop is None else stop
+    for first in range(0, T, BLOCK):
+        last = min(first + BLOCK, T)
+        out = np.empty((last - first, layout.outputs))
+        states = np.empty((last - first, 2 * (J + E)))
+        jacobian = np.empty((last - first if derived else 0, layout.outputs, P + static))
+        sound = run(
+            excited.u, excited.fine, first, last, core, parts["gamma"], parts["u0"], parts["G"],
+            parts["D"], parts["laws"], (layout.hinges, layout.units), parts["Cq"], parts["Cv"],
+            parts["Du"], parts["Dr"], parts["o0"], np.stack([at["log_k"], at["log_c"]]),
+            at["gamma"], at["u0"], at["G"], at["D"], at["laws"], at["Cq"], at["Cv"], at["Du"],
+            at["Dr"], at["o0"], q, v, z, memory, dq, dv, dz, dmemory, bound, out, states, jacobian,
+        )  # fmt: skip
+        yield out, states, jacobian[..., order] if S else jacobian
+        if not sound:
+            return
+
+
+def outputs(
+    layout: Layout, values: np.ndarray, excited: Excited, begin: np.ndarray, bound: float = BOUND
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (T, o) and states (T, 2J + 2E) of a whole run; NaN from where it diverged."""
+    out = np.full((len(excited.u), layout.outputs), np.nan)
+    states = np.full((len(excited.u), 2 * (layout.modes + layout.elements)), np.nan)
+    at = 0
+    for block, state, _ in blocks(layout, values, excited, begin, bound=bound):
+        out[at : at + len(block)], states[at : at + len(block)] = block, state
+        at += len(block)
+    return out, states
+
+
+def steady_state(
+    layout: Layout, values: np.ndarray, excited: Excited, period: int, periods: int = 4
+) -> np.ndarray:
+    """The first state (S,) of an excitation that repeats itself, after so many periods from rest.
+
+    Units begin without memory: it is short beside a period.
+    """
+    fine = np.concatenate([excited.fine[:period]] * periods)
+    u = np.concatenate([excited.u[:period]] * periods + [excited.u[:1]])
+    _, states = outputs(layout, values, Excited(u, fine, excited.dt), np.zeros(layout.states))
+    begin = np.zeros(layout.states)
+    begin[: 2 * layout.modes] = states[-1, : 2 * layout.modes]
+    return begin

@@ -1,0 +1,244 @@
+"""Modal network: hidden modes and nonlinear elements behind any outputs, from any inputs.
+
+q̈ + c q̇ + k q = Γ (u + u₀) − G r(D q, D q̇, z),   o = C_q q + C_v q̇ + D_u u + D_r r + o₀
+
+J modes, as many as the records tell, E elements along learned directions. Outputs may be volts or
+accelerations, and fewer than the modes. Each estimate is a free run: compiled, modes by their exact
+exponentials (models/modal/run_compiled.py). All is identified in `identify`, by spectra, least
+squares and Levenberg–Marquardt on exact derivatives (models/modal/fit.py); no solver is needed.
+T samples, m inputs, n outputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from data.record import Drive, Record, Response
+from models.estimator import Estimator
+from models.modal.fit import ORDERS, Plan, fitted, learned
+from models.modal.layout import FAMILIES, Layout
+from models.modal.linear_start import first_state
+from models.modal.periods import period_of
+from models.modal.problem import Motion
+from models.modal.run import Excited, outputs, steady_state
+from models.modal.units import FINEST, MOST_SUBSTEPS, Scale, Signals
+from models.training.free_run import simulate
+
+MOST_MODES, MOST_ELEMENTS = 40, 8
+LIKELY = 5.0  # mean square of the errors of warm-up samples, in units of those in training
+LAWS = ("cubic", "smooth", "hysteretic", "all")
+THROUGH = ("acceleration", "force", "output")  # quantities that may jump with a force
+
+
+class ModalNetwork(Estimator):
+    """Outputs (…, T, n) of hidden modes with nonlinear elements; every estimate is a free run.
+
+    modes: their number; None: as many as lower the error on held-back motion. elements: at most.
+    laws: of which those that lower it are taken (models/modal/layout.py has them by name).
+    hinges, units: of laws that have some. substeps: of a sample interval; None: by the fastest
+    mode. ahead: samples that the interpolation of a band-limited excitation may look ahead, 0: it
+    is causal; None: as many as it likes. iterations: of the last fit. held_back: share of each
+    record, its end, on which modes and laws are chosen. directions, draws: that are tried for an
+    element. prior: weight of Σ θ² beside the squared relative error.
+
+    A record of unknown beginning tells its first state by its warm-up samples; of those that are
+    trained on, all samples tell.
+    """
+
+    reads = ("f",)
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        modes: int | None = None,
+        elements: int = 2,
+        laws: Sequence[str] = LAWS,
+        hinges: int = 2,
+        units: int = 3,
+        substeps: int | None = None,
+        ahead: int | None = None,
+        iterations: int = 60,
+        held_back: float = 0.2,
+        directions: int = 30,
+        draws: int = 3,
+        prior: float = 1e-9,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        if modes is not None and not 1 <= modes <= MOST_MODES:
+            raise ValueError(f"model.modes={modes}: expected 1 to {MOST_MODES}, or null")
+        if not 0 <= elements <= MOST_ELEMENTS:
+            raise ValueError(f"model.elements={elements}: expected 0 to {MOST_ELEMENTS}")
+        if not laws or not set(laws) <= set(FAMILIES):
+            raise ValueError(f"model.laws={list(laws)}: choose some of {', '.join(FAMILIES)}")
+        if min(hinges, units) < 0 or max(hinges, units) > 20:
+            raise ValueError(f"model.hinges={hinges}, units={units}: expected 0 to 20")
+        if substeps is not None and not 1 <= substeps <= 100:
+            raise ValueError(f"model.substeps={substeps}: expected 1 to 100, or null")
+        if ahead is not None and ahead < 0:
+            raise ValueError(f"model.ahead={ahead} samples must not be negative; null: no limit")
+        if min(iterations, directions, draws) < 1 or not 0.05 <= held_back <= 0.5:
+            raise ValueError(
+                f"model.iterations={iterations}, directions={directions}, draws={draws}, "
+                f"held_back={held_back}: expected at least 1, and a share from 0.05 to 0.5"
+            )
+        self.substeps, self.ahead, self.held_back = substeps, ahead, held_back
+        self.plan = Plan(
+            orders=ORDERS if modes is None else [modes], elements=elements, families=tuple(laws),
+            hinges=hinges, units=units, directions=directions, draws=draws,
+            iterations=iterations, prior=prior, seed=seed,
+        )  # fmt: skip
+        most = Layout(modes or max(ORDERS), elements, inputs, dofs, hinges, units)
+        empty = torch.full((most.size,), torch.nan, dtype=torch.float64)
+        self.theta = nn.Parameter(empty, requires_grad=False)  # the first of them are used
+        self.register_buffer("counts", torch.zeros(4, dtype=torch.int64))
+        self.register_buffer("scales", torch.ones(inputs + 2 * dofs + 1, dtype=torch.float64))
+        self.register_buffer("deviation", torch.zeros(most.states, dtype=torch.float64))
+        self.register_buffer("missed", torch.ones(dofs, dtype=torch.float64))
+
+    counts: Tensor  # modes, elements, substeps, learned parameters
+    scales: Tensor  # of inputs (m,), outputs (n,), means of outputs (n,), time
+    deviation: Tensor  # RMS of the states, in units of the model
+    missed: Tensor  # RMS error (n,) of the training motion, in units of the outputs
+
+    @property
+    def layout(self) -> Layout:
+        J, E, _, _ = self.counts.tolist()
+        return Layout(J, E, self.inputs, self.dofs, self.plan.hinges, self.plan.units)
+
+    @property
+    def scale(self) -> Scale:
+        places = np.cumsum([self.inputs, self.dofs, self.dofs])
+        u, y, mean, time = np.split(self.scales.cpu().numpy(), places)
+        return Scale(u, y, mean, float(time[0]))
+
+    @property
+    def identified_parameters(self) -> int:
+        return int(self.counts[3])
+
+    @property
+    def values(self) -> np.ndarray:
+        """All parameters (size,), in units of the model."""
+        self.require_identified(self.theta[:1])
+        return self.theta[: self.layout.size].detach().cpu().numpy()
+
+    def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
+        """Identify all parameters; what was chosen, and its errors on held-back motion."""
+        records = list(batches)
+        if self.inputs == 0:
+            raise ValueError(
+                "nothing drives the records, and a modal network is told by its excitation; give "
+                "a force or a motion of the base, or choose another model"
+            )
+        signals = [one for record in records for one in Signals.of(record.to("cpu"))]
+        scale = Scale.of(signals)
+        substeps = self.substeps or self._substeps(scale)
+        motions = [scale.motion(one, substeps, self.ahead, self.held_back) for one in signals]
+        plan = replace(self.plan, through=records[0].quantity in THROUGH)
+        fit, facts = fitted(motions, plan)
+        layout = fit.layout
+        count = int(learned(fit, plan).sum())
+        self.counts.copy_(torch.tensor([layout.modes, layout.elements, substeps, count]))
+        self.theta.data.fill_(0.0)
+        self.theta.data[: layout.size] = torch.from_numpy(fit.state.values)
+        self.scales.copy_(torch.from_numpy(np.r_[scale.u, scale.y, scale.mean, scale.time]))
+        self._note_deviations(fit.layout, fit.state.values, fit.state.begins, motions)
+        hold = records[0].hold
+        if hold == "band_limited" and self.ahead is not None:
+            hold += f", from {self.ahead} samples ahead"
+        return {**facts, "substeps": substeps, "between_samples": hold}
+
+    def _substeps(self, scale: Scale) -> int:
+        """So many that typical motion is followed closely within a sample interval."""
+        return int(np.clip(np.ceil(self.dt / scale.time / FINEST), 1, MOST_SUBSTEPS))
+
+    def _note_deviations(
+        self, layout: Layout, values: np.ndarray, begins: np.ndarray, motions: Sequence[Motion]
+    ) -> None:
+        squares, errors, samples = np.zeros(layout.states), np.zeros(self.dofs), 0
+        for motion, begin in zip(motions, begins, strict=True):
+            out, states = outputs(layout, values, motion.excited, begin)
+            out, states = motion.of(out), motion.of(states)
+            squares[: 2 * layout.modes] += (states[:, : 2 * layout.modes] ** 2).sum(axis=0)
+            squares[2 * layout.modes :] += np.repeat(
+                (states[:, 2 * layout.modes : 2 * layout.modes + layout.elements] ** 2).sum(axis=0),
+                layout.units,
+            )
+            errors, samples = errors + ((out - motion.y) ** 2).sum(axis=0), samples + len(out)
+        self.deviation.zero_()
+        self.deviation[: layout.states] = torch.from_numpy(np.sqrt(squares / samples))
+        self.missed.copy_(torch.from_numpy(np.sqrt(errors / samples).clip(1e-9)))
+
+    def forward(self, record: Record) -> Tensor:
+        """Outputs (…, T, n) of the free run of a record or a batch."""
+        return simulate(self, record).a
+
+    def free_run(self, drive: Drive) -> Response:
+        """Outputs as `a` of the response; x and v are unknown of hidden modes, and nil."""
+        return self._response(drive, None)
+
+    def run_of(self, record: Record) -> Response:
+        """The free run of a record. An unknown beginning is estimated from the warm-up samples."""
+        known = record.initial_state in ("rest", "periodic") or not record.warmup
+        return self._response(
+            record.drive() if known else _begun_anywhere(record), None if known else record
+        )
+
+    def _response(self, drive: Drive, record: Record | None) -> Response:
+        values, layout, scale = self.values, self.layout, self.scale
+        lead, T = drive.u.shape[:-2], drive.u.shape[-2]
+        runs = []
+        inputs = drive.u.reshape(-1, T, self.inputs).cpu().numpy()
+        seen = None if record is None else record.a.reshape(-1, T, self.dofs).cpu().numpy()
+        for i, u in enumerate(inputs):
+            y = np.zeros((T, self.dofs)) if seen is None else seen[i]
+            one = Signals(u, y, drive.dt, drive.hold, seen is not None)
+            begin = np.zeros(layout.states)
+            if seen is None or record is None:
+                excited = scale.excited(one, int(self.counts[2]), self.ahead)
+            else:
+                motion = scale.motion(one, int(self.counts[2]), self.ahead)
+                excited, begin = motion.excited, self._first_state(motion, record.warmup)
+            with np.errstate(all="ignore"):
+                out, _ = outputs(layout, values, excited, begin)
+            runs.append(scale.mean + scale.y * out)
+        a = torch.from_numpy(np.stack(runs)).to(drive.u.device).reshape(*lead, T, self.dofs)
+        return Response(torch.zeros_like(a), torch.zeros_like(a), a)
+
+    def _first_state(self, motion: Motion, warmup: int) -> np.ndarray:
+        """From the first `warmup` samples alone, the excitation, and what training has seen.
+
+        At rest, or in the steady state of an excitation that repeats itself, where those samples
+        do not contradict it; else what suits them, and the size that states had in training.
+        """
+        layout, values = self.layout, self.values
+        seen = replace(motion, stop=warmup, weight=1.0 / self.missed.cpu().numpy())
+        usual: list[tuple[float, np.ndarray]] = []
+        for begin in self._usual_beginnings(motion.excited):
+            out, _ = outputs(layout, values, motion.excited.first(warmup), begin)
+            usual.append((float(((seen.weight * (out - motion.y[:warmup])) ** 2).mean()), begin))
+        error, begin = min(usual, key=lambda one: one[0])
+        if error < LIKELY:
+            return begin
+        return first_state(layout, values, seen, self.deviation[: layout.states].cpu().numpy())
+
+    def _usual_beginnings(self, excited: Excited) -> Iterator[np.ndarray]:
+        """At rest; in the steady state, where the excitation repeats itself."""
+        layout = self.layout
+        yield np.zeros(layout.states)
+        period = period_of(excited.u)
+        if period is not None:
+            yield steady_state(layout, self.values, excited, period)
+
+
+def _begun_anywhere(record: Record) -> Drive:
+    """The record's excitation; its first state comes from elsewhere."""
+    return replace(record, initial_state="rest").drive()

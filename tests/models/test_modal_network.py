@@ -1,0 +1,340 @@
+"""Modal network: exact modes, laws without jumps, input between samples, planted systems."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.integrate import solve_ivp
+
+from data.record import Record
+from models import ModalNetwork
+from models.modal.between_samples import band_end, interpolated
+from models.modal.core import exact_steps
+from models.modal.layout import Layout
+from models.modal.linear_start import by_spectra
+from models.modal.periods import period_of, steady_mean
+from models.modal.problem import Motion
+from models.modal.run import Excited, blocks, outputs
+from models.modal.run_compiled import features
+from models.modal.units import Scale, Signals
+
+SMALL = {
+    "modes": 1,
+    "elements": 1,
+    "laws": ["cubic"],
+    "directions": 6,
+    "draws": 1,
+    "iterations": 30,
+}
+
+
+def layout_and_values(modes: int, elements: int, seed: int = 0) -> tuple[Layout, np.ndarray]:
+    """Two hinges and two units in every law, two inputs, two outputs."""
+    rng = np.random.default_rng(seed)
+    layout = Layout(modes, elements, 2, 2, 2, 2)
+    parts = {name: 0.4 * rng.standard_normal(shape) for name, shape in layout.shapes.items()}
+    w = np.linspace(1.0, 2.5, modes)
+    parts |= {"log_k": 2.0 * np.log(w), "log_c": np.log(0.06 * w)}
+    parts["laws"] *= 0.15
+    for i in range(elements):
+        parts["laws"][i, 5:] = [0.2, 0.3, -1.0, 0.2, -0.2, -1.5, 0.3, 0.3, 0.2, 0.2, 1.0, -0.3]
+    return layout, layout.join(parts)
+
+
+def waves(samples: int, dt: float) -> np.ndarray:
+    t = dt * np.arange(samples)
+    return np.stack([np.sin(0.9 * t) + 0.6 * np.sin(1.7 * t + 1.0), np.cos(1.3 * t)], axis=1)
+
+
+def excited(samples: int = 300, dt: float = 0.2, substeps: int = 4) -> Excited:
+    u = waves(samples, dt)
+    return Excited(u, interpolated(u, "linear", substeps), dt)
+
+
+@pytest.mark.parametrize("damping", [0.1, 2.0, 9.0])  # the last two are over-damped
+@pytest.mark.parametrize("force", ["linear", "parabola"])
+def test_a_mode_steps_exactly(damping, force):
+    k, h, start = 1.7, 0.8, np.array([0.3, -0.5])
+    f = np.array([0.2, 1.0, -0.7]) if force == "parabola" else np.array([0.2, -0.25, -0.7])
+    c = exact_steps(np.log([k]), np.log([damping]), h)[0, 0]
+    ours = c[:4].reshape(2, 2) @ start
+    if force == "linear":
+        ours = ours + c[4:6] * f[0] + c[6:8] * f[2]
+    else:
+        ours = ours + c[8:10] * f[0] + c[10:12] * f[1] + c[12:14] * f[2]
+    curve = np.polyfit([0.0, 0.5 * h, h], f, 2)
+    theirs = solve_ivp(
+        lambda t, s: [s[1], np.polyval(curve, t) - k * s[0] - damping * s[1]],
+        (0.0, h), start, rtol=1e-12, atol=1e-13,
+    ).y[:, -1]  # fmt: skip
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9)
+
+
+def test_slopes_of_exact_steps_are_those_of_differences():
+    at, e = np.array([[0.3], [-1.2]]), 1e-6
+    slopes = exact_steps(*at, 0.7)[0]
+    for i in range(2):
+        moved = [at.copy(), at.copy()]
+        moved[0][i] += e
+        moved[1][i] -= e
+        up, down = (exact_steps(*one, 0.7)[0, 0] for one in moved)
+        np.testing.assert_allclose(slopes[1 + i], (up - down) / (2.0 * e), atol=1e-8)
+
+
+def test_a_unit_is_that_of_bouc_and_wen_and_has_no_jump():
+    """dz/dy = 1 − |z| (b₊ or b₋), whatever the steps; κ = 0 unloads along a line."""
+    t = np.linspace(0.0, 12.0, 4001)
+    y = 1.5 * np.sin(t) + 0.5 * np.sin(3.1 * t)
+    fine = features(y, 0.0 * y, np.empty(0), 0.0, np.array([0.5]))[:, -1] + y
+    coarse = features(y[::40], 0.0 * y[::40], np.empty(0), 0.0, np.array([0.5]))[:, -1] + y[::40]
+    b, z = np.exp(0.5), np.zeros_like(y)
+    for i in range(1, len(y)):
+        d = y[i] - y[i - 1]
+        z[i] = z[i - 1] + d * (1.0 - b * max(z[i - 1] * np.sign(d), 0.0))
+    assert np.abs(z - fine).max() < 2e-3
+    assert np.abs(fine[::40] - coarse).max() < 0.02  # turning points between samples
+    assert np.abs(np.diff(fine)).max() <= np.abs(np.diff(y)).max() * (1.0 + 1e-9)
+    assert np.abs(fine).max() < 1.0 / b
+
+
+@pytest.mark.parametrize("family", [(2, 1), (3, 2)])
+def test_derivatives_are_those_of_differences(family):
+    layout, values = layout_and_values(*family)
+    drive, rng = excited(), np.random.default_rng(1)
+    begin = 0.2 * rng.standard_normal(layout.states)
+    learned = rng.random(layout.size) < 0.8
+    runs = list(blocks(layout, values, drive, begin, learned, own=True))
+    J = np.concatenate([run[2] for run in runs])
+    points = [*np.flatnonzero(learned), *(-1 - np.arange(layout.states))]
+    assert J.shape[2] == len(points)
+    for column, place in enumerate(points):
+        sides = []
+        for e in (1e-6, -1e-6):
+            one, first = values.copy(), begin.copy()
+            if place >= 0:
+                one[place] += e
+            else:
+                first[-1 - place] += e
+            sides.append(outputs(layout, one, drive, first)[0])
+        difference = (sides[0] - sides[1]) / 2e-6
+        assert np.abs(J[..., column] - difference).max() < 1e-4 * np.abs(difference).max() + 1e-7
+
+
+def test_a_run_in_blocks_is_the_run_in_one(monkeypatch):
+    layout, values = layout_and_values(3, 2)
+    begin = np.full(layout.states, 0.1)
+    whole = outputs(layout, values, excited(), begin)
+    monkeypatch.setattr("models.modal.run.BLOCK", 37)
+    for one, other in zip(whole, outputs(layout, values, excited(), begin), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+def test_a_run_converges_with_the_second_order():
+    layout, values = layout_and_values(3, 2)
+    u, dt = waves(200, 0.4), 0.4
+    runs = [
+        outputs(
+            layout, values, Excited(u, interpolated(u, "linear", s), dt), np.zeros(layout.states)
+        )[0]
+        for s in (2, 4, 8, 256)
+    ]
+    errors = [float(np.abs(run - runs[-1]).max()) for run in runs[:-1]]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (orders > 1.7).all()
+
+
+def test_a_run_that_diverges_is_nan_from_there():
+    layout, values = layout_and_values(2, 1)
+    layout.split(values)["laws"][0, 1] = -5.0
+    out, _ = outputs(layout, values, excited(), np.full(layout.states, 3.0))
+    assert np.isnan(out[-1]).all()
+
+
+@pytest.mark.parametrize("ahead", [None, 8, 0])
+def test_band_limited_interpolation_between_samples(ahead):
+    t = np.arange(400.0)
+    wave = lambda t: np.sin(0.5 * t + 0.3) + 0.5 * np.cos(1.1 * t)
+    fine = interpolated(wave(t)[:, None], "band_limited", 2, ahead)
+    assert fine.shape == (399, 5, 1)
+    true = wave(t[:-1, None] + np.arange(5) / 4.0)
+    allowed = 1e-3 if ahead == 0 else 1e-6
+    assert np.abs(fine[60:-60, :, 0] - true[60:-60]).max() < allowed
+
+
+def test_a_causal_interpolation_does_not_see_what_is_to_come(monkeypatch):
+    monkeypatch.setattr("models.modal.between_samples.band_end", lambda u: 0.5)
+    u = np.random.default_rng(0).standard_normal((200, 1))
+    u -= u.mean()
+    other = u.copy()
+    other[[151, 152]] += np.array([[1.0], [-1.0]])  # the mean is the same
+    for ahead in (0, 3):
+        one, two = (interpolated(s, "band_limited", 2, ahead) for s in (u, other))
+        np.testing.assert_allclose(one[: 150 - ahead], two[: 150 - ahead], rtol=0, atol=1e-12)
+        assert np.abs(one - two)[150 - ahead].max() > 1e-4
+
+
+def test_holds():
+    u = np.array([[1.0], [3.0], [2.0]])
+    np.testing.assert_array_equal(interpolated(u, "zero_order", 1)[..., 0], [[1, 1, 1], [3, 3, 3]])
+    np.testing.assert_array_equal(interpolated(u, "linear", 1)[..., 0], [[1, 2, 3], [3, 2.5, 2]])
+    wave = np.sin(0.1 * np.pi * np.arange(2000.0))[:, None]
+    assert 0.1 < band_end(wave) < 0.13
+
+
+def test_periods_are_found_and_averaged():
+    rng = np.random.default_rng(0)
+    one = rng.standard_normal((500, 1))
+    u = np.tile(one, (4, 1)) + 1e-3 * rng.standard_normal((2000, 1))
+    y = np.tile(2.0 * one, (4, 1)) + 0.1 * rng.standard_normal((2000, 1))
+    assert period_of(u) == 500
+    assert period_of(rng.standard_normal((2000, 1))) is None
+    assert period_of(np.zeros((2000, 1))) is None
+    _, mean = steady_mean(u, y, 500)
+    assert np.sqrt(((mean - 2.0 * one) ** 2).mean()) == pytest.approx(0.1 / np.sqrt(3.0), rel=0.1)
+    y += np.exp(-np.arange(2000.0)[:, None] / 1000.0)  # a transient as long as two periods
+    assert steady_mean(u, y, 500) is None
+    assert steady_mean(u[:1000], y[:1000], 500) is None
+
+
+def test_spectra_find_hidden_modes_of_a_record_that_begins_anywhere():
+    """Four modes behind one output."""
+    rng, dt = np.random.default_rng(0), 0.3
+    layout = Layout(4, 0, 1, 1)
+    w = np.array([0.5, 1.0, 1.6, 2.3])
+    parts = {name: np.ones(shape) for name, shape in layout.shapes.items()}
+    parts |= {"log_k": 2.0 * np.log(w), "log_c": np.log(0.04 * w), "Cv": np.zeros((1, 4))}
+    u = rng.standard_normal((3000, 1))
+    drive = Excited(u, interpolated(u, "linear", 1), dt)
+    y, _ = outputs(layout, layout.join(parts), drive, rng.standard_normal(8))
+    found, state = by_spectra([Motion(drive, y, np.ones(1), True, 3000)], 4)
+    k = np.exp(found.split(state.values)["log_k"])
+    np.testing.assert_allclose(np.sqrt(k), w, rtol=1e-3)
+    run, _ = outputs(found, state.values, drive, state.begins[0])
+    assert np.abs(run - y).max() < 0.02 * np.abs(y).max()
+
+
+def test_inputs_that_say_the_same_are_borne():
+    """A support's displacement and its rate."""
+    t = 0.3 * np.arange(2000.0)
+    s, rate = np.sin(0.4 * t) + np.sin(1.3 * t), 0.4 * np.cos(0.4 * t) + 1.3 * np.cos(1.3 * t)
+    u = np.stack([s, rate], axis=1)
+    layout = Layout(1, 0, 2, 1)
+    parts = {name: np.ones(shape) for name, shape in layout.shapes.items()}
+    parts |= {"log_k": np.zeros(1), "log_c": np.log([0.1]), "gamma": np.array([[1.0, 0.1]])}
+    drive = Excited(u, interpolated(u, "linear", 1), 0.3)
+    y, _ = outputs(layout, layout.join(parts), drive, np.zeros(2))
+    found, state = by_spectra([Motion(drive, y, np.ones(1), False, 2000)], 1)
+    run, _ = outputs(found, state.values, drive, state.begins[0])
+    assert np.abs(run - y)[500:].max() < 0.02 * np.abs(y).max()  # two sines tell of no transient
+
+
+def duffing(samples: int, seed: int, noise: float = 1e-3) -> Record:
+    """A circuit with offsets, quadratic and cubic spring, cut out of a motion [V]."""
+    rng, dt, before = np.random.default_rng(seed), 1e-3, 300
+    whole = samples + before
+    u = np.cumsum(rng.standard_normal(whole)) * 0.1
+    u -= np.convolve(u, np.ones(40) / 40.0, "same")
+    k, t = (2.0 * np.pi * 60.0) ** 2, dt * np.arange(whole)
+
+    def slope(at: float, s: np.ndarray) -> list[float]:
+        force = np.interp(at, t, u) + 0.05 - s[0] - 0.3 * s[0] ** 2 - 0.4 * s[0] ** 3
+        return [s[1], k * force - 2.0 * 0.05 * np.sqrt(k) * s[1]]
+
+    q = solve_ivp(slope, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-9, max_step=dt).y[0]
+    y = torch.from_numpy(q + 0.1 + noise * rng.standard_normal(whole))[before:, None]
+    f = torch.from_numpy(u)[before:, None]
+    return Record(dt, y, f, warmup=40, initial_state="unknown", quantity="output")
+
+
+@pytest.fixture(scope="module")
+def circuit() -> list[Record]:
+    return [duffing(2500, 0), duffing(1500, 1)]
+
+
+@pytest.fixture(scope="module")
+def identified(circuit) -> ModalNetwork:
+    model = ModalNetwork(1, 1, 1e-3, **SMALL)
+    facts = model.identify(circuit[:1])
+    assert (facts["modes"], facts["elements"]) == (1, "cubic")
+    return model
+
+
+def rms(model: ModalNetwork, record: Record) -> float:
+    error = (model(record) - record.a)[record.warmup :]
+    return float(error.square().mean().sqrt())
+
+
+def test_a_circuit_with_offsets_and_an_unknown_start_is_recovered(identified, circuit):
+    assert rms(identified, circuit[0]) < 1.1e-3
+    assert rms(identified, circuit[1]) < 1.5e-3  # the noise is 1e-3
+
+
+def test_the_first_state_is_told_by_the_warm_up_samples_alone(identified, circuit):
+    other = circuit[1].a.clone()
+    other[circuit[1].warmup :] += 1.0
+    assert torch.equal(identified(circuit[1]), identified(replace(circuit[1], a=other)))
+    assert not torch.equal(
+        identified(circuit[1]), identified(replace(circuit[1], initial_state="rest"))
+    )
+
+
+def test_a_batch_is_its_records_one_by_one(identified, circuit):
+    parts = [circuit[0].window(0, 1000, 40), circuit[1].window(0, 1000, 40)]
+    batch = replace(parts[0].map(lambda u: u), a=torch.stack([p.a for p in parts]),
+                    f=torch.stack([p.f for p in parts]))  # fmt: skip
+    for together, part in zip(identified(batch), parts, strict=True):
+        assert torch.equal(together, identified(part))
+
+
+def test_a_stored_model_is_the_same(identified, circuit):
+    again = ModalNetwork(1, 1, 1e-3, **SMALL)
+    again.load_state_dict(identified.state_dict())
+    assert torch.equal(again(circuit[1]), identified(circuit[1]))
+    with pytest.raises(ValueError, match="not identified yet"):
+        ModalNetwork(1, 1, 1e-3, **SMALL)(circuit[1])
+
+
+@pytest.mark.parametrize(("u", "y"), [(1e6, 1e-6), (1e-6, 1e6)])
+def test_a_change_of_units_changes_nothing(u, y, identified, circuit):
+    scaled = [replace(record, a=y * record.a, f=u * record.f) for record in circuit]
+    model = ModalNetwork(1, 1, 1e-3, **SMALL)
+    model.identify(scaled[:1])
+    difference = model(scaled[1]) / y - identified(circuit[1])
+    assert float(difference.abs().max()) < 1e-5 * float(circuit[1].a.abs().max())
+
+
+def test_time_in_other_units_changes_nothing(identified, circuit):
+    slow = [replace(record, dt=1e3 * record.dt) for record in circuit]
+    model = ModalNetwork(1, 1, 1.0, **SMALL)
+    model.identify(slow[:1])
+    difference = model(slow[1]) - identified(circuit[1])
+    assert float(difference.abs().max()) < 1e-5 * float(circuit[1].a.abs().max())
+
+
+def test_silent_or_constant_channels_are_borne(circuit):
+    record = circuit[0].window(0, 800, 40)
+    two = replace(record, f=torch.cat([record.f, 0.0 * record.f], dim=1))
+    model = ModalNetwork(1, 2, 1e-3, **(SMALL | {"elements": 0}))
+    model.identify([two])
+    assert torch.isfinite(model(two)).all()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"modes": 0}, {"elements": -1}, {"laws": ["square"]}, {"units": 99}, {"ahead": -1},
+     {"held_back": 0.9}, {"substeps": 0}],
+)  # fmt: skip
+def test_wrong_settings_are_refused(wrong):
+    with pytest.raises(ValueError, match=r"model\."):
+        ModalNetwork(1, 1, 1e-3, **wrong)
+
+
+def test_scale_takes_time_by_the_frequency_of_the_outputs():
+    t = 1e-3 * np.arange(5000.0)
+    wave = np.sin(2.0 * np.pi * 30.0 * t)[:, None]
+    scale = Scale.of([Signals(wave, 5.0 * wave + 1.0, 1e-3, "linear", True)])
+    assert 1.0 / scale.time == pytest.approx(2.0 * np.pi * 30.0, rel=1e-3)
+    assert scale.mean == pytest.approx([1.0], abs=0.01)
