@@ -268,12 +268,12 @@ class Composite(Trainable):
         both = (u.reshape(flat, *u.shape[-3:]) for u in (trace.jacobian, trace.by_begin))
         return replace(trace, jacobian=projected(*both).reshape(trace.jacobian.shape))
 
-    def element_loops(self, record: Record) -> tuple[Tensor, Tensor]:
-        """Deformations [m], restoring forces [N] (…, T, E) of the elements in a record's free run.
+    def element_loops(self, signals: Record | Drive) -> tuple[Tensor, Tensor]:
+        """Deformations [m], restoring forces [N] (…, T, E) of the elements in a free run.
 
         Raises ValueError for a record that begins in motion without its state.
         """
-        trace = self._trace_of(record)
+        trace = self._trace_of(signals) if isinstance(signals, Record) else self.trace(signals)
         return trace.deformations, trace.forces
 
     def trace(
@@ -329,11 +329,9 @@ class Composite(Trainable):
                 x, v = record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i]
                 yield x[counted], v[counted], a[i][counted], u[i][counted]
                 continue
-            if measured == ACCELERATION:
-                x, v, filtered, driven = reconstructed(a[i], u[i], record.dt)
-                yield x[counted], v[counted], filtered[counted], driven[counted]
-                continue
-            corner = BEYOND * corner_frequency(a[i], record.dt)  # the filters are flat below it
+            corner = corner_frequency(a[i], record.dt)
+            if measured != ACCELERATION:
+                corner *= BEYOND  # the filters' own share is then flat below it
             size = corner ** (ACCELERATION - measured)
             x, v, filtered = (size * s for s in state_variables(a[i], corner, record.dt))
             yield x, v, filtered, size * state_variables(u[i], corner, record.dt)[measured]
@@ -362,7 +360,7 @@ class Composite(Trainable):
         if key not in self.motions:
             shape = record.a.shape
             a, u = (s.reshape(-1, *s.shape[-2:]) for s in (record.a, record.excitation))
-            found = [reconstructed(a[i], u[i], record.dt)[:2] for i in range(len(a))]
+            found = [reconstructed(a[i], u[i], record.dt) for i in range(len(a))]
             x, v = (torch.stack(parts).reshape(shape) for parts in zip(*found, strict=True))
             self.motions[key] = x, v
         return self.motions[key]

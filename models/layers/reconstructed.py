@@ -1,8 +1,8 @@
 """Displacement and velocity of a motion from its acceleration, off line: for training alone.
 
 A(f)/(iω)ⁿ, high-passed without phase: x and v at a sample depend on what follows it, so no estimate
-may see them. They are where a run in training begins anew, and what a start is found with.
-B records, T samples, n outputs, m channels of excitation.
+may see them. They are where a run in training begins anew.
+T samples, n outputs, m channels of excitation.
 """
 
 from __future__ import annotations
@@ -11,41 +11,36 @@ import torch
 from torch import Tensor
 
 SHARES = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015)  # of the median frequency: corners that are tried
+ALIKE = 3.0  # times the least share of a that is untold
 
 
-def reconstructed(a: Tensor, u: Tensor, dt: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """x, v of a motion a (T, n) and a, u (T, m) filtered alike, at the best of some corners.
+def reconstructed(a: Tensor, u: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+    """x and v of a motion a (T, n) under an excitation u (T, m), high-passed at one of some corners.
 
-    The best is where x, v and u tell most of a: above it too much of the motion is lost, below it
-    the noise of the sensors is integrated into a drift.
+    Above the right one too much of the motion is lost, below it the noise of the sensors is
+    integrated into a drift, and x, v and u tell less of a: the lowest is taken that leaves little
+    more than the best untold.
     """
     spectrum = torch.fft.rfft(a, dim=0).abs().square().sum(dim=1).cumsum(dim=0)
     median = max(1, int(torch.searchsorted(spectrum, 0.5 * spectrum[-1:]))) / (dt * len(a))
-    best = None
-    for share in SHARES:
-        found = _filtered(a, u, dt, 2.0 * torch.pi * share * median)
-        left = _untold(a, torch.cat([found[0], found[1], u], dim=1))
-        if best is None or left < best[0]:
-            best = left, found
-    assert best is not None
-    return best[1]
+    found = [_integrated(a, dt, 2.0 * torch.pi * share * median) for share in SHARES]
+    untold = [_untold(a, torch.cat([*motion, u], dim=1)) for motion in found]
+    good = [i for i, left in enumerate(untold) if left <= ALIKE * min(untold)]
+    return found[good[-1]]
 
 
-def _filtered(
-    a: Tensor, u: Tensor, dt: float, corner: float
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """x, v, a, u, all high-passed at a corner [rad/s] as often as x has to be integrated.
+def _integrated(a: Tensor, dt: float, corner: float) -> tuple[Tensor, Tensor]:
+    """x and v, high-passed at a corner [rad/s].
 
     Both ends go on mirrored, with the other sign: so v comes back and x stays near.
     """
-    T = len(a)
-    A, U = (torch.fft.rfft(torch.cat([-s.flip(0), s, -s.flip(0)]), dim=0) for s in (a, u))
+    T, a = len(a), a - a.mean(dim=0)
+    A = torch.fft.rfft(torch.cat([-a.flip(0), a, -a.flip(0)]), dim=0)
     omega = 2.0 * torch.pi * torch.fft.rfftfreq(3 * T, dt, dtype=a.dtype, device=a.device)[:, None]
     passed = (omega**2 / (omega**2 + corner**2)) ** 2
     low = omega.clamp_min(omega[1])  # there `passed` is nil
-    spectra = (-A / low**2, -1j * A / low, A, U)
-    x, v, filtered, driven = (torch.fft.irfft(passed * s, 3 * T, dim=0)[T : 2 * T] for s in spectra)
-    return x, v, filtered, driven
+    x, v = (torch.fft.irfft(passed * s, 3 * T, dim=0) for s in (-A / low**2, -1j * A / low))
+    return x[T : 2 * T], v[T : 2 * T]
 
 
 def _untold(target: Tensor, rows: Tensor) -> float:
