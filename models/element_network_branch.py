@@ -40,7 +40,8 @@ class ElementNetworkBranch(ElementNetwork):
 
     elements, masses, forced, from_accelerations: as for `ElementNetwork`. ramps, bends,
     force_memory: of every law, as for `BranchElement`. law_starts: starts of each law, of which the
-    one that fits best is taken. prior: weight of Σ (θ − θ₀)², θ₀ being the laws by equilibrium.
+    one that fits best is taken, drawn from `seed`. prior: weight of Σ (θ − θ₀)², θ₀ being the laws
+    by equilibrium.
     Raises ValueError for channels, masses or pairs of nodes that do not fit.
     """
 
@@ -55,10 +56,11 @@ class ElementNetworkBranch(ElementNetwork):
         elements: Sequence[Sequence[str]] | Literal["chain", "all"] | None = None,
         masses: Sequence[float] | None = None,
         forced: Sequence[int] | str | None = None,
-        ramps: int = 10,
-        bends: int = 3,
-        force_memory: bool = False,
+        ramps: int = 14,
+        bends: int = 4,
+        force_memory: bool = True,
         law_starts: int = 4,
+        seed: int = 0,
         substeps: int = 2,
         from_accelerations: bool = False,
         prior: float = 1e-7,
@@ -74,7 +76,10 @@ class ElementNetworkBranch(ElementNetwork):
             "bends": bends,
             "force_memory": force_memory,
         }
+        if not isinstance(seed, int) or seed < 0:
+            raise ValueError(f"model.seed={seed} must be a whole number, not negative")
         self.sizes, self.law_starts = sizes(force_memory, ramps, bends), law_starts
+        self.seed = seed
         E, L = len(self.elements), law_size(self.sizes)
         self.laws.requires_grad_(False)  # the branch laws hold spring and damper
         self.theta = nn.Parameter(torch.zeros(E, L, dtype=torch.float64))
@@ -102,7 +107,7 @@ class ElementNetworkBranch(ElementNetwork):
             [(y[:, e : e + 1], v[:, e : e + 1], r[:, e : e + 1]) for y, v, r in motions]
             for e in range(len(self.elements))
         ]
-        errors = self._fit(torch.Generator().manual_seed(0))
+        errors = self._fit(torch.Generator().manual_seed(self.seed))
         return {**facts, "laws_off_percent": ", ".join(f"{100.0 * e:.2f}" for e in errors)}
 
     @torch.no_grad()

@@ -21,7 +21,7 @@ from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 LOWEST = 0.2  # of the dominant frequency: below, accelerations are not integrated
 SOLVER = {"damping": 1e-2, "decrease": 0.2, "increase": 4.0, "scaled": True, "floor": 3e-3}
-ITERATIONS, CHANGE, PATIENCE, FIRST = 60, 1e-2, 8, 10  # of a fit; the first ones of every start
+ITERATIONS, CHANGE, PATIENCE, FIRST = 100, 5e-3, 8, 12  # of a fit; the first ones of every start
 
 
 def forces_of(B: Tensor, inertia: Tensor, y: Tensor, stiffness: Tensor) -> Tensor:

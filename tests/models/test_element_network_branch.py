@@ -18,7 +18,10 @@ from models.starts.equilibrium import forces_of, integrated
 
 DT = 0.02
 MASSES = [3e4, 2e4]
-SMALL = {"elements": "chain", "forced": [], "ramps": 3, "bends": 1, "law_starts": 1}
+SMALL = {
+    **{"elements": "chain", "forced": [], "ramps": 3, "bends": 1, "law_starts": 1},
+    "force_memory": False,
+}
 
 
 def ground(samples: int, seed: int, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -56,7 +59,7 @@ def model() -> ElementNetworkBranch:
 
 def other(model: ElementNetworkBranch, memory: bool = False) -> ElementNetworkBranch:
     """An untrained network with the units of `model`, its laws drawn at random."""
-    new = ElementNetworkBranch(2, 2, DT, force_memory=memory, **SMALL)
+    new = ElementNetworkBranch(2, 2, DT, **{**SMALL, "force_memory": memory})
     new.identified.fill_(1.0)
     new.scale.copy_(model.scale)
     new.mass.start(torch.tensor(MASSES).double(), torch.tensor([0.1, -0.1]).double())
