@@ -40,8 +40,8 @@ class ElementNetworkBranch(ElementNetwork):
 
     elements, masses, forced, from_accelerations: as for `ElementNetwork`. ramps, bends,
     force_memory: of every law, as for `BranchElement`. law_starts: starts of each law, of which the
-    one that fits best is taken, drawn from `seed`. prior: weight of Σ (θ − θ₀)², θ₀ being the laws
-    by equilibrium.
+    one that fits best is taken, drawn from `seed`. prior: weight of Σ (θ − θ₀)² beside the squared
+    relative error; θ₀ is a law's start, and then the law by equilibrium.
     Raises ValueError for channels, masses or pairs of nodes that do not fit.
     """
 
@@ -63,7 +63,7 @@ class ElementNetworkBranch(ElementNetwork):
         seed: int = 0,
         substeps: int = 2,
         from_accelerations: bool = False,
-        prior: float = 1e-7,
+        prior: float = 1e-6,
     ) -> None:
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False, substeps,
@@ -75,6 +75,7 @@ class ElementNetworkBranch(ElementNetwork):
             "ramps": ramps,
             "bends": bends,
             "force_memory": force_memory,
+            "prior": prior,
         }
         if not isinstance(seed, int) or seed < 0:
             raise ValueError(f"model.seed={seed} must be a whole number, not negative")

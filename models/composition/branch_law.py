@@ -22,12 +22,12 @@ from models.composition.branch_law_compiled import (
     BEND,
     CORNER,
     EDGE,
+    ENDS,
     FARTHEST,
     FLOOR,
     KEPT,
     LEAST_DAMPER,
     LEAST_SLOPE,
-    SECANT,
     SHARE,
     SHARPNESS,
     SPREAD_K,
@@ -61,15 +61,19 @@ def ramp_sum(theta: Tensor, ramps: int, x: Tensor) -> Tensor:
 
 
 def envelope(theta: Tensor, ramps: int, x: Tensor) -> Tensor:
-    """E(x): beyond FARTHEST along ŷ a line with the slope of a secant, which rises."""
-    far = (x[0].abs() - FARTHEST).clamp_min(0.0)
-    if not bool(far > 0.0):
+    """E(x): beyond FARTHEST along ŷ lines on both sides that rise alike, so that loops stay wide.
+
+    Their slope is the mean of the secants at both ends.
+    """
+    if not bool(x[0].abs() > FARTHEST):
         return ramp_sum(theta, ramps, x)
-    side = x[0].detach().sign()
-    ends = [torch.cat([side[None] * end, x[1:]]) for end in (FARTHEST, FARTHEST - SECANT)]
-    value, inner = (ramp_sum(theta, ramps, end) for end in ends)
-    slope = (side * (value - inner) / SECANT).clamp_min(LEAST_SLOPE)
-    return value + side * slope * far
+
+    def at(place: float) -> Tensor:
+        return ramp_sum(theta, ramps, torch.cat([x.new_tensor([place]), x[1:]]))
+
+    slope = torch.stack([weight * at(place) for place, weight in ENDS]).sum()
+    end = FARTHEST * float(x[0].detach().sign())
+    return at(end) + slope.clamp_min(LEAST_SLOPE) * (x[0] - end)
 
 
 def blend(a: Tensor, T: Tensor, R: Tensor) -> Tensor:

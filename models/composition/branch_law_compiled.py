@@ -25,7 +25,13 @@ BEND = 1e-3  # of the largest force: over which a turning point beyond the envel
 FARTHEST = 1.2  # of the largest deformation: beyond, E and the spring go on in a line
 KEPT = 2.0  # of the largest deformation: beyond, excursions are remembered as that much
 LEAST_SLOPE = 0.05  # of the line
-SECANT = 0.1  # of the largest deformation, whose slope the line has
+SECANT = 0.1  # of the largest deformation, whose slopes the line has
+ENDS = (  # places along ŷ and their weights in the mean slope of both ends
+    (FARTHEST, 0.5 / SECANT),
+    (FARTHEST - SECANT, -0.5 / SECANT),
+    (SECANT - FARTHEST, 0.5 / SECANT),
+    (-FARTHEST, -0.5 / SECANT),
+)
 LEAST_DAMPER = 1e-3  # of force over rate: a damper takes up energy, if next to none
 TAIL = 5  # parameters after E, k and R: log y₀, spring, damper, log(1 + ρ), log v₀
 BACK = 0.1  # of the largest deformation: the way in which the envelope pulls such a one back
@@ -78,16 +84,29 @@ def add_slopes(theta, first, ramps, x, inputs, weight, gradient, by_x):
 
 @inlined
 def envelope(theta, first, ramps, x, inputs):
-    """E(x): beyond FARTHEST along ŷ a line, which rises."""
+    """E(x): beyond FARTHEST along ŷ lines on both sides that rise alike, so that loops stay wide.
+
+    Their slope is the mean of the secants at both ends.
+    """
     now = x[0]
     if abs(now) <= FARTHEST:
         return ramp_sum(theta, first, ramps, x, inputs)
-    x[0] = math.copysign(FARTHEST, now)
+    slope = _slope_beyond(theta, first, ramps, x, inputs)
+    end = math.copysign(FARTHEST, now)
+    x[0] = end
     value = ramp_sum(theta, first, ramps, x, inputs)
-    x[0] = math.copysign(FARTHEST - SECANT, now)
-    rise = (value - ramp_sum(theta, first, ramps, x, inputs)) / SECANT
-    x[0], slope = now, rise if now > 0.0 else -rise
-    return value + max(slope, LEAST_SLOPE) * (now - math.copysign(FARTHEST, now))
+    x[0] = now
+    return value + max(slope, LEAST_SLOPE) * (now - end)
+
+
+@inlined
+def _slope_beyond(theta, first, ramps, x, inputs):
+    now, rise = x[0], 0.0
+    for at, weight in ENDS:
+        x[0] = at
+        rise += weight * ramp_sum(theta, first, ramps, x, inputs)
+    x[0] = now
+    return rise
 
 
 @inlined
@@ -97,15 +116,15 @@ def add_envelope_slopes(theta, first, ramps, x, inputs, weight, gradient, by_x):
     if abs(now) <= FARTHEST:
         add_slopes(theta, first, ramps, x, inputs, weight, gradient, by_x)
         return
-    before, side = by_x[0], math.copysign(1.0, now)
-    x[0] = side * (FARTHEST - SECANT)
-    inner = ramp_sum(theta, first, ramps, x, inputs)
-    x[0] = side * FARTHEST
-    slope = side * (ramp_sum(theta, first, ramps, x, inputs) - inner) / SECANT
-    share = (abs(now) - FARTHEST) / SECANT if slope > LEAST_SLOPE else 0.0
-    add_slopes(theta, first, ramps, x, inputs, weight * (1.0 + share), gradient, by_x)
-    x[0] = side * (FARTHEST - SECANT)
-    add_slopes(theta, first, ramps, x, inputs, -weight * share, gradient, by_x)
+    before, end = by_x[0], math.copysign(FARTHEST, now)
+    slope = _slope_beyond(theta, first, ramps, x, inputs)
+    x[0] = end
+    add_slopes(theta, first, ramps, x, inputs, weight, gradient, by_x)
+    if slope > LEAST_SLOPE:
+        for at, share in ENDS:
+            x[0] = at
+            share *= weight * (now - end)
+            add_slopes(theta, first, ramps, x, inputs, share, gradient, by_x)
     x[0] = now
     by_x[0] = before + weight * max(slope, LEAST_SLOPE)
 
