@@ -37,8 +37,12 @@ MODELS = {  # of conf/model, with settings; masses are given to those that take 
     "linear": (),
     "element_network": CHAIN,
     "element_network_branch": CHAIN,
+    "element_network_branch, more memory": (
+        *CHAIN,
+        *("model.force_memory=true", "model.ramps=14", "model.bends=4"),
+    ),
 }
-SEEDED = ("element_network", "element_network_branch")
+SEEDED = [name for name, words in MODELS.items() if words]
 QUICK = {
     "element_network": ("objective.starts=1", "objective.finalists=1", "solver.iterations=2"),
     "element_network_branch": (
@@ -57,7 +61,7 @@ def measured(
     motions: dict[str, list[Record]],
 ) -> Result:
     """Errors of one fit [%], its processor time [s] and its parameters; why, where it failed."""
-    words = [f"model={model}", f"seed={seed}", *MODELS[model], *more]
+    words = [f"model={model.split(',')[0]}", f"seed={seed}", *MODELS[model], *more]
     if MODELS[model]:
         words.append(f"model.masses={list(map(float, case.masses))}")
     result: Result = {"structure": name, "model": model, "seed": seed, "settings": list(more)}
@@ -95,8 +99,8 @@ def results(options: argparse.Namespace) -> list[Result]:
         motions: dict[str, list[Record]] = {}
         for model in options.models:
             for seed in options.seeds if model in SEEDED else options.seeds[:1]:
-                more = QUICK.get(model, ()) if options.quick else ()
-                label = f"{model}-{name.replace(', ', '-').replace(' ', '_')}-seed{seed}"
+                more = QUICK.get(model.split(",")[0], ()) if options.quick else ()
+                label = f"{model}-{name}-seed{seed}".replace(", ", "-").replace(" ", "_")
                 path = options.output / f"{label}.json"
                 result = stored(path, more)
                 if result is None:
