@@ -17,8 +17,8 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.composition.branch_law import TAIL, counts, sizes
-from models.composition.branch_law_compiled import imposed, with_turning_points
+from models.composition.branch_law import sizes
+from models.composition.branch_law_compiled import imposed, law_size, with_turning_points
 from models.composition.branch_start import Steps, drawn_start, envelope_samples
 from models.training.trainable import Trainable
 
@@ -64,8 +64,7 @@ class BranchElement(Trainable):
         if not 0.0 <= prior < float("inf"):
             raise ValueError(f"model.prior={prior} must not be negative")
         self.sizes, self.prior = sizes(force_memory, ramps, bends), prior
-        of_E, of_k = counts(self.sizes)
-        P = of_E + 2 * of_k + TAIL
+        P = law_size(self.sizes)
         self.theta = nn.Parameter(torch.zeros(dofs, P, dtype=torch.float64))
         self.register_buffer("begun", torch.zeros(dofs, P, dtype=torch.float64))
         unknown = torch.full((5, dofs), torch.nan, dtype=torch.float64)

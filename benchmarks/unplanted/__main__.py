@@ -4,6 +4,8 @@
     python -m benchmarks.unplanted --quick          # two laws, one seed, short fits
     python -m benchmarks.unplanted --laws slack flag --models branch_element --noise 0.05
 
+Structures of such laws: benchmarks/unplanted/suite.py.
+
 Each law is simulated here (laws.py) or by OpenSees where openseespy is installed. A model is fitted
 to six motions; its free run is compared with the true force of four unseen ones, and of the same
 1.5 times as large: relative RMS errors in percent, over all four, as medians over the seeds.
@@ -17,18 +19,14 @@ from dataclasses import dataclass
 from statistics import median
 
 import torch
-from hydra import compose, initialize_config_dir
 
 from benchmarks.unplanted import opensees
+from benchmarks.unplanted.fits import error, fitted
 from benchmarks.unplanted.laws import HELD_BACK, LAWS, SIZES, Law
 from benchmarks.unplanted.motions import training, unseen
-from data.record import Record, stack
-from data.sample import Sensors
-from models.training.assemble import estimator_from, objective_from, solver_from
-from models.training.objective import restore, state_of
-from models.training.trainable import Trainable, require_trainable
+from data.record import stack
 from runner.command_line import command_errors
-from runner.compose import CONF, prepare_hydra
+from runner.compose import prepare_hydra
 
 FARTHER = 1.5  # times the unseen motions
 MODELS = {  # of conf/model, with what differs
@@ -47,42 +45,13 @@ class Fit:
     seconds: float  # of the processor
 
 
-def fitted(model: str, settings: tuple[str, ...], batch: Record, seed: int) -> Trainable:
-    """A model as train.py fits it."""
-    name, *more = model.split(",")
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        words = [f"model={name}", f"seed={seed}", *(MODELS[model] if more else ()), *settings]
-        cfg = compose("train", words)
-    estimator = require_trainable(estimator_from(cfg.model, Sensors(batch.dt, batch.dofs, 2)))
-    objective, make_solver = objective_from(cfg.objective), solver_from(cfg.solver)
-    estimator.identify([batch])
-    free = [p for p in estimator.parameters() if p.requires_grad]
-    objective.begin(estimator, [batch], make_solver, lambda losses: None)
-    ends = []
-    for stage in range(len(objective.stages)):
-        if stage > 0:
-            objective.enter(estimator, stage)
-        solver = make_solver(free)
-        while not solver.finished:
-            solver.solve(objective.problem(estimator, batch, stage))
-        ends.append((objective.final_loss(estimator, [batch]), state_of(estimator)))
-    restore(estimator, min(ends, key=lambda end: end[0])[1])
-    return estimator
-
-
-@torch.no_grad()
-def error(model: Trainable, records: list[Record]) -> float:
-    """Relative RMS error over all records [%]."""
-    errors = sum(float(((model.free_run(r.drive()).a - r.a) ** 2).sum()) for r in records)
-    return 100.0 * (errors / sum(float((r.a**2).sum()) for r in records)) ** 0.5
-
-
 def one_fit(
     model: str, law: tuple[Law, float], seed: int, noise: float, settings: tuple[str, ...]
 ) -> Fit:
     train = training(*law, noise)
     begin = time.process_time()
-    estimator = fitted(model, settings, stack(train), seed)
+    words = [f"model={model.split(',')[0]}", f"seed={seed}", *MODELS[model], *settings]
+    estimator = fitted(words, stack(train))
     seconds = time.process_time() - begin
     near, farther = unseen(*law), unseen(*law, FARTHER)
     return Fit(error(estimator, train), error(estimator, near), error(estimator, farther), seconds)

@@ -6,7 +6,7 @@ On a branch in the direction s, begun at (y_r, h_r), with ŷ = s y, p = ŷ − �
     r = k₁ y + c ẏ + (1 + ρ g) h,   g = 1 − exp(−|ẏ|/v₀)
 as Menegotto & Pinto (1973) have it for steel, but with everything learned: E(ŷ, m, g), log k(m) and
 log R(m) are a few smooth ramps each. The memory m is frozen along a branch. The dots bring a
-turning point beyond the envelope, T < 0, back to it.
+turning point beyond the envelope, T < 0, back to it. c ≥ 0; far beyond the data E is a line.
 
 `branch_forces` is the readable reference; runs use branch_law_compiled.py, which tests hold to it.
 All is in units of the data's largest: N steps, P parameters.
@@ -22,14 +22,18 @@ from models.composition.branch_law_compiled import (
     BEND,
     CORNER,
     EDGE,
+    ENDS,
+    FARTHEST,
     FLOOR,
+    KEPT,
+    LEAST_DAMPER,
+    LEAST_SLOPE,
     SHARE,
     SHARPNESS,
     SPREAD_K,
     SPREAD_R,
+    TAIL,
 )
-
-TAIL = 5  # parameters after E, k and R: log y₀, k₁, c, log(1 + ρ), log v₀
 
 
 def sizes(larger: bool, ramps: int, bends: int) -> tuple[int, int, int, int]:
@@ -56,6 +60,22 @@ def ramp_sum(theta: Tensor, ramps: int, x: Tensor) -> Tensor:
     return line[0] + line[1:] @ x + rest[:, -1] @ corners
 
 
+def envelope(theta: Tensor, ramps: int, x: Tensor) -> Tensor:
+    """E(x): beyond FARTHEST along ŷ lines on both sides that rise alike, so that loops stay wide.
+
+    Their slope is the mean of the secants at both ends.
+    """
+    if not bool(x[0].abs() > FARTHEST):
+        return ramp_sum(theta, ramps, x)
+
+    def at(place: float) -> Tensor:
+        return ramp_sum(theta, ramps, torch.cat([x.new_tensor([place]), x[1:]]))
+
+    slope = torch.stack([weight * at(place) for place, weight in ENDS]).sum()
+    end = FARTHEST * float(x[0].detach().sign())
+    return at(end) + slope.clamp_min(LEAST_SLOPE) * (x[0] - end)
+
+
 def blend(a: Tensor, T: Tensor, R: Tensor) -> Tensor:
     """(a⁻ᴿ + T⁻ᴿ)^(−1/R) of positive a and T."""
     both = torch.stack([-R * torch.log(a), -R * torch.log(T)])
@@ -72,6 +92,65 @@ def on_branch(p: Tensor, E: Tensor, E_turn: Tensor, h_turn: Tensor, k: Tensor, R
     return h_turn + rise + blend(a + 1e-300, T_plus, R) + pulled
 
 
+class Branch:
+    """One element on its way: what it remembers, and its force."""
+
+    def __init__(
+        self, theta: Tensor, of: tuple[int, int, int, int], log_k0: float, y: Tensor
+    ) -> None:
+        _, self.memories, self.ramps, self.bends = of
+        of_E, of_k = counts(of)
+        self.E, self.k_theta, self.R_theta, self.tail = theta.split([of_E, of_k, of_k, TAIL])
+        zero = theta.new_zeros(())
+        self.log_k0, self.side, self.k, self.R = log_k0, 0, zero, zero
+        self.y = self.y_turn = y
+        self.h = self.h_turn = self.energy = self.path = zero
+        self.highest, self.lowest = y.clamp_min(0.0), y.clamp_max(0.0)
+        self.memory = theta.new_zeros(self.memories)
+
+    def grown(self, rate: Tensor) -> Tensor:
+        """g of a rate."""
+        return 1.0 - torch.exp(-rate.abs() / self.tail[4].exp())
+
+    def go_on(self, y: Tensor, rate: Tensor) -> Tensor:
+        """Move to y on the present branch; the element's force there."""
+        g, before = self.grown(rate), self.h
+        if self.side:
+            ends = torch.stack([self.side * y, self.side * self.y_turn])
+            E, E_turn = (
+                envelope(self.E, self.ramps, torch.cat([end[None], self.memory, g[None]]))
+                for end in ends
+            )
+            p = (self.side * (y - self.y_turn)).clamp_min(0.0)
+            turned = self.side * self.h_turn
+            self.h = self.side * on_branch(p, E, E_turn, turned, self.k, self.R)
+        self.energy = self.energy + 0.5 * (before + self.h) * (y - self.y)
+        self.highest, self.lowest = torch.maximum(self.highest, y), torch.minimum(self.lowest, y)
+        self.y = y
+        damper = ramp(self.tail[2], LEAST_DAMPER)
+        stretched = y if float(self.tail[1].detach()) > 0.0 else y.clamp(-FARTHEST, FARTHEST)
+        grown = 1.0 + (self.tail[3].exp() - 1.0) * g
+        return self.tail[1] * stretched + damper * rate + grown * self.h
+
+    def turn(self, side: int) -> None:
+        """Begin a branch in the direction `side` here."""
+        y, least = self.y, self.tail[0].exp()
+        self.side, self.path = side, self.path + (y - self.y_turn).abs()
+        self.y_turn, self.h_turn = y, self.h
+        excursions = [self.highest, -self.lowest] if side > 0 else [-self.lowest, self.highest]
+        rows = [ramp(size.clamp_max(KEPT) - least, EDGE) for size in excursions]
+        rows.append(SHARE * torch.log1p(self.path))
+        if self.memories > 3:
+            grown = SHARE * self.energy.sign() * torch.log1p(self.energy.abs())
+            rows += [side * y.clamp(-KEPT, KEPT), side * self.h, grown]
+        self.memory = torch.stack(rows)
+        raw_k, raw_R = (
+            ramp_sum(part, self.bends, self.memory) for part in (self.k_theta, self.R_theta)
+        )
+        self.k = torch.exp(self.log_k0 + SPREAD_K * torch.tanh(raw_k / SPREAD_K))
+        self.R = SHARPNESS * torch.exp(SPREAD_R * torch.tanh(raw_R / SPREAD_R))
+
+
 def branch_forces(
     theta: Tensor,
     of: tuple[int, int, int, int],
@@ -81,39 +160,9 @@ def branch_forces(
     log_k0: float,
 ) -> Tensor:
     """Forces (N,) of a motion in steps; `turns` (N,): direction of the branch that begins there."""
-    _, memories, ramps, bends = of
-    of_E, of_k = counts(of)
-    E_theta, k_theta, R_theta, tail = theta.split([of_E, of_k, of_k, TAIL])
-    least, v0, growth = tail[0].exp(), tail[4].exp(), tail[3].exp()
-    zero = theta.new_zeros(())
-    h, energy, path, direction = zero, zero, zero, 0
-    highest, lowest = y[0].clamp_min(0.0), y[0].clamp_max(0.0)
-    y_turn, h_turn = y[0], zero
-    memory, k, R, forces = theta.new_zeros(memories), zero, zero, []
-    for n in range(len(y)):
-        g, before = 1.0 - torch.exp(-rate[n].abs() / v0), h
-        if direction:
-            ends = torch.stack([direction * y[n], direction * y_turn])
-            E, E_turn = (
-                ramp_sum(E_theta, ramps, torch.cat([end[None], memory, g[None]])) for end in ends
-            )
-            p = (direction * (y[n] - y_turn)).clamp_min(0.0)
-            h = direction * on_branch(p, E, E_turn, direction * h_turn, k, R)
-        if n > 0:
-            energy = energy + 0.5 * (before + h) * (y[n] - y[n - 1])
-        highest, lowest = torch.maximum(highest, y[n]), torch.minimum(lowest, y[n])
-        forces.append(tail[1] * y[n] + tail[2] * rate[n] + (1.0 + (growth - 1.0) * g) * h)
-        if turns[n] == 0:
-            continue
-        direction, path = int(turns[n]), path + (y[n] - y_turn).abs()
-        y_turn, h_turn = y[n], h
-        excursions = [highest, -lowest] if direction > 0 else [-lowest, highest]
-        rows = [ramp(size - least, EDGE) for size in excursions] + [SHARE * torch.log1p(path)]
-        if memories > 3:
-            grown = SHARE * energy.sign() * torch.log1p(energy.abs())
-            rows += [direction * y_turn, direction * h_turn, grown]
-        memory = torch.stack(rows)
-        raw_k, raw_R = (ramp_sum(part, bends, memory) for part in (k_theta, R_theta))
-        k = torch.exp(log_k0 + SPREAD_K * torch.tanh(raw_k / SPREAD_K))
-        R = SHARPNESS * torch.exp(SPREAD_R * torch.tanh(raw_R / SPREAD_R))
+    branch, forces = Branch(theta, of, log_k0, y[0]), []
+    for now, speed, side in zip(y, rate, turns.tolist(), strict=True):
+        forces.append(branch.go_on(now, speed))
+        if side:
+            branch.turn(side)
     return torch.stack(forces)

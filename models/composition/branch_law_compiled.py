@@ -22,7 +22,26 @@ FLOOR = 0.02  # of k: the least slope of a branch against its envelope
 SHARE = 0.25  # of log(1 + path) and log(1 + energy), as inputs of about one
 EDGE = 0.02  # of the largest deformation: over which excursions beyond y₀ begin to count
 BEND = 1e-3  # of the largest force: over which a turning point beyond the envelope bends
+FARTHEST = 1.2  # of the largest deformation: beyond, E and the spring go on in a line
+KEPT = 2.0  # of the largest deformation: beyond, excursions are remembered as that much
+LEAST_SLOPE = 0.05  # of the line
+SECANT = 0.1  # of the largest deformation, whose slopes the line has
+ENDS = (  # places along ŷ and their weights in the mean slope of both ends
+    (FARTHEST, 0.5 / SECANT),
+    (FARTHEST - SECANT, -0.5 / SECANT),
+    (SECANT - FARTHEST, 0.5 / SECANT),
+    (-FARTHEST, -0.5 / SECANT),
+)
+LEAST_DAMPER = 1e-3  # of force over rate: a damper takes up energy, if next to none
+TAIL = 5  # parameters after E, k and R: log y₀, spring, damper, log(1 + ρ), log v₀
 BACK = 0.1  # of the largest deformation: the way in which the envelope pulls such a one back
+
+# numbers of what an element remembers: direction of its branch, turning point and force there,
+# excursions, path, energy, the force of the last step, the branch's stiffness and sharpness, and
+# the inputs of E, k and R: the largest excursion in the direction of the branch and against it,
+# the path, and for a larger law the turning point, the force there and the energy
+SIDE, Y_TURN, H_TURN, HIGHEST, LOWEST, PATH, ENERGY, FORCE, STIFF, SHARP, MEMORY = range(11)
+STATES = MEMORY + 6
 
 
 @inlined
@@ -64,11 +83,67 @@ def add_slopes(theta, first, ramps, x, inputs, weight, gradient, by_x):
 
 
 @inlined
+def envelope(theta, first, ramps, x, inputs):
+    """E(x): beyond FARTHEST along ŷ lines on both sides that rise alike, so that loops stay wide.
+
+    Their slope is the mean of the secants at both ends.
+    """
+    now = x[0]
+    if abs(now) <= FARTHEST:
+        return ramp_sum(theta, first, ramps, x, inputs)
+    slope = _slope_beyond(theta, first, ramps, x, inputs)
+    end = math.copysign(FARTHEST, now)
+    x[0] = end
+    value = ramp_sum(theta, first, ramps, x, inputs)
+    x[0] = now
+    return value + max(slope, LEAST_SLOPE) * (now - end)
+
+
+@inlined
+def _slope_beyond(theta, first, ramps, x, inputs):
+    now, rise = x[0], 0.0
+    for at, weight in ENDS:
+        x[0] = at
+        rise += weight * ramp_sum(theta, first, ramps, x, inputs)
+    x[0] = now
+    return rise
+
+
+@inlined
+def add_envelope_slopes(theta, first, ramps, x, inputs, weight, gradient, by_x):
+    """Add `weight` times the slopes of `envelope` by θ and by x."""
+    now = x[0]
+    if abs(now) <= FARTHEST:
+        add_slopes(theta, first, ramps, x, inputs, weight, gradient, by_x)
+        return
+    before, end = by_x[0], math.copysign(FARTHEST, now)
+    slope = _slope_beyond(theta, first, ramps, x, inputs)
+    x[0] = end
+    add_slopes(theta, first, ramps, x, inputs, weight, gradient, by_x)
+    if slope > LEAST_SLOPE:
+        for at, share in ENDS:
+            x[0] = at
+            share *= weight * (now - end)
+            add_slopes(theta, first, ramps, x, inputs, share, gradient, by_x)
+    x[0] = now
+    by_x[0] = before + weight * max(slope, LEAST_SLOPE)
+
+
+@inlined
+def law_size(sizes):
+    """Number of parameters of a law."""
+    inputs, memories, ramps_E, ramps_k = sizes
+    of_E = 1 + inputs + ramps_E * (inputs + 2)
+    return of_E + 2 * (1 + memories + ramps_k * (memories + 2)) + TAIL
+
+
+@inlined
 def beyond(excursion, least):
-    """The excursion beyond y₀, smooth, and its slope by log y₀."""
-    h = excursion - least
+    """The excursion beyond y₀, smooth, up to KEPT, and its slopes by both."""
+    h = min(excursion, KEPT) - least
     root = math.sqrt(h * h + EDGE * EDGE)
-    return 0.5 * (h + root), -0.5 * (1.0 + h / root) * least
+    slope = 0.5 * (1.0 + h / root)
+    return 0.5 * (h + root), slope if excursion < KEPT else 0.0, -slope
 
 
 @inlined
@@ -149,16 +224,164 @@ def with_turning_points(y, rate, dt, band):
 
 
 @inlined
-def _extreme(y0, y1, d0, d1):
-    """The extreme of Hermite's cubic between values y0, y1 with slopes d0, d1 of opposite sign."""
+def extreme_at(y0, y1, d0, d1):
+    """Where in [0, 1] Hermite's cubic between y0, y1 with slopes d0, d1 of opposite sign turns."""
     c2, c3 = 3.0 * (y1 - y0) - 2.0 * d0 - d1, -2.0 * (y1 - y0) + d0 + d1
     root = math.sqrt(max(c2 * c2 - 3.0 * c3 * d0, 0.0))
     q = -(c2 + math.copysign(root, c2))
     t = d0 / q if q != 0.0 else 0.5
     if not 0.0 <= t <= 1.0:
         t = q / (3.0 * c3) if c3 != 0.0 else 0.5
-    t = min(max(t, 0.0), 1.0)
-    return y0 + t * (d0 + t * (c2 + t * c3))
+    return min(max(t, 0.0), 1.0)
+
+
+@inlined
+def hermite(t):
+    """Weights of y0, d0, y1 and d1 in Hermite's cubic at t."""
+    from_1 = t * t * (3.0 - 2.0 * t)
+    return 1.0 - from_1, t * (1.0 - t) ** 2, from_1, t * t * (t - 1.0)
+
+
+@inlined
+def _extreme(y0, y1, d0, d1):
+    by_y0, by_d0, by_y1, by_d1 = hermite(extreme_at(y0, y1, d0, d1))
+    return by_y0 * y0 + by_d0 * d0 + by_y1 * y1 + by_d1 * d1
+
+
+@compiled
+def follow(theta, first, sizes, y, speed, dy, dspeed, S, D, d, x, x_turn, by_x, sensitive):
+    """Force h on the present branch at y and exp(−|ẏ|/v₀); fills d (P,) where `sensitive`.
+
+    theta: of all elements, one after the other; `first` is the number of this element's first, in
+    θ as in the P columns of derivatives. dy, dspeed (P,): of y and ẏ; S (STATES,) and D (STATES, P)
+    as `turn` leaves them.
+    """
+    inputs, memories, ramps_E, _ = sizes
+    last = first + law_size(sizes) - 1
+    v0, side = math.exp(theta[last]), S[SIDE]
+    fast = math.exp(-abs(speed) / v0)
+    x[0], x_turn[0] = side * y, side * S[Y_TURN]
+    for i in range(memories):
+        x[1 + i] = x_turn[1 + i] = S[MEMORY + i]
+    x[inputs - 1] = x_turn[inputs - 1] = 1.0 - fast
+    E_now = envelope(theta, first, ramps_E, x, inputs)
+    E_turn = envelope(theta, first, ramps_E, x_turn, inputs)
+    p = max(side * (y - S[Y_TURN]), 0.0)
+    force, by_E, by_E_turn, by_h_turn, by_k, by_R, by_p = on_branch(
+        p, E_now, E_turn, side * S[H_TURN], S[STIFF], S[SHARP]
+    )
+    if sensitive:
+        if p == 0.0:
+            by_p = 0.0
+        d[:] = 0.0
+        by_x[:] = 0.0
+        add_envelope_slopes(theta, first, ramps_E, x, inputs, by_E, d, by_x)
+        by_y, by_x[0] = by_x[0] + by_p, 0.0
+        add_envelope_slopes(theta, first, ramps_E, x_turn, inputs, by_E_turn, d, by_x)
+        by_g, by_turn = side * by_x[inputs - 1], by_x[0] - by_p
+        d[last] -= side * by_g * fast * abs(speed) / v0
+        by_speed = by_g * fast * (1.0 if speed > 0.0 else -1.0) / v0
+        by_k, by_R = side * by_k, side * by_R
+        for q in range(d.size):
+            d[q] = side * d[q] + by_y * dy[q] + by_speed * dspeed[q] + by_turn * D[Y_TURN, q]
+            d[q] += by_h_turn * D[H_TURN, q] + by_k * D[STIFF, q] + by_R * D[SHARP, q]
+        for i in range(memories):
+            weight = side * by_x[1 + i]
+            for q in range(d.size):
+                d[q] += weight * D[MEMORY + i, q]
+    return side * force, fast
+
+
+@inlined
+def go_on(y, y_before, h, dy, dy_before, dh, S, D, sensitive):
+    """Take up energy from y_before, where the force was S[FORCE], to y, where it is h."""
+    step, mean = y - y_before, 0.5 * (S[FORCE] + h)
+    S[ENERGY] += mean * step
+    if sensitive:
+        for q in range(dy.size):
+            D[ENERGY, q] += 0.5 * (D[FORCE, q] + dh[q]) * step + mean * (dy[q] - dy_before[q])
+            D[FORCE, q] = dh[q]
+    S[FORCE] = h
+    if y > S[HIGHEST]:
+        S[HIGHEST] = y
+        if sensitive:
+            D[HIGHEST, :] = dy
+    if y < S[LOWEST]:
+        S[LOWEST] = y
+        if sensitive:
+            D[LOWEST, :] = dy
+
+
+@compiled
+def turn(theta, first, sizes, log_k0, side, y, dy, S, D, by_m, sensitive):
+    """Begin a branch in the direction `side` at y, where the force is S[FORCE]."""
+    inputs, memories, ramps_E, ramps_k = sizes
+    first_k = first + 1 + inputs + ramps_E * (inputs + 2)
+    first_R = first_k + 1 + memories + ramps_k * (memories + 2)
+    of_least = first + law_size(sizes) - TAIL
+    least, way = math.exp(theta[of_least]), 1.0 if y > S[Y_TURN] else -1.0
+    S[PATH] += abs(y - S[Y_TURN])
+    ahead, behind = (HIGHEST, LOWEST) if side > 0.0 else (LOWEST, HIGHEST)
+    S[MEMORY], by_ahead, ahead_by_least = beyond(side * S[ahead], least)
+    S[MEMORY + 1], by_behind, behind_by_least = beyond(-side * S[behind], least)
+    S[MEMORY + 2] = SHARE * math.log1p(S[PATH])
+    if sensitive:
+        for q in range(dy.size):
+            D[PATH, q] += way * (dy[q] - D[Y_TURN, q])
+            D[Y_TURN, q], D[H_TURN, q] = dy[q], D[FORCE, q]
+            D[MEMORY, q] = by_ahead * side * D[ahead, q]
+            D[MEMORY + 1, q] = -by_behind * side * D[behind, q]
+            D[MEMORY + 2, q] = SHARE / (1.0 + S[PATH]) * D[PATH, q]
+        D[MEMORY, of_least] += ahead_by_least * least
+        D[MEMORY + 1, of_least] += behind_by_least * least
+    S[SIDE], S[Y_TURN], S[H_TURN] = side, y, S[FORCE]
+    if memories > 3:
+        inside = abs(y) < KEPT
+        S[MEMORY + 3] = side * (y if inside else math.copysign(KEPT, y))
+        S[MEMORY + 4] = side * S[H_TURN]
+        S[MEMORY + 5] = SHARE * math.copysign(math.log1p(abs(S[ENERGY])), S[ENERGY])
+        if sensitive:
+            for q in range(dy.size):
+                D[MEMORY + 3, q] = side * dy[q] if inside else 0.0
+                D[MEMORY + 4, q] = side * D[H_TURN, q]
+                D[MEMORY + 5, q] = SHARE / (1.0 + abs(S[ENERGY])) * D[ENERGY, q]
+    memory = S[MEMORY : MEMORY + memories]
+    raw_k = ramp_sum(theta, first_k, ramps_k, memory, memories) / SPREAD_K
+    raw_R = ramp_sum(theta, first_R, ramps_k, memory, memories) / SPREAD_R
+    S[STIFF] = math.exp(log_k0 + SPREAD_K * math.tanh(raw_k))
+    S[SHARP] = SHARPNESS * math.exp(SPREAD_R * math.tanh(raw_R))
+    for row in range(STIFF, SHARP + 1 if sensitive else STIFF):
+        begin, raw = (first_k, raw_k) if row == STIFF else (first_R, raw_R)
+        slope = S[row] * (1.0 - math.tanh(raw) ** 2)
+        total = D[row]
+        total[:] = 0.0
+        by_m[:] = 0.0
+        add_slopes(theta, begin, ramps_k, memory, memories, slope, total, by_m)
+        for i in range(memories):
+            for q in range(total.size):
+                total[q] += by_m[i] * D[MEMORY + i, q]
+
+
+@inlined
+def element_force(theta, last, y, speed, h, fast, dy, dspeed, dh, dr, sensitive):
+    """Spring, damper and the force h that grows with the rate; fills dr (P,)."""
+    growth, bent = math.exp(theta[last - 1]), math.sqrt(theta[last - 2] ** 2 + LEAST_DAMPER**2)
+    spring, damper = theta[last - 3], 0.5 * (theta[last - 2] + bent)
+    factor = 1.0 + (growth - 1.0) * (1.0 - fast)
+    inside = spring > 0.0 or abs(y) < FARTHEST  # a spring below zero pushes no further
+    stretched = y if inside else math.copysign(FARTHEST, y)
+    if sensitive:
+        by_y = spring if inside else 0.0
+        v0 = math.exp(theta[last])
+        by_fast = -(growth - 1.0) * h * fast / v0
+        by_speed = damper - by_fast * (1.0 if speed > 0.0 else -1.0)
+        for q in range(dr.size):
+            dr[q] = factor * dh[q] + by_y * dy[q] + by_speed * dspeed[q]
+        dr[last - 3] += stretched
+        dr[last - 2] += 0.5 * (1.0 + theta[last - 2] / bent) * speed
+        dr[last - 1] += growth * (1.0 - fast) * h
+        dr[last] += by_fast * abs(speed)
+    return spring * stretched + damper * speed + factor * h
 
 
 @compiled
@@ -166,97 +389,26 @@ def imposed(theta, sizes, y, rate, turns, place, log_k0, r, jacobian):
     """Forces of a motion in steps, and their derivatives where jacobian (T, P) is not empty.
 
     y, rate, turns, place (N,): of `with_turning_points`; r (T,) is filled at the places. sizes:
-    inputs of E and of k, ramps of E and of k and R. `memory` holds, at the beginning of a
-    branch: the largest excursion in its direction and against it, the path, and for a larger law
-    the turning point, the force there and the energy.
+    inputs of E and of k, ramps of E and of k and R.
     """
-    inputs, memories, ramps_E, ramps_k = sizes
-    P, sensitive, larger = theta.size, jacobian.size > 0, memories > 3
-    first_k = 1 + inputs + ramps_E * (inputs + 2)
-    first_R = first_k + 1 + memories + ramps_k * (memories + 2)
-    last = P - 1
-    v0, growth, least = math.exp(theta[last]), math.exp(theta[last - 1]), math.exp(theta[last - 4])
-    x, x_turn, memory = np.zeros(inputs), np.zeros(inputs), np.zeros(memories)
-    by_x, by_m = np.zeros(inputs), np.zeros(memories)
-    d_k, d_R = np.zeros(P), np.zeros(P)
-    d_turn, d_energy, d_energy_turn = np.zeros(P), np.zeros(P), np.zeros(P)
-    d_before, d_now = np.zeros(P), np.zeros(P)
-    highest, lowest, path, energy = max(y[0], 0.0), min(y[0], 0.0), 0.0, 0.0
-    y_turn, h_turn, h, h_before = y[0], 0.0, 0.0, 0.0
-    direction, k, R = 0.0, 1.0, 1.0
-    forward_by_least, against_by_least = 0.0, 0.0
+    inputs, memories, _, _ = sizes
+    P, sensitive = theta.size, jacobian.size > 0
+    x, x_turn, by_x, by_m = np.zeros(inputs), np.zeros(inputs), np.zeros(inputs), np.zeros(memories)
+    S, D = np.zeros(STATES), np.zeros((STATES, P))
+    none, dh, dr = np.zeros(P), np.zeros(P), np.zeros(P)
+    S[Y_TURN], S[HIGHEST], S[LOWEST] = y[0], max(y[0], 0.0), min(y[0], 0.0)
     for n in range(y.size):
-        fast = math.exp(-abs(rate[n]) / v0)
-        if direction != 0.0:
-            x[0], x[inputs - 1], x_turn[inputs - 1] = direction * y[n], 1.0 - fast, 1.0 - fast
-            E_now = ramp_sum(theta, 0, ramps_E, x, inputs)
-            E_turn = ramp_sum(theta, 0, ramps_E, x_turn, inputs)
-            p = max(direction * (y[n] - y_turn), 0.0)
-            force, by_E, by_E_turn, by_h_turn, by_k, by_R, _ = on_branch(
-                p, E_now, E_turn, direction * h_turn, k, R
+        h, fast = 0.0, 1.0
+        if S[SIDE] != 0.0:
+            h, fast = follow(
+                theta, 0, sizes, y[n], rate[n], none, none, S, D, dh, x, x_turn, by_x, sensitive
             )
-            h = direction * force
-            if sensitive:
-                d_now[:] = 0.0
-                by_x[:] = 0.0
-                add_slopes(theta, 0, ramps_E, x, inputs, by_E, d_now, by_x)
-                add_slopes(theta, 0, ramps_E, x_turn, inputs, by_E_turn, d_now, by_x)
-                d_now[last - 4] += by_x[1] * forward_by_least + by_x[2] * against_by_least
-                d_now[last] -= by_x[inputs - 1] * fast * abs(rate[n]) / v0
-                by_turn = by_h_turn + (by_x[5] if larger else 0.0)
-                by_energy = by_x[6] if larger else 0.0
-                for q in range(P):
-                    d_now[q] += by_k * d_k[q] + by_R * d_R[q] + by_energy * d_energy_turn[q]
-                    d_now[q] = direction * d_now[q] + by_turn * d_turn[q]
-        step = y[n] - y[n - 1] if n > 0 else 0.0
-        energy += 0.5 * (h_before + h) * step
-        if sensitive:
-            for q in range(P):
-                d_energy[q] += 0.5 * (d_before[q] + d_now[q]) * step
-                d_before[q] = d_now[q]
-        h_before = h
-        highest, lowest = max(highest, y[n]), min(lowest, y[n])
+        go_on(y[n], y[max(n - 1, 0)], h, none, none, dh, S, D, sensitive)
         if place[n] >= 0:
-            factor = 1.0 + (growth - 1.0) * (1.0 - fast)
-            r[place[n]] = theta[last - 3] * y[n] + theta[last - 2] * rate[n] + factor * h
+            r[place[n]] = element_force(
+                theta, P - 1, y[n], rate[n], h, fast, none, none, dh, dr, sensitive
+            )
             if sensitive:
-                row = jacobian[place[n]]
-                for q in range(P):
-                    row[q] = factor * d_now[q]
-                row[last - 3] += y[n]
-                row[last - 2] += rate[n]
-                row[last - 1] += growth * (1.0 - fast) * h
-                row[last] -= (growth - 1.0) * fast * abs(rate[n]) / v0 * h
+                jacobian[place[n], :] = dr
         if turns[n] != 0:
-            direction = float(turns[n])
-            path += abs(y[n] - y_turn)
-            y_turn, h_turn = y[n], h
-            if sensitive:
-                d_turn[:] = d_now
-                d_energy_turn[:] = SHARE * d_energy / (1.0 + abs(energy))
-            memory[0], forward_by_least = beyond(highest if direction > 0.0 else -lowest, least)
-            memory[1], against_by_least = beyond(-lowest if direction > 0.0 else highest, least)
-            memory[2] = SHARE * math.log1p(path)
-            if larger:
-                memory[3], memory[4] = direction * y_turn, direction * h_turn
-                memory[5] = SHARE * math.copysign(math.log1p(abs(energy)), energy)
-            raw_k = ramp_sum(theta, first_k, ramps_k, memory, memories) / SPREAD_K
-            raw_R = ramp_sum(theta, first_R, ramps_k, memory, memories) / SPREAD_R
-            k = math.exp(log_k0 + SPREAD_K * math.tanh(raw_k))
-            R = SHARPNESS * math.exp(SPREAD_R * math.tanh(raw_R))
-            x_turn[0] = direction * y_turn
-            for i in range(memories):
-                x[1 + i] = x_turn[1 + i] = memory[i]
-            for which in range(2 if sensitive else 0):
-                total = d_k if which == 0 else d_R
-                total[:] = 0.0
-                by_m[:] = 0.0
-                if which == 0:
-                    slope = k * (1.0 - math.tanh(raw_k) ** 2)
-                    add_slopes(theta, first_k, ramps_k, memory, memories, slope, total, by_m)
-                else:
-                    slope = R * (1.0 - math.tanh(raw_R) ** 2)
-                    add_slopes(theta, first_R, ramps_k, memory, memories, slope, total, by_m)
-                total[last - 4] += by_m[0] * forward_by_least + by_m[1] * against_by_least
-                if larger:
-                    total += by_m[4] * direction * d_turn + by_m[5] * d_energy_turn
+            turn(theta, 0, sizes, log_k0, float(turns[n]), y[n], none, S, D, by_m, sensitive)

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from models.composition.branch_law import TAIL, counts
-from models.composition.branch_law_compiled import CORNER, EDGE, SHARE
+from models.composition.branch_law import counts
+from models.composition.branch_law_compiled import CORNER, EDGE, SHARE, TAIL
 
 FAR = 0.2  # of the largest deformation: the way after which a force is near the envelope
 DRAWN, RIDGE = 80, 3e-3  # ramps to choose from; of their weights

@@ -53,6 +53,7 @@ class Composite(Trainable):
     reads = ("f",)
     estimates_beginning = True
     later = ("bound",)
+    traced = staticmethod(traced)  # how a composition is run
     measures: Tensor  # (n,): of the sensors, displacement 0, velocity 1, acceleration 2
     bound: Tensor  # (n,): of what sensors measure; a run beyond has diverged
     identified: Tensor  # 1 once the parameters have their units, until then NaN
@@ -207,7 +208,7 @@ class Composite(Trainable):
 
         def run(begin: Tensor, samples: int) -> Trace:
             part = Drive(drive.dt, u[:, :samples], rest, rest, drive.hold)
-            return traced(composition, part, substeps, begin=begin, by_begin=True)
+            return self.traced(composition, part, substeps, begin=begin, by_begin=True)
 
         limit, most = composition.limits().flatten(), start.new_full((2 * n + memory,), torch.inf)
         most[2 * n :] = limit
@@ -291,7 +292,7 @@ class Composite(Trainable):
         self.require_identified(self.identified)
         substeps, by_begin = self._substeps(drive.dt), derivatives and begin is not None
         composed = self.composition()
-        return traced(
+        return self.traced(
             composed, drive, substeps, anchors, every, derivatives, self.bound, begin, by_begin
         )
 

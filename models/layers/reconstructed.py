@@ -15,7 +15,7 @@ ALIKE = 3.0  # times the least share of a that is untold
 
 
 def reconstructed(a: Tensor, u: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-    """x and v of a motion a (T, n) under an excitation u (T, m), high-passed at one of some corners.
+    """x and v of a motion a (T, n) under an excitation u (T, m), high-passed at a corner.
 
     Above the right one too much of the motion is lost, below it the noise of the sensors is
     integrated into a drift, and x, v and u tell less of a: the lowest is taken that leaves little

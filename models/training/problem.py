@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import torch
 from torch import Tensor, nn
@@ -17,6 +18,7 @@ from torch.func import functional_call, jacrev, jvp, vmap
 from data.record import Record
 from models.training.trainable import Trainable
 
+MOST_DERIVATIVES = 1 << 26  # of all records together, half a gigabyte
 BLOCK_ELEMENTS = 1 << 22  # of derivatives that are computed at a time (32 MiB)
 
 
@@ -154,23 +156,36 @@ class FreeRunProblem:
         JᵀJ is summed over every `every`-th sample and scaled up; Jᵀe is exact.
         """
         with torch.no_grad():
-            both = self.estimator.restarted_jacobian(self.record, self.horizon, self.warmup)
-            if both is None:
-                errors = self.errors()
-                rows = self._differentiated(errors.numel())
-            else:
-                run, jacobian = both
-                errors = self._errors(run)
-                rows = self.weight * jacobian[..., self.counted, :, :]
-            samples = rows.reshape(*self.y.shape, -1)  # (…, T, n, P)
-            rows = samples.flatten(0, -2)
             prior, deviation = self._pull()
-            some, pull = samples[..., ::every, :, :].flatten(0, -2), len(rows) * prior
-            matrix, vector = len(rows) / len(some) * _gram(some), rows.T @ errors
+            parts = self._parts(deviation.numel())
+            sums = [self._normal_equations(record, y, every) for record, y in parts]
+            matrix, vector = sums[0]
+            for more, other in sums[1:]:
+                matrix, vector = matrix + more, vector + other
+            pull = self.y.numel() * prior
             if deviation.numel():
                 matrix.diagonal().add_(pull)
                 vector = vector + pull * deviation
             return matrix, vector
+
+    def _parts(self, parameters: int) -> list[tuple[Record, Tensor]]:
+        """All records together, or one after the other where their derivatives are too many."""
+        if self.record.a.ndim < 3 or self.y.numel() * parameters < MOST_DERIVATIVES:
+            return [(self.record, self.y)]
+        return [(self.record.map(partial(_only, i)), y) for i, y in enumerate(self.y.split(1))]
+
+    def _normal_equations(self, record: Record, y: Tensor, every: int) -> tuple[Tensor, Tensor]:
+        both = self.estimator.restarted_jacobian(record, self.horizon, self.warmup)
+        if both is None:
+            errors = self.errors()
+            rows = self._differentiated(errors.numel())
+        else:
+            run, jacobian = both
+            errors = ((run[..., self.counted, :] - y) * self.weight).reshape(-1)
+            rows = self.weight * jacobian[..., self.counted, :, :].flatten(0, -2)
+        samples = rows.view(*y.shape, -1)  # (…, T, n, P)
+        some = samples[..., ::every, :, :].flatten(0, -2)
+        return len(rows) / len(some) * _gram(some), rows.T @ errors
 
     def _pull(self) -> tuple[float | Tensor, Tensor]:
         return self.estimator.pull(self.last, self.prior)
@@ -205,6 +220,11 @@ class _RestartedRun(nn.Module):
 
     def forward(self, record: Record, horizon: int | None, warmup: int) -> Tensor:
         return self.estimator.restarted_run(record, horizon, warmup)
+
+
+def _only(i: int, signal: Tensor) -> Tensor:
+    """Record i of a batch, as a batch."""
+    return signal[i : i + 1]
 
 
 def _in_steady_state(record: Record) -> Record:

@@ -36,6 +36,7 @@ SMALLER = {  # what a class is built with here, so that it is identified in a se
     "models.NeuralStateSpace": {"memory": 2, "hidden": 4, "past": 3},
     "models.ForwardVWNN": {"refinements": 1},
     "models.ElementNetwork": {"hinges": 1, "units": 1},
+    "models.ElementNetworkBranch": {"ramps": 2, "bends": 1, "law_starts": 1},
     "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
     "models.ModalNetwork": {"modes": 3, "elements": 0, "iterations": 3},
 }

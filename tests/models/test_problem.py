@@ -13,10 +13,11 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 import models.training.problem
 from data.record import Record, Truth, stack
 from data.windows import WindowDataset
+from models.element_network import ElementNetwork
 from models.estimator import Estimator
 from models.mlp import GlobalMLP, ResidualMLP
 from models.training.metrics import score
-from models.training.problem import Problem
+from models.training.problem import FreeRunProblem, Problem
 from models.training.trainable import Trainable
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
@@ -259,3 +260,16 @@ def test_a_structure_at_rest_has_nothing_to_fit(model):
         a[moving:] = 0.0
         with pytest.raises(ValueError, match="measured acceleration is zero"):
             Problem(estimator, replace(record, a=a))
+
+
+def test_records_one_after_the_other_give_the_normal_equations_of_all(
+    monkeypatch, bilinear_records
+):
+    model = ElementNetwork(3, 3, 0.01, "chain", hinges=1, units=1)
+    batch = stack([record.window(0, 200) for record in bilinear_records[:3]])
+    model.identify([batch])
+    together = FreeRunProblem(model, batch, None).normal_equations(2)
+    monkeypatch.setattr(models.training.problem, "MOST_DERIVATIVES", 1)
+    apart = FreeRunProblem(model, batch, None).normal_equations(2)
+    for one, other in zip(together, apart, strict=True):
+        assert torch.allclose(one, other, rtol=1e-9, atol=1e-12 * float(one.abs().max()))

@@ -14,6 +14,7 @@ PAGES = {
     "report/paper": "results",
     "report/tuning": "tuning",
     "benchmarks/published": "published",
+    "benchmarks/unplanted": "unplanted",
 }
 
 

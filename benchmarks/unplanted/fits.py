@@ -1,0 +1,49 @@
+"""A model fitted as train.py fits it, and its error on motions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from hydra import compose, initialize_config_dir
+
+from data.record import Record
+from data.sample import Sensors
+from models.estimator import Estimator
+from models.training.assemble import estimator_from, objective_from, solver_from
+from models.training.objective import restore, state_of
+from models.training.trainable import require_trainable
+from runner.compose import CONF
+
+
+def fitted(words: Sequence[str], batch: Record) -> Estimator:
+    """The model of a command line, fitted to a batch of records."""
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = compose("train", list(words))
+    inputs = batch.excitation.shape[-1]
+    estimator = estimator_from(cfg.model, Sensors(batch.dt, batch.dofs, inputs))
+    estimator.identify([batch])
+    free = [p for p in estimator.parameters() if p.requires_grad]
+    if not free:
+        return estimator
+    trainable = require_trainable(estimator)
+    objective, make_solver = objective_from(cfg.objective), solver_from(cfg.solver)
+    objective.prepare(trainable, [batch], measured=False)
+    objective.begin(trainable, [batch], make_solver, lambda losses: None)
+    ends = [(objective.final_loss(trainable, [batch]), state_of(trainable))]
+    for stage in range(len(objective.stages)):
+        if stage > 0:
+            objective.enter(trainable, stage)
+        solver = make_solver(free)
+        while not solver.finished:
+            solver.solve(objective.problem(trainable, batch, stage))
+        ends.append((objective.final_loss(trainable, [batch]), state_of(trainable)))
+    restore(trainable, min(ends, key=lambda end: end[0])[1])
+    return estimator
+
+
+@torch.no_grad()
+def error(model: Estimator, records: Sequence[Record]) -> float:
+    """Relative RMS error of free runs over all records [%]; not finite where one diverged."""
+    errors = sum(float(((model.free_run(r.drive()).a - r.a) ** 2).sum()) for r in records)
+    return 100.0 * (errors / sum(float((r.a**2).sum()) for r in records)) ** 0.5

@@ -1,0 +1,178 @@
+"""Element network whose elements follow the learned branch law: any hysteresis, between DOFs.
+
+M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = F law(y_e/Y, ẏ_e/V; θ_e)    (composition/branch_law.py)
+
+It starts by equilibrium (models/starts/equilibrium.py), where the law of every element is fitted as
+that of an element under an imposed motion, and is polished on its free run with exact derivatives.
+B records, T samples, n DOFs, E elements, m excitations, L parameters of a law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Literal
+
+import torch
+from torch import Tensor, nn
+
+from data.record import Drive, Record, Response
+from models.composition.branch_law import sizes
+from models.composition.branch_law_compiled import law_size
+from models.composition.branch_run import Branches, simulate_branches, traced_branches
+from models.composition.composite import MOST_STEPS
+from models.composition.simulate import Composition
+from models.composition.trace import Trace
+from models.element_network import ElementNetwork
+from models.starts.equilibrium import (
+    LOWEST,
+    dominant,
+    fitted,
+    forces_of,
+    high_passed,
+    integrated,
+)
+
+Test = tuple[Tensor, Tensor, Tensor]
+
+
+class ElementNetworkBranch(ElementNetwork):
+    """Masses and branch laws from the motion, or from accelerations and forces alone.
+
+    elements, masses, forced, from_accelerations: as for `ElementNetwork`. ramps, bends,
+    force_memory: of every law, as for `BranchElement`. law_starts: starts of each law, of which the
+    one that fits best is taken, drawn from `seed`. prior: weight of Σ (θ − θ₀)² beside the squared
+    relative error; θ₀ is a law's start, and then the law by equilibrium.
+    Raises ValueError for channels, masses or pairs of nodes that do not fit.
+    """
+
+    scale: Tensor  # (4, E): Y [m], V [m/s], F [N] and log k₀
+    begun: Tensor  # (E, L): θ₀
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        elements: Sequence[Sequence[str]] | Literal["chain", "all"] | None = None,
+        masses: Sequence[float] | None = None,
+        forced: Sequence[int] | str | None = None,
+        ramps: int = 14,
+        bends: int = 4,
+        force_memory: bool = True,
+        law_starts: int = 4,
+        seed: int = 0,
+        substeps: int = 2,
+        from_accelerations: bool = False,
+        prior: float = 1e-6,
+    ) -> None:
+        super().__init__(
+            dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False, substeps,
+            from_accelerations, prior,
+        )  # fmt: skip
+        if not isinstance(law_starts, int) or law_starts < 1:
+            raise ValueError(f"model.law_starts={law_starts} must be a whole number, at least 1")
+        self.settings: dict[str, Any] = {
+            "ramps": ramps,
+            "bends": bends,
+            "force_memory": force_memory,
+            "prior": prior,
+        }
+        if not isinstance(seed, int) or seed < 0:
+            raise ValueError(f"model.seed={seed} must be a whole number, not negative")
+        self.sizes, self.law_starts = sizes(force_memory, ramps, bends), law_starts
+        self.seed = seed
+        E, L = len(self.elements), law_size(self.sizes)
+        self.laws.requires_grad_(False)  # the branch laws hold spring and damper
+        self.theta = nn.Parameter(torch.zeros(E, L, dtype=torch.float64))
+        self.register_buffer("begun", torch.zeros(E, L, dtype=torch.float64))
+        self.register_buffer("scale", torch.full((4, E), torch.nan, dtype=torch.float64))
+        self.tests: list[list[Test]] = []
+
+    @property
+    def branches(self) -> Branches:
+        return Branches(self.theta, self.sizes, self.scale)
+
+    @torch.no_grad()
+    def identify(self, batches: Iterable[Record]) -> dict[str, float | str]:
+        """Start at a linear structure, then fit the law of every element to equilibrium.
+
+        Returns how far each law is from the forces by equilibrium, beside the linear start's facts.
+        """
+        records = self.admitted(batches)
+        facts = super().identify(records)
+        if self.linear is None:
+            raise ValueError("the records gave no linear structure to begin with")
+        stiffness = self.linear[0].clamp_min(1e-3 * self.linear[0].max())
+        motions = [m for record in records for m in self._motions(record, stiffness)]
+        self.tests = [
+            [(y[:, e : e + 1], v[:, e : e + 1], r[:, e : e + 1]) for y, v, r in motions]
+            for e in range(len(self.elements))
+        ]
+        errors = self._fit(torch.Generator().manual_seed(self.seed))
+        return {**facts, "laws_off_percent": ", ".join(f"{100.0 * e:.2f}" for e in errors)}
+
+    @torch.no_grad()
+    def restart(self, generator: torch.Generator) -> None:
+        """Fit the laws to equilibrium anew, from other starts."""
+        if not self.tests:
+            raise ValueError(
+                "ElementNetworkBranch starts anew from its identification; identify it first"
+            )
+        self._fit(generator)
+
+    def _fit(self, generator: torch.Generator) -> list[float]:
+        """Fit every law to its tests; their relative errors."""
+        errors = []
+        for e, tests in enumerate(self.tests):
+            seed = int(torch.randint(2**31, (1,), generator=generator))
+            law, error = fitted(tests, self.dt, self.settings, self.law_starts, seed)
+            self.theta[e], self.scale[:, e] = law.theta[0], law.scale[:4, 0]
+            errors.append(error)
+        self.begun.copy_(self.theta)
+        return errors
+
+    def _motions(self, record: Record, stiffness: Tensor) -> Iterable[Test]:
+        """y, ẏ and r by equilibrium (T, E) of every motion of a record."""
+        B, B_s, mass = self.B.cpu(), self.B_s.cpu(), self.mass().detach().cpu()
+        composed = self.composition()
+        inputs = composed.inputs.value.detach().cpu()
+        for x, v, a, u in self._states(record):
+            s, s_dot = u[:, self.forces :].chunk(2, dim=1)
+            y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
+            yield y, rate, forces_of(B, mass * (u @ inputs.T - a), y, stiffness)
+
+    def _states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
+        """x, v, a, u (T, ·) of every motion; integrated where accelerations alone are measured."""
+        if record.quantity != "acceleration" or self.has_states(record):
+            yield from self.states(record)
+            return
+        a = record.a.reshape(-1, record.samples, self.dofs)
+        u = record.excitation.reshape(len(a), record.samples, self.inputs)
+        for acceleration, drive in zip(a, u, strict=True):
+            lowest = LOWEST * dominant(acceleration, record.dt)
+            x, v = integrated(acceleration, record.dt, lowest)
+            moved = drive.clone()
+            moved[:, self.forces :] = high_passed(drive[:, self.forces :], record.dt, lowest)
+            yield x, v, acceleration, moved
+
+    def pull(self, last: bool, prior: float | None = None) -> tuple[float | Tensor, Tensor]:
+        parts = [(self.theta - self.begun).reshape(-1)]
+        if self.mass.theta.requires_grad:
+            parts.append(self.mass.deviation(last).reshape(-1))
+        return self.prior if prior is None else prior, torch.cat(parts)
+
+    def free_run(self, drive: Drive) -> Response:
+        self.require_identified(self.identified)
+        if torch.is_grad_enabled() and self.theta.requires_grad:
+            substeps = self._substeps(drive.dt)
+            if drive.samples * substeps > MOST_STEPS:
+                raise ValueError(
+                    f"{drive.samples} samples in {substeps} substeps each are more than the "
+                    f"{MOST_STEPS} steps that autograd follows in Python; simulate under "
+                    "torch.no_grad(), or take a shorter drive"
+                )
+            return simulate_branches(self.composition(), self.branches, drive, substeps)
+        return self.trace(drive).response
+
+    def traced(self, composition: Composition, drive: Drive, *settings: Any, **more: Any) -> Trace:
+        return traced_branches(composition, self.branches, drive, *settings, **more)
