@@ -115,6 +115,26 @@ def test_a_quiet_start_is_cut_and_told_and_a_moving_one_is_not(tmp_path):
     assert onset_of({"a": clock() * np.sin(9.0 * clock())}, DT) == 0  # growing from rest
 
 
+def test_what_sensors_show_at_rest_is_taken_off_and_told(tmp_path):
+    base, roof = shaken(samples=3000)
+    quiet = 1e-5 * np.random.default_rng(0).standard_normal((2, 900))
+    tilted = {
+        "time": clock(3900), "s_ddot1": np.concatenate([quiet[0], base]) + 0.3,
+        "a1": np.concatenate([quiet[1], roof]) - 0.2, "x1": np.concatenate([quiet[1], roof]) + 0.1,
+    }  # fmt: skip
+    level = {**tilted, "s_ddot1": tilted["s_ddot1"] - 0.3, "a1": tilted["a1"] + 0.2}
+    table(tmp_path / "tilted.csv", tilted)
+    table(tmp_path / "level.csv", level)
+    of_tilted, of_level = (measured(tmp_path / f"{name}.csv") for name in ("tilted", "level"))
+    for split in ("train", "test"):
+        one, other = of_tilted.records[split][0], of_level.records[split][0]
+        assert torch.allclose(one.a, other.a, atol=1e-6)
+        assert torch.allclose(one.f, other.f, atol=1e-6)
+        assert torch.equal(one.x, other.x)  # where it stands may be meant
+    (note,) = {n for notes in of_tilted.notes.values() for n in notes if "quiet" in n}
+    assert "s_ddot1 0.3, a1 -0.2" in note
+
+
 def test_an_onset_does_not_depend_on_what_follows():
     signal = np.where(clock() > 8.0, np.sin(9.0 * clock()), 1e-6 * np.cos(40.0 * clock()))
     other = np.where(clock() > 16.0, 100.0, signal)

@@ -172,6 +172,11 @@ def test_estimates_are_finite_and_in_double_precision(anyone, bilinear_record):
     assert torch.isfinite(estimate).all()
 
 
+def test_what_was_identified_may_be_saved(anyone):
+    values = {k: v for k, v in anyone.state_dict().items() if v.is_floating_point()}
+    assert [name for name, value in values.items() if not torch.isfinite(value).all()] == []
+
+
 def test_the_truth_is_never_read(anyone, fresh, bilinear_records):
     unknown = Truth(*(torch.full((1000, 1), torch.nan) for _ in fields(Truth)))
     records = [replace(record, truth=unknown) for record in bilinear_records[:2]]

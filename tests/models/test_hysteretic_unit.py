@@ -148,6 +148,7 @@ def fitted(record: Record, iterations: int = 12) -> float:
     problem = FreeRunProblem(model, record, None)
     while not solver.finished:
         solver.solve(problem)
+    assert torch.isfinite(model.bound).all()  # else it may not be saved
     return float(problem.loss().detach()) ** 0.5
 
 

@@ -12,6 +12,8 @@ from models.element_network import ElementNetwork
 from models.training.free_run_objective import FreeRun
 from models.training.identification import Identification
 from models.training.parts import held_back_from, onset
+from models.training.prior_path import LONGER, fit_linear, horizons_of
+from models.training.problem import FreeRunProblem
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.training.stands import stands
 from tests.models.test_objective import DT, fit, free_run_loss
@@ -88,6 +90,40 @@ def test_a_law_that_runs_away_under_a_larger_motion_is_found_out():
         model.laws.cubic.theta.fill_(-1.0)
         model.laws.cubic.unit.mul_(1000.0)
     assert not stands(model, record)
+
+
+def test_a_law_that_moves_by_itself_is_found_out():
+    model = planted(True)
+    record = shaken(model, 2000)
+    with torch.no_grad():
+        model.laws.unit_limit.unit.mul_(0.05)
+        model.laws.unit_stiffness.theta.fill_(-0.5)  # it drives what its units give way to
+        assert float(model.free_run(record.drive()).a.abs().max()) < 20.0 * record.a.abs().max()
+    assert not stands(model, record)
+
+
+def test_the_linear_structure_is_found_from_a_start_far_from_it():
+    truth, model = planted(True), network()
+    record = shaken(truth, 2000, noise=0.01)
+    model.identify([record])
+    with torch.no_grad():
+        model.laws.stiffness.theta.add_(torch.tensor([0.3, -0.3, 0.2]))
+        model.laws.damping.theta.add_(1.0)
+    far = float(problem_of(model, record).loss().detach().sqrt())
+    fit_linear(model, [record], horizons_of(record, LONGER), solver_of_many, lambda losses: None)
+    assert float(problem_of(model, record).loss().detach().sqrt()) < min(0.02, 0.1 * far)
+    ratio = model.laws.stiffness() / truth.laws.stiffness()
+    assert torch.allclose(ratio / ratio[0], torch.ones(3).double(), atol=0.02)
+    assert all(p.requires_grad for p in model.laws.unit_stiffness.parameters())
+    assert (model.pull(False, 1e-3)[1] == 0.0).all()  # from here the laws are let go
+
+
+def problem_of(model: ElementNetwork, record: Record) -> FreeRunProblem:
+    return FreeRunProblem(model, record, None, prior=0.0)
+
+
+def solver_of_many(parameters) -> LevenbergMarquardt:
+    return LevenbergMarquardt(parameters, iterations=30, scaled=True)
 
 
 def test_where_a_stage_leads_astray_training_goes_back_to_the_best_state(tmp_path):
