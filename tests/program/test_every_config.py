@@ -24,6 +24,7 @@ from models.training.build import build
 from models.training.metrics import score
 from runner.compose import CONF, GROUPS, experiments, help_text, placed, prepare_hydra
 from runner.paper_values import paper_values
+from runner.settings import check_settings
 
 ROOT = Path(__file__).parents[2]
 
@@ -141,6 +142,13 @@ def test_given_forces_drive_the_structure(tmp_path):
     path.write_text("\n".join(",".join(f"{u:.6f}" for u in row) for row in force.tolist()))
     choices = ["excitation=given", f"excitation.force.path={path}", "model=two_point"]
     assert 0.0 < fits(*choices)["relative_rms_percent"] < 50.0
+
+
+@pytest.mark.parametrize("experiment", choices("experiment"))
+def test_every_experiment_is_of_settings_that_are_known(experiment):
+    """Those on records name their folder, which need not be there."""
+    of_records = experiment in ("shake_table", "friction_damper")
+    check_settings(composed(f"experiment={experiment}", *(["records=somewhere"] * of_records)))
 
 
 @pytest.mark.parametrize("experiment", sorted(set(choices("experiment")) - NEED_RECORDS))
