@@ -15,7 +15,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import train
-from data.record import Drive
+from data.record import Record
 from models.linear import EquivalentLinear
 from report.collection.runs import read_runs
 from report.free_run import __main__ as program
@@ -335,8 +335,8 @@ class WithElements(EquivalentLinear):
 
     elements = (("x2", "x1"), ("ground", "x1"), ("x1", "x3"))
 
-    def element_loops(self, drive: Drive) -> tuple[torch.Tensor, torch.Tensor]:
-        x = 2.0 * self.free_run(drive).x
+    def element_loops(self, record: Record) -> tuple[torch.Tensor, torch.Tensor]:
+        x = 2.0 * self.free_run(record.drive()).x
         y = torch.stack([x[:, 0] - x[:, 1], x[:, 0], x[:, 2] - x[:, 0]], dim=-1)
         return y, 39.0 * y
 
