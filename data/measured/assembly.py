@@ -72,8 +72,8 @@ def record_of_channels(
     x, v = (matrix(channels, s) if quantity == "acceleration" else None for s in ("x", "v"))
     x, v = (u if u is not None and u.shape == output.shape else None for u in (x, v))
     known = x is not None and v is not None
-    imposed = quantity == "force"  # nothing moves by itself
-    begins = "given" if known or not (whole or imposed) else "rest"
+    imposed = quantity == "force"  # what an element remembers of motions before was not measured
+    begins = "given" if known else "unknown" if imposed or not whole else "rest"
     record = Record(
         dt=dt,
         a=output,

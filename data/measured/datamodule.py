@@ -34,6 +34,7 @@ from data.record import Record, same_step
 from data.simulation.scenario import Scenario
 
 SHORTEST, LONGEST = 1e-12, 1e9  # time step [s]
+TELLING = 0.1  # of a record whose beginning is unknown: first samples that tell of it
 
 
 class MeasuredData(Data):
@@ -46,7 +47,9 @@ class MeasuredData(Data):
     data/measured/files/table.py. dt [s]: where the files have no clock. start, stop [s]: of every
     record.
     quantity: what is estimated; None takes accelerations, else the force of an element, else
-    displacements. initial_state: None begins as measured where x and v are, else at rest.
+    displacements. initial_state: None begins as measured where x and v are, else at rest; an
+    element test, and a record that was cut in motion, in an unknown state. Of such a record the
+    first `warmup` samples, or a tenth, tell of the state, and are not scored.
     With a support's acceleration s_ddot1, motions are relative to it and f = −s̈ drives them;
     accelerations says how a1, … were measured, "absolute" or "relative" to that support.
     align: sensors whose counters have no common zero begin at once ("start"), or are shifted onto
@@ -107,12 +110,7 @@ class MeasuredData(Data):
                 "where the files have a clock"
             )
         self.name, self.seed, self.scenario, self.mend = name, seed, scenario, mend
-        if initial_state == "unknown" and not warmup:
-            raise ValueError(
-                "data.initial_state=unknown asks for data.warmup: the number of first samples that "
-                "tell of the state, and are not scored"
-            )
-        self.initial_state, self.hold = initial_state, hold
+        self.initial_state, self.hold, self.stated_warmup = initial_state, hold, warmup
         self.stated_dt, self.stated_quantity = dt, quantity
         self.accelerations, self.stated_units = accelerations, dict(units or {})
         text = {"skip_rows": skip_rows, "delimiter": delimiter, "decimal": decimal}
@@ -153,14 +151,30 @@ class MeasuredData(Data):
                 dt, channels, done = self.mend(raw)
                 channels = with_rates(channels, dt, done)
                 done += doubts(channels, dt, self.accelerations)
-                notes.setdefault((split, *raw.notes, *done), []).append(name)
                 record = record_of_channels(self.name, dt, channels, meaning, raw.whole)
+                notes.setdefault((split, *raw.notes, *done), []).append(name)
                 rng = np.random.default_rng((self.seed, number, i))
                 records[split].append(self.scenario(record, rng))
                 self._describe(channels, record.quantity)
+            records[split] = self._telling(split, records[split])
         self.notes |= {f"{said[0]}: {_few(names)}": list(said[1:]) for said, names in notes.items()}
         self.parts = {}
         return self._on_one_step(records)
+
+    def _telling(self, split: str, records: list[Record]) -> list[Record]:
+        """Records whose beginning is unknown with first samples that tell of it, equally many."""
+        unknown = [r for r in records if r.initial_state == "unknown"]
+        if not unknown:
+            return records
+        if self.initial_state is None and all(r.x is not None and r.v is not None for r in records):
+            return [replace(r, initial_state="given") for r in records]  # by a scenario
+        count = self.stated_warmup or max(1, round(TELLING * min(r.samples for r in unknown)))
+        if split == "train" and len(unknown) == len(records):
+            self.cut["warmup"] = count  # of every window of them
+        told = f"its state is not known where it begins: the first {count * unknown[0].dt:.4g} s"
+        self.notes[f"{split}: each record"] = [f"{told} tell of it, and are not scored"]
+        marked = [replace(r, warmup=count) for r in unknown]
+        return [marked.pop(0) if r.initial_state == "unknown" else r for r in records]
 
     def _describe(self, channels: dict[str, np.ndarray], quantity: str) -> None:
         self.forced = "base" if based(channels, quantity) else numbered(channels, "f")

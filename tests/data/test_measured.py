@@ -75,7 +75,7 @@ def test_a_file_with_our_names_needs_no_more(ten_lines):
     assert torch.cat([train.a, test.a])[:, 0].tolist() == pytest.approx(
         [0.0, 0.4, 0.7, 0.6, 0.3, -0.1, -0.5, -0.8, -0.9]
     )
-    assert (train.initial_state, test.initial_state) == ("rest", "given")
+    assert (train.initial_state, test.initial_state) == ("rest", "unknown")
 
 
 def test_channels_and_units_are_named(tmp_path):
