@@ -11,6 +11,7 @@ from data.arguments import plain
 
 NUMBERS = {float: "a number", int: "a whole number"}
 WORDS = {bool: "true or false", str: "text", type(None): "null"}
+LARGEST = 2**63  # of a whole number
 SHOWN = 60  # characters of a value in a message
 
 
@@ -48,10 +49,9 @@ def _is_list(value: Any) -> bool:
 
 
 def _is_number(value: float) -> bool:
-    try:
-        return not isinstance(value, bool) and not math.isnan(value)
-    except OverflowError:  # a whole number of more than 308 digits
-        return False
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) < LARGEST  # what PyTorch counts with
+    return not math.isnan(value)
 
 
 def expectation(annotation: Any) -> str:

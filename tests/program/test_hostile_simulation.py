@@ -424,3 +424,14 @@ def test_a_constructor_that_runs_out_of_memory_names_the_size():
         Long(2_000_000_000_000)
     with pytest.raises(ValueError, match=r"model\.order=2000000000000: choose 1, 2 or 3"):
         models.VWNN(3, 3, 0.01, order=2_000_000_000_000)
+
+
+def test_whole_numbers_beyond_all_counting_and_lines_in_names_are_refused():
+    """A ridge of 10³⁰ without its point, a history of 5·10¹², an element called "a\\nb"."""
+    for make in (
+        lambda: models.VWNN(1, 1, 0.01, ridge=10**30),
+        lambda: models.LBFGS([torch.nn.Parameter(torch.zeros(1))], history=5 * 10**12),
+        lambda: data.HystereticDegradation(element="a\nb", eta_rate=0.1, nu_rate=0.1),
+    ):
+        with pytest.raises(ValueError, match=r"^[^\n]+$"):
+            make()
