@@ -18,6 +18,7 @@ from benchmarks.attack.record_files.archives import zipped
 from data.inspect.picture import draw, spectrum
 from data.measured.files.columns import FileError
 from data.measured.files.table import read_table
+from data.measured.files.zipped import unpacked
 from data.measured.reading import read_records
 
 HEAD = "CORRECTED ACCELEROGRAM\n"
@@ -124,3 +125,13 @@ def test_a_good_one_among_the_generated(tmp_path):
     table = read_table(tmp_path / "a.v2")
     assert table.columns["acc4"] == pytest.approx(100.0 * a, abs=6e-4)
     assert table.labels["acc4"] == "N, roof"
+
+
+def test_an_archive_of_rows_that_hardly_differ_is_taken_for_a_bomb(tmp_path):
+    """Reading twenty members of 8 MB of the same row would take minutes; the file is small."""
+    rows = b"time,f1,a1\n" + b"0.0,0.0,0.0\n" * 700_000
+    with zipfile.ZipFile(tmp_path / "rows.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for k in range(20):
+            archive.writestr(f"{k}.csv", rows)
+    with pytest.raises(FileError, match="claim to unpack"), unpacked(tmp_path / "rows.zip"):
+        pass

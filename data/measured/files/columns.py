@@ -126,16 +126,20 @@ def choose(path: Path, names: Sequence[str], wanted: Sequence[str] | None) -> li
     return list(dict.fromkeys(wanted))
 
 
-def check_size(path: Path, declared: float, stored: int) -> None:
+def check_size(
+    path: Path, declared: float, stored: int, fold: int = 1000, suspect: int = SUSPECT
+) -> None:
     """Raise FileError where `stored` bytes of a file claim to be too many `declared` in memory.
 
-    Too many are what no file unpacks to, and more than there is memory now.
+    Too many are what no file unpacks to, `fold` times as many beyond
+    `suspect` bytes, or LARGEST, and more than there is
+    memory now.
     """
     remedy = "read fewer data.columns or cut the record into several files"
-    if declared > LARGEST or (declared > SUSPECT and declared > 1000 * max(stored, 1)):
+    if declared > LARGEST or (declared > suspect and declared > fold * max(stored, 1)):
         raise FileError(
             f"{path.name}: {stored} bytes claim to unpack to {declared / GIB:.4g} GiB; expected at "
-            f"most {LARGEST // GIB} GiB and a thousandfold; {remedy}"
+            f"most {LARGEST // GIB} GiB, and {fold} times as many; {remedy}"
         )
     try:
         require_memory(declared, f"{path.name}: its columns as numbers", remedy)

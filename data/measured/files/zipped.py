@@ -16,7 +16,8 @@ from pathlib import Path
 from data.measured.files.columns import FileError, check_size, reason_of, shorten
 
 MOST_MEMBERS = 1000
-PIECE = 2**20  # bytes
+PIECE, SUSPECT = 2**20, 2**26  # bytes
+FOLD = 200  # times its size that an archive of records may unpack to: measured rows hold noise
 
 
 @contextmanager
@@ -50,7 +51,7 @@ def _unpack(path: Path, archive: zipfile.ZipFile, folder: Path) -> None:
             f"{path.name} holds {len(members)} files; expected at most {MOST_MEMBERS}; unpack it "
             "and name those that you need"
         )
-    check_size(path, sum(m.file_size for m in members), path.stat().st_size)
+    check_size(path, sum(m.file_size for m in members), path.stat().st_size, FOLD, SUSPECT)
     names = _plain_names(path, [m.filename for m in members])
     for member, name in zip(members, names, strict=True):
         if member.flag_bits & 1:
