@@ -92,7 +92,10 @@ def _many(draw: random.Random, raw: bytes, name: str) -> bytes:
 def _bomb(draw: random.Random, raw: bytes, name: str) -> bytes:
     """Zeros, or rows, that unpack to a thousandfold; in one member or in many."""
     unit = draw.choice((bytes(2**20), b"0.0,0.0,0.0\n" * 2**16))
-    members = [(f"{k}{name}", raw[:100] + unit * 40) for k in range(draw.choice((1, 20)))]
+    count = draw.choice((1, 20))
+    members = [
+        (f"{k}{name}", raw[:100] + unit * (40 // count)) for k in range(count)
+    ]  # packed soon
     return _archive(list(members), draw.choice(METHODS[1:]))
 
 
