@@ -78,6 +78,16 @@ def test_a_file_with_our_names_needs_no_more(ten_lines):
     assert (train.initial_state, test.initial_state) == ("rest", "unknown")
 
 
+@pytest.mark.parametrize(("stated", "window", "telling"), [(0, None, 10), (0, 20, 2), (7, 20, 7)])
+def test_a_tenth_of_what_is_cut_tells_of_an_unknown_beginning(stated, window, telling, tmp_path):
+    """An element test, whose memory nobody knows: of a record, or of a window of it."""
+    t = DT * np.arange(200)
+    write_csv(tmp_path / "e.csv", t=t, s1=np.sin(t), s_dot1=np.cos(t), r1=np.sin(t))
+    data = measured(tmp_path / "e.csv", window=window, warmup=stated)
+    assert data.records["test"][0].warmup == (stated or 10)
+    assert {w.warmup for w in data.windows("train")} == {telling}
+
+
 def test_channels_and_units_are_named(tmp_path):
     write_csv(tmp_path / "r.csv", t=10.0 * np.arange(8), P=np.arange(8.0), acc=np.ones(8) / 8)
     data = measured(
