@@ -104,6 +104,18 @@ def test_channels_and_units_are_named(tmp_path):
     assert Sensors(**json.loads(json.dumps(asdict(data.sensors)))) == data.sensors
 
 
+def test_units_in_the_names_of_columns_are_heard_unless_others_are_said(tmp_path):
+    path, x = tmp_path / "r.csv", np.arange(40.0)
+    write_csv(path, t_ms=10.0 * x, load_kN=np.sin(x), x1_mm=np.cos(x))
+    channels = {"time": "t_ms", "f1": "load_kN", "x1": "x1_mm"}
+    record = measured(path, channels=channels).records["train"][0]
+    assert record.dt == pytest.approx(0.01)
+    assert float(record.f[1]) == pytest.approx(1000.0 * np.sin(1.0))
+    assert float(record.a[1]) == pytest.approx(1e-3 * np.cos(1.0))
+    stated = measured(path, channels=channels, units={"x": "m"}).records["train"][0]
+    assert float(stated.a[1]) == pytest.approx(np.cos(1.0))
+
+
 def test_one_file_per_sensor_makes_one_record(tmp_path):
     folder = tmp_path / "event"
     folder.mkdir()
