@@ -35,6 +35,7 @@ class Data(LightningDataModule):
     forced: list[int] | str | None = None  # DOFs that carry the forces; "base": all, by M ι s̈
     quantity: str = "acceleration"  # what is estimated, see data.record.QUANTITIES
     elements: tuple[str, ...] = ()  # names, where the elements are known
+    topology: str | None = None  # of unknown elements, as in `Sensors`
     measured: bool = False  # by sensors of somebody's own: priors are chosen on held-back motion
 
     def __init__(
@@ -62,7 +63,7 @@ class Data(LightningDataModule):
     def sensors(self) -> Sensors:
         """All that a model must know of the records to be built for them."""
         known = (self.forced, self.quantity, tuple(self.units), self.units)
-        return Sensors(self.dt, self.dofs, self.inputs, *known)
+        return Sensors(self.dt, self.dofs, self.inputs, *known, self.topology)
 
     @abstractmethod
     def make_records(self) -> dict[str, list[Record]]:

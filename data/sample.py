@@ -79,6 +79,7 @@ class Sensors:
     quantity: str = "acceleration"
     channels: Sequence[str] = ()  # names, such as f1 and a1, where files have them
     units: Mapping[str, str] = field(default_factory=dict)  # of a record's values, by channel
+    topology: str | None = None  # of the elements, "chain" or "all" pairs, where the records told
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", tuple(self.channels))  # JSON makes a list of it

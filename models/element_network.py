@@ -27,9 +27,9 @@ from models.composition.laws import ElementLaws
 from models.composition.simulate import Composition
 from models.starts.ladder import Equations, linear_start
 from models.starts.spectra import Layout, LinearStructure, Spectra
+from models.starts.topology import MOST_PAIRED
 
 MOST_NODES = 300  # all of whose pairs are elements
-MOST_PAIRED = 4  # DOFs all of whose pairs one motion tells apart
 SOFTEST = 0.05  # of the median stiffness: what an element starts with at least
 
 

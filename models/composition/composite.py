@@ -148,8 +148,8 @@ class Composite(Trainable):
         return not self.from_accelerations and super().has_states(record)
 
     def begins_anew(self, record: Record) -> bool:
-        """Training takes x and v from the whole motion where only accelerations are measured."""
-        return self.has_states(record) or record.quantity == "acceleration"
+        """Training takes x and v from the whole motion where they are not measured."""
+        return self.has_states(record) or record.quantity in MEASURES
 
     def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
         raise ValueError(
@@ -356,12 +356,13 @@ class Composite(Trainable):
         return anchors
 
     def _motion(self, record: Record) -> tuple[Tensor, Tensor]:
-        """x and v (…, T, n) of a record in training, from its accelerations."""
+        """x and v (…, T, n) of a record in training, from what was measured of its motion."""
         key = hash(record.a.numpy().tobytes())
         if key not in self.motions:
             shape = record.a.shape
-            a, u = (s.reshape(-1, *s.shape[-2:]) for s in (record.a, record.excitation))
-            found = [reconstructed(a[i], u[i], record.dt) for i in range(len(a))]
+            y, u = (s.reshape(-1, *s.shape[-2:]) for s in (record.a, record.excitation))
+            order = MEASURES[record.quantity]
+            found = [reconstructed(y[i], u[i], record.dt, order) for i in range(len(y))]
             x, v = (torch.stack(parts).reshape(shape) for parts in zip(*found, strict=True))
             self.motions[key] = x, v
         return self.motions[key]

@@ -1,20 +1,38 @@
-"""Displacement and velocity of a motion from its acceleration, off line: for training alone.
+"""Displacement and velocity of a motion from what was measured of it, off line: for training alone.
 
-A(f)/(iω)ⁿ, high-passed without phase: x and v at a sample depend on what follows it, so no estimate
-may see them. They are where a run in training begins anew.
+A(f)/(iω)ⁿ, high-passed, or iω X(f), low-passed, without phase: x and v at a sample depend on what
+follows it, so no estimate may see them. They are where a run in training begins anew.
 T samples, n outputs, m channels of excitation.
 """
 
 from __future__ import annotations
+
+import math
 
 import torch
 from torch import Tensor
 
 SHARES = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015)  # of the median frequency: corners that are tried
 ALIKE = 3.0  # times the least share of a that is untold
+QUIET = 0.5  # of the frequencies, the upper part: what is there is taken for noise
+CHANCE = 2.0  # times the noise: where there is no signal, the average rarely exceeds it
+ALONG = 100  # parts of a spectrum over which each is averaged
 
 
-def reconstructed(a: Tensor, u: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+def reconstructed(y: Tensor, u: Tensor, dt: float, order: int = 2) -> tuple[Tensor, Tensor]:
+    """x and v of a motion of which y (T, n) was measured, under an excitation u (T, m).
+
+    order: of y as a derivative of x: 0 for displacements, 1 for velocities, 2 for accelerations.
+    """
+    if order == 0:
+        return differentiated(y, dt)
+    if order == 1:
+        v, a = differentiated(y, dt)
+        return integrated(a, u, dt)[0], v
+    return integrated(y, u, dt)
+
+
+def integrated(a: Tensor, u: Tensor, dt: float) -> tuple[Tensor, Tensor]:
     """x and v of a motion a (T, n) under an excitation u (T, m), high-passed at a corner.
 
     Above the right one too much of the motion is lost, below it the noise of the sensors is
@@ -23,13 +41,35 @@ def reconstructed(a: Tensor, u: Tensor, dt: float) -> tuple[Tensor, Tensor]:
     """
     spectrum = torch.fft.rfft(a, dim=0).abs().square().sum(dim=1).cumsum(dim=0)
     median = max(1, int(torch.searchsorted(spectrum, 0.5 * spectrum[-1:]))) / (dt * len(a))
-    found = [_integrated(a, dt, 2.0 * torch.pi * share * median) for share in SHARES]
+    found = [_passed(a, dt, 2.0 * torch.pi * share * median) for share in SHARES]
     untold = [_untold(a, torch.cat([*motion, u], dim=1)) for motion in found]
     good = [i for i, left in enumerate(untold) if left <= ALIKE * min(untold)]
     return found[good[-1]]
 
 
-def _integrated(a: Tensor, dt: float, corner: float) -> tuple[Tensor, Tensor]:
+def differentiated(x: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+    """A signal x (T, n) without the noise of its sensors, and its rate.
+
+    Each frequency keeps the share of its power that noise, white as at the highest, does not have
+    (Wiener 1949). The signal goes on beyond both ends mirrored at them.
+    """
+    T = len(x)
+    slope = (x[-1:] - x[:1]) / (T - 1)
+    line = x[:1] + slope * torch.arange(T).to(x)[:, None]
+    y = x - line
+    Y = torch.fft.rfft(torch.cat([y, -y[1:-1].flip(0)]), dim=0)
+    power, width = Y.abs().square(), 2 * (T // ALONG // 2) + 1
+    noise = power[round(QUIET * T) :].median(dim=0).values / math.log(2.0)
+    near = torch.nn.functional.avg_pool1d(
+        power.T[:, None], width, 1, width // 2, count_include_pad=False
+    )[:, 0].T
+    Y = Y * (1.0 - CHANCE * noise / near.clamp_min(1e-300)).clamp_min(0.0)
+    omega = 2.0 * torch.pi * torch.fft.rfftfreq(2 * T - 2, dt).to(x)[:, None]
+    smooth, rate = (torch.fft.irfft(s, 2 * T - 2, dim=0)[:T] for s in (Y, 1j * omega * Y))
+    return line + smooth, rate + slope / dt
+
+
+def _passed(a: Tensor, dt: float, corner: float) -> tuple[Tensor, Tensor]:
     """x and v, high-passed at a corner [rad/s].
 
     Both ends go on mirrored, with the other sign: so v comes back and x stays near.

@@ -21,6 +21,7 @@ from data.simulation.excitation import Excitation
 from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
 from models.estimator import Estimator
+from models.starts.topology import MOST_PAIRED, topology_of
 from models.training.build import build, class_of
 from models.training.identification import Identification
 from models.training.objective import Objective
@@ -87,6 +88,8 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
         )
     if "forced" in model and model.forced is None:
         more["forced"] = data.forced
+    if "elements" in model and model.elements is None and sensors.topology:
+        more["elements"] = sensors.topology
     if "estimator" in model:  # one that wraps another
         more["estimator"] = estimator_from(model.estimator, data)
     return build(model, Estimator, dofs=data.dofs, inputs=data.inputs, dt=data.dt, **more)
@@ -116,12 +119,21 @@ def assembled(
     work is done.
     """
     data = data_from(cfg)
+    if _asks_for_topology(cfg.model, data):
+        data.topology = topology_of(data.records["train"])
     seed_everything(cfg.seed, verbose=False)
     estimator = estimator_from(cfg.model, data)
     module = Identification(
         estimator, solver_from(cfg.solver), cfg.max_fail, objective_from(cfg.objective)
     )
     return data, module, {name: _or_why_not(node, data) for name, node in cfg.baselines.items()}
+
+
+def _asks_for_topology(model: DictConfig, data: Data) -> bool:
+    """Whether elements between unknown masses are left to the records, and these can tell."""
+    shaken = data.measured and data.forced == "base" and data.quantity == "acceleration"
+    unknown = all(model.get(key, "") is None for key in ("elements", "masses"))
+    return unknown and shaken and 1 < data.dofs <= MOST_PAIRED
 
 
 def _or_why_not(baseline: DictConfig, data: Data) -> Estimator | ValueError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from models.layers.reconstructed import reconstructed
+from models.layers.reconstructed import differentiated, reconstructed
 
 DT = 0.01
 
@@ -33,6 +33,25 @@ def test_x_and_v_are_those_of_the_motion(drift, noise, limit):
     found = reconstructed(a, u, DT)
     assert error(found[0], x) < limit
     assert error(found[1], v) < limit
+
+
+@pytest.mark.parametrize("order", [0, 1])
+@pytest.mark.parametrize(("noise", "limit"), [(0.0, 0.005), (0.02, 0.03)])
+def test_so_they_are_from_noisy_displacements_and_velocities(order, noise, limit):
+    x, v, _, u = motion(0.0, 0.0)
+    measured = (x, v)[order]
+    generator = torch.Generator().manual_seed(2)
+    error_ = torch.randn(x.shape, generator=generator, dtype=x.dtype)
+    found = reconstructed(measured + noise * measured.std() * error_, u, DT, order)
+    assert error(found[0], x) < limit
+    assert error(found[1], v) < limit
+
+
+def test_a_shift_and_a_steady_motion_are_kept():
+    t = torch.arange(3000, dtype=torch.float64)[:, None] * DT
+    x, v = differentiated(2.0 + 0.3 * t + torch.sin(7.0 * t), DT)
+    assert torch.allclose(x, 2.0 + 0.3 * t + torch.sin(7.0 * t), atol=2e-3)
+    assert torch.allclose(v[20:-20], 0.3 + 7.0 * torch.cos(7.0 * t)[20:-20], atol=0.05)
 
 
 def test_a_change_of_units_changes_nothing():
