@@ -18,7 +18,7 @@ from data.inspect.config import config_path
 from data.inspect.guesses import suggest
 from data.inspect.inspection import inspection
 from data.inspect.picture import COLUMNS, dominant, envelope, spectrum
-from runner.compose import CONF, prepare_hydra
+from runner.config.compose import CONF, prepare_hydra
 
 ROOT = Path(__file__).parents[2]
 MEASURED = (CONF / "data" / "measured.yaml").exists()

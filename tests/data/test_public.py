@@ -20,7 +20,7 @@ from data.public.splits import BOUC_WEN_TESTS, F16
 from data.simulation.scenario import FullState, Noisy
 from models.training.assemble import data_from, estimator_from
 from runner.job import identify
-from runner.public_scores import benchmark_lines
+from runner.scores.public_scores import benchmark_lines
 from tests.program.test_every_config import composed
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "bouc_wen_benchmark"

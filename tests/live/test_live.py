@@ -32,9 +32,9 @@ from models.online.scores import running_error
 from models.online.stream import started
 from models.training.assemble import data_from, estimator_from
 from models.vwnn import VWNN
-from runner.compose import composed
-from runner.run import Run, restore
-from runner.run_folder import read_run
+from runner.config.compose import composed
+from runner.folder.run import Run, restore
+from runner.folder.run_folder import read_run
 
 ROOT = Path(__file__).parents[2]
 DT = 0.01

@@ -27,7 +27,7 @@ from models.training.metrics import score
 from models.training.trainable import Trainable
 from models.vwnn import VWNN
 from models.vwnn_forward import ForwardVWNN
-from runner.compose import CONF, prepare_hydra
+from runner.config.compose import CONF, prepare_hydra
 
 DT = 0.01
 SMALLER = {  # what a class is built with here, so that it is identified in a second

@@ -25,7 +25,7 @@ from models.training.solvers.adam import Adam
 from models.training.solvers.lbfgs import LBFGS, _Recall
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.training.trainable import Trainable
-from runner.compose import CONF, prepare_hydra
+from runner.config.compose import CONF, prepare_hydra
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),

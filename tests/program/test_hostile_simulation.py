@@ -386,7 +386,7 @@ def test_long_records_are_factorised_in_blocks_and_usual_ones_in_one(monkeypatch
 
 def test_help_is_shown_where_the_terminal_knows_few_characters():
     environment = {**os.environ, "PYTHONIOENCODING": "cp1252"}
-    program = "from runner.compose import prepare_hydra; prepare_hydra(); print('x − ẍ')"
+    program = "from runner.config.compose import prepare_hydra; prepare_hydra(); print('x − ẍ')"
     printed = subprocess.run(
         [sys.executable, "-c", program], env=environment, capture_output=True, check=True
     )

@@ -29,10 +29,10 @@ from report.free_run.signals import loops_of_model
 from report.free_run.tables import COLUMNS, sections
 from report.output import as_csv, escaped, latex, sections_markdown
 from report.paper import __main__ as paper
-from runner.compose import CONF, placed, prepare_hydra
+from runner.config.compose import CONF, placed, prepare_hydra
 from runner.progress import sweep_table
-from runner.result import Result, read_result
-from runner.spread import quantile
+from runner.scores.result import Result, read_result
+from runner.scores.spread import quantile
 from tests.program.test_train import run
 
 pytestmark = [

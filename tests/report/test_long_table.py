@@ -14,7 +14,7 @@ import evaluate
 from report.collection import long_table as long_form
 from report.collection.long_table import long_table, write_long
 from report.collection.runs import collect, folders_of
-from runner.choices import dotted, plain, read_choices
+from runner.config.choices import dotted, plain, read_choices
 from tests.program.test_docs import ROOT, blocks
 from tests.program.test_every_config import choices, composed
 from tests.program.test_train import run

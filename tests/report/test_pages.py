@@ -10,7 +10,7 @@ import pytest
 
 from report import pages
 from report.pages import CURRENT, DOCS, Product, make, products
-from runner.identity import written_code_version
+from runner.config.identity import written_code_version
 from tests.report.test_free_run_rows import add_run
 
 
