@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from data.measured.channels import signal_of
-from data.measured.units import to_si
+from data.measured.units import has_dimension
 
 BASE = (  # in a column's name or its sensor's place: what stands below the structure
     r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
@@ -26,7 +26,7 @@ OTHER = (
     r"(normal|vertical|axial|gravity).?(force|load)"
 )
 ELEMENT = r"damper|device|bearing|isolator|brace|piston|stroke|actuator|element|hysteresis"
-CLOCK = r"time|zeit|temps|tiempo|seconds?$|^t$|^t[_ ]?\[?s\]?$"
+CLOCK = r"time|zeit|temps|tiempo|seconds?$|^t$|^t[_ ]?\[?[mu]?s\]?$"
 UNITS = (("m/s^2", "a"), ("m/s", "v"), ("m", "x"), ("N", "f"))
 OTHER_UNITS = ("V", "mV", "A", "mA", "degC", "°C", "C", "K", "bar", "kPa", "MPa", "psi")
 OF_BASE = {"a": "s_ddot", "v": "s_dot", "x": "s"}
@@ -91,7 +91,7 @@ def _driven(signals: dict[str, str | None], integrals: Sequence[str]) -> dict[st
 
 
 def _signal(column: str, said: str, unit: str | None) -> str | None:
-    if is_clock(column) and (unit is None or _has_dimension(unit, "time")):
+    if is_clock(column) and (unit is None or has_dimension(unit, "time")):
         return "time"
     if re.search(OTHER, said):
         return None
@@ -100,7 +100,7 @@ def _signal(column: str, said: str, unit: str | None) -> str | None:
     if named is None and base and unit is None:
         named = "a"
     if unit is not None:
-        fits = [signal for _, signal in UNITS if _has_dimension(unit, signal)]
+        fits = [signal for _, signal in UNITS if has_dimension(unit, signal)]
         named = fits[0] if fits else None
     return OF_BASE.get(named, named) if base and named else named
 
@@ -154,11 +154,3 @@ def lacking(guesses: Mapping[str, str]) -> str:
             "or a force f1"
         )
     return ""
-
-
-def _has_dimension(unit: str, signal: str) -> bool:
-    try:
-        to_si(unit, signal)
-    except ValueError:
-        return False
-    return True

@@ -17,6 +17,7 @@ from data.measured.files.columns import FileError
 from data.measured.files.format import suffixes_of
 from data.measured.files.table import FORMATS, Table, read_table
 from data.measured.finding import Finding
+from data.measured.named_units import unit_in_name
 from data.measured.onset import without_quiet_start
 from data.measured.plausible import plausibility
 from data.measured.raw_record import RawRecord
@@ -75,12 +76,14 @@ def _mapped(path: Path, raw: RawRecord) -> Inspection:
 
 def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     """All columns by their own names; a column is the clock where its name and values say so."""
+    named = {column: unit_in_name(column) for column in table.columns}
+    told_units = {c: unit for c, unit in named.items() if unit is not None} | table.units
     facts, notes = _facts(table), list(table.notes)
     notes += [f"{c!r} {text}" for c, text in facts.items()]
     columns = {c: x for c, x in table.columns.items() if c not in facts}
     if not columns:
         raise FileError(f"{path.name}: no column holds a series of numbers; {'; '.join(notes)}")
-    guesses = suggest(list(columns), table.units, table.labels, columns, path.stem)
+    guesses = suggest(list(columns), told_units, table.labels, columns, path.stem)
     clock = next((c for c, channel in guesses.items() if channel == "time"), None)
     told = "by its name"
     if clock is None and len(columns) > 1:
@@ -89,7 +92,7 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         guesses = guesses if clock is None else {clock: "time", **guesses}
     time = None
     if clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > FORWARD:
-        unit = units.get("time") or table.units.get(clock, "s")
+        unit = units.get("time") or told_units.get(clock, "s")
         time = (columns[clock] - columns[clock][0]) * to_si(unit, "time")
         notes.append(f"{clock!r} is taken for the clock, in {unit}, {told}")
     elif clock is not None:
@@ -98,10 +101,10 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     if not columns:
         raise FileError(f"{path.name}: nothing stands beside the clock {clock!r}; add a signal")
     signals = {c: signal_of(g) for c, g in guesses.items() if g != "time"}
-    own = {c: table.units.get(c, DIMENSIONS[s][1]) for c, s in signals.items()}
+    own = {c: told_units.get(c, DIMENSIONS[s][1]) for c, s in signals.items()}
     in_si = {c: s for c, s in signals.items() if to_si(own[c], s) == 1.0}
     raw = RawRecord(path.name, time, stated_dt([table]), columns, notes=tuple(notes))
-    record = _examined(path, raw, dict(table.units), guesses, in_si)
+    record = _examined(path, raw, told_units, guesses, in_si)
     findings = [
         replace(f, blocks=f.blocks and (not f.channel or f.channel in guesses))
         for f in record.findings

@@ -110,7 +110,7 @@ class MeasuredData(Data):
                 "where the files have a clock"
             )
         self.name, self.seed, self.scenario, self.mend = name, seed, scenario, mend
-        self.initial_state, self.hold, self.stated_warmup = initial_state, hold, warmup
+        self.initial_state, self.hold = initial_state, hold
         self.stated_dt, self.stated_quantity = dt, quantity
         self.accelerations, self.stated_units = accelerations, dict(units or {})
         text = {"skip_rows": skip_rows, "delimiter": delimiter, "decimal": decimal}
@@ -145,6 +145,7 @@ class MeasuredData(Data):
         records: dict[str, list[Record]] = {}
         meaning = Meaning(self.stated_quantity, self.accelerations, self.initial_state, self.hold)
         notes: dict[tuple[str, ...], list[str]] = {}
+        stated = self.cut["warmup"]
         for number, split in enumerate(("train", "test")):
             records[split], self.names[split] = [], list(self.parts[split])
             for i, (name, raw) in enumerate(self.parts[split].items()):
@@ -156,19 +157,22 @@ class MeasuredData(Data):
                 rng = np.random.default_rng((self.seed, number, i))
                 records[split].append(self.scenario(record, rng))
                 self._describe(channels, record.quantity)
-            records[split] = self._telling(split, records[split])
+            records[split] = self._telling(split, records[split], stated)
         self.notes |= {f"{said[0]}: {_few(names)}": list(said[1:]) for said, names in notes.items()}
         self.parts = {}
         return self._on_one_step(records)
 
-    def _telling(self, split: str, records: list[Record]) -> list[Record]:
+    def _telling(self, split: str, records: list[Record], stated: int) -> list[Record]:
         """Records whose beginning is unknown with first samples that tell of it, equally many."""
         unknown = [r for r in records if r.initial_state == "unknown"]
         if not unknown:
             return records
         if self.initial_state is None and all(r.x is not None and r.v is not None for r in records):
             return [replace(r, initial_state="given") for r in records]  # by a scenario
-        count = self.stated_warmup or max(1, round(TELLING * min(r.samples for r in unknown)))
+        length = min(r.samples for r in unknown)
+        if split == "train" and self.cut["length"]:
+            length = min(length, self.cut["length"])
+        count = stated or max(1, round(TELLING * length))
         if split == "train" and len(unknown) == len(records):
             self.cut["warmup"] = count  # of every window of them
         told = f"its state is not known where it begins: the first {count * unknown[0].dt:.4g} s"

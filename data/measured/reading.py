@@ -15,6 +15,7 @@ from data.measured.files.columns import shorten
 from data.measured.files.format import suffixes_of
 from data.measured.files.table import FORMATS, Table, read_table
 from data.measured.files.zipped import unpacked
+from data.measured.named_units import unit_in_name
 from data.measured.raw_record import RawRecord
 from data.measured.units import to_si
 
@@ -198,7 +199,7 @@ def assembled(
         clock = channel.startswith("time")
         signal = "time" if clock else signal_of(channel)
         own = None if clock else units.get(channel)
-        unit = own or units.get(signal) or table.units.get(column)
+        unit = own or units.get(signal) or table.units.get(column) or unit_in_name(column, signal)
         values = table.columns[column]
         if unit is not None:
             values = values * to_si(unit, signal)

@@ -20,8 +20,8 @@ GRAVITY = 9.80665  # m/s²
 BLOCKS = 20  # of a record, whose means show a drift
 ACCELERATIONS = ("a", "s_ddot")
 MOTIONS = ("a", "s_ddot", "v", "s_dot", "x", "s")
-LARGEST = {  # what no structure does [SI], and what the unit may be then
-    "a": (200.0, "cm/s^2 or gal"), "s_ddot": (100.0, "cm/s^2 or gal"),
+LARGEST = {  # what hardly any structure does [SI], and what the unit may be then
+    "a": (200.0, "cm/s^2 or gal"), "s_ddot": (40.0, "cm/s^2 or gal"),
     "v": (100.0, "mm/s"), "s_dot": (100.0, "mm/s"), "x": (100.0, "mm"), "s": (100.0, "mm"),
 }  # fmt: skip
 SMALLEST = 1e-4  # m/s², peak

@@ -73,6 +73,15 @@ def to_si(unit: str, signal: str) -> float:
     return _factor(unit, _engineering(words, signal), si, expected)
 
 
+def has_dimension(unit: str, signal: str) -> bool:
+    """Whether `unit` is one of `signal`."""
+    try:
+        to_si(unit, signal)
+    except ValueError:
+        return False
+    return True
+
+
 def is_unit(text: str) -> bool:
     """Whether `text` is made of well-known unit symbols only, such as "m/s^2"."""
     words = re.findall(r"[A-Za-z]+", text.replace("µ", "u").replace("μ", "u"))

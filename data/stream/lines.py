@@ -21,6 +21,7 @@ import torch
 from data.measured.channels import CHANNEL, CLOCKS, numbered, signal_of
 from data.measured.files.columns import shorten, split_unit
 from data.measured.files.text_cells import MISSING, NUMBER
+from data.measured.named_units import unit_in_name
 from data.measured.units import to_si
 from data.sample import Sample, Sensors
 from data.stream.time_stamps import TimeStamps
@@ -114,6 +115,7 @@ class SampleLines:
             if name in places:
                 raise ValueError(f"two columns of the input are both {name}; rename one of them")
             places[name] = k
+            unit = unit or unit_in_name(bare, signal_of(name))
             if unit is not None:
                 own_units[name] = unit
         missing = [column for column in channels.values() if column not in map(_bare, heads)]

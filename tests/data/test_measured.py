@@ -78,6 +78,16 @@ def test_a_file_with_our_names_needs_no_more(ten_lines):
     assert (train.initial_state, test.initial_state) == ("rest", "unknown")
 
 
+@pytest.mark.parametrize(("stated", "window", "telling"), [(0, None, 10), (0, 20, 2), (7, 20, 7)])
+def test_a_tenth_of_what_is_cut_tells_of_an_unknown_beginning(stated, window, telling, tmp_path):
+    """An element test, whose memory nobody knows: of a record, or of a window of it."""
+    t = DT * np.arange(200)
+    write_csv(tmp_path / "e.csv", t=t, s1=np.sin(t), s_dot1=np.cos(t), r1=np.sin(t))
+    data = measured(tmp_path / "e.csv", window=window, warmup=stated)
+    assert data.records["test"][0].warmup == (stated or 10)
+    assert {w.warmup for w in data.windows("train")} == {telling}
+
+
 def test_channels_and_units_are_named(tmp_path):
     write_csv(tmp_path / "r.csv", t=10.0 * np.arange(8), P=np.arange(8.0), acc=np.ones(8) / 8)
     data = measured(
@@ -92,6 +102,18 @@ def test_channels_and_units_are_named(tmp_path):
     sensors = Sensors(0.01, 1, 1, [2], "acceleration", ("f2", "a1"), {"f2": "N", "a1": "m/s^2"})
     assert replace(data.sensors, dt=0.01) == sensors
     assert Sensors(**json.loads(json.dumps(asdict(data.sensors)))) == data.sensors
+
+
+def test_units_in_the_names_of_columns_are_heard_unless_others_are_said(tmp_path):
+    path, x = tmp_path / "r.csv", np.arange(40.0)
+    write_csv(path, t_ms=10.0 * x, load_kN=np.sin(x), x1_mm=np.cos(x))
+    channels = {"time": "t_ms", "f1": "load_kN", "x1": "x1_mm"}
+    record = measured(path, channels=channels).records["train"][0]
+    assert record.dt == pytest.approx(0.01)
+    assert float(record.f[1]) == pytest.approx(1000.0 * np.sin(1.0))
+    assert float(record.a[1]) == pytest.approx(1e-3 * np.cos(1.0))
+    stated = measured(path, channels=channels, units={"x": "m"}).records["train"][0]
+    assert float(stated.a[1]) == pytest.approx(np.cos(1.0))
 
 
 def test_one_file_per_sensor_makes_one_record(tmp_path):

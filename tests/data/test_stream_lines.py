@@ -48,6 +48,12 @@ def test_columns_are_channels_and_others_are_left_out():
     assert same(samples[1].a, [0.3, 0.4])
 
 
+def test_the_unit_that_a_column_is_named_with_is_heard_as_in_training():
+    header, rows = "t,f1,a1_g,a2_mg", ("0.00,1,1,1", "0.01,1,1,1")
+    lines = read(csv(*rows, header=header), channels={"a1": "a1_g", "a2": "a2_mg"})
+    assert same(next(iter(lines))[1].a, [9.80665, 0.00980665])
+
+
 @pytest.mark.parametrize("keys", ["arrays", "names"])
 def test_json_lines_are_the_samples_of_csv(keys):
     rows = [[float(cell) for cell in row.split(",")] for row in ROWS]

@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from data.measured.named_units import unit_in_name
 from data.measured.units import DIMENSIONS, is_unit, to_si
 
 POUND_FORCE = 4.4482216152605  # N, exactly 0.45359237 kg × 9.80665 m/s²
@@ -69,3 +70,25 @@ def test_units_in_round_brackets_are_known_symbols() -> None:
     assert is_unit("µs")
     assert not is_unit("filtered")
     assert not is_unit("1")
+
+
+NAMED = [
+    ("disp_cm", "x", "cm"), ("x1_mm", "x", "mm"), ("force_kN", "r", "kN"), ("t_ms", "time", "ms"),
+    ("Load kips", "f", "kips"), ("acc_cm_s2", "a", "cm/s^2"), ("acc1_cms2", "s_ddot", "cm/s^2"),
+    ("v_mm/s", "v", "mm/s"), ("a1_g", "a", "g"), ("stroke_inch", "s", "inch"),
+]  # fmt: skip
+UNNAMED = [
+    ("acc_g", "s_ddot"), ("a_g", "a"), ("deck_m", "a"), ("roof_N", "a"), ("force_in", "f"),
+    ("deck_mm", "a"), ("acc_kN", "a"), ("mm", "x"), ("_mm", "x"), ("programme", "x"),
+    ("drums", "time"), ("x2_mm_filtered", "x"), ("acc_3", "a"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("column", "signal", "unit"), NAMED)
+def test_a_unit_at_the_end_of_a_name_is_read(column, signal, unit):
+    assert unit_in_name(column, signal) == unit_in_name(column) == unit
+
+
+@pytest.mark.parametrize(("column", "signal"), UNNAMED)
+def test_what_may_be_another_word_or_is_no_unit_of_the_signal_is_not(column, signal):
+    assert unit_in_name(column, signal) is None

@@ -9,6 +9,7 @@ import torch
 
 from data.record import Record
 from models.element_network import ElementNetwork
+from models.hysteretic_element import HystereticElement
 from models.training.free_run_objective import FreeRun
 from models.training.identification import Identification
 from models.training.parts import held_back_from, onset
@@ -101,6 +102,23 @@ def test_a_law_that_moves_by_itself_is_found_out():
         model.laws.unit_stiffness.theta.fill_(-0.5)  # it drives what its units give way to
         assert float(model.free_run(record.drive()).a.abs().max()) < 20.0 * record.a.abs().max()
     assert not stands(model, record)
+
+
+def test_friction_that_keeps_its_force_at_small_motions_stands():
+    """An element test: under a tenth of the motion a slider bears nearly what it bore."""
+    t = torch.arange(2000, dtype=torch.float64) * DT
+    imposed = torch.stack([torch.sin(t), torch.cos(t)], dim=1)
+    model = HystereticElement(1, 2, DT, hinges=0, units=1, cubic=False)
+    test = Record(dt=DT, a=torch.sign(imposed[:, 1:]), f=imposed, quantity="force")
+    model.identify([test])
+    with torch.no_grad():
+        model.laws.damping.theta.fill_(-20.0)
+        stiffness = model.laws.stiffness()
+        model.laws.unit_stiffness.theta.copy_(stiffness / model.laws.unit_stiffness.unit)
+        model.laws.unit_limit.unit.mul_(0.01)
+        forces = [model.free_run(replace(test, f=share * imposed).drive()).a for share in (0.1, 1)]
+    assert 0.9 < float(forces[0].abs().max() / forces[1].abs().max()) < 1.1
+    assert stands(model, test)
 
 
 def test_the_linear_structure_is_found_from_a_start_far_from_it():
