@@ -19,10 +19,10 @@ from __future__ import annotations
 import hydra
 from omegaconf import DictConfig
 
-from runner.command_line import absolute, one_line_errors, read_words, refusals
-from runner.compose import CONF, prepare_hydra
-from runner.run_files import require_finished, require_folders
-from runner.settings import EVALUATE, check_settings
+from runner.config.command_line import absolute, one_line_errors, read_words, refusals
+from runner.config.compose import CONF, prepare_hydra
+from runner.config.settings import EVALUATE, check_settings
+from runner.folder.run_files import require_finished, require_folders
 
 prepare_hydra()
 

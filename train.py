@@ -17,9 +17,9 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from runner.command_line import one_line_errors, read_words, refusals
-from runner.compose import CONF, prepare_hydra
-from runner.settings import check_files, check_settings
+from runner.config.command_line import one_line_errors, read_words, refusals
+from runner.config.compose import CONF, prepare_hydra
+from runner.config.settings import check_files, check_settings
 
 prepare_hydra()
 
@@ -36,7 +36,7 @@ def main(cfg: DictConfig) -> float | None:
     # PyTorch takes seconds to load: a mistyped word is told before
     from report.run.summary import log_run, print_run
     from runner.job import identify, job_errors
-    from runner.outcome import require_identified, validation_error
+    from runner.scores.outcome import require_identified, validation_error
 
     error: float | None = math.inf  # of a run that fails
     with job_errors(folder if in_sweep else None, cfg):

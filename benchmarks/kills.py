@@ -33,8 +33,8 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
-from runner.run_files import CHECKPOINT, CONFIG, METRICS
-from runner.run_folder import read_run
+from runner.folder.run_files import CHECKPOINT, CONFIG, METRICS
+from runner.folder.run_folder import read_run
 
 ROOT = Path(__file__).parent.parent
 AT_START = 0.15  # of the kills, while programs start

@@ -40,7 +40,7 @@ from data.record import Record
 from models.training.assemble import data_from, estimator_from, solver_from
 from models.training.problem import Problem
 from models.training.trainable import Trainable
-from runner.compose import CONF, prepare_hydra
+from runner.config.compose import CONF, prepare_hydra
 from runner.job import quiet_lightning
 
 NETWORKS = {  # choices; errors [%], the paper's among them: 2.4, 0.12

@@ -32,7 +32,7 @@ from models.training.assemble import data_from, estimator_from
 from models.training.identification import SPLITS
 from models.training.metrics import free_run_score, score
 from models.training.problem import Problem
-from runner.compose import composed
+from runner.config.compose import composed
 
 ROOT = Path(__file__).parent.parent
 WORDS = ["model=vwnn", "baselines=none", "figures=false", "trainer.enable_progress_bar=false"]

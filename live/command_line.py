@@ -9,8 +9,8 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 
 from data.arguments import Pairs
-from runner.compose import composed
-from runner.run_folder import read_run
+from runner.config.compose import composed
+from runner.folder.run_folder import read_run
 
 RECORDED = ("simulation", "test")
 GROUPS = ("adaptation", "damage")  # choices that may differ from a finished run's,

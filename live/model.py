@@ -15,7 +15,7 @@ from models.online.laws.law import Law
 from models.online.stream import Stream, started
 from models.training.assemble import estimator_from
 from models.training.build import build
-from runner.run import restore
+from runner.folder.run import restore
 
 
 def stream_from_nothing(cfg: DictConfig, sensors: Sensors) -> Stream:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from data.arguments import Parser
 from live.command_line import RECORDED, add_source, config_of, split_words
-from runner.command_line import command_errors
+from runner.config.command_line import command_errors
 
 
 def samples(words: Sequence[str] | None = None) -> None:

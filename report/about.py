@@ -19,7 +19,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from runner.compose import CONF
+from runner.config.compose import CONF
 
 OTHERS = ("#DDCC77", "#661100", "#6699CC", "#888888")  # of models that name none
 COLOUR = "colour"

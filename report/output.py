@@ -17,7 +17,7 @@ from rich.text import Text
 
 from data.arguments import plain
 from report.style import words_as_they_stand
-from runner.run_folder import write_text
+from runner.folder.run_folder import write_text
 
 FORMULAS = tuple("=+-@＝＋－＠")  # first characters of a formula in some spreadsheet
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|[+-]?(nan|inf)")

@@ -22,8 +22,8 @@ from report.online import page as online
 from report.output import Section, printed
 from report.paper import page as paper
 from report.tuning import page as tuning
-from runner.command_line import command_errors
-from runner.compose import CONF
+from runner.config.command_line import command_errors
+from runner.config.compose import CONF
 from runner.progress import is_finished
 
 DOCS = CONF.parent / "docs"

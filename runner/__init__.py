@@ -1,1 +1,9 @@
-"""Everything around a run and a sweep: config, folder, progress, search."""
+"""Everything around a run and a sweep.
+
+config/  a command line → choices and settings, their types, the identity of a run
+folder/  what lies in a run's folder, in which order it is written, who may write
+scores/  what came of runs: numbers, a verdict on the model, medians over many
+launch/  who does the runs of a sweep
+
+Here: one run (job.py), and the runs of a sweep, proposed, side by side and watched.
+"""

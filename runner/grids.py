@@ -22,11 +22,11 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
 
 from runner.composed_once import ComposedOnce
+from runner.folder.lock import sweep_held
+from runner.folder.run_files import CONFIG
+from runner.folder.run_folder import write_text
 from runner.launch.launcher import reason_of
-from runner.lock import sweep_held
 from runner.progress import Watch, is_finished, print_summary, reasons, would_fail_again
-from runner.run_files import CONFIG
-from runner.run_folder import write_text
 
 
 class GridSweeper(BasicSweeper):

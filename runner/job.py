@@ -26,14 +26,14 @@ from data.simulation.motion import EscapedMotionError
 from models.training.assemble import assembled
 from models.training.identification import Identification
 from models.training.resume import SaveProgress
-from runner import command_line
-from runner.command_line import fail, reason_of
-from runner.lock import HeldError, release_all
-from runner.outcome import compare_baselines, metrics_of
-from runner.run import Run
-from runner.run_folder import write_failure
-from runner.settings import check_settings
-from runner.verdict import judged_by_free_run
+from runner.config import command_line
+from runner.config.command_line import fail, reason_of
+from runner.config.settings import check_settings
+from runner.folder.lock import HeldError, release_all
+from runner.folder.run import Run
+from runner.folder.run_folder import write_failure
+from runner.scores.outcome import compare_baselines, metrics_of
+from runner.scores.verdict import judged_by_free_run
 
 EXPECTED = (*command_line.EXPECTED, MisconfigurationException)
 

@@ -15,12 +15,12 @@ from rich.text import Text
 
 from data.arguments import plain
 from data.terminal import terminal
-from runner.choices import varying
-from runner.identity import written_code_version
-from runner.result import Result, read_result, spread_of
-from runner.run_files import CONFIG, FAILED, METRICS
-from runner.run_folder import read_failure, read_metrics
-from runner.spread import DIVERGED, NOT_IDENTIFIED, percent
+from runner.config.choices import varying
+from runner.config.identity import written_code_version
+from runner.folder.run_files import CONFIG, FAILED, METRICS
+from runner.folder.run_folder import read_failure, read_metrics
+from runner.scores.result import Result, read_result, spread_of
+from runner.scores.spread import DIVERGED, NOT_IDENTIFIED, percent
 
 OWN = ("model", "system", "scenario", "seed", "grid")  # have columns of their own, or need none
 

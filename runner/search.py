@@ -31,13 +31,13 @@ from rich.table import Table
 from rich.text import Text
 
 from data.terminal import Terminal, terminal
-from runner.choices import typed
-from runner.identity import EVERY_CLASS, code_version
-from runner.outcome import validation_error
-from runner.plain_data import read_json
-from runner.run_files import METRICS
-from runner.run_folder import read_metrics, write_json
-from runner.spread import percent
+from runner.config.choices import typed
+from runner.config.identity import EVERY_CLASS, code_version
+from runner.config.plain_data import read_json
+from runner.folder.run_files import METRICS
+from runner.folder.run_folder import read_metrics, write_json
+from runner.scores.outcome import validation_error
+from runner.scores.spread import percent
 
 STORAGE, FILE = "search.sqlite3", "search.json"
 AT_RANDOM = 8  # trials of random settings, before the sampler uses the errors

@@ -11,9 +11,9 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from runner.choices import plain
-from runner.identity import name_of
-from runner.run_folder import config_text
+from runner.config.choices import plain
+from runner.config.identity import name_of
+from runner.folder.run_folder import config_text
 
 
 class SeedsOf:

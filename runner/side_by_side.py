@@ -29,10 +29,10 @@ from models.training.free_run import simulate
 from models.training.identification import SPLITS, Identification
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.vwnn import VWNN
-from runner.outcome import metrics_of
-from runner.run import Run
+from runner.config.settings import check_settings
+from runner.folder.run import Run
+from runner.scores.outcome import metrics_of
 from runner.seeds import SeedsOf
-from runner.settings import check_settings
 
 SIDE_BY_SIDE = (EquivalentLinear, VWNN, LastValue, TwoPoint, FilteredExtrapolation)
 AT_ONCE = 4  # runs on each core; more take more memory and no less time

@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 
+from runner.folder.run_files import FAILED, METRICS
 from runner.grids import GridSweeper, print_lost, unfinished
 from runner.progress import would_fail_again
-from runner.run_files import FAILED, METRICS
 
 if TYPE_CHECKING:
     from runner.search import Search

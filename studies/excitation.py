@@ -31,9 +31,9 @@ from data.simulation.motion import EscapedMotionError
 from data.terminal import terminal
 from models.training.assemble import changed, data_from, estimator_from
 from models.training.metrics import score
-from runner.command_line import command_errors
-from runner.compose import composed
-from runner.paper_values import paper_values
+from runner.config.command_line import command_errors
+from runner.config.compose import composed
+from runner.scores.paper_values import paper_values
 
 SEARCH_SEEDS, FRESH_SEEDS = range(1000, 1024), range(3000, 3020)
 ESCAPE_SEEDS = range(4000, 4200)

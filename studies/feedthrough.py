@@ -27,9 +27,9 @@ from data.terminal import Terminal
 from models.training.assemble import changed, data_from, estimator_from
 from models.training.metrics import score
 from models.vwnn import VWNN
-from runner.command_line import command_errors
-from runner.compose import composed
-from runner.run_folder import write_json
+from runner.config.command_line import command_errors
+from runner.config.compose import composed
+from runner.folder.run_folder import write_json
 
 OUTPUT = Path("runs/studies/feedthrough.json")
 SEEDS = range(20, 40)  # the study's

@@ -23,8 +23,8 @@ from rich.table import Table
 from data.arguments import Parser
 from data.terminal import Terminal
 from models.training.assemble import changed
-from runner.command_line import command_errors
-from runner.paper_values import paper_values
+from runner.config.command_line import command_errors
+from runner.scores.paper_values import paper_values
 from studies.excitation import Cell, Draws, configs_of, inside, run_seeds
 
 SEARCH_SEEDS, FRESH_SEEDS = range(1000, 1020), range(3000, 3020)

@@ -31,9 +31,9 @@ from models.training.solvers.lbfgs import LBFGS
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.training.trainable import require_trainable
 from report.paper.cells import SETTINGS
-from runner.command_line import command_errors
-from runner.compose import composed
-from runner.paper_values import paper_values
+from runner.config.command_line import command_errors
+from runner.config.compose import composed
+from runner.scores.paper_values import paper_values
 
 SEEDS = range(1000, 1012)
 FRACTIONS = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03)

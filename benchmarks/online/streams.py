@@ -10,7 +10,7 @@ from models.online.stream import Stream
 from models.online.vwnn_stream import VWNNStream
 from models.training.assemble import data_from
 from models.vwnn import VWNN
-from runner.compose import composed
+from runner.config.compose import composed
 
 DT = 1e-3  # [s]
 FORGETTING = 0.999

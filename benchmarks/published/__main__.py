@@ -35,10 +35,10 @@ from benchmarks.published.measure import (
 from benchmarks.published.page import write_page
 from benchmarks.published.table import report
 from data.terminal import Terminal
-from runner.command_line import one_line_errors
-from runner.compose import composed
+from runner.config.command_line import one_line_errors
+from runner.config.compose import composed
+from runner.folder.run_folder import write_json
 from runner.job import quiet_lightning
-from runner.run_folder import write_json
 
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")
 SEEDS = range(40, 48)  # took part in no choice; those of the zoo's free runs too

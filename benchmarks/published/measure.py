@@ -23,9 +23,9 @@ from data.record import Drive, Record
 from models.checkpoint import load_estimator
 from models.estimator import NoFreeRunError
 from models.training.assemble import data_from, estimator_from
-from runner.compose import composed
+from runner.config.compose import composed
+from runner.folder.run_files import CHECKPOINT
 from runner.job import identify
-from runner.run_files import CHECKPOINT
 
 PACKAGES = {"subnet": subnet, "narx": narx, "sindy": sindy}
 INSTALL = "pip install -e '.[published]'"

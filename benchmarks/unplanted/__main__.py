@@ -25,8 +25,8 @@ from benchmarks.unplanted.fits import error, fitted
 from benchmarks.unplanted.laws import HELD_BACK, LAWS, SIZES, Law
 from benchmarks.unplanted.motions import training, unseen
 from data.record import stack
-from runner.command_line import command_errors
-from runner.compose import prepare_hydra
+from runner.config.command_line import command_errors
+from runner.config.compose import prepare_hydra
 
 FARTHER = 1.5  # times the unseen motions
 MODELS = {  # of conf/model, with what differs

@@ -13,7 +13,7 @@ from models.estimator import Estimator
 from models.training.assemble import estimator_from, objective_from, solver_from
 from models.training.objective import restore, state_of
 from models.training.trainable import require_trainable
-from runner.compose import CONF
+from runner.config.compose import CONF
 
 
 def fitted(words: Sequence[str], batch: Record) -> Estimator:

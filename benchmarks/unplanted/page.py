@@ -9,8 +9,8 @@ from string import Template
 from typing import Any
 
 from benchmarks.unplanted.structures import CASES, HELD_BACK
-from runner.run_folder import write_text
-from runner.spread import percent, quantile
+from runner.folder.run_folder import write_text
+from runner.scores.spread import percent, quantile
 
 TEMPLATE = Path(__file__).with_name("page.md")
 PARTS = {"train": "training", "unseen": "unseen", "farther": "1.5 times"}

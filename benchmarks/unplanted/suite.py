@@ -27,9 +27,9 @@ from benchmarks.unplanted.page import table, write_page
 from benchmarks.unplanted.structures import CASES, HELD_BACK, Case, records
 from data.record import Record, stack
 from models.baselines import Zero
-from runner.command_line import command_errors
-from runner.compose import prepare_hydra
-from runner.run_folder import write_json
+from runner.config.command_line import command_errors
+from runner.config.compose import prepare_hydra
+from runner.folder.run_folder import write_json
 
 CHAIN = ("model.elements=chain", "model.forced=[]")
 STIFFER = "the structure, 1 % stiffer"

@@ -19,7 +19,7 @@ from rich.text import Text
 from data.arguments import Pairs, Parser, plain, reason
 from data.inspect.config import command, config_path, write_config
 from data.inspect.folder import show_folders
-from data.inspect.inspection import Inspection, inspection, places, step_of
+from data.inspect.inspection import Inspection, inspections, places, step_of
 from data.inspect.picture import draw
 from data.inspect.summary import show
 from data.measured.common_time import ALIGNMENTS
@@ -33,7 +33,7 @@ READER = {"skip_rows": 0, "delimiter": None, "decimal": ".", "group": None, "hea
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     line = Parser("python -m data.inspect", description=(__doc__ or "").splitlines()[0])
-    line.add_argument("record", nargs="+", help="files, folders or patterns")
+    line.add_argument("record", nargs="+", help="files, zip archives, folders or patterns")
     line.add_argument("--channels", nargs="+", action=Pairs, default={}, metavar="a1=COLUMN")
     line.add_argument("--units", nargs="+", action=Pairs, default={}, metavar="a=g")
     line.add_argument("--skip-rows", type=int, default=0, help="lines before the header")
@@ -55,27 +55,32 @@ def inspect(words: Sequence[str] | None = None) -> None:
     """Print, draw and save what the command line asks for. Raises ValueError, OSError."""
     args = parser().parse_args(words)
     records = places(args.record, args.channels)
-    if (args.picture or args.config) and len(records) > 1:
-        raise ValueError(f"--picture and --config are of one record; there are {len(records)}")
+    _check_single(args, len(records))
     console = terminal(140)
     reader = {key: getattr(args, key) for key in READER}
-    read, seen = 0, list[Inspection]()
+    seen: list[Inspection] = []
     for path, named in records:
         try:
-            record = inspection(path, args.channels, args.units, args.align, **reader)
+            found = inspections(path, args.channels, args.units, args.align, **reader)
         except FileError as error:
             if named:
                 raise
             console.print(Text(f"left out: {plain(str(error))}", style="dim"), soft_wrap=True)
             continue
-        show(console, record)
-        seen.append(record)
-        _save(console, record, args)
-        read += 1
+        _check_single(args, len(found))
+        for record in found:
+            show(console, record)
+            seen.append(record)
+            _save(console, record, args)
     if not args.channels:
         show_folders(console, args.record, seen)
-    if not read:
+    if not seen:
         raise ValueError("none of these files could be read")
+
+
+def _check_single(args: argparse.Namespace, records: int) -> None:
+    if (args.picture or args.config) and records > 1:
+        raise ValueError(f"--picture and --config are of one record; there are {records}")
 
 
 def _save(console: Console, record: Inspection, args: argparse.Namespace) -> None:

@@ -16,12 +16,20 @@ from data.measured.channels import CHANNEL, signal_of
 from data.measured.files.columns import FileError
 from data.measured.files.format import suffixes_of
 from data.measured.files.table import FORMATS, Table, read_table
+from data.measured.files.zipped import unpacked
 from data.measured.finding import Finding
 from data.measured.named_units import unit_in_name
 from data.measured.onset import without_quiet_start
 from data.measured.plausible import plausibility
 from data.measured.raw_record import RawRecord
-from data.measured.reading import by_name, read_records, record_of, stated_dt
+from data.measured.reading import (
+    by_name,
+    files_of,
+    is_archive,
+    read_records,
+    record_of,
+    stated_dt,
+)
 from data.measured.signal_faults import findings
 from data.measured.statistics import Statistics, statistics
 from data.measured.time_step import time_step
@@ -42,6 +50,25 @@ class Inspection:
     statistics: dict[str, Statistics]  # by channel
     spectra: dict[str, Spectrum | None]  # by channel
     findings: list[Finding]
+
+
+def inspections(
+    path: Path,
+    channels: Mapping[str, str],
+    units: Mapping[str, str],
+    align: str | None = None,
+    **reader: Any,
+) -> list[Inspection]:
+    """That of a file or a folder, those of all files of a zip archive; as `inspection`."""
+    of_folder = any(":" in where for where in channels.values())
+    if of_folder or not is_archive(path):
+        return [inspection(path, channels, units, align, **reader)]
+    with unpacked(path) as folder:
+        files = files_of(path, folder)
+        found = [inspection(file, channels, units, align, **reader) for file in files]
+    if len(found) == 1:
+        return [replace(found[0], path=path, raw=replace(found[0].raw, name=path.name))]
+    return [replace(record, path=path / record.path.name) for record in found]
 
 
 def inspection(

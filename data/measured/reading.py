@@ -65,7 +65,7 @@ def read_records(
     A file of arrays records × samples (× channels) holds several, a zip archive is the folder that
     it was made of, or its one file.
     """
-    if path.suffix.lower() == ".zip" and path.is_file():
+    if is_archive(path):
         with unpacked(path) as folder:
             return _of_archive(path, folder, channels, units, align, reader)
     if path.is_dir():
@@ -102,15 +102,27 @@ def _of_archive(
     if any(":" in where for where in (channels or {}).values()):
         raw = read_record(folder, channels, units, align, **reader)
         return {path.stem: replace(raw, name=path.name)}
-    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
-    if not files:
-        raise ValueError(f"{path.name} holds no file of {', '.join(SUFFIXES)}")
     found: dict[str, RawRecord] = {}
-    for file in files:
+    for file in files_of(path, folder):
         found |= read_records(file, channels, units, align, **reader)
     if len(found) == 1:
         return {path.stem: replace(next(iter(found.values())), name=path.name)}
     return {f"{path.stem}_{name}": raw for name, raw in found.items()}
+
+
+def is_archive(path: Path) -> bool:
+    return path.suffix.lower() == ".zip" and path.is_file()
+
+
+def files_of(archive: Path, folder: Path) -> list[Path]:
+    """The files of an archive that can hold records, in the folder that it was unpacked into.
+
+    Raises ValueError for an archive without any.
+    """
+    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
+    if not files:
+        raise ValueError(f"{archive.name} holds no file of {', '.join(SUFFIXES)}")
+    return files
 
 
 def record_of(

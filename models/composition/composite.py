@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -18,27 +19,18 @@ from data.record import Drive, Record, Response
 from models.composition.beginning import beginning, projected, units_of
 from models.composition.coefficients import Coefficients
 from models.composition.laws import ElementLaws
-from models.composition.simulate import (
-    ACCELERATION,
-    DISPLACEMENT,
-    VELOCITY,
-    Composition,
-    simulate,
-)
-from models.composition.trace import Trace, traced
-from models.layers.reconstructed import reconstructed
-from models.layers.state_variables import corner_frequency, state_variables
+from models.composition.measured_states import MEASURES, reconstructed_of, states_of
+from models.composition.simulate import ACCELERATION, Composition, simulate
+from models.composition.trace import DifferentiatedRun, Trace, traced
 from models.training.free_run import simulate as simulate_record
 from models.training.trainable import Trainable
 
-MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
 MOST_SUBSTEPS = 10_000  # of a sample interval
 MOST_STEPS = 20_000  # under autograd, at some milliseconds each
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
 LOOSE = 1e-6  # weight of a prior on a linear structure, where the prior holds the rest harder
 AGAINST = 1e-2  # weight that is added for units and cubic springs of negative stiffness
-BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities
 
 
 class Composite(Trainable):
@@ -247,7 +239,8 @@ class Composite(Trainable):
         """
         free = [p for p in self.parameters() if p.requires_grad]
         if torch.is_grad_enabled() and free:
-            return _Restarted.apply(self, record, horizon, *free)
+            run = partial(self._restarted, record, horizon, True)
+            return DifferentiatedRun.apply(run, *free)
         return self._restarted(record, horizon, False).response.a
 
     def restarted_jacobian(
@@ -320,22 +313,7 @@ class Composite(Trainable):
 
     def states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
         """x, v, a, u (T, ·) of each record as measured; filtered alike where x or v is missing."""
-        counted = slice(record.warmup, None)
-        a = record.a.reshape(record.a.shape[:-2].numel(), *record.a.shape[-2:])
-        u = record.excitation.reshape(len(a), record.samples, self.inputs)
-        measured = MEASURES[record.quantity]
-        whole = measured == ACCELERATION and not self.from_accelerations
-        for i in range(len(a)):
-            if whole and record.x is not None and record.v is not None:
-                x, v = record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i]
-                yield x[counted], v[counted], a[i][counted], u[i][counted]
-                continue
-            corner = corner_frequency(a[i], record.dt)
-            if measured != ACCELERATION:
-                corner *= BEYOND  # the filters' own share is then flat below it
-            size = corner ** (ACCELERATION - measured)
-            x, v, filtered = (size * s for s in state_variables(a[i], corner, record.dt))
-            yield x, v, filtered, size * state_variables(u[i], corner, record.dt)[measured]
+        return states_of(record, self.from_accelerations)
 
     def _anchors(self, record: Record, horizon: int | None) -> Tensor | None:
         """x and v (…, 2, T, n), measured or reconstructed; first the record's initial state."""
@@ -359,12 +337,7 @@ class Composite(Trainable):
         """x and v (…, T, n) of a record in training, from what was measured of its motion."""
         key = hash(record.a.numpy().tobytes())
         if key not in self.motions:
-            shape = record.a.shape
-            y, u = (s.reshape(-1, *s.shape[-2:]) for s in (record.a, record.excitation))
-            order = MEASURES[record.quantity]
-            found = [reconstructed(y[i], u[i], record.dt, order) for i in range(len(y))]
-            x, v = (torch.stack(parts).reshape(shape) for parts in zip(*found, strict=True))
-            self.motions[key] = x, v
+            self.motions[key] = reconstructed_of(record)
         return self.motions[key]
 
     def check(self, signals: Record | Drive) -> None:
@@ -379,23 +352,3 @@ class Composite(Trainable):
                 f"{self.dt:g} s, makes {substeps} substeps; {MOST_SUBSTEPS} are possible: resample"
             )
         return substeps
-
-
-class _Restarted(torch.autograd.Function):
-    """The compiled run and its derivatives as a function of autograd."""
-
-    @staticmethod
-    def forward(
-        ctx: Any, model: Composite, record: Record, horizon: int | None, *free: Tensor
-    ) -> Tensor:
-        trace = model._restarted(record, horizon, True)
-        ctx.save_for_backward(trace.jacobian)
-        ctx.shapes = [p.shape for p in free]
-        return trace.response.a
-
-    @staticmethod
-    def backward(ctx: Any, slope: Tensor) -> Any:
-        (jacobian,) = ctx.saved_tensors
-        flat = slope.reshape(-1) @ jacobian.flatten(0, -2)
-        parts = flat.split([shape.numel() for shape in ctx.shapes])
-        return (None, None, None, *(p.view(s) for p, s in zip(parts, ctx.shapes, strict=True)))

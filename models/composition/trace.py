@@ -5,9 +5,11 @@ B records, T samples, n coordinates, E elements, o outputs, P free parameters.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import torch
@@ -116,3 +118,21 @@ def _arrays(composition: Composition, derivatives: bool) -> dict[str, tuple[np.n
         name: tuple(np.ascontiguousarray(getattr(p, key).cpu().numpy()) for key in PART)
         for name, p in parts.items()
     }
+
+
+class DifferentiatedRun(torch.autograd.Function):
+    """A compiled run with derivatives as a function of its free parameters in autograd."""
+
+    @staticmethod
+    def forward(ctx: Any, run: Callable[[], Trace], *free: Tensor) -> Tensor:
+        trace = run()
+        ctx.save_for_backward(trace.jacobian)
+        ctx.shapes = [p.shape for p in free]
+        return trace.response.a
+
+    @staticmethod
+    def backward(ctx: Any, slope: Tensor) -> Any:
+        (jacobian,) = ctx.saved_tensors
+        flat = slope.reshape(-1) @ jacobian.flatten(0, -2)
+        parts = flat.split([shape.numel() for shape in ctx.shapes])
+        return (None, *(p.view(s) for p, s in zip(parts, ctx.shapes, strict=True)))

@@ -2,7 +2,7 @@
 
 `python evaluate.py runs=FOLDER by=model.cutoff metric=relative_rms_percent split=test`. Models,
 systems and scenarios are never mixed. What diverged or failed is infinite and takes part in the
-median, as everywhere (runner/spread.py).
+median, as everywhere (runner/scores/spread.py).
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from rich.text import Text
 
 from report.collection.runs import chosen
 from report.collection.scores import scores_of
-from runner.choices import typed
-from runner.result import Result, spread_of
-from runner.schema import SPLITS
-from runner.spread import DIVERGED, ESCAPED, FAILED, NOT_IDENTIFIED, Spread, percent
+from runner.config.choices import typed
+from runner.config.schema import SPLITS
+from runner.scores.result import Result, spread_of
+from runner.scores.spread import DIVERGED, ESCAPED, FAILED, NOT_IDENTIFIED, Spread, percent
 
 CASE = ("system", "scenario", "model")  # kept apart, whatever is asked for
 LOST = (DIVERGED, FAILED, ESCAPED)

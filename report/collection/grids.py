@@ -8,9 +8,9 @@ from typing import Any
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf
 
-from runner.choices import typed
-from runner.compose import CONF
-from runner.result import Result
+from runner.config.choices import typed
+from runner.config.compose import CONF
+from runner.scores.result import Result
 
 CASE = ("model", "system", "scenario", "seed")  # they have columns of their own
 

@@ -4,7 +4,7 @@ Columns: run, model, system, scenario, seed, code, status, reason, split, estima
 value; then every choice that is not the same in all runs, by its dotted name. What diverged has an
 infinite value. A run whose model is not identified says so, with the reason, beside its numbers. A
 run without numbers (failed, escaped, unfinished or damaged) has one row with the
-reason, without a metric; runner/spread.py says how such runs count.
+reason, without a metric; runner/scores/spread.py says how such runs count.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ import pyarrow.parquet  # type: ignore[import-untyped]
 from report.collection.runs import chosen
 from report.collection.scores import Score, scores_of
 from report.output import spreadsheet
-from runner.result import FINISHED, VERDICTS, Result
-from runner.spread import DIVERGED
+from runner.scores.result import FINISHED, VERDICTS, Result
+from runner.scores.spread import DIVERGED
 
 NOTHING = Score("", "", "", None, math.nan)  # of a run without numbers
 

@@ -15,7 +15,7 @@ from report.collection.long_table import counted, long_table, write_long
 from report.collection.runs import collect, results_folder
 from report.output import save_figure
 from runner.progress import is_finished, print_not_identified, reasons
-from runner.result import Result
+from runner.scores.result import Result
 
 WIDTH = 145
 

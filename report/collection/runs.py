@@ -9,10 +9,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from runner.choices import varying
+from runner.config.choices import varying
+from runner.folder.run_files import CONFIG, FAILED, METRICS
 from runner.progress import is_finished, print_damaged
-from runner.result import DAMAGED, Result, read_result
-from runner.run_files import CONFIG, FAILED, METRICS
+from runner.scores.result import DAMAGED, Result, read_result
 
 
 def folders_of(typed: str | Sequence[str]) -> list[Path]:

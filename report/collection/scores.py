@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from runner.schema import SPLITS
+from runner.config.schema import SPLITS
 
 OF_THE_RUN = ("fit_seconds", "parameters", "simulation_error")
 

@@ -15,8 +15,8 @@ from data.terminal import terminal
 from report.collection.runs import has_runs, read_runs, results_folder, run_folders
 from report.usual import LEADERBOARD
 from report.usual import QUESTIONS as ASKED
-from runner.command_line import command_errors
-from runner.result import Result
+from runner.config.command_line import command_errors
+from runner.scores.result import Result
 
 
 def main(words: Sequence[str] | None = None) -> None:

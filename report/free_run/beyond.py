@@ -29,16 +29,16 @@ from report.collection.runs import read_runs, results_folder
 from report.free_run.rows import Row, case_of, rank, row_of
 from report.free_run.tables import COLUMNS, Columns, sections, write_rows
 from report.output import printed
-from runner.command_line import command_errors
-from runner.identity import written_code_version
+from runner.config.command_line import command_errors
+from runner.config.identity import written_code_version
+from runner.config.plain_data import read_json
+from runner.config.schema import ANYTHING, SCORES, require
+from runner.folder.run import restore
+from runner.folder.run_files import CONFIG
+from runner.folder.run_folder import read_run, write_json
 from runner.job import quiet_lightning
-from runner.plain_data import read_json
-from runner.result import FREE_RUN, Result
-from runner.run import restore
-from runner.run_files import CONFIG
-from runner.run_folder import read_run, write_json
-from runner.schema import ANYTHING, SCORES, require
-from runner.spread import ESCAPED
+from runner.scores.result import FREE_RUN, Result
+from runner.scores.spread import ESCAPED
 
 FILE = "beyond.json"
 MODELS = (

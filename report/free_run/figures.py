@@ -19,8 +19,8 @@ from report.free_run.signals import loops_of_model, motions
 from report.free_run.tables import case, records_of
 from report.output import save_figure
 from report.style import mark_lost, percent_ticks
-from runner.result import Result, spread_of
-from runner.spread import Spread, quantile
+from runner.scores.result import Result, spread_of
+from runner.scores.spread import Spread, quantile
 
 BEST = 3  # models drawn against truth, and the linear system
 AXIS = {  # label of the setting that is varied, and its unit in that of the config

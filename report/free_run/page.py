@@ -32,9 +32,9 @@ from report.free_run.tables import COLUMNS, Columns, Title, case, records_of, se
 from report.output import code, markdown, sections_markdown
 from report.usual import LEADERBOARD
 from report.usual import QUESTIONS as ASKED
-from runner.result import Result, against_true
-from runner.run_folder import write_text
-from runner.spread import DIVERGED, ESCAPED, FAILED, percent, quantile
+from runner.folder.run_folder import write_text
+from runner.scores.result import Result, against_true
+from runner.scores.spread import DIVERGED, ESCAPED, FAILED, percent, quantile
 
 TEMPLATE = Path(__file__).with_name("page.md")
 FULL_STATE = "full_state"

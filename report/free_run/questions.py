@@ -11,8 +11,8 @@ from typing import Any
 
 from report.free_run.rows import RECORDS, SYSTEMS, Row, row_of, settings_of
 from report.free_run.tables import COLUMNS, Columns
-from runner.choices import typed
-from runner.result import Result
+from runner.config.choices import typed
+from runner.scores.result import Result
 
 EXPERIMENT = "free_run_questions"
 ASK = f"python train.py -m experiment={EXPERIMENT}"

@@ -2,7 +2,7 @@
 
 A row is a system, the number of training records, the scenario and a model; its errors are of the
 test motions of all seeds, in percent, against the true signals where they are known. How lost runs
-count: runner/spread.py.
+count: runner/scores/spread.py.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from runner.choices import typed, varying
-from runner.result import NOT_SCORED, Result, spread_of
-from runner.spread import Spread, quantile
+from runner.config.choices import typed, varying
+from runner.scores.result import NOT_SCORED, Result, spread_of
+from runner.scores.spread import Spread, quantile
 
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")  # first, in this order; others after them
 RECORDS = "data.train_records"

@@ -26,9 +26,9 @@ from models.training.metrics import displacement_of
 from report.about import colour_of
 from report.paper.signals import behaviour
 from report.style import MEASURED
-from runner.result import Result
-from runner.run import restore
-from runner.run_folder import read_run
+from runner.folder.run import restore
+from runner.folder.run_folder import read_run
+from runner.scores.result import Result
 
 ROOM = 0.5  # of the true range, above and below; a motion beyond is cut off
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from report.free_run.rows import Row
 from report.output import Section, as_csv, latex, sections_markdown, write_texts
-from runner.spread import percent
+from runner.scores.spread import percent
 
 CAPTION = (
     "errors of the test motions in %, against the true signals where they are known; free run: "

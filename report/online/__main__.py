@@ -14,7 +14,7 @@ from data.arguments import Parser
 from report.online.cases import read_online
 from report.online.page import ONLINE, STABILITY, write_online_page
 from report.online.tables import TABLES
-from runner.command_line import command_errors
+from runner.config.command_line import command_errors
 
 
 def main() -> None:

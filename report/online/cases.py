@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from data.arguments import reason
+from runner.config.schema import ANYTHING, NUMBER, require
+from runner.folder.run_files import METRICS
+from runner.folder.run_folder import read_config, read_metrics
 from runner.progress import print_damaged
-from runner.run_files import METRICS
-from runner.run_folder import read_config, read_metrics
-from runner.schema import ANYTHING, NUMBER, require
 
 SETTING = {  # of each law, the one that a study varies
     "RecursiveLeastSquares": ("least squares", "forgetting", "λ"),

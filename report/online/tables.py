@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from report.online.cases import OnlineRun, cases
 from report.output import markdown
-from runner.spread import Spread
+from runner.scores.spread import Spread
 
 ENOUGH = 1.2  # times the error of the batch fit
 WAYS = ("adapting", "from_nothing")

@@ -14,7 +14,7 @@ from data.arguments import Parser
 from data.terminal import terminal
 from report.collection.runs import read_runs, results_folder, run_folders
 from report.usual import CLOSE_FIT, OUTSIDE, STUDY
-from runner.command_line import command_errors
+from runner.config.command_line import command_errors
 
 
 def main(words: Sequence[str] | None = None) -> None:

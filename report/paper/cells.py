@@ -2,7 +2,7 @@
 
 A cell is one method, split and DOF (or the total), with the spread of our errors over the seeds. On
 the polynomial system some motions escape: such a seed has no motion to identify for any method, so
-it is counted apart (runner/spread.py).
+it is counted apart (runner/scores/spread.py).
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from runner.choices import dotted, plain
-from runner.compose import CONF
-from runner.paper_values import PaperCell, paper_cells
-from runner.result import Result, spread_of
-from runner.run_folder import settings_of
-from runner.spread import Spread
+from runner.config.choices import dotted, plain
+from runner.config.compose import CONF
+from runner.folder.run_folder import settings_of
+from runner.scores.paper_values import PaperCell, paper_cells
+from runner.scores.result import Result, spread_of
+from runner.scores.spread import Spread
 
 OWN_RESIDUAL = "own_residual"
 OWN = f"residual_mlp_{OWN_RESIDUAL}"

@@ -20,10 +20,10 @@ from report.collection.runs import read_runs
 from report.output import Section, printed
 from report.paper.cells import OWN_RESIDUAL, error_of
 from report.usual import OUTSIDE
-from runner.command_line import command_errors
-from runner.paper_values import PaperCell, paper_cells
-from runner.result import Result, spread_of
-from runner.spread import Spread, percent
+from runner.config.command_line import command_errors
+from runner.scores.paper_values import PaperCell, paper_cells
+from runner.scores.result import Result, spread_of
+from runner.scores.spread import Spread, percent
 
 EXPERIMENT = "outside"
 COLUMNS = ("changed", "system, scenario", "method", "split", "paper", "ours", "inside", "runs")

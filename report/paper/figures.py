@@ -25,10 +25,10 @@ from report.paper.signals import (
     without_second_basis,
 )
 from report.style import mark_lost, percent_ticks
-from runner.compose import CONF
-from runner.paper_values import paper_values
-from runner.result import Result, spread_of
-from runner.spread import Spread, quantile
+from runner.config.compose import CONF
+from runner.scores.paper_values import paper_values
+from runner.scores.result import Result, spread_of
+from runner.scores.spread import Spread, quantile
 
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")  # Figs. 6–8 and 9–11 in this order
 SWEPT = "polynomial"  # the system whose noise level and cutoff are varied

@@ -20,9 +20,9 @@ from report.paper.cells import OWN, SETTINGS, Cell, as_configured, error_of, of
 from report.paper.changes import COLUMNS, rows_of
 from report.paper.tables import NOT_PAIRED, by_label, cells_markdown, hits
 from report.usual import CLOSE_FIT, OUTSIDE, STUDY
-from runner.result import Result, spread_of
-from runner.run_folder import write_text
-from runner.spread import ESCAPED, FAILED, percent
+from runner.folder.run_folder import write_text
+from runner.scores.result import Result, spread_of
+from runner.scores.spread import ESCAPED, FAILED, percent
 
 TEMPLATE = Path(__file__).with_name("page.md")
 FEEDTHROUGH = Path("runs/studies/feedthrough.json")

@@ -27,10 +27,10 @@ from report.about import colour_of
 from report.paper.cells import METHODS, OWN_RESIDUAL, of
 from report.run.figures import element_loops
 from report.style import MEASURED
-from runner.compose import CONF
-from runner.result import Result
-from runner.run import restore
-from runner.run_folder import read_run
+from runner.config.compose import CONF
+from runner.folder.run import restore
+from runner.folder.run_folder import read_run
+from runner.scores.result import Result
 
 SIX = METHODS[:7]  # the paper's, one of them scored in two ways; the rest are baselines
 SAME_AS_CHEBYSHEV = "power_series_restoring_force"  # two bases of one space: one estimate

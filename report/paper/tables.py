@@ -8,7 +8,7 @@ from pathlib import Path
 
 from report.output import Section, as_csv, latex, sections_markdown, write_texts
 from report.paper.cells import OWN, Cell
-from runner.spread import percent
+from runner.scores.spread import percent
 
 SPLITS = ("train", "test")
 COLUMNS = ("paper", "median", "quartiles", "min – max", "inside")  # of each split

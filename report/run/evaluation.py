@@ -20,10 +20,10 @@ from report.run.rescore import (
     require_scores,
     score_seeds,
 )
-from runner.command_line import absolute
-from runner.plain_data import as_config
-from runner.run import restore
-from runner.run_folder import read_run, write_json
+from runner.config.command_line import absolute
+from runner.config.plain_data import as_config
+from runner.folder.run import restore
+from runner.folder.run_folder import read_run, write_json
 
 
 def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from report.collection.scores import scores_of
-from runner.choices import dotted, typed
+from runner.config.choices import dotted, typed
 
 GROUPS = ("scenario", "excitation", "data", "model", "solver", "objective")
 FILES = ("path", "folder")  # where things lie is no choice that changes a number

@@ -34,12 +34,12 @@ from report.run.table import (
     titled,
     why_no_free_run,
 )
-from runner.compose import composed
-from runner.outcome import each_record, per_record
-from runner.run import sensors_of
-from runner.run_folder import write_json, write_text
-from runner.trained_range import outside, range_of, worst_of
-from runner.verdict import CANNOT
+from runner.config.compose import composed
+from runner.folder.run import sensors_of
+from runner.folder.run_folder import write_json, write_text
+from runner.scores.outcome import each_record, per_record
+from runner.scores.trained_range import outside, range_of, worst_of
+from runner.scores.verdict import CANNOT
 
 WHOLE = {  # nothing is held back and nothing is cut out
     "_target_": "data.WholeRecords",

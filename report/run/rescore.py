@@ -32,9 +32,9 @@ from report.run.table import (
     titled,
     why_no_free_run,
 )
-from runner.outcome import each_record
-from runner.spread import DIVERGED, Spread, percent
-from runner.trained_range import loops_of, names_of
+from runner.scores.outcome import each_record
+from runner.scores.spread import DIVERGED, Spread, percent
+from runner.scores.trained_range import loops_of, names_of
 
 SPLITS = ("train", "test")
 

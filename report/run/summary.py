@@ -28,9 +28,9 @@ from report.run.table import (
     why_no_free_run,
 )
 from report.style import words_as_they_stand
-from runner.outcome import each_record
-from runner.public_scores import benchmark_lines
-from runner.trained_range import worst_of
+from runner.scores.outcome import each_record
+from runner.scores.public_scores import benchmark_lines
+from runner.scores.trained_range import worst_of
 
 
 def log_run(

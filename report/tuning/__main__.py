@@ -12,7 +12,7 @@ from data.arguments import Parser
 from data.terminal import terminal
 from report.tuning.cases import read_cases
 from report.usual import SEARCHES
-from runner.command_line import command_errors
+from runner.config.command_line import command_errors
 
 
 def main() -> None:

@@ -11,10 +11,10 @@ from typing import Any
 
 from data.arguments import reason
 from report.free_run.rows import SYSTEMS
-from runner.plain_data import read_json
-from runner.result import Result, read_result
-from runner.schema import ANYTHING, PERCENT, require
-from runner.spread import FAILED
+from runner.config.plain_data import read_json
+from runner.config.schema import ANYTHING, PERCENT, require
+from runner.scores.result import Result, read_result
+from runner.scores.spread import FAILED
 
 FILE = "search.json"  # of runner/search.py, which needs Optuna; this does not
 SEARCH: dict[Any, Any] = {

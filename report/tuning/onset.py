@@ -24,14 +24,14 @@ from models.training.assemble import changed, data_from
 from models.training.metrics import score
 from report.tuning.cases import WAYS, Case, read_cases
 from report.usual import SEARCHES
-from runner.command_line import command_errors
-from runner.identity import written_code_version
+from runner.config.command_line import command_errors
+from runner.config.identity import written_code_version
+from runner.config.plain_data import read_json
+from runner.config.schema import ANYTHING, PERCENT, require
+from runner.folder.run import restore
+from runner.folder.run_files import CONFIG
+from runner.folder.run_folder import read_run, write_json
 from runner.job import quiet_lightning
-from runner.plain_data import read_json
-from runner.run import restore
-from runner.run_files import CONFIG
-from runner.run_folder import read_run, write_json
-from runner.schema import ANYTHING, PERCENT, require
 
 FILE = "onset.json"
 KIND = {"origin": {...: ANYTHING}, "scores": {...: PERCENT}}

@@ -24,7 +24,7 @@ from report.tuning.tables import (
     warmup_rows,
 )
 from report.usual import SEARCHES
-from runner.run_folder import write_text
+from runner.folder.run_folder import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
 WARMUP = Path("runs/tune_warmup")  # runs of experiment=tune_warmup

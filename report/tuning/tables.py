@@ -11,8 +11,8 @@ from report.free_run.rows import SYSTEMS
 from report.output import markdown
 from report.tuning.cases import WAYS, Case
 from report.tuning.onset import onsets
-from runner.result import Result
-from runner.spread import Spread, percent
+from runner.scores.result import Result
+from runner.scores.spread import Spread, percent
 
 PRINTED = {"bouc_wen": "Bouc–Wen"}
 Rows = Iterator[Sequence[str]]  # the first is the heading

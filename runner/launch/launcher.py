@@ -20,8 +20,8 @@ from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
 
-from runner.compose import prepare_hydra
-from runner.run_files import FAILED, METRICS
+from runner.config.compose import prepare_hydra
+from runner.folder.run_files import FAILED, METRICS
 
 ROOT = Path(__file__).parent.parent.parent
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")

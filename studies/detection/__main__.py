@@ -28,7 +28,7 @@ from data.arguments import Parser
 from data.terminal import Terminal
 from models.detection.detector import conformal_rank, first_alarm
 from report.output import save_figure
-from runner.command_line import command_errors
+from runner.config.command_line import command_errors
 from studies.detection.figures import delays_figure, levels_figure
 from studies.detection.motions import (
     BLOCK,

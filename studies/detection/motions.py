@@ -34,7 +34,7 @@ from models.detection.weight_drift import WeightDrift
 from models.estimator import Estimator
 from models.online.adaptive import Online
 from models.training.assemble import estimator_from, simulated_from
-from runner.compose import composed
+from runner.config.compose import composed
 
 SYSTEMS = ("shear_frame", "bouc_wen", "bilinear", "polynomial")
 FIRST_SEED, SEEDS = 100, 50

@@ -20,7 +20,7 @@ from data.simulation.records import Simulation
 from data.simulation.scenario import FullState, Noisy
 from data.simulation.structure import Structure
 from models.training.assemble import data_from
-from runner.compose import composed
+from runner.config.compose import composed
 from tests.reference import paper_structure, reference_response
 
 DT = 0.01

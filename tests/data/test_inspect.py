@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import matplotlib.image
@@ -18,7 +19,8 @@ from data.inspect.config import config_path
 from data.inspect.guesses import suggest
 from data.inspect.inspection import inspection
 from data.inspect.picture import COLUMNS, dominant, envelope, spectrum
-from runner.compose import CONF, prepare_hydra
+from data.measured.reading import read_records
+from runner.config.compose import CONF, prepare_hydra
 
 ROOT = Path(__file__).parents[2]
 MEASURED = (CONF / "data" / "measured.yaml").exists()
@@ -117,7 +119,7 @@ def test_interrupted_in_silence(run, vibration, monkeypatch):
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command_line, "inspection", interrupt)
+    monkeypatch.setattr(command_line, "inspections", interrupt)
     assert run("vibration.csv") == (130, "", "")
 
 
@@ -198,6 +200,52 @@ def test_the_unit_of_a_guessed_clock_is_heard(run, tmp_path):
     Path("raw.csv").write_text("SampleTime,Acc_X\n" + rows)
     assert "dt = 8333 s" in run("raw.csv")[1]
     assert "dt = 0.008333 s" in run("raw.csv", "--units", "time=us")[1]
+
+
+def pack(name: str, *files: Path) -> None:
+    with zipfile.ZipFile(name, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in files:
+            archive.write(file, f"records/{file.name}")
+
+
+def test_an_archive_of_one_file_is_told_as_that_file(run, strange):
+    pack("packed.zip", strange)
+    words = ("--channels", "time=Time", "a1=Acc_X", "--units", "a=g")
+    for more in ((), words):
+        _, out, _ = run("test 7.csv", *more)
+        assert run("packed.zip", *more) == (0, out.replace("test 7.csv", "packed.zip"), "")
+
+
+def test_the_config_of_an_archive_names_the_archive(run, strange):
+    pack("packed.zip", strange)
+    assert run("packed.zip", "--config", "--channels", "time=Time", "a1=Acc_X")[0] == 0
+    data = OmegaConf.load("configs/data/packed.yaml").data
+    (record,) = read_records(Path(data.path), data.channels).values()
+    assert record.channels["a1"] == pytest.approx([0.1 * k for k in range(9)])
+
+
+def test_every_file_of_an_archive_is_told_and_one_config_does_not_describe_them(
+    run, strange, vibration
+):
+    pack("packed.zip", strange, vibration)
+    status, out, err = run("packed.zip")
+    assert (status, err) == (0, "")
+    assert "packed.zip/test 7.csv" in out
+    assert "packed.zip/vibration.csv" in out
+    status, _, err = run("packed.zip", "--config")
+    assert (status, err) == (1, "error: --picture and --config are of one record; there are 2\n")
+
+
+def test_an_archive_without_records_or_in_pieces_is_one_line(run, tmp_path):
+    (tmp_path / "notes.pdf").write_text("%PDF")
+    pack("packed.zip", tmp_path / "notes.pdf")
+    status, out, err = run("packed.zip")
+    assert (status, out) == (1, "")
+    assert err.startswith("error: packed.zip holds no file of .")
+    Path("packed.zip").write_bytes(b"PK")
+    status, out, err = run("packed.zip")
+    assert (status, out) == (1, "")
+    assert err.startswith("error: packed.zip is damaged: ")
 
 
 @pytest.mark.skipif(not MEASURED, reason="conf/data/measured.yaml is not here")

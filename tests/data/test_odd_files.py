@@ -14,7 +14,7 @@ from hydra import compose, initialize_config_dir
 
 from data.inspect import __main__ as command_line
 from models.training.assemble import data_from, estimator_from
-from runner.compose import CONF, prepare_hydra
+from runner.config.compose import CONF, prepare_hydra
 from tests.data.odd_files import ODD, Odd
 
 

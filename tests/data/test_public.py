@@ -16,60 +16,23 @@ from scipy.io import savemat
 from data.public.benchmarks import BENCHMARKS
 from data.public.datamodule import BenchmarkData
 from data.public.measures import in_band_rms, noise_floor, official_rmse
-from data.public.splits import BOUC_WEN_TESTS, F16
-from data.simulation.scenario import FullState, Noisy
+from data.public.splits import BOUC_WEN_TESTS
+from data.simulation.scenario import Noisy
 from models.training.assemble import data_from, estimator_from
 from runner.job import identify
-from runner.public_scores import benchmark_lines
+from runner.scores.public_scores import benchmark_lines
+from tests.data.public_folders import (
+    ARCHIVES,
+    NOISE,
+    PERIOD,
+    SHARED,
+    contents,
+    loaded,
+    ours,
+    prepare,
+    prepared,
+)
 from tests.program.test_every_config import composed
-
-SHARED = Path(__file__).parents[3] / "shared" / "data" / "bouc_wen_benchmark"
-ARCHIVES = {  # whose presence tells the package that nothing is to be downloaded
-    "silverbox": "Silverbox/SilverboxFiles.zip",
-    "cascaded_tanks": "Cascaded_Tanks/CascadedTanksFiles.zip",
-    "emps": "EMPS/EMPS.zip",
-    "ced": "CED/FULLTEXT01.zip",
-    "f16": "F16/F16GVT_Files.zip",
-}
-PERIOD, NOISE = 8192, 7e-6
-
-
-def contents(name: str) -> dict[str, dict[str, np.ndarray]]:
-    """Random signals under the names and in the shapes of the official files."""
-    rng = np.random.default_rng(0)
-    noise = rng.standard_normal
-    row, column = {"size": (1, 127500)}, {"size": (600, 1)}
-    files = BENCHMARKS[name].files
-    if name == "silverbox":
-        return {files[0]: {"V1": noise(**row), "V2": noise(**row)}}
-    if name == "wiener_hammerstein":
-        u, y = noise((188000, 1)), noise((188000, 1))
-        return {files[0]: {"uBenchMark": u, "yBenchMark": y, "fs": np.array([[51200.0]])}}
-    if name == "cascaded_tanks":
-        names = ("uEst", "yEst", "uVal", "yVal")
-        return {files[0]: {n: noise(**column) for n in names} | {"Ts": np.array([[4.0]])}}
-    if name == "emps":
-        t = {"t": 1e-3 * np.arange(600.0)[:, None]}
-        return {f: {n: noise(**column) for n in ("qm", "qg", "vir")} | t for f in files}
-    if name == "ced":
-        return {files[0]: {n: noise((500, 1)) for n in ("u11", "u12", "z11", "z12")}}
-    if name == "f16":
-        sizes = {f: 300 if "FullMSine" in f else 400 for f in F16}
-        rate = {"Fs": np.array([[400.0]])}
-        return {
-            f: {"Force": noise((1, T)), "Voltage": noise((1, T)), "Acceleration": noise((3, T))}
-            | rate
-            for f, T in sizes.items()
-        }
-    u, y = 50.0 * noise(PERIOD), 7e-4 * noise(PERIOD)
-    repeated = np.tile(y, 4) + NOISE * noise(4 * PERIOD)
-    return {files[0]: {"u": np.tile(u, 4)[None]}, files[1]: {"y": repeated[None]}}
-
-
-def prepare(folder: Path, files: dict[str, dict[str, np.ndarray]]) -> None:
-    for path, variables in files.items():
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        savemat(folder / path, variables, do_compression=False)
 
 
 @pytest.fixture(scope="session")
@@ -81,20 +44,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for archive in ARCHIVES.values():
         (folder / archive).touch()
     return folder
-
-
-def loaded(name: str, folder: Path, **more: object) -> BenchmarkData:
-    return BenchmarkData(name, FullState(), folder=str(folder), **more)
-
-
-def prepared(name: str, folder: Path, **more: object) -> BenchmarkData:
-    data = loaded(name, folder, **more)
-    data.setup()
-    return data
-
-
-def ours(data: BenchmarkData, split: str) -> list[tuple[np.ndarray, np.ndarray, int]]:
-    return [(r.f.numpy(), r.a.numpy(), r.warmup) for r in data.make_records()[split]]
 
 
 @pytest.mark.parametrize("name", sorted(set(BENCHMARKS) - {"bouc_wen", "f16"}))

@@ -135,6 +135,22 @@ def test_what_sensors_show_at_rest_is_taken_off_and_told(tmp_path):
     assert "s_ddot1 0.3, a1 -0.2" in note
 
 
+def test_where_a_displacement_stands_at_rest_is_kept(tmp_path):
+    """A gauge may be set to zero in any place, and a frame may lean: nobody can tell them apart."""
+    base, roof = shaken(samples=3000)
+    quiet = 1e-5 * np.random.default_rng(0).standard_normal((2, 900))
+    columns = {
+        "time": clock(3900), "s_ddot1": np.concatenate([quiet[0], base]) + 0.3,
+        "a1": np.concatenate([quiet[1], roof]), "x1": np.concatenate([quiet[1], roof]) + 0.1,
+    }  # fmt: skip
+    table(tmp_path / "leaning.csv", columns)
+    record = measured(tmp_path / "leaning.csv").records["train"][0]
+    still = slice(0, 40)  # of the half second that is kept before the motion
+    assert record.x is not None
+    assert record.x[still].numpy() == pytest.approx(0.1, abs=1e-4)
+    assert record.f[still].numpy() == pytest.approx(0.0, abs=1e-4)
+
+
 def test_an_onset_does_not_depend_on_what_follows():
     signal = np.where(clock() > 8.0, np.sin(9.0 * clock()), 1e-6 * np.cos(40.0 * clock()))
     other = np.where(clock() > 16.0, 100.0, signal)

@@ -1,10 +1,8 @@
-"""python -m live: streams equal the batch, faults end no run, what is printed and written."""
+"""python -m live: streams equal the batch, faults end no run, the end."""
 
 from __future__ import annotations
 
 import io
-import json
-import math
 import signal
 import subprocess
 import sys
@@ -14,74 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rich.console import Console
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from data.record import Record
-from data.sample import Sample
-from live import __main__ as live
 from live import samples
-from live import source as live_source
-from live.alarm import LEARNING, ResidualAlarm
-from live.lines import lines_of
-from live.monitor import LiveMonitor
-from live.view import BARS, LiveView, bars
 from models.online.adaptive import Online
-from models.online.laws.frozen import Frozen
-from models.online.scores import running_error
 from models.online.stream import started
 from models.training.assemble import data_from, estimator_from
-from models.vwnn import VWNN
-from runner.compose import composed
-from runner.run import Run, restore
-from runner.run_folder import read_run
-
-ROOT = Path(__file__).parents[2]
-DT = 0.01
-
-
-@pytest.fixture
-def run(monkeypatch, tmp_path, capsys):
-    """(words, text on standard input) → (exit status, stdout, stderr), in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-
-    def of(*words: str, text: str | io.BytesIO = "", program=live) -> tuple[int, str, str]:
-        file = io.BytesIO(text.encode()) if isinstance(text, str) else text
-        monkeypatch.setattr(live_source, "standard_input", lambda: file)
-        status = 0
-        try:
-            program.main(words)
-        except SystemExit as end:
-            status = int(end.code or 0)
-        said = capsys.readouterr()
-        return status, said.out, said.err
-
-    return of
-
-
-def finished(folder: Path, *words: str) -> Path:
-    """A finished run, identified on its 10 s of training motion."""
-    cfg = composed("data.duration=10", "baselines=none", *words)
-    data = data_from(cfg)
-    data.setup()
-    estimator = estimator_from(cfg.model, data)
-    run = Run.begin(folder, cfg, data.sensors)
-    estimator.identify(data.loader("train"))
-    run.save(estimator)
-    run.finish({})
-    return folder
+from runner.config.compose import composed
+from runner.folder.run import Run, restore
+from runner.folder.run_folder import read_run
+from tests.live.live_runs import DT, ROOT, finished
 
 
 @pytest.fixture(scope="module")
 def online(tmp_path_factory) -> Path:
     return finished(tmp_path_factory.mktemp("online") / "run", "model=online_vwnn")
-
-
-@pytest.fixture(scope="module")
-def lines(bilinear_record: Record) -> str:
-    """4 s of a yielding structure as CSV."""
-    record = bilinear_record.measured().window(0, 400)
-    return "\n".join(lines_of(record, base=False, speed=math.inf)) + "\n"
 
 
 def estimates(path: Path | str) -> torch.Tensor:
@@ -302,148 +246,3 @@ def test_a_signal_ends_the_program_while_it_waits(lines):
     assert first.startswith("t = 1.0 s, ")
     assert (program.returncode, err) == (130, "")
     assert "relative error" in out
-
-
-# What is shown and left behind
-
-
-def test_estimates_and_scalars_are_written_as_it_runs(run, lines):
-    words = ("-", "--rate", "100", "--output", "made.csv", "--log", "logs", "--every", "1")
-    status, out, _ = run(*words, text=lines)
-    assert status == 0
-    assert [line[:9] for line in out.splitlines()[:3]] == [f"t = {k}.0 s" for k in (1, 2, 3)]
-    tags = EventAccumulator("logs").Reload()
-    wanted = {"a1/measured", "a3/estimated", "error/running_percent", "weights/norm"}
-    assert wanted <= set(tags.Tags()["scalars"])
-    assert 60 < len(tags.Scalars("a1/measured")) <= 81  # of 400 samples, 20 a second
-    measured = np.genfromtxt("made.csv", delimiter=",", names=True)["a1"]
-    event = tags.Scalars("a1/measured")[10]
-    assert event.value == pytest.approx(measured[event.step], rel=1e-6)
-    assert run("-", "--rate", "100", "--output", "made.csv", text=lines)[0] == 1
-    assert run("-", "--rate", "100", "--output", "made.csv", "--force", text=lines)[0] == 0
-
-
-def followed(record: Record, offset: float = 0.0) -> LiveMonitor:
-    """A monitor of estimates that are all off by the same share."""
-    stream = Online(record.dofs, record.excitation.shape[-1], record.dt).stream(from_nothing=True)
-    monitor = LiveMonitor(stream, record.dt)
-    for k in range(record.samples):
-        sample = Sample(record.f[k], record.a[k], time=k * record.dt)
-        stream.step(sample)
-        monitor.add_sample(sample, ((1.0 + offset) * record.a[k]).numpy())
-        monitor.add_time(1e-5, 0.0)
-    return monitor
-
-
-def test_the_running_error_is_that_of_the_reports(bilinear_record):
-    record = bilinear_record.measured()
-    monitor = followed(record, 0.1)
-    assert monitor.running_error()[0] == pytest.approx(10.0)
-    assert monitor.running_error()[1] == pytest.approx([10.0] * 3)
-    assert monitor.error()[0] == pytest.approx(10.0)
-    monitor.estimated[:] = 0.0
-    assert monitor.running_error()[0] == pytest.approx(100.0)
-    assert float(running_error(0.0 * record.a, record)[-1]) == pytest.approx(100.0)
-    measured, _ = monitor.window()
-    np.testing.assert_array_equal(measured, record.a[-200:].numpy())
-
-
-def test_an_overrun_is_later_than_the_next_sample():
-    t = DT * torch.arange(4, dtype=torch.float64)[:, None]
-    monitor = followed(Record(DT, torch.sin(t), t))
-    for late in (0.5 * DT, 0.99 * DT, 1.01 * DT, 3.0 * DT):
-        monitor.add_time(1e-5, late)
-    assert monitor.overruns == 2
-    assert monitor.latency() == pytest.approx((1e-5, 1e-5))
-
-
-def test_events_are_counted_though_few_are_kept(bilinear_record):
-    stream = Online(3, bilinear_record.excitation.shape[-1], DT).stream(from_nothing=True)
-    monitor = LiveMonitor(stream, DT)
-    for k in range(3000):
-        sample = Sample(bilinear_record.f[k % 900], bilinear_record.a[k % 900], time=2 * k * DT)
-        stream.step(sample)
-        monitor.add_sample(sample, np.zeros(3))
-    assert len(stream.events) == 1000
-    assert monitor.kinds["dropped"] == 2999
-
-
-def test_bars_rise_with_the_signal_and_stay_with_it():
-    signal = np.array([-1.0, 0.0, 1.0, math.nan])
-    assert bars(signal, 1.0, 0) == BARS[1] + BARS[5] + BARS[8] + "?"
-    assert bars(np.zeros(3), 0.0, 0) == "▄▄▄"
-    assert bars(np.zeros(0), 1.0, 0) == ""
-    wave = np.sin(0.07 * np.arange(400))
-    one, two = bars(wave[0:240], 1.0, 0), bars(wave[4:244], 1.0, 4)
-    assert one[1:] == two[:-1]
-    assert bars(wave[2:242], 1.0, 2)[:-1] == one[1:]
-
-
-def test_the_table_of_a_terminal(bilinear_record):
-    monitor = followed(bilinear_record.measured(), 0.1)
-    file = io.StringIO()
-    console = Console(file=file, force_terminal=True, width=110, color_system=None)
-    with LiveView(monitor, None, console, 5.0) as view:
-        view.tick()
-    text = file.getvalue()
-    assert "1,000 samples: error 10.0 %" in text
-    assert text.count("measured") >= 3
-    assert set("▁█") & set(text)
-
-
-# The alarm
-
-
-def noise(seconds: int, seed: int) -> torch.Tensor:
-    """Residuals (seconds · 100, 3) of unit variance."""
-    rng = torch.Generator().manual_seed(seed)
-    return torch.randn(100 * seconds, 3, generator=rng, dtype=torch.float64)
-
-
-def test_a_louder_residual_raises_an_alarm_at_its_dof():
-    residuals = noise(400, 0)
-    residuals[30_000:, 1] *= 1.3
-    alarm = ResidualAlarm(3, DT, sound=160.0)
-    raised = [(k, found) for k, u in enumerate(residuals) if (found := alarm.update(u)) is not None]
-    (first, found), *more = raised
-    assert 300.0 < first * DT < 310.0
-    assert found.dof == 2
-    assert not more  # one alarm, not one a second
-
-
-def test_while_nothing_changes_there_is_no_alarm():
-    alarm = ResidualAlarm(3, DT, sound=LEARNING + 100.0)
-    assert not [k for k, u in enumerate(noise(300, 1)) if alarm.update(u) is not None]
-    assert alarm.level() is not None
-    assert 0.0 < float(alarm.level().max()) < 1.0
-
-
-def test_a_loss_of_stiffness_is_announced_with_its_time(run, tmp_path):
-    words = ["model=vwnn", "system=shear_frame", "data.duration=60"]
-    folder = finished(tmp_path / "run", *words)
-    hurt = ["damage=sudden", "damage.time=90", "damage.fraction=0.6", "data.duration=120"]
-    status, out, _ = run(
-        "simulation", "--run", str(folder), *hurt, "--speed", "inf", "--sound", "80"
-    )
-    assert status == 0
-    line = out.splitlines()[-1]
-    assert line.startswith("ALARM at ")
-    assert 90.0 < float(line.split()[2]) < 120.0
-
-
-def test_a_frozen_law_learns_nothing(bilinear_record):
-    inputs = bilinear_record.excitation.shape[-1]
-    model = Online(3, inputs, DT, VWNN(3, inputs, DT), Frozen())
-    stream = model.stream(from_nothing=True)
-    for k in range(50):
-        stream.step(Sample(bilinear_record.f[k], bilinear_record.a[k]))
-    assert not stream.weights[0].any()
-
-
-def test_json_lines_go_the_same_way(run, lines):
-    heads, *rows = (row.split(",") for row in lines.splitlines())
-    objects = [dict(zip(heads, map(float, row), strict=True)) for row in rows]
-    text = "\n".join(map(json.dumps, objects))
-    assert run("-", "--rate", "100", "--output", "json.csv", text=text)[0] == 0
-    assert run("-", "--rate", "100", "--output", "csv.csv", text=lines)[0] == 0
-    assert Path("json.csv").read_text() == Path("csv.csv").read_text()

@@ -8,7 +8,7 @@ from data.datamodule import Data
 from models.baselines import NotApplicableError, Rigid, Zero
 from models.linear_motion import LinearMotion
 from models.training.metrics import free_run_score, score
-from runner.outcome import compare_baselines
+from runner.scores.outcome import compare_baselines
 
 
 @pytest.mark.parametrize(("kind", "forced"), [(Zero, [1, 2, 3]), (Rigid, "base")])

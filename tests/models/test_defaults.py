@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 import models
 from models.training.build import LABELS
-from runner.compose import CONF, composed
+from runner.config.compose import CONF, composed
 
 VARIANTS = {  # config → the settings that make it another model, or another way of solving
     "model=chebyshev_restoring_force": {"basis"},

@@ -16,7 +16,7 @@ from models.training.identification import Identification
 from models.training.solvers.lbfgs import LBFGS
 from models.training.trainable import Trainable
 from models.vwnn import VWNN
-from runner.compose import CONF, prepare_hydra
+from runner.config.compose import CONF, prepare_hydra
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),

@@ -17,10 +17,11 @@ from models.training.prior_path import LONGER, fit_linear, horizons_of
 from models.training.problem import FreeRunProblem
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.training.stands import stands
-from tests.models.test_objective import DT, fit, free_run_loss
+from tests.models.test_objective import fit, free_run_loss
 from tests.models.test_resume import Motions
 from tests.models.test_starts import motion as shaken
 from tests.models.test_starts import planted
+from tests.models.two_masses import DT
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),

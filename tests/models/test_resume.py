@@ -17,7 +17,7 @@ from models.training.resume import SaveProgress, fault_of
 from models.training.solvers.adam import Adam
 from models.training.solvers.lbfgs import LBFGS
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
-from tests.models.test_objective import DT, motion
+from tests.models.two_masses import DT, motion
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),

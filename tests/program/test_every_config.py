@@ -22,9 +22,9 @@ from models.training.assemble import (
 )
 from models.training.build import build
 from models.training.metrics import score
-from runner.compose import CONF, GROUPS, experiments, help_text, placed, prepare_hydra
-from runner.paper_values import paper_values
-from runner.settings import check_settings
+from runner.config.compose import CONF, GROUPS, experiments, help_text, placed, prepare_hydra
+from runner.config.settings import check_settings
+from runner.scores.paper_values import paper_values
 
 ROOT = Path(__file__).parents[2]
 

@@ -21,10 +21,10 @@ from data.annotations import expectation, fits
 from models import Estimator
 from models.training.build import build
 from runner import job
-from runner.command_line import read_words
-from runner.compose import composed
-from runner.lock import release_all
-from runner.settings import check_settings
+from runner.config.command_line import read_words
+from runner.config.compose import composed
+from runner.config.settings import check_settings
+from runner.folder.lock import release_all
 
 ROOT = Path(__file__).parents[2]
 SIZES = {"dofs": 3, "inputs": 3, "dt": 0.01}

@@ -30,7 +30,7 @@ from data.measured.files.table import FileError, read_table
 from data.measured.mend import Mending
 from data.simulation.scenario import FullState
 from data.terminal import Terminal
-from runner.compose import CONF, prepare_hydra
+from runner.config.compose import CONF, prepare_hydra
 
 HOSTILE = (
     *("${oc.create:{_target_:os.system,command:'touch executed'}}", "${acc}", "${oc.env:HOME}"),

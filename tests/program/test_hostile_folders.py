@@ -22,13 +22,13 @@ from benchmarks.attack.tampering import BOMBS, mutation
 from models.training.resume import fault_of, seal
 from report.collection.long_table import long_table
 from report.collection.runs import collect, read_runs
-from runner.lock import RUN, HeldError, hold, release, sweep_held
-from runner.plain_data import as_config, read_json, read_yaml
-from runner.result import DAMAGED, FINISHED, STATUSES
-from runner.run import restore
-from runner.run_files import CHECKPOINT, CONFIG, METRICS
-from runner.run_folder import config_text, read_run, write_failure
-from runner.schema import METRICS_KIND, require
+from runner.config.plain_data import as_config, read_json, read_yaml
+from runner.config.schema import METRICS_KIND, require
+from runner.folder.lock import RUN, HeldError, hold, release, sweep_held
+from runner.folder.run import restore
+from runner.folder.run_files import CHECKPOINT, CONFIG, METRICS
+from runner.folder.run_folder import config_text, read_run, write_failure
+from runner.scores.result import DAMAGED, FINISHED, STATUSES
 from tests.program.test_train import run
 
 ROOT = Path(__file__).parents[2]
@@ -195,7 +195,7 @@ def test_weights_that_are_no_numbers_are_not_gone_on_from(tmp_path):
 def held_by_another(folder: Path, call: str) -> subprocess.Popen:
     """A process that holds a folder until its input ends."""
     program = (
-        "import sys; from pathlib import Path; from runner.lock import *\n"
+        "import sys; from pathlib import Path; from runner.folder.lock import *\n"
         f"folder = Path({str(folder)!r})\n{call}\nprint('held', flush=True); sys.stdin.read()"
     )
     words = [sys.executable, "-c", program]

@@ -17,7 +17,7 @@ import evaluate
 import train
 from models.checkpoint import load_estimator, save_estimator
 from models.training.assemble import data_from, estimator_from
-from runner.run_folder import read_run
+from runner.folder.run_folder import read_run
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),

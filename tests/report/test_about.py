@@ -11,8 +11,8 @@ from report.about import about, colour_of, colours, contains, models, told
 from report.collection.grids import grids_of
 from report.free_run.rows import SYSTEMS
 from report.run.hparams import swept
-from runner.choices import dotted, plain
-from runner.identity import config_digest
+from runner.config.choices import dotted, plain
+from runner.config.identity import config_digest
 from tests.program.test_every_config import composed
 
 KEYS = {"told", "contains", "may_contain", "colour", "own_residual_colour"}

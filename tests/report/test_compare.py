@@ -14,7 +14,7 @@ from report.collection.figure import draw_comparison
 from report.collection.long_table import long_table
 from report.collection.runs import collect
 from tests.program.test_train import run
-from tests.report.test_free_run_rows import LOST, NO_FREE_RUN, add_run
+from tests.report.free_run_runs import LOST, NO_FREE_RUN, add_run
 
 
 def compared(folder, *by: str, metric: str = "relative_rms_percent") -> Comparison:

@@ -12,7 +12,7 @@ from report.collection.runs import read_runs
 from report.free_run.beyond import CHANGES, FILE
 from report.free_run.page import matrix, settings, write_page
 from report.free_run.rows import leaderboard
-from tests.report.test_free_run_rows import LOST, add_run
+from tests.report.free_run_runs import LOST, add_run
 
 NOISY = {"level": 0.05, "signals": ["a", "f"]}
 

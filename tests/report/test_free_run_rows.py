@@ -1,96 +1,29 @@
-"""The leaderboard of free runs: medians with diverged and failed runs, three formats, pictures."""
+"""The leaderboard of free runs: medians with diverged and failed runs, three formats."""
 
 from __future__ import annotations
 
 import csv
 import json
 import math
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
-import train
-from data.record import Record
-from models.linear import EquivalentLinear
 from report.collection.runs import read_runs
-from report.free_run import __main__ as program
-from report.free_run import beyond
-from report.free_run import signals as leaderboard_signals
-from report.free_run.beyond import AS_TRAINED, CHANGES, FILE, beyond_rows, chosen, score_beyond
-from report.free_run.figures import best_of, error_curves, errors_over_seeds
+from report.free_run.figures import error_curves, errors_over_seeds
 from report.free_run.questions import answers, question_rows
-from report.free_run.rows import Row, leaderboard
-from report.free_run.signals import loops_of_model
 from report.free_run.tables import COLUMNS, sections
 from report.output import as_csv, escaped, latex, sections_markdown
-from report.paper import __main__ as paper
-from runner.compose import CONF, placed, prepare_hydra
-from runner.progress import sweep_table
-from runner.result import Result, read_result
-from runner.spread import quantile
-from tests.program.test_train import run
+from runner.scores.result import Result
+from runner.scores.spread import quantile
+from tests.report.free_run_runs import LOST, NO_FREE_RUN, add_run, rows_of
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
     pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
     pytest.mark.filterwarnings("ignore:.*litlogger.*"),
 ]
-QUICK = ["data.duration=12", "trainer.enable_progress_bar=false", "figures=false", "baselines=none"]
-LOST = None  # the free run diverged
-NO_FREE_RUN = {"none": "it looks at every sample"}
-
-
-def add_run(folder: Path, free_run: float | dict | None, failed: bool = False, **choices) -> Path:
-    """A run as train.py leaves it; a free run without an error has diverged."""
-    case = {"model": "linear", "system": "bilinear", "scenario": "full_state", "seed": 0}
-    case |= {key: choices.pop(key) for key in tuple(choices) if key in case}
-    settings, records = choices.pop("settings", {}), choices.pop("train_records", 8)
-    grid = choices.pop("grid", None)
-    path = folder / "-".join(
-        map(str, (*case.values(), records, *settings.values(), *choices.values()))
-    )
-    path.mkdir(parents=True)
-    names = {key: {"name": case[key]} for key in ("model", "system", "scenario")}
-    names["scenario"] |= settings
-    names["model"] |= choices
-    cfg = {**names, "seed": case["seed"], "data": {"train_records": records}, "grid": grid}
-    OmegaConf.save(OmegaConf.create(cfg), path / "config.yaml")
-    if failed:
-        (path / "failed.json").write_text('{"reason": "the solver failed"}')
-        return path
-    scores = free_run
-    if not isinstance(free_run, dict):
-        error = {"relative_rms_percent": free_run, "relative_rms_percent_true": free_run}
-        double = None if free_run is None else 2.0 * free_run
-        scores = {**error, "displacement_percent": double, "diverged": int(free_run is None)}
-    split = {"relative_rms_percent": 3.0, "per_dof_percent": [3.0]}
-    results = {"train": split, "test": split, "free_run": scores}
-    more = {"scenario_settings": settings, "fit_seconds": 0.5, "parameters": 27}
-    (path / "metrics.json").write_text(json.dumps({**case, **more, **results}))
-    return path
-
-
-def rows_of(folder: Path) -> list[Row]:
-    return leaderboard(read_runs(folder))
-
-
-def sweep(folder: Path, monkeypatch, *words: str) -> None:
-    assert run(train, monkeypatch, "-m", *QUICK, *words, f"hydra.sweep.dir={folder}") == 0
-
-
-@pytest.fixture(scope="module")
-def small_sweep(tmp_path_factory) -> Path:
-    """Three models, two seeds, one and two records of a short motion."""
-    folder = tmp_path_factory.mktemp("free_run")
-    words = ("model=linear,vwnn,global_mlp", "seed=0,1", "data.train_records=1,2")
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        sweep(folder, monkeypatch, *words, "solver.iterations=5")
-    return folder
 
 
 @pytest.mark.parametrize("q", [0.0, 0.25, 0.5, 0.75, 1.0])
@@ -262,137 +195,3 @@ def test_the_picture_over_seeds_counts_what_diverged(tmp_path):
     (axes,) = errors_over_seeds(read_runs(tmp_path)).axes
     assert [label.get_text() for label in axes.get_yticklabels()] == ["vwnn", "linear"]
     assert [text.get_text() for text in axes.texts] == ["3"]
-
-
-def test_a_sweep_ends_with_its_free_runs(tmp_path):
-    for seed, error in enumerate((9.0, 10.0, LOST)):
-        add_run(tmp_path, error, seed=seed)
-    add_run(tmp_path, NO_FREE_RUN, model="two_point")
-    table = sweep_table([("", read_result(path)) for path in sorted(tmp_path.iterdir())])
-    assert table.columns[-1].header == "free run"
-    assert list(table.columns[-1].cells) == ["10.00 (9.00 – diverged)", "–"]
-
-
-def test_the_leaderboard_of_a_real_sweep(small_sweep, tmp_path, capsys):
-    words = ("--questions", tmp_path / "none", "--output", tmp_path / "out")
-    program.main([str(small_sweep), *map(str, words)])
-    assert "files in" in capsys.readouterr().out
-    rows = list(csv.DictReader((tmp_path / "out" / "leaderboard.csv").read_text().splitlines()))
-    assert {(row["train_records"], row["model"]) for row in rows} == {
-        (records, model) for records in "12" for model in ("linear", "vwnn", "global_mlp")
-    }
-    of_linear = [
-        metrics["free_run"]["relative_rms_percent_true"]
-        for run in read_runs(small_sweep)
-        if (metrics := run.metrics) and run.model == "linear"
-        and OmegaConf.load(run.folder / "config.yaml").data.train_records == 2
-    ]  # fmt: skip
-    (linear,) = (r for r in rows if (r["train_records"], r["model"]) == ("2", "linear"))
-    assert float(linear["median_percent"]) == pytest.approx(np.median(of_linear), rel=1e-14)
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    pictures = ("free_run_bilinear", "free_run_errors_2_records_full_state")
-    assert {f"{name}.{kind}" for name in pictures for kind in ("png", "pdf")} <= names
-    assert {"leaderboard.md", "leaderboard.tex"} <= names
-
-
-@pytest.mark.parametrize("room", ["paper", "free_run"])
-def test_a_folder_without_runs_is_one_line(room, tmp_path, capsys):
-    with pytest.raises(SystemExit) as left:
-        import_module(f"report.{room}.__main__").main([str(tmp_path)])
-    assert left.value.code == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("error: no runs in")
-
-
-def test_runs_that_differ_in_their_records_make_no_table_of_the_paper(small_sweep, capsys):
-    with pytest.raises(SystemExit):
-        paper.main([str(small_sweep)])
-    assert "error: two runs of" in capsys.readouterr().err
-
-
-def test_a_model_that_the_paper_lacks_does_not_disturb_the_study(tmp_path, monkeypatch, capsys):
-    runs = tmp_path / "runs"
-    sweep(runs, monkeypatch, "model=linear", "seed=0", "model.name=mine")
-    sweep(runs, monkeypatch, "model=linear", "seed=0")
-    paper.main([str(runs)])
-    program.main([str(runs)])
-    assert (runs / "results" / "table3.md").is_file()
-    assert "`mine`" in (runs / "results" / "leaderboard.md").read_text("utf-8")
-
-
-def test_the_best_models_are_drawn_with_the_linear_one_at_a_shared_seed(tmp_path):
-    for place, model in enumerate(("a", "b", "c", "d", "linear")):
-        for seed in range(3):
-            add_run(tmp_path, 1.0 + place, model=model, seed=seed, failed=model == "b" and not seed)
-    found = best_of(read_runs(tmp_path), "bilinear")
-    assert [(run.model, run.seed) for run in found] == [
-        (model, 1) for model in ("a", "b", "c", "linear")
-    ]
-
-
-class WithElements(EquivalentLinear):
-    """Says that its elements are twice the true ones, some of them the other way round."""
-
-    elements = (("x2", "x1"), ("ground", "x1"), ("x1", "x3"))
-
-    def element_loops(self, record: Record) -> tuple[torch.Tensor, torch.Tensor]:
-        x = 2.0 * self.free_run(record.drive()).x
-        y = torch.stack([x[:, 0] - x[:, 1], x[:, 0], x[:, 2] - x[:, 0]], dim=-1)
-        return y, 39.0 * y
-
-
-def test_elements_are_matched_by_their_nodes_in_either_direction(small_sweep, monkeypatch):
-    entry = next(run for run in read_runs(small_sweep) if run.model == "linear")
-    assert loops_of_model(entry) is None
-    estimator, data = leaderboard_signals.restored(entry)
-    estimator.__class__ = WithElements
-    monkeypatch.setattr(leaderboard_signals, "restored", lambda entry: (estimator, data))
-    figure = loops_of_model(entry)
-    assert figure is not None
-    assert [len(axes.lines) for axes in figure.axes] == [2, 2, 2, 1, 1, 1]
-    assert figure.axes[3].texts[0].get_text() == "not in the model"
-    for axes in figure.axes[:3]:  # a linear system follows the motion in its own direction
-        true, model = (line.get_xdata() for line in axes.lines)
-        assert np.corrcoef(true, model)[0, 1] > 0.8
-
-
-def test_beyond_scores_once_and_a_model_that_refuses_says_so(small_sweep, monkeypatch):
-    entries = chosen(read_runs(small_sweep))
-    assert {(run.model, run.train_records) for run in entries} == {("linear", 2)}
-    for entry in entries:
-        score_beyond(entry)
-    monkeypatch.setattr(beyond, "_score", lambda *_: pytest.fail("made again"))
-    for entry in entries:
-        score_beyond(entry)
-    rows = {row.varied: row for row in beyond_rows(entries)}
-    assert tuple(rows) == CHANGES
-    assert rows[CHANGES[1]].errors.median > rows[AS_TRAINED].errors.median
-    assert "dt=0.005" in rows["data.dt=0.005"].no_free_run
-
-
-def test_a_structure_that_escapes_is_counted_and_not_held_against_a_model(small_sweep):
-    first, second = chosen(read_runs(small_sweep))
-    for entry in (first, second):
-        score_beyond(entry)
-    path = first.folder / FILE
-    kept = path.read_text("utf-8")
-    content = json.loads(kept)
-    content["scores"][CHANGES[1]] = {"escaped": "the motion escaped"}
-    path.write_text(json.dumps(content))
-    row = next(row for row in beyond_rows([first, second]) if row.varied == CHANGES[1])
-    path.write_text(kept)
-    assert (row.errors.runs, row.errors.escaped, row.errors.failed) == (2, 1, 0)
-    assert row.errors.median == row.errors.range[1] < math.inf
-
-
-@pytest.mark.parametrize("name", ["free_run", "free_run_questions"])
-def test_the_experiments_vary_what_they_say(name):
-    prepare_hydra()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("train", placed([f"experiment={name}"]), return_hydra_config=True)
-    assert cfg.hydra.sweep.dir == f"runs/{name}"
-    assert not cfg.baselines
-    assert not cfg.figures
-    seeds = "range(40,48)" if name == "free_run" else "range(40,42)"
-    assert cfg.hydra.sweeper.params.seed == seeds
-    assert cfg.hydra.sweeper.params.system == "bilinear,polynomial,bouc_wen"

@@ -14,11 +14,11 @@ import evaluate
 from report.collection import long_table as long_form
 from report.collection.long_table import long_table, write_long
 from report.collection.runs import collect, folders_of
-from runner.choices import dotted, plain, read_choices
+from runner.config.choices import dotted, plain, read_choices
 from tests.program.test_docs import ROOT, blocks
 from tests.program.test_every_config import choices, composed
 from tests.program.test_train import run
-from tests.report.test_free_run_rows import LOST, NO_FREE_RUN, add_run
+from tests.report.free_run_runs import LOST, NO_FREE_RUN, add_run
 
 IDENTITY = ["model", "system", "scenario", "seed"]
 

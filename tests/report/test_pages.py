@@ -10,8 +10,8 @@ import pytest
 
 from report import pages
 from report.pages import CURRENT, DOCS, Product, make, products
-from runner.identity import written_code_version
-from tests.report.test_free_run_rows import add_run
+from runner.config.identity import written_code_version
+from tests.report.free_run_runs import add_run
 
 
 def test_every_figure_of_the_docs_is_made_by_one_command():

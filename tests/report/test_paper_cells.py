@@ -14,7 +14,7 @@ from report.collection.grids import asked
 from report.collection.runs import read_runs
 from report.paper.cells import METHODS, Cell, as_configured, of, study_cells
 from report.paper.tables import cells_csv, cells_latex, cells_markdown, hits, write_tables
-from runner.paper_values import paper_cells
+from runner.scores.paper_values import paper_cells
 
 COLUMNS = (
     "table, method, split, dof, paper_percent, runs, failed, diverged, escaped, median_percent, "

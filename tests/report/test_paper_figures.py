@@ -26,8 +26,8 @@ from report.paper.signals import (
     slowly,
 )
 from runner import job
-from runner.compose import CONF, prepare_hydra
-from runner.result import FINISHED, Result
+from runner.config.compose import CONF, prepare_hydra
+from runner.scores.result import FINISHED, Result
 
 QUICK = ("data.duration=15", "figures=false", "baselines=none", "trainer.enable_progress_bar=false")
 

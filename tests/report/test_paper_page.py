@@ -10,8 +10,8 @@ from report.collection.runs import read_runs
 from report.paper import page as page_module
 from report.paper.cells import METHODS, SETTINGS, study_cells
 from report.paper.page import CLAIMS, write_page
-from runner.choices import plain
-from runner.run_folder import settings_of
+from runner.config.choices import plain
+from runner.folder.run_folder import settings_of
 from tests.program.test_every_config import composed
 from tests.report.test_paper_cells import add_run
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from runner import identity
-from runner.identity import ROOT, code_version, front_name, targets_of, written_code_version
+from runner.config import identity
+from runner.config.identity import ROOT, code_version, front_name, targets_of, written_code_version
 
 TARGETS = frozenset({"models.VWNN", "data.Structure"})
 

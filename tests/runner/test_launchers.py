@@ -16,7 +16,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
-from runner.compose import CONF, prepare_hydra
+from runner.config.compose import CONF, prepare_hydra
 from runner.launch.launcher import THREADS
 from runner.launch.processes import TRIES, run_side_by_side
 from tests.clusters import kill, processes_of, ray_nodes, slurm, why_no_slurm

@@ -13,9 +13,9 @@ from models.training.assemble import data_from
 from models.training.identification import SPLITS
 from models.training.metrics import FREE_RUNS
 from report.run.rescore import scores_of
-from runner.run import restore, sensors_of
-from runner.run_files import SENSORS
-from runner.run_folder import read_run
+from runner.folder.run import restore, sensors_of
+from runner.folder.run_files import SENSORS
+from runner.folder.run_folder import read_run
 from tests.program.test_train import run
 
 EARLIER = Path(__file__).with_name("earlier_layout")  # runs of version 0.1, before the rooms

@@ -22,11 +22,11 @@ from models.training.metrics import score
 from report.tuning.cases import read_cases
 from report.tuning.onset import FILE, ONSET, after_onset, onsets, score_cases
 from report.tuning.page import write_tuning_page
-from runner.choices import plain
-from runner.compose import CONF, placed, prepare_hydra
-from runner.identity import identity_of
-from runner.outcome import validation_error
-from runner.run_folder import config_text, read_run, write_failure, write_text
+from runner.config.choices import plain
+from runner.config.compose import CONF, placed, prepare_hydra
+from runner.config.identity import identity_of
+from runner.folder.run_folder import config_text, read_run, write_failure, write_text
+from runner.scores.outcome import validation_error
 from runner.search import distribution, start_of
 from tests.program.test_every_config import composed
 from tests.program.test_train import run

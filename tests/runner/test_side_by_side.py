@@ -14,7 +14,7 @@ import train
 from data.record import Record
 from models.layers.least_squares import LeastSquares, RankDeficientError
 from runner import side_by_side as batch
-from runner.compose import composed
+from runner.config.compose import composed
 from runner.side_by_side import can_be_batched, replicate_weights
 from tests.program.test_train import run
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from runner.result import FINISHED, Result, spread_of
-from runner.spread import ESCAPED, FAILED, Spread, percent
+from runner.scores.result import FINISHED, Result, spread_of
+from runner.scores.spread import ESCAPED, FAILED, Spread, percent
 
 
 def runs(*values: float | str) -> list[Result]:

@@ -17,12 +17,12 @@ from omegaconf import OmegaConf
 
 import train
 from report.collection.runs import read_runs
-from runner import run as run_module
-from runner.choices import plain
-from runner.compose import CONF, placed, prepare_hydra
-from runner.identity import config_digest, run_name
+from runner.config.choices import plain
+from runner.config.compose import CONF, placed, prepare_hydra
+from runner.config.identity import config_digest, run_name
+from runner.folder import run as run_module
+from runner.folder.run_folder import config_text, read_failure
 from runner.progress import is_finished
-from runner.run_folder import config_text, read_failure
 from runner.seeds import SeedsOf
 from tests.program.test_train import run
 

@@ -9,10 +9,10 @@ import pytest
 from data.terminal import terminal
 from report.collection.compare import as_table, compare
 from report.collection.long_table import counted, long_table
-from runner.outcome import require_identified
 from runner.progress import sweep_table
-from runner.result import read_result, spread_of
-from runner.verdict import NotIdentifiedError, judged
+from runner.scores.outcome import require_identified
+from runner.scores.result import read_result, spread_of
+from runner.scores.verdict import NotIdentifiedError, judged
 
 DIVERGED = {"relative_rms_percent": None, "diverged": 1, "left_after_s": [2.8]}
 

@@ -23,11 +23,11 @@ import train
 from benchmarks.attack.attempt import EXECUTED, Attempt, WronglyAcceptedError
 from models.training import resume
 from models.training.resume import seal
-from runner.command_line import one_line_errors
-from runner.lock import release_all
-from runner.run import restore
-from runner.run_files import CHECKPOINT, PROGRESS
-from runner.run_folder import read_run
+from runner.config.command_line import one_line_errors
+from runner.folder.lock import release_all
+from runner.folder.run import restore
+from runner.folder.run_files import CHECKPOINT, PROGRESS
+from runner.folder.run_folder import read_run
 
 WORDS = (
     *("model=residual_mlp", "data.duration=2", "figures=false", "baselines=none"),

@@ -11,7 +11,7 @@ from pathlib import Path
 import report.run.summary  # noqa: F401  loaded here, so that the forks need not
 import train
 from benchmarks.attack.attempt import Attempt, WronglyAcceptedError
-from runner.compose import CONF, GROUPS, experiments, keys_of
+from runner.config.compose import CONF, GROUPS, experiments, keys_of
 
 QUICK = ["data.duration=2", "figures=false", "trainer.enable_progress_bar=false", "max_fail=1"]
 NUMBERS = [

@@ -13,9 +13,9 @@ from omegaconf import DictConfig, OmegaConf
 from benchmarks.attack.attempt import EXECUTED, SECRET_NAME, Attempt, WronglyAcceptedError
 from models.estimator import Estimator
 from models.training.assemble import assembled
-from runner.command_line import refusals
-from runner.compose import CONF, composed
-from runner.settings import check_settings
+from runner.config.command_line import refusals
+from runner.config.compose import CONF, composed
+from runner.config.settings import check_settings
 
 RUN = f'{{_target_:torch.utils.collect_env.run,command:"touch {EXECUTED}"}}'
 HOSTILE = [

@@ -16,8 +16,8 @@ from benchmarks.attack.record_files.drawn import drawn
 from data.inspect.__main__ import main as inspect
 from data.measured.files.table import read_table
 from models.training.assemble import assembled
-from runner.command_line import one_line_errors
-from runner.compose import composed, prepare_hydra
+from runner.config.command_line import one_line_errors
+from runner.config.compose import composed, prepare_hydra
 
 NAMES = (
     *("record", "a b", "[red]x[/red]", "=cmd|'x'!A1", "-rf", "@x", "a\nb", "a\x1b[31mb", "\u202ex"),

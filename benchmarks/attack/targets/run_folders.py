@@ -26,12 +26,12 @@ from report.online.cases import read_online
 from report.paper.cells import study_cells
 from report.run.rescore import print_evaluation, require_scores, score_seeds
 from report.tuning.cases import read_cases
-from runner.command_line import one_line_errors
-from runner.identity import EVERY_CLASS, code_version
+from runner.config.command_line import one_line_errors
+from runner.config.identity import EVERY_CLASS, code_version
+from runner.folder.run import restore
+from runner.folder.run_folder import read_run
 from runner.job import job_errors
 from runner.progress import is_finished, would_fail_again
-from runner.run import restore
-from runner.run_folder import read_run
 
 QUICK = ("data.duration=2", "figures=false", "trainer.enable_progress_bar=false", "baselines=none")
 MEASURED = ("data=measured", "data.path=record.csv", "baselines=measured")

@@ -131,9 +131,8 @@ def check_size(
 ) -> None:
     """Raise FileError where `stored` bytes of a file claim to be too many `declared` in memory.
 
-    Too many are what no file unpacks to, `fold` times as many beyond
-    `suspect` bytes, or LARGEST, and more than there is
-    memory now.
+    Too many are what no file unpacks to, which is `fold` times as many beyond `suspect` bytes, or
+    LARGEST, and more than there is memory now.
     """
     remedy = "read fewer data.columns or cut the record into several files"
     if declared > LARGEST or (declared > suspect and declared > fold * max(stored, 1)):

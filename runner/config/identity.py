@@ -20,12 +20,16 @@ from omegaconf import DictConfig
 
 import data
 import models
-from runner.choices import plain
-from runner.plain_data import read_text
+from runner.config.choices import plain
+from runner.config.plain_data import read_text
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 FRONTS = {"data": data.PUBLIC, "models": models.PUBLIC}
-CORE = ("models.training.assemble", "models.training.identification", "runner.outcome")  # of all
+CORE = (  # of all
+    "models.training.assemble",
+    "models.training.identification",
+    "runner.scores.outcome",
+)
 WORDS = "about"  # of a choice, for tables and pictures
 INERT = ("figures", "checkpoint_seconds", "grid")  # they change no number,
 EVERY_CLASS = frozenset(f"{room}.{name}" for room, names in FRONTS.items() for name in names)

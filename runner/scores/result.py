@@ -3,7 +3,7 @@
 A run is finished where metrics.json is there; failed where it says why, and escaped where the
 reason is that the structure's own motion did; unfinished otherwise: killed, or still at work. What
 cannot be read is damaged. A finished run's model may still be no result: not identified
-(runner/verdict.py). Its numbers count as they are.
+(runner/scores/verdict.py). Its numbers count as they are.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from data.arguments import reason
-from runner import run_folder
-from runner.choices import dotted, read_choices, typed
-from runner.run_files import CONFIG, FREE_RUN, METRICS
-from runner.run_folder import read_failure, read_metrics
-from runner.spread import ESCAPED, FAILED, NOT_IDENTIFIED, Spread
+from runner.config.choices import dotted, read_choices, typed
+from runner.folder import run_folder
+from runner.folder.run_files import CONFIG, FREE_RUN, METRICS
+from runner.folder.run_folder import read_failure, read_metrics
+from runner.scores.spread import ESCAPED, FAILED, NOT_IDENTIFIED, Spread
 
 FINISHED, UNFINISHED, DAMAGED = "finished", "unfinished", "damaged"
 STATUSES = (FINISHED, FAILED, ESCAPED, UNFINISHED, DAMAGED)

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from omegaconf import DictConfig, OmegaConf
 
 from data.annotations import fits, require, shown
-from runner.plain_data import MISSING
+from runner.config.plain_data import MISSING
 
 Group = Mapping[str, Any]
 TEXTS = str | list[str] | None

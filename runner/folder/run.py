@@ -18,11 +18,11 @@ from models.checkpoint import digest_of, load_estimator, save_estimator
 from models.estimator import Estimator
 from models.training.assemble import data_from, estimator_from
 from models.training.resume import fault_of
-from runner.choices import plain
-from runner.identity import identity_of
-from runner.lock import hold, release
-from runner.run_files import CHECKPOINT, CONFIG, FAILED, METRICS, PROGRESS, SENSORS
-from runner.run_folder import config_text, read_metrics, read_sensors, write_json, write_text
+from runner.config.choices import plain
+from runner.config.identity import identity_of
+from runner.folder.lock import hold, release
+from runner.folder.run_files import CHECKPOINT, CONFIG, FAILED, METRICS, PROGRESS, SENSORS
+from runner.folder.run_folder import config_text, read_metrics, read_sensors, write_json, write_text
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ tensorboard/       scalars and figures
 metrics.json       the numbers; written last, so a run that has it is finished
 training.ckpt      half-done training, to go on from; gone once the run is finished
 failed.json        in a sweep: why there are no numbers
-.lock              who works here, while somebody does (runner/lock.py)
+.lock              who works here, while somebody does (runner/folder/lock.py)
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from data.arguments import reason
-from runner.choices import plain
-from runner.identity import code_version, front_name, targets_of
-from runner.lock import hold
-from runner.plain_data import as_config, read_json, read_text, read_yaml
-from runner.run_files import CONFIG, FAILED, METRICS, SENSORS, require_finished
-from runner.schema import CONFIG_KIND, FAILURE_KIND, METRICS_KIND, SENSORS_KIND, require
-from runner.settings import TRAIN
+from runner.config.choices import plain
+from runner.config.identity import code_version, front_name, targets_of
+from runner.config.plain_data import as_config, read_json, read_text, read_yaml
+from runner.config.schema import CONFIG_KIND, FAILURE_KIND, METRICS_KIND, SENSORS_KIND, require
+from runner.config.settings import TRAIN
+from runner.folder.lock import hold
+from runner.folder.run_files import CONFIG, FAILED, METRICS, SENSORS, require_finished
 
 NEEDED = ("system", "scenario", "model", "data", "excitation", "seed", "threads")  # of a config
 
@@ -101,7 +101,7 @@ def read_sensors(folder: Path) -> dict[str, Any]:
 
 
 def _read(path: Path, kind: Any) -> dict[str, Any]:
-    """Content of a JSON file, of the types in runner/schema.py."""
+    """Content of a JSON file, of the types in runner/config/schema.py."""
     content = read_json(path)
     try:
         require(content, kind)

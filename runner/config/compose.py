@@ -12,9 +12,9 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from data.arguments import print_any_text
-from runner.identity import run_name
+from runner.config.identity import run_name
 
-CONF = Path(__file__).parent.parent / "conf"
+CONF = Path(__file__).parents[2] / "conf"
 SHARED = "shared"  # by the experiments of a folder
 GROUPS = (
     "system",

@@ -22,7 +22,7 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from data.annotations import shown
 from data.arguments import Parser, plain, reason
-from runner.compose import GROUPS, composed, experiments, keys_of, placed
+from runner.config.compose import GROUPS, composed, experiments, keys_of, placed
 
 
 def fail(message: str) -> None:

@@ -1,0 +1,1 @@
+"""What came of runs: their numbers, a verdict on the model, medians over many."""

@@ -1,0 +1,49 @@
+"""The named laws with typical parameters, in N and m."""
+
+from __future__ import annotations
+
+import pytest
+
+from data.simulation.elements import (
+    BaberNoori,
+    FrictionPendulum,
+    MenegottoPinto,
+    SelfCentering,
+    SlackBrace,
+    Takeda,
+)
+
+DT, K, Y = 0.01, 2.0e6, 0.01  # s, N/m, m
+BETWEEN = ("s1", "x1")
+LAWS = {
+    "steel": MenegottoPinto(
+        between=BETWEEN, yield_displacement=Y, stiffness=K, hardening_ratio=0.03, a1=0.05, a3=0.02
+    ),
+    "flag": SelfCentering(
+        between=BETWEEN, activation_displacement=Y, stiffness=K, hardening_ratio=0.05, flag=0.7
+    ),
+    "slack": SlackBrace(
+        between=BETWEEN, yield_displacement=Y, stiffness=K, hardening_ratio=0.02, gap=0.003
+    ),
+    "pendulum": FrictionPendulum(
+        between=BETWEEN, weight=1e6, radius=2.0, friction_fast=0.1, friction_slow=0.04, rate=20.0,
+        yield_displacement=5e-4,
+    ),
+    "concrete": Takeda(between=BETWEEN, yield_displacement=Y, stiffness=K, hardening_ratio=0.03),
+    "timber": BaberNoori(
+        between=BETWEEN, stiffness=K, post_yield_ratio=0.05, beta=70.0, gamma=30.0, eta_rate=1e-5,
+        nu_rate=5e-6, pinching=0.8, pinching_rate=1e-4, pinching_place=0.1, pinching_width=0.01,
+        pinching_spread=1e-8, pinching_lambda=0.2,
+    ),
+}  # fmt: skip
+LENGTHS = {  # power of the metre in each parameter, where there is one besides the stiffness
+    "yield_displacement": 1, "activation_displacement": 1, "gap": 1, "radius": 1, "rate": -1,
+    "beta": -1, "gamma": -1, "pinching_width": 1, "pinching_spread": 1, "stiffness": -1,
+}  # fmt: skip
+every_law = pytest.mark.parametrize("element", LAWS.values(), ids=LAWS)
+HISTORY = (0.004, -0.006, 0.018, 0.012, 0.03, -0.012, 0.008, -0.035, 0.05, -0.03, 0.0, -0.06, 0.02)
+
+
+def _with_dt(history):
+    y, rate = history
+    return y, DT, rate

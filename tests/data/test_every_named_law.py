@@ -1,0 +1,142 @@
+"""What holds for every named law: symmetry, energy, units, steps of any length, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from data.simulation.damage import StiffnessLoss
+from data.simulation.element_test import force, growing_cycles, imposed, write
+from data.simulation.elements import (
+    BaberNoori,
+    FrictionPendulum,
+    MenegottoPinto,
+)
+from data.simulation.motion import simulate
+from data.simulation.structure import Structure
+from tests.data.named_laws import BETWEEN, DT, HISTORY, LAWS, LENGTHS, K, Y, _with_dt, every_law
+from tests.data.test_elements import eased
+
+# --- all of them
+
+
+@every_law
+def test_a_mirrored_deformation_gives_the_mirrored_force(element):
+    if isinstance(element, MenegottoPinto):
+        element = replace(element, a3=element.a1)
+    y, rate = eased(*HISTORY)
+    r = force(element, y, DT, rate)
+    assert_allclose(force(element, -y, DT, -rate), -r, atol=1e-7 * np.abs(r).max())
+
+
+@every_law
+def test_no_closed_cycle_gives_energy(element):
+    """Cycles of three random turns, each gone through six times, from one element at rest."""
+    rng = np.random.default_rng(1)
+    for size in (0.5, 1.5, 4.0):
+        for _ in range(4):
+            cycle = [*(size * Y * rng.standard_normal(3)), 0.0]
+            work = imposed(element, *_with_dt(eased(*(6 * cycle), samples=30))).work[:, 0]
+            assert (work >= -1e-6 * K * Y**2).all()
+            assert work[-1] - work[-1 - 30 * len(cycle)] >= -1e-6 * K * Y**2
+
+
+@every_law
+def test_other_units_of_length_and_force_change_nothing(element):
+    """Millimetres and kilonewtons: the same force, a thousandth of the number."""
+    length, unit = 1e3, 1e-3
+    changes = {"between": BETWEEN}
+    for name, power in LENGTHS.items():
+        if hasattr(element, name):
+            changes[name] = getattr(element, name) * length**power
+    for name in ("stiffness", "weight"):
+        if hasattr(element, name):
+            changes[name] = changes.get(name, getattr(element, name)) * unit
+    for name in ("eta_rate", "nu_rate", "pinching_rate", "pinching_spread"):  # per energy, kN mm
+        if hasattr(element, name):
+            changes[name] = changes.get(name, getattr(element, name)) / (length * unit)
+    y, rate = eased(*HISTORY)
+    r = force(element, y, DT, rate)
+    other = force(replace(element, **changes), length * y, DT, length * rate)
+    assert_allclose(other, unit * r, atol=1e-7 * unit * np.abs(r).max())
+
+
+@every_law
+def test_steps_of_any_length_give_the_same_force(element):
+    turns = HISTORY[:6]
+    if isinstance(element, FrictionPendulum):
+        element = replace(element, rate=0.0)
+    slow, fast = (force(element, *_with_dt(eased(*turns, samples=n)))[::n] for n in (200, 40))
+    assert_allclose(slow, fast, atol=1e-5 * np.abs(slow).max())
+
+
+@every_law
+def test_a_loss_of_fibres_scales_the_force_from_then_on(element):
+    if isinstance(element, BaberNoori):
+        element = replace(element, eta_rate=0.0, nu_rate=0.0, pinching=0.0)
+    y, rate = eased(*HISTORY)
+    structure = Structure([1e30], {"r": element})
+    changes = StiffnessLoss("r", 6.0, 0.3).changes(structure, y.size, DT)
+    s, w = -y[:, None], -rate[:, None]
+    sound, weak = (
+        simulate(structure, 0.0 * s, DT, s, w, changes=c).r[:, 0] for c in (None, changes)
+    )
+    assert_allclose(weak[:600], sound[:600], rtol=0.0, atol=0.0)
+    assert_allclose(weak[600:], 0.7 * sound[600:], atol=1e-6 * np.abs(sound).max())
+
+
+@every_law
+def test_energy_balances_in_a_structure(element):
+    """Work of the force = kinetic energy + work taken up by the elements."""
+    scale = 12.0 if isinstance(element, FrictionPendulum) else 2.0
+    structure = Structure([2e4], {"r": element})
+    t = 0.002 * np.arange(5001)
+    f = scale * 1.2e4 * np.sin(2.0 * np.pi * 0.8 * t) * np.sin(0.15 * np.pi * t)
+    motion = simulate(structure, f[:, None], 0.002)
+    power = f * motion.v[:, 0]
+    given = 0.002 * (np.cumsum(power) - 0.5 * power)
+    kinetic = 0.5 * 2e4 * motion.v[:, 0] ** 2
+    assert np.abs(motion.y).max() > 1.2 * Y
+    assert_allclose(given, kinetic + motion.work[:, 0], atol=2e-4 * given.max())
+
+
+def test_an_element_test_is_written_as_a_record(tmp_path):
+    y = growing_cycles(0.03, 3, DT, 0.5)
+    write(tmp_path / "test.csv", LAWS["flag"], y, DT)
+    table = np.loadtxt(tmp_path / "test.csv", delimiter=",", skiprows=1)
+    assert (tmp_path / "test.csv").read_text().startswith("time,s1,s_dot1,r1\n")
+    assert_allclose(table[:, 1], y, atol=1e-10)
+    assert_allclose(table[:, 3], force(LAWS["flag"], y, DT), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [((np.zeros((4, 2)), DT), "four at least"), ((np.zeros(9), 0.0), "must be positive"),
+     ((np.full(9, np.nan), DT), "not finite at sample 0"),
+     ((np.zeros(9), DT, np.zeros(8)), r"expected \(9,\)")],
+)  # fmt: skip
+def test_an_impossible_deformation_is_refused(wrong, words):
+    with pytest.raises(ValueError, match=words):
+        force(LAWS["flag"], *wrong)
+
+
+MEANINGLESS = {
+    "steel": {"yield_displacement": 0.0, "hardening_ratio": 1.0, "sharpness": -1.0, "a2": 0.0,
+              "sharpness_loss": 1.0, "a1": -0.1, "damping": -1.0},
+    "flag": {"activation_displacement": 0.0, "flag": 1.1, "hardening_ratio": -0.1},
+    "slack": {"gap": -0.1, "stiffness": 0.0, "hardening_ratio": 1.0},
+    "pendulum": {"weight": 0.0, "radius": -1.0, "friction_slow": 0.2, "rate": -1.0},
+    "concrete": {"unloading_exponent": 1.0, "yield_displacement": -1.0, "hardening_ratio": np.nan},
+    "timber": {"beta": 20.0, "asymmetry": 60.0, "exponent": 0.5, "pinching": 1.0, "eta_rate": -1.0},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("law", "name", "value"), [(w, n, v) for w, bad in MEANINGLESS.items() for n, v in bad.items()]
+)
+def test_parameters_without_physical_meaning_are_refused(law, name, value):
+    with pytest.raises(ValueError, match=name):
+        replace(LAWS[law], **{name: value})

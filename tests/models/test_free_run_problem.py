@@ -1,0 +1,169 @@
+"""Restarted free runs: windows by themselves, their loss and normal equations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor, nn
+from torch.nn.utils import parameters_to_vector
+
+from data.record import Drive
+from models.estimator import Estimator, NoFreeRunError
+from models.mlp import GlobalMLP
+from models.training.problem import FreeRunProblem
+from models.training.trainable import Trainable
+from models.vwnn import VWNN
+from tests.models.two_masses import DT, MODELS, RECORDS, Growth, free_of, identified, motion
+
+# PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+
+
+# restarted runs
+
+
+@pytest.mark.parametrize("warmup", [0, 3])
+@pytest.mark.parametrize("kind", RECORDS)
+def test_a_restarted_run_is_that_of_every_window_by_itself(kind, warmup):
+    record = RECORDS[kind]()
+    estimator = identified("global", record)
+    for horizon in (1, 2, 7, 20, 39):
+        pieces = []
+        for begin in range(0, record.samples, horizon):
+            start = max(begin - warmup, 0)
+            whole, u = record.drive(), record.f[..., start : begin + horizon, :]
+            x0, v0 = record.x[..., start, :], record.v[..., start, :]
+            x0, v0 = (whole.x0, whole.v0) if start == 0 else (x0, v0)
+            run = estimator.free_run(Drive(DT, u, x0, v0))
+            pieces.append(run.a[..., begin - start :, :])
+        together = estimator.restarted_run(record, horizon, warmup)
+        assert torch.allclose(together, torch.cat(pieces, dim=-2), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("horizon", [None, 40, 1000])
+@pytest.mark.parametrize("kind", RECORDS)
+@pytest.mark.parametrize("model", MODELS)
+def test_a_run_that_is_never_restarted_is_the_free_run(model, kind, horizon):
+    record = RECORDS[kind]()
+    estimator = identified(model, record)
+    assert torch.equal(
+        estimator.restarted_run(record, horizon), estimator.free_run(record.drive()).a
+    )
+
+
+def test_a_restart_at_every_sample_is_the_one_step_estimate():
+    record = motion()
+    estimator = identified("global", record)
+    assert torch.allclose(estimator.restarted_run(record, 1), estimator(record), rtol=1e-12)
+
+
+def test_the_first_window_begins_as_the_record_does_and_the_others_as_measured():
+    record = motion()
+    lies = replace(record, x=record.x + 1.0)
+    run, other = (Growth(-1.0).restarted_run(r, 10) for r in (record, lies))
+    assert torch.equal(run, other)  # x plays no part in ẍ here
+    lies = replace(record, v=record.v + 1.0)
+    changed = (Growth(-1.0).restarted_run(lies, 10) - run).abs().amax(dim=-1)
+    assert (changed[:10] == 0.0).all()
+    assert (changed[10:] > 0.5).all()
+
+
+def test_without_measured_states_only_the_whole_record_can_be_run():
+    record = replace(motion(), x=None, v=None)
+    estimator = identified("global", motion())
+    estimator.restarted_run(record, None)
+    with pytest.raises(ValueError, match=r"horizons=\[null\]"):
+        estimator.restarted_run(record, 10)
+
+
+# the problem
+
+
+@pytest.mark.parametrize(("horizon", "warmup"), [(7, 0), (10, 4), (None, 0)])
+@pytest.mark.parametrize("kind", RECORDS)
+@pytest.mark.parametrize("model", MODELS)
+def test_normal_equations_of_a_free_run(model, kind, horizon, warmup):
+    """JᵀJ and Jᵀe against reverse differentiation of every single error."""
+    record = RECORDS[kind]()
+    estimator = identified(model, record)
+    problem = FreeRunProblem(estimator, record, horizon, warmup)
+    matrix, vector = problem.normal_equations()
+    free = free_of(estimator)
+    errors = problem.errors()
+    assert errors.numel() == record.a[..., record.warmup :, :].numel()
+    weights = torch.linspace(-1.0, 1.0, errors.numel(), dtype=torch.float64)
+    along = _gradient((errors * weights).sum(), free)  # Jᵀ w
+    assert torch.allclose(2.0 * vector / errors.numel(), _gradient(problem.loss(), free), atol=1e-9)
+    shifted = _gradient((problem.errors() * problem.errors().detach()).sum(), free)
+    assert torch.allclose(vector, shifted, rtol=1e-8, atol=1e-9 * float(vector.abs().max()))
+    J = _jacobian(problem, free)
+    assert torch.allclose(J.T @ weights, along, rtol=1e-6, atol=1e-8 * float(along.abs().max()))
+    assert torch.allclose(matrix, J.T @ J, rtol=0.0, atol=1e-9 * float(matrix.abs().max()))
+
+
+def _gradient(value: Tensor, free: list[nn.Parameter]) -> Tensor:
+    slopes = torch.autograd.grad(value, free, allow_unused=True)
+    return torch.cat(
+        [
+            (torch.zeros_like(p) if slope is None else slope).reshape(-1)
+            for slope, p in zip(slopes, free, strict=True)
+        ]
+    )
+
+
+def _jacobian(problem: FreeRunProblem, free: list[nn.Parameter]) -> Tensor:
+    rows = []
+    errors = problem.errors()
+    for e in errors:
+        slopes = torch.autograd.grad(e, free, retain_graph=True, allow_unused=True)
+        parts = [torch.zeros_like(p) if g is None else g for g, p in zip(slopes, free, strict=True)]
+        rows.append(parameters_to_vector(parts))
+    return torch.stack(rows)
+
+
+def test_the_normal_equations_do_not_depend_on_the_size_of_a_block(monkeypatch):
+    record = motion()
+    problem = FreeRunProblem(identified("global", record), record, 4)
+    whole = problem.normal_equations()
+    for block in (1, 500):
+        monkeypatch.setattr("models.training.problem.BLOCK_ELEMENTS", block)
+        for one, other in zip(problem.normal_equations(), whole, strict=True):
+            assert torch.allclose(one, other, rtol=1e-10, atol=1e-12)
+
+
+def test_an_estimators_own_jacobian_is_taken(monkeypatch):
+    record = RECORDS["in_motion"]()
+    estimator = identified("global", record)
+    problem = FreeRunProblem(estimator, record, 7)
+    wanted = problem.normal_equations()
+    J = problem._differentiated(problem.y.numel()) / problem.weight
+    whole = torch.full((*record.a.shape, J.shape[1]), torch.nan, dtype=J.dtype)
+    whole[record.warmup :] = J.view(*problem.y.shape, -1)
+    run = estimator.restarted_run(record, 7)
+    monkeypatch.setattr(GlobalMLP, "restarted_jacobian", lambda self, *how: (run, whole))
+    monkeypatch.delattr(FreeRunProblem, "_differentiated")
+    for one, other in zip(problem.normal_equations(), wanted, strict=True):
+        assert torch.allclose(one, other, rtol=1e-10, atol=1e-12)
+
+
+def test_the_loss_is_that_of_the_free_run():
+    record = RECORDS["in_motion"]()
+    estimator = identified("global", record)
+    a = estimator.free_run(record.drive()).a
+    wanted = (a - record.a)[5:].square().sum() / record.a[5:].square().sum()
+    loss = FreeRunProblem(estimator, record, None).loss()
+    assert float(loss.detach()) == pytest.approx(float(wanted.detach()), rel=1e-12)
+
+
+def test_an_estimator_that_cannot_simulate_says_so():
+    estimator = VWNN(2, 2, DT)
+    with pytest.raises(NoFreeRunError):
+        FreeRunProblem(Trainable(2, 2, DT), motion(), None).loss()
+    assert isinstance(estimator, Estimator)

@@ -1,0 +1,181 @@
+"""LBFGS against plain PyTorch, Adam against its formulas; why they stop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+from torch.nn.utils import parameters_to_vector
+
+from models.training.solvers.adam import Adam
+from models.training.solvers.lbfgs import LBFGS, _Recall
+from tests.models.solver_problems import (
+    NO_STOP,
+    Valley,
+    counting,
+    linear,
+    network,
+    run,
+    start,
+    valley,
+)
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+
+
+# LBFGS
+
+
+def in_valley() -> tuple[Valley, list[nn.Parameter]]:
+    theta = start(-1.2, 1.0)
+    return Valley(theta), [theta]
+
+
+def plain_lbfgs(begin, iterations: int, history: int) -> tuple[Tensor, int]:
+    """PyTorch's own, on the sum of squares: parameters and evaluations of one run."""
+    problem, free = begin()
+    solver = torch.optim.LBFGS(
+        free, max_iter=iterations, max_eval=10**6, history_size=history, tolerance_grad=0.0,
+        tolerance_change=0.0, line_search_fn="strong_wolfe",
+    )  # fmt: skip
+    calls = []
+
+    def closure() -> Tensor:
+        calls.append(1)
+        solver.zero_grad()
+        loss = problem.y.numel() * problem.loss()
+        loss.backward()
+        return loss
+
+    solver.step(closure)
+    return parameters_to_vector(free).detach(), len(calls)
+
+
+@pytest.mark.parametrize("patience", [4, 20])
+@pytest.mark.parametrize("history", [3, 50])
+@pytest.mark.parametrize("begin", [network, in_valley])
+def test_lbfgs_is_plain_pytorch_one_iteration_at_a_time(begin, history, patience, monkeypatch):
+    """The same points with no more evaluations, in one call of the solver or in several.
+
+    The valley bends: line searches take several evaluations there.
+    """
+    for iterations in (1, 7, 15):
+        problem, free = begin()
+        calls = counting(problem, monkeypatch)
+        settings = {"history": history, "patience": patience, **NO_STOP}
+        losses = run(LBFGS(free, iterations=iterations, **settings), problem)
+        wanted, evaluations = plain_lbfgs(begin, iterations, history)
+        assert len(losses) == iterations
+        assert torch.allclose(parameters_to_vector(free), wanted, rtol=1e-8, atol=1e-10)
+        assert losses[-1] == pytest.approx(float(problem.loss().detach()), rel=1e-12)
+        again = -(-iterations // patience)  # each call of the solver begins with one
+        assert len(calls) - 1 <= evaluations + again
+
+
+def test_a_point_that_is_remembered_has_its_own_slope_again():
+    problem, (theta,) = in_valley()
+    recall, slopes = _Recall(LBFGS([theta]), problem), []
+    for a in (-1.2, 0.3, -1.2):
+        theta.data[0] = a
+        recall()
+        slopes.append(theta.grad.clone())
+    J, e = valley(theta.detach().numpy())
+    assert np.allclose(slopes[2], 2.0 * J.T @ e)
+    assert not torch.equal(slopes[1], slopes[2])
+    assert problem.evaluations == 2
+
+
+def test_lbfgs_never_goes_uphill():
+    problem, free = network(hidden=(6,))
+    losses = [float(problem.loss().detach()), *run(LBFGS(free, iterations=200), problem)]
+    assert len(losses) == 201
+    assert (np.diff(losses) <= 0.0).all()
+    assert losses[-1] < 0.2 * losses[0]
+
+
+def test_lbfgs_solves_what_is_quadratic_in_its_parameters():
+    problem, free, wanted = linear()
+    solver = LBFGS(free, change=0.0)
+    assert len(run(solver, problem)) < 40
+    assert torch.allclose(free[0].detach(), wanted, rtol=1e-8)
+
+
+def test_lbfgs_walks_through_rosenbrocks_valley():
+    theta = start(-1.2, 1.0)
+    solver = LBFGS([theta])
+    losses = run(solver, Valley(theta))
+    assert solver.why == "gradient below 1e-12"
+    assert np.allclose(theta.detach(), 1.0, rtol=0.0, atol=1e-9)
+    assert len(losses) < 60
+
+
+@pytest.mark.parametrize(
+    ("settings", "why", "iterations"),
+    [
+        ({"iterations": 7}, "7 iterations", 7),
+        ({"gradient": 1e6}, "gradient below 1e+06", 1),
+        ({"change": 0.999, "patience": 5}, "loss falls by less than 0.999", 5),
+    ],
+)
+def test_lbfgs_says_why_it_stops(settings, why, iterations):
+    problem, free = network()
+    solver = LBFGS(free, **settings)
+    assert len(run(solver, problem)) == iterations
+    assert solver.finished
+    assert solver.why == why
+
+
+# Adam
+
+
+def test_adams_step_length_falls_to_zero_along_half_a_cosine():
+    problem, free, _ = linear()
+    solver, rates = Adam(free, iterations=8, rate=0.3), []
+    for _ in range(8):
+        solver.solve(problem)
+        rates.append(solver.param_groups[0]["lr"])
+    assert np.allclose(rates, 0.3 * np.cos(np.pi * np.arange(8) / 16.0) ** 2)
+    assert solver.finished
+    assert solver.why == "8 iterations"
+
+
+def test_adams_first_step_is_its_rate_against_the_sign_of_each_slope():
+    problem, free, _ = linear()
+    before = free[0].detach().clone()
+    slope = torch.autograd.grad(problem.loss(), free)[0]
+    loss = float(problem.loss().detach())
+    assert Adam(free, rate=0.02).solve(problem) == [pytest.approx(loss, rel=1e-12)]
+    assert torch.allclose(free[0].detach(), before - 0.02 * slope.sign(), rtol=0.0, atol=1e-6)
+
+
+def test_adam_comes_close_to_the_least_squares_solution():
+    problem, free, wanted = linear()
+    run(Adam(free, iterations=400, rate=0.05), problem)
+    assert torch.allclose(free[0].detach(), wanted, rtol=0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("solver", [LBFGS, Adam])
+def test_gradients_of_one_problem_do_not_leak_into_the_next(solver):
+    """A start with other gradients than zero makes no difference."""
+    (one, free), (other, _) = network(), network(seed=1)
+    run(solver(free, iterations=1), one)
+    after = parameters_to_vector(free).detach().clone()
+    problem, free = network()
+    other.loss().backward()
+    for p in free:
+        p.grad = torch.full_like(p, 7.0)
+    run(solver(free, iterations=1), problem)
+    assert torch.allclose(parameters_to_vector(free), after, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"iterations": 0}, {"rate": 0.0}, {"rate": float("nan")}, {"rate": -1.0}]
+)
+def test_adam_without_steps_is_refused(wrong):
+    with pytest.raises(ValueError, match="must be positive"):
+        Adam([start(0.0)], **wrong)

@@ -1,0 +1,153 @@
+"""Levenberg–Marquardt against SciPy and the rules of trainlm; why it stops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import least_squares
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
+
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from tests.models.solver_problems import Valley, linear, network, run, spring, start, valley
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+
+
+# Levenberg–Marquardt
+
+
+def test_levenberg_marquardt_ends_where_scipys_ends():
+    """Residuals that stay: a step to the minimum of a model is not yet the answer."""
+    problem, free = spring()
+    here = parameters_to_vector(free).detach().clone()
+
+    def errors(theta: np.ndarray) -> np.ndarray:
+        with torch.no_grad():
+            vector_to_parameters(torch.from_numpy(theta), free)
+            return problem.errors().numpy()
+
+    scipys = least_squares(errors, here.numpy(), method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    vector_to_parameters(here, free)
+    losses = run(LevenbergMarquardt(free, gradient=1e-12), problem)
+    assert losses[-1] > 1e-3
+    assert 2.0 * scipys.cost / len(scipys.fun) == pytest.approx(losses[-1], rel=1e-6)
+    ours = parameters_to_vector(free).detach().numpy()
+    assert np.linalg.norm(ours - scipys.x) < 1e-6 * np.linalg.norm(scipys.x)
+    assert np.linalg.norm(ours - here.numpy()) > 1e-2 * np.linalg.norm(scipys.x)
+
+
+def test_one_hardly_damped_step_solves_what_is_linear_in_its_parameters():
+    problem, free, wanted = linear()
+    solver = LevenbergMarquardt(free, damping=1e-12)
+    assert len(solver.solve(problem)) == 1
+    assert torch.allclose(free[0].detach(), wanted, rtol=1e-10)
+    assert solver.solve(problem) == []
+    assert solver.why == "gradient below 1e-07"
+
+
+def test_a_large_damping_makes_a_small_step_down_the_gradient():
+    problem, free, _ = linear()
+    before, slope = free[0].detach().clone(), problem.normal_equations()[1].view(2, 2)
+    LevenbergMarquardt(free, damping=1e9).solve(problem)
+    assert torch.allclose(free[0].detach(), before - slope / 1e9, rtol=0.0, atol=1e-15)
+
+
+def test_steps_and_damping_are_those_of_trainlm():
+    """A hand-written trainlm goes down the same valley: × 0.1 after success, × 10 after failure."""
+    theta = start(-1.2, 1.0)
+    solver, problem = LevenbergMarquardt([theta], gradient=0.0), Valley(theta)
+    here, mu, failures = np.array([-1.2, 1.0]), 1e-3, 0
+    for _ in range(12):
+        J, e = valley(here)
+        while True:
+            tried = here - np.linalg.solve(J.T @ J + mu * np.eye(2), J.T @ e)
+            if np.sum(valley(tried)[1] ** 2) < e @ e:
+                break
+            mu, failures = 10.0 * mu, failures + 1
+        here, mu = tried, 0.1 * mu
+        (loss,) = solver.solve(problem)
+        assert loss == pytest.approx(np.sum(valley(here)[1] ** 2) / 2.0, rel=1e-6, abs=1e-25)
+        assert np.allclose(theta.detach(), here, rtol=1e-8)
+        assert solver.damping == pytest.approx(mu, rel=1e-9)
+    assert failures >= 3
+    assert problem.evaluations == 12 * 2 + failures
+
+
+def test_damping_factors_are_those_asked_for():
+    theta = start(-1.2, 1.0)
+    solver = LevenbergMarquardt([theta], damping=0.01, decrease=0.5, increase=3.0)
+    before = solver.damping
+    solver.solve(Valley(theta))
+    tries = np.log(solver.damping / before / 0.5) / np.log(3.0)
+    assert tries == pytest.approx(round(tries), abs=1e-9)
+    assert tries >= 1.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "why", "iterations"),
+    [
+        ({"iterations": 3}, "3 iterations", 3),
+        ({"gradient": 1e6}, "gradient below 1e+06", 0),
+        ({"largest": 1e-4}, "damping above 0.0001", 0),
+    ],
+)
+def test_levenberg_marquardt_says_why_it_stops(settings, why, iterations):
+    problem, free = network()
+    before = parameters_to_vector(free).detach().clone()
+    solver = LevenbergMarquardt(free, **settings)
+    assert len(run(solver, problem)) == iterations
+    assert solver.finished
+    assert solver.why == why
+    assert torch.equal(parameters_to_vector(free), before) == (iterations == 0)
+
+
+def test_levenberg_marquardt_stops_at_a_gradient_of_the_loss_that_is_small_enough():
+    problem, free = spring()
+    solver, slopes = LevenbergMarquardt(free, gradient=1e-5), []
+    while not solver.finished:
+        slopes.append(float(torch.autograd.grad(problem.loss(), free)[0].norm()))
+        solver.solve(problem)
+    assert solver.why == "gradient below 1e-05"
+    assert [slope < 1e-5 for slope in slopes] == [False] * (len(slopes) - 1) + [True]
+    assert slopes[-2] < 1e-3
+
+
+def test_levenberg_marquardt_stops_where_it_gains_too_little():
+    problem, free = network()
+    solver = LevenbergMarquardt(free, change=0.5, patience=4)
+    losses = run(solver, problem)
+    assert "lower the loss by less than 0.5" in solver.why
+    assert 1.0 - losses[-1] / losses[-5] < 0.5
+    assert all(1.0 - b / a >= 0.5 for a, b in zip(losses[:-5], losses[4:-1], strict=True))
+
+
+def test_levenberg_marquardt_goes_down_at_every_iteration():
+    problem, free = network(hidden=(6,))
+    losses = [float(problem.loss().detach()), *run(LevenbergMarquardt(free), problem, 40)]
+    assert len(losses) > 20
+    assert (np.diff(losses) < 0.0).all()
+    assert losses[-1] == float(problem.loss().detach())
+
+
+def test_steps_that_lead_uphill_are_taken_back(monkeypatch):
+    """A gradient of the wrong sign: nothing helps, and nothing changes."""
+    theta = start(-1.2, 1.0)
+    matrix, vector = Valley(theta).normal_equations()
+    monkeypatch.setattr(Valley, "normal_equations", lambda self, every=1: (matrix, -vector))
+    solver = LevenbergMarquardt([theta])
+    assert solver.solve(Valley(theta)) == []
+    assert solver.why == "damping above 1e+10"
+    assert theta.tolist() == [-1.2, 1.0]
+
+
+def test_every_fourth_sample_shows_the_way_to_the_same_minimum():
+    ends = []
+    for every in (1, 4):
+        problem, free = spring()
+        ends.append(run(LevenbergMarquardt(free, gradient=1e-9, every=every), problem)[-1])
+    assert ends[0] == pytest.approx(ends[1], rel=1e-9)

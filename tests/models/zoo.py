@@ -1,0 +1,69 @@
+"""Every estimator of conf/model but those of element tests, small enough for a second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+
+from data.sample import Sensors
+from models.estimator import Estimator
+from models.modal_network import ModalNetwork
+from models.online.adaptive import Online
+from models.training.assemble import changed, estimator_from
+from models.training.trainable import Trainable
+from models.vwnn import VWNN
+from models.vwnn_forward import ForwardVWNN
+from runner.config.compose import CONF, prepare_hydra
+
+DT = 0.01
+SMALLER = {  # what a class is built with here, so that it is identified in a second
+    "models.ModalPolynomial": {"order": 3},
+    "models.Recurrent": {"hidden": 4},
+    "models.NeuralStateSpace": {"memory": 2, "hidden": 4, "past": 3},
+    "models.ForwardVWNN": {"refinements": 1},
+    "models.ElementNetwork": {"hinges": 1, "units": 1},
+    "models.ElementNetworkBranch": {"ramps": 2, "bends": 1, "law_starts": 1},
+    "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
+    "models.ModalNetwork": {"modes": 3, "elements": 0, "iterations": 3},
+}
+NO_STRUCTURE = (  # elements alone
+    "models.BranchElement",
+    "models.HystereticElement",
+    "models.RestoringForceSurface",
+)
+
+
+def build(cfg: DictConfig, dofs: int, inputs: int, dt: float) -> Estimator:
+    smaller = {k: v for k, v in SMALLER.get(cfg._target_, {}).items() if k in cfg}
+    return estimator_from(changed(cfg, smaller), Sensors(dt, dofs, inputs))
+
+
+def zoo() -> dict[str, Callable[..., Estimator]]:
+    """name → (dofs, inputs, dt) → estimator, of every file in conf/model but element tests."""
+    prepare_hydra()
+    names = sorted(path.stem for path in (CONF / "model").glob("*.yaml"))
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        models = {name: compose("train", [f"model={name}"]).model for name in names}
+    found = {name: cfg for name, cfg in models.items() if cfg._target_ not in NO_STRUCTURE}
+    return {name: partial(build, cfg) for name, cfg in found.items()}
+
+
+ZOO = {**zoo(), "vwnn_unfiltered": partial(VWNN, unfiltered_excitation=True)}
+KINDS = {name: make(3, 3, DT) for name, make in ZOO.items()}
+ADAPTING = [name for name, kind in KINDS.items() if isinstance(kind, Online)]  # while they estimate
+TRAINED = [name for name, kind in KINDS.items() if isinstance(kind, Trainable)]
+SIMULATORS = [  # what they estimate is a simulation, or they are identified by one
+    name
+    for name, kind in KINDS.items()
+    if isinstance(kind, ForwardVWNN | ModalNetwork) or (name in TRAINED and "x" not in kind.reads)
+]
+ESTIMATORS = {  # their closed form is all there is to identify
+    name: make for name, make in ZOO.items() if name not in (*ADAPTING, *TRAINED, *SIMULATORS)
+}
+SEE_STATE = [name for name in ESTIMATORS if "x" in KINDS[name].reads]
+SEE_ACCELERATION = [name for name in ESTIMATORS if name not in SEE_STATE]
+SOLVED = [name for name in ESTIMATORS if "f" in KINDS[name].reads]
+SEE_FORCE = [*SOLVED, *SIMULATORS, *ADAPTING]

@@ -1,0 +1,112 @@
+"""Records, weights and forces of strangers: taken in double precision or refused in one line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import safetensors.torch
+import torch
+
+import data
+import models
+from data.record import Record
+from models.checkpoint import load_estimator, save_estimator
+
+# records, batches and weights
+
+
+def record(**signals) -> Record:
+    generator = torch.Generator().manual_seed(0)
+    u = {k: torch.randn(60, 2, generator=generator, dtype=torch.float64) for k in "afxv"}
+    return Record(0.01, **{**u, **signals})
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda u: u > 0.0, lambda u: u.cfloat(), lambda u: u.numpy(), lambda u: u.to("meta"),
+        lambda u: u.to_sparse(), lambda u: u[:, :0], lambda u: u[:0], lambda u: u[:1],
+        lambda u: u[None][:0], lambda u: None,
+    ],
+)  # fmt: skip
+def test_a_record_of_no_signals_is_refused(spoil):
+    with pytest.raises(ValueError, match=r"^a |^a record"):
+        record(a=spoil(torch.zeros(60, 2, dtype=torch.float64)))
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float16, torch.int64])
+def test_a_record_of_other_precision_is_fitted_in_double(dtype):
+    taken, u = record(a=record().a.to(dtype)), record().a.to(dtype).to(torch.float64)
+    assert taken.a.dtype == torch.float64
+    assert torch.equal(taken.a, u)
+    models.VWNN(2, 2, 0.01, ridge=1e-6).identify([taken])
+
+
+def test_what_an_estimator_is_handed_is_looked_at_in_one_place():
+    model, good = models.VWNN(2, 2, 0.01, ridge=1e-6), record()
+    for batches, words in (
+        ([], "no records"),
+        (good, r"identify\(\[record\]\)"),
+        ([3], "int is no"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            model.identify(batches)
+    model.identify([good])
+    lost = good.a.clone()
+    lost[7, 1] = torch.nan
+    with pytest.raises(ValueError, match="a is not finite at sample 7"):
+        model(record(a=lost))
+    with pytest.raises(ValueError, match="Record is no Drive"):
+        model.free_run(good)
+    with pytest.raises(ValueError, match="u of the free run is not finite"):
+        model.free_run(replace(good.drive(), u=torch.full_like(good.f, torch.inf)))
+
+
+def test_a_free_run_is_differentiable_in_its_excitation():
+    model, good = models.VWNN(2, 2, 0.01, ridge=1e-6), record()
+    model.identify([record(f=good.f.clone().requires_grad_())])  # a closed form has no derivatives
+    f = (0.01 * good.f).requires_grad_()
+    run = model.free_run(replace(good.drive(), u=f)).a
+    assert torch.allclose(run, model.free_run(replace(good.drive(), u=f.detach())).a, atol=1e-9)
+    run[50].sum().backward()
+    assert f.grad is not None
+    assert f.grad[:50].any()
+    assert not f.grad[50:].any()
+
+
+def test_weights_of_another_time_step_or_other_settings_are_refused(tmp_path):
+    path, model = tmp_path / "model.safetensors", models.VWNN(2, 2, 0.01, ridge=1e-6)
+    model.identify([record()])
+    save_estimator(model, path, "vwnn")
+    load_estimator(models.VWNN(2, 2, 0.01, ridge=1e-6), path, "vwnn")
+    for other, words in (
+        (models.VWNN(2, 2, 0.02, ridge=1e-6), r"stored with dt=0\.01; this model has dt=0\.02"),
+        (models.VWNN(2, 2, 0.01, 40.0, ridge=1e-6), r"cutoff=50\.0; this model has cutoff=40\.0"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            load_estimator(other, path, "vwnn")
+    tensors = safetensors.torch.load_file(path)
+    safetensors.torch.save_file(tensors, path, metadata={"model": "vwnn"})  # of older code
+    load_estimator(models.VWNN(2, 2, 0.01, ridge=1e-6), path, "vwnn")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("empty.npy", b""),
+        ("cut.npy", b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'sh"),
+        ("huge.npy", b"\x93NUMPY\x01\x00v\x00"
+         + b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 3), }".ljust(117)
+         + b"\n"),
+        ("words.npy", b"one,two"),
+        ("words.csv", b"one,two\nthree,four\n"),
+        ("ragged.csv", b"1,2\n3\n"),
+        ("latin.csv", b"\xff\xfe1,2\n"),
+    ],
+)  # fmt: skip
+def test_a_damaged_table_of_forces_is_named(name, content, tmp_path):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match=name.replace(".", r"\.")) as error:
+        data.Given(path=str(tmp_path / name))
+    assert len(str(error.value).splitlines()) == 1
