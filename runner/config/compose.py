@@ -30,6 +30,7 @@ GROUPS = (
     "trainer",
     "experiment",
 )
+NAMED = ("data.channels.", "data.units.")  # mappings whose keys are the user's
 EXAMPLES = {
     "train": """Identify a structure: simulate it, fit a model, score it on unseen motion.
 
@@ -74,13 +75,16 @@ def experiments() -> list[Path]:
 
 
 def placed(words: Sequence[str]) -> list[str]:
-    """The same words with experiments by their folder too: experiment=paper/table3 for table3."""
+    """The same words with experiments by their folder too: experiment=paper/table3 for table3.
+
+    Keys of one's own are added where a mapping has any: data.channels.a1=Roof.
+    """
     places = {path.stem: f"{path.parent.name}/{path.stem}" for path in experiments()}
     named = (word.partition("=") for word in words)
     return [
         f"{key}={','.join(places.get(name, name) for name in names.split(','))}"
         if key == "experiment"
-        else f"{key}{equals}{names}"
+        else f"{'++' if key.startswith(NAMED) else ''}{key}{equals}{names}"
         for key, equals, names in named
     ]
 

@@ -246,3 +246,10 @@ def test_a_misspelt_argument_names_the_nearest():
     node.cutof = 3.0
     with pytest.raises(ValueError, match="did you mean 'cutoff'"):
         build(node, Estimator, dofs=3, inputs=3, dt=0.01)
+
+
+def test_channels_and_units_are_named_one_by_one():
+    words = ("data=measured", "data.path=r.csv", "data.channels.a1=Acc_X", "data.channels.f2=Load")
+    cfg = composed(*words, "data.units.a1=g", "+data.units.f=kN")
+    assert cfg.data.channels == {"a1": "Acc_X", "f2": "Load"}
+    assert (cfg.data.units.a1, cfg.data.units.f, cfg.data.units.a) == ("g", "kN", None)
