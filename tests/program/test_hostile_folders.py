@@ -208,10 +208,9 @@ def held_by_another(folder: Path, call: str) -> subprocess.Popen:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="has no forks")
 def test_a_forked_process_does_not_give_up_what_its_parent_holds(tmp_path):
-    forked = (
-        "import os; hold(folder); child = os.fork()\nif not child: release_all(); os._exit(0)\n"
-    )
-    process = held_by_another(tmp_path, f"{forked}os.waitpid(child, 0)")
+    forked = "import os; hold(folder); child = os.fork()"
+    ends = "if not child: release_all(); os._exit(0)"
+    process = held_by_another(tmp_path, f"{forked}\n{ends}\nos.waitpid(child, 0)")
     try:
         with pytest.raises(HeldError):
             hold(tmp_path)
