@@ -14,7 +14,7 @@ from data.measured.onset import onset_of
 from data.measured.plausible import plausibility
 from data.measured.raw_record import RawRecord
 from data.measured.reading import read_record, read_records
-from data.simulation.scenario import FullState
+from data.simulation.scenario import FullState, Integrated
 from data.windows import after_rest
 from models.linear import EquivalentLinear
 from models.training.assemble import estimator_from
@@ -149,6 +149,17 @@ def test_where_a_displacement_stands_at_rest_is_kept(tmp_path):
     assert record.x is not None
     assert record.x[still].numpy() == pytest.approx(0.1, abs=1e-4)
     assert record.f[still].numpy() == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_part_cut_in_motion_begins_at_the_state_that_a_scenario_integrates(tmp_path):
+    """With x and v of all records no first samples need tell of a beginning: all are scored."""
+    base, roof = shaken(samples=3000)
+    table(tmp_path / "cut.csv", {"time": clock(3000), "s_ddot1": base, "a1": roof})
+    (alone,) = measured(tmp_path / "cut.csv").records["test"]
+    (known,) = measured(tmp_path / "cut.csv", scenario=Integrated()).records["test"]
+    assert (alone.initial_state, alone.warmup) == ("unknown", alone.samples // 10)
+    assert (known.initial_state, known.warmup) == ("given", 0)
+    assert torch.equal(known.drive().x0, known.x[0])
 
 
 def test_an_onset_does_not_depend_on_what_follows():

@@ -206,6 +206,19 @@ def held_by_another(folder: Path, call: str) -> subprocess.Popen:
     return process
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="has no forks")
+def test_a_forked_process_does_not_give_up_what_its_parent_holds(tmp_path):
+    forked = "import os; hold(folder); child = os.fork()"
+    ends = "if not child: release_all(); os._exit(0)"
+    process = held_by_another(tmp_path, f"{forked}\n{ends}\nos.waitpid(child, 0)")
+    try:
+        with pytest.raises(HeldError):
+            hold(tmp_path)
+    finally:
+        process.kill()
+        process.communicate()
+
+
 def test_who_comes_second_is_told_and_touches_nothing(copy, monkeypatch, capsys):
     before = {path.name: path.read_bytes() for path in copy.iterdir() if path.is_file()}
     process = held_by_another(copy, "hold(folder)")
