@@ -6,13 +6,14 @@ T samples.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from scipy.signal import savgol_filter
 from torch import Tensor
 
+from data.measured.beginning import begins_in_motion
 from data.measured.channels import matrix, numbered
 from data.record import Record
 
@@ -93,6 +94,9 @@ def record_of_channels(
             "motion; expected forces f1, …, a support's acceleration s_ddot1, or s1 and s_dot1"
         )
     record.require_finite()
+    told = meaning.initial_state is not None or begins != "rest"
+    if not told and begins_in_motion(record, based(channels, quantity)):
+        return replace(record, initial_state="unknown")
     return record
 
 

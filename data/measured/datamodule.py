@@ -48,8 +48,9 @@ class MeasuredData(Data):
     record.
     quantity: what is estimated; None takes accelerations, else the force of an element, else
     displacements. initial_state: None begins as measured where x and v are, else at rest; an
-    element test, and a record that was cut in motion, in an unknown state. Of such a record the
-    first `warmup` samples, or a tenth, tell of the state, and are not scored.
+    element test, and a record that was cut in motion or shows motion at its first samples, in an
+    unknown state. Of such a record the first `warmup` samples, or a tenth, tell of the state, and
+    are not scored.
     With a support's acceleration s_ddot1, motions are relative to it and f = −s̈ drives them;
     accelerations says how a1, … were measured, "absolute" or "relative" to that support.
     align: sensors whose counters have no common zero begin at once ("start"), or are shifted onto

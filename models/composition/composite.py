@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.composition.beginning import beginning, projected, units_of
+from models.composition.beginning import FEWEST, beginning, projected, units_of
 from models.composition.coefficients import Coefficients
 from models.composition.laws import ElementLaws
 from models.composition.measured_states import MEASURES, reconstructed_of, states_of
@@ -190,9 +190,10 @@ class Composite(Trainable):
         n, lead = composition.core.value.shape[1], record.a.shape[:-2]
         memory = composition.laws.value.shape[0] * composition.counts[2]
         start = record.a.new_zeros(lead.numel(), 2 * n + memory)
-        if record.x is not None and record.v is not None and not self.from_accelerations:
+        found = self._first_motion(record)
+        if found is not None:
             back = torch.linalg.pinv(composition.outputs.value)
-            first = [u[..., 0, :].reshape(len(start), -1) @ back.T for u in (record.x, record.v)]
+            first = [u[..., 0, :].reshape(len(start), -1) @ back.T for u in found]
             start[:, : 2 * n] = torch.cat(first, dim=1)
         measured = record.a.reshape(len(start), *record.a.shape[-2:])
         u = drive.u.reshape(len(start), *drive.u.shape[-2:])
@@ -207,7 +208,18 @@ class Composite(Trainable):
         starts = [start.clone() for _ in SHARES]
         for state, share in zip(starts, SHARES, strict=True):
             state[:, 2 * n :] = share * limit
+        if found is not None and not self.has_states(record):
+            starts.append(torch.zeros_like(start))  # reconstructed motions err at their ends
         return beginning(run, measured, starts, most).reshape(*lead, -1)
+
+    def _first_motion(self, record: Record) -> tuple[Tensor, Tensor] | None:
+        """x and v (…, T, n) of samples that tell how a record begins; None of other quantities."""
+        if self.has_states(record):
+            assert record.x is not None
+            assert record.v is not None
+            return record.x, record.v
+        long = record.quantity in MEASURES and record.samples >= FEWEST
+        return reconstructed_of(record) if long else None
 
     @torch.no_grad()
     def first_states(self, record: Record) -> Tensor:

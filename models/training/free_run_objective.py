@@ -149,7 +149,7 @@ class FreeRun(Objective):
             if anew and self.horizons != [None]:
                 shortest = min(records, key=lambda record: record.samples)
                 self.linear = horizons_of(shortest, LONGER)
-                self.horizons, self.restart = [1, *horizons_of(shortest, FEW)], True
+                self.horizons, self.restart = horizons_of(shortest, FEW), True
         self._name_stages()
 
     def _grow(self, samples: int) -> None:
