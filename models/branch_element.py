@@ -27,6 +27,7 @@ from models.starts.branch_choice import (
     Test,
     chosen,
     largest_motion,
+    of_element,
     require_starts,
     told,
 )
@@ -156,7 +157,7 @@ class BranchElement(Trainable):
         place = largest_motion([s for s, _, _ in self.tests])
         all_chosen = []
         for e in range(self.dofs):
-            tests = [tuple(u[:, e : e + 1] for u in test) for test in self.tests]
+            tests = of_element(self.tests, e)
             found = chosen(self._single, tests, place, replace(self.choice, seed=seed))
             self.take(e, found.law, found.weight)
             all_chosen.append(found)

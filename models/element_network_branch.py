@@ -27,10 +27,12 @@ from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.starts.branch_choice import (
     Choice,
+    Chosen,
     Test,
     chosen,
     fitted,
     largest_motion,
+    of_element,
     require_starts,
     told,
 )
@@ -118,28 +120,32 @@ class ElementNetworkBranch(ElementNetwork):
 
     def _fit(self, seed: int) -> dict[str, float | str]:
         """Choose every law and how the free run is polished; then fit the laws to all motions."""
-        choice, place = replace(self.choice, seed=seed), largest_motion([y for y, *_ in self.tests])
-        elements = range(len(self.elements))
-        tests = [[tuple(u[:, e : e + 1] for u in test) for test in self.tests] for e in elements]
-        found, facts = [None for _ in elements], {}
-        if choice.open:
-            found = [chosen(self._single, tests[e], place, choice) for e in elements]
-            facts = told(found)
-            for e in elements:
-                self._take(e, found[e].law)
-        if choice.prior is None:
-            self.begun.copy_(self.theta)
-            weight, polished = polish_weight(self, self.records, place)
-            self.weight.fill_(weight)
-            facts = {**facts, **polished}
+        choice = replace(self.choice, seed=seed)
+        tests = [of_element(self.tests, e) for e in range(len(self.elements))]
+        found, facts = self._choose(choice, tests) if choice.open else ([], {})
         errors = []
-        for e in elements:
-            law, error = fitted(self._single, tests[e], choice, found[e])
+        for e, those in enumerate(tests):
+            law, error = fitted(self._single, those, choice, found[e] if found else None)
             self._take(e, law)
             errors.append(error)
         self.begun.copy_(self.theta)
-        off = ", ".join(f"{100.0 * e:.2f}" for e in errors)
-        return {**facts, "laws_off_percent": off}
+        return {**facts, "laws_off_percent": ", ".join(f"{100.0 * e:.2f}" for e in errors)}
+
+    def _choose(
+        self, choice: Choice, tests: list[list[Test]]
+    ) -> tuple[list[Chosen], dict[str, float | str]]:
+        """Laws that are nearest to the motion held back, and the polish; what there is to tell."""
+        place = largest_motion([y for y, *_ in self.tests])
+        found = [chosen(self._single, those, place, choice) for those in tests]
+        facts = told(found)
+        if choice.prior is None:
+            for e, one in enumerate(found):
+                self._take(e, one.law)
+            self.begun.copy_(self.theta)
+            weight, polished = polish_weight(self, self.records, place)
+            self.weight.fill_(weight)
+            facts |= polished
+        return found, facts
 
     def _single(self, larger: bool, prior: float) -> BranchElement:
         return BranchElement(1, 2, self.dt, self.ramps, self.bends, larger, prior)

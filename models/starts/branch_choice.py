@@ -81,6 +81,12 @@ def largest_motion(deformations: Sequence[Tensor]) -> int:
     return int((ways / ways.amax(dim=0).clamp_min(1e-300)).mean(dim=1).argmax())
 
 
+def of_element(tests: Sequence[Test], e: int) -> list[Test]:
+    """What the tests of all elements (T, E) hold of one of them (T, 1)."""
+    one = slice(e, e + 1)
+    return [(y[:, one], rate[:, one], r[:, one]) for y, rate, r in tests]
+
+
 def chosen(make: Make, tests: Sequence[Test], largest: int, choice: Choice) -> Chosen:
     """The law of an element (T, 1) with the least error on what is held back.
 
