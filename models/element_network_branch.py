@@ -47,7 +47,8 @@ class ElementNetworkBranch(ElementNetwork):
     force_memory, law_starts: of every law, as for `BranchElement`. prior: weight of Σ (θ − θ₀)²
     beside the squared relative error; θ₀ is a law's start, and then the law by equilibrium. None:
     chosen on motion held back, for each law and then for the free run, in which a strong prior
-    leaves the laws as equilibrium has them (models/starts/branch_polish.py).
+    leaves the laws as equilibrium has them (models/starts/branch_polish.py). With more elements
+    than DOFs equilibrium leaves open the forces that would judge: more memory and 1e-6 are taken.
     Raises ValueError for channels, masses or pairs of nodes that do not fit.
     """
 
@@ -121,11 +122,14 @@ class ElementNetworkBranch(ElementNetwork):
     def _fit(self, seed: int) -> dict[str, float | str]:
         """Choose every law and how the free run is polished; then fit the laws to all motions."""
         choice = replace(self.choice, seed=seed)
+        if len(self.elements) > self.dofs:  # forces that are left open judge nothing
+            choice = choice.settled(True, BY_DEFAULT)
         tests = [of_element(self.tests, e) for e in range(len(self.elements))]
         found, facts = self._choose(choice, tests) if choice.open else ([], {})
-        errors = []
+        errors, drawn = [], torch.Generator().manual_seed(seed)
         for e, those in enumerate(tests):
-            law, error = fitted(self._single, those, choice, found[e] if found else None)
+            own = replace(choice, seed=int(torch.randint(2**31, (1,), generator=drawn)))
+            law, error = fitted(self._single, those, own, found[e] if found else None)
             self._take(e, law)
             errors.append(error)
         self.begun.copy_(self.theta)

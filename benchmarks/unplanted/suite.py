@@ -100,7 +100,8 @@ def measured(
     finite = {part: value if math.isfinite(value) else None for part, value in errors.items()}
     if isinstance(estimator, ElementNetworkBranch):
         np.savez(picture, signals=loops(case, estimator, motions["unseen"][0]))
-    words = {"chosen": words_of(facts), "remark": ""}
+    told = {key: str(value) for key, value in facts.items()}
+    words = {"chosen": words_of(facts), "identified": told, "remark": ""}
     return {**result, **finite, "seconds": seconds, "parameters": parameters(estimator), **words}
 
 

@@ -34,6 +34,7 @@ WORTH = 0.95  # of the error of a law of less memory: what one of more has to be
 HELD_BACK = 0.2  # of a single motion
 SOLVER = {"damping": 1e-2, "decrease": 0.2, "increase": 4.0, "scaled": True, "floor": 3e-3}
 ITERATIONS, CHANGE, PATIENCE, FIRST = 100, 5e-3, 8, 12  # of a fit; the first ones of every start
+TRIED = 2e-2  # CHANGE of fits that are compared
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,14 @@ class Choice:
     @property
     def open(self) -> bool:
         return self.force_memory is None or self.prior is None
+
+    def settled(self, force_memory: bool, prior: float) -> Choice:
+        """The choice with these in place of what is open."""
+        return replace(
+            self,
+            force_memory=force_memory if self.force_memory is None else self.force_memory,
+            prior=prior if self.prior is None else self.prior,
+        )
 
     @property
     def memories(self) -> Sequence[bool]:
@@ -90,36 +99,36 @@ def of_element(tests: Sequence[Test], e: int) -> list[Test]:
 def chosen(make: Make, tests: Sequence[Test], largest: int, choice: Choice) -> Chosen:
     """The law of an element (T, 1) with the least error on what is held back.
 
-    The weight falls while that helps; a law of more memory is taken where it gains by WORTH.
+    A law of more memory is taken where it gains by WORTH, with the strongest prior, by which both
+    are compared; then the prior weakens while that helps.
     """
     best: Chosen | None = None
     for larger in choice.memories:
-        found = _of_memory(make, larger, tests, largest, choice)
+        law = make(larger, choice.weights[0])
+        rest, judged = parted(records_of(tests, law.dt), largest)
+        law.measure(tests)
+        law.sample([(r.s, r.s_dot, r.a) for r in rest if r.s is not None and r.s_dot is not None])
+        _best_start(law, rest, choice)
+        found = _tried(law, choice.weights[0], rest, judged)
         if best is None or found.error < WORTH * best.error:
             best = found
     assert best is not None
-    return best
-
-
-def _of_memory(
-    make: Make, larger: bool, tests: Sequence[Test], largest: int, choice: Choice
-) -> Chosen:
-    law = make(larger, choice.weights[0])
-    rest, judged = parted(records_of(tests, law.dt), largest)
-    law.measure(tests)
-    law.sample([(r.s, r.s_dot, r.a) for r in rest if r.s is not None and r.s_dot is not None])
-    _best_start(law, rest, choice)
-    best = Chosen(law, choice.weights[0], math.inf)
-    kept = state_of(law)
-    for weight in choice.weights:
-        law.weights.fill_(weight)
-        minimised(law, Joint.of(law, rest), ITERATIONS)
-        error = float(FreeRunProblem(law, judged, None, prior=0.0).loss().detach()) ** 0.5
-        if not error < best.error:
+    for weight in choice.weights[1:]:
+        kept = state_of(best.law)
+        found = _tried(best.law, weight, rest, judged)
+        if not found.error < best.error:
+            restore(best.law, kept)
             break
-        best, kept = Chosen(law, weight, error), state_of(law)
-    restore(law, kept)
+        best = found
     return best
+
+
+def _tried(law: BranchElement, weight: float, rest: Sequence[Record], judged: Record) -> Chosen:
+    """The law, fitted further with a weight of its prior, and its error on what is held back."""
+    law.weights.fill_(weight)
+    minimised(law, Joint.of(law, rest), ITERATIONS, change=TRIED)
+    error = float(FreeRunProblem(law, judged, None, prior=0.0).loss().detach()) ** 0.5
+    return Chosen(law, weight, error if math.isfinite(error) else math.inf)
 
 
 def fitted(
