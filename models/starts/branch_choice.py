@@ -31,6 +31,7 @@ Test = tuple[Tensor, Tensor, Tensor]  # deformations, rates and forces (T, E)
 Make = Callable[[bool, float], "BranchElement"]  # by memory and prior, of one element
 WEIGHTS = (1e-5, 1e-6, 1e-7)  # of the prior, one after the other
 WORTH = 0.95  # of the error of a law of less memory: what one of more has to be below
+HARM = 1.2  # times the least error: what a weaker prior may have, for it will see that motion too
 HELD_BACK = 0.2  # of a single motion
 SOLVER = {"damping": 1e-2, "decrease": 0.2, "increase": 4.0, "scaled": True, "floor": 3e-3}
 ITERATIONS, CHANGE, PATIENCE, FIRST = 100, 5e-3, 8, 12  # of a fit; the first ones of every start
@@ -113,10 +114,12 @@ def chosen(make: Make, tests: Sequence[Test], largest: int, choice: Choice) -> C
         if best is None or found.error < WORTH * best.error:
             best = found
     assert best is not None
+    least = best.error
     for weight in choice.weights[1:]:
         kept = state_of(best.law)
         found = _tried(best.law, weight, rest, judged)
-        if not found.error < best.error:
+        least = min(least, found.error)
+        if not found.error <= HARM * least:
             restore(best.law, kept)
             break
         best = found

@@ -19,14 +19,13 @@ from torch import Tensor
 
 from data.record import Record
 from models.composition.composite import Composite
-from models.starts.branch_choice import Joint, minimised, parted
+from models.starts.branch_choice import HARM, Joint, minimised, parted
 from models.starts.judged import free_run_error
 from models.training.objective import restore, state_of
 from models.training.problem import FreeRunProblem
 from models.training.stands import stands
 
 WEIGHTS = (1.0, 1e-3, 1e-6)
-HARM = 1.1  # times the least error: what a weaker prior may have, for it sees more than that motion
 BY_DEFAULT = 1e-6  # where no free run can be judged, or none stands
 STEPS, CHANGE, PATIENCE, EVERY = 8, 2e-2, 3, 4
 

@@ -19,6 +19,7 @@ from models.element_network_branch import ElementNetworkBranch
 from models.starts import branch_choice, branch_polish
 from models.starts.branch_choice import (
     Choice,
+    Chosen,
     chosen,
     largest_motion,
     parted,
@@ -96,6 +97,22 @@ def test_the_choice_is_the_one_with_the_least_error_on_what_was_held_back(short)
     with torch.no_grad():
         off = float((best.law(held) - held.a).norm() / held.a.norm())
     assert best.error == pytest.approx(off, rel=1e-9)
+
+
+def test_a_weaker_prior_is_taken_until_it_harms(monkeypatch):
+    errors = iter([0.010, 0.011, 0.014])
+    tests = [(r.s, r.s_dot, r.a) for r in (element_test(i, s) for i, s in enumerate(SIZES))]
+    monkeypatch.setattr(branch_choice, "minimised", lambda *given, **more: None)
+    monkeypatch.setattr(
+        branch_choice, "_tried", lambda law, weight, *rest: Chosen(law, weight, next(errors))
+    )
+    best = chosen(
+        lambda larger, prior: element(force_memory=larger, prior=prior),
+        tests,
+        1,
+        Choice(False, None, 1),
+    )
+    assert best.weight == branch_choice.WEIGHTS[1]
 
 
 def test_a_law_that_is_never_finite_elsewhere_is_not_taken(short, monkeypatch):
