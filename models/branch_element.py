@@ -9,7 +9,8 @@ change of units changes nothing.   T samples, E elements side by side, P paramet
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,19 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.composition.branch_law import sizes
+from models.composition.branch_law import learned, of_sizes, sizes
 from models.composition.branch_law_compiled import imposed, law_size, with_turning_points
 from models.composition.branch_start import Steps, drawn_start, envelope_samples
+from models.starts.branch_choice import (
+    Choice,
+    Chosen,
+    Test,
+    chosen,
+    largest_motion,
+    of_element,
+    require_starts,
+    told,
+)
 from models.training.trainable import Trainable
 
 NOISE = 5.0  # standard deviations by which a motion has to come back for a turning point
@@ -33,13 +44,17 @@ class BranchElement(Trainable):
     Every estimate is a free run: no measured force is read.
     ramps: of the envelope; bends: ramps of stiffness and of sharpness. force_memory: a branch knows
     its turning point, the force there and the energy too: it fits more and extrapolates less.
-    prior: weight of Σ (θ − θ₀)² beside the squared relative error.
+    prior: weight of Σ (θ − θ₀)² beside the squared relative error. None for either: each is chosen
+    on a motion that is held back (models/starts/branch_choice.py), after `law_starts` draws from
+    `seed`, and training goes on from there on all motions.
     Raises ValueError for other channels than an element test's.
     """
 
     reads = ("f",)
-    scale: Tensor  # (3, E): Y, V, F, and in
+    later = ("weights",)
+    scale: Tensor  # (5, E): Y [m], V [m/s], F [N], log k₀ and the band of turning points, of Y
     begun: Tensor  # (E, P): θ₀
+    weights: Tensor  # (E, 1): of the prior
 
     def __init__(
         self,
@@ -48,8 +63,10 @@ class BranchElement(Trainable):
         dt: float,
         ramps: int = 10,
         bends: int = 3,
-        force_memory: bool = True,
-        prior: float = 1e-7,
+        force_memory: bool | None = None,
+        prior: float | None = None,
+        law_starts: int = 4,
+        seed: int = 0,
     ) -> None:
         super().__init__(dofs, inputs, dt)
         if inputs != 2 * dofs:
@@ -61,52 +78,99 @@ class BranchElement(Trainable):
             raise ValueError(
                 f"model.ramps={ramps}, bends={bends}: expected whole numbers up to {MOST_RAMPS}"
             )
-        if not 0.0 <= prior < float("inf"):
+        if prior is not None and not 0.0 <= prior < float("inf"):
             raise ValueError(f"model.prior={prior} must not be negative")
-        self.sizes, self.prior = sizes(force_memory, ramps, bends), prior
+        require_starts(law_starts, seed)
+        self.choice = Choice(force_memory, prior, law_starts, seed)
+        self.sizes = sizes(force_memory is not False, ramps, bends)
+        self.ramps, self.bends = ramps, bends
         P = law_size(self.sizes)
         self.theta = nn.Parameter(torch.zeros(dofs, P, dtype=torch.float64))
         self.register_buffer("begun", torch.zeros(dofs, P, dtype=torch.float64))
+        weights = torch.full((dofs, 1), 0.0 if prior is None else prior, dtype=torch.float64)
+        self.register_buffer("weights", weights)
         unknown = torch.full((5, dofs), torch.nan, dtype=torch.float64)
         self.register_buffer("scale", unknown)  # Y, V, F, log k₀, band of Y
         self.samples: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self.tests: list[Test] = []
 
     @torch.no_grad()
-    def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Set the units from the data and draw a start, its envelope by least squares."""
-        tests = [test for record in batches for test in self._tests(record)]
-        s, rate, r = (torch.cat([test[i] for test in tests]) for i in range(3))
+    def identify(self, batches: Iterable[Record]) -> dict[str, float | str]:
+        """Set the units from the data and draw a start, its envelope by least squares.
+
+        Where memory or prior are to be chosen: the laws that were, and how far each was from the
+        motion held back.
+        """
+        motions = [test for record in batches for test in self._tests(record)]
+        self.measure(motions)
+        facts: dict[str, float | str] = {
+            "stiffness": float((self.scale[3].exp() * self.scale[2] / self.scale[0]).mean())
+        }
+        self.tests = motions
+        if not self.choice.open:
+            self.sample(motions)
+            self.restart(torch.Generator().manual_seed(0))
+            return facts
+        return {**facts, **told(self._choose(self.choice.seed))}
+
+    def measure(self, motions: Sequence[Test]) -> None:
+        """Set the units from s, ṡ, r (T, E) of some motions."""
+        s, rate, r = (torch.cat([test[i] for test in motions]) for i in range(3))
         self.scale[0], self.scale[2] = s.abs().amax(dim=0), r.abs().amax(dim=0)
         self.scale[1] = rate.abs().median(dim=0).values
         if not bool((self.scale[:3] > 0.0).all()):
             raise ValueError("a deformation, its rate or a force is zero throughout; leave it out")
-        pairs = [_slopes(test[0], test[2]) for test in tests]
+        pairs = [_slopes(test[0], test[2]) for test in motions]
         slopes = torch.cat(pairs) * self.scale[0] / self.scale[2]
         steepest = slopes.nan_to_num(0.0).quantile(0.9, dim=0)
         self.scale[3] = steepest.clamp_min(0.1).log()
-        noise = torch.stack([_noise(test[0]) for test in tests]).amax(dim=0)
+        noise = torch.stack([_noise(test[0]) for test in motions]).amax(dim=0)
         self.scale[4] = NOISE * noise / self.scale[0]
+
+    def sample(self, motions: Sequence[Test]) -> None:
+        """Take the samples of some motions, from which envelopes are drawn."""
         self.samples = []
         for e in range(self.dofs):
             parts = []
-            for s, rate, r in tests:
+            for s, rate, r in motions:
                 steps = self._steps(s[:, e].numpy(), rate[:, e].numpy(), e)
                 force = (r[:, e] / self.scale[2, e]).numpy()
                 parts.append(envelope_samples(steps, force, self.sizes[1]))
             x, forces, ways = (np.concatenate(p) for p in zip(*parts, strict=True))
             self.samples.append((x, forces, ways))
-        self.restart(torch.Generator().manual_seed(0))
-        return {"stiffness": float((self.scale[3].exp() * self.scale[2] / self.scale[0]).mean())}
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:
-        """Draw envelope, stiffness and sharpness anew."""
-        if not self.samples:
+        """Draw envelope, stiffness and sharpness anew; choose anew where that is asked for."""
+        if not self.tests and not self.samples:
             raise ValueError("BranchElement starts anew from its identification; identify it")
+        if self.choice.open:
+            self._choose(int(torch.randint(2**31, (1,), generator=generator)))
+            return
         for e, samples in enumerate(self.samples):
             seed = int(torch.randint(2**31, (1,), generator=generator))
             drawn = drawn_start(np.random.default_rng(seed), self.sizes, samples)
             self.theta[e] = self.begun[e] = torch.from_numpy(drawn)
+
+    def _choose(self, seed: int) -> list[Chosen]:
+        """Take the laws that are nearest to motion held back; what was found of each."""
+        place = largest_motion([s for s, _, _ in self.tests])
+        all_chosen = []
+        for e in range(self.dofs):
+            tests = of_element(self.tests, e)
+            found = chosen(self._single, tests, place, replace(self.choice, seed=seed))
+            self.take(e, found.law, found.weight)
+            all_chosen.append(found)
+        return all_chosen
+
+    def _single(self, larger: bool, prior: float) -> BranchElement:
+        return BranchElement(1, 2, self.dt, self.ramps, self.bends, larger, prior)
+
+    def take(self, e: int, law: BranchElement, weight: float) -> None:
+        """Take the law of one element, of as much memory as this one's or less."""
+        self.theta.data[e] = of_sizes(law.theta.detach()[0], law.sizes, self.sizes)
+        self.begun[e] = of_sizes(law.begun[0], law.sizes, self.sizes)
+        self.weights[e] = weight
 
     def forward(self, record: Record) -> Tensor:
         return self.restarted_run(record, None)
@@ -126,7 +190,8 @@ class BranchElement(Trainable):
         return self._run(record.excitation, record.dt, derivatives=True)
 
     def pull(self, last: bool, prior: float | None = None) -> tuple[float | Tensor, Tensor]:
-        return self.prior if prior is None else prior, (self.theta - self.begun).reshape(-1)
+        weights = self.weights.expand_as(self.theta).reshape(-1)
+        return weights if prior is None else prior, (self.theta - self.begun).reshape(-1)
 
     def _differentiable(self, u: Tensor, dt: float) -> Tensor:
         if torch.is_grad_enabled() and self.theta.requires_grad:
@@ -142,13 +207,14 @@ class BranchElement(Trainable):
         r = np.zeros((len(motions), T, E))
         jacobian = np.zeros((len(motions), T, E, E, P) if derivatives else (0,))
         theta, log_k0 = self.theta.detach().cpu().numpy(), self.scale[3].cpu().numpy()
+        free = learned(self.theta, self.sizes).cpu().numpy()
         for i, e in np.ndindex(len(motions), E):
             steps = self._steps(motions[i, :, 0, e], motions[i, :, 1, e], e)
             force, slopes = np.zeros(T), np.zeros((T if derivatives else 0, P))
             imposed(theta[e].copy(), self.sizes, *steps, float(log_k0[e]), force, slopes)
             r[i, :, e] = float(self.scale[2, e]) * force
             if derivatives:
-                jacobian[i, :, e, e] = float(self.scale[2, e]) * slopes
+                jacobian[i, :, e, e] = float(self.scale[2, e]) * free[e] * slopes
         shape = (*lead, T, E)
         whole = torch.from_numpy(jacobian)
         if derivatives:
@@ -161,7 +227,7 @@ class BranchElement(Trainable):
         steps: Steps = with_turning_points(y, fast, self.dt * V / Y, band)
         return steps
 
-    def _tests(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor]]:
+    def _tests(self, record: Record) -> Iterable[Test]:
         """s, ṡ, r (T, E) of every motion of a record."""
         self.check(record)
         if record.quantity != "force":

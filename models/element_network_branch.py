@@ -10,42 +10,51 @@ B records, T samples, n DOFs, E elements, m excitations, L parameters of a law.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.composition.branch_law import sizes
+from models.branch_element import BranchElement
+from models.composition.branch_law import learned, of_sizes, sizes
 from models.composition.branch_law_compiled import law_size
 from models.composition.branch_run import Branches, simulate_branches, traced_branches
 from models.composition.composite import MOST_STEPS
 from models.composition.simulate import Composition
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
-from models.starts.equilibrium import (
-    LOWEST,
-    dominant,
+from models.starts.branch_choice import (
+    Choice,
+    Chosen,
+    Test,
+    chosen,
     fitted,
-    forces_of,
-    high_passed,
-    integrated,
+    largest_motion,
+    of_element,
+    require_starts,
+    told,
 )
-
-Test = tuple[Tensor, Tensor, Tensor]
+from models.starts.branch_polish import BY_DEFAULT, polish_weight
+from models.starts.equilibrium import LOWEST, dominant, forces_of, high_passed, integrated
 
 
 class ElementNetworkBranch(ElementNetwork):
     """Masses and branch laws from the motion, or from accelerations and forces alone.
 
     elements, masses, forced, from_accelerations: as for `ElementNetwork`. ramps, bends,
-    force_memory: of every law, as for `BranchElement`. law_starts: starts of each law, of which the
-    one that fits best is taken, drawn from `seed`. prior: weight of Σ (θ − θ₀)² beside the squared
-    relative error; θ₀ is a law's start, and then the law by equilibrium.
+    force_memory, law_starts: of every law, as for `BranchElement`. prior: weight of Σ (θ − θ₀)²
+    beside the squared relative error; θ₀ is a law's start, and then the law by equilibrium. None:
+    chosen on motion held back, for each law and then for the free run, in which a strong prior
+    leaves the laws as equilibrium has them (models/starts/branch_polish.py). With more elements
+    than DOFs equilibrium leaves open the forces that would judge: more memory and 1e-6 are taken.
     Raises ValueError for channels, masses or pairs of nodes that do not fit.
     """
 
+    later = ("weight",)
     scale: Tensor  # (4, E): Y [m], V [m/s], F [N] and log k₀
+    weight: Tensor  # of the prior on the free run
     begun: Tensor  # (E, L): θ₀
 
     def __init__(
@@ -58,35 +67,29 @@ class ElementNetworkBranch(ElementNetwork):
         forced: Sequence[int] | str | None = None,
         ramps: int = 14,
         bends: int = 4,
-        force_memory: bool = True,
+        force_memory: bool | None = None,
         law_starts: int = 4,
         seed: int = 0,
         substeps: int = 2,
         from_accelerations: bool = False,
-        prior: float = 1e-6,
+        prior: float | None = None,
     ) -> None:
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False, substeps,
-            from_accelerations, prior,
+            from_accelerations, BY_DEFAULT if prior is None else prior,
         )  # fmt: skip
-        if not isinstance(law_starts, int) or law_starts < 1:
-            raise ValueError(f"model.law_starts={law_starts} must be a whole number, at least 1")
-        self.settings: dict[str, Any] = {
-            "ramps": ramps,
-            "bends": bends,
-            "force_memory": force_memory,
-            "prior": prior,
-        }
-        if not isinstance(seed, int) or seed < 0:
-            raise ValueError(f"model.seed={seed} must be a whole number, not negative")
-        self.sizes, self.law_starts = sizes(force_memory, ramps, bends), law_starts
-        self.seed = seed
+        require_starts(law_starts, seed)
+        self.choice = Choice(force_memory, prior, law_starts, seed)
+        self.ramps, self.bends = ramps, bends
+        self.sizes = sizes(force_memory is not False, ramps, bends)
         E, L = len(self.elements), law_size(self.sizes)
         self.laws.requires_grad_(False)  # the branch laws hold spring and damper
         self.theta = nn.Parameter(torch.zeros(E, L, dtype=torch.float64))
         self.register_buffer("begun", torch.zeros(E, L, dtype=torch.float64))
         self.register_buffer("scale", torch.full((4, E), torch.nan, dtype=torch.float64))
-        self.tests: list[list[Test]] = []
+        self.register_buffer("weight", torch.tensor(self.prior, dtype=torch.float64))
+        self.records: list[Record] = []
+        self.tests: list[Test] = []
 
     @property
     def branches(self) -> Branches:
@@ -96,20 +99,16 @@ class ElementNetworkBranch(ElementNetwork):
     def identify(self, batches: Iterable[Record]) -> dict[str, float | str]:
         """Start at a linear structure, then fit the law of every element to equilibrium.
 
-        Returns how far each law is from the forces by equilibrium, beside the linear start's facts.
+        Returns what was chosen on motion held back, and how far each law is from the forces by
+        equilibrium, beside the linear start's facts.
         """
-        records = self.admitted(batches)
-        facts = super().identify(records)
+        self.records = self.admitted(batches)
+        facts = super().identify(self.records)
         if self.linear is None:
             raise ValueError("the records gave no linear structure to begin with")
         stiffness = self.linear[0].clamp_min(1e-3 * self.linear[0].max())
-        motions = [m for record in records for m in self._motions(record, stiffness)]
-        self.tests = [
-            [(y[:, e : e + 1], v[:, e : e + 1], r[:, e : e + 1]) for y, v, r in motions]
-            for e in range(len(self.elements))
-        ]
-        errors = self._fit(torch.Generator().manual_seed(self.seed))
-        return {**facts, "laws_off_percent": ", ".join(f"{100.0 * e:.2f}" for e in errors)}
+        self.tests = [m for record in self.records for m in self._motions(record, stiffness)]
+        return {**facts, **self._fit(self.choice.seed)}
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:
@@ -118,18 +117,46 @@ class ElementNetworkBranch(ElementNetwork):
             raise ValueError(
                 "ElementNetworkBranch starts anew from its identification; identify it first"
             )
-        self._fit(generator)
+        self._fit(int(torch.randint(2**31, (1,), generator=generator)))
 
-    def _fit(self, generator: torch.Generator) -> list[float]:
-        """Fit every law to its tests; their relative errors."""
-        errors = []
-        for e, tests in enumerate(self.tests):
-            seed = int(torch.randint(2**31, (1,), generator=generator))
-            law, error = fitted(tests, self.dt, self.settings, self.law_starts, seed)
-            self.theta[e], self.scale[:, e] = law.theta[0], law.scale[:4, 0]
+    def _fit(self, seed: int) -> dict[str, float | str]:
+        """Choose every law and how the free run is polished; then fit the laws to all motions."""
+        choice = replace(self.choice, seed=seed)
+        if len(self.elements) > self.dofs:  # forces that are left open judge nothing
+            choice = choice.settled(True, BY_DEFAULT)
+        tests = [of_element(self.tests, e) for e in range(len(self.elements))]
+        found, facts = self._choose(choice, tests) if choice.open else ([], {})
+        errors, drawn = [], torch.Generator().manual_seed(seed)
+        for e, those in enumerate(tests):
+            own = replace(choice, seed=int(torch.randint(2**31, (1,), generator=drawn)))
+            law, error = fitted(self._single, those, own, found[e] if found else None)
+            self._take(e, law)
             errors.append(error)
         self.begun.copy_(self.theta)
-        return errors
+        return {**facts, "laws_off_percent": ", ".join(f"{100.0 * e:.2f}" for e in errors)}
+
+    def _choose(
+        self, choice: Choice, tests: list[list[Test]]
+    ) -> tuple[list[Chosen], dict[str, float | str]]:
+        """Laws that are nearest to the motion held back, and the polish; what there is to tell."""
+        place = largest_motion([y for y, *_ in self.tests])
+        found = [chosen(self._single, those, place, choice) for those in tests]
+        facts = told(found)
+        if choice.prior is None:
+            for e, one in enumerate(found):
+                self._take(e, one.law)
+            self.begun.copy_(self.theta)
+            weight, polished = polish_weight(self, self.records, place)
+            self.weight.fill_(weight)
+            facts |= polished
+        return found, facts
+
+    def _single(self, larger: bool, prior: float) -> BranchElement:
+        return BranchElement(1, 2, self.dt, self.ramps, self.bends, larger, prior)
+
+    def _take(self, e: int, law: BranchElement) -> None:
+        self.theta.data[e] = of_sizes(law.theta.detach()[0], law.sizes, self.sizes)
+        self.scale[:, e] = law.scale[:4, 0]
 
     def _motions(self, record: Record, stiffness: Tensor) -> Iterable[Test]:
         """y, ẏ and r by equilibrium (T, E) of every motion of a record."""
@@ -159,7 +186,7 @@ class ElementNetworkBranch(ElementNetwork):
         parts = [(self.theta - self.begun).reshape(-1)]
         if self.mass.theta.requires_grad:
             parts.append(self.mass.deviation(last).reshape(-1))
-        return self.prior if prior is None else prior, torch.cat(parts)
+        return self.weight if prior is None else prior, torch.cat(parts)
 
     def free_run(self, drive: Drive) -> Response:
         self.require_identified(self.identified)
@@ -175,4 +202,9 @@ class ElementNetworkBranch(ElementNetwork):
         return self.trace(drive).response
 
     def traced(self, composition: Composition, drive: Drive, *settings: Any, **more: Any) -> Trace:
-        return traced_branches(composition, self.branches, drive, *settings, **more)
+        trace = traced_branches(composition, self.branches, drive, *settings, **more)
+        P = trace.jacobian.shape[-1]
+        if P:  # a law of less memory stays one
+            stays = ~learned(self.theta, self.sizes).reshape(-1).to(trace.jacobian.device)
+            trace.jacobian[..., : len(stays)].masked_fill_(stays, 0.0)
+        return trace

@@ -43,6 +43,10 @@ MEASURED = {
 BY_HAND: Mapping[str, tuple[str, Mapping[Path, str]]] = {  # pattern: what draws it, from what
     "published.md": ("python -m benchmarks.published --page docs/published.md", {}),
     "unplanted.md": ("python -m benchmarks.unplanted.suite --page docs/unplanted.md", {}),
+    "figures/unplanted_*.png": (
+        "python -m benchmarks.unplanted.suite --page docs/unplanted.md",
+        {},
+    ),
     "figures/acceleration.png": ("python evaluate.py run=FOLDER, of README's first run", {}),
     "figures/comparing.png": (
         "python evaluate.py runs=runs/cutoffs by=model.cutoff",

@@ -51,7 +51,7 @@ def one_fit(
     train = training(*law, noise)
     begin = time.process_time()
     words = [f"model={model.split(',')[0]}", f"seed={seed}", *MODELS[model], *settings]
-    estimator = fitted(words, stack(train))
+    estimator, _ = fitted(words, stack(train))
     seconds = time.process_time() - begin
     near, farther = unseen(*law), unseen(*law, FARTHER)
     return Fit(error(estimator, train), error(estimator, near), error(estimator, farther), seconds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from hydra import compose, initialize_config_dir
@@ -15,17 +16,19 @@ from models.training.objective import restore, state_of
 from models.training.trainable import require_trainable
 from runner.config.compose import CONF
 
+Facts = dict[str, Any]
 
-def fitted(words: Sequence[str], batch: Record) -> Estimator:
-    """The model of a command line, fitted to a batch of records."""
+
+def fitted(words: Sequence[str], batch: Record) -> tuple[Estimator, Facts]:
+    """The model of a command line, fitted to a batch of records; what its identification tells."""
     with initialize_config_dir(str(CONF), version_base="1.3"):
         cfg = compose("train", list(words))
     inputs = batch.excitation.shape[-1]
     estimator = estimator_from(cfg.model, Sensors(batch.dt, batch.dofs, inputs))
-    estimator.identify([batch])
+    facts = estimator.identify([batch])
     free = [p for p in estimator.parameters() if p.requires_grad]
     if not free:
-        return estimator
+        return estimator, facts
     trainable = require_trainable(estimator)
     objective, make_solver = objective_from(cfg.objective), solver_from(cfg.solver)
     objective.prepare(trainable, [batch], measured=False)
@@ -39,7 +42,7 @@ def fitted(words: Sequence[str], batch: Record) -> Estimator:
             solver.solve(objective.problem(trainable, batch, stage))
         ends.append((objective.final_loss(trainable, [batch]), state_of(trainable)))
     restore(trainable, min(ends, key=lambda end: end[0])[1])
-    return estimator
+    return estimator, facts
 
 
 @torch.no_grad()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -17,16 +17,28 @@ PARTS = {"train": "training", "unseen": "unseen", "farther": "1.5 times"}
 Result = dict[str, Any]
 
 
-def write_page(page: Path, results: Sequence[Result]) -> None:
-    """Fill the template."""
-    seeds = sorted({r["seed"] for r in results})
+def write_page(
+    page: Path,
+    results: Sequence[Result],
+    wanted: Sequence[tuple[str, str, int]],
+    pictures: Mapping[str, Path],
+    limit: float,
+) -> None:
+    """Fill the template. wanted: structures, models and seeds; limit: seconds of a fit."""
     facts = {
-        "seeds": ", ".join(map(str, seeds)),
+        "seeds": ", ".join(map(str, sorted({seed for _, _, seed in wanted}))),
         "chosen": medians([r for r in results if r["structure"] in CASES]),
         "held_back": medians([r for r in results if r["structure"] in HELD_BACK]),
         "lost": lost(results),
+        "late": late(results, limit),
         "fits": table(results, head=True),
-        "missing": missing(results),
+        "missing": missing(results, wanted),
+        "choices": choices(results),
+        "loops": "\n\n".join(
+            f"{name}:\n\n![loops of {name}](figures/{picture.name})"
+            for name, picture in pictures.items()
+        )
+        or "None were drawn.",
     }
     write_text(page, Template(TEMPLATE.read_text("utf-8")).substitute(facts))
 
@@ -75,16 +87,41 @@ def lost(results: Sequence[Result]) -> str:
     )
 
 
-def missing(results: Sequence[Result]) -> str:
-    """Structures that were not run, and models that were not run on all."""
-    models = dict.fromkeys(r["model"] for r in results)
-    lacking = [
-        f"`{model}` on {name}"
-        for name in (*CASES, *HELD_BACK)
-        for model in models
-        if not any((r["structure"], r["model"]) == (name, model) for r in results)
+def late(results: Sequence[Result], limit: float) -> str:
+    """Fits that took longer than the limit."""
+    slow = [r for r in results if r["seconds"] > limit]
+    if not slow:
+        return f"No fit took longer than {limit:.0f} s."
+    names = (
+        f"{r['structure']}, `{r['model']}`, seed {r['seed']}: {r['seconds']:.0f} s" for r in slow
+    )
+    return f"Longer than {limit:.0f} s: {'; '.join(names)}."
+
+
+def choices(results: Sequence[Result]) -> str:
+    """What was chosen on motion held back, a row a fit."""
+    mine = [r for r in results if r.get("chosen")]
+    if not mine:
+        return "Nothing was chosen."
+    lines = [row("structure", "model", "seed", "memory of every law", "weight of the polish")]
+    lines.append("| --- | --- | ---: | --- | ---: |")
+    for r in mine:
+        memory, _, weight = r["chosen"].partition("; ")
+        lines.append(row(r["structure"], f"`{r['model']}`", r["seed"], memory, weight or "–"))
+    return "\n".join(lines)
+
+
+def missing(results: Sequence[Result], wanted: Sequence[tuple[str, str, int]]) -> str:
+    """Fits that were not run."""
+    done = {(r["structure"], r["model"], r["seed"]) for r in results}
+    lacking: dict[tuple[str, int], list[str]] = {}
+    for name, model, seed in wanted:
+        if (name, model, seed) not in done:
+            lacking.setdefault((model, seed), []).append(name)
+    told = [
+        f"- `{model}`, seed {seed}: {'; '.join(names)}" for (model, seed), names in lacking.items()
     ]
-    return f"\n**Not run for this page:** {'; '.join(lacking)}.\n" if lacking else ""
+    return "\n**Not run for this page:**\n\n" + "\n".join(told) + "\n" if told else ""
 
 
 def row(*cells: object) -> str:

@@ -24,7 +24,7 @@ from data.simulation.elements import (
     SlackBrace,
     Takeda,
 )
-from data.simulation.motion import simulate
+from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 
 DT, SAMPLES = 0.01, 3000
@@ -87,10 +87,8 @@ def slack(stiffness: float, yielding: float) -> Law:
     )
 
 
-def spring(stiffness: float) -> Law:
-    return lambda pair: Polynomial(
-        between=pair, stiffness=stiffness, damping=PER_STIFFNESS * stiffness
-    )
+def spring(stiffness: float, damped: float = PER_STIFFNESS) -> Law:
+    return lambda pair: Polynomial(between=pair, stiffness=stiffness, damping=damped * stiffness)
 
 
 def bearing(weight: float) -> Law:
@@ -149,6 +147,9 @@ CASES = {
     "slack braces, 2 storeys": Case(
         [3e4] * 2, [[slack(k, 0.008), spring(0.4 * k)] for k in (2.0e7, 1.6e7)], 2.5
     ),
+    "slack braces in frames, 2 storeys": Case(
+        [3e4] * 2, [[slack(0.5 * k, 0.008), spring(k, 0.006)] for k in (2.0e7, 1.6e7)], 2.5
+    ),
     "pinching walls, 2 storeys": Case(
         [1.5e4, 1.0e4], [[pinching(k), spring(0.02 * k)] for k in (6e6, 4.5e6)], 2.5
     ),
@@ -193,28 +194,40 @@ def ground(rng: np.random.Generator, earthquake: bool) -> tuple[np.ndarray, np.n
 
 def record(case: Case, structure: Structure, peak: float, seed: int) -> Record:
     """The motion of a structure; even seeds are random motions, odd ones earthquakes."""
-    s, s_dot = (peak * u for u in ground(np.random.default_rng(seed), seed % 2 == 1))
-    force = np.zeros((SAMPLES, len(case.masses)))
-    motion = simulate(structure, force, DT, s[:, None], s_dot[:, None])
-    if motion.escape_time is not None:
-        raise ValueError(f"a structure escapes at {motion.escape_time:g} s; lower its motion")
-    x, v, a = (torch.from_numpy(u) for u in (motion.x, motion.v, motion.a))
-    support, rate = (torch.from_numpy(u)[:, None] for u in (s, s_dot))
+    s, s_dot = (peak * u[:, None] for u in ground(np.random.default_rng(seed), seed % 2 == 1))
+    moved = simulated(structure, s, s_dot)
+    x, v, a = (torch.from_numpy(u) for u in (moved.x, moved.v, moved.a))
+    support, rate = (torch.from_numpy(u) for u in (s, s_dot))
     return Record(DT, a, a.new_zeros(SAMPLES, 0), x, v, support, rate)
 
 
-def stiffer(structure: Structure) -> Structure:
-    """The structure with 1 % more of every element: how far its motions go apart is a yardstick."""
+def simulated(structure: Structure, s: np.ndarray, s_dot: np.ndarray) -> Motion:
+    """The motion under that of the ground (T, 1). Raises ValueError where it escapes."""
+    motion = simulate(structure, np.zeros((len(s), structure.dofs)), DT, s, s_dot)
+    if motion.escape_time is not None:
+        raise ValueError(f"a structure escapes at {motion.escape_time:g} s; lower its motion")
+    return motion
+
+
+def motion(structure: Structure, record: Record) -> Motion:
+    """The motion of a structure under the ground of a record, with the forces of its elements."""
+    assert record.s is not None
+    assert record.s_dot is not None
+    return simulated(structure, record.s.numpy(), record.s_dot.numpy())
+
+
+def stiffer(structure: Structure, times: float) -> Structure:
+    """The structure with stiffer elements: how far its motions go apart is a yardstick."""
     elements = {
-        name: replace(e, **{fibre: 1.01 * getattr(e, fibre) for fibre in e.fibres})
+        name: replace(e, **{fibre: times * getattr(e, fibre) for fibre in e.fibres})
         for name, e in structure.elements.items()
     }
     return Structure([float(mass) for mass in structure.masses], elements)
 
 
-def records(case: Case, changed: bool = False) -> dict[str, list[Record]]:
-    """Training, unseen and 1.5 times as large unseen motions; `changed`: of a stiffer structure."""
-    structure = stiffer(case.structure()) if changed else case.structure()
+def records(case: Case, times: float = 1.0) -> dict[str, list[Record]]:
+    """Training, unseen and 1.5 times as large unseen motions; `times` as stiff a structure's."""
+    structure = case.structure() if times == 1.0 else stiffer(case.structure(), times)
     sizes = {
         "train": [(100 + i, share) for i, share in enumerate(TRAINED)],
         "unseen": [(200 + i, share) for i, share in enumerate(UNSEEN)],

@@ -48,6 +48,40 @@ def counts(of: tuple[int, int, int, int]) -> tuple[int, int]:
     return 1 + inputs + ramps * (inputs + 2), 1 + memories + bends * (memories + 2)
 
 
+def added(of: tuple[int, int, int, int]) -> Tensor:
+    """Which parameters (P,) stand for what a law with less memory does not know."""
+    _, memories, ramps, bends = of
+    more = torch.arange(memories) >= 3
+    of_x = torch.cat([torch.zeros(1), more, torch.zeros(1)]).bool()
+    parts = [_of_ramps(of_x, ramps), *2 * [_of_ramps(more, bends)], torch.zeros(TAIL)]
+    return torch.cat(parts).bool()
+
+
+def _of_ramps(inputs: Tensor, ramps: int) -> Tensor:
+    """Which parameters of `ramp_sum` belong to some of its inputs."""
+    none = torch.zeros(1, dtype=torch.bool)
+    return torch.cat([none, inputs, torch.cat([none, inputs, none]).repeat(ramps)])
+
+
+def of_sizes(
+    theta: Tensor, own: tuple[int, int, int, int], of: tuple[int, int, int, int]
+) -> Tensor:
+    """The same law (P',), of as much memory or less, among those of other sizes (P,)."""
+    if own == of:
+        return theta
+    more = added(of)
+    whole = theta.new_zeros(len(more))
+    whole[~more] = theta
+    return whole
+
+
+def learned(theta: Tensor, of: tuple[int, int, int, int]) -> Tensor:
+    """Which of the parameters (…, P) change: a law of less memory stays one."""
+    more = added(of).to(theta.device)
+    larger = (theta.detach() != 0.0).logical_and(more).any(dim=-1, keepdim=True)
+    return larger | ~more
+
+
 def ramp(h: Tensor, corner: float = CORNER) -> Tensor:
     return 0.5 * (h + torch.sqrt(h * h + corner * corner))
 

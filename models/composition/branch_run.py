@@ -19,7 +19,7 @@ from models.composition.branch_law import Branch
 from models.composition.branch_law_compiled import extreme_at, hermite
 from models.composition.branch_run_compiled import run
 from models.composition.simulate import Composition
-from models.composition.trace import Trace, _arrays
+from models.composition.trace import Trace, _arrays, anchors_of, on_processor
 from models.layers.integrate import between
 
 
@@ -47,12 +47,8 @@ def traced_branches(
 ) -> Trace:
     """The compiled run of a batch of drives, as `traced` of trace.py; `begin`: q, q̇ (…, 2n)."""
     device, lead = drive.u.device, drive.u.shape[:-2]
-    drive = Drive(drive.dt, drive.u.cpu(), drive.x0.cpu(), drive.v0.cpu(), drive.hold)
-    u = drive.u.reshape(lead.numel(), *drive.u.shape[-2:])
-    starts = torch.stack([drive.x0, drive.v0], dim=-2).expand(*lead, 2, -1)
-    measured = starts.reshape(len(u), 2, -1)[:, :, None, :]
-    if anchors is not None:
-        measured = anchors.cpu().reshape(len(u), *anchors.shape[-3:])
+    drive = on_processor(drive)
+    u, measured = drive.u.reshape(lead.numel(), *drive.u.shape[-2:]), anchors_of(drive, anchors)
     begins = drive.u.new_zeros(len(u), 0) if begin is None else begin.cpu().reshape(len(u), -1)
     S = begins.shape[1] if by_begin else 0
     P = composition.parameters if derivatives or S else 0  # of the laws' θ, with those by `begin`
@@ -63,8 +59,7 @@ def traced_branches(
         f"{len(u)} runs of {drive.samples} samples with {E} elements and {P} derivatives",
         "take shorter records, fewer elements or smaller laws",
     )
-    fine = between(drive.u, drive.hold, substeps)
-    fine = fine.reshape(len(u), drive.samples - 1, substeps, u.shape[-1])
+    fine = between(u, drive.hold, substeps)
     shapes = [(n,)] * 3 + [(E,)] * 2 + [(n, P + S)]
     out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
     arrays = _arrays(composition, P > 0)

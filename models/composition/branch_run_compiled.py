@@ -28,8 +28,13 @@ from models.composition.branch_law_compiled import (
     law_size,
     turn,
 )
-from models.composition.laws_compiled import add
-from models.composition.simulate_compiled import _accelerations, _begin_anew
+from models.composition.simulate_compiled import (
+    _accelerations,
+    _begin_anew,
+    _jump,
+    _move,
+    _speed_up,
+)
 
 _SOURCES = (branch_law_compiled, laws_compiled, simulate_compiled)
 compiled, inlined = compilers(
@@ -144,7 +149,7 @@ def run(u, between, dt, every, measured, begin, core, icore, score, inputs, iinp
     theta (E·L,): of the branch laws; scale (4, E): Y, V, F and log k₀ of each. begin: q and q̇ at
     the first sample (2n,), or empty. Of the P + S columns of the jacobian, S are by `begin`.
     """
-    (T, m), substeps = u.shape, between.shape[1]
+    T, substeps = len(u), between.shape[1]
     E, n = D.shape
     h, first, P = dt / substeps, P, P + S
     _, memories, _, _ = sizes
@@ -183,30 +188,15 @@ def run(u, between, dt, every, measured, begin, core, icore, score, inputs, iinp
             _accelerations(q, rate, dq, drate, u[max(k - 1, 0)], core, icore, score, inputs,
                            iinputs, sinputs, G, iG, sG, r, dr, acc, dacc)  # fmt: skip
         for substep in range(substeps if k > 0 else 0):
-            for i in range(n):
-                q[i] += h * (rate[i] + 0.5 * h * acc[i])
-                ahead[i] = rate[i] + h * acc[i]
-                for p in range(P):
-                    dq[i, p] += h * (drate[i, p] + 0.5 * h * dacc[i, p])
-                    dahead[i, p] = drate[i, p] + h * dacc[i, p]
+            _move(h, q, rate, acc, ahead, dq, drate, dacc, dahead)
             now = between[k - 1, substep]
             _forces(q, ahead, dq, dahead, True, h, now, D, supports, theta, sizes, scale, y, speed,
                     dy, dspeed, past, dpast, r, dr, work, w, w_turn, by_w, by_m)  # fmt: skip
             _accelerations(q, ahead, dq, dahead, now, core, icore, score, inputs, iinputs, sinputs,
                            G, iG, sG, r, dr, new, dnew)  # fmt: skip
-            for i in range(n):
-                rate[i] += 0.5 * h * (acc[i] + new[i])
-                acc[i] = new[i]
-                for p in range(P):
-                    drate[i, p] += 0.5 * h * (dacc[i, p] + dnew[i, p])
-                    dacc[i, p] = dnew[i, p]
-        for j in range(m):  # an excitation held between samples jumps at them
-            jump = u[k, j] - between[k - 1, substeps - 1, j] if k > 0 else 0.0
-            if jump != 0.0:
-                for i in range(n):
-                    acc[i] += inputs[i, j] * jump
-                    if P > 0:
-                        add(dacc[i], iinputs[i, j], sinputs[i, j] * jump)
+            _speed_up(h, rate, acc, new, drate, dacc, dnew)
+        if k > 0:
+            _jump(u[k], between[k - 1, substeps - 1], inputs, iinputs, sinputs, acc, dacc)
         lost = False
         for i in range(n):
             x[k, i], v[k, i], a[k, i] = q[i], rate[i], acc[i]

@@ -123,7 +123,7 @@ def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs
     The units' memory goes on where a run begins anew. A run of which an output's measure passes its
     `bound` (o,) has diverged; it is NaN from there on.
     """
-    (T, m), substeps = u.shape, between.shape[1]
+    T, substeps = len(u), between.shape[1]
     E, n = D.shape
     o, h, first, P = outputs.shape[0], dt / substeps, P, P + S
     q, rate, ahead, acc, new = np.zeros((5, n))
@@ -142,30 +142,15 @@ def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs
             _accelerations(q, rate, dq, drate, u[max(k - 1, 0)], core, icore, score, inputs,
                            iinputs, sinputs, G, iG, sG, r, dr, acc, dacc)  # fmt: skip
         for substep in range(substeps if k > 0 else 0):
-            for i in range(n):
-                q[i] += h * (rate[i] + 0.5 * h * acc[i])
-                ahead[i] = rate[i] + h * acc[i]
-                for p in range(P):
-                    dq[i, p] += h * (drate[i, p] + 0.5 * h * dacc[i, p])
-                    dahead[i, p] = drate[i, p] + h * dacc[i, p]
+            _move(h, q, rate, acc, ahead, dq, drate, dacc, dahead)
             at = between[k - 1, substep]
             _forces(q, ahead, dq, dahead, True, at, D, iD, sD, supports, laws, ilaws, slaws,
                     counts, y, dy, z, dz, r, dr, work)  # fmt: skip
             _accelerations(q, ahead, dq, dahead, at, core, icore, score, inputs, iinputs, sinputs,
                            G, iG, sG, r, dr, new, dnew)  # fmt: skip
-            for i in range(n):
-                rate[i] += 0.5 * h * (acc[i] + new[i])
-                acc[i] = new[i]
-                for p in range(P):
-                    drate[i, p] += 0.5 * h * (dacc[i, p] + dnew[i, p])
-                    dacc[i, p] = dnew[i, p]
-        for j in range(m):  # an excitation held between samples jumps at them
-            jump = u[k, j] - between[k - 1, substeps - 1, j] if k > 0 else 0.0
-            if jump != 0.0:
-                for i in range(n):
-                    acc[i] += inputs[i, j] * jump
-                    if P > 0:
-                        add(dacc[i], iinputs[i, j], sinputs[i, j] * jump)
+            _speed_up(h, rate, acc, new, drate, dacc, dnew)
+        if k > 0:
+            _jump(u[k], between[k - 1, substeps - 1], inputs, iinputs, sinputs, acc, dacc)
         lost = False
         for c in range(o):
             x[k, c] = v[k, c] = a[k, c] = 0.0
@@ -196,6 +181,40 @@ def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs
                 lost_signal[k:] = np.nan
             jacobian[k:] = np.nan
             return
+
+
+@inlined
+def _move(h, q, rate, acc, ahead, dq, drate, dacc, dahead):
+    """q to the end of a substep h, and the velocity there as the accelerations so far have it."""
+    for i in range(q.size):
+        q[i] += h * (rate[i] + 0.5 * h * acc[i])
+        ahead[i] = rate[i] + h * acc[i]
+        for p in range(dq.shape[1]):
+            dq[i, p] += h * (drate[i, p] + 0.5 * h * dacc[i, p])
+            dahead[i, p] = drate[i, p] + h * dacc[i, p]
+
+
+@inlined
+def _speed_up(h, rate, acc, new, drate, dacc, dnew):
+    """q̇ to the end of a substep by the trapezoid; the accelerations there become the present."""
+    for i in range(rate.size):
+        rate[i] += 0.5 * h * (acc[i] + new[i])
+        acc[i] = new[i]
+        for p in range(drate.shape[1]):
+            drate[i, p] += 0.5 * h * (dacc[i, p] + dnew[i, p])
+            dacc[i, p] = dnew[i, p]
+
+
+@inlined
+def _jump(u_at, u_before, inputs, iinputs, sinputs, acc, dacc):
+    """An excitation that is held between samples jumps at them."""
+    for j in range(u_at.size):
+        jump = u_at[j] - u_before[j]
+        if jump != 0.0:
+            for i in range(acc.size):
+                acc[i] += inputs[i, j] * jump
+                if dacc.shape[1] > 0:
+                    add(dacc[i], iinputs[i, j], sinputs[i, j] * jump)
 
 
 @inlined

@@ -55,12 +55,8 @@ def traced(
     (…, 2n + E·units) at the first sample, in place of the drive's; by_begin: derivatives by it too.
     """
     device, lead = drive.u.device, drive.u.shape[:-2]
-    drive = Drive(drive.dt, drive.u.cpu(), drive.x0.cpu(), drive.v0.cpu(), drive.hold)
-    u = drive.u.reshape(lead.numel(), *drive.u.shape[-2:])
-    starts = torch.stack([drive.x0, drive.v0], dim=-2).expand(*lead, 2, -1)
-    measured = starts.reshape(len(u), 2, -1)[:, :, None, :]
-    if anchors is not None:
-        measured = anchors.cpu().reshape(len(u), *anchors.shape[-3:])
+    drive = on_processor(drive)
+    u, measured = drive.u.reshape(lead.numel(), *drive.u.shape[-2:]), anchors_of(drive, anchors)
     P = composition.parameters if derivatives else 0
     o, E = composition.outputs.value.shape[0], composition.laws.value.shape[0]
     begins = drive.u.new_zeros(len(u), 0) if begin is None else begin.cpu().reshape(len(u), -1)
@@ -71,8 +67,7 @@ def traced(
         f"{len(u)} runs of {drive.samples} samples with {E} elements and {P} derivatives",
         "take shorter records, fewer elements or fewer of their units",
     )
-    fine = between(drive.u, drive.hold, substeps)
-    fine = fine.reshape(len(u), drive.samples - 1, substeps, drive.u.shape[-1])
+    fine = between(u, drive.hold, substeps)
     shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P + S)]
     out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
     arrays = _arrays(composition, derivatives)
@@ -102,6 +97,19 @@ def traced(
     x, v, a, *rest, slopes = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
     motion = Response(x, v, composition.output(x, v, a))
     return Trace(motion, *rest, *slopes.split([P, S], dim=-1))
+
+
+def on_processor(drive: Drive) -> Drive:
+    return Drive(drive.dt, drive.u.cpu(), drive.x0.cpu(), drive.v0.cpu(), drive.hold)
+
+
+def anchors_of(drive: Drive, anchors: Tensor | None) -> Tensor:
+    """x and v (B, 2, T, o) from which runs begin anew; of the first sample alone where none do."""
+    lead = drive.u.shape[:-2]
+    if anchors is not None:
+        return anchors.cpu().reshape(lead.numel(), *anchors.shape[-3:])
+    starts = torch.stack([drive.x0, drive.v0], dim=-2).expand(*lead, 2, -1)
+    return starts.reshape(lead.numel(), 2, -1)[:, :, None, :]
 
 
 def _arrays(composition: Composition, derivatives: bool) -> dict[str, tuple[np.ndarray, ...]]:

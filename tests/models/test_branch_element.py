@@ -40,7 +40,7 @@ def element_test(seed: int = 0, samples: int = 500, of: float = 1.0, per: float 
 
 
 def identified(records: list[Record], **more: object) -> BranchElement:
-    model = BranchElement(1, 2, DT, **more)
+    model = BranchElement(1, 2, DT, **{"force_memory": True, "prior": 1e-7, **more})
     model.identify(records)
     return model
 

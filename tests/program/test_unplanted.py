@@ -11,7 +11,10 @@ from benchmarks.unplanted import structures, suite
 from benchmarks.unplanted.page import lost, medians, write_page
 from benchmarks.unplanted.structures import CASES, HELD_BACK, records
 
-FIT = {"train": 1.0, "unseen": 2.0, "farther": 3.0, "seconds": 4.0, "parameters": 5, "remark": ""}
+FIT = {
+    **{"train": 1.0, "unseen": 2.0, "farther": 3.0, "seconds": 4.0, "parameters": 5},
+    **{"remark": "", "chosen": "more, less; 0.001"},
+}
 
 
 def test_a_quick_run_is_resumed_and_writes_its_page(tmp_path, monkeypatch, capsys):
@@ -24,7 +27,9 @@ def test_a_quick_run_is_resumed_and_writes_its_page(tmp_path, monkeypatch, capsy
     assert len(files) == 2
     branch = json.loads(files[0].read_text("utf-8"))
     assert 0.0 < branch["train"] < 60.0
+    assert set(branch["chosen"].partition(";")[0].split(", ")) <= {"more", "less"}
     assert "slack braces, 2 storeys" in page.read_text("utf-8")
+    assert (tmp_path / "figures" / "unplanted_slack_braces-2_storeys.png").is_file()
     before = [file.stat().st_mtime_ns for file in files]
     suite.main()
     assert [file.stat().st_mtime_ns for file in files] == before
@@ -48,8 +53,44 @@ def test_a_fit_that_diverged_counts_as_the_worst(tmp_path):
     ]
     assert "| 1.00 | 2.00 | diverged | 5 | 4 | 2 of 3 |" in medians(fits)
     assert f"- {name}, `a`, seed 1: diverged 1.5 times" in lost(fits)
-    write_page(tmp_path / "page.md", fits)
-    assert "**Not run for this page:**" in (tmp_path / "page.md").read_text("utf-8")
+    wanted = [(name, "a", 0), (name, "b", 1)]
+    write_page(tmp_path / "page.md", fits, wanted, {}, limit=3.0)
+    page = (tmp_path / "page.md").read_text("utf-8")
+    assert f"- `b`, seed 1: {name}" in page
+    assert "`a`, seed 0:" not in page.partition("## ")[0]
+    assert f"Longer than 3 s: {name}, `a`, seed 0: 4 s" in page
+    assert f"| {name} | `a` | 0 | more, less | 0.001 |" in page
+
+
+def test_a_page_of_stored_fits_alone_fits_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(suite, "measured", None)
+    page = tmp_path / "page.md"
+    monkeypatch.setattr(
+        sys, "argv", ["suite", "--stored", "--output", str(tmp_path / "none"), "--page", str(page)]
+    )
+    suite.main()
+    assert "Not run for this page" in page.read_text("utf-8")
+
+
+def test_a_stiffer_twin_is_apart_in_proportion_where_a_structure_is_not_sensitive(monkeypatch):
+    monkeypatch.setattr(structures, "SAMPLES", 400)
+    case = CASES["pinching walls, 2 storeys"]
+    plain = records(case)["unseen"]
+    near, far = (suite.apart(records(case, times)["unseen"], plain) for times in (1.0001, 1.001))
+    assert far / near == pytest.approx(10.0, rel=0.2)
+
+
+def test_noise_leaves_accelerations_alone_and_is_drawn_from_the_seed(monkeypatch):
+    monkeypatch.setattr(structures, "SAMPLES", 300)
+    plain = records(CASES["steel, 3 storeys"])["train"][0]
+    one, same, other = (suite.noisy(plain, seed) for seed in (1, 1, 2))
+    assert one.x is None
+    assert one.v is None
+    assert one.s is not None
+    assert (one.a == same.a).all()
+    assert not (one.a == other.a).all()
+    share = (one.a - plain.a).std(dim=0) / plain.a.std(dim=0)
+    assert share.tolist() == pytest.approx([suite.NOISE] * 3, rel=0.2)
 
 
 def test_an_unknown_structure_is_refused():

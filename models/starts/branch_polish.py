@@ -1,0 +1,76 @@
+"""How far the free run may take branch laws away from where equilibrium has them.
+
+The free run sees what equilibrium does not, such as noise of accelerations and errors that add up;
+where motions are sensitive it bends the laws to the motions that it sees. So the weight of the
+prior around the laws by equilibrium is lowered step by step, on all motions but the largest, and
+the weakest is taken whose free run is as near to that as any but for HARM: a law that goes beyond
+what it was fitted to is so far off that small gains do not show there, and harm does. A polished
+model also has to stand that motion 1.5 times as large, and a tenth of it; where none does, the laws
+by equilibrium are no good, and the free run has its way. The first weight is next to no polish.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+from torch import Tensor
+
+from data.record import Record
+from models.composition.composite import Composite
+from models.starts.branch_choice import HARM, Joint, minimised, parted
+from models.starts.judged import free_run_error
+from models.training.objective import restore, state_of
+from models.training.problem import FreeRunProblem
+from models.training.stands import stands
+
+WEIGHTS = (1.0, 1e-3, 1e-6)
+BY_DEFAULT = 1e-6  # where no free run can be judged, or none stands
+STEPS, CHANGE, PATIENCE, EVERY = 8, 2e-2, 3, 4
+
+
+def polish_weight(
+    model: Composite, records: Sequence[Record], largest: int
+) -> tuple[float, dict[str, float | str]]:
+    """The weight of the prior, and what was found; the model is left as it was.
+
+    largest: number of the motion that is judged by.
+    """
+    rest, judged = parted(motions_of(records), largest)
+    before = state_of(model)
+    start = free_run_error(model, [judged])
+    if start is None:
+        return BY_DEFAULT, {}
+    ends = []
+    for weight in WEIGHTS:
+        problems = [FreeRunProblem(model, record, None, prior=weight) for record in rest]
+        minimised(model, Joint(problems), STEPS, EVERY, CHANGE, PATIENCE)
+        ends.append((*_judged(model, judged), weight))
+    restore(model, before)
+    falls, least, _ = min(ends)
+    weight = min(w for fell, error, w in ends if fell == falls and error <= HARM * least)
+    told = ", ".join(f"{100.0 * e:.2f}" for e in (start, *(error for _, error, _ in ends)))
+    weight = BY_DEFAULT if falls else weight
+    return weight, {"prior": weight, "held_back_percent": told}
+
+
+def _judged(model: Composite, record: Record) -> tuple[bool, float]:
+    """Whether the model falls under larger or smaller motions, and the error of its free run."""
+    error = free_run_error(model, [record])
+    return not stands(model, record), math.inf if error is None else error
+
+
+def motions_of(records: Sequence[Record]) -> list[Record]:
+    """Every motion as a record of its own."""
+    motions = []
+    for record in records:
+        lead = record.a.shape[:-2]
+        for i in range(lead.numel()):
+            motions.append(record.map(partial(_motion, i)) if lead else record)
+    return motions
+
+
+def _motion(i: int, signal: Tensor) -> Tensor:
+    """Motion i (T, c) of a signal (…, T, c)."""
+    return signal.reshape(signal.shape[:-2].numel(), *signal.shape[-2:])[i]
