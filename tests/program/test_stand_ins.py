@@ -28,7 +28,7 @@ def joint(tmp_path_factory) -> tuple[BenchmarkData, np.ndarray]:
 
 
 def test_stand_ins_are_of_benchmarks_and_in_their_layout(joint):
-    assert set(STAND_INS) == {"f16", "silverbox"}
+    assert set(STAND_INS) == {"cascaded_tanks", "f16", "silverbox", "wiener_hammerstein"}
     data, noise = joint
     assert (data.dofs, data.inputs, data.dt) == (2, 1, 1.0 / 400.0)
     assert data.names["train"] == [f"FullMSine_Level{n}" for n in (1, 3, 5, 7)]
