@@ -93,7 +93,7 @@ class TankCascade(Estimator):
         return self._facts(found)
 
     def _facts(self, found: Tanks) -> dict[str, Any]:
-        size, facts = float(self.scales[2]), {"draws": self.draws}
+        size, facts = float(self.scales[2]), dict[str, Any]()
         for i, own in enumerate(found.values[SHARED:].reshape(self.tanks, -1), start=1):
             facts[f"power_{i}"] = LEAST_POWER + POWERS / (1.0 + float(np.exp(-own[1])))
             facts[f"height_{i}"] = size * float(own[2])

@@ -22,8 +22,9 @@ from models.block_structured.chain import Chain, Layout, Motion, run
 from models.block_structured.fit import ORDERS, Plan, count, fitted
 from models.block_structured.problem import first_state
 from models.estimator import Estimator
+from models.modal.between_samples import interpolated
 
-MOST_POLES, MOST_RAMPS = 16, 40
+MOST_POLES, MOST_RAMPS, MOST_FINER = 16, 40, 8
 
 
 class WienerHammerstein(Estimator):
@@ -31,6 +32,8 @@ class WienerHammerstein(Estimator):
 
     poles: of each filter; None: beginning with those of the best linear approximation, as many as
     lower the error on held-back motion. A pole that one filter does not need gets a zero upon it.
+    finer: R, times the sampling rate at which all of it works, 1 or even. A curve makes
+    frequencies that its input has not, and those above half of the sampling rate fold back.
     ramps: of the curve. allocations: of poles and zeros to the filters, that are trained beside
     five fractions of the approximation. iterations: of the last fit. held_back: share of each
     record, its end. prior: weight of Σ θ² beside the squared relative error.
@@ -47,6 +50,7 @@ class WienerHammerstein(Estimator):
         inputs: int,
         dt: float,
         poles: int | None = None,
+        finer: int = 2,
         ramps: int = 16,
         allocations: int = 5,
         iterations: int = 60,
@@ -62,6 +66,8 @@ class WienerHammerstein(Estimator):
             )
         if poles is not None and not 1 <= poles <= MOST_POLES:
             raise ValueError(f"model.poles={poles}: expected 1 to {MOST_POLES}, or null")
+        if finer != 1 and (finer % 2 or not 2 <= finer <= MOST_FINER):
+            raise ValueError(f"model.finer={finer}: expected 1, or an even number to {MOST_FINER}")
         if not 1 <= ramps <= MOST_RAMPS:
             raise ValueError(f"model.ramps={ramps}: expected 1 to {MOST_RAMPS}")
         if allocations < 0 or iterations < 1 or not 0.05 <= held_back <= 0.5 or prior < 0.0:
@@ -69,7 +75,7 @@ class WienerHammerstein(Estimator):
                 f"model.allocations={allocations}, iterations={iterations}, held_back={held_back}, "
                 f"prior={prior}: expected at least 0 and 1, a share from 0.05 to 0.5, at least 0"
             )
-        self.held_back = held_back
+        self.held_back, self.finer = held_back, finer
         orders = ORDERS if poles is None else [poles]
         self.plan = Plan(orders, ramps, allocations, iterations, prior, seed)
         sections = (max(orders) + 1) // 2
@@ -93,7 +99,7 @@ class WienerHammerstein(Estimator):
         """The identified system, in units of the model, at rest."""
         self.require_identified(self.theta[:1])
         before, after, ramps, _ = self.counts.tolist()
-        layout = Layout(before, after, ramps)
+        layout = Layout(before, after, ramps, self.finer)
         values = self.theta[: layout.size].detach().cpu().numpy()
         return Chain(layout, values, np.zeros((1, layout.states)))
 
@@ -124,9 +130,16 @@ class WienerHammerstein(Estimator):
         us, ys = (s.reshape(-1, T).cpu().numpy() for s in (record.excitation, record.a))
         unknown = record.initial_state != "rest"
         return [
-            Motion(u / size_u, (y - mean) / size_y, unknown, stop)
+            Motion(self._between(u / size_u, record.hold), (y - mean) / size_y, unknown, stop)
             for u, y in zip(us, ys, strict=True)
         ]
+
+    def _between(self, u: np.ndarray, hold: str) -> np.ndarray:
+        """u (T,) at R times its rate, (R (T − 1) + 1,), by what it does between samples."""
+        if self.finer == 1:
+            return u
+        inner = interpolated(u[:, None], hold, self.finer // 2)[:, :-1, 0]
+        return np.r_[inner.ravel(), u[-1]]
 
     def forward(self, record: Record) -> Tensor:
         """Outputs (…, T, 1) of the free run of a record or a batch."""
@@ -134,17 +147,18 @@ class WienerHammerstein(Estimator):
 
     def free_run(self, drive: Drive) -> Response:
         """Outputs from rest as `a` of the response; x and v are unknown, and nil."""
-        return self._response(drive.u, None)
+        return self._response(drive.u, drive.hold, None)
 
     def run_of(self, record: Record) -> Response:
         """The free run of a record. An unknown beginning is estimated from the warm-up samples."""
         known = record.initial_state == "rest" or not record.warmup
-        return self._response(record.excitation, None if known else record)
+        return self._response(record.excitation, record.hold, None if known else record)
 
-    def _response(self, excitation: Tensor, record: Record | None) -> Response:
+    def _response(self, excitation: Tensor, hold: str, record: Record | None) -> Response:
         chain, (size_u, size_y, mean, noise) = self.chain, self.scales.tolist()
         T = excitation.shape[-2]
         us = excitation.reshape(-1, T).cpu().numpy() / size_u
+        us = [self._between(u, hold) for u in us]
         begins = np.zeros((len(us), chain.layout.states))
         if record is not None:
             seen = [motion.first(record.warmup) for motion in self._motions(record)]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.io import savemat
@@ -166,7 +167,7 @@ def chain(
     return np.array([noise])
 
 
-def tanks(folder: Path, seed: int = 0, noise: float = 0.02, **law: float) -> np.ndarray:
+def tanks(folder: Path, seed: int = 0, noise: float = 0.02, **law: Any) -> np.ndarray:
     """Two tanks as `cascaded_tanks`: pump [V] to level [V], 4 s a sample, both run over at times.
 
     Both records begin at the same levels, which nobody knows.

@@ -1,7 +1,8 @@
 """Linear – static – linear as data and one function: parameters in a list, run, derivatives.
 
 x = G₁ u,   w = f(x),   y = G₂ w + o₀;   all in units of the records' sizes.
-T samples, p₁ and p₂ sections, K ramps, P learned parameters, S numbers of a first state.
+All of it works at R times the sampling rate, lest what the curve adds above half of that be folded
+back.   T samples, p₁ and p₂ sections, K ramps, P learned parameters, S numbers of a first state.
 """
 
 from __future__ import annotations
@@ -16,26 +17,37 @@ from models.block_structured import curve, filters
 
 @dataclass(frozen=True)
 class Motion:
-    """A record in units of the model: u (T,), y (T,), how it begins, what is held back."""
+    """A record in units of the model: u (R (T − 1) + 1,), y (T,), what is held back."""
 
     u: np.ndarray
     y: np.ndarray
     unknown: bool  # how it begins; else at rest
     stop: int  # samples before this one are fitted
 
-    def first(self, samples: int) -> Motion:
-        """The first so many samples, all of which are fitted."""
-        count = min(samples, self.stop)
-        return Motion(self.u[:count], self.y[:count], self.unknown, count)
+    @property
+    def rate(self) -> int:
+        """R, numbers of u for each of y."""
+        return (len(self.u) - 1) // (len(self.y) - 1)
+
+    def drive(self, samples: int) -> np.ndarray:
+        """u of the first so many samples."""
+        return self.u[: self.rate * (samples - 1) + 1]
+
+    def first(self, samples: int, end: int | None = None) -> Motion:
+        """The first so many samples, that are fitted, and those up to `end`, that are not."""
+        stop = min(samples, self.stop)
+        last = stop if end is None else min(end, len(self.y))
+        return Motion(self.drive(last), self.y[:last], self.unknown, stop)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Numbers of sections before and after the curve, and of its ramps."""
+    """Numbers of sections before and after the curve, and of its ramps; R."""
 
     before: int
     after: int
     ramps: int
+    rate: int = 1
 
     @cached_property
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -89,9 +101,9 @@ class Chain:
         return replace(self, values=self.values.copy(), begins=self.begins.copy())
 
 
-def chain_of(parts: dict[str, np.ndarray], motions: int) -> Chain:
+def chain_of(parts: dict[str, np.ndarray], motions: int, rate: int = 1) -> Chain:
     """A chain with these parts, all motions at rest."""
-    layout = Layout(len(parts["a1"]), len(parts["a2"]), len(parts["laws"]))
+    layout = Layout(len(parts["a1"]), len(parts["a2"]), len(parts["laws"]), rate)
     return Chain(layout, layout.join(parts), np.zeros((motions, layout.states)))
 
 
@@ -127,7 +139,10 @@ def run(
     mask: np.ndarray | None = None,
     own: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """y (T,), x (T,) and derivatives of y (P + S, T): by the parameters in `mask`, by `begin`."""
+    """y (T,), x and derivatives of y (P + S, T): by the parameters in `mask`, by `begin`.
+
+    u and x have R (T − 1) + 1 numbers.
+    """
     p = layout.split(values)
     one, two = layout.states_of(begin)
     s = filters.states(p["a1"], u, one)
@@ -136,7 +151,7 @@ def run(
     after = filters.states(p["a2"], w, two)
     y = filters.output(p["d2"][0], p["c2"], w, after, two) + p["o0"][0]
     if mask is None and not own:
-        return y, x, np.empty((0, len(u)))
+        return y[:: layout.rate], x, np.empty((0, len(u)))
     wanted = np.zeros(layout.size, dtype=bool) if mask is None else mask
     last = sum(int(np.prod(layout.shapes[name])) for name in ("d2", "c2", "a2")) + 1
     first = sum(int(np.prod(layout.shapes[name])) for name in ("d1", "c1", "a1"))
@@ -156,4 +171,4 @@ def run(
         static = [np.concatenate([rows, np.ones((1, len(u)))])[wanted[-last:]]]
     decays = [filters.by_first_state(p["a2"], p["c2"], len(u))] if own else []
     rows = np.concatenate([through[:count], *static, through[count:], *decays])
-    return y, x, rows
+    return y[:: layout.rate], x, rows[:, :: layout.rate]

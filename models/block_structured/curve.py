@@ -46,7 +46,7 @@ def by_coefficients(x: np.ndarray, laws: np.ndarray) -> np.ndarray:
 
 
 def begun(x: np.ndarray, ramps: int) -> np.ndarray:
-    """Laws (K, 3) without effect, ramps where x (T,) goes: half by its range, half by its visits."""
+    """Laws (K, 3) without effect, ramps where x (T,) goes: by its range and by its visits."""
     share = (np.arange(ramps) + 0.5) / max(ramps, 1)
     low, high = np.quantile(x, [0.001, 0.999])
     kappa = 0.5 * (np.quantile(x, share) + low + (high - low) * share)

@@ -89,8 +89,8 @@ def sections_of(poles: np.ndarray) -> np.ndarray:
 
 def poles_of(a: np.ndarray) -> np.ndarray:
     """The poles of sections a (p, 2), those at zero left out."""
-    poles = np.concatenate([np.roots(np.r_[1.0, one]).astype(complex) for one in a] or [[]])
-    return poles[np.abs(poles) > 1e-9]
+    poles = np.concatenate([np.empty(0), *(np.roots(np.r_[1.0, one]) for one in a)])
+    return poles[np.abs(poles) > 1e-9].astype(complex)
 
 
 def response(d: float, a: np.ndarray, c: np.ndarray, z: np.ndarray) -> np.ndarray:

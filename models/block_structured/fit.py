@@ -1,4 +1,4 @@
-"""Training of linear – static – linear: many starts, few of which stay, judged on what is held back.
+"""Training of linear – static – linear: many starts, the best of which stay, by motion held back.
 
 For some numbers of poles, beginning with the least whose best linear approximation is nearly as
 good as any: all starts are trained for some iterations on a part of the motion, the best of them
@@ -30,7 +30,7 @@ COARSE = 8  # ramps of the curve, until few chains are left
 
 @dataclass(frozen=True)
 class Plan:
-    """What is tried: orders, ramps of the curve, allocations of poles; iterations of the last fit."""
+    """What is tried: orders, ramps, allocations of poles; iterations of the last fit."""
 
     orders: Sequence[int] = ORDERS
     ramps: int = 16
@@ -46,8 +46,7 @@ def parts_of(motions: Sequence[Motion], samples: int) -> list[Motion]:
     found = []
     for motion in motions:
         stop = max(2, round(share * motion.stop))
-        end = min(len(motion.y), max(stop + 1, round(1.25 * stop)))
-        found.append(Motion(motion.u[:end], motion.y[:end], motion.unknown, stop))
+        found.append(motion.first(stop, max(stop + 1, round(1.25 * stop))))
     return found
 
 
@@ -57,10 +56,10 @@ def finer(chain: Chain, motions: Sequence[Motion], ramps: int) -> Chain:
     if more <= 0:
         return chain
     motion = motions[0]
-    _, x, _ = run(chain.layout, chain.values, motion.u[: motion.stop], chain.begins[0])
+    _, x, _ = run(chain.layout, chain.values, motion.drive(motion.stop), chain.begins[0])
     p = chain.parts
     parts = p | {"laws": np.concatenate([p["laws"], curve.begun(x, more)])}
-    wider = chain_of(parts, len(motions))
+    wider = chain_of(parts, len(motions), chain.layout.rate)
     return replace(wider, begins=chain.begins, error=chain.error)
 
 

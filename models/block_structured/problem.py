@@ -16,7 +16,7 @@ from models.block_structured.chain import Chain, Motion, learned, run
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 CHANGE, PATIENCE = 1e-4, 4  # training ends where so many iterations gain less than this share
-STEPS = 8  # of Gauss and Newton, for a first state
+STEPS, STARTS = 30, 12  # damped steps to a first state; random starts of them
 
 
 class ChainProblem:
@@ -47,7 +47,7 @@ class ChainProblem:
         chain, squares = self.now(), 0.0
         with np.errstate(all="ignore"):
             for motion, begin in zip(self.motions, chain.begins, strict=True):
-                y, _, _ = run(chain.layout, chain.values, motion.u[: motion.stop], begin)
+                y, _, _ = run(chain.layout, chain.values, motion.drive(motion.stop), begin)
                 squares += float(((y - motion.y[: motion.stop]) ** 2).sum())
         theta = chain.values[self.learned]
         return torch.tensor(squares / len(self.y) + self.prior * float(theta @ theta))
@@ -58,7 +58,7 @@ class ChainProblem:
         whole = P + len(self.unknown) * S
         matrix, vector = np.zeros((whole, whole)), np.zeros(whole)
         for number, (motion, begin) in enumerate(zip(self.motions, chain.begins, strict=True)):
-            u, y = motion.u[: motion.stop], motion.y[: motion.stop]
+            u, y = motion.drive(motion.stop), motion.y[: motion.stop]
             with np.errstate(all="ignore"):
                 out, _, rows = run(
                     chain.layout, chain.values, u, begin, self.learned, motion.unknown
@@ -108,18 +108,35 @@ def judged(chain: Chain, motions: Sequence[Motion]) -> Chain:
 def first_state(chain: Chain, motion: Motion, noise: float, deviation: np.ndarray) -> np.ndarray:
     """The first state (S,) that suits the first samples of a motion, those before `stop`.
 
-    noise: RMS error of the model; deviation (S,): size of its states. Both from training.
+    noise: RMS error of the model; deviation (S,): size of its states. Both from training. The curve
+    makes valleys beside the right one: the best of some starts is taken.
     """
-    u, y = motion.u[: motion.stop], motion.y[: motion.stop]
-    pull = np.diag((noise / np.maximum(deviation, 1e-12)) ** 2)
-    state, kept, best = np.zeros(len(pull)), np.zeros(len(pull)), np.inf
+    pull = (noise / np.maximum(deviation, 1e-12)) ** 2
+    rng = np.random.default_rng(0)
+    starts = [np.zeros(len(pull)), *(deviation * rng.standard_normal((STARTS, len(pull))))]
+    ends = [_descended(chain, motion, pull, start) for start in starts]
+    return min(ends, key=lambda end: end[0])[1]
+
+
+def _descended(
+    chain: Chain, motion: Motion, pull: np.ndarray, state: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """The least Σ (o − y)² + Σ pull s² that damped steps from a state come to, and where it is."""
+    u, y = motion.drive(motion.stop), motion.y[: motion.stop]
+    best, kept, damping = np.inf, state, 1e-2
+    matrix, side = np.eye(len(state)), np.zeros(len(state))
     for _ in range(STEPS):
         out, _, rows = run(chain.layout, chain.values, u, state, None, True)
-        loss = float((out - y) @ (out - y) + state @ pull @ state)
-        if not loss < best:
-            break
-        kept, best = state, loss
-        size = np.sqrt((rows**2).sum(axis=1) + np.diag(pull)).clip(1e-30)
-        matrix = (rows @ rows.T + pull) / size / size[:, None] + 1e-12 * np.eye(len(size))
-        state = state - np.linalg.solve(matrix, (rows @ (out - y) + pull @ state) / size) / size
-    return kept
+        loss = float((out - y) @ (out - y) + pull @ state**2)
+        if loss < best:
+            settled = best - loss < 1e-6 * loss
+            best, kept, damping = loss, state, 0.2 * damping
+            matrix, side = rows @ rows.T + np.diag(pull), rows @ (out - y) + pull * state
+            if settled:
+                break
+        else:
+            damping = 10.0 * damping
+        size = np.sqrt(matrix.diagonal()).clip(1e-30)
+        scaled = matrix / size / size[:, None] + damping * np.eye(len(size))
+        state = kept - np.linalg.solve(scaled, side / size) / size
+    return best, kept

@@ -1,4 +1,4 @@
-"""Where linear – static – linear begins: a best linear approximation, its poles and zeros shared out.
+"""The start of linear – static – linear: a best linear approximation, shared out.
 
 Behind a Gaussian input the best linear approximation is G₁ G₂ but for a factor (Bussgang 1952), so
 its poles and zeros are theirs. Each allocation is judged by a least-squares fit: with G₁ and G₂
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.signal import lfilter
@@ -30,11 +31,12 @@ SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the approximation that come before th
 
 def linear(motions: Sequence[Motion], poles: int) -> Chain:
     """The best linear approximation with so many poles, as a chain whose curve is straight."""
+    motions = [replace(motion, u=motion.u[:: motion.rate]) for motion in motions]
     lines = [Lines.of(m.u[: m.stop, None], m.y[: m.stop, None]) for m in motions]
     found = relocated(lines, _first_poles(lines, poles), RELOCATIONS)
     a = filters.sections_of(found)
     z = np.concatenate([one.z for one in lines])
-    U, Y = (np.concatenate([s[:, 0] for s in pair]) for pair in zip(*((o.U, o.Y) for o in lines)))
+    U, Y = (np.concatenate([getattr(one, name)[:, 0] for one in lines]) for name in "UY")
     d, c = filters.fitted_to(Y / np.where(U == 0.0, 1.0, U), a, z, np.abs(U))
     parts = {"d1": np.array([d]), "c1": c, "a1": a, "beta": np.ones(1), "laws": np.empty((0, 3))}
     parts |= {"d2": np.ones(1), "c2": np.empty((0, 2)), "a2": np.empty((0, 2)), "o0": np.zeros(1)}
@@ -70,7 +72,7 @@ class Allocations:
         self.poles = _groups(filters.poles_of(p["a1"]))
         self.zeros = _groups(filters.zeros_of(p["d1"][0], p["a1"], p["c1"]))
         some = motion.first(SEARCHED)
-        self.u, self.y = some.u, some.y
+        self.u, self.y = some.u[:: motion.rate], some.y
         self.first = int(SETTLED * len(self.y))
         self.seen: dict[bytes, float] = {}
 
@@ -166,8 +168,11 @@ def starts(
     upon it in the other, which training moves where it is better.
     """
     longest = max(motions, key=lambda motion: motion.stop)
-    p, z = approximation.parts, np.exp(1j * np.linspace(0.0, np.pi, POINTS))
-    weight = _weight(longest.u[: longest.stop])
+    rate, u = longest.rate, longest.drive(longest.stop)
+    angles = np.linspace(0.0, np.pi, POINTS)
+    p, z = approximation.parts, np.exp(1j * angles)
+    weight, finer = _weight(u[::rate]), np.exp(1j * angles / rate)
+    sections = filters.sections_of(_at_rate(filters.poles_of(p["a1"]), rate))
     G = filters.response(p["d1"][0], p["a1"], p["c1"], z)
     angle = np.unwrap(np.angle(G))
     pairs = [[np.abs(G) ** e * np.exp(1j * e * angle) for e in (part, 1 - part)] for part in SHARES]
@@ -179,12 +184,20 @@ def starts(
         parts: dict[str, np.ndarray] = {}
         for number, H in enumerate(pair, start=1):
             gain = np.sqrt(((np.abs(H) * weight) ** 2).sum() / (weight**2).sum())
-            d, c = filters.fitted_to(H / gain, p["a1"], z, weight)
-            own = {"d": np.array([d]), "c": c, "a": p["a1"].copy()}
+            d, c = filters.fitted_to(H / gain, sections, finer, weight)
+            own = {"d": np.array([d]), "c": c, "a": sections.copy()}
             parts |= {f"{name}{number}": part for name, part in own.items()}
-        x = filters.driven(parts["d1"][0], parts["a1"], parts["c1"], longest.u[: longest.stop])
+        x = filters.driven(parts["d1"][0], parts["a1"], parts["c1"], u)
         parts |= {"beta": np.ones(1), "laws": curve.begun(x, ramps), "o0": np.zeros(1)}
-        yield judged(with_curve(chain_of(parts, len(motions)), motions), motions)
+        yield judged(with_curve(chain_of(parts, len(motions), rate), motions), motions)
+
+
+def _at_rate(poles: np.ndarray, rate: int) -> np.ndarray:
+    """Poles of the same decay and frequency where samples are `rate` times as close."""
+    size, angle = np.abs(poles) ** (1.0 / rate), np.angle(poles) / rate
+    real = np.abs(poles.imag) < 1e-9  # negative ones have no counterpart: their decay is kept
+    moved: np.ndarray = np.where(real, size + 0j, size * np.exp(1j * angle))
+    return moved
 
 
 def _weight(u: np.ndarray) -> np.ndarray:
@@ -199,16 +212,19 @@ def _weight(u: np.ndarray) -> np.ndarray:
 def with_curve(chain: Chain, motions: Sequence[Motion]) -> Chain:
     """The chain with the weights of the curve, and the offset, that suit its filters."""
     chain, p = chain.copy(), chain.parts
-    chain = chain_of({name: part.copy() for name, part in p.items()}, len(motions))
+    chain = chain_of(
+        {name: part.copy() for name, part in p.items()}, len(motions), chain.layout.rate
+    )
     p = chain.parts
     rows, y = [], []
     for motion in motions:
-        u = motion.u[: motion.stop]
+        u = motion.drive(motion.stop)
         x = filters.driven(p["d1"][0], p["a1"], p["c1"], u)
         parts = curve.by_coefficients(x, p["laws"])[[0, *range(1, 3 * len(p["laws"]) + 1, 3)]]
         through = filters.driven(p["d2"][0], p["a2"], p["c2"], parts)
-        first = int(SETTLED * len(u)) if motion.unknown else 0
-        rows.append(np.concatenate([through, np.ones((1, len(u)))])[:, first:])
+        through = through[:, :: chain.layout.rate]
+        first = int(SETTLED * motion.stop) if motion.unknown else 0
+        rows.append(np.concatenate([through, np.ones((1, motion.stop))])[:, first:])
         y.append(motion.y[first : motion.stop])
     weights, _ = _least_squares(np.concatenate(rows, axis=1), np.concatenate(y))
     if np.isfinite(weights).all():

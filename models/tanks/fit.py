@@ -19,10 +19,11 @@ from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 RAMPS, WIDTH = (0.35, 0.7), 0.1  # of outflow laws, in the largest reading
 EDGE = 0.02  # of the input's range, within which a pump begins to deliver
 BOUND = 1e3  # largest readings: beyond, a run has diverged
-WEAK = -6.0  # ln of the ramps' first weights
+WEAK = -9.0  # ln of the ramps' first weights
 ROOT = float(np.log((0.5 - LEAST_POWER) / (LEAST_POWER + POWERS - 0.5)))  # shape of a square root
-ROUNDS = ((15, 6), (40, 2), (200, 1))  # iterations, and how many draws stay after them
-FIRST = 20  # draws that are trained
+ROUNDS = ((20, 12), (60, 4), (300, 1))  # iterations, and how many draws stay after them
+FIRST, PER_START = 40, 20  # draws that are trained at most; draws for each of them
+FIRM = 10.0  # times the prior: the pull on powers
 STEPS = 10  # of Gauss and Newton, for first levels
 
 
@@ -64,13 +65,13 @@ def simulated(
 
 
 def centre(tanks: int) -> tuple[np.ndarray, np.ndarray]:
-    """What shapes of laws are pulled to (P,), and which parameters are (P,)."""
-    values, pulled = np.zeros(size_of(tanks)), np.zeros(size_of(tanks), dtype=bool)
+    """What shapes of laws are pulled to (P,), and how strongly (P,)."""
+    values, pulled = np.zeros(size_of(tanks)), np.zeros(size_of(tanks))
     for i in range(tanks):
         at = SHARED + i * (OWN + len(RAMPS))
-        values[at + 1], pulled[[at + 1, at + 3]] = ROOT, True
+        values[at + 1], pulled[at + 1], pulled[at + 3] = ROOT, FIRM, 1.0
         values[at + OWN : at + OWN + len(RAMPS)] = WEAK
-        pulled[at + OWN : at + OWN + len(RAMPS)] = True
+        pulled[at + OWN : at + OWN + len(RAMPS)] = 1.0
     return values, pulled
 
 
@@ -164,7 +165,7 @@ def fitted(
     found = sorted((one for one in found if np.isfinite(one.loss)), key=lambda one: one.loss)
     if not found:
         raise ValueError("no draw of tanks follows the motion; look for outliers in the record")
-    found = found[:FIRST]
+    found = found[: min(FIRST, max(1, draws // PER_START))]
     for iterations, stay in ROUNDS:
         found = [minimised(one, motions, iterations, prior) for one in found]
         found = sorted(found, key=lambda one: one.loss)[:stay]

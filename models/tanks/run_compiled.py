@@ -22,7 +22,7 @@ SHARED = 4  # ln b, u₀, o₀, full
 OWN = 4  # of a tank: ln k, shape of p, h, shape of χ; then ln w of its ramps
 LEAST_POWER, POWERS = 0.25, 1.0  # p and its range
 EPSILON = 1e-3  # of the largest level
-STEPS = 4  # a sample
+STEPS = 2  # a sample
 
 
 @inlined
@@ -43,42 +43,51 @@ def _ramp(x, width):
 
 
 @inlined
-def _outflow(theta, at, level, dlevel, ramps, width, dq):
+def _law(theta, at, ramps, width, law):
+    """k, the share of p, p, εᵖ, then weight and value at rest of each ramp."""
+    law[0], law[1] = np.exp(theta[at]), _logistic(theta[at + 1])
+    law[2] = LEAST_POWER + POWERS * law[1]
+    law[3] = EPSILON ** law[2]
+    for r in range(ramps.size):
+        law[4 + 2 * r] = np.exp(theta[at + OWN + r])
+        law[5 + 2 * r] = _ramp(-ramps[r], width)[0]
+
+
+@inlined
+def _outflow(law, at, level, dlevel, ramps, width, dq):
     """q and its derivatives dq (P,) of the tank whose parameters begin `at`."""
     P = dq.size
     for p in range(P):
         dq[p] = 0.0
     if level <= 0.0:
         return 0.0
-    k, share = np.exp(theta[at]), _logistic(theta[at + 1])
-    power = LEAST_POWER + POWERS * share
-    up, low = (level + EPSILON) ** power, EPSILON**power
+    k, share, power, low = law[0], law[1], law[2], law[3]
+    ln = np.log(level + EPSILON)
+    up = np.exp(power * ln)
     q = k * (up - low)
     slope = k * power * up / (level + EPSILON)
     for r in range(ramps.size):
-        w = np.exp(theta[at + OWN + r])
         value, steep = _ramp(level - ramps[r], width)
-        rest, _ = _ramp(-ramps[r], width)
-        q += w * (value - rest)
-        slope += w * steep
+        raised = law[4 + 2 * r] * (value - law[5 + 2 * r])
+        q += raised
+        slope += law[4 + 2 * r] * steep
         if P > 0:
-            dq[at + OWN + r] = w * (value - rest)
+            dq[at + OWN + r] = raised
     for p in range(P):
         dq[p] += slope * dlevel[p]
     if P > 0:
         dq[at] += k * (up - low)
-        bent = k * (up * np.log(level + EPSILON) - low * np.log(EPSILON))
-        dq[at + 1] += bent * POWERS * share * (1.0 - share)
+        dq[at + 1] += k * (up * ln - low * np.log(EPSILON)) * POWERS * share * (1.0 - share)
     return q
 
 
 @inlined
-def _slopes(theta, pump, x, dx, ramps, width, rate, drate, q, dq):
+def _slopes(laws, pump, x, dx, ramps, width, rate, drate, q, dq):
     """ẋ (n,) and its derivatives (n, P)."""
     n, P = dx.shape
     at = SHARED
     for i in range(n):
-        q[i] = _outflow(theta, at, x[i], dx[i], ramps, width, dq[i])
+        q[i] = _outflow(laws[i], at, x[i], dx[i], ramps, width, dq[i])
         rate[i] = -q[i] + (q[i - 1] if i > 0 else pump[0])
         for p in range(P):
             drate[i, p] = -dq[i, p] + (dq[i - 1, p] if i > 0 else 0.0)
@@ -100,7 +109,9 @@ def run(u, theta, begin, ramps, width, edge, bound, y, levels, jacobian):
     rate, drate, end, dend = np.zeros(n), np.zeros((n, P)), np.zeros(n), np.zeros((n, P))
     later, dlater, q, dq = np.zeros(n), np.zeros((n, P)), np.zeros(n), np.zeros((n, P))
     pump, h = np.zeros(2), 1.0 / STEPS
-    b = np.exp(theta[0])
+    b, laws = np.exp(theta[0]), np.zeros((n, 4 + 2 * ramps.size))
+    for i in range(n):
+        _law(theta, SHARED + i * each, ramps, width, laws[i])
     for t in range(u.size):
         reading = x[n - 1] + theta[2]
         full = reading > theta[3]
@@ -116,10 +127,10 @@ def run(u, theta, begin, ramps, width, edge, bound, y, levels, jacobian):
         value, steep = _ramp(u[t] - theta[1], edge)
         pump[0], pump[1] = b * value, -b * steep
         for _ in range(STEPS):
-            _slopes(theta, pump, x, dx, ramps, width, rate, drate, q, dq)
+            _slopes(laws, pump, x, dx, ramps, width, rate, drate, q, dq)
             end[:] = x + h * rate
             dend[:] = dx + h * drate
-            _slopes(theta, pump, end, dend, ramps, width, later, dlater, q, dq)
+            _slopes(laws, pump, end, dend, ramps, width, later, dlater, q, dq)
             x += 0.5 * h * (rate + later)
             dx += 0.5 * h * (drate + dlater)
             for i in range(n):
