@@ -53,7 +53,7 @@ class WienerHammerstein(Estimator):
         finer: int = 2,
         ramps: int = 16,
         allocations: int = 5,
-        iterations: int = 60,
+        iterations: int = 120,
         held_back: float = 0.2,
         prior: float = 1e-9,
         seed: int = 0,

@@ -35,7 +35,7 @@ class Plan:
     orders: Sequence[int] = ORDERS
     ramps: int = 16
     allocations: int = 5
-    iterations: int = 60
+    iterations: int = 120
     prior: float = 1e-9
     seed: int = 0
 

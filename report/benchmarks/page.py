@@ -30,7 +30,7 @@ def write_benchmarks_page(page: Path, official: Path, stand_ins: Path) -> None:
     """Fill the template from the runs in two folders; either may be absent, not both."""
     runs = {path: read_runs(path) if has_runs(path) else [] for path in (official, stand_ins)}
     if not any(runs.values()):
-        raise ValueError(f"no runs in {official} and {stand_ins}; {NEEDS[official]} makes them")
+        raise ValueError(f"no runs in {official} and {stand_ins}; {NEEDS[BENCHMARKED]} makes them")
     texts = {
         "official": official_table(runs[official]),
         "stand_ins": stand_ins_table(runs[stand_ins]),

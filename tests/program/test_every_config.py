@@ -65,7 +65,7 @@ def fits(*overrides: str) -> dict:
     if "horizons" in cfg.objective:
         cfg = changed(cfg, {"objective": {"horizons": [None], "finalists": 1}})
         cfg = changed(cfg, {"data": {"duration": 10.0}})
-    if cfg.model.name == "modal_network":
+    if cfg.model._target_ == "models.ModalNetwork":
         cfg = changed(cfg, {"data": {"duration": 10.0}, "model": {"iterations": 3, "elements": 0}})
     if "refinements" in cfg.model:
         cfg = changed(cfg, {"model": {"refinements": 1}})
