@@ -15,7 +15,7 @@ from models import TankCascade
 from models.tanks.fit import Tanks, simulated, size_of
 
 NOISE = 0.02
-SMALL = {"draws": 80}
+SMALL = {"draws": 300}
 
 
 def reading(seed: int, samples: int = 700, begin: tuple[float, float] = (4.0, 5.2)) -> Record:
