@@ -16,6 +16,7 @@ from pathlib import Path
 
 from data.arguments import Parser
 from data.terminal import terminal
+from report.benchmarks import page as benchmarks
 from report.collection.runs import collect, has_runs
 from report.free_run import page as free_run
 from report.online import page as online
@@ -32,6 +33,7 @@ ROOMS = {  # page: its room, which says what it needs
     "results.md": ("report.paper", paper.NEEDS),
     "free_run.md": ("report.free_run", free_run.NEEDS),
     "tuning.md": ("report.tuning", tuning.NEEDS),
+    "benchmarks.md": ("report.benchmarks", benchmarks.NEEDS),
     "online.md": ("report.online", online.NEEDS),
 }
 CUTOFFS = Path("runs/cutoffs")

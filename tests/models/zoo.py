@@ -29,10 +29,12 @@ SMALLER = {  # what a class is built with here, so that it is identified in a se
     "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
     "models.ModalNetwork": {"modes": 3, "elements": 0, "iterations": 3},
 }
-NO_STRUCTURE = (  # elements alone
+NO_STRUCTURE = (  # elements alone, or one input and one output
     "models.BranchElement",
     "models.HystereticElement",
     "models.RestoringForceSurface",
+    "models.TankCascade",
+    "models.WienerHammerstein",
 )
 
 

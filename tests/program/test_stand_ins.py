@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from benchmarks.stand_ins.files import STAND_INS, aircraft
+from benchmarks.stand_ins.files import STAND_INS, aircraft, chain, tanks
 from benchmarks.stand_ins.systems import Structure, multisine, respond
 from data.public.datamodule import BenchmarkData
 from data.public.measures import official_rmse
@@ -28,7 +29,7 @@ def joint(tmp_path_factory) -> tuple[BenchmarkData, np.ndarray]:
 
 
 def test_stand_ins_are_of_benchmarks_and_in_their_layout(joint):
-    assert set(STAND_INS) == {"f16", "silverbox"}
+    assert set(STAND_INS) == {"cascaded_tanks", "f16", "silverbox", "wiener_hammerstein"}
     data, noise = joint
     assert (data.dofs, data.inputs, data.dt) == (2, 1, 1.0 / 400.0)
     assert data.names["train"] == [f"FullMSine_Level{n}" for n in (1, 3, 5, 7)]
@@ -63,6 +64,27 @@ def test_a_hysteretic_joint_behind_hidden_modes_is_recovered_to_the_noise(joint)
         assert (error < 1.5 * noise).all()
 
 
+def test_filters_and_curve_are_those_of_the_layout_and_begin_at_rest(tmp_path):
+    noise = chain(tmp_path)
+    data = BenchmarkData("wiener_hammerstein", FullState(), folder=str(tmp_path))
+    (train,), (test,) = (data.make_records()[split] for split in ("train", "test"))
+    assert (train.samples, test.samples) == (100_000, 78_800)
+    assert data.dt == pytest.approx(1.0 / 51200.0)
+    u, y = data.files.load("WienerHammerBenchMark/WienerHammerBenchMark.mat", "uBenchMark",
+                           "yBenchMark")  # fmt: skip
+    assert np.abs(u[:4000]).max() == 0.0
+    assert y[:4000].std() == pytest.approx(float(noise[0]), rel=0.1)
+
+
+def test_tanks_run_over_and_begin_at_the_same_levels(tmp_path):
+    noise = tanks(tmp_path)
+    data = BenchmarkData("cascaded_tanks", FullState(), folder=str(tmp_path))
+    (train,), (test,) = (data.make_records()[split] for split in ("train", "test"))
+    assert float(train.a.max()) == pytest.approx(10.0, abs=0.1)
+    assert abs(float(train.a[0] - test.a[0])) < 5.0 * noise[0]
+    assert not torch.equal(train.f, test.f)
+
+
 def test_the_command_writes_files(tmp_path, monkeypatch, capsys):
     from benchmarks.stand_ins import __main__ as program
 
@@ -70,3 +92,4 @@ def test_the_command_writes_files(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["stand_ins", "f16", str(Path(tmp_path)), "--seed", "2"])
     program.main()
     assert "2.5" in capsys.readouterr().out
+    assert json.loads((tmp_path / "noise.json").read_text()) == {"f16": [2.5]}

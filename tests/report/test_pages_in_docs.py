@@ -9,6 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGES = {
+    "report/benchmarks": "benchmarks",
     "report/free_run": "free_run",
     "report/online": "online",
     "report/paper": "results",

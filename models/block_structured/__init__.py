@@ -1,0 +1,1 @@
+"""Linear and static blocks in a row: their run, their derivatives, their start from spectra."""

@@ -1,0 +1,1 @@
+"""Finished runs on public benchmarks, and on their stand-ins → the page docs/benchmarks.md."""

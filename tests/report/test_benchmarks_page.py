@@ -1,0 +1,88 @@
+"""The page of public benchmarks: their own metric, per series, over seeds; what is absent."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from omegaconf import OmegaConf
+
+from benchmarks.stand_ins.files import tanks
+from data.public.datamodule import BenchmarkData
+from data.public.measures import official_rmse
+from data.simulation.scenario import FullState
+from report.benchmarks.page import official_table, stand_ins_table, write_benchmarks_page
+from report.benchmarks.rows import NOISE, errors_of, rows_of, without_runs
+from report.collection.runs import collect
+from runner.folder.run import restore
+from runner.job import identify
+from tests.program.test_every_config import composed
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """A cascade of tanks and a linear model on a stand-in, and one that has no files."""
+    folder = tmp_path_factory.mktemp("benchmarks")
+    noise = tanks(folder / "files")
+    (folder / "files" / NOISE).write_text(json.dumps({"cascaded_tanks": noise.tolist()}))
+    for name, more in (
+        ("tank_cascade", ["model.draws=40"]),
+        ("linear_modes", ["model.modes=1", "model.iterations=5"]),
+    ):
+        cfg = composed(
+            "data=benchmark", "data.name=cascaded_tanks", f"data.folder={folder / 'files'}",
+            f"model={name}", "baselines=none", "figures=false",
+            "trainer.enable_progress_bar=false", *more,
+        )  # fmt: skip
+        identify(cfg, folder / "runs" / name)
+    return folder, collect([folder / "runs"])
+
+
+def test_the_error_of_a_row_is_the_benchmarks_own(runs):
+    folder, results = runs
+    data = BenchmarkData("cascaded_tanks", FullState(), folder=str(folder / "files"))
+    (record,) = data.make_records()["test"]
+    for run in results:
+        cfg = OmegaConf.load(run.folder / "config.yaml")
+        model = restore(cfg, run.folder)
+        by_hand = float(official_rmse(model(record), record)[0])
+        error = (model(record) - record.a)[50:, 0]  # the official window has 50 samples
+        assert by_hand == pytest.approx(float(error.square().mean().sqrt()), rel=1e-12)
+        assert errors_of(run)["test"][0] == pytest.approx(by_hand, rel=1e-9)
+
+
+def test_rows_are_sorted_and_set_beside_the_noise_and_the_published(runs):
+    _, results = runs
+    best, other = rows_of(results)
+    assert (best.model, other.model) == ("tank_cascade", "linear_modes")
+    assert best.noise == pytest.approx(0.02)
+    assert f"{best.median / 0.02:.2f}" in stand_ins_table(results)
+    table = official_table(results)
+    assert "0.396 V" in table
+    assert table.index("0.396 V") < table.index("tank_cascade") < table.index("linear_modes")
+    assert "| silverbox |" in table
+    assert "not run" in table
+
+
+def test_a_diverged_run_is_infinite_and_a_missing_benchmark_says_why(runs):
+    _, results = runs
+    lost = next(run for run in results if run.model == "linear_modes")
+    lost.metrics["free_run"] |= {"per_dof_rms": [None], "relative_rms_percent": None}
+    assert math.isinf(errors_of(lost)["test"][0])
+    assert "cascaded_tanks" not in without_runs(results)
+    assert without_runs(results)["emps"] == "not run"
+
+
+def test_the_page_is_written(runs, tmp_path):
+    folder, _ = runs
+    write_benchmarks_page(tmp_path / "page.md", tmp_path / "none", folder / "runs")
+    assert "tank_cascade" in (tmp_path / "page.md").read_text()
+    with pytest.raises(ValueError, match="no runs in"):
+        write_benchmarks_page(tmp_path / "page.md", tmp_path / "none", tmp_path / "neither")
