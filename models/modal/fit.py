@@ -26,6 +26,8 @@ ENOUGH = 1.1  # times the least error of any number of modes: then the smallest 
 GAIN = 0.97  # of the error before, that an element or a mode may leave at most
 SIMPLER = 1.02  # times the least error: of such laws the first is taken
 WEAKER = (1.0, 0.5, 0.2, 0.05)  # of an element's first strength, the first that helps
+MORE, TIMES = 3.0, 10.0  # times the excitation that a model has to stand, times the outputs then
+RUNAWAY = 100.0  # times its error: of a model that does not
 CHANGE = 1e-4  # of the loss in some iterations, at which training ends
 
 
@@ -106,9 +108,25 @@ def trained(fit: Fit, motions: Sequence[Motion], plan: Plan, iterations: int) ->
 
 
 def judged(fit: Fit, motions: Sequence[Motion]) -> Fit:
-    """The model with its error on held-back motion."""
+    """The model with its error on held-back motion; one that runs away comes after all others."""
     state = settled(fit.layout, fit.state, motions)
-    return replace(fit, state=state, error=held_back_error(fit.layout, state, motions))
+    error = held_back_error(fit.layout, state, motions)
+    stood = stands(replace(fit, state=state), motions)
+    return replace(fit, state=state, error=error if stood else RUNAWAY * error)
+
+
+def stands(fit: Fit, motions: Sequence[Motion]) -> bool:
+    """Whether free runs stay in bounds under MORE times the excitation of each motion."""
+    if not fit.laws:
+        return True
+    for motion, begin in zip(motions, fit.state.begins, strict=True):
+        u, fine = (MORE * one for one in (motion.excited.u, motion.excited.fine))
+        more = replace(motion.excited, u=u, fine=fine)
+        with np.errstate(all="ignore"):
+            out, _ = outputs(fit.layout, fit.state.values, more, MORE * begin)
+        if not np.abs(out).max() < MORE * TIMES * np.abs(motion.y).max():  # NaN too
+            return False
+    return True
 
 
 def loss(fit: Fit, motions: Sequence[Motion], plan: Plan) -> float:
@@ -221,4 +239,5 @@ def fitted(motions: Sequence[Motion], plan: Plan) -> tuple[Fit, dict[str, Any]]:
     facts |= {"modes": fit.layout.modes, "elements": ", ".join(fit.laws) or "none"}
     facts["held_back_percent"] = 100.0 * fit.error
     whole = [replace(motion, stop=len(motion.y)) for motion in motions]
-    return trained(fit, whole, plan, plan.iterations), facts
+    end = trained(fit, whole, plan, plan.iterations)
+    return (fit if stands(fit, motions) and not stands(end, whole) else end), facts

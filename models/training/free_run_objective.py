@@ -63,8 +63,8 @@ class FreeRun(Objective):
     number of starts, those with the lowest training losses, that go through all stages.
     select: weights of the prior that are tried on all but the last `held_back` of the motion, and
     after them the path from the linear structure; the one with the least error of the free run on
-    what is held back goes on, on the whole. None: some where records were measured; []: none. It
-    takes the place of finalists.
+    what is held back goes on, on the whole. None: some where records were measured, the first also
+    from runs of single samples; []: none. It takes the place of finalists.
     """
 
     kept = ("ranked", "judged", "shorter", "raised", "present", "remarks")
@@ -111,6 +111,7 @@ class FreeRun(Objective):
         self.finalists, self.select, self.held_back = finalists, select, held_back
         self.priors: list[float] = []  # that are tried, the first `anew` of them from the starts
         self.anew = 0
+        self.near: int | None = None  # number of the one whose first runs are of one sample
         self.linear: list[int | None] = []  # horizons of the linear fit before it
         self.ranked: list[list[torch.Tensor]] = []  # states of the finalists, the best first
         self.judged: list[list[float]] = []  # number of a prior, loss on held-back motion
@@ -124,6 +125,8 @@ class FreeRun(Objective):
         self.stages: Sequence[str] = named + later
         if self.priors:
             anew = [f"{s}, prior {p:g}" for p in self.priors[: self.anew] for s in named]
+            if self.near is not None:
+                anew[self.near * len(named)] = f"horizon 1, prior {self.priors[self.near]:g}"
             path = [f"from linear, prior {p:g}" for p in self.priors[self.anew :]]
             self.stages = [*anew, *path, REFIT]
 
@@ -142,14 +145,17 @@ class FreeRun(Objective):
         _, deviation = estimator.pull(True)
         if deviation.numel() and (self.select or (self.select is None and measured)):
             self.priors = [float(p) for p in self.select or PRIORS]
-            self.anew = len(self.priors)
-            if estimator.begins_linear:
-                self.priors += PATH
             self.linear = self.horizons
             if anew and self.horizons != [None]:
                 shortest = min(records, key=lambda record: record.samples)
                 self.linear = horizons_of(shortest, LONGER)
                 self.horizons, self.restart = horizons_of(shortest, FEW), True
+                if self.select is None:
+                    self.near = len(self.priors)
+                    self.priors += PRIORS[:1]
+            self.anew = len(self.priors)
+            if estimator.begins_linear:
+                self.priors += PATH
         self._name_stages()
 
     def _grow(self, samples: int) -> None:
@@ -178,6 +184,8 @@ class FreeRun(Objective):
         if not self.judged:
             return super().facts()
         names = [f"{p:g}" for p in self.priors]
+        if self.near is not None:
+            names[self.near] += " from single steps"
         names[self.anew :] = [f"{name} from linear" for name in names[self.anew :]]
         percent = held_back_percent(names, self.judged)
         best = best_of(self.judged)
@@ -208,8 +216,9 @@ class FreeRun(Objective):
         if self.priors and stage + 1 < len(self.stages):
             record = self._before(record)
         if not self.priors or stage < self.anew * len(self.horizons):
-            stage %= len(self.horizons)
-            horizon, last = self.horizons[stage], stage + 1 == len(self.horizons)
+            number, place = divmod(stage, len(self.horizons))
+            last = place + 1 == len(self.horizons)
+            horizon = 1 if number == self.near and place == 0 else self.horizons[place]
             if not last and record.a.ndim == 3:
                 record = record.map(lambda u: u[: self.records])
         quiet = 0 if self.restart else onset(record)

@@ -76,7 +76,7 @@ def test_priors_are_tried_on_held_back_motion_unless_told_otherwise(select, tmp_
     if select is None:
         tried = trained["held_back_percent"]
         path = [f"{p} from linear" for p in ("0.01", "0.001", "0.0001")]
-        assert list(tried) == ["1e-06", "0.0001", *path]
+        assert list(tried) == ["1e-06", "0.0001", "1e-06 from single steps", *path]
         assert tried[trained["chosen"]] == min(e for e in tried.values() if e is not None)
         assert trained["stages"][-1]["stage"] == "whole motion"
     else:
