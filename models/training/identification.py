@@ -20,6 +20,7 @@ from data.record import Record
 from models.estimator import Estimator
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.training.objective import Objective, OneStep, restore, state_of
+from models.training.problem import FreeRunProblem
 from models.training.solvers.solver import Minimised, Solver
 from models.training.trainable import Trainable, require_trainable
 
@@ -171,11 +172,20 @@ class Identification(LightningModule):
             self._stop_after_last_stage()
 
     def _rescue(self, record: Record) -> None:
-        """Begin a stage anew whose run is not finite at its start; at most so often."""
+        """Begin a stage anew whose run is not finite at its start; at most so often.
+
+        Where the plain run of the whole motion is finite, as in steps from noisy states, the stage
+        is left out: what comes after it begins there.
+        """
         stage, objective = self.objective.stages[self.stage], self.objective
         if self.rescued >= MOST_RESCUES or not objective.kept:
             return
         self.rescued += 1
+        told = f"{stage}: the run diverged at its start"
+        whole = FreeRunProblem(self.trainable, record, None)
+        if self.stage + 1 < len(objective.stages) and _is_finite(whole):
+            objective.remarks = [*objective.remarks, f"{told}; it was left out"]
+            return
         if self.rescued == 1 and self.chosen[1] and math.isfinite(self.chosen[0]):
             restore(self.estimator, self.chosen[1])
             objective.raised = FIRMER
@@ -192,7 +202,7 @@ class Identification(LightningModule):
             objective.shorter += 1
         else:
             self.solver = self._new_solver(self.free_parameters().values())
-        objective.remarks = [*objective.remarks, f"{stage}: the run diverged at its start; {way}"]
+        objective.remarks = [*objective.remarks, f"{told}; {way}"]
 
     def _new_solver(self, parameters: Iterable[nn.Parameter]) -> Solver:
         assert self.make_solver is not None

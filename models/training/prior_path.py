@@ -24,7 +24,7 @@ from models.training.unknown_beginning import run_problem
 
 PRIORS = (1e-6, 1e-4)  # that are tried from the starts
 PATH = (1e-2, 1e-3, 1e-4)  # and from the linear structure, from strong to weak
-FEW = (0.6, 3.0)  # periods of the median frequency between runs that begin anew,
+FEW = (0.3, 1.2, 5.0)  # periods of the median frequency between runs that begin anew,
 LONGER = (0.25, 1.0, 3.0, 10.0, 30.0)  # and while the linear structure is fitted
 LINEAR = 1e-6  # weight of the prior of the linear fit, for what no motion tells
 LINEAR_CALLS = 30  # of the solver, for each part
