@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,11 +24,9 @@ from models.training.parts import held_back_from
 from models.training.problem import FreeRunProblem
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
-if TYPE_CHECKING:
-    from models.branch_element import BranchElement
-
+Law = Any  # a BranchElement, whose file imports this one
 Test = tuple[Tensor, Tensor, Tensor]  # deformations, rates and forces (T, E)
-Make = Callable[[bool, float], "BranchElement"]  # by memory and prior, of one element
+Make = Callable[[bool, float], Law]  # by memory and prior, of one element
 WEIGHTS = (1e-5, 1e-6, 1e-7)  # of the prior, one after the other
 WORTH = 0.95  # of the error of a law of less memory: what one of more has to be below
 HARM = 1.2  # times the least error: what a weaker prior may have, for it will see that motion too
@@ -72,7 +70,7 @@ class Choice:
 class Chosen:
     """A law fitted to all but what was held back, the weight of its prior, its error on that."""
 
-    law: BranchElement
+    law: Law
     weight: float
     error: float
 
@@ -126,7 +124,7 @@ def chosen(make: Make, tests: Sequence[Test], largest: int, choice: Choice) -> C
     return best
 
 
-def _tried(law: BranchElement, weight: float, rest: Sequence[Record], judged: Record) -> Chosen:
+def _tried(law: Law, weight: float, rest: Sequence[Record], judged: Record) -> Chosen:
     """The law, fitted further with a weight of its prior, and its error on what is held back."""
     law.weights.fill_(weight)
     minimised(law, Joint.of(law, rest), ITERATIONS, change=TRIED)
@@ -136,7 +134,7 @@ def _tried(law: BranchElement, weight: float, rest: Sequence[Record], judged: Re
 
 def fitted(
     make: Make, tests: Sequence[Test], choice: Choice, begin: Chosen | None = None
-) -> tuple[BranchElement, float]:
+) -> tuple[Law, float]:
     """The law of an element fitted to all tests, and its relative error.
 
     From the law that was chosen; without one, of some starts the best after FIRST iterations.
@@ -183,7 +181,7 @@ def told(all_chosen: Sequence[Chosen]) -> dict[str, float | str]:
     }
 
 
-def _best_start(law: BranchElement, records: Sequence[Record], choice: Choice) -> None:
+def _best_start(law: Law, records: Sequence[Record], choice: Choice) -> None:
     """Leave the law at the best of its starts after FIRST iterations on every other record."""
     some, ends = Joint.of(law, records[::2]), []
     generator = torch.Generator().manual_seed(choice.seed)
@@ -207,7 +205,7 @@ class Joint:
         self.y = torch.cat([p.y.reshape(-1) for p in problems])
 
     @classmethod
-    def of(cls, model: BranchElement, records: Sequence[Record]) -> Joint:
+    def of(cls, model: Law, records: Sequence[Record]) -> Joint:
         return cls([FreeRunProblem(model, record, None) for record in records])
 
     @torch.no_grad()

@@ -197,7 +197,9 @@ def test_the_memory_goes_on_where_a_run_begins_anew():
 def test_a_restart_without_states_says_what_to_do():
     record = replace(begun_in_motion(), x=None, v=None, initial_state="rest")
     with pytest.raises(ValueError, match=r"objective\.restart"):
-        Everything().restarted_run(replace(record, quantity="velocity"), 7)
+        Everything().restarted_run(replace(record, quantity="force"), 7)
     with torch.no_grad():
-        assert torch.isfinite(Everything().restarted_run(record, 7)).all()
+        for quantity in ("displacement", "velocity", "acceleration"):
+            moved = replace(record, quantity=quantity)
+            assert torch.isfinite(Everything().restarted_run(moved, 7)).all()
         assert torch.isfinite(Everything()(record)).all()

@@ -16,6 +16,7 @@ VARIANTS = {  # config → the settings that make it another model, or another w
     "model=chebyshev_restoring_force": {"basis"},
     "model=element_network_accelerations": {"from_accelerations", "prior"},
     "model=element_network_tanh": {"hinges", "cubic", "tanhs", "early_prior", "prior"},
+    "model=linear_modes": {"elements"},
     "model=lstm": {"cell"},
     "model=online_polynomial": {"fits"},
     "model=power_series_residual": {"fits"},
