@@ -40,7 +40,8 @@ def begins_in_motion(record: Record, based: bool) -> bool:
 
 
 def _begins_with(signal: Tensor) -> bool:
-    """Whether any channel (T, n) begins far from nil, and by more than noise."""
+    """Whether any channel (T, n) begins far from its mean, and by more than noise."""
+    signal = signal - signal.mean(dim=0)  # a sensor's offset is no motion
     size = signal.square().mean(dim=0).sqrt()
     noise = torch.diff(signal, n=3, dim=0).square().mean(dim=0).div(20.0).sqrt()
     return bool((signal[0].abs() > torch.maximum(MOVES * size, NOISE * noise)).any())

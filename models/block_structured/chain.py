@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from models.block_structured import curve, filters
+from models.layers.named_parts import NamedParts
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Layout:
+class Layout(NamedParts):
     """Numbers of sections before and after the curve, and of its ramps; R."""
 
     before: int
@@ -56,27 +57,9 @@ class Layout:
         curved = {"beta": (1,), "laws": (self.ramps, 3)}
         return first | curved | {"d2": (1,), "c2": (two, 2), "a2": (two, 2), "o0": (1,)}
 
-    @cached_property
-    def size(self) -> int:
-        return sum(int(np.prod(shape)) for shape in self.shapes.values())
-
     @property
     def states(self) -> int:
         return 2 * (self.before + self.after)
-
-    def split(self, values: np.ndarray) -> dict[str, np.ndarray]:
-        """The parts of a list of parameters (size,), each in its shape; views of it."""
-        parts, start = {}, 0
-        for name, shape in self.shapes.items():
-            count = int(np.prod(shape))
-            parts[name] = values[start : start + count].reshape(shape)
-            start += count
-        return parts
-
-    def join(self, parts: dict[str, np.ndarray]) -> np.ndarray:
-        return np.concatenate(
-            [np.asarray(parts[name], dtype=float).ravel() for name in self.shapes]
-        )
 
     def states_of(self, begin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """s[−1], s[−2] of the sections before (p₁, 2) and after (p₂, 2) the curve."""

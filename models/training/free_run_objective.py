@@ -141,7 +141,7 @@ class FreeRun(Objective):
         if self.restart and self.horizons != [None] and not anew:
             self._grow(min(record.samples - onset(record) for record in records))
         if anew and not all(estimator.has_states(record) for record in records):
-            self.remarks = ["runs in training begin anew at x and v from the accelerations"]
+            self.remarks = ["runs in training begin anew at x and v reconstructed from the motion"]
         _, deviation = estimator.pull(True)
         if deviation.numel() and (self.select or (self.select is None and measured)):
             self.priors = [float(p) for p in self.select or PRIORS]
