@@ -1,4 +1,4 @@
-"""Records that begin at rest, and parts of them that begin in motion, whatever units and offsets."""
+"""Records that begin at rest, and parts that begin in motion, whatever units and offsets."""
 
 from __future__ import annotations
 
