@@ -32,6 +32,7 @@ SMALLER = {  # what a class is built with here, so that it is identified in a se
 NO_STRUCTURE = (  # elements alone, or one input and one output
     "models.BranchElement",
     "models.HystereticElement",
+    "models.PrandtlIshlinskii",
     "models.RestoringForceSurface",
     "models.TankCascade",
     "models.WienerHammerstein",

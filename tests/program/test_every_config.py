@@ -42,6 +42,7 @@ PAPER = {"bilinear", "polynomial", "bouc_wen", "shear_frame", "single_oscillator
 ELEMENT_TESTS = {  # models of an imposed motion
     "branch_element",
     "hysteretic_element",
+    "prandtl_ishlinskii",
     "restoring_force_surface",
 }
 ONE_CHANNEL = {"tank_cascade", "wiener_hammerstein"}  # models of one input and one output

@@ -1,0 +1,137 @@
+"""Sliders in series with nonlinear springs: the force of a joint that slips, or has backlash.
+
+r = r₀ + k s + c ṡ + Σ_j f_j(z_j),   z_j = min(max(z_j + ds, −l_j), l_j)
+                        the model of Prandtl and Ishlinskii, generalised: Al Janaideh et al. (2011)
+
+A spring f of any shape stands in series with a slider: slack in its middle and stiff at its ends it
+is backlash before friction; unlike at both ends, friction of unequal limits. The half widths l are
+searched, all else is least squares (models/sliders/fit.py); no solver is needed.   T samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from data.record import Drive, Record, Response
+from models.estimator import Estimator
+from models.layers.least_squares import require_ridge
+from models.sliders.fit import LINEAR, Motion, Sliders, fitted, number_of
+
+MOST_SLIDERS, MOST_NODES = 6, 200
+
+
+class PrandtlIshlinskii(Estimator):
+    """Force (…, T, 1) from the imposed deformation s and rate ṡ of an element test.
+
+    Every estimate is a free run. sliders: number; None: one more as long as that lowers the error
+    by a fifth on the farthest motion, which is held back until then. nodes: of each spring's curve.
+    ridge: ≥ 0, without unit, on scaled columns.
+
+    A record that begins in an unknown state tells by its warm-up samples where its sliders stood.
+    Raises ValueError for other channels than an element test's.
+    """
+
+    takes_other_inputs = False
+    reads = ("f",)
+    scale: Tensor  # (3,): half of the way of s [m], largest rate [m/s] and force [N]
+    widths: Tensor  # (MOST_SLIDERS,), of the former; nil: no slider
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        sliders: int | None = None,
+        nodes: int = 16,
+        ridge: float = 1e-6,
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        if (dofs, inputs) != (1, 2):
+            raise ValueError(
+                "PrandtlIshlinskii takes the deformation s1 and rate s_dot1 of one force r1; there are "
+                f"{inputs} channels and {dofs} forces"
+            )
+        if sliders is not None and not 1 <= sliders <= MOST_SLIDERS:
+            raise ValueError(
+                f"model.sliders={sliders}: expected a whole number, 1 to {MOST_SLIDERS}, or null"
+            )
+        if not 2 <= nodes <= MOST_NODES:
+            raise ValueError(f"model.nodes={nodes}: expected a whole number, 2 to {MOST_NODES}")
+        require_ridge(ridge)
+        self.sliders, self.nodes, self.ridge = sliders, nodes, ridge
+        empty = torch.full((LINEAR + MOST_SLIDERS * nodes,), torch.nan, dtype=torch.float64)
+        self.weights = nn.Parameter(empty, requires_grad=False)
+        self.register_buffer("widths", torch.zeros(MOST_SLIDERS, dtype=torch.float64))
+        self.register_buffer("scale", torch.ones(3, dtype=torch.float64))
+
+    def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
+        """Search the widths and solve for the springs; returns number and half widths [m]."""
+        records = [record.to("cpu") for record in batches]
+        self._measure(records)
+        motions = [motion for record in records for motion in self._motions(record)]
+        number, facts = self.sliders, dict[str, Any]()
+        if number is None:
+            number, errors = number_of(motions, MOST_SLIDERS, self.nodes, self.ridge)
+            facts["held_back_percent"] = ", ".join(f"{100.0 * error:.2f}" for error in errors)
+        law = fitted(motions, number, self.nodes, self.ridge)
+        self.widths.zero_()[:number] = law.widths
+        self.weights.data.zero_()[: len(law.weights)] = law.weights
+        sizes = (law.widths * self.scale[0].cpu()).tolist()
+        return {"sliders": number, "half_widths": ", ".join(f"{w:.4g}" for w in sizes), **facts}
+
+    @property
+    def identified_parameters(self) -> int:
+        sliders = int((self.widths > 0.0).sum())
+        return LINEAR + sliders * (self.nodes + 1)
+
+    def _measure(self, records: Sequence[Record]) -> None:
+        """Set the units by what is fitted."""
+        signals = []
+        for record in records:
+            if record.quantity != "force":
+                raise ValueError(
+                    "PrandtlIshlinskii describes the force of an element test; the record holds "
+                    f"{record.quantity}: choose element_network or another model"
+                )
+            both = torch.cat([record.excitation, record.a], dim=-1)
+            signals.append(both[..., record.warmup :, :].reshape(-1, 3))
+        least, most = torch.cat(signals).amin(dim=0), torch.cat(signals).amax(dim=0)
+        sizes = torch.maximum(-least, most)
+        sizes[0] = 0.5 * (most[0] - least[0])
+        if not bool((sizes > 0.0).all()):
+            raise ValueError("a deformation, its rate or a force is zero throughout; leave it out")
+        self.scale.copy_(sizes)
+
+    def _motions(self, record: Record) -> list[Motion]:
+        way, fastest, force = self.scale.cpu()
+        u, r = record.excitation.cpu(), record.a.cpu().reshape(-1, record.samples) / force
+        at_rest = record.initial_state != "unknown"
+        return [
+            Motion(s / way, rate / fastest, own, record.warmup, at_rest)
+            for (s, rate), own in zip(u.reshape(-1, record.samples, 2).mT, r, strict=True)
+        ]
+
+    def forward(self, record: Record) -> Tensor:
+        """Forces (…, T, 1) of the free run of a record or a batch."""
+        return self.run_of(record).a
+
+    def free_run(self, drive: Drive) -> Response:
+        """Forces as `a`, from sliders without stretch; x and v are the imposed motion."""
+        s = drive.u[..., :1]
+        return self.run_of(Record(drive.dt, torch.zeros_like(s), drive.u[..., :0], s=s,
+                                  s_dot=drive.u[..., 1:], quantity="force"))  # fmt: skip
+
+    def run_of(self, record: Record) -> Response:
+        """The free run of a record, its sliders where the warm-up samples tell."""
+        self.require_identified(self.weights)
+        widths = self.widths.cpu()
+        widths = widths[widths > 0.0]
+        weights = self.weights.detach().cpu()[: LINEAR + len(widths) * self.nodes]
+        law = Sliders(widths, weights, self.nodes)
+        forces = torch.stack([law.forces(motion) for motion in self._motions(record)])
+        s, rate = record.excitation.split(1, dim=-1)
+        return Response(s, rate, (forces * self.scale[2].cpu()).reshape(s.shape).to(s.device))

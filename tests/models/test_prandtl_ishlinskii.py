@@ -1,0 +1,177 @@
+"""Sliders in series with springs: backlash and friction planted, found, and begun anywhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Record, stack
+from models.prandtl_ishlinskii import PrandtlIshlinskii
+from models.sliders.stop_operator import hats, stretches
+
+DT = 0.01
+SLACK, GRIP = 0.002, 0.005  # m: half of the backlash, and where the slider begins to slip
+
+
+def motion(seed: int, size: float, samples: int = 3000) -> np.ndarray:
+    rng, t = np.random.default_rng(seed), DT * np.arange(samples)
+    w, phase = rng.uniform(1.0, 8.0, 6), rng.uniform(0.0, 6.0, 6)
+    s = (np.minimum(t / 2.0, 1.0) * np.sin(np.outer(t, w) + phase).T).sum(axis=0)
+    return size * s / np.abs(s).max()
+
+
+def joint(
+    seed: int,
+    size: float = 0.03,
+    begin: float = 0.0,
+    noise: float = 0.0,
+    per: float = 1.0,
+    of: float = 1.0,
+) -> Record:
+    """A slider behind a spring with backlash, stiffer and stronger when it is pushed, in N."""
+    s = motion(seed, size)
+    z, stretch = np.empty_like(s), begin
+    for k in range(len(s)):
+        stretch = float(np.clip(stretch + (s[k] - s[k - 1] if k else 0.0), -GRIP, GRIP))
+        z[k] = stretch
+    spring = np.where(z > 0.0, 5e6, 3e6) * np.sign(z) * np.maximum(np.abs(z) - SLACK, 0.0)
+    rate = np.gradient(s, DT)
+    r = 2e4 * s + 3e3 * rate + spring
+    r = r + noise * r.std() * np.random.default_rng(seed + 50).standard_normal(len(r))
+    s, rate, r = (torch.from_numpy(u)[:, None] for u in (s, rate, r))
+    none = torch.zeros(len(r), 0)
+    return Record(DT, of * r, none, s=per * s, s_dot=per * rate, quantity="force")
+
+
+def identified(records: list[Record], **settings: int) -> PrandtlIshlinskii:
+    model = PrandtlIshlinskii(1, 2, DT, **settings)
+    model.identify(records)
+    return model
+
+
+def error(model: PrandtlIshlinskii, record: Record) -> float:
+    counted = slice(record.warmup, None)
+    difference = (model.run_of(record).a - record.a)[counted]
+    return 100.0 * float(difference.norm() / record.a[counted].norm())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_joint_with_backlash_is_found_and_holds_for_smaller_and_larger_motions(seed):
+    model = identified([joint(10 * seed), joint(10 * seed + 1, 0.02)])
+    assert int((model.widths > 0.0).sum()) == 1
+    assert float(model.widths[0] * model.scale[0]) == pytest.approx(GRIP, rel=0.03)
+    for size, most in ((0.004, 10.0), (0.01, 3.0), (0.03, 2.0), (0.06, 2.0)):  # nodes are coarse
+        assert error(model, joint(10 * seed + 2, size)) < most
+
+
+def test_noise_of_the_force_does_not_ask_for_more_sliders():
+    model = identified([joint(0, noise=0.05), joint(1, 0.02, noise=0.05)])
+    assert int((model.widths > 0.0).sum()) == 1
+    assert error(model, joint(2)) < 4.0
+
+
+def test_the_first_samples_tell_where_the_slider_stood():
+    model = identified([joint(0), joint(1, 0.02)])
+    cut = replace(joint(2, 0.004, begin=0.0045), warmup=600, initial_state="unknown")
+    assert error(model, cut) < 8.0
+    assert error(model, replace(cut, initial_state="rest")) > 20.0
+
+
+def test_no_sample_after_the_first_ones_tells_where_the_slider_stood():
+    model = identified([joint(0), joint(1, 0.02)])
+    cut = replace(joint(2, 0.004, begin=0.003), warmup=600, initial_state="unknown")
+    later = cut.a.clone()
+    later[600:] = 1e9
+    assert torch.equal(model.run_of(cut).a, model.run_of(replace(cut, a=later)).a)
+
+
+def test_training_records_may_begin_anywhere():
+    records = [joint(0, begin=0.004), joint(1, 0.02, begin=-0.003)]
+    cut = [replace(record, warmup=300, initial_state="unknown") for record in records]
+    assert error(identified(cut), joint(2)) < 4.0
+
+
+def test_a_single_record_is_enough():
+    model = identified([joint(0)])
+    assert int((model.widths > 0.0).sum()) == 1
+    assert error(model, joint(2)) < 4.0
+
+
+@pytest.mark.parametrize(("per", "of"), [(1e6, 1.0), (1e-6, 1e6), (1.0, 1e-6)])
+def test_a_change_of_units_changes_nothing(per, of):
+    model, other = (
+        identified([joint(0, per=p, of=f), joint(1, 0.02, per=p, of=f)])
+        for p, f in ((1.0, 1.0), (per, of))
+    )
+    expected = model.run_of(joint(2)).a
+    changed = other.run_of(joint(2, per=per, of=of)).a / of
+    assert torch.allclose(changed, expected, rtol=0.0, atol=1e-6 * float(expected.abs().max()))
+
+
+def test_a_batch_is_its_records_one_by_one():
+    records = [joint(0), joint(1, 0.02)]
+    model = identified([stack(records)])
+    runs = model.run_of(stack(records)).a
+    assert torch.equal(runs, torch.stack([model.run_of(record).a for record in records]))
+    assert torch.equal(model.free_run(records[0].drive()).a, runs[0])
+
+
+def test_parallel_sliders_are_told_apart():
+    """Two elastoplastic ones, of half widths 2 and 9 mm."""
+
+    widths, stiffness = torch.tensor([[0.002, 0.009], [8e6, 2e6]], dtype=torch.float64)
+
+    def two(seed: int, size: float) -> Record:
+        record, none = joint(seed, size), torch.zeros(2, dtype=torch.float64)
+        assert record.s is not None
+        z = stretches(record.s[:, 0], widths, none)
+        return replace(record, a=(z @ stiffness)[:, None])
+
+    model = identified([two(0, 0.03), two(1, 0.02), two(3, 0.03)], sliders=2)
+    found = sorted((model.widths[model.widths > 0.0] * model.scale[0]).tolist())
+    assert found == pytest.approx([0.002, 0.009], rel=0.05)
+    assert error(model, two(2, 0.025)) < 1.0
+
+
+def test_the_stop_operator_forgets_and_takes_up_energy():
+    s = torch.from_numpy(motion(4, 1.0))
+    ends = torch.tensor([-0.2, 0.2], dtype=torch.float64)
+    z = stretches(s, ends.abs(), ends)
+    assert torch.equal(z[-1, 0], z[-1, 1])  # whatever it was at the beginning
+    assert float((z[1:, 0] * torch.diff(s)).sum()) > 0.0
+    assert float(z.abs().max()) <= 0.2
+
+
+def test_hats_add_up_to_one_and_keep_their_ends():
+    x = torch.linspace(-3.0, 3.0, 61, dtype=torch.float64)
+    table = hats(x, 5)
+    assert torch.allclose(table.sum(dim=1), torch.ones(61, dtype=torch.float64))
+    assert torch.equal(table[0], torch.eye(5, dtype=torch.float64)[0])
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"sliders": 0}, "model.sliders=0"),
+        ({"sliders": 7}, "model.sliders=7"),
+        ({"nodes": 1}, "model.nodes=1"),
+        ({"ridge": -1.0}, "model.ridge=-1.0"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(settings, words):
+    with pytest.raises(ValueError, match=words):
+        PrandtlIshlinskii(1, 2, DT, **settings)
+
+
+def test_other_records_are_refused():
+    with pytest.raises(ValueError, match="s1 and rate s_dot1"):
+        PrandtlIshlinskii(2, 4, DT)
+    record = joint(0)
+    with pytest.raises(ValueError, match="holds acceleration"):
+        identified([replace(record, quantity="acceleration")])
+    assert record.s is not None
+    with pytest.raises(ValueError, match="zero throughout"):
+        identified([replace(record, s=torch.zeros_like(record.s))])
