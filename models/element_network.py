@@ -25,6 +25,7 @@ from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
 from models.composition.simulate import Composition
+from models.starts.equilibrium import forces_of, integrated_states
 from models.starts.ladder import Equations, linear_start
 from models.starts.spectra import Layout, LinearStructure, Spectra
 from models.starts.topology import MOST_PAIRED
@@ -240,6 +241,19 @@ class ElementNetwork(Composite):
         if not torch.isfinite(unknown).all() or not torch.isfinite(target).all():
             raise ValueError("the signals hold NaN or infinite values; mend the record first")
         return unknown, target, torch.stack(largest).amax(dim=0)
+
+    def element_tests(
+        self, record: Record, stiffness: Tensor
+    ) -> Iterable[tuple[Tensor, Tensor, Tensor]]:
+        """y, ẏ and r by equilibrium (T, E) of every motion of a record; stiffness (E,)."""
+        measured = record.quantity != "acceleration" or self.has_states(record)
+        states = self.states(record) if measured else integrated_states(record, self.forces)
+        inputs = self.composition().inputs.value.detach().cpu()
+        B, B_s, mass = self.B.cpu(), self.B_s.cpu(), self.mass().detach().cpu()
+        for x, v, a, u in states:
+            s, s_dot = u[:, self.forces :].chunk(2, dim=1)
+            y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
+            yield y, rate, forces_of(B, mass * (u @ inputs.T - a), y, stiffness)
 
     def restart(self, generator: torch.Generator) -> None:
         """Go back to the identified springs and dampers; spread hinges and limits anew."""

@@ -37,7 +37,6 @@ from models.starts.branch_choice import (
     told,
 )
 from models.starts.branch_polish import BY_DEFAULT, polish_weight
-from models.starts.equilibrium import LOWEST, dominant, forces_of, high_passed, integrated
 
 
 class ElementNetworkBranch(ElementNetwork):
@@ -107,7 +106,7 @@ class ElementNetworkBranch(ElementNetwork):
         if self.linear is None:
             raise ValueError("the records gave no linear structure to begin with")
         stiffness = self.linear[0].clamp_min(1e-3 * self.linear[0].max())
-        self.tests = [m for record in self.records for m in self._motions(record, stiffness)]
+        self.tests = [m for record in self.records for m in self.element_tests(record, stiffness)]
         return {**facts, **self._fit(self.choice.seed)}
 
     @torch.no_grad()
@@ -157,30 +156,6 @@ class ElementNetworkBranch(ElementNetwork):
     def _take(self, e: int, law: BranchElement) -> None:
         self.theta.data[e] = of_sizes(law.theta.detach()[0], law.sizes, self.sizes)
         self.scale[:, e] = law.scale[:4, 0]
-
-    def _motions(self, record: Record, stiffness: Tensor) -> Iterable[Test]:
-        """y, ẏ and r by equilibrium (T, E) of every motion of a record."""
-        B, B_s, mass = self.B.cpu(), self.B_s.cpu(), self.mass().detach().cpu()
-        composed = self.composition()
-        inputs = composed.inputs.value.detach().cpu()
-        for x, v, a, u in self._states(record):
-            s, s_dot = u[:, self.forces :].chunk(2, dim=1)
-            y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
-            yield y, rate, forces_of(B, mass * (u @ inputs.T - a), y, stiffness)
-
-    def _states(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
-        """x, v, a, u (T, ·) of every motion; integrated where accelerations alone are measured."""
-        if record.quantity != "acceleration" or self.has_states(record):
-            yield from self.states(record)
-            return
-        a = record.a.reshape(-1, record.samples, self.dofs)
-        u = record.excitation.reshape(len(a), record.samples, self.inputs)
-        for acceleration, drive in zip(a, u, strict=True):
-            lowest = LOWEST * dominant(acceleration, record.dt)
-            x, v = integrated(acceleration, record.dt, lowest)
-            moved = drive.clone()
-            moved[:, self.forces :] = high_passed(drive[:, self.forces :], record.dt, lowest)
-            yield x, v, acceleration, moved
 
     def pull(self, last: bool, prior: float | None = None) -> tuple[float | Tensor, Tensor]:
         parts = [(self.theta - self.begun).reshape(-1)]

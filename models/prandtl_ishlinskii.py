@@ -52,8 +52,8 @@ class PrandtlIshlinskii(Estimator):
         super().__init__(dofs, inputs, dt)
         if (dofs, inputs) != (1, 2):
             raise ValueError(
-                "PrandtlIshlinskii takes the deformation s1 and rate s_dot1 of one force r1; there are "
-                f"{inputs} channels and {dofs} forces"
+                "PrandtlIshlinskii takes the deformation s1 and rate s_dot1 of one force r1; there "
+                f"are {inputs} channels and {dofs} forces"
             )
         if sliders is not None and not 1 <= sliders <= MOST_SLIDERS:
             raise ValueError(

@@ -31,6 +31,7 @@ from runner.config.compose import prepare_hydra
 FARTHER = 1.5  # times the unseen motions
 MODELS = {  # of conf/model, with what differs
     "branch_element": (),
+    "named_element": (),
     "branch_element, less memory": ("model.force_memory=false",),
     "hysteretic_element": (),
 }

@@ -56,6 +56,7 @@ MODELS = {  # of conf/model, with settings; masses are given to those that take 
     "linear": (),
     "element_network": CHAIN,
     "element_network_branch": CHAIN,
+    "element_network_named": CHAIN,
     NOISY: CHAIN,
 }
 ON_FEW = ("element_network", NOISY)

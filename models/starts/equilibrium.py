@@ -7,9 +7,13 @@ T samples, n DOFs, E elements.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import torch
 from torch import Tensor
+
+from data.record import Record
 
 LOWEST = 0.2  # of the dominant frequency: below, accelerations are not integrated
 
@@ -36,6 +40,24 @@ def integrated(a: Tensor, dt: float, lowest: float) -> tuple[Tensor, Tensor]:
     v = torch.fft.irfft(-1j * over * spectrum, n=2 * T, dim=0)[:T]
     twice = torch.where(kept[:, None] > 0.0, -over * over / kept[:, None].clamp_min(1e-300), 0.0)
     return torch.fft.irfft(twice * spectrum, n=2 * T, dim=0)[:T], v
+
+
+def integrated_states(
+    record: Record, forces: int
+) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
+    """x, v, a, u (T, ·) of every motion whose accelerations alone were measured.
+
+    What is slower than the motion is left out of x and v, as of the supports' motions, which stand
+    behind so many forces in u.
+    """
+    a = record.a.reshape(-1, record.samples, record.dofs)
+    u = record.excitation.reshape(len(a), record.samples, -1)
+    for acceleration, drive in zip(a, u, strict=True):
+        lowest = LOWEST * dominant(acceleration, record.dt)
+        x, v = integrated(acceleration, record.dt, lowest)
+        moved = drive.clone()
+        moved[:, forces:] = high_passed(drive[:, forces:], record.dt, lowest)
+        yield x, v, acceleration, moved
 
 
 def high_passed(u: Tensor, dt: float, lowest: float) -> Tensor:

@@ -26,12 +26,15 @@ SMALLER = {  # what a class is built with here, so that it is identified in a se
     "models.ForwardVWNN": {"refinements": 1},
     "models.ElementNetwork": {"hinges": 1, "units": 1},
     "models.ElementNetworkBranch": {"ramps": 2, "bends": 1, "law_starts": 1},
+    "models.ElementNetworkNamed": {"laws": ["SelfCentering"]},
+    "models.NamedElement": {"laws": ["SelfCentering"]},
     "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
     "models.ModalNetwork": {"modes": 3, "elements": 0, "iterations": 3},
 }
 NO_STRUCTURE = (  # elements alone, or one input and one output
     "models.BranchElement",
     "models.HystereticElement",
+    "models.NamedElement",
     "models.PrandtlIshlinskii",
     "models.RestoringForceSurface",
     "models.TankCascade",

@@ -42,6 +42,7 @@ PAPER = {"bilinear", "polynomial", "bouc_wen", "shear_frame", "single_oscillator
 ELEMENT_TESTS = {  # models of an imposed motion
     "branch_element",
     "hysteretic_element",
+    "named_element",
     "prandtl_ishlinskii",
     "restoring_force_surface",
 }
@@ -68,6 +69,8 @@ def fits(*overrides: str) -> dict:
         cfg = changed(cfg, {"data": {"duration": 10.0}})
     if cfg.model._target_ == "models.ModalNetwork":
         cfg = changed(cfg, {"data": {"duration": 10.0}, "model": {"iterations": 3, "elements": 0}})
+    if cfg.model._target_ == "models.ElementNetworkNamed":
+        cfg = changed(cfg, {"data": {"duration": 10.0}, "model": {"laws": ["MenegottoPinto"]}})
     if "refinements" in cfg.model:
         cfg = changed(cfg, {"model": {"refinements": 1}})
     data = data_from(cfg)

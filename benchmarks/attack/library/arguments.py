@@ -101,6 +101,7 @@ MODELS: dict[str, dict[str, Any]] = {  # what they are built with, beside sizes 
     },
     "HystereticElement": {"hinges": 1, "tanhs": 0, "units": 1, "cubic": True, "prior": 1e-8},
     "BranchElement": {"ramps": 3, "bends": 2, "force_memory": True, "prior": 1e-7},
+    "NamedElement": {"laws": ["SelfCentering"], "seed": 0},
     "PrandtlIshlinskii": {"sliders": 1, "nodes": 6, "ridge": 1e-6},
     "RestoringForceSurface": {"order": 2, "ridge": 1e-8},
     "LastValue": {},
@@ -117,6 +118,7 @@ def _small_element(name: str) -> Callable[[random.Random], dict[str, Any]]:
 IMPOSED = (
     "HystereticElement",
     "BranchElement",
+    "NamedElement",
     "PrandtlIshlinskii",
     "RestoringForceSurface",
 )  # elements under an imposed motion

@@ -1,0 +1,92 @@
+"""One element by the law of a name: steel, flag, slack brace, pendulum, Bouc–Wen, concrete.
+
+r = law(s, ṡ; q)                        (models/named_laws, simulated by data/simulation/elements)
+
+Every law that may be is fitted to the motions; which of them it is shows on the largest motion,
+which is held back. All happens in `identify`; no solver is needed.   T samples, one element.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from data.record import Drive, Record, Response
+from models.estimator import Estimator
+from models.named_laws.fit import Motion, chosen
+from models.named_laws.learned import LearnedLaws, require_laws, told
+
+
+class NamedElement(Estimator):
+    """Force (…, T, 1) from the imposed deformation s and rate ṡ of an element test.
+
+    laws: names to choose from (models/named_laws/candidates.py), None: all of them. seed: of the
+    starts. Every estimate is a free run from rest. Raises ValueError for other channels.
+    """
+
+    takes_other_inputs = False
+    reads = ("f",)
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        laws: Sequence[str] | None = None,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        if (dofs, inputs) != (1, 2):
+            raise ValueError(
+                "NamedElement takes the deformation s1 and rate s_dot1 of one force r1; there are "
+                f"{inputs} channels and {dofs} forces"
+            )
+        self.candidates, self.seed = require_laws(laws), seed
+        self.laws = LearnedLaws(1)
+
+    @property
+    def identified_parameters(self) -> int:
+        return self.laws.count
+
+    def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
+        """Fit and choose the law; returns it, its parameters in SI units, errors held back."""
+        motions = []
+        for record in batches:
+            if record.quantity != "force":
+                raise ValueError(
+                    "NamedElement describes the force of an element test; the record holds "
+                    f"{record.quantity}: choose element_network_named or another model"
+                )
+            motions += _motions(record.excitation, record.a, record.dt, record.warmup)
+        fit, errors = chosen(motions, self.candidates, self.seed)
+        self.laws.take(0, fit)
+        return told([fit], [errors])
+
+    def forward(self, record: Record) -> Tensor:
+        """Forces (…, T, 1) of the free run of a record or a batch."""
+        return self._forces(record.excitation, record.dt)
+
+    def free_run(self, drive: Drive) -> Response:
+        """Forces as `a` of the response, from rest; x and v are the imposed motion."""
+        s, rate = drive.u.split(1, dim=-1)
+        return Response(s, rate, self._forces(drive.u, drive.dt))
+
+    def _forces(self, u: Tensor, dt: float) -> Tensor:
+        self.require_identified(self.laws.numbers)
+        fit, lead = self.laws[0], u.shape[:-1]
+        forces = [fit.force(motion) for motion in _motions(u, u[..., :1], dt, 0)]
+        r = torch.stack([torch.from_numpy(force) for force in forces])
+        return r.reshape(*lead, 1).to(u.device)
+
+
+def _motions(u: Tensor, r: Tensor, dt: float, first: int) -> list[Motion]:
+    """Every motion of a batch; `first`: sample from which on it counts."""
+    T = u.shape[-2]
+    rows, forces = u.reshape(-1, T, 2).cpu().numpy(), r.reshape(-1, T).cpu().numpy()
+    return [
+        Motion(dt, row[:, 0].copy(), row[:, 1].copy(), force.copy(), first)
+        for row, force in zip(rows, forces, strict=True)
+    ]

@@ -1,0 +1,252 @@
+"""The named laws as functions of free numbers: what each may be, and where a search begins.
+
+A law is simulated by its element (data/simulation/elements), with a spring in parallel where it has
+none. Every parameter is unit·exp(q), or a share 1/(1 + exp(−q)); units are those of the data, so
+that a change of units changes nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from data.simulation.elements import (
+    BaberNoori,
+    Element,
+    FrictionPendulum,
+    MenegottoPinto,
+    Polynomial,
+    SelfCentering,
+    SlackBrace,
+    Takeda,
+)
+
+BETWEEN = ("ground", "x1")  # of an element that nobody has put into a structure yet
+SPAN = 12.0  # of q: e^±12 units
+
+
+@dataclass(frozen=True)
+class Units:
+    """Of parameters: largest deformation [m], median rate [m/s], largest force [N]."""
+
+    length: float
+    rate: float
+    force: float
+
+    @property
+    def stiffness(self) -> float:
+        return self.force / self.length
+
+    @property
+    def damping(self) -> float:
+        return self.force / self.rate
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of a law: its unit, whether it is a share of one, and where it begins."""
+
+    low: float
+    high: float
+    unit: Callable[[Units], float] = lambda units: 1.0
+    share: bool = False
+
+    def value(self, q: float, units: Units) -> float:
+        q = min(max(q, -SPAN), SPAN)
+        return 1.0 / (1.0 + math.exp(-q)) if self.share else self.unit(units) * math.exp(q)
+
+    def drawn(self, rng: np.random.Generator) -> float:
+        """q of a start between low and high, evenly in its logarithm (a share: in itself)."""
+        if self.share:
+            share = rng.uniform(self.low, self.high)
+            return math.log(share / (1.0 - share))
+        return rng.uniform(math.log(self.low), math.log(self.high))
+
+
+def _length(low: float, high: float) -> Parameter:
+    return Parameter(low, high, lambda units: units.length)
+
+
+def _share(low: float, high: float) -> Parameter:
+    return Parameter(low, high, share=True)
+
+
+STIFFNESS = Parameter(1.0, 30.0, lambda units: units.stiffness)
+SOFT = Parameter(0.02, 0.5, lambda units: units.stiffness)
+DAMPING = Parameter(1e-3, 0.03, lambda units: units.damping)
+PER_ENERGY = Parameter(1e-3, 0.1, lambda units: 1.0 / (units.force * units.length))
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A law: its free parameters, and the elements in parallel that they make."""
+
+    name: str
+    parameters: Mapping[str, Parameter]
+    made: Callable[[Values, Sequence[str]], list[Element]]
+
+    def values(self, q: np.ndarray, units: Units) -> dict[str, float]:
+        pairs = zip(self.parameters.items(), q.tolist(), strict=True)
+        return {name: parameter.value(number, units) for (name, parameter), number in pairs}
+
+    def elements(
+        self, q: np.ndarray, units: Units, between: Sequence[str] = BETWEEN
+    ) -> list[Element]:
+        return self.made(self.values(q, units), between)
+
+    def drawn(self, rng: np.random.Generator) -> np.ndarray:
+        return np.array([parameter.drawn(rng) for parameter in self.parameters.values()])
+
+
+def _plain(law: type[Element], **fixed: float) -> Callable[[Values, Sequence[str]], list[Element]]:
+    """An element whose parameters are those of the candidate, by the same names."""
+    known = {field.name for field in fields(law)}
+
+    def made(values: Values, between: Sequence[str]) -> list[Element]:
+        own = {name: value for name, value in values.items() if name in known}
+        elements: list[Element] = [law(between=between, **{**fixed, **own})]
+        if "spring" in values:
+            damping = values.get("beside", 0.0)
+            spring = Polynomial(between=between, stiffness=values["spring"], damping=damping)
+            elements.append(spring)
+        return elements
+
+    return made
+
+
+def _steel(values: Values, between: Sequence[str]) -> list[Element]:
+    """Growth of the yield lines is the same on both sides."""
+    growth = {"a1": values["growth"], "a3": values["growth"]}
+    own = {name: value for name, value in values.items() if name != "growth"}
+    return [MenegottoPinto(between=between, **own, **growth)]
+
+
+def _pendulum(values: Values, between: Sequence[str]) -> list[Element]:
+    """By forces: the weight is one, so that friction and curvature are what they do."""
+    slow, fast = values["slow"], values["slow"] + values["faster"]
+    bearing = FrictionPendulum(
+        between=between,
+        weight=1.0,
+        radius=1.0 / values["stiffness"],
+        friction_fast=fast,
+        friction_slow=slow,
+        rate=values["rate"],
+        yield_displacement=values["yield_displacement"],
+        damping=values["damping"],
+    )
+    return [bearing]
+
+
+def _bouc_wen(values: Values, between: Sequence[str]) -> list[Element]:
+    """By the largest z: β + γ = z⁻ⁿ, of which β has a share above a half."""
+    exponent = 1.0 + values["above_one"]
+    bend = values["largest"] ** -exponent
+    beta = bend * (0.5 + 0.5 * values["beta_share"])
+    own = {name: values[name] for name in ("stiffness", "post_yield_ratio")}
+    degrading = {
+        name: values[name]
+        for name in (
+            *("eta_rate", "nu_rate", "pinching", "pinching_rate", "pinching_place"),
+            *("pinching_width", "pinching_spread", "pinching_lambda"),
+        )
+        if name in values
+    }
+    law = BaberNoori(
+        between=between, beta=beta, gamma=bend - beta, exponent=exponent, **own, **degrading
+    )
+    return [law, Polynomial(between=between, stiffness=0.0, damping=values["damping"])]
+
+
+_SMOOTH = {
+    "stiffness": STIFFNESS,
+    "post_yield_ratio": _share(0.02, 0.3),
+    "largest": _length(0.03, 0.5),
+    "beta_share": _share(0.2, 0.9),
+    "above_one": Parameter(0.05, 1.0),  # of the exponent
+    "damping": DAMPING,
+}
+CANDIDATES = {
+    candidate.name: candidate
+    for candidate in (
+        Candidate(
+            "SelfCentering",
+            {
+                "activation_displacement": _length(0.03, 0.5),
+                "stiffness": STIFFNESS,
+                "hardening_ratio": _share(0.01, 0.3),
+                "flag": _share(0.3, 0.95),
+                "damping": DAMPING,
+            },
+            _plain(SelfCentering),
+        ),
+        Candidate(
+            "Takeda",
+            {
+                "yield_displacement": _length(0.03, 0.5),
+                "stiffness": STIFFNESS,
+                "hardening_ratio": _share(0.01, 0.3),
+                "unloading_exponent": _share(0.1, 0.6),
+                "damping": DAMPING,
+            },
+            _plain(Takeda),
+        ),
+        Candidate(
+            "SlackBrace",
+            {
+                "yield_displacement": _length(0.03, 0.5),
+                "stiffness": STIFFNESS,
+                "hardening_ratio": _share(0.01, 0.3),
+                "gap": _length(0.01, 0.2),
+                "damping": DAMPING,
+                "spring": SOFT,
+            },
+            _plain(SlackBrace),
+        ),
+        Candidate(
+            "FrictionPendulum",
+            {
+                "stiffness": Parameter(0.1, 1.0, lambda units: units.stiffness),
+                "slow": Parameter(0.05, 0.5, lambda units: units.force),
+                "faster": Parameter(0.02, 0.5, lambda units: units.force),
+                "rate": Parameter(0.3, 3.0, lambda units: 1.0 / units.rate),
+                "yield_displacement": _length(0.003, 0.05),
+                "damping": DAMPING,
+            },
+            _pendulum,
+        ),
+        Candidate("BoucWen", _SMOOTH, _bouc_wen),
+        Candidate(
+            "MenegottoPinto",
+            {
+                "yield_displacement": _length(0.05, 0.4),
+                "stiffness": STIFFNESS,
+                "hardening_ratio": _share(0.01, 0.2),
+                "sharpness": Parameter(5.0, 25.0),
+                "sharpness_loss": _share(0.8, 0.95),
+                "loss_excursion": Parameter(0.05, 0.3),
+                "growth": Parameter(0.003, 0.1),
+                "damping": DAMPING,
+            },
+            _steel,
+        ),
+        Candidate(
+            "BaberNoori",
+            {
+                **_SMOOTH,
+                "eta_rate": PER_ENERGY,
+                "nu_rate": PER_ENERGY,
+                "pinching": _share(0.3, 0.9),
+                "pinching_rate": Parameter(0.03, 1.0, lambda u: 1.0 / (u.force * u.length)),
+                "pinching_place": _share(0.05, 0.3),
+                "pinching_width": _length(0.01, 0.3),
+                "pinching_spread": Parameter(1e-4, 1e-2, lambda u: 1.0 / u.force),
+                "pinching_lambda": Parameter(0.05, 0.5),
+            },
+            _bouc_wen,
+        ),
+    )
+}

@@ -1,0 +1,153 @@
+"""A named law fitted to motions of an element, and the law that suits them best.
+
+Starts are drawn, the likeliest are followed on the two largest motions, the best on all: damped
+least squares (scipy) with derivatives by differences. Which law it is shows on the largest motion,
+which is held back: the fewest parameters are taken whose error there is nearly the least.
+T samples.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from data.simulation.element_test import imposed
+from models.named_laws.candidates import CANDIDATES, Candidate, Units
+
+DRAWS, FOLLOWED = 40, 3  # starts, and how many of them are followed
+FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
+IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
+NEARLY = 1.1  # times the least error on the motion held back
+STEP = 1e-4  # of the differences
+PULL = 1e-4  # of q towards its start, beside the relative error
+Progress = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Deformation, rate and force (T,) of an element, dt [s] apart; from rest."""
+
+    dt: float
+    y: np.ndarray
+    rate: np.ndarray
+    r: np.ndarray
+    first: int = 0  # sample that counts
+
+
+@dataclass
+class Fit:
+    """A law with its numbers q, and its relative error on the motions that it was fitted to."""
+
+    candidate: Candidate
+    units: Units
+    q: np.ndarray
+    error: float = math.inf
+
+    def force(self, motion: Motion) -> np.ndarray:
+        """r (T,) of a motion; not finite where the law cannot follow it."""
+        r = np.zeros_like(motion.y)
+        try:
+            for element in self.candidate.elements(self.q, self.units):
+                r += imposed(element, motion.y, motion.dt, motion.rate).r[:, 0]
+        except (ValueError, ArithmeticError):
+            r[:] = np.inf
+        return r
+
+    def error_on(self, motions: Sequence[Motion]) -> float:
+        """Relative RMS error over all motions."""
+        left = self.residuals(motions)
+        return float(np.linalg.norm(left)) if np.isfinite(left).all() else math.inf
+
+    def residuals(self, motions: Sequence[Motion]) -> np.ndarray:
+        size = math.sqrt(sum(float((m.r[m.first :] ** 2).sum()) for m in motions))
+        return np.concatenate([(self.force(m) - m.r)[m.first :] / size for m in motions])
+
+
+def units_of(motions: Sequence[Motion]) -> Units:
+    """Raises ValueError where something is zero throughout."""
+    y, rate, r = (
+        np.concatenate([getattr(m, name) for m in motions]) for name in ("y", "rate", "r")
+    )
+    sizes = float(np.abs(y).max()), float(np.median(np.abs(rate))), float(np.abs(r).max())
+    if min(sizes) <= 0.0:
+        raise ValueError("a deformation, its rate or a force is zero throughout; leave it out")
+    return Units(*sizes)
+
+
+def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
+    """The law after so many iterations of damped least squares."""
+    begin = fit.q.copy()
+
+    def residuals(q: np.ndarray) -> np.ndarray:
+        left = Fit(fit.candidate, fit.units, q).residuals(motions)
+        left = np.where(np.isfinite(left), left, 1e3)
+        return np.concatenate([left, PULL * (q - begin)])
+
+    def slopes(q: np.ndarray) -> np.ndarray:
+        here = residuals(q)
+        columns = [(residuals(q + STEP * e) - here) / STEP for e in np.eye(q.size)]
+        return np.array(columns).T
+
+    found = least_squares(residuals, begin, slopes, method="trf", max_nfev=iterations, ftol=1e-5)
+    end = Fit(fit.candidate, fit.units, found.x)
+    end.error = end.error_on(motions)
+    return end if end.error < fit.error_on(motions) else fit
+
+
+def begun(
+    candidate: Candidate, motions: Sequence[Motion], units: Units, rng: np.random.Generator
+) -> Fit:
+    """The best of some starts after a few iterations."""
+    drawn = [Fit(candidate, units, candidate.drawn(rng)) for _ in range(DRAWS)]
+    for one in drawn:
+        one.error = one.error_on(motions)
+    drawn.sort(key=lambda one: one.error)
+    ends = [followed(one, motions, FIRST) for one in drawn[:FOLLOWED]]
+    return min(ends, key=lambda one: one.error)
+
+
+def chosen(
+    motions: Sequence[Motion],
+    names: Sequence[str],
+    seed: int,
+    step: Progress = lambda: None,
+) -> tuple[Fit, dict[str, float]]:
+    """The law that suits the motions, fitted to all of them; errors on the motion held back."""
+    units, rng = units_of(motions), np.random.default_rng(seed)
+    rest, judged = parted(motions)
+    largest = sorted(rest, key=lambda m: -float(np.ptp(m.y)))[:2]
+    found = []
+    for name in names:
+        found.append(begun(CANDIDATES[name], largest, units, rng))
+        step()
+    least = min(one.error for one in found)
+    found = [one for one in found if one.error <= IN_THE_LEAD * least]
+    found = [followed(one, rest, MIDDLE) for one in found]
+    errors = {one.candidate.name: one.error_on([judged]) for one in found}
+    best = smallest(found, errors)
+    best.error = math.inf
+    return followed(best, motions, LAST), errors
+
+
+def smallest(found: Sequence[Fit], errors: Mapping[str, float]) -> Fit:
+    """The law of fewest parameters whose error on held-back motion is nearly the least."""
+    least = min(errors.values())
+    if not math.isfinite(least):
+        raise ValueError("no named law follows the motions; look for outliers in the record")
+    near = [one for one in found if errors[one.candidate.name] <= NEARLY * least]
+    return min(near, key=lambda one: len(one.q))
+
+
+def parted(motions: Sequence[Motion]) -> tuple[list[Motion], Motion]:
+    """Motions to fit, and the farthest, to judge by; of a single motion its first and last part."""
+    if len(motions) > 1:
+        farthest = max(range(len(motions)), key=lambda i: float(np.ptp(motions[i].y)))
+        return [m for i, m in enumerate(motions) if i != farthest], motions[farthest]
+    (whole,) = motions
+    first = int(0.7 * len(whole.y))
+    cut = Motion(whole.dt, whole.y[:first], whole.rate[:first], whole.r[:first], whole.first)
+    return [cut], Motion(whole.dt, whole.y, whole.rate, whole.r, first)

@@ -1,0 +1,76 @@
+"""The named laws of some elements, as a module: which law each has, its numbers and their units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from data.simulation.elements import Element
+from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.fit import Fit
+
+MOST = max(len(candidate.parameters) for candidate in CANDIDATES.values())
+
+
+def require_laws(laws: Sequence[str] | None) -> list[str]:
+    """Names of the laws to choose from, all of them for None. Raises ValueError for others."""
+    if laws is None:
+        return list(CANDIDATES)
+    unknown = [name for name in laws if name not in CANDIDATES]
+    if unknown or not laws:
+        raise ValueError(f"model.laws={list(laws)}: choose some of {', '.join(CANDIDATES)}")
+    return list(laws)
+
+
+class LearnedLaws(nn.Module):
+    """Laws of E elements; −1 where none is known yet."""
+
+    law: Tensor  # (E,): numbers of the laws among the candidates
+    units: Tensor  # (E, 3): length, rate and force
+
+    def __init__(self, elements: int) -> None:
+        super().__init__()
+        numbers = torch.full((elements, MOST), torch.nan, dtype=torch.float64)
+        self.numbers = nn.Parameter(numbers, requires_grad=False)
+        self.register_buffer("law", torch.full((elements,), -1))
+        self.register_buffer("units", torch.ones(elements, 3, dtype=torch.float64))
+
+    def take(self, e: int, fit: Fit) -> None:
+        self.law[e] = list(CANDIDATES).index(fit.candidate.name)
+        self.units[e] = torch.tensor([fit.units.length, fit.units.rate, fit.units.force])
+        self.numbers.data[e] = 0.0
+        self.numbers.data[e, : fit.q.size] = torch.from_numpy(fit.q)
+
+    def __getitem__(self, e: int) -> Fit:
+        """Raises ValueError where the law is none of those that there are."""
+        number = int(self.law[e])
+        if not 0 <= number < len(CANDIDATES):
+            raise ValueError(f"the law of element {e + 1} has the number {number}; identify anew")
+        candidate = list(CANDIDATES.values())[number]
+        q = self.numbers[e].detach().cpu().numpy()[: len(candidate.parameters)]
+        return Fit(candidate, Units(*self.units[e].tolist()), np.array(q))
+
+    @property
+    def count(self) -> int:
+        """Number of parameters of all laws."""
+        return sum(len(self[e].q) for e in range(len(self.law)) if int(self.law[e]) >= 0)
+
+    def elements(self, e: int, between: Sequence[str]) -> list[Element]:
+        """The elements in parallel that stand for one."""
+        fit = self[e]
+        return fit.candidate.elements(fit.q, fit.units, between)
+
+
+def told(fits: Sequence[Fit], errors: Sequence[dict[str, float]]) -> dict[str, Any]:
+    """Which laws were chosen, their parameters, and how far each law was from held-back motion."""
+    facts = {"laws": ", ".join(fit.candidate.name for fit in fits)}
+    for number, (fit, held_back) in enumerate(zip(fits, errors, strict=True), start=1):
+        values = fit.candidate.values(fit.q, fit.units)
+        facts[f"element_{number}"] = ", ".join(f"{name} {v:.4g}" for name, v in values.items())
+        tried = ", ".join(f"{name} {100.0 * error:.2f}" for name, error in held_back.items())
+        facts[f"held_back_percent_{number}"] = tried
+    return facts
