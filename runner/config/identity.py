@@ -121,10 +121,16 @@ def _imported(modules: Iterable[str], root: Path) -> set[str]:
 @cache
 def _read(module: str, root: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What the statements of a module do, and which modules of data and models it imports."""
-    tree = ast.parse((root / Path(*module.split("."))).with_suffix(".py").read_bytes())
+    tree = ast.parse(_file_of(module, root).read_bytes())
     ours = {name for node in ast.walk(tree) for name in _own_imports(node, root)}
     bare = (_Bare().visit(node) for node in tree.body)
     return tuple(ast.unparse(node) for node in bare if node is not None), tuple(sorted(ours))
+
+
+def _file_of(module: str, root: Path) -> Path:
+    """The file of a module, or of a package: what it gathers is imported from there."""
+    place = root / Path(*module.split("."))
+    return place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
 
 
 def _own_imports(node: ast.AST, root: Path) -> Iterator[str]:
@@ -132,8 +138,7 @@ def _own_imports(node: ast.AST, root: Path) -> Iterator[str]:
     if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in FRONTS:
         for name in node.names:  # a module of a package, or what a module defines
             inside = f"{node.module}.{name.name}"
-            is_module = (root / Path(*inside.split("."))).with_suffix(".py").is_file()
-            place = inside if is_module else str(node.module)
+            place = inside if _file_of(inside, root).is_file() else str(node.module)
             if place not in FRONTS:
                 yield place
 

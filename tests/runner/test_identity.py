@@ -31,13 +31,16 @@ def change(path: Path, before: str, after: str) -> None:
 def afresh():
     """Files that change while the program runs are read again."""
     yield
+    afresh_now()
+
+
+def afresh_now() -> None:
     identity._read.cache_clear()
     identity._code_of.cache_clear()
 
 
 def of(tree: Path) -> str:
-    identity._read.cache_clear()
-    identity._code_of.cache_clear()
+    afresh_now()
     return code_version(TARGETS, tree)
 
 
@@ -67,6 +70,15 @@ def test_a_changed_equation_is_other_code(tree):
     before = of(tree)
     change(tree / "models" / "layers" / "filters.py", "math.exp(-", "math.exp(-2.0 * ")
     assert of(tree) != before
+
+
+def test_what_a_package_gathers_counts(tree):
+    """`from data.simulation.elements import Takeda` leads to the file of the law."""
+    named = frozenset({"models.NamedElement"})
+    before = code_version(named, tree)
+    change(tree / "data" / "simulation" / "elements" / "takeda.py", "slope = max(", "slope = min(")
+    afresh_now()
+    assert code_version(named, tree) != before
 
 
 def test_what_a_run_does_not_use_does_not_count(tree):
