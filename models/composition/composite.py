@@ -163,8 +163,12 @@ class Composite(Trainable):
                     f"{MOST_STEPS} steps that autograd follows in Python; simulate under "
                     "torch.no_grad(), or take a shorter drive"
                 )
-            return simulate(self.composition(), drive, substeps)
+            return self.simulated(drive, substeps)
         return self.trace(drive).response
+
+    def simulated(self, drive: Drive, substeps: int) -> Response:
+        """The free run in PyTorch, differentiable in all it returns."""
+        return simulate(self.composition(), drive, substeps)
 
     def run_of(self, record: Record) -> Response:
         """The free run of a record. An unknown beginning is estimated from the warm-up samples."""
