@@ -53,8 +53,11 @@ class HystereticElement(Composite):
                 f"there are {inputs} channels: name s1, s_dot1 and r1 among data.measured.channels"
             )
         self.others = OtherInputs(dofs, others, nodes, rates) if others else None
+        self.estimates_beginning = self.others is None  # TODO
         self.parallel = self.others.laws if self.others else 1
-        self.laws = ElementLaws(dofs * self.parallel, hinges, tanhs, units, cubic)
+        each = nodes if others else 1
+        counts = (-(-count // each) for count in (hinges, tanhs, units))
+        self.laws = ElementLaws(dofs * self.parallel, *counts, cubic)
         self.linear: tuple[Tensor, Tensor, Tensor] | None = None
 
     def composition(self) -> Composition:
@@ -107,10 +110,11 @@ class HystereticElement(Composite):
         secant = r.abs().amax(dim=0) / largest
         stiffness = torch.where(fitted[:, 0] > 0.05 * secant, fitted[:, 0], 0.05 * secant)
         least = 0.01 * r.abs().amax(dim=0) / fastest
-        self.linear = (stiffness, torch.maximum(fitted[:, 1], least), largest)
+        damping = torch.maximum(fitted[:, 1], least)
         if self.others:
             self.others.start([e], r.abs().amax(dim=0), fastest, self.dt)
-            self.linear = tuple(u.repeat(self.parallel) for u in self.linear)
+        J = self.parallel
+        self.linear = stiffness.repeat(J), damping.repeat(J), largest.repeat(J)
         self.laws.start(*self.linear, (0.5, 0.5))
         self.identified.fill_(1.0)
         return {"linear_stiffness": float(stiffness.mean())}
@@ -163,14 +167,13 @@ class HystereticElement(Composite):
             begin,
             by_begin,
         )
-        others, u, dt, forces = self.others, drive.u, drive.dt, run.response.a
-        jacobian = others.weighed(run.jacobian, u, dt)
+        u, dt, forces = drive.u, drive.dt, run.response.a
+        jacobian = self.others.weighed(run.jacobian, u, dt)
         if derivatives:  # the other inputs' parameters come first
-            slopes = others.slopes(forces, u, dt)
+            slopes = self.others.slopes(forces, u, dt)
             jacobian[..., : slopes.shape[-1]] = slopes
-        r = others(forces, u, dt, others.reaches(dt))
+        r, by_first = self.others(forces, u, dt), self.others.weighed(run.by_begin, u, dt)
         s, rate = u[..., : self.dofs], u[..., self.dofs : 2 * self.dofs]
-        by_first = others.weighed(run.by_begin, u, dt)
         return Trace(Response(s, rate, r), r, s, jacobian, by_first)
 
     def _side_by_side(self, drive: Drive) -> Drive:
@@ -181,6 +184,5 @@ class HystereticElement(Composite):
         if self.others is None:
             return super().simulated(drive, substeps)
         forces = simulate(self.composition(), self._side_by_side(drive), substeps).a
-        reaches = self.others.reaches(drive.dt)
         s, rate = drive.u[..., : self.dofs], drive.u[..., self.dofs : 2 * self.dofs]
-        return Response(s, rate, self.others(forces, drive.u, drive.dt, reaches))
+        return Response(s, rate, self.others(forces, drive.u, drive.dt))

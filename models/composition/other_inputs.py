@@ -13,15 +13,13 @@ from collections.abc import Iterable
 
 import torch
 from torch import Tensor, nn
-from torch.func import functional_call, jvp, vmap
 
 from models.composition.coefficients import Coefficients
-from models.layers.lag import lagged, reach_of
+from models.layers.lag import lagged, with_slope
 from models.layers.scaling import Extents
 
 KNEES = (0.02, 0.5)  # of the largest rate: between these forces saturate at the start
 LAG, RATE_LAG = 5.0, 2.0  # samples, at the start
-TOGETHER = 8  # derivatives
 
 
 class OtherInputs(nn.Module):
@@ -67,46 +65,64 @@ class OtherInputs(nn.Module):
         for coefficients in self.beyond:
             coefficients.theta.zero_()
 
-    def weights(self, e: Tensor, dt: float, reach: int) -> Tensor:
-        """h (…, T, J) of inputs e (…, T, k); their sum is one. reach: of the lags, in samples."""
-        w = lagged(self.range(e), self.lag(), dt, reach)
+    def weights(self, w: Tensor) -> tuple[Tensor, Tensor]:
+        """h (…, T, J) of lagged inputs w (…, T, k), whose sum is one, and the slopes of h by w."""
         place = 0.5 * (w + 1.0) * (self.nodes - 1)  # node i is at i
         cell = place.detach().floor().clamp(0, self.nodes - 2)[..., None]
         share, nodes = place[..., None] - cell, torch.arange(self.nodes).to(cell)
-        hats = (1.0 - share) * (nodes == cell) + share * (nodes == cell + 1)
-        return hats.flatten(-2) / e.shape[-1]
+        left, right = (nodes == cell).double(), (nodes == cell + 1).double()
+        inputs = w.shape[-1]
+        h = ((1.0 - share) * left + share * right).flatten(-2) / inputs
+        return h, 0.5 * (self.nodes - 1) * (right - left).flatten(-2) / inputs
 
-    def reaches(self, dt: float) -> tuple[int, int]:
-        """Samples for which inputs and rates are remembered."""
-        return reach_of(self.lag(), dt), reach_of(self.rate_lag(), dt)
-
-    def forward(self, forces: Tensor, u: Tensor, dt: float, reaches: tuple[int, int]) -> Tensor:
+    def forward(self, forces: Tensor, u: Tensor, dt: float) -> Tensor:
         """r (…, T, E) of forces of the laws (…, T, J·E) under the excitation [s, ṡ, e]."""
-        E = self.elements
-        h = self.weights(u[..., 2 * E :], dt, reaches[0])
-        rates = torch.cat([u[..., E : 2 * E]] * self.laws, dim=-1)
-        p = lagged(rates, self.rate_lag(), dt, reaches[1])[..., None]
+        h, _ = self.weights(lagged(self._inputs(u), self.lag(), dt))
+        p = lagged(self._rates(u), self.rate_lag(), dt)[..., None]
         whole = forces + (self.rate_force() * torch.tanh(p / self.rate_knee())).sum(dim=-1)
-        return (h[..., None] * whole.unflatten(-1, (self.laws, E))).sum(dim=-2) + self.offset()
+        return (h[..., None] * self._by_law(whole)).sum(dim=-2) + self.offset()
 
+    @torch.no_grad()
     def weighed(self, slopes: Tensor, u: Tensor, dt: float) -> Tensor:
         """Slopes of r (…, T, E, P) by those of the laws' forces (…, T, J·E, P)."""
-        h = self.weights(u[..., 2 * self.elements :], dt, self.reaches(dt)[0])
-        return torch.einsum(
-            "...tj,...tjep->...tep", h, slopes.unflatten(-2, (self.laws, self.elements))
-        )
+        h, _ = self.weights(lagged(self._inputs(u), self.lag(), dt))
+        by_law = slopes.unflatten(-2, (self.laws, self.elements))
+        return torch.einsum("...tj,...tjep->...tep", h, by_law)
 
+    @torch.no_grad()
     def slopes(self, forces: Tensor, u: Tensor, dt: float) -> Tensor:
-        """Slopes of r (…, T, E, Q) by the free parameters here, in their order."""
-        theta = {n: p.detach() for n, p in self.named_parameters() if p.requires_grad}
-        flat, reaches = torch.cat([p.reshape(-1) for p in theta.values()]), self.reaches(dt)
+        """Slopes of r (…, T, E, ·) by the free parameters here, in their order."""
+        w, w_by_lag = with_slope(self._inputs(u), self.lag(), self.lag.slope(), dt)
+        p, p_by_lag = with_slope(self._rates(u), self.rate_lag(), self.rate_lag.slope(), dt)
+        h, h_by_w = self.weights(w)
+        force, knee = self.rate_force(), self.rate_knee()
+        x = p[..., None] / knee
+        step = torch.tanh(x)
+        steep, each = force * (1.0 - step**2), h.repeat_interleave(self.elements, dim=-1)
+        whole = self._by_law(forces + (force * step).sum(dim=-1))
+        by_w = (h_by_w[..., None] * whole).unflatten(-2, (-1, self.nodes)).sum(dim=-2)
+        slopes = {
+            self.lag: (w_by_lag[..., None] * by_w).mT,
+            self.offset: torch.diag(self.offset.unit).expand(*h.shape[:-1], -1, -1),
+            self.rate_force: self._own(each[..., None] * self.rate_force.unit * step),
+            self.rate_knee: self._own(-each[..., None] * steep * x),
+            self.rate_lag: self._own((each * p_by_lag * (steep / knee).sum(dim=-1))[..., None]),
+        }
+        free = [slope for c, slope in slopes.items() if c.theta.requires_grad]
+        return torch.cat(free, dim=-1)
 
-        def force(flat: Tensor) -> Tensor:
-            parts = flat.split([p.numel() for p in theta.values()])
-            named = {n: part.view(theta[n].shape) for n, part in zip(theta, parts, strict=True)}
-            mixed: Tensor = functional_call(self, named, (forces, u, dt, reaches))
-            return mixed
+    def _inputs(self, u: Tensor) -> Tensor:
+        inputs: Tensor = self.range(u[..., 2 * self.elements :])
+        return inputs
 
-        unit = torch.eye(flat.numel()).to(flat)
-        along = vmap(lambda t: jvp(force, (flat,), (t,))[1], chunk_size=TOGETHER)
-        return along(unit).movedim(0, -1)
+    def _rates(self, u: Tensor) -> Tensor:
+        return torch.cat([u[..., self.elements : 2 * self.elements]] * self.laws, dim=-1)
+
+    def _by_law(self, forces: Tensor) -> Tensor:
+        return forces.unflatten(-1, (self.laws, self.elements))
+
+    def _own(self, slopes: Tensor) -> Tensor:
+        """Slopes (…, T, E, J·E·M) of forces by numbers (J·E, M) of which each acts on its own."""
+        of_law = slopes.unflatten(-2, (self.laws, self.elements))
+        own = torch.eye(self.elements).to(slopes)[:, None, :, None]
+        return (own * of_law[..., None, :, :, :]).flatten(-3)

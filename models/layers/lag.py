@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
+from torch.func import jvp
 from torch.nn.functional import pad
 
 FORGOTTEN = 40.0  # lags after which nothing is left of an input, to rounding
 
 
-def lagged(u: Tensor, lag: Tensor, dt: float, reach: int) -> Tensor:
+def lagged(u: Tensor, lag: Tensor, dt: float) -> Tensor:
     """y (…, T, C) of u (…, T, C) by lags τ (C,) [s], from the steady state under the first sample.
 
-    reach: samples that an input is remembered for (`reach_of`). Differentiable in u and τ.
+    Differentiable in u and τ.
     """
+    reach = FORGOTTEN * float(lag.detach().max()) / dt  # samples
     decay = torch.exp(-dt / lag)
     held = (1.0 - decay) * lag / dt
     later = (held - decay) * u[..., :-1, :] + (1.0 - held) * u[..., 1:, :]
@@ -29,6 +31,7 @@ def lagged(u: Tensor, lag: Tensor, dt: float, reach: int) -> Tensor:
     return y
 
 
-def reach_of(lag: Tensor, dt: float) -> int:
-    """Samples after which nothing is left of an input, for the longest of some lags [s]."""
-    return int((FORGOTTEN * lag.detach().max() / dt).clamp(max=2.0**40)) + 1
+def with_slope(u: Tensor, lag: Tensor, slope: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+    """`lagged`, and its derivative (…, T, C) by parameters of which the lags have a slope (C,)."""
+    both: tuple[Tensor, Tensor] = jvp(lambda lag: lagged(u, lag, dt), (lag,), (slope,))
+    return both
