@@ -3,7 +3,9 @@
 r = law(s, ṡ, z),   ż by increments of s          (models/composition/simulate.py)
 
 The law is that of the element network: spring, damper, cubic spring, hinges, hysteretic units.
-T samples, E elements side by side, each under its own motion.
+Other inputs, such as the voltage of a damper, weigh laws side by side
+(models/composition/other_inputs.py).
+T samples, E elements side by side, each under its own motion; J laws of an element.
 """
 
 from __future__ import annotations
@@ -29,6 +31,11 @@ class HystereticElement(Composite):
     Every estimate is a free run: no measured force is read. x and v of the response hold nothing of
     use, as the motion is imposed.
     hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
+    other_inputs: number k of channels e after s and ṡ, (T, 2 E + k). Each has a law at so many
+    `nodes` in its range, over which hinges, tanhs and units are spread, and in which so many
+    `rates` are forces that saturate with the rate. The units then begin at rest, and the first
+    samples of a record, which tell of its beginning, let them forget.
+    Raises ValueError for other channels than an element test's.
     """
 
     def __init__(
@@ -50,13 +57,15 @@ class HystereticElement(Composite):
         if inputs != 2 * dofs + others:
             raise ValueError(
                 f"an element test has a deformation s and a rate s_dot for each of {dofs} forces; "
-                f"there are {inputs} channels: name s1, s_dot1 and r1 among data.measured.channels"
+                f"there are {inputs} channels, {others} of them other inputs: name s1, s_dot1 and "
+                "r1 among data.measured.channels"
             )
         self.others = OtherInputs(dofs, others, nodes, rates) if others else None
-        self.estimates_beginning = self.others is None  # TODO
+        self.estimates_beginning = self.others is None
         self.parallel = self.others.laws if self.others else 1
-        each = nodes if others else 1
-        counts = (-(-count // each) for count in (hinges, tanhs, units))
+        counts = (hinges, tanhs, units)
+        if self.others:
+            counts = (-(-hinges // nodes), -(-tanhs // nodes), -(-units // nodes))
         self.laws = ElementLaws(dofs * self.parallel, *counts, cubic)
         self.linear: tuple[Tensor, Tensor, Tensor] | None = None
 
@@ -100,10 +109,8 @@ class HystereticElement(Composite):
             motions.append(record.excitation[..., counted, :].reshape(-1, self.inputs).cpu())
             forces.append(record.a[..., counted, :].reshape(-1, self.dofs).cpu())
         self.bind(records)
-        s, rate, e = torch.cat(motions).split(
-            [self.dofs, self.dofs, self.inputs - 2 * self.dofs], dim=1
-        )
-        r = torch.cat(forces)
+        u, E, r = torch.cat(motions), self.dofs, torch.cat(forces)
+        s, rate = u[:, :E], u[:, E : 2 * E]
         pairs = torch.stack([s, rate], dim=2).movedim(1, 0)  # (E, N, 2)
         fitted = torch.linalg.lstsq(pairs, r.T[..., None], driver="gelsd").solution[..., 0]
         largest, fastest = s.abs().amax(dim=0), rate.abs().amax(dim=0)
@@ -112,7 +119,7 @@ class HystereticElement(Composite):
         least = 0.01 * r.abs().amax(dim=0) / fastest
         damping = torch.maximum(fitted[:, 1], least)
         if self.others:
-            self.others.start([e], r.abs().amax(dim=0), fastest, self.dt)
+            self.others.start([u[:, 2 * E :]], r.abs().amax(dim=0), fastest, self.dt)
         J = self.parallel
         self.linear = stiffness.repeat(J), damping.repeat(J), largest.repeat(J)
         self.laws.start(*self.linear, (0.5, 0.5))
@@ -150,33 +157,15 @@ class HystereticElement(Composite):
         begin: Tensor | None = None,
         by_begin: bool = False,
     ) -> Trace:
-        """The compiled run of all laws side by side, and their sum under the other inputs."""
-        if self.others is None:
-            return traced(
-                composition, drive, substeps, anchors, every, derivatives, bound, begin, by_begin
-            )
-        bound = None if bound is None else bound.repeat(self.parallel)
-        run = traced(
-            composition,
-            self._side_by_side(drive),
-            substeps,
-            None,
-            0,
-            derivatives,
-            bound,
-            begin,
-            by_begin,
-        )
-        u, dt, forces = drive.u, drive.dt, run.response.a
-        jacobian = self.others.weighed(run.jacobian, u, dt)
-        if derivatives:  # the other inputs' parameters come first
-            slopes = self.others.slopes(forces, u, dt)
-            jacobian[..., : slopes.shape[-1]] = slopes
-        r, by_first = self.others(forces, u, dt), self.others.weighed(run.by_begin, u, dt)
-        s, rate = u[..., : self.dofs], u[..., self.dofs : 2 * self.dofs]
-        return Trace(Response(s, rate, r), r, s, jacobian, by_first)
+        """The compiled run: of all laws side by side, which other inputs then weigh."""
+        J, begins = self.parallel, (begin, by_begin)
+        ends = None if bound is None else bound.repeat(J)
+        side = drive if self.others is None else self._side_by_side(drive)
+        run = traced(composition, side, substeps, anchors, every, derivatives, ends, *begins)
+        return run if self.others is None else self.others.weighed(run, drive, derivatives)
 
     def _side_by_side(self, drive: Drive) -> Drive:
+        """The drive of all laws, whose initial state is of no effect."""
         rest = drive.x0.new_zeros(self.dofs * self.parallel)
         return replace(drive, x0=rest, v0=rest)
 
@@ -184,5 +173,4 @@ class HystereticElement(Composite):
         if self.others is None:
             return super().simulated(drive, substeps)
         forces = simulate(self.composition(), self._side_by_side(drive), substeps).a
-        s, rate = drive.u[..., : self.dofs], drive.u[..., self.dofs : 2 * self.dofs]
-        return Response(s, rate, self.others(forces, drive.u, drive.dt))
+        return self.others.response(forces, drive)

@@ -14,7 +14,9 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor, nn
 
+from data.record import Drive, Response
 from models.composition.coefficients import Coefficients
+from models.composition.trace import Trace
 from models.layers.lag import lagged, with_slope
 from models.layers.scaling import Extents
 
@@ -82,14 +84,27 @@ class OtherInputs(nn.Module):
         whole = forces + (self.rate_force() * torch.tanh(p / self.rate_knee())).sum(dim=-1)
         return (h[..., None] * self._by_law(whole)).sum(dim=-2) + self.offset()
 
-    @torch.no_grad()
-    def weighed(self, slopes: Tensor, u: Tensor, dt: float) -> Tensor:
-        """Slopes of r (…, T, E, P) by those of the laws' forces (…, T, J·E, P)."""
-        h, _ = self.weights(lagged(self._inputs(u), self.lag(), dt))
-        by_law = slopes.unflatten(-2, (self.laws, self.elements))
-        return torch.einsum("...tj,...tjep->...tep", h, by_law)
+    def response(self, forces: Tensor, drive: Drive) -> Response:
+        """Forces (…, T, E) by those of the laws (…, T, J·E); x and v are the imposed motion."""
+        E, u = self.elements, drive.u
+        return Response(u[..., :E], u[..., E : 2 * E], self(forces, u, drive.dt))
 
     @torch.no_grad()
+    def weighed(self, run: Trace, drive: Drive, derivatives: bool) -> Trace:
+        """The run of the elements by that of their laws; the parameters here are the first."""
+        u, forces = drive.u, run.response.a
+        h, _ = self.weights(lagged(self._inputs(u), self.lag(), drive.dt))
+        laws = (self.laws, self.elements)
+        jacobian, by_begin = (
+            torch.einsum("...tj,...tjep->...tep", h, slopes.unflatten(-2, laws))
+            for slopes in (run.jacobian, run.by_begin)
+        )
+        if derivatives:
+            slopes = self.slopes(forces, u, drive.dt)
+            jacobian[..., : slopes.shape[-1]] = slopes
+        motion = self.response(forces, drive)
+        return Trace(motion, motion.a, motion.x, jacobian, by_begin)
+
     def slopes(self, forces: Tensor, u: Tensor, dt: float) -> Tensor:
         """Slopes of r (…, T, E, ·) by the free parameters here, in their order."""
         w, w_by_lag = with_slope(self._inputs(u), self.lag(), self.lag.slope(), dt)

@@ -7,7 +7,7 @@ the voltage that reaches the coil, w, a lag behind the voltage that is applied.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -40,13 +40,23 @@ def voltage(
 
 
 def magnetorheological(
-    records: int, samples: int, dt: float, noise: float, seed: int = 0, substeps: int = 20
+    records: int,
+    samples: int,
+    dt: float,
+    noise: float,
+    factors: Sequence[float] | None = None,
+    substeps: int = 20,
+    seed: int = 0,
 ) -> Iterator[Test]:
-    """Tests of a damper of 3 kN, with its published parameters (Spencer et al. 1997)."""
+    """Tests of a damper of 3 kN, with its published parameters (Spencer et al. 1997).
+
+    factors: of the voltage of each record, which is 2.25 V at most.
+    """
     rng = np.random.default_rng(seed)
     motions = [imposed_motion(rng, samples, dt, 0.006, 3.0) for _ in range(records)]
     s, rate = (np.stack(u, axis=1) for u in zip(*motions, strict=True))  # (T, records)
     volts = np.stack([voltage(rng, samples, dt, 2.25) for _ in range(records)], axis=1)
+    volts *= np.ones(records) if factors is None else np.array(factors)
     force = _force(s, rate, volts, dt, substeps)
     for i in range(records):
         measured = force[:, i] + noise * force[:, i].std() * rng.standard_normal(samples)
