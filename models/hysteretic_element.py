@@ -31,8 +31,8 @@ class HystereticElement(Composite):
     Every estimate is a free run: no measured force is read. x and v of the response hold nothing of
     use, as the motion is imposed.
     hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
-    other_inputs: number k of channels e after s and ṡ, (T, 2 E + k). Each has a law at so many
-    `nodes` in its range, over which hinges, tanhs and units are spread, and in which so many
+    other_inputs: number k of channels e after s and ṡ, (T, 2 E + k). Each has a law at up to so
+    many `nodes` in its range, over which hinges, tanhs and units are spread, and in which so many
     `rates` are forces that saturate with the rate. The units then begin at rest, and the first
     samples of a record, which tell of its beginning, let them forget.
     Raises ValueError for other channels than an element test's.
@@ -49,8 +49,8 @@ class HystereticElement(Composite):
         cubic: bool = True,
         prior: float = 1e-8,
         other_inputs: int | None = None,
-        nodes: int = 3,
-        rates: int = 2,
+        nodes: int = 4,
+        rates: int = 3,
     ) -> None:
         super().__init__(dofs, inputs, dt, 1, prior, from_accelerations=True)
         others = other_inputs or 0
@@ -119,7 +119,7 @@ class HystereticElement(Composite):
         least = 0.01 * r.abs().amax(dim=0) / fastest
         damping = torch.maximum(fitted[:, 1], least)
         if self.others:
-            self.others.start([u[:, 2 * E :]], r.abs().amax(dim=0), fastest, self.dt)
+            self.others.start(u[:, 2 * E :], r.abs().amax(dim=0), fastest, self.dt)
         J = self.parallel
         self.linear = stiffness.repeat(J), damping.repeat(J), largest.repeat(J)
         self.laws.start(*self.linear, (0.5, 0.5))

@@ -2,14 +2,12 @@
 
 r = Σ_j h_j(w) [law_j(s, ṡ, z_j) + Σ_m d_jm tanh(p_j/b_jm)] + r₀
 τ_i ẇ_i = e_i − w_i,   τ_j ṗ_j = ṡ − p_j
-Each input has nodes evenly over its range in training, and a law at each. Between two nodes h
-interpolates their laws, beyond the last two it goes on. Several inputs share the force.
+Each input has nodes in its range in training, where its values are, and a law at each. Between two
+nodes h interpolates their laws, beyond the last two it goes on. Several inputs share the force.
 T samples, E elements, k inputs, J laws of an element, which stand law by law: index j E + e.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterable
 
 import torch
 from torch import Tensor, nn
@@ -22,6 +20,9 @@ from models.layers.scaling import Extents
 
 KNEES = (0.02, 0.5)  # of the largest rate: between these forces saturate at the start
 LAG, RATE_LAG = 5.0, 2.0  # samples, at the start
+STEPS = 20  # of the nodes' way to the data
+FEWEST = 0.01  # of the samples at a node
+BEYOND = 10.0  # half ranges: the place of nodes that no data are near
 
 
 class OtherInputs(nn.Module):
@@ -31,12 +32,18 @@ class OtherInputs(nn.Module):
     Raises ValueError for fewer than two nodes.
     """
 
+    places: Tensor  # (k, nodes), of the range
+    used: Tensor  # (k,): nodes with data, the first of them all
+
     def __init__(self, elements: int, inputs: int, nodes: int, rates: int) -> None:
         super().__init__()
         if nodes < 2 or rates < 0:
             raise ValueError(f"model.nodes={nodes}, rates={rates}: expected at least 2 and 0")
         self.elements, self.nodes, self.laws = elements, nodes, inputs * nodes
         self.range = Extents(inputs)
+        even = torch.linspace(-1.0, 1.0, nodes, dtype=torch.float64).repeat(inputs, 1)
+        self.register_buffer("places", even)
+        self.register_buffer("used", torch.full((inputs,), nodes))
         self.lag = Coefficients(inputs, positive=True)
         self.offset = Coefficients(elements)
         self.rate_force = Coefficients(self.laws * elements, rates)
@@ -49,9 +56,14 @@ class OtherInputs(nn.Module):
         return [self.rate_force, self.rate_knee, self.rate_lag]
 
     @torch.no_grad()
-    def start(self, inputs: Iterable[Tensor], force: Tensor, rate: Tensor, dt: float) -> None:
-        """Start at springs and dampers; units by inputs (T, k), largest force and rate (E,)."""
-        self.range.fit(inputs)
+    def start(self, e: Tensor, force: Tensor, rate: Tensor, dt: float) -> None:
+        """Start at springs and dampers; units by inputs e (T, k), largest force and rate (E,)."""
+        self.range.fit([e])
+        for i, values in enumerate(self.range(e).unbind(dim=-1)):
+            found = nodes_among(values, self.nodes)
+            self.used[i] = len(found)
+            self.places[i, : len(found)] = found
+            self.places[i, len(found) :] = BEYOND + torch.arange(self.nodes - len(found))
         self.lag.start(torch.full_like(self.lag.unit, LAG * dt))
         self.offset.start(force)
         self.rate_force.start(force.repeat(self.laws)[:, None].expand_as(self.rate_force.unit))
@@ -69,13 +81,16 @@ class OtherInputs(nn.Module):
 
     def weights(self, w: Tensor) -> tuple[Tensor, Tensor]:
         """h (…, T, J) of lagged inputs w (…, T, k), whose sum is one, and the slopes of h by w."""
-        place = 0.5 * (w + 1.0) * (self.nodes - 1)  # node i is at i
-        cell = place.detach().floor().clamp(0, self.nodes - 2)[..., None]
-        share, nodes = place[..., None] - cell, torch.arange(self.nodes).to(cell)
+        passed = (w[..., None] >= self.places[:, 1:]).sum(dim=-1)
+        cell = torch.minimum(passed, self.used - 2)[..., None]  # the last one goes on
+        nodes = torch.arange(self.nodes).to(cell)
         left, right = (nodes == cell).double(), (nodes == cell + 1).double()
+        start, end = ((self.places * at).sum(dim=-1) for at in (left, right))
+        share = ((w - start) / (end - start))[..., None]
+        by_w = (right - left) / (end - start)[..., None]
         inputs = w.shape[-1]
         h = ((1.0 - share) * left + share * right).flatten(-2) / inputs
-        return h, 0.5 * (self.nodes - 1) * (right - left).flatten(-2) / inputs
+        return h, by_w.flatten(-2) / inputs
 
     def forward(self, forces: Tensor, u: Tensor, dt: float) -> Tensor:
         """r (…, T, E) of forces of the laws (…, T, J·E) under the excitation [s, ṡ, e]."""
@@ -141,3 +156,23 @@ class OtherInputs(nn.Module):
         of_law = slopes.unflatten(-2, (self.laws, self.elements))
         own = torch.eye(self.elements).to(slopes)[:, None, :, None]
         return (own * of_law[..., None, :, :, :]).flatten(-3)
+
+
+def nodes_among(values: Tensor, most: int) -> Tensor:
+    """Places in [−1, 1], both ends and up to `most` − 2 between: evenly if the values (T,) allow.
+
+    A law at a place without data would be nobody's. Where one has none, as of an input of a few
+    levels, each place goes to the mean of the values that are nearest to it (Lloyd 1982).
+    """
+    places = torch.linspace(-1.0, 1.0, most, dtype=torch.float64)
+    for _ in range(STEPS):
+        nearest = (values[:, None] - places).abs().argmin(dim=1)
+        count = torch.bincount(nearest, minlength=most)
+        kept = count > FEWEST * len(values)
+        if bool(kept[1:-1].all()):
+            return places
+        mean = torch.zeros(most).to(values).index_add(0, nearest, values) / count.clamp_min(1)
+        inner = torch.where(count > 0, mean, places)[1:-1]
+        places = torch.cat([places[:1], inner, places[-1:]])
+    kept[0] = kept[-1] = True
+    return places[kept]

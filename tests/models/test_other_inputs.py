@@ -10,6 +10,7 @@ import torch
 from scipy.signal import lsim
 
 from data.record import Record, stack
+from models.composition.other_inputs import OtherInputs
 from models.hysteretic_element import HystereticElement
 from models.layers.lag import lagged
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
@@ -61,23 +62,43 @@ def test_a_lag_is_that_of_an_integrator(lag):
 
 
 def test_no_lag_leaves_a_signal_as_it_is():
-    u, of = torch.randn(50, 2).double(), torch.tensor([1e-12, 1e-9], dtype=torch.float64)
-    assert torch.allclose(lagged(u, of, DT), u, atol=1e-6)
+    u = torch.randn(50, 2, generator=torch.Generator().manual_seed(0)).double()
+    of = torch.tensor([1e-12, 1e-9], dtype=torch.float64)
+    assert torch.allclose(lagged(u, of, DT), u, atol=1e-5)
 
 
 # Laws under other inputs
 
 
 def test_at_a_node_the_law_of_the_node_acts_alone():
-    record = some_record()
-    model = model_of(record)
-    low, high = record.e.min(), record.e.max()
-    for node, level in enumerate((low, 0.5 * (low + high), high)):
-        h, _ = model.others.weights(model.others.range(torch.full_like(record.e, float(level))))
+    others, one = OtherInputs(1, 1, nodes=3, rates=1), torch.ones(1).double()
+    others.start(torch.linspace(0.0, 2.0, 300).double()[:, None] ** 2, one, one, DT)
+    assert int(others.used[0]) == 3
+    for node, place in enumerate(others.places[0]):
+        h, _ = others.weights(place.reshape(1, 1))
         expected = torch.zeros(3).double().index_fill(0, torch.tensor(node), 1.0)
-        assert torch.allclose(h, expected.expand_as(h), atol=1e-12)
-    h, _ = model.others.weights(model.others.range(2.0 * high - low).reshape(1, 1))
+        assert torch.allclose(h[0], expected, atol=1e-12)
+    last, step = others.places[0, -1], others.places[0, -1] - others.places[0, -2]
+    h, by_w = others.weights((last + 2.0 * step).reshape(1, 1))
     assert torch.allclose(h[0], torch.tensor([0.0, -2.0, 3.0]).double())  # the last line goes on
+    assert torch.allclose(by_w[0] * step, torch.tensor([0.0, -1.0, 1.0]).double())
+
+
+@pytest.mark.parametrize(
+    ("levels", "places"),
+    [([0.0, 2.0], [-1.0, 1.0]), ([0.0, 0.5, 2.0], [-1.0, -0.5, 1.0]), ([5.0], [-1.0, 0.0, 1.0])],
+)
+def test_nodes_are_where_the_values_are(levels, places):
+    """A law at a voltage that nobody applied would be held by the prior alone."""
+    others = OtherInputs(1, 1, nodes=5, rates=1)
+    e = torch.tensor(levels).double().repeat(300)[:, None]
+    others.start(e, torch.ones(1).double(), torch.ones(1).double(), DT)
+    used = int(others.used[0])
+    assert torch.allclose(others.places[0, :used], torch.tensor(places).double(), atol=1e-12)
+    between = others.range(torch.tensor([[1.0]]).double())
+    h, _ = others.weights(between)
+    assert float(h.sum()) == pytest.approx(1.0)
+    assert not h[0, used:].any()
 
 
 @pytest.mark.parametrize("inputs", [1, 2])
