@@ -49,8 +49,8 @@ class HystereticElement(Composite):
         cubic: bool = True,
         prior: float = 1e-8,
         other_inputs: int | None = None,
-        nodes: int = 4,
-        rates: int = 3,
+        nodes: int = 3,
+        rates: int = 2,
     ) -> None:
         super().__init__(dofs, inputs, dt, 1, prior, from_accelerations=True)
         others = other_inputs or 0

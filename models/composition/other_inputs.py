@@ -59,7 +59,8 @@ class OtherInputs(nn.Module):
     def start(self, e: Tensor, force: Tensor, rate: Tensor, dt: float) -> None:
         """Start at springs and dampers; units by inputs e (T, k), largest force and rate (E,)."""
         self.range.fit([e])
-        for i, values in enumerate(self.range(e).unbind(dim=-1)):
+        scaled = self.range(e.to(self.places.device)).cpu()
+        for i, values in enumerate(scaled.unbind(dim=-1)):
             found = nodes_among(values, self.nodes)
             self.used[i] = len(found)
             self.places[i, : len(found)] = found
