@@ -33,5 +33,5 @@ def lagged(u: Tensor, lag: Tensor, dt: float) -> Tensor:
 
 def with_slope(u: Tensor, lag: Tensor, slope: Tensor, dt: float) -> tuple[Tensor, Tensor]:
     """`lagged`, and its derivative (…, T, C) by parameters of which the lags have a slope (C,)."""
-    both: tuple[Tensor, Tensor] = jvp(lambda lag: lagged(u, lag, dt), (lag,), (slope,))
-    return both
+    y, by_parameter, *_ = jvp(lambda lag: lagged(u, lag, dt), (lag,), (slope,))
+    return y, by_parameter
