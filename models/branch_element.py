@@ -51,6 +51,7 @@ class BranchElement(Trainable):
     """
 
     reads = ("f",)
+    takes_other_inputs = False
     later = ("weights",)
     scale: Tensor  # (5, E): Y [m], V [m/s], F [N], log k₀ and the band of turning points, of Y
     begun: Tensor  # (E, P): θ₀

@@ -3,21 +3,26 @@
 r = law(s, ṡ, z),   ż by increments of s          (models/composition/simulate.py)
 
 The law is that of the element network: spring, damper, cubic spring, hinges, hysteretic units.
-T samples, E elements side by side, each under its own motion.
+Other inputs, such as the voltage of a damper, weigh laws side by side
+(models/composition/other_inputs.py).
+T samples, E elements side by side, each under its own motion; J laws of an element.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from data.record import Record
-from models.composition.coefficients import Numbering, Part
+from data.record import Drive, Record, Response
+from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
-from models.composition.simulate import Composition
+from models.composition.other_inputs import OtherInputs
+from models.composition.simulate import Composition, simulate
+from models.composition.trace import Trace, traced
 
 
 class HystereticElement(Composite):
@@ -26,9 +31,12 @@ class HystereticElement(Composite):
     Every estimate is a free run: no measured force is read. x and v of the response hold nothing of
     use, as the motion is imposed.
     hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
+    other_inputs: number k of channels e after s and ṡ, (T, 2 E + k). Each has a law at up to so
+    many `nodes` in its range, over which hinges, tanhs and units are spread, and in which so many
+    `rates` are forces that saturate with the rate. The units then begin at rest, and the first
+    samples of a record, which tell of its beginning, let them forget.
+    Raises ValueError for other channels than an element test's.
     """
-
-    takes_other_inputs = False
 
     def __init__(
         self,
@@ -40,23 +48,38 @@ class HystereticElement(Composite):
         units: int = 3,
         cubic: bool = True,
         prior: float = 1e-8,
+        other_inputs: int | None = None,
+        nodes: int = 3,
+        rates: int = 2,
     ) -> None:
         super().__init__(dofs, inputs, dt, 1, prior, from_accelerations=True)
-        if inputs != 2 * dofs:
+        others = other_inputs or 0
+        if inputs != 2 * dofs + others:
             raise ValueError(
                 f"an element test has a deformation s and a rate s_dot for each of {dofs} forces; "
-                f"there are {inputs} channels: name s1, s_dot1 and r1 among data.measured.channels"
+                f"there are {inputs} channels, {others} of them other inputs: name s1, s_dot1 and "
+                "r1 among data.measured.channels"
             )
-        self.laws = ElementLaws(dofs, hinges, tanhs, units, cubic)
+        self.others = OtherInputs(dofs, others, nodes, rates) if others else None
+        self.estimates_beginning = self.others is None
+        self.parallel = self.others.laws if self.others else 1
+        counts = (hinges, tanhs, units)
+        if self.others:
+            counts = (-(-hinges // nodes), -(-tanhs // nodes), -(-units // nodes))
+        self.laws = ElementLaws(dofs * self.parallel, *counts, cubic)
         self.linear: tuple[Tensor, Tensor, Tensor] | None = None
 
     def composition(self) -> Composition:
         """Elements without a structure: coordinates q̈ = r that act on nothing."""
-        numbering, n = Numbering(self), self.dofs
+        numbering, n = Numbering(self), self.dofs * self.parallel
         none, one = torch.zeros(2, n, dtype=torch.float64), torch.eye(n, dtype=torch.float64)
         none, one = none.to(self.identified.device), one.to(self.identified.device)
-        zero = one.new_zeros(n, 2 * n)
-        supports = torch.stack([torch.cat([one, 0 * one], 1), torch.cat([0 * one, one], 1)])
+        zero = one.new_zeros(n, self.inputs)
+        own = torch.eye(self.dofs).to(one).repeat(self.parallel, 1)  # (n, E)
+        left = one.new_zeros(n, self.inputs - 2 * self.dofs)
+        supports = torch.stack(
+            [torch.cat([own, 0 * own, left], 1), torch.cat([0 * own, own, left], 1)]
+        )
         return Composition(
             core=Part.fixed(none),
             inputs=Part.fixed(zero),
@@ -67,7 +90,7 @@ class HystereticElement(Composite):
             supports=supports,
             counts=self.laws.counts,
             parameters=numbering.count,
-            measures=self.measures,
+            measures=self.measures.repeat(self.parallel),
         )
 
     @torch.no_grad()
@@ -83,18 +106,22 @@ class HystereticElement(Composite):
                     f"{record.quantity}: choose element_network or another model"
                 )
             counted = slice(record.warmup, None)
-            motions.append(record.excitation[..., counted, :].reshape(-1, 2 * self.dofs).cpu())
+            motions.append(record.excitation[..., counted, :].reshape(-1, self.inputs).cpu())
             forces.append(record.a[..., counted, :].reshape(-1, self.dofs).cpu())
         self.bind(records)
-        s, rate = torch.cat(motions).chunk(2, dim=1)
-        r = torch.cat(forces)
+        u, E, r = torch.cat(motions), self.dofs, torch.cat(forces)
+        s, rate = u[:, :E], u[:, E : 2 * E]
         pairs = torch.stack([s, rate], dim=2).movedim(1, 0)  # (E, N, 2)
         fitted = torch.linalg.lstsq(pairs, r.T[..., None], driver="gelsd").solution[..., 0]
         largest, fastest = s.abs().amax(dim=0), rate.abs().amax(dim=0)
         secant = r.abs().amax(dim=0) / largest
         stiffness = torch.where(fitted[:, 0] > 0.05 * secant, fitted[:, 0], 0.05 * secant)
         least = 0.01 * r.abs().amax(dim=0) / fastest
-        self.linear = (stiffness, torch.maximum(fitted[:, 1], least), largest)
+        damping = torch.maximum(fitted[:, 1], least)
+        if self.others:
+            self.others.start(u[:, 2 * E :], r.abs().amax(dim=0), fastest, self.dt)
+        J = self.parallel
+        self.linear = stiffness.repeat(J), damping.repeat(J), largest.repeat(J)
         self.laws.start(*self.linear, (0.5, 0.5))
         self.identified.fill_(1.0)
         return {"linear_stiffness": float(stiffness.mean())}
@@ -112,3 +139,38 @@ class HystereticElement(Composite):
             raise ValueError("HystereticElement starts anew from its identification; identify it")
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         self.laws.start(*self.linear, places)
+        if self.others:
+            self.others.restart()
+
+    def _beyond(self) -> list[Coefficients]:
+        return super()._beyond() + (self.others.beyond if self.others else [])
+
+    def traced(
+        self,
+        composition: Composition,
+        drive: Drive,
+        substeps: int,
+        anchors: Tensor | None = None,
+        every: int = 0,
+        derivatives: bool = False,
+        bound: Tensor | None = None,
+        begin: Tensor | None = None,
+        by_begin: bool = False,
+    ) -> Trace:
+        """The compiled run: of all laws side by side, which other inputs then weigh."""
+        J, begins = self.parallel, (begin, by_begin)
+        ends = None if bound is None else bound.repeat(J)
+        side = drive if self.others is None else self._side_by_side(drive)
+        run = traced(composition, side, substeps, anchors, every, derivatives, ends, *begins)
+        return run if self.others is None else self.others.weighed(run, drive, derivatives)
+
+    def _side_by_side(self, drive: Drive) -> Drive:
+        """The drive of all laws, whose initial state is of no effect."""
+        rest = drive.x0.new_zeros(self.dofs * self.parallel)
+        return replace(drive, x0=rest, v0=rest)
+
+    def simulated(self, drive: Drive, substeps: int) -> Response:
+        if self.others is None:
+            return super().simulated(drive, substeps)
+        forces = simulate(self.composition(), self._side_by_side(drive), substeps).a
+        return self.others.response(forces, drive)

@@ -163,18 +163,25 @@ class Composite(Trainable):
                     f"{MOST_STEPS} steps that autograd follows in Python; simulate under "
                     "torch.no_grad(), or take a shorter drive"
                 )
-            return simulate(self.composition(), drive, substeps)
+            return self.simulated(drive, substeps)
         return self.trace(drive).response
+
+    def simulated(self, drive: Drive, substeps: int) -> Response:
+        """The free run in PyTorch, differentiable in all it returns."""
+        return simulate(self.composition(), drive, substeps)
 
     def run_of(self, record: Record) -> Response:
         """The free run of a record. An unknown beginning is estimated from the warm-up samples."""
-        if record.initial_state != "unknown" or not record.warmup:
+        if not self._begins_unknown(record) or not record.warmup:
             return self.free_run(record.drive())
         return self._trace_of(record).response
 
+    def _begins_unknown(self, record: Record) -> bool:
+        return record.initial_state == "unknown" and self.estimates_beginning
+
     def _trace_of(self, record: Record) -> Trace:
         """The compiled run of a record, with its elements."""
-        if record.initial_state != "unknown" or not record.warmup:
+        if not self._begins_unknown(record) or not record.warmup:
             return self.trace(record.drive())
         seen = record.window(0, record.warmup)
         return self.trace(record.drive(), begin=self.beginning(seen))
@@ -264,7 +271,7 @@ class Composite(Trainable):
     def _restarted(self, record: Record, horizon: int | None, derivatives: bool) -> Trace:
         """A run of a record in training, all of whose samples tell how it begins."""
         anchors = self._anchors(record, horizon)
-        if anchors is not None or record.initial_state != "unknown":
+        if anchors is not None or not self._begins_unknown(record):
             return self.trace(record.drive(), anchors, horizon or 0, derivatives)
         begin = self.beginning(record)
         trace = self.trace(record.drive(), None, 0, derivatives, begin)

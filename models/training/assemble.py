@@ -83,9 +83,11 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
     if others and not getattr(class_of(model.get("_target_")), "takes_other_inputs", True):
         raise ValueError(
             f"model={model.get('name', '')} has no place for the other inputs {', '.join(others)}; "
-            "take them out of data.channels, or choose a model that reads any excitation, such as "
-            "gru, lstm or restoring forces learned by neural_state_space"
+            "take them out of data.channels, or choose hysteretic_element for an element test, or "
+            "gru, lstm or neural_state_space, which read any excitation"
         )
+    if "other_inputs" in model and model.other_inputs is None:
+        more["other_inputs"] = len(others)
     if "forced" in model and model.forced is None:
         more["forced"] = data.forced
     if "elements" in model and model.elements is None and sensors.topology:

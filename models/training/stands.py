@@ -32,5 +32,7 @@ def stands(estimator: Trainable, record: Record) -> bool:
 
 
 def _scaled(record: Record, share: float) -> Drive:
-    drive = record.drive()
+    """A larger or smaller motion under the same other inputs, such as a temperature."""
+    scaled = record if record.e is None else replace(record, e=record.e / share)
+    drive = scaled.drive()
     return replace(drive, u=share * drive.u, x0=share * drive.x0, v0=share * drive.v0)

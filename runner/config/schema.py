@@ -31,7 +31,10 @@ VERDICT: dict[Any, Any] = {
     "by": str,
     **dict.fromkeys(("error_percent", "linear_percent"), PERCENT),
 }
-RANGE: dict[Any, Any] = {"unit": str, "names": [str], "largest": [NUMBER]}  # of a kind of signal
+RANGE: dict[Any, Any] = {  # of a kind of signal
+    **{"unit": str, "names": [str], "largest": [NUMBER]},
+    "lowest": [NUMBER],  # of other inputs
+}
 OUTSIDE: dict[Any, Any] = {
     **dict.fromkeys(("kind", "name", "unit"), str),
     **dict.fromkeys(("largest", "trained"), NUMBER),

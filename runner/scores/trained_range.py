@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -19,6 +20,7 @@ from models.composition.composite import Composite
 from models.estimator import Estimator
 
 BEYOND = 1.05  # times the largest of training: what is called outside
+OTHER = "other input"
 Range = dict[str, dict[str, Any]]
 
 
@@ -27,10 +29,15 @@ def range_of(estimator: Estimator, records: Iterable[Record]) -> Range:
     """{kind: {"unit": …, "names": […], "largest": […]}} of all that moves, over records.
 
     Kinds: excitation, what is estimated, displacement and velocity where they are measured, and
-    deformation and rate of each element of a composite model. A run that diverges has none.
+    deformation and rate of each element of a composite model. A run that diverges has none. Other
+    inputs, such as a temperature, are no motion about zero: their least is told, too ("lowest").
     """
     largest: dict[str, Tensor] = {}
+    others: list[tuple[Tensor, Tensor]] = []
     for record in records:
+        if record.e is not None:
+            e = record.e[..., record.warmup :, :].flatten(0, -2).cpu()
+            others.append((e.amin(dim=0), e.amax(dim=0)))
         for kind, signal in _signals(estimator, record).items():
             of_record = signal[..., record.warmup :, :].abs().flatten(0, -2).amax(dim=0).cpu()
             before = largest.get(kind)
@@ -42,7 +49,7 @@ def range_of(estimator: Estimator, records: Iterable[Record]) -> Range:
     units = {"displacement": "m", "velocity": "m/s", "deformation": "m", "rate": "m/s"}
     units |= {quantity: QUANTITIES[quantity][1], "excitation": ""}
     letter = "r" if quantity == "force" else "x"
-    return {
+    return _range_of_others(others) | {
         kind: {
             "unit": units[kind],
             "names": names.get(kind) or [f"{letter}{i + 1}" for i in range(len(values))],
@@ -53,9 +60,19 @@ def range_of(estimator: Estimator, records: Iterable[Record]) -> Range:
     }
 
 
+def _range_of_others(others: Sequence[tuple[Tensor, Tensor]]) -> Range:
+    """That of the other inputs of elements, from the least and largest (k,) of each record."""
+    if not others:
+        return {}
+    lowest, largest = torch.stack([o[0] for o in others]), torch.stack([o[1] for o in others])
+    values = {"lowest": lowest.amin(dim=0).tolist(), "largest": largest.amax(dim=0).tolist()}
+    names = [f"u{i + 1}" for i in range(lowest.shape[1])]
+    return {OTHER: {"unit": "", "names": names, **values}}
+
+
 def _signals(estimator: Estimator, record: Record) -> dict[str, Tensor]:
     """What is compared, by kind (…, T, ·)."""
-    signals = {"excitation": record.excitation, record.quantity: record.a}
+    signals = {"excitation": replace(record, e=None).excitation, record.quantity: record.a}
     if record.quantity == "acceleration":
         states = {"displacement": record.x, "velocity": record.v}
         signals |= {kind: u for kind, u in states.items() if u is not None}
@@ -83,7 +100,7 @@ def names_of(estimator: Estimator) -> list[str]:
 
 
 def _input_names(record: Record) -> list[str]:
-    signals = (("f", record.f), ("s", record.s), ("s_dot", record.s_dot), ("u", record.e))
+    signals = (("f", record.f), ("s", record.s), ("s_dot", record.s_dot))
     sizes = ((name, 0 if u is None else u.shape[-1]) for name, u in signals)
     return [f"{name}{i + 1}" for name, size in sizes for i in range(size)]
 
@@ -99,7 +116,10 @@ def outside(trained: Mapping[str, Any], new: Mapping[str, Any]) -> list[dict[str
         pairs = list(zip(trained[kind]["largest"], new[kind]["largest"], strict=False))
         if not pairs:
             continue
-        ratios = [now / then if then > 0.0 else math.inf * now for then, now in pairs]
+        if "lowest" in trained[kind]:
+            pairs, ratios = _beyond_both_ends(trained[kind], new[kind])
+        else:
+            ratios = [now / then if then > 0.0 else math.inf * now for then, now in pairs]
         ratios = [0.0 if math.isnan(ratio) else ratio for ratio in ratios]
         worst = max(range(len(ratios)), key=ratios.__getitem__)
         if ratios[worst] > BEYOND:
@@ -117,6 +137,21 @@ def outside(trained: Mapping[str, Any], new: Mapping[str, Any]) -> list[dict[str
     return found
 
 
+def _beyond_both_ends(
+    trained: Mapping[str, Any], new: Mapping[str, Any]
+) -> tuple[list[tuple[float, float]], list[float]]:
+    """The end that is left, in training and now, and how far: in half ranges from the middle."""
+    pairs, ratios = [], []
+    ends = (trained["lowest"], trained["largest"], new["lowest"], new["largest"])
+    for low, high, lowest, highest in zip(*ends, strict=False):
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        below, above = middle - lowest, highest - middle
+        pairs.append((low, lowest) if below > above else (high, highest))
+        far = max(below, above)
+        ratios.append(far / half if half > 0.0 else math.inf * far)
+    return pairs, ratios
+
+
 def warnings_of(found: Iterable[Mapping[str, Any]]) -> list[str]:
     """A line for each kind."""
     lines = []
@@ -124,6 +159,12 @@ def warnings_of(found: Iterable[Mapping[str, Any]]) -> list[str]:
         unit = f" {one['unit']}" if one["unit"] else ""
         times = "" if one["times"] is None else f" {one['times']:.3g} ×"
         others = f", and {one['channels'] - 1} more" if one["channels"] > 1 else ""
+        if one["kind"] == OTHER:
+            reached = (
+                f"{one['name']} reaches {one['largest']:.4g}, in training {one['trained']:.4g}"
+            )
+            lines.append(f"outside the trained range: {reached}{others}")
+            continue
         lines.append(
             f"outside the trained range:{times} the largest {one['kind']} of {one['name']} "
             f"({one['largest']:.3g}{unit}, in training {one['trained']:.3g}{unit}){others}"

@@ -16,6 +16,7 @@ from data.measured.raw_record import RawRecord
 from data.measured.reading import read_record, read_records
 from data.simulation.scenario import FullState, Integrated
 from data.windows import after_rest
+from models.hysteretic_element import HystereticElement
 from models.linear import EquivalentLinear
 from models.training.assemble import estimator_from
 from tests.data.odd_files import DT, clock, shaken, table
@@ -261,9 +262,13 @@ def test_other_inputs_of_an_element_are_excitation(tmp_path):
     assert data.inputs == 3
     assert np.allclose(record.excitation[:, 2], volts[: record.samples])
     assert data.units["u1"] == "V"
-    model = OmegaConf.create({"_target_": "models.HystereticElement", "name": "hysteretic_element"})
-    with pytest.raises(ValueError, match=r"model=hysteretic_element has no place .* u1; .*gru"):
-        estimator_from(model, data)
+    model = {"_target_": "models.HystereticElement", "name": "hysteretic_element"}
+    element = estimator_from(OmegaConf.create({**model, "other_inputs": None}), data)
+    assert isinstance(element, HystereticElement)
+    assert element.others is not None
+    branch = OmegaConf.create({"_target_": "models.BranchElement", "name": "branch_element"})
+    with pytest.raises(ValueError, match=r"branch_element has no .* u1; .*hysteretic_element"):
+        estimator_from(branch, data)
 
 
 def test_integration_is_offered_only_where_it_is_a_remedy(tmp_path):

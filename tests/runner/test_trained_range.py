@@ -45,14 +45,25 @@ def test_twice_the_motion_is_outside_by_two_in_every_kind(chain, linear_record):
     assert worst_of(found).startswith("2 × the trained ")
 
 
-def test_other_inputs_have_names_too():
+def test_other_inputs_leave_their_range_at_either_end():
+    """A temperature is no motion about zero: less of it is outside, too."""
     f = torch.ones(50, 1, dtype=torch.float64)
-    small, large = (Record(0.01, f, f, e=size * f) for size in (1.0, 9.0))
-    trained = range_of(EquivalentLinear(1, 2, 0.01), [small])
-    assert trained["excitation"]["names"] == ["f1", "u1"]
-    (found,) = outside(trained, range_of(EquivalentLinear(1, 2, 0.01), [large]))
-    assert (found["name"], found["times"]) == ("u1", 9.0)
-    assert outside({"excitation": trained["excitation"] | {"largest": []}}, trained) == []
+    degrees = torch.linspace(20.0, 30.0, 50, dtype=torch.float64)[:, None]
+    trained, cold, warm, less = (
+        range_of(EquivalentLinear(1, 2, 0.01), [Record(0.01, f, f, e=e)])
+        for e in (degrees, degrees - 15.0, degrees + 5.0, 25.0 + 0.9 * (degrees - 25.0))
+    )
+    assert trained["excitation"]["names"] == ["f1"]
+    assert trained["other input"]["names"] == ["u1"]
+    assert outside(trained, less) == []
+    (found,) = outside(trained, cold)
+    assert (found["name"], found["largest"], found["trained"]) == ("u1", 5.0, 20.0)
+    assert found["times"] == pytest.approx(4.0)
+    assert warnings_of([found]) == ["outside the trained range: u1 reaches 5, in training 20"]
+    assert worst_of([found]) == "4 × the trained other input"
+    (found,) = outside(trained, warm)
+    assert (found["largest"], found["times"]) == (35.0, pytest.approx(2.0))
+    assert outside({"other input": trained["other input"] | {"largest": []}}, cold) == []
 
 
 def test_the_range_is_that_of_the_widest_of_all_records(chain, linear_record):

@@ -1,0 +1,201 @@
+"""An element under other inputs: lag, laws between nodes, derivatives, units, planted dampers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.signal import lsim
+
+from data.record import Record, stack
+from models.composition.other_inputs import OtherInputs
+from models.hysteretic_element import HystereticElement
+from models.layers.lag import lagged
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.training.unknown_beginning import run_problem
+from tests.models.dampers import imposed_motion, magnetorheological, voltage
+
+DT = 0.002
+pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated")
+
+
+def record_of(s, rate, inputs, force, **more) -> Record:
+    signals = (torch.from_numpy(np.atleast_2d(u.T).T.copy()) for u in (force, s, rate, inputs))
+    force, s, rate, inputs = signals
+    none = force.new_zeros(len(force), 0)
+    return Record(DT, force, none, s=s, s_dot=rate, e=inputs, quantity="force", **more)
+
+
+def some_record(samples: int = 300, inputs: int = 1, seed: int = 0) -> Record:
+    rng = np.random.default_rng(seed)
+    s, rate = imposed_motion(rng, samples, DT, 0.006, 6.0)
+    u = np.stack([voltage(rng, samples, DT, 2.0, 8.0) for _ in range(inputs)], axis=1)
+    force = 3e4 * s * (1.0 + u[:, 0]) + 400.0 * (1.0 + u.sum(axis=1)) * np.tanh(rate / 0.02)
+    return record_of(s, rate, u, force)
+
+
+def model_of(record: Record, **more) -> HystereticElement:
+    """A model whose every coefficient counts."""
+    k = record.e.shape[-1]
+    model = HystereticElement(record.dofs, 2 * record.dofs + k, DT, other_inputs=k, **more)
+    model.identify([record])
+    generator = torch.Generator().manual_seed(1)
+    for p in model.parameters():
+        p.data += 0.1 + 0.3 * torch.rand(p.shape, generator=generator, dtype=p.dtype)
+    return model
+
+
+# The lag
+
+
+@pytest.mark.parametrize("lag", [0.1, 1.0, 7.3, 300.0])
+def test_a_lag_is_that_of_an_integrator(lag):
+    """In samples, on an input that is linear between them; scipy solves it by the exponential."""
+    u = np.random.default_rng(0).standard_normal(40)
+    system = (np.array([[-1.0 / lag]]), np.array([[1.0 / lag]]), np.eye(1), np.zeros((1, 1)))
+    _, exact, _ = lsim(system, u, np.arange(40.0), u[:1])
+    of = torch.tensor([lag * DT], dtype=torch.float64)
+    ours = lagged(torch.from_numpy(u)[:, None], of, DT)[:, 0]
+    assert np.abs(ours.numpy() - exact).max() < 1e-12
+
+
+def test_no_lag_leaves_a_signal_as_it_is():
+    u = torch.randn(50, 2, generator=torch.Generator().manual_seed(0)).double()
+    of = torch.tensor([1e-12, 1e-9], dtype=torch.float64)
+    assert torch.allclose(lagged(u, of, DT), u, atol=1e-5)
+
+
+# Laws under other inputs
+
+
+def test_at_a_node_the_law_of_the_node_acts_alone():
+    others, one = OtherInputs(1, 1, nodes=3, rates=1), torch.ones(1).double()
+    others.start(torch.linspace(0.0, 2.0, 300).double()[:, None] ** 2, one, one, DT)
+    assert int(others.used[0]) == 3
+    for node, place in enumerate(others.places[0]):
+        h, _ = others.weights(place.reshape(1, 1))
+        expected = torch.zeros(3).double().index_fill(0, torch.tensor(node), 1.0)
+        assert torch.allclose(h[0], expected, atol=1e-12)
+    last, step = others.places[0, -1], others.places[0, -1] - others.places[0, -2]
+    h, by_w = others.weights((last + 2.0 * step).reshape(1, 1))
+    assert torch.allclose(h[0], torch.tensor([0.0, -2.0, 3.0]).double())  # the last line goes on
+    assert torch.allclose(by_w[0] * step, torch.tensor([0.0, -1.0, 1.0]).double())
+
+
+@pytest.mark.parametrize(
+    ("levels", "places"),
+    [([0.0, 2.0], [-1.0, 1.0]), ([0.0, 0.5, 2.0], [-1.0, -0.5, 1.0]), ([5.0], [-1.0, 0.0, 1.0])],
+)
+def test_nodes_are_where_the_values_are(levels, places):
+    """A law at a voltage that nobody applied would be held by the prior alone."""
+    others = OtherInputs(1, 1, nodes=5, rates=1)
+    e = torch.tensor(levels).double().repeat(300)[:, None]
+    others.start(e, torch.ones(1).double(), torch.ones(1).double(), DT)
+    used = int(others.used[0])
+    assert torch.allclose(others.places[0, :used], torch.tensor(places).double(), atol=1e-12)
+    between = others.range(torch.tensor([[1.0]]).double())
+    h, _ = others.weights(between)
+    assert float(h.sum()) == pytest.approx(1.0)
+    assert not h[0, used:].any()
+
+
+@pytest.mark.parametrize("inputs", [1, 2])
+def test_the_compiled_run_and_its_derivatives_are_those_of_pytorch(inputs):
+    record = some_record(120, inputs)
+    model = model_of(record, hinges=1, units=2)
+    drive = record.drive()
+    reference = model.free_run(drive).a
+    with torch.no_grad():
+        assert torch.allclose(model.free_run(drive).a, reference, rtol=0.0, atol=1e-9)
+    direction = torch.randn(reference.shape, generator=torch.Generator().manual_seed(0)).double()
+    free = [p for p in model.parameters() if p.requires_grad]
+    slopes = torch.autograd.grad((direction * reference).sum(), free)
+    run, jacobian = model.restarted_jacobian(record, None)
+    ours = (direction[..., None] * jacobian).sum(dim=(0, 1))
+    theirs = torch.cat([s.reshape(-1) for s in slopes])
+    assert torch.allclose(run, reference.detach(), rtol=0.0, atol=1e-9)
+    assert torch.allclose(ours, theirs, rtol=1e-7, atol=1e-9 * float(theirs.abs().max()))
+
+
+def test_first_states_have_exact_derivatives_too():
+    record = replace(some_record(200), initial_state="unknown")
+    model = model_of(record, units=2)
+    own = model.first_states(record)
+    own += 0.05
+    _, _, slopes = model.run_from(record, own, derivatives=True)
+    for place in range(len(own)):
+        ends = []
+        for way in (1e-5, -1e-5):
+            moved = own.clone()
+            moved[place] += way
+            ends.append(model.run_from(record, moved, derivatives=False)[0])
+        found = (ends[0] - ends[1]) / 2e-5
+        assert torch.allclose(slopes[..., place], found, rtol=1e-4, atol=1e-5)
+
+
+def fitted(records: list[Record], iterations: int, **more) -> HystereticElement:
+    k = records[0].e.shape[-1]
+    batch, model = stack(records), HystereticElement(1, 2 + k, DT, other_inputs=k, **more)
+    model.identify([batch])
+    free = [p for p in model.parameters() if p.requires_grad]
+    solver = LevenbergMarquardt(free, iterations, 1e-4, 0.2, 4.0, 1e6, scaled=True, floor=3e-3)
+    while not solver.finished:
+        solver.solve(run_problem(model, batch, None, prior=1e-6))
+    return model
+
+
+@torch.no_grad()
+def error(model: HystereticElement, records: list[Record]) -> float:
+    """Relative RMS error of the free runs of some records."""
+    runs = [model.run_of(r).a[r.warmup :] for r in records]
+    true = [r.a[r.warmup :] for r in records]
+    return float((torch.cat(runs) - torch.cat(true)).norm() / torch.cat(true).norm())
+
+
+@pytest.mark.parametrize(("factor", "shift"), [(1e-6, 0.0), (1e6, 0.0), (1.8, 32.0)])
+def test_the_unit_of_another_input_changes_nothing(factor, shift):
+    record = some_record()
+    other = replace(record, e=factor * record.e + shift)
+    models = [fitted([r], 8) for r in (record, other)]
+    runs = [m.free_run(r.drive()).a.detach() for m, r in zip(models, (record, other), strict=True)]
+    assert torch.allclose(runs[0], runs[1], rtol=0.0, atol=1e-5 * float(runs[0].abs().max()))
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+def test_units_of_force_and_motion_change_nothing(factor):
+    record = some_record()
+    error_here = error(fitted([record], 8), [record])
+    forces = replace(record, a=factor * record.a)
+    motions = replace(record, s=factor * record.s, s_dot=factor * record.s_dot)
+    for other in (forces, motions):
+        assert error(fitted([other], 8), [other]) == pytest.approx(error_here, rel=1e-3)
+
+
+# Planted dampers
+
+
+def test_a_magnetorheological_damper_is_found_under_voltages_that_it_was_not_trained_on():
+    """Spencer's modified Bouc–Wen law is none of ours; 2 % of noise."""
+    records = [
+        record_of(*signals, initial_state="unknown", warmup=150)
+        for signals in magnetorheological(8, 1500, DT, noise=0.02)
+    ]
+    model = fitted(records[:5], 40)
+    assert error(model, records[5:]) < 0.10
+    blind = [replace(r, e=torch.zeros_like(r.e)) for r in records]
+    assert error(fitted(blind[:5], 10), blind[5:]) > 0.25
+
+
+def test_other_inputs_have_to_be_said():
+    with pytest.raises(ValueError, match="3 channels"):
+        HystereticElement(1, 3, DT)
+    with pytest.raises(ValueError, match="nodes=1"):
+        HystereticElement(1, 3, DT, other_inputs=1, nodes=1)
+
+
+def test_without_other_inputs_nothing_is_added():
+    plain, said = HystereticElement(1, 2, DT), HystereticElement(1, 2, DT, other_inputs=0)
+    assert plain.state_dict().keys() == said.state_dict().keys()
+    assert not [name for name in plain.state_dict() if "others" in name]
