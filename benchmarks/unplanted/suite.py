@@ -46,6 +46,7 @@ STIFFER = {  # twins: by how much their elements are stiffer
 }
 NOISE = 0.02  # of the standard deviation of every measured acceleration
 NOISY = "element_network_branch, accelerations with 2 % noise"
+NAMED_NOISY = "element_network_named, accelerations with 2 % noise"
 FEW = (
     "steel, 3 storeys",
     "flag, 3 storeys",
@@ -58,8 +59,9 @@ MODELS = {  # of conf/model, with settings; masses are given to those that take 
     "element_network_branch": CHAIN,
     "element_network_named": CHAIN,
     NOISY: CHAIN,
+    NAMED_NOISY: CHAIN,
 }
-ON_FEW = ("element_network", NOISY)
+ON_FEW = ("element_network", NOISY, NAMED_NOISY)
 SEEDED = [name for name, words in MODELS.items() if words]
 QUICK = {
     "element_network": ("objective.starts=1", "objective.finalists=1", "solver.iterations=2"),
@@ -110,7 +112,7 @@ def trained(
     case: Case, model: str, seed: int, more: Sequence[str], train: list[Record]
 ) -> tuple[Estimator, Facts]:
     """The model fitted to the training motions, and what its identification tells."""
-    if model == NOISY:
+    if model in (NOISY, NAMED_NOISY):
         train = [noisy(record, 1000 * (seed + 1) + i) for i, record in enumerate(train)]
     batch = stack(train)
     if model == "zero":

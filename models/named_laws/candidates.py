@@ -164,7 +164,7 @@ def _bouc_wen(values: Values, between: Sequence[str]) -> list[Element]:
 _SMOOTH = {
     "stiffness": STIFFNESS,
     "post_yield_ratio": _share(0.02, 0.3),
-    "largest": _length(0.03, 0.5),
+    "largest": _length(0.03, 1.2),
     "beta_share": _share(0.2, 0.9),
     "above_one": Parameter(0.05, 1.0),  # of the exponent
     "damping": DAMPING,
@@ -175,7 +175,7 @@ CANDIDATES = {
         Candidate(
             "SelfCentering",
             {
-                "activation_displacement": _length(0.03, 0.5),
+                "activation_displacement": _length(0.03, 1.2),
                 "stiffness": STIFFNESS,
                 "hardening_ratio": _share(0.01, 0.3),
                 "flag": _share(0.3, 0.95),
@@ -186,7 +186,7 @@ CANDIDATES = {
         Candidate(
             "Takeda",
             {
-                "yield_displacement": _length(0.03, 0.5),
+                "yield_displacement": _length(0.03, 1.2),
                 "stiffness": STIFFNESS,
                 "hardening_ratio": _share(0.01, 0.3),
                 "unloading_exponent": _share(0.1, 0.6),
@@ -197,7 +197,7 @@ CANDIDATES = {
         Candidate(
             "SlackBrace",
             {
-                "yield_displacement": _length(0.03, 0.5),
+                "yield_displacement": _length(0.03, 1.2),
                 "stiffness": STIFFNESS,
                 "hardening_ratio": _share(0.01, 0.3),
                 "gap": _length(0.01, 0.2),
@@ -222,7 +222,7 @@ CANDIDATES = {
         Candidate(
             "MenegottoPinto",
             {
-                "yield_displacement": _length(0.05, 0.4),
+                "yield_displacement": _length(0.03, 1.2),
                 "stiffness": STIFFNESS,
                 "hardening_ratio": _share(0.01, 0.2),
                 "sharpness": Parameter(5.0, 25.0),

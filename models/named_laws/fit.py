@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from data.simulation.element_test import imposed
 from models.named_laws.candidates import CANDIDATES, Candidate, Units
 
-DRAWS, FOLLOWED = 40, 3  # starts, and how many of them are followed
+DRAWS, FOLLOWED = 60, 4  # starts, and how many of them are followed
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
 IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
