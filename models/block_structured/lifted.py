@@ -54,6 +54,8 @@ def direction(phi: np.ndarray, target: np.ndarray) -> np.ndarray:
     """c (m,) of the x = cᵀφ whose parabola is nearest a target (T,); φ (m, T)."""
     size = np.sqrt((phi**2).mean(axis=1))
     used = np.flatnonzero(size > 0.0)
+    if not len(used):
+        return np.zeros(len(phi))
     scaled = phi[used] / size[used, None]
     i, j = np.triu_indices(len(used))
     rows = np.concatenate([np.ones((1, phi.shape[1])), scaled, scaled[i] * scaled[j]])

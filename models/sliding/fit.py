@@ -18,9 +18,9 @@ from models.sliding.start import Smoothed, pieces, solved
 
 WINDOWS = (5, 9, 17, 33, 65, 129, 257)  # samples over which positions are smoothed
 SHARE = 8  # at least so many windows fit into a motion
-PARTS = (100, 20, 5, 2)  # of a motion, whose runs are trained before the whole
+PARTS = (100, 50, 25, 12, 6, 3)  # of a motion, whose runs are trained before the whole
 FEWEST = 12  # samples of a part
-SHORT = 15  # iterations for each length of the parts
+SHORT = 20  # iterations for each length of the parts
 LOWEST = 0.003  # of the highest speed: the first knot
 SLIDES = 0.02  # of the highest speed, above which the start takes a mass for sliding
 KNOTS, PRIORS = (6, 12, 24), (1e-5, 1e-6, 1e-7)  # numbers of knots; weights of bends

@@ -58,8 +58,8 @@ def rms(model: SlidingMass, one: Record) -> float:
 
 def test_derivatives_are_those_of_differences():
     rng = np.random.default_rng(0)
-    u, begin, one = np.repeat(rng.normal(size=(60, 2)) * 1.2, 5, axis=0), [0.0, 0.3], mass()
-    x, v, rows = simulated(one, u, 0.035, np.array(begin), True)
+    u, begin, one = np.repeat(rng.normal(size=60) * 1.2, 10).reshape(-1, 2), [0.0, 0.3], mass()
+    _, v, rows = simulated(one, u, 0.035, np.array(begin), True)
     assert (v == 0.0).any()  # it sticks
     assert v.min() < -1.0 < 1.0 < v.max()  # turns, and passes all knots
     for i in range(rows.shape[1]):
@@ -119,7 +119,7 @@ def test_what_the_input_gives_is_motion_and_heat():
 
 
 def test_friction_by_another_formula_is_recovered(identified, records):
-    assert rms(identified, records[0]) < 1.1 * NOISE
+    assert rms(identified, records[0]) < 1.2 * NOISE
     assert rms(identified, records[1]) < 2.5 * NOISE  # another motion, a free run of 8 s
     size_u, size_y, _, time = identified.scales.tolist()
     gain = float(identified.theta[0]) * size_y / time**2 / size_u

@@ -33,6 +33,7 @@ NO_STRUCTURE = (  # elements alone, or one input and one output
     "models.BranchElement",
     "models.HystereticElement",
     "models.RestoringForceSurface",
+    "models.SlidingMass",
     "models.TankCascade",
     "models.WienerHammerstein",
 )
