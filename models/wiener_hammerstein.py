@@ -36,7 +36,8 @@ class WienerHammerstein(Estimator):
     frequencies that its input has not, and those above half of the sampling rate fold back.
     ramps: of the curve. allocations: of poles and zeros to the filters, that are trained beside
     five fractions of the approximation. iterations: of the last fit. held_back: share of each
-    record, its end. prior: weight of Σ θ² beside the squared relative error.
+    record, its end. prior: weight of Σ θ² beside the squared relative error. The curve may be even,
+    a modulus say: where nothing linear follows the motion, starts of another kind join (lifted.py).
 
     A record of unknown beginning tells its first state by its warm-up samples; of those that are
     trained on, all samples tell. Raises ValueError for more than one input or output.

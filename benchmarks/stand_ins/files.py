@@ -15,6 +15,7 @@ from scipy.io import savemat
 from scipy.signal import butter, cheby1, cheby2, ellip, sosfilt, sosfiltfilt
 from scipy.special import wrightomega
 
+from benchmarks.stand_ins.drives import Coupled, Positioner, counted, moves, positioned
 from benchmarks.stand_ins.systems import (
     STEPS,
     Structure,
@@ -24,7 +25,7 @@ from benchmarks.stand_ins.systems import (
     multisine,
     respond,
 )
-from data.public.splits import F16, SILVERBOX, TANKS, WIENER_HAMMERSTEIN
+from data.public.splits import CED, EMPS, F16, SILVERBOX, TANKS, WIENER_HAMMERSTEIN
 
 
 def _save(folder: Path, path: str, variables: dict[str, np.ndarray]) -> None:
@@ -185,9 +186,46 @@ def tanks(folder: Path, seed: int = 0, noise: float = 0.02, **law: Any) -> np.nd
     return np.array([noise])
 
 
+def positioner(folder: Path, seed: int = 0, noise: float = 1e-4, **law: Any) -> np.ndarray:
+    """A mass with friction under a controller as `emps`: voltage [V] to position [m], 24.8 s.
+
+    Both records follow the same wanted motion; in the test the voltage has pulses besides. The
+    controller reads the position without the noise.
+    """
+    rng, dt, samples = np.random.default_rng(seed), 1e-3, 24841
+    wanted, pushes = moves(samples, dt, rng), np.zeros(samples)
+    for number, path in enumerate(EMPS):
+        for _ in range(12 * number):
+            start = rng.integers(500, samples - 500)
+            push = rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 0.8)
+            pushes[start : start + rng.integers(20, 80)] += push
+        u, q = positioned(Positioner(**law), wanted, pushes, dt)
+        measured = q + noise * rng.standard_normal(samples)
+        signals = {"vir": u, "qm": measured, "qg": wanted, "t": dt * np.arange(samples)}
+        _save(folder, path, {name: signal[:, None] for name, signal in signals.items()})
+    return np.array([noise])
+
+
+def drives(folder: Path, seed: int = 0, noise: float = 0.02, **law: Any) -> np.ndarray:
+    """Two coupled drives as `ced`: voltage [V] to speed without direction [ticks/s], 50 Hz.
+
+    The voltage is held for a tenth of a second each; about no mean, so that nothing linear follows.
+    """
+    rng, dt = np.random.default_rng(seed), 0.02
+    signals: dict[str, np.ndarray] = {}
+    for number, level in (("11", 1.0), ("12", 2.0)):
+        u = np.repeat(rng.uniform(-level, level, 110), 5)
+        y = counted(Coupled(**law), u, dt) + noise * rng.standard_normal(len(u))
+        signals |= {f"u{number}": u[50:, None], f"z{number}": y[50:, None]}  # it turns already
+    _save(folder, CED, signals)
+    return np.array([noise])
+
+
 STAND_INS: dict[str, Callable[..., np.ndarray]] = {
     "silverbox": circuit,
     "f16": aircraft,
     "wiener_hammerstein": chain,
     "cascaded_tanks": tanks,
+    "emps": positioner,
+    "ced": drives,
 }

@@ -116,8 +116,7 @@ BENCHMARKS = {
         files=EMPS,
         read=emps,
         quantity="displacement",
-        unit="m",
-        input_unit="N",
+        unit="m",  # the input is the voltage of the motor's drive
         hold="zero_order",
     ),
     # T. Wigren & M. Schoukens, Coupled electric drives data set and reference models, 2017

@@ -81,12 +81,12 @@ def cascaded_tanks(files: Files) -> Splits:
 
 
 def emps(files: Files) -> Splits:
-    """Force and position of a drive; the test record has pulses of force besides."""
+    """Voltage and position of a drive; the test record has pulses besides."""
     both = []
     for name, path in zip(("train", "test"), EMPS, strict=True):
-        force, position, t = files.load(path, "vir", "qm", "t")
+        voltage, position, t = files.load(path, "vir", "qm", "t")
         dt = _positive("the step of t", np.diff(t.ravel()[:2]))
-        both.append(Series(name, dt, _column(force), _column(position), 20, "unknown"))
+        both.append(Series(name, dt, _column(voltage), _column(position), 20, "unknown"))
     return [both[0]], [both[1]]
 
 

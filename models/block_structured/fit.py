@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from models.block_structured import curve
+from models.block_structured import curve, lifted
 from models.block_structured.chain import Chain, Motion, chain_of, learned, run
 from models.block_structured.problem import minimised
 from models.block_structured.split import linear, starts
@@ -26,6 +26,8 @@ FEWEST = 4.0  # samples for each parameter
 SHORT, LONGER = 10_000, 20_000  # samples of a start's first training and of what follows
 ROUNDS = ((10, 4), (25, 2), (40, 1))  # iterations, and how many chains stay after them
 COARSE = 8  # ramps of the curve, until few chains are left
+NOT_LINEAR = 0.4  # of the output, which the best linear approximation leaves: a curve may be even
+LIFTED = 12  # starts then
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,10 @@ def of_order(poles: int, approximation: Chain, motions: Sequence[Motion], plan: 
     """The best chain whose filters have so many poles each."""
     rng = np.random.default_rng([plan.seed, poles])
     some = parts_of(motions, SHORT)
-    chains = list(starts(approximation, some, min(plan.ramps, COARSE), rng, plan.allocations))
+    ramps = min(plan.ramps, COARSE)
+    chains = list(starts(approximation, some, ramps, rng, plan.allocations))
+    if approximation.error > NOT_LINEAR:
+        chains += lifted.starts(some, poles, ramps, rng, LIFTED)
     for number, (iterations, stay) in enumerate(ROUNDS):
         if number == len(ROUNDS) - 1:
             chains = [finer(chain, some, plan.ramps) for chain in chains]
@@ -98,7 +103,8 @@ def fitted(motions: Sequence[Motion], plan: Plan) -> tuple[Chain, dict[str, Any]
     least = min(one.error for one in approximations.values())
     if not np.isfinite(least):
         raise ValueError("no linear system follows the motion; look for outliers in the record")
-    first = min(n for n, one in approximations.items() if one.error <= AS_GOOD * least)
+    enough = AS_GOOD * least if least <= NOT_LINEAR else np.inf  # else they tell no order
+    first = min(n for n, one in approximations.items() if one.error <= enough)
     best: tuple[int, Chain] | None = None
     without_gain = 0
     for n in orders[orders.index(first) :]:

@@ -37,6 +37,7 @@ NO_STRUCTURE = (  # elements alone, or one input and one output
     "models.NamedElement",
     "models.PrandtlIshlinskii",
     "models.RestoringForceSurface",
+    "models.SlidingMass",
     "models.TankCascade",
     "models.WienerHammerstein",
 )

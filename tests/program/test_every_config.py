@@ -46,7 +46,11 @@ ELEMENT_TESTS = {  # models of an imposed motion
     "prandtl_ishlinskii",
     "restoring_force_surface",
 }
-ONE_CHANNEL = {"tank_cascade", "wiener_hammerstein"}  # models of one input and one output
+ONE_CHANNEL = {
+    "sliding_mass",
+    "tank_cascade",
+    "wiener_hammerstein",
+}  # models of one input and one output
 
 
 def choices(group: str) -> list[str]:

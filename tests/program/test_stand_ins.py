@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.stand_ins.files import STAND_INS, aircraft, chain, tanks
+from benchmarks.stand_ins.drives import Coupled, Positioner, counted, positioned
+from benchmarks.stand_ins.files import STAND_INS, aircraft, chain, drives, positioner, tanks
 from benchmarks.stand_ins.systems import Structure, multisine, respond
+from data.public.benchmarks import BENCHMARKS
 from data.public.datamodule import BenchmarkData
 from data.public.measures import official_rmse
 from data.simulation.scenario import FullState
@@ -29,7 +31,7 @@ def joint(tmp_path_factory) -> tuple[BenchmarkData, np.ndarray]:
 
 
 def test_stand_ins_are_of_benchmarks_and_in_their_layout(joint):
-    assert set(STAND_INS) == {"cascaded_tanks", "f16", "silverbox", "wiener_hammerstein"}
+    assert set(STAND_INS) == set(BENCHMARKS) - {"bouc_wen"}  # whose official files are simulated
     data, noise = joint
     assert (data.dofs, data.inputs, data.dt) == (2, 1, 1.0 / 400.0)
     assert data.names["train"] == [f"FullMSine_Level{n}" for n in (1, 3, 5, 7)]
@@ -83,6 +85,37 @@ def test_tanks_run_over_and_begin_at_the_same_levels(tmp_path):
     assert float(train.a.max()) == pytest.approx(10.0, abs=0.1)
     assert abs(float(train.a[0] - test.a[0])) < 5.0 * noise[0]
     assert not torch.equal(train.f, test.f)
+
+
+def test_a_positioner_follows_what_is_wanted_and_its_test_has_pulses(tmp_path):
+    noise = positioner(tmp_path)
+    data = BenchmarkData("emps", FullState(), folder=str(tmp_path))
+    (train,), (test,) = (data.make_records()[split] for split in ("train", "test"))
+    assert (train.samples, test.samples, train.warmup) == (24841, 24841, 20)
+    (wanted,) = data.files.load("EMPS/DATA_EMPS.mat", "qg")
+    assert np.abs(train.a.numpy() - wanted).max() < 0.01
+    assert float(train.a[:200].std()) == pytest.approx(float(noise[0]), rel=0.2)  # at rest
+    assert float((test.f - train.f).abs().max()) > 0.3
+
+
+def test_a_positioner_without_a_stribeck_effect_ends_at_the_speed_that_a_force_holds():
+    """A large voltage, held by the limit: β u = o + dry + viscous v."""
+    system = Positioner(breaking=(19.0, 21.0), exponent=1.0)
+    _, q = positioned(system, np.full(6000, 1e3), np.zeros(6000), 1e-3)
+    speed = (35.0 * 10.0 + 3.2 - 19.0) / 150.0
+    assert np.diff(q)[-1] / 1e-3 == pytest.approx(speed, rel=1e-3)
+
+
+def test_coupled_drives_are_read_without_their_direction(tmp_path):
+    u = np.repeat([1.0, -1.0], 200)
+    y = counted(Coupled(dry=0.0, corner=1e-6), u, 0.02)
+    assert y[199] == pytest.approx(27.0 / 14.0, rel=1e-3)  # gain over both dampings
+    assert y[-1] == pytest.approx(y[199], rel=1e-3)
+    noise = drives(tmp_path)
+    data = BenchmarkData("ced", FullState(), folder=str(tmp_path))
+    records = data.make_records()
+    assert [r.samples for r in records["train"] + records["test"]] == [400, 400, 100, 100]
+    assert all(float(r.a.min()) > -5.0 * noise[0] for r in records["train"])
 
 
 def test_the_command_writes_files(tmp_path, monkeypatch, capsys):
