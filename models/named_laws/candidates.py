@@ -30,15 +30,20 @@ SPAN = 12.0  # of q: e^±12 units
 
 @dataclass(frozen=True)
 class Units:
-    """Of parameters: largest deformation [m], median rate [m/s], largest force [N]."""
+    """Of parameters: largest deformation [m], median rate [m/s], largest force [N], slope [N/m].
+
+    slope: that of the force where it is steep, as before it yields.
+    """
 
     length: float
     rate: float
     force: float
+    slope: float
 
     @property
-    def stiffness(self) -> float:
-        return self.force / self.length
+    def elastic(self) -> float:
+        """The deformation [m] at which the largest force would be reached without yielding."""
+        return self.force / self.slope
 
     @property
     def damping(self) -> float:
@@ -74,8 +79,9 @@ def _share(low: float, high: float) -> Parameter:
     return Parameter(low, high, share=True)
 
 
-STIFFNESS = Parameter(1.0, 30.0, lambda units: units.stiffness)
-SOFT = Parameter(0.02, 0.5, lambda units: units.stiffness)
+STIFFNESS = Parameter(0.7, 2.0, lambda units: units.slope)
+SOFT = Parameter(0.02, 0.5, lambda units: units.force / units.length)
+YIELD = Parameter(0.2, 1.1, lambda units: units.elastic)
 DAMPING = Parameter(1e-3, 0.03, lambda units: units.damping)
 PER_ENERGY = Parameter(1e-3, 0.1, lambda units: 1.0 / (units.force * units.length))
 Values = Mapping[str, float]
@@ -164,7 +170,7 @@ def _bouc_wen(values: Values, between: Sequence[str]) -> list[Element]:
 _SMOOTH = {
     "stiffness": STIFFNESS,
     "post_yield_ratio": _share(0.02, 0.3),
-    "largest": _length(0.03, 1.2),
+    "largest": YIELD,
     "beta_share": _share(0.2, 0.9),
     "above_one": Parameter(0.05, 1.0),  # of the exponent
     "damping": DAMPING,
@@ -175,7 +181,7 @@ CANDIDATES = {
         Candidate(
             "SelfCentering",
             {
-                "activation_displacement": _length(0.03, 1.2),
+                "activation_displacement": YIELD,
                 "stiffness": STIFFNESS,
                 "hardening_ratio": _share(0.01, 0.3),
                 "flag": _share(0.3, 0.95),
@@ -186,7 +192,7 @@ CANDIDATES = {
         Candidate(
             "Takeda",
             {
-                "yield_displacement": _length(0.03, 1.2),
+                "yield_displacement": YIELD,
                 "stiffness": STIFFNESS,
                 "hardening_ratio": _share(0.01, 0.3),
                 "unloading_exponent": _share(0.1, 0.6),
@@ -197,7 +203,7 @@ CANDIDATES = {
         Candidate(
             "SlackBrace",
             {
-                "yield_displacement": _length(0.03, 1.2),
+                "yield_displacement": YIELD,
                 "stiffness": STIFFNESS,
                 "hardening_ratio": _share(0.01, 0.3),
                 "gap": _length(0.01, 0.2),
@@ -209,11 +215,11 @@ CANDIDATES = {
         Candidate(
             "FrictionPendulum",
             {
-                "stiffness": Parameter(0.1, 1.0, lambda units: units.stiffness),
+                "stiffness": Parameter(0.1, 1.0, lambda units: units.force / units.length),
                 "slow": Parameter(0.05, 0.5, lambda units: units.force),
                 "faster": Parameter(0.02, 0.5, lambda units: units.force),
                 "rate": Parameter(0.3, 3.0, lambda units: 1.0 / units.rate),
-                "yield_displacement": _length(0.003, 0.05),
+                "yield_displacement": Parameter(0.05, 1.0, lambda units: units.elastic),
                 "damping": DAMPING,
             },
             _pendulum,
@@ -222,7 +228,7 @@ CANDIDATES = {
         Candidate(
             "MenegottoPinto",
             {
-                "yield_displacement": _length(0.03, 1.2),
+                "yield_displacement": YIELD,
                 "stiffness": STIFFNESS,
                 "hardening_ratio": _share(0.01, 0.2),
                 "sharpness": Parameter(5.0, 25.0),
@@ -242,7 +248,7 @@ CANDIDATES = {
                 "pinching": _share(0.3, 0.9),
                 "pinching_rate": Parameter(0.03, 1.0, lambda u: 1.0 / (u.force * u.length)),
                 "pinching_place": _share(0.05, 0.3),
-                "pinching_width": _length(0.01, 0.3),
+                "pinching_width": Parameter(0.03, 1.0, lambda units: units.elastic),
                 "pinching_spread": Parameter(1e-4, 1e-2, lambda u: 1.0 / u.force),
                 "pinching_lambda": Parameter(0.05, 0.5),
             },

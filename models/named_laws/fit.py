@@ -23,6 +23,7 @@ FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of t
 IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
 STEP = 1e-4  # of the differences
+FAR, STEEP = 0.05, 0.9  # of the largest deformation; share of slopes that are less steep
 PULL = 1e-4  # of q towards its start, beside the relative error
 Progress = Callable[[], None]
 
@@ -75,7 +76,20 @@ def units_of(motions: Sequence[Motion]) -> Units:
     sizes = float(np.abs(y).max()), float(np.median(np.abs(rate))), float(np.abs(r).max())
     if min(sizes) <= 0.0:
         raise ValueError("a deformation, its rate or a force is zero throughout; leave it out")
-    return Units(*sizes)
+    slopes = np.concatenate([_slopes(m, FAR * sizes[0]) for m in motions])
+    secant = sizes[2] / sizes[0]
+    steep = float(np.quantile(slopes, STEEP)) if slopes.size else secant
+    return Units(*sizes, slope=max(steep, 0.5 * secant))
+
+
+def _slopes(motion: Motion, far: float) -> np.ndarray:
+    """Of the force, between samples that are about so far apart."""
+    apart = np.median(np.abs(np.diff(motion.y)))
+    stride = int(min(max(far / max(apart, 1e-300), 1.0), len(motion.y) // 4))
+    dy, dr = (u[stride:] - u[:-stride] for u in (motion.y, motion.r))
+    wide = np.abs(dy) > 0.5 * far
+    slopes: np.ndarray = dr[wide] / dy[wide]
+    return slopes
 
 
 def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:

@@ -30,18 +30,18 @@ class LearnedLaws(nn.Module):
     """Laws of E elements; −1 where none is known yet."""
 
     law: Tensor  # (E,): numbers of the laws among the candidates
-    units: Tensor  # (E, 3): length, rate and force
+    units: Tensor  # (E, 4): length, rate, force and slope
 
     def __init__(self, elements: int) -> None:
         super().__init__()
         numbers = torch.full((elements, MOST), torch.nan, dtype=torch.float64)
         self.numbers = nn.Parameter(numbers, requires_grad=False)
         self.register_buffer("law", torch.full((elements,), -1))
-        self.register_buffer("units", torch.ones(elements, 3, dtype=torch.float64))
+        self.register_buffer("units", torch.ones(elements, 4, dtype=torch.float64))
 
     def take(self, e: int, fit: Fit) -> None:
         self.law[e] = list(CANDIDATES).index(fit.candidate.name)
-        self.units[e] = torch.tensor([fit.units.length, fit.units.rate, fit.units.force])
+        self.units[e] = torch.tensor(list(vars(fit.units).values()), dtype=torch.float64)
         self.numbers.data[e] = 0.0
         self.numbers.data[e, : fit.q.size] = torch.from_numpy(fit.q)
 

@@ -79,7 +79,7 @@ def test_noise_of_the_force_leaves_the_law_as_it_is():
 
 
 def test_of_laws_that_are_nearly_as_good_the_smallest_is_taken():
-    units = Units(1.0, 1.0, 1.0)
+    units = Units(1.0, 1.0, 1.0, 1.0)
     found = [Fit(c, units, np.zeros(len(c.parameters))) for c in CANDIDATES.values()]
     errors = dict.fromkeys(CANDIDATES, 1.0)
     errors |= {"MenegottoPinto": 0.05, "SlackBrace": 0.054, "SelfCentering": 0.06}
@@ -99,7 +99,7 @@ def test_a_change_of_units_changes_nothing():
 
 
 def test_every_candidate_makes_elements_anywhere_in_its_range():
-    rng, units = np.random.default_rng(0), Units(0.02, 0.1, 1e5)
+    rng, units = np.random.default_rng(0), Units(0.02, 0.1, 1e5, 2e7)
     for candidate in CANDIDATES.values():
         for _ in range(50):
             q = candidate.drawn(rng) + rng.uniform(-3.0, 3.0, len(candidate.parameters))
