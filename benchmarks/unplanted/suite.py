@@ -34,6 +34,7 @@ from data.record import Record, stack
 from models.baselines import Zero
 from models.composition.branch_law import learned
 from models.element_network_branch import ElementNetworkBranch
+from models.element_network_named import ElementNetworkNamed
 from models.estimator import Estimator
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
@@ -131,6 +132,8 @@ def noisy(record: Record, seed: int) -> Record:
 
 def parameters(estimator: Estimator) -> int:
     """Number of free parameters."""
+    if isinstance(estimator, ElementNetworkNamed):
+        return estimator.identified_parameters
     count = sum(p.numel() for p in estimator.parameters() if p.requires_grad)
     if isinstance(estimator, ElementNetworkBranch):
         count -= int((~learned(estimator.theta, estimator.sizes)).sum())
