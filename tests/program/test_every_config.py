@@ -210,7 +210,7 @@ def test_readme_and_docs_commands_compose():
             words = [w for w in words if not w.startswith(("hydra.", "hydra/"))]
             # a sweep's lists are tried by their first value
             words = [re.sub(r"=range\(.*", "=1", w) for w in words]
-            words = [re.sub(r",(?![^\[]*\]).*", "", w) for w in words]
+            words = [re.sub(r",(?![^\[{]*[\]}]).*", "", w) for w in words]
             composed(*words, config=program)
             seen += 1
     assert seen >= 5
