@@ -65,6 +65,7 @@ MODELS = {  # of conf/model, with settings; masses are given to those that take 
 ON_FEW = ("element_network", NOISY, NAMED_NOISY)
 SEEDED = [name for name, words in MODELS.items() if words]
 QUICK = {
+    "element_network_named": ("model.laws=[SlackBrace]",),
     "element_network": ("objective.starts=1", "objective.finalists=1", "solver.iterations=2"),
     "element_network_branch": (
         *("model.ramps=4", "model.bends=1", "model.law_starts=1", "solver.iterations=2"),
