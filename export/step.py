@@ -1,0 +1,82 @@
+"""An identified model as a state, numbers and three functions over them: what becomes C.
+
+The functions are plain loops over arrays of fixed shape, in the part of Python that
+export/translate turns into C99: what an export does is what they do, and tests hold them to the
+model's own free run. They take arrays by the names of their arguments.
+m excitations, n DOFs, E elements.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from data.record import Drive
+from models.layers.integrate import between
+
+SIGNALS = ("u", "x0", "v0", "first", "last", "dt")  # given with each call, not held
+
+
+@dataclass(frozen=True)
+class Step:
+    """One sample of a model, and the next.
+
+    begin(x0, v0, …): sets the state at the first instant. x0, v0 (n,).
+    advance(first, last, dt, …): moves the state one step on, to just before the excitation there
+    jumps. first, last (m,): the excitation at the step's start and end, linear in between.
+    observe(last, u, …): fills the outputs where the excitation jumps from `last` to `u`; called
+    again with another u, it makes good what it did. After `begin`, `last` is u.
+
+    state: arrays (float64 or int64) that change, by name, with their first values; `outputs` are
+    among them. numbers: arrays that stay, by name. parameters: those of the numbers that
+    a user may tune, with a name and a unit for each entry: (array, place, name, unit).
+    outputs: (array of the state, name of each entry, unit of each entry).
+    """
+
+    begin: Callable[..., None]
+    observe: Callable[..., None]
+    advance: Callable[..., None]
+    dt: float  # [s]
+    state: Mapping[str, np.ndarray]
+    numbers: Mapping[str, np.ndarray]
+    inputs: list[tuple[str, str]]  # name and unit of each excitation
+    outputs: list[tuple[str, list[str], str]]
+    any_step: bool = False  # whether `advance` takes any dt; others take their own alone
+    holds: tuple[str, ...] = ("linear", "zero_order")  # that it knows
+    parameters: list[tuple[str, tuple[int, ...], str, str]] = field(default_factory=list)
+
+    def arguments(self, function: Callable[..., None]) -> list[str]:
+        """Names of what a function takes. Raises ValueError for one that nobody holds."""
+        names = list(inspect.signature(getattr(function, "py_func", function)).parameters)
+        unknown = [n for n in names if n not in (*SIGNALS, *self.state, *self.numbers)]
+        if unknown:
+            raise ValueError(f"{', '.join(unknown)}: neither state nor numbers of the step")
+        return names
+
+
+def run(step: Step, drive: Drive) -> dict[str, np.ndarray]:
+    """The outputs (T, ·) of a drive, by the functions as they stand in Python: the reference."""
+    held = {name: np.array(value) for name, value in step.state.items()}
+    known = {**held, **{name: np.array(value) for name, value in step.numbers.items()}}
+    u = drive.u.detach().numpy()
+    ends = between(drive.u, drive.hold, 1)[:, 0].detach().numpy()
+    given = {"x0": drive.x0.numpy(), "v0": drive.v0.numpy(), "dt": drive.dt}
+
+    def call(function: Callable[..., None], **signals: np.ndarray) -> None:
+        known.update(given, **signals)
+        function(*(known[name] for name in step.arguments(function)))
+
+    names = [name for name, *_ in step.outputs]
+    history: dict[str, list[np.ndarray]] = {name: [] for name in names}
+    call(step.begin, u=u[0])
+    call(step.observe, last=u[0], u=u[0])
+    for k in range(len(u)):
+        if k > 0:
+            call(step.advance, first=u[k - 1], last=ends[k - 1])
+            call(step.observe, last=ends[k - 1], u=u[k])
+        for name in names:
+            history[name].append(held[name].copy())
+    return {name: np.stack(values) for name, values in history.items()}

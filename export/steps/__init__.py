@@ -1,0 +1,1 @@
+"""Estimators as steps (export/step.py), a file for each kind."""
