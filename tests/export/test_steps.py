@@ -1,0 +1,186 @@
+"""Steps do what free runs do, sample by sample, to rounding."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Drive, Record
+from export.step import Step, run
+from export.steps import step_of
+from models.estimator import Estimator
+from models.linear import EquivalentLinear
+from models.linear_motion import LinearMotion
+from models.recurrent import Recurrent
+from models.vwnn import VWNN
+from models.vwnn_forward import ForwardVWNN
+
+DT = 0.01
+TOLERANCE = 1e-12  # largest difference over largest signal, of each output
+SIZES = (1, 3, 10)
+
+
+def drive(dofs: int, inputs: int, samples: int = 200, hold: str = "linear") -> Drive:
+    """A smooth excitation that has a jump, from a state in motion."""
+    generator = torch.Generator().manual_seed(dofs)
+    white = torch.randn(samples, inputs, generator=generator, dtype=torch.float64)
+    u = white.cumsum(dim=0) / samples**0.5
+    u[samples // 2 :] += 1.0
+    x0, v0 = 0.1 * torch.randn(2, dofs, generator=generator, dtype=torch.float64)
+    return Drive(DT, u, x0, v0, hold)
+
+
+def chain(dofs: int, inputs: int | None = None, samples: int = 400) -> Record:
+    """Masses in a row on springs that stiffen, under forces, by small explicit steps."""
+    m, rng = dofs if inputs is None else inputs, np.random.default_rng(dofs)
+    f = np.cumsum(rng.standard_normal((samples, m)), axis=0) / 4.0
+    into = np.eye(dofs) if m == dofs else rng.standard_normal((dofs, m))
+    x, v, history = np.zeros(dofs), np.zeros(dofs), []
+    for u in f:
+        stretch = np.diff(np.r_[0.0, x], append=x[-1])
+        rate = np.diff(np.r_[0.0, v], append=v[-1])
+        force = 90.0 * stretch + 40.0 * stretch**3 + 1.5 * rate
+        a = into @ u + np.diff(force)
+        history.append((x, v, a))
+        v = v + DT * a
+        x = x + DT * v
+    x, v, a = (torch.from_numpy(np.stack(s)) for s in zip(*history, strict=True))
+    return Record(DT, a, torch.from_numpy(f), x, v)
+
+
+def differences(model: Estimator, given: Drive) -> dict[str, float]:
+    """Of each output of a step from the free run, over its largest."""
+    with torch.inference_mode():
+        whole = model.free_run(given)
+    wanted = {"x": whole.x, "v": whole.v, "a": whole.a, "r": whole.a, "output": whole.a}
+    found = {}
+    for name, signal in run(step_of(model), given).items():
+        right = wanted[name].numpy()
+        assert np.isfinite(right).all()
+        found[name] = float(np.abs(signal - right).max() / max(np.abs(right).max(), 1e-300))
+    return found
+
+
+def agrees(model: Estimator, given: Drive) -> None:
+    found = differences(model, given)
+    assert all(error <= TOLERANCE for error in found.values()), found
+
+
+def once_more(step: Step) -> Step:
+    """The step, whose every `observe` is called with another excitation before."""
+    names = step.arguments(step.observe)
+
+    def observe(*arguments: np.ndarray) -> None:
+        given = dict(zip(names, arguments, strict=True))
+        step.observe(*(given[n] if n != "u" else given[n] + 0.7 for n in names))
+        step.observe(*arguments)
+
+    signature = inspect.Signature([inspect.Parameter(n, POSITIONAL) for n in names])
+    observe.__signature__ = signature  # type: ignore[attr-defined]
+    return replace(step, observe=observe)
+
+
+POSITIONAL = inspect.Parameter.POSITIONAL_OR_KEYWORD
+
+
+def drawn(model: Estimator, size: float = 1.0) -> Estimator:
+    """Weights drawn anew, so that none is nil."""
+    generator = torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        for weights in model.parameters():
+            other = torch.randn(weights.shape, generator=generator, dtype=weights.dtype)
+            weights.copy_(size * other / max(weights.shape[-1], 1) ** 0.5)
+    return model
+
+
+def linear(dofs: int) -> Estimator:
+    model = EquivalentLinear(dofs, dofs, DT)
+    model.identify([chain(dofs)])
+    return model
+
+
+def linear_base(dofs: int) -> Estimator:
+    model = EquivalentLinear(dofs, 1, DT)
+    model.identify([chain(dofs, 1)])
+    return model
+
+
+def linear_motion(dofs: int) -> Estimator:
+    model = LinearMotion(dofs, dofs, DT)
+    model.identify([replace(chain(dofs), x=None, v=None)])
+    return model
+
+
+def recurrent(dofs: int, cell: str, layers: int, states: bool = True, inputs: int = 2) -> Estimator:
+    torch.manual_seed(dofs)
+    record = chain(dofs, inputs)
+    model = Recurrent(dofs, inputs, DT, cell, hidden=4, layers=layers)
+    model.identify([record if states else replace(record, x=None, v=None)])
+    return model
+
+
+def vwnn(dofs: int, inputs: int, **choices) -> Estimator:
+    return drawn(VWNN(dofs, inputs, DT, **choices), 2.0)
+
+
+def vwnn_forward(dofs: int, inputs: int, **choices) -> Estimator:
+    record = chain(dofs, inputs, 300)
+    model = ForwardVWNN(dofs, inputs, DT, refinements=0, ridge=1e-3, **choices)
+    model.identify([record])
+    return model
+
+
+MODELS: dict[str, Callable[[int], Estimator]] = {
+    "linear": linear,
+    "linear_base": linear_base,
+    "linear_motion": linear_motion,
+    "gru": lambda n: recurrent(n, "gru", 1),
+    "gru_integrated": lambda n: recurrent(n, "gru", 2, states=False),
+    "lstm": lambda n: recurrent(n, "lstm", 3, inputs=7),
+    "vwnn": lambda n: vwnn(n, n),
+    "vwnn_first_order": lambda n: vwnn(n, 2, order=1, unfiltered_excitation=True),
+    "vwnn_third_order": lambda n: vwnn(n, 1, order=3 if n < 10 else [1, 2], stages=1, bias=False),
+    "vwnn_no_squares": lambda n: vwnn(n, 1, order=[2], squares=False, stages=3),
+    "vwnn_forward": lambda n: vwnn_forward(n, n, factors=4 if n < 10 else 2),
+    "vwnn_forward_few": lambda n: vwnn_forward(
+        n, 1, cutoffs=(0.3, 2.0, 20.0), factors=2, order=(1, 2)
+    ),
+    "lstm_integrated": lambda n: recurrent(n, "lstm", 1, states=False),
+}
+
+
+@pytest.mark.parametrize("dofs", SIZES)
+@pytest.mark.parametrize("name", MODELS)
+def test_a_step_is_the_free_run(name, dofs):
+    model = MODELS[name](dofs)
+    for hold in ("linear", "zero_order"):
+        agrees(model, drive(dofs, model.inputs, 200 if dofs < 10 else 60, hold))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_what_is_observed_again_is_made_good(name):
+    model = MODELS[name](3)
+    given, step = drive(3, model.inputs, 60), step_of(model)
+    once, twice = run(step, given), run(once_more(step), given)
+    for output in once:
+        np.testing.assert_array_equal(once[output], twice[output])
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_step_names_what_goes_in_and_out(name):
+    model = MODELS[name](3)
+    step = step_of(model)
+    assert len(step.inputs) == model.inputs
+    for array, names, _ in step.outputs:
+        assert step.state[array].shape == (len(names),)
+    for function in (step.begin, step.observe, step.advance):
+        step.arguments(function)
+    for part in (*step.state.values(), *step.numbers.values()):
+        if isinstance(part, np.ndarray):
+            assert part.dtype in (np.float64, np.int64)
+            assert part.flags.c_contiguous
