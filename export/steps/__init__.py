@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from models.estimator import Estimator
 
 KINDS = {  # file of this folder → the estimators whose steps it has
-    "composite": ("ElementNetwork", "LatentHysteresisNetwork"),
+    "composite": ("ElementNetwork", "HystereticElement", "LatentHysteresisNetwork"),
     "branches": ("ElementNetworkBranch",),
     "named": ("ElementNetworkNamed",),
     "linear": ("EquivalentLinear", "LinearMotion"),
