@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 KINDS = {  # file of this folder → the estimators whose steps it has
     "linear": ("EquivalentLinear", "LinearMotion"),
     "static": ("RestoringForceSurface", "Rigid", "Zero"),
+    "mlp": ("GlobalMLP", "ResidualMLP"),
+    "polynomial": ("ModalPolynomial",),
     "recurrent": ("Recurrent",),
     "vwnn": ("VWNN",),
     "vwnn_forward": ("ForwardVWNN",),

@@ -16,6 +16,8 @@ from export.steps import step_of
 from models.estimator import Estimator
 from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion
+from models.mlp import GlobalMLP, ResidualMLP
+from models.polynomial import ModalPolynomial
 from models.recurrent import Recurrent
 from models.vwnn import VWNN
 from models.vwnn_forward import ForwardVWNN
@@ -31,20 +33,22 @@ def drive(dofs: int, inputs: int, samples: int = 200, hold: str = "linear") -> D
     white = torch.randn(samples, inputs, generator=generator, dtype=torch.float64)
     u = white.cumsum(dim=0) / samples**0.5
     u[samples // 2 :] += 1.0
-    x0, v0 = 0.1 * torch.randn(2, dofs, generator=generator, dtype=torch.float64)
+    x0, v0 = 0.02 * torch.randn(2, dofs, generator=generator, dtype=torch.float64)
     return Drive(DT, u, x0, v0, hold)
 
 
-def chain(dofs: int, inputs: int | None = None, samples: int = 400) -> Record:
-    """Masses in a row on springs that stiffen, under forces, by small explicit steps."""
+def chain(dofs: int, inputs: int | None = None, samples: int = 400, cubic: float = 40.0) -> Record:
+    """Masses in a row on springs that may stiffen, under forces, by small explicit steps."""
     m, rng = dofs if inputs is None else inputs, np.random.default_rng(dofs)
     f = np.cumsum(rng.standard_normal((samples, m)), axis=0) / 4.0
+    f += 10.0 * rng.standard_normal(f.shape)
     into = np.eye(dofs) if m == dofs else rng.standard_normal((dofs, m))
+    into = np.ones((dofs, 1)) if m == 1 else into
     x, v, history = np.zeros(dofs), np.zeros(dofs), []
     for u in f:
         stretch = np.diff(np.r_[0.0, x], append=x[-1])
         rate = np.diff(np.r_[0.0, v], append=v[-1])
-        force = 90.0 * stretch + 40.0 * stretch**3 + 1.5 * rate
+        force = 90.0 * stretch + cubic * stretch**3 + 1.5 * rate
         a = into @ u + np.diff(force)
         history.append((x, v, a))
         v = v + DT * a
@@ -135,6 +139,30 @@ def vwnn_forward(dofs: int, inputs: int, **choices) -> Estimator:
     return model
 
 
+def mlp(dofs: int, kind: type[GlobalMLP | ResidualMLP], inputs: int, **choices) -> Estimator:
+    """A network that is a small part of a damped linear motion."""
+    torch.manual_seed(dofs)
+    model = kind(dofs, inputs, DT, **choices)
+    model.identify([chain(dofs, inputs)])
+    with torch.no_grad():
+        model.network.output_scale.reach.fill_(0.5)
+    return model
+
+
+def polynomial(dofs: int, inputs: int | None = None, **choices) -> Estimator:
+    """The series of a linear motion, and a little of every term beside."""
+    forced = {} if inputs is None else {"forced": "base"}
+    model = ModalPolynomial(dofs, inputs or dofs, DT, ridge=1e-6, **choices, **forced)
+    model.identify([chain(dofs, inputs, 800, cubic=0.0)])
+    generator = torch.Generator().manual_seed(dofs)
+    with torch.no_grad():
+        for weights in model.coefficients:
+            size = 1e-3 * weights.abs().max().clamp_min(1.0)
+            weights += size * torch.randn(weights.shape, generator=generator, dtype=weights.dtype)
+    return model
+
+
+PAIRS = [["u1", "u1_dot"], ["u1", "u2"]]
 MODELS: dict[str, Callable[[int], Estimator]] = {
     "linear": linear,
     "linear_base": linear_base,
@@ -150,6 +178,16 @@ MODELS: dict[str, Callable[[int], Estimator]] = {
     "vwnn_forward_few": lambda n: vwnn_forward(
         n, 1, cutoffs=(0.3, 2.0, 20.0), factors=2, order=(1, 2)
     ),
+    "global_mlp": lambda n: mlp(n, GlobalMLP, n),
+    "global_mlp_silu": lambda n: mlp(n, GlobalMLP, 1, hidden=(7,), activation="silu"),
+    "residual_mlp": lambda n: mlp(n, ResidualMLP, n),
+    "residual_mlp_relu": lambda n: mlp(n, ResidualMLP, 2, hidden=(4, 6, 5), activation="relu"),
+    "residual_mlp_sigmoid": lambda n: mlp(n, ResidualMLP, 1, activation="sigmoid"),
+    "power_series_residual": lambda n: polynomial(n, fits="residual", order=3),
+    "power_series_restoring_force": lambda n: polynomial(n, order=3),
+    "power_series_base": lambda n: polynomial(min(n, 4), 1, order=2),
+    "power_series_pairs": lambda n: polynomial(n, order=2, pairs=PAIRS if n > 1 else PAIRS[:1]),
+    "chebyshev_restoring_force": lambda n: polynomial(n, order=3, basis="chebyshev"),
     "lstm_integrated": lambda n: recurrent(n, "lstm", 1, states=False),
 }
 
@@ -159,13 +197,13 @@ MODELS: dict[str, Callable[[int], Estimator]] = {
 def test_a_step_is_the_free_run(name, dofs):
     model = MODELS[name](dofs)
     for hold in ("linear", "zero_order"):
-        agrees(model, drive(dofs, model.inputs, 200 if dofs < 10 else 60, hold))
+        agrees(model, drive(model.dofs, model.inputs, 200 if dofs < 10 else 60, hold))
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_what_is_observed_again_is_made_good(name):
     model = MODELS[name](3)
-    given, step = drive(3, model.inputs, 60), step_of(model)
+    given, step = drive(model.dofs, model.inputs, 60), step_of(model)
     once, twice = run(step, given), run(once_more(step), given)
     for output in once:
         np.testing.assert_array_equal(once[output], twice[output])
