@@ -9,23 +9,23 @@ T samples.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, nnls
 
 from data.simulation.element_test import imposed
 from models.named_laws.candidates import CANDIDATES, Candidate, Units
 
-DRAWS, FOLLOWED = 60, 4  # starts, and how many of them are followed
+DRAWS, FOLLOWED, STAY = 120, 6, 2  # starts of a law; those that are followed, first and further
+LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
 IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
 STEP = 1e-4  # of the differences
 FAR, STEEP = 0.05, 0.9  # of the largest deformation; share of slopes that are less steep
 PULL = 1e-4  # of q towards its start, beside the relative error
-Progress = Callable[[], None]
 
 
 @dataclass(frozen=True)
@@ -112,35 +112,50 @@ def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
     return end if end.error < fit.error_on(motions) else fit
 
 
+def sized(fit: Fit, motion: Motion) -> Fit:
+    """The law with the size, damper and spring that suit a motion best: these are linear."""
+    values, parts = fit.candidate.values(fit.q, fit.units), {"": fit.force(motion)}
+    for name, signal in (("damping", motion.rate), ("spring", motion.y)):
+        if name in values:
+            parts[""] = parts[""] - values[name] * signal
+            parts[name] = signal
+    columns = np.stack([part[motion.first :] for part in parts.values()], axis=1)
+    lengths = np.linalg.norm(columns, axis=0)
+    if not (np.isfinite(lengths).all() and (lengths > 0.0).all()):
+        return fit
+    solved = nnls(columns / lengths, motion.r[motion.first :])[0] / lengths
+    if not solved[0] > 0.0:
+        return fit
+    sizes = dict(zip(parts, solved.tolist(), strict=True))
+    sizes |= {name: max(size, LEAST * values[name]) for name, size in sizes.items() if name}
+    return Fit(fit.candidate, fit.units, fit.candidate.sized_anew(fit.q, fit.units, sizes))
+
+
 def begun(
     candidate: Candidate, motions: Sequence[Motion], units: Units, rng: np.random.Generator
-) -> Fit:
-    """The best of some starts after a few iterations."""
-    drawn = [Fit(candidate, units, candidate.drawn(rng)) for _ in range(DRAWS)]
+) -> list[Fit]:
+    """The best of some starts after a few iterations, the best first."""
+    drawn = [sized(Fit(candidate, units, candidate.drawn(rng)), motions[0]) for _ in range(DRAWS)]
     for one in drawn:
-        one.error = one.error_on(motions)
+        one.error = one.error_on(motions[:1])
     drawn.sort(key=lambda one: one.error)
     ends = [followed(one, motions, FIRST) for one in drawn[:FOLLOWED]]
-    return min(ends, key=lambda one: one.error)
+    return sorted(ends, key=lambda one: one.error)[:STAY]
 
 
 def chosen(
-    motions: Sequence[Motion],
-    names: Sequence[str],
-    seed: int,
-    step: Progress = lambda: None,
+    motions: Sequence[Motion], names: Sequence[str], seed: int
 ) -> tuple[Fit, dict[str, float]]:
     """The law that suits the motions, fitted to all of them; errors on the motion held back."""
     units, rng = units_of(motions), np.random.default_rng(seed)
     rest, judged = parted(motions)
     largest = sorted(rest, key=lambda m: -float(np.ptp(m.y)))[:2]
+    starts = [begun(CANDIDATES[name], largest, units, rng) for name in names]
+    least = min(one.error for ends in starts for one in ends)
     found = []
-    for name in names:
-        found.append(begun(CANDIDATES[name], largest, units, rng))
-        step()
-    least = min(one.error for one in found)
-    found = [one for one in found if one.error <= IN_THE_LEAD * least]
-    found = [followed(one, rest, MIDDLE) for one in found]
+    for ends in starts:
+        near = [followed(e, rest, MIDDLE) for e in ends if e.error <= IN_THE_LEAD * least]
+        found += sorted(near, key=lambda one: one.error)[:1]
     errors = {one.candidate.name: one.error_on([judged]) for one in found}
     best = smallest(found, errors)
     best.error = math.inf
