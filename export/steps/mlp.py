@@ -11,14 +11,15 @@ import numpy as np
 from export.names import inputs_of, motion_of
 from export.step import Step
 from export.steps.perceptron import network, numbers_of
-from export.steps.runge_kutta import arrive, midway, towards
+from export.steps.runge_kutta import arrive, jumps, midway, towards
 from models.mlp import GlobalMLP, ResidualMLP
 
 
-def begin(x0, v0, x, v):
+def begin(x0, v0, u, x, v, left, weights, biases, sizes, inner, outer, widest, activation):
     """From the given state."""
     x[:] = x0
     v[:] = v0
+    _law(x, v, u, left, weights, biases, sizes, inner, outer, widest, activation)
 
 
 def _law(x, v, u, a, weights, biases, sizes, inner, outer, widest, activation):
@@ -31,16 +32,22 @@ def _law(x, v, u, a, weights, biases, sizes, inner, outer, widest, activation):
     network(signal, a, weights, biases, sizes, inner, outer, widest, activation)
 
 
-def observe(u, x, v, a, weights, biases, sizes, inner, outer, widest, activation):
-    """ẍ of the state and the excitation."""
-    _law(x, v, u, a, weights, biases, sizes, inner, outer, widest, activation)
-
-
-def advance(first, last, dt, x, v, a, weights, biases, sizes, inner, outer, widest,
+def observe(last, u, x, v, left, a, weights, biases, sizes, inner, outer, widest,
             activation):  # fmt: skip
-    """A Runge–Kutta step, from the acceleration that was observed."""
+    """ẍ of the state and the excitation, which is known unless that jumps."""
+    if jumps(last, u):
+        _law(x, v, u, a, weights, biases, sizes, inner, outer, widest, activation)
+    else:
+        a[:] = left
+
+
+def advance(first, last, dt, x, v, left, a, weights, biases, sizes, inner, outer, widest,
+            activation):  # fmt: skip
+    """A Runge–Kutta step."""
     n = x.size
-    x_there, rates, stages = np.empty(n), np.empty((3, n)), np.empty((3, n))
+    x_there = np.empty(n)
+    rates = np.empty((3, n))
+    stages = np.empty((3, n))
     middle = np.empty(first.size)
     midway(first, last, middle)
     towards(0.5 * dt, x, v, v, a, x_there, rates[0])
@@ -53,6 +60,8 @@ def advance(first, last, dt, x, v, a, weights, biases, sizes, inner, outer, wide
     _law(x_there, rates[2], last, stages[2], weights, biases, sizes, inner, outer, widest,
          activation)  # fmt: skip
     arrive(dt, x, v, a, stages)
+    _law(x, v, last, left, weights, biases, sizes, inner, outer, widest, activation)
+    a[:] = left
 
 
 def residual_begin(x0, v0, x, v, before):
@@ -90,8 +99,12 @@ def residual_advance(first, last, dt, before, now, x, v, a, W, weights, biases, 
                      widest, activation):  # fmt: skip
     """A Runge–Kutta step, along which the delayed residual is linear."""
     n = x.size
-    x_there, rates, stages = np.empty(n), np.empty((3, n)), np.empty((3, n))
-    middle, delayed, unused = np.empty(first.size), np.empty(n), np.empty(n)
+    x_there = np.empty(n)
+    rates = np.empty((3, n))
+    stages = np.empty((3, n))
+    middle = np.empty(first.size)
+    delayed = np.empty(n)
+    unused = np.empty(n)
     midway(first, last, middle)
     for i in range(n):
         delayed[i] = 0.5 * (before[i] + now[i])
@@ -113,6 +126,7 @@ def step_of(model: GlobalMLP | ResidualMLP) -> Step:
     state = {name: np.zeros(model.dofs) for name in "xva"}
     numbers = numbers_of(model.network)
     if isinstance(model, GlobalMLP):
+        state["left"] = np.zeros(model.dofs)
         return Step(
             begin, observe, advance, model.dt, state, numbers, inputs_of(model), motion_of(model),
             any_step=True,

@@ -29,7 +29,8 @@ def network(signal, found, weights, biases, sizes, inner, outer, widest, activat
 
     sizes (layers + 1,): neurons; inner (2, inputs), outer (2, outputs): centre and reach.
     """
-    below, above = np.zeros(widest), np.zeros(widest)
+    below = np.zeros(widest)
+    above = np.zeros(widest)
     for j in range(signal.size):
         below[j] = (signal[j] - inner[0, j]) / inner[1, j]
     weight, bias = 0, 0

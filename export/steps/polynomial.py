@@ -11,14 +11,15 @@ import torch
 
 from export.names import inputs_of, motion_of
 from export.step import Step
-from export.steps.runge_kutta import arrive, midway, towards
+from export.steps.runge_kutta import arrive, jumps, midway, towards
 from models.polynomial import ModalPolynomial
 
 
-def begin(x0, v0, x, v):
+def begin(x0, v0, u, x, v, left, L, S, offset, terms, C, B, powers, chebyshev):
     """From the given state."""
     x[:] = x0
     v[:] = v0
+    _law(x, v, u, left, L, S, offset, terms, C, B, powers, chebyshev)
 
 
 def _coordinates(x, v, S, offset, chebyshev, table):
@@ -41,7 +42,8 @@ def _coordinates(x, v, S, offset, chebyshev, table):
 
 def _law(x, v, u, a, L, S, offset, terms, C, B, powers, chebyshev):
     n = x.size
-    table, h = np.zeros(2 * n * powers), np.zeros(n)
+    table = np.zeros(2 * n * powers)
+    h = np.zeros(n)
     _coordinates(x, v, S, offset, chebyshev, table)
     for p in range(C.size):
         h[terms[p, 0]] += C[p] * table[terms[p, 1]] * table[terms[p, 2]]
@@ -54,15 +56,20 @@ def _law(x, v, u, a, L, S, offset, terms, C, B, powers, chebyshev):
             a[i] += L[2 * n + j, i] * u[j]
 
 
-def observe(u, x, v, a, L, S, offset, terms, C, B, powers, chebyshev):
-    """ẍ of the state and the excitation."""
-    _law(x, v, u, a, L, S, offset, terms, C, B, powers, chebyshev)
+def observe(last, u, x, v, left, a, L, S, offset, terms, C, B, powers, chebyshev):
+    """ẍ of the state and the excitation, which is known unless that jumps."""
+    if jumps(last, u):
+        _law(x, v, u, a, L, S, offset, terms, C, B, powers, chebyshev)
+    else:
+        a[:] = left
 
 
-def advance(first, last, dt, x, v, a, L, S, offset, terms, C, B, powers, chebyshev):
-    """A Runge–Kutta step, from the acceleration that was observed."""
+def advance(first, last, dt, x, v, left, a, L, S, offset, terms, C, B, powers, chebyshev):
+    """A Runge–Kutta step."""
     n = x.size
-    x_there, rates, stages = np.empty(n), np.empty((3, n)), np.empty((3, n))
+    x_there = np.empty(n)
+    rates = np.empty((3, n))
+    stages = np.empty((3, n))
     middle = np.empty(first.size)
     midway(first, last, middle)
     towards(0.5 * dt, x, v, v, a, x_there, rates[0])
@@ -72,6 +79,8 @@ def advance(first, last, dt, x, v, a, L, S, offset, terms, C, B, powers, chebysh
     towards(dt, x, v, rates[1], stages[1], x_there, rates[2])
     _law(x_there, rates[2], last, stages[2], L, S, offset, terms, C, B, powers, chebyshev)
     arrive(dt, x, v, a, stages)
+    _law(x, v, last, left, L, S, offset, terms, C, B, powers, chebyshev)
+    a[:] = left
 
 
 def step_of(model: ModalPolynomial) -> Step:
@@ -97,6 +106,6 @@ def step_of(model: ModalPolynomial) -> Step:
     numbers["terms"] = np.stack([np.repeat(np.arange(n), counts), *places], axis=1)
     whole = {"powers": model.order + 1, "chebyshev": int(model.basis == "chebyshev")}
     return Step(
-        begin, observe, advance, model.dt, {name: np.zeros(n) for name in "xva"},
+        begin, observe, advance, model.dt, {name: np.zeros(n) for name in ("x", "v", "a", "left")},
         {**numbers, **whole}, inputs_of(model), motion_of(model), any_step=True,
     )  # fmt: skip

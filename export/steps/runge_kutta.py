@@ -25,3 +25,11 @@ def midway(first, last, middle):
     """The excitation (m,) in the middle of the step."""
     for j in range(first.size):
         middle[j] = first[j] + 0.5 * (last[j] - first[j])
+
+
+def jumps(last, u):
+    """Whether the excitation (m,) jumps from `last` to u."""
+    for j in range(u.size):  # noqa: SIM110 – any() has no word in C
+        if u[j] != last[j]:
+            return True
+    return False

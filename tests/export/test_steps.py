@@ -13,12 +13,14 @@ import torch
 from data.record import Drive, Record
 from export.step import Step, run
 from export.steps import step_of
+from models.baselines import LastValue, Rigid, Zero
 from models.estimator import Estimator
 from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion
 from models.mlp import GlobalMLP, ResidualMLP
 from models.polynomial import ModalPolynomial
 from models.recurrent import Recurrent
+from models.restoring_force_surface import RestoringForceSurface
 from models.vwnn import VWNN
 from models.vwnn_forward import ForwardVWNN
 
@@ -87,6 +89,27 @@ def once_more(step: Step) -> Step:
     signature = inspect.Signature([inspect.Parameter(n, POSITIONAL) for n in names])
     observe.__signature__ = signature  # type: ignore[attr-defined]
     return replace(step, observe=observe)
+
+
+def imposed(samples: int = 200) -> Drive:
+    """A slow deformation that goes back and forth, and its rate."""
+    t = DT * torch.arange(samples, dtype=torch.float64)
+    s = 0.02 * torch.sin(9.0 * t) * (0.2 + t) + 0.004 * torch.sin(31.0 * t)
+    rest = torch.zeros(1, dtype=torch.float64)
+    return Drive(DT, torch.stack([s, torch.gradient(s, spacing=DT)[0]], dim=1), rest, rest)
+
+
+def element_test() -> Record:
+    """An element whose force stiffens, and forgets nothing of a slider."""
+    u = imposed(400).u
+    s, rate = u.split(1, dim=1)
+    z = torch.zeros(1, dtype=torch.float64)
+    slid = []
+    for ds in torch.diff(s, dim=0, prepend=s[:1]):
+        z = (z + ds).clamp(-0.005, 0.005)
+        slid.append(z)
+    r = 50.0 * s + 4e3 * s**3 + 0.7 * rate + 200.0 * torch.stack(slid)
+    return Record(DT, r, u[:, :0], s=s, s_dot=rate, quantity="force")
 
 
 POSITIONAL = inspect.Parameter.POSITIONAL_OR_KEYWORD
@@ -190,6 +213,43 @@ MODELS: dict[str, Callable[[int], Estimator]] = {
     "chebyshev_restoring_force": lambda n: polynomial(n, order=3, basis="chebyshev"),
     "lstm_integrated": lambda n: recurrent(n, "lstm", 1, states=False),
 }
+
+
+def identified(model: Estimator, record: Record) -> Estimator:
+    model.identify([record])
+    return model
+
+
+ELEMENTS: dict[str, Callable[[], Estimator]] = {
+    "surface": lambda: identified(RestoringForceSurface(1, 2, DT, order=4), element_test()),
+    "linear_motion": lambda: identified(LinearMotion(1, 2, DT), element_test()),
+}
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_the_step_of_an_element_is_its_free_run(name):
+    model = ELEMENTS[name]()
+    agrees(model, imposed())
+    step = step_of(model)
+    assert step.outputs == [("r", ["r1"], "N")]
+    once, twice = run(step, imposed(60)), run(once_more(step), imposed(60))
+    np.testing.assert_array_equal(once["r"], twice["r"])
+
+
+@pytest.mark.parametrize("kind", [Rigid, Zero])
+def test_no_motion_is_a_step_too(kind):
+    agrees(kind(3, 2, DT), drive(3, 2, 20))
+
+
+def test_what_has_no_step_says_so_in_one_line():
+    class Own(EquivalentLinear):
+        """Not of this zoo: its free run may be another."""
+
+    for model in (LastValue(2, 2, DT), Own(2, 2, DT)):
+        with pytest.raises(ValueError, match=rf"^{type(model).__name__} has no step.*VWNN"):
+            step_of(model)
+    with pytest.raises(ValueError, match="not identified yet"):
+        step_of(EquivalentLinear(2, 2, DT))
 
 
 @pytest.mark.parametrize("dofs", SIZES)
