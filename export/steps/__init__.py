@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from models.estimator import Estimator
 
 KINDS = {  # file of this folder → the estimators whose steps it has
+    "composite": ("ElementNetwork", "LatentHysteresisNetwork"),
+    "branches": ("ElementNetworkBranch",),
+    "named": ("ElementNetworkNamed",),
     "linear": ("EquivalentLinear", "LinearMotion"),
     "static": ("RestoringForceSurface", "Rigid", "Zero"),
     "mlp": ("GlobalMLP", "ResidualMLP"),
