@@ -12,7 +12,7 @@ from export.names import inputs_of
 from export.step import Step
 from models.modal.core import exact_steps
 from models.modal.run import BOUND
-from models.modal.run_compiled import _correct, _deform, _laws, _predict
+from models.modal.run_compiled import _deform, _laws
 from models.modal.units_compiled import TERMS
 from models.modal_network import ModalNetwork
 
@@ -21,15 +21,23 @@ OWN = ("gamma", "G", "D", "laws", "Cq", "Cv", "Du", "Dr", "o0")
 
 def begin(q, v, z, y, rate, r, before, D, laws, hinges, units, by_q, by_r, by_z, places):
     """Modes at rest, units that remember nothing."""
-    phi = np.zeros((3, TERMS))
     q[:] = 0.0
     v[:] = 0.0
-    for i in range(z.shape[0]):
-        for unit in range(z.shape[1]):
-            z[i, unit] = 0.0
+    for i in range(r.size):
         before[i] = 0.0
+        for unit in range(units):
+            z[i, unit] = 0.0
+    if r.size > 0:
+        _forces(q, v, z, y, rate, r, before, D, laws, hinges, units, False, by_q, by_r, by_z,
+                places)  # fmt: skip
+
+
+def _forces(q, v, z, y, rate, r, before, D, laws, hinges, units, moved, by_q, by_r, by_z,
+            places):  # fmt: skip
+    """Fills the forces r (E,) of elements; `moved`: whether their units move along."""
+    phi = np.zeros((3, TERMS))
     _deform(D, places, q, v, by_q, by_q, y, rate, by_r, by_r)
-    _laws(laws, places, hinges, units, y, rate, by_r, by_r, before, by_r, False, z, by_z, r, by_r,
+    _laws(laws, places, hinges, units, y, rate, by_r, by_r, before, by_r, moved, z, by_z, r, by_r,
           phi)  # fmt: skip
 
 
@@ -41,7 +49,7 @@ def observe(u, q, v, r, output, Cq, Cv, Du, Dr, o0, size_u, size_o, mean):
         for j in range(q.size):
             value += Cq[c, j] * q[j] + Cv[c, j] * v[j]
         for j in range(u.size):
-            value += Du[c, j] * u[j] / size_u[j]
+            value += Du[c, j] * (u[j] / size_u[j])
         for i in range(r.size):
             value += Dr[c, i] * r[i]
         output[c] = mean[c] + size_o[c] * value
@@ -51,27 +59,50 @@ def observe(u, q, v, r, output, Cq, Cv, Du, Dr, o0, size_u, size_o, mean):
         output[:] = np.nan
 
 
-def advance(first, last, q, v, z, y, rate, r, before, output, core, gamma, u0, G, D, laws, size_u,
-            hinges, units, by_q, by_r, by_z, places, place):  # fmt: skip
-    """A substep: modes by their exponentials, elements by what these predict."""
-    m, E = first.size, r.size
-    phi = np.zeros((3, TERMS))
-    now = np.zeros((3, m))
-    new = np.zeros(E)
+def _predict(first, last, share, width, q, v, r, core, gamma, u0, G, size_u):
+    """Modes a substep on, from a share of the step, the forces of elements as they were."""
+    for j in range(q.size):
+        begins, middle, ends, held = 0.0, 0.0, 0.0, 0.0
+        for n in range(first.size):
+            start = first[n] / size_u[n]
+            rise = last[n] / size_u[n] - start
+            begins += gamma[j, n] * (start + share * rise + u0[n])
+            middle += gamma[j, n] * (start + (share + 0.5 * width) * rise + u0[n])
+            ends += gamma[j, n] * (start + (share + width) * rise + u0[n])
+        for i in range(r.size):
+            held -= G[j, i] * r[i]
+        moved = (core[j, 4] + core[j, 6]) * held
+        moved += core[j, 8] * begins + core[j, 10] * middle + core[j, 12] * ends
+        speed = (core[j, 5] + core[j, 7]) * held
+        speed += core[j, 9] * begins + core[j, 11] * middle + core[j, 13] * ends
+        moved += core[j, 0] * q[j] + core[j, 1] * v[j]
+        speed += core[j, 2] * q[j] + core[j, 3] * v[j]
+        q[j], v[j] = moved, speed
+
+
+def _correct(q, v, r, new, core, G):
+    """Modes at the end of a substep, where the forces of elements have become `new`."""
+    for j in range(q.size):
+        change = 0.0
+        for i in range(r.size):
+            change -= G[j, i] * (new[i] - r[i])
+        q[j] += core[j, 6] * change
+        v[j] += core[j, 7] * change
+    r[:] = new
+
+
+def advance(first, last, q, v, z, y, rate, r, new, before, output, core, gamma, u0, G, D, laws,
+            size_u, hinges, units, substeps, by_q, by_r, by_z, places):  # fmt: skip
+    """Substeps: modes by their exponentials, elements by what these predict."""
     if not abs(output[0]) < np.inf:
         q[:] = np.nan
         v[:] = np.nan
-    for j in range(m):
-        now[0, j] = first[j] / size_u[j]
-        now[2, j] = last[j] / size_u[j]
-        now[1, j] = now[0, j] + 0.5 * (now[2, j] - now[0, j])
-    _predict(core, places, gamma, places, u0, place, G, places, now, r, by_r, q, v, by_q, by_q)
-    if E > 0:
-        _deform(D, places, q, v, by_q, by_q, y, rate, by_r, by_r)
-        _laws(laws, places, hinges, units, y, rate, by_r, by_r, before, by_r, True, z, by_z, new,
-              by_r, phi)  # fmt: skip
-        _correct(core, places, G, places, r, by_r, new, by_r, q, v, by_q, by_q)
-        r[:] = new
+    for part in range(substeps):
+        _predict(first, last, part / substeps, 1.0 / substeps, q, v, r, core, gamma, u0, G, size_u)
+        if r.size > 0:
+            _forces(q, v, z, y, rate, new, before, D, laws, hinges, units, True, by_q, by_r, by_z,
+                    places)  # fmt: skip
+            _correct(q, v, r, new, core, G)
 
 
 def step_of(model: ModalNetwork) -> Step:
@@ -84,15 +115,15 @@ def step_of(model: ModalNetwork) -> Step:
     J, E, U = layout.modes, layout.elements, layout.units
     h = model.dt / scale.time / substeps
     numbers = {name: np.array(parts[name]) for name in (*OWN, "u0")}
-    numbers |= {"core": exact_steps(parts["log_k"], parts["log_c"], h)}
+    numbers["core"] = exact_steps(parts["log_k"], parts["log_c"], h)[:, 0].copy()
     numbers |= {"size_u": scale.u, "size_o": scale.y, "mean": scale.mean}
     empty = {"by_q": np.zeros((J, 0)), "by_r": np.zeros((E, 0)), "by_z": np.zeros((E, U, 0))}
-    empty |= {"places": np.zeros((0, 0), np.int64), "place": np.zeros(0, np.int64)}
+    empty["places"] = np.zeros((0, 0), np.int64)
     state = {name: np.zeros(J) for name in "qv"} | {"z": np.zeros((E, U))}
-    state |= {name: np.zeros(E) for name in ("y", "rate", "r", "before")}
+    state |= {name: np.zeros(E) for name in ("y", "rate", "r", "new", "before")}
     state["output"] = np.zeros(model.dofs)
     return Step(
         begin, observe, advance, model.dt, state,
-        {**numbers, **empty, "hinges": layout.hinges, "units": U}, inputs_of(model),
-        [("output", [f"y{i + 1}" for i in range(model.dofs)], "")], substeps,
+        {**numbers, **empty, "hinges": layout.hinges, "units": U, "substeps": substeps},
+        inputs_of(model), [("output", [f"y{i + 1}" for i in range(model.dofs)], "")],
     )  # fmt: skip
