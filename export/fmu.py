@@ -19,8 +19,10 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from export.c import Source, source_of
+from export.c import step_for, told_of
+from export.c_source import Source, source_of
 from export.fmi_units import definitions
+from export.run import Exported
 from export.step import Step
 
 HERE = Path(__file__).parent / "fmi"
@@ -79,6 +81,11 @@ WORDS = {
     "deformation": "deformation of an element",
     "r": "force of an element",
 }
+
+
+def write(model: Exported, folder: Path) -> list[Path]:
+    """Raises ValueError for a model without a step, and where there is no compiler."""
+    return write_fmus(step_for(model), model.name, told_of(model), folder)
 
 
 def write_fmus(step: Step, name: str, told: Sequence[str], folder: Path) -> list[Path]:

@@ -1,0 +1,110 @@
+"""A finished run's model as files for other programs.
+
+    python -m export run=FOLDER to=c                          in FOLDER/export
+    python -m export run=FOLDER to=c,fmu,json output=FOLDER
+
+c         C99 without dependencies: controllers, microcontrollers, anything that compiles
+fmu       Functional Mock-up Unit, FMI 2 and 3: Simulink, Modelica, co-simulation
+opensees  script with stock materials for OpenSeesPy
+matlab    function of a step and a script, for MATLAB and Octave
+onnx      graph for ONNX Runtime
+pt2       program of torch.export, for PyTorch
+json      parameters with names and units
+
+All or nothing is written: where one target cannot take the model, the line says which and why.
+docs/export.md says which target is for whom.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from data.arguments import print_any_text
+from export.targets import TARGETS
+from runner.config.command_line import command_errors
+from runner.folder.run_files import FAILED, METRICS, require_finished
+from runner.folder.run_folder import read_failure
+
+KEYS = {"run": "FOLDER", "to": "c,fmu,…", "output": "FOLDER"}
+
+
+@dataclass(frozen=True)
+class Words:
+    """What the command line asks for."""
+
+    run: Path
+    targets: list[str]
+    output: Path
+
+
+def read(words: Sequence[str]) -> Words:
+    """The command line. Raises ValueError for words that it does not have."""
+    given: dict[str, str] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals or key not in KEYS:
+            known = " ".join(f"{name}={what}" for name, what in KEYS.items())
+            raise ValueError(f"{word}: expected {known}{nearest(key, list(KEYS))}")
+        if key in given:
+            raise ValueError(f"{key}= is given twice; say it once")
+        if not value:
+            raise ValueError(f"{word} lacks a value: {key}={KEYS[key]}")
+        given[key] = value
+    for key in ("run", "to"):
+        if key not in given:
+            raise ValueError(f"{key} must be given: {key}={KEYS[key]}; see --help")
+    run = Path(given["run"])
+    return Words(run, targets(given["to"]), Path(given.get("output", run / "export")))
+
+
+def targets(text: str) -> list[str]:
+    """The targets that a comma-separated list names, each once."""
+    names = [name.strip() for name in text.strip("[]").split(",")]
+    for name in names:
+        if name not in TARGETS:
+            hint = nearest(name, list(TARGETS))
+            raise ValueError(f"to={name}: there are {', '.join(TARGETS)}{hint}")
+    return list(dict.fromkeys(names))
+
+
+def nearest(word: str, choices: list[str]) -> str:
+    near = difflib.get_close_matches(word.lower(), choices, n=1, cutoff=0.5)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def require_run(folder: Path) -> None:
+    """Raise ValueError for a folder without a finished run, and for a run that failed."""
+    if (folder / FAILED).is_file() and not (folder / METRICS).is_file():
+        reason = read_failure(folder)["reason"]
+        raise ValueError(f"{folder} holds a run that failed: {reason}; repeat the run")
+    require_finished(folder)
+
+
+def main(words: Sequence[str]) -> None:
+    """Write what the words ask for, and print a table. Raises ValueError, OSError."""
+    asked = read(words)
+    require_run(asked.run)
+    if asked.output.exists() and not asked.output.is_dir():
+        raise ValueError(f"output={asked.output} is a file; give a folder")
+    # PyTorch takes seconds to load: a mistyped word is told before
+    write = importlib.import_module("export.write")
+    write.show(write.export(asked.run, asked.targets, asked.output))
+
+
+def cli() -> None:
+    """What the command line runs: bad input ends in one line and exit status 1."""
+    if not sys.argv[1:] or {"-h", "--help"} & set(sys.argv[1:]):
+        print_any_text()
+        print(__doc__)
+        return
+    with command_errors():
+        main(sys.argv[1:])
+
+
+if __name__ == "__main__":
+    cli()

@@ -1,0 +1,92 @@
+"""A finished run as it leaves the house: its model, its name, its passport."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from data.sample import Sensors
+from export.passport import Passport, passport_of
+from models.estimator import Estimator
+from models.training.metrics import FREE_RUNS
+from runner.folder.run import restore, sensors_of
+from runner.folder.run_files import require_finished
+from runner.folder.run_folder import read_run
+
+LONGEST_NAME = 40
+
+
+@dataclass(frozen=True)
+class Exported:
+    """An identified model, and what its files are called and say of it."""
+
+    estimator: Estimator
+    name: str  # a word that every language takes for the name of a function or a file
+    passport: Passport
+    sensors: Sensors
+    config: Mapping[str, Any]  # the model's settings
+    hold: str = "linear"  # of the excitation in training
+
+    @property
+    def inputs(self) -> list[tuple[str, str]]:
+        """Name and unit of each channel of excitation."""
+        names = self.passport.facts["trained_range"].get("excitation", {}).get("names")
+        if not names or len(names) != self.estimator.inputs:
+            names = [f"u{i + 1}" for i in range(self.estimator.inputs)]
+        return [(name, self._unit(name)) for name in names]
+
+    def _unit(self, name: str) -> str:
+        if re.fullmatch(r"f\d+", name):
+            return "m/s²" if self.sensors.forced == "base" else "N"
+        kinds = {r"s\d+": "m", r"s_dot\d+": "m/s"}
+        known = [unit for pattern, unit in kinds.items() if re.fullmatch(pattern, name)]
+        return known[0] if known else str(self.sensors.units.get(name) or "")
+
+
+def read_exported(folder: Path) -> Exported:
+    """The model of a finished run.
+
+    Raises ValueError for a folder without a finished run, and for a model that diverged or was not
+    identified.
+    """
+    require_finished(folder)
+    cfg, metrics = read_run(folder)
+    require_sound(folder, metrics)
+    sensors = sensors_of(cfg, folder)
+    estimator = restore(cfg, folder)
+    passport = passport_of(cfg, metrics, sensors, type(estimator).__name__)
+    return Exported(
+        estimator,
+        name_of(str(cfg.model.name)),
+        passport,
+        sensors,
+        {str(key): value for key, value in cfg.model.items() if key != "about"},
+        passport.facts["trained_on"]["hold"] or "linear",
+    )
+
+
+def require_sound(folder: Path, metrics: Mapping[str, Any]) -> None:
+    """Raise ValueError for a run whose model diverged or identified nothing."""
+    verdict = metrics.get("verdict", {})
+    if verdict.get("identified") is False:
+        raise ValueError(
+            f"{folder} identified nothing: {verdict.get('reason') or 'no reason is stored'}; a "
+            "model that is no result is not exported: train on more motion, or another model"
+        )
+    for split, which in (("train", "training"), ("test", "test")):
+        left = metrics.get(FREE_RUNS[split], {}).get("left_after_s")
+        if left:
+            raise ValueError(
+                f"{folder}: the free run of the {which} motion diverges after {min(left):.3g} s; "
+                "a model that diverges is not exported: train with objective=free_run, or another "
+                "model"
+            )
+
+
+def name_of(model: str) -> str:
+    """A model's name as a word of letters, digits and underscores that begins with a letter."""
+    word = re.sub(r"[^A-Za-z0-9]+", "_", model).strip("_")[:LONGEST_NAME].rstrip("_")
+    return word if re.match(r"[A-Za-z]", word) else f"model_{word}".rstrip("_")

@@ -1,0 +1,28 @@
+"""The targets by name: who each is for, and the module that writes it.
+
+A target's module has `write(model: Exported, folder: Path) -> list[Path]`, which raises ValueError
+in one line for a model that the target cannot take.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Target:
+    """Who reads the files of a target."""
+
+    module: str
+    reader: str
+
+
+TARGETS = {
+    "c": Target("export.c", "anything that compiles C99: controllers, Simulink's S-functions"),
+    "fmu": Target("export.fmu", "Simulink, Modelica and other co-simulation by FMI 2 or 3"),
+    "opensees": Target("export.opensees", "OpenSeesPy, stock materials"),
+    "matlab": Target("export.matlab", "MATLAB and Octave"),
+    "onnx": Target("export.onnx", "ONNX Runtime"),
+    "pt2": Target("export.pt2", "PyTorch, without this project"),
+    "json": Target("export.json", "people and programs that want the parameters"),
+}

@@ -1,0 +1,71 @@
+"""A run's model in one format or several: all of the files are written, or none."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.table import Table
+
+from data.terminal import terminal
+from export.run import Exported, read_exported
+from export.targets import TARGETS
+
+
+def export(run: Path, targets: Sequence[str], output: Path) -> list[tuple[str, Path]]:
+    """Target and path of each file that was written.
+
+    Raises ValueError where the run holds no sound model, or a target cannot take it: nothing is
+    written then. Files of the same names are replaced.
+    """
+    model = read_exported(run)
+    first = next(part for part in (output, *output.parents) if part.exists())
+    with tempfile.TemporaryDirectory(prefix=".export", dir=first) as aside:
+        files = written(model, targets, Path(aside))
+        output.mkdir(parents=True, exist_ok=True)
+        return [(target, _moved(path, Path(aside), output)) for target, path in files]
+
+
+def written(model: Exported, targets: Sequence[str], folder: Path) -> list[tuple[str, Path]]:
+    """Target and path of each file, in a folder. Raises ValueError naming all that refused."""
+    files, refused = [], []
+    for target in targets:
+        try:
+            write = importlib.import_module(TARGETS[target].module).write
+            files += [(target, path) for path in write(model, folder)]
+        except ModuleNotFoundError as error:
+            refused.append(f"{target}: {_missing(target, error)}")
+        except ValueError as error:
+            refused.append(f"{target}: {error}")
+    if refused:
+        rest = [
+            target for target in targets if not any(r.startswith(f"{target}:") for r in refused)
+        ]
+        hint = f"; nothing was written, to={','.join(rest)} would be" if rest else ""
+        raise ValueError(f"{'; '.join(refused)}{hint}")
+    return files
+
+
+def _missing(target: str, error: ModuleNotFoundError) -> str:
+    if (error.name or "").startswith("export."):
+        return "not there yet"
+    return f"the package {error.name} is not installed: pip install {error.name}"
+
+
+def _moved(path: Path, aside: Path, output: Path) -> Path:
+    to = output / path.relative_to(aside)
+    to.parent.mkdir(parents=True, exist_ok=True)
+    os.replace(path, to)
+    return to
+
+
+def show(files: Sequence[tuple[str, Path]]) -> None:
+    """Print the files, their sizes and who they are for."""
+    table = Table("file", "size", "for", box=None)
+    for target, path in files:
+        size = path.stat().st_size / 1000.0
+        table.add_row(str(path), f"{size:.1f} kB", TARGETS[target].reader)
+    terminal(140).print(table)

@@ -1,0 +1,128 @@
+"""python -m export: what it writes, and one line for every mistake."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+
+from export import __main__ as command
+from export.run import name_of, read_exported
+from export.targets import TARGETS
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+
+
+@pytest.fixture
+def copy(vwnn_run, tmp_path):
+    """A run to damage."""
+    return shutil.copytree(vwnn_run, tmp_path / "copy")
+
+
+@pytest.fixture
+def say(monkeypatch, capsys):
+    """python -m export: (words) → (exit status, stdout, stderr)."""
+
+    def of(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["export", *words])
+        status = 0
+        try:
+            command.cli()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    return of
+
+
+def test_the_json_has_parameters_channels_and_passport(vwnn_run, tmp_path, say):
+    status, out, err = say(f"run={vwnn_run}", "to=json", f"output={tmp_path / 'a' / 'b'}")
+    assert (status, err) == (0, "")
+    assert "vwnn.json" in out
+    content = json.loads((tmp_path / "a" / "b" / "vwnn.json").read_text("utf-8"))
+    assert [one["unit"] for one in content["inputs"]] == ["N", "N", "N"]
+    assert content["passport"]["trained_on"]["duration_s"] == 2
+    assert content["passport"]["trained_range"]["displacement"]["unit"] == "m"
+    assert all(one["value"] is not None for one in content["parameters"])
+
+
+def test_the_passport_says_record_error_range_and_licence_in_words(vwnn_run):
+    metrics = json.loads((vwnn_run / "metrics.json").read_text("utf-8"))
+    model = read_exported(vwnn_run)
+    text = "\n".join(model.passport.lines())
+    assert "1 simulated record of 2 s of bilinear" in text
+    assert f"{metrics['test']['relative_rms_percent']:.3g} %" in text
+    assert "displacement: x1" in text
+    assert "licence: of this code MIT" in text
+    assert max(map(len, text.splitlines())) <= 96
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["to=json"], "run must be given"),
+        (["run=RUN"], "to must be given"),
+        (["run=RUN", "to=jsn"], "did you mean json?"),
+        (["run=RUN", "to=json", "outptu=x"], "did you mean output?"),
+        (["run=RUN", "to=json", "to=c"], "given twice"),
+        (["run=RUN", "to="], "lacks a value"),
+        (["run=nowhere", "to=json"], "is not a finished run"),
+        (["run=RUN", "to=json", "output=RUN/config.yaml"], "is a file"),
+    ],
+)
+def test_a_mistake_is_told_in_one_line(vwnn_run, say, words, expected):
+    status, out, err = say(*(word.replace("RUN", str(vwnn_run)) for word in words))
+    assert (status, out) == (1, "")
+    assert expected in err
+    assert err.count("\n") == 1
+
+
+def test_what_a_target_refuses_leaves_nothing_behind(vwnn_run, tmp_path, say):
+    output = tmp_path / "out"
+    status, _, err = say(f"run={vwnn_run}", "to=json,opensees", f"output={output}")
+    assert status == 1
+    assert err.startswith("error: opensees: ")
+    assert "to=json would be" in err
+    assert not output.exists()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"verdict": {"identified": False, "reason": "it errs"}}, "identified nothing: it errs"),
+        ({"free_run": {"left_after_s": [1.5, 0.5]}}, "diverges after 0.5 s"),
+    ],
+)
+def test_a_model_that_is_no_result_is_refused(copy, say, change, expected):
+    path = copy / "metrics.json"
+    path.write_text(json.dumps(json.loads(path.read_text("utf-8")) | change))
+    status, _, err = say(f"run={copy}", "to=json")
+    assert status == 1
+    assert expected in err
+    assert not (copy / "export").exists()
+
+
+def test_an_unfinished_run_is_refused(copy, say):
+    (copy / "metrics.json").unlink()
+    assert "is not a finished run: it has no metrics.json" in say(f"run={copy}", "to=json")[2]
+    (copy / "failed.json").write_text('{"reason": "the fit failed"}')
+    assert "holds a run that failed: the fit failed" in say(f"run={copy}", "to=json")[2]
+
+
+def test_help_names_every_target(say):
+    _, out, _ = say("--help")
+    assert all(f"\n{name} " in out for name in TARGETS)
+
+
+@pytest.mark.parametrize(
+    ("model", "word"), [("my model-2", "my_model_2"), ("3dof", "model_3dof"), ("°", "model")]
+)
+def test_a_name_is_a_word_in_every_language(model, word):
+    assert name_of(model) == word
