@@ -17,9 +17,17 @@ KINDS = {  # file of this folder → the estimators whose steps it has
     "named": ("ElementNetworkNamed",),
     "linear": ("EquivalentLinear", "LinearMotion"),
     "static": ("RestoringForceSurface", "Rigid", "Zero"),
+    "mlp": ("GlobalMLP", "ResidualMLP"),
+    "polynomial": ("ModalPolynomial",),
+    "modal": ("ModalNetwork",),
+    "neural_state_space": ("NeuralStateSpace",),
     "recurrent": ("Recurrent",),
+    "sliders": ("PrandtlIshlinskii",),
+    "sliding_mass": ("SlidingMass",),
+    "tanks": ("TankCascade",),
     "vwnn": ("VWNN",),
     "vwnn_forward": ("ForwardVWNN",),
+    "wiener_hammerstein": ("WienerHammerstein",),
 }
 FILES = {name: file for file, names in KINDS.items() for name in names}
 

@@ -65,7 +65,8 @@ def _cells(scaled, h, new, V, U, b_in, b_own):
     """All layers one sample on, from h to `new`, under a scaled excitation (m,)."""
     L, H = h.shape[1], h.shape[2]
     gates = U.shape[2]
-    driven, own = np.zeros(gates), np.zeros(gates)
+    driven = np.zeros(gates)
+    own = np.zeros(gates)
     for layer in range(L):
         driven[:] = b_in[layer]
         own[:] = b_own[layer]
@@ -82,7 +83,8 @@ def _cells(scaled, h, new, V, U, b_in, b_own):
 def observe(u, h, new, past, elapsed, x, v, a, V, U, b_in, b_own, W, b, centre, reach):
     """The cells at the sample, and the motion that they tell; x and v are integrals, or learned."""
     n, m, last, H = a.size, u.size, h.shape[1] - 1, h.shape[2]
-    scaled, motion = np.zeros(m), np.zeros(b.size)
+    scaled = np.zeros(m)
+    motion = np.zeros(b.size)
     for j in range(m):
         scaled[j] = (u[j] - centre[j]) / reach[j]
     _cells(scaled, h, new, V, U, b_in, b_own)
@@ -115,7 +117,8 @@ def step_of(model: Recurrent) -> Step:
     model.require_identified(model.signals)
     L, H = model.cells.num_layers, model.cells.hidden_size
     shape = (model.states, L, H)
-    h, new = np.zeros(shape), np.zeros(shape)
+    h = np.zeros(shape)
+    new = np.zeros(shape)
     state = {"h": h, "new": new, **states(model.dofs)}
     return Step(
         begin, observe, advance, model.dt, state, _numbers(model, shape), inputs_of(model),

@@ -17,6 +17,8 @@ from models.estimator import Estimator
 from models.linear_motion import LinearMotion
 from models.restoring_force_surface import RestoringForceSurface
 
+IMPOSED = [("s1", "m"), ("s_dot1", "m/s")]  # the motion of an element test
+
 
 def nothing() -> None:
     """Nothing is remembered."""
@@ -72,7 +74,8 @@ def _static(
     numbers: dict[str, np.ndarray],
     outputs: list[tuple[str, list[str], str]],
 ) -> Step:
+    inputs = IMPOSED if isinstance(model, RestoringForceSurface) else inputs_of(model)
     return Step(
-        nothing, observe, nothing, model.dt, state, numbers, inputs_of(model), outputs,
+        nothing, observe, nothing, model.dt, state, numbers, inputs, outputs,
         any_step=True, holds=HOLDS,
     )  # fmt: skip

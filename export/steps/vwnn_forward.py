@@ -48,7 +48,8 @@ def observe(u, filtered, past, elapsed, x, v, a, taps, W_xi, W_products, W_f, W_
     n, m = a.size, u.size
     F, rows = taps.shape
     L, K = steep.shape
-    outputs, scaled = np.zeros((F, n + m)), np.empty(K)
+    outputs = np.zeros((F, n + m))
+    scaled = np.empty(K)
     for f in range(F):
         for row in range(rows):
             for c in range(n + m):
