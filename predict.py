@@ -34,12 +34,12 @@ def main(cfg: DictConfig) -> None:
         folder = absolute(cfg.run)
         require_finished(folder)
     # PyTorch takes seconds to load: a mistyped word is told before
-    from report.prediction.predict import predict
+    from report.prediction.predict import label_of, predict
     from runner.job import job_errors
 
     with job_errors():
-        named = (cfg.label or "as_in_training").replace("excitation.", "").replace("/", "_")[:80]
-        predict(cfg, folder, absolute(cfg.output) if cfg.output else folder / "prediction" / named)
+        own = folder / "prediction" / label_of(cfg)
+        predict(cfg, folder, absolute(cfg.output) if cfg.output else own)
 
 
 def cli() -> None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from models.estimator import Estimator
 from report.prediction.peaks import largest, leading
@@ -61,7 +62,7 @@ def _history(ax: Axes, t: np.ndarray, signal: Signal, names: Sequence[str]) -> N
     ax.set_ylabel(f"{words}\n{unit.strip()}", fontsize=8)
     ax.set_xlim(t[0], t[-1])
     ax.grid(alpha=0.25)
-    ax.legend(fontsize=7, loc="upper right", ncols=min(4, len(shown)))
+    ax.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     if len(sizes) > len(shown):
         ax.set_title(f"the {len(shown)} largest of {len(sizes)}", fontsize=7, loc="right")
 
@@ -84,6 +85,7 @@ def _loops(y: Signal, r: Signal, names: Sequence[str], unit: str, title: str) ->
         ax.grid(alpha=0.25)
         ax.tick_params(labelsize=7)
         ax.ticklabel_format(scilimits=(-3, 4))
+        ax.xaxis.set_major_locator(MaxNLocator(4))
     for ax in axes[len(shown) :]:
         ax.set_visible(False)
     figure.supxlabel(f"deformation [{unit}]", fontsize=8)

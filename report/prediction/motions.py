@@ -110,6 +110,10 @@ def _mended(
                 )
             was, (dt, channels, done) = dt, replace(mending, resample=1.0 / model_dt)(raw)
             done = [f"from steps of {was:.4g} s to the model's {dt:.4g} s", *done]
+        elif other:
+            done.append(
+                f"its steps of {dt:.4g} s are kept; the model was trained at {model_dt:.4g} s"
+            )
     dt = model_dt if abs(dt / model_dt - 1.0) <= 1e-6 else dt
     channels = with_rates(channels, dt, done)
     if cfg.peak is not None:

@@ -33,7 +33,7 @@ def peaks_of(prediction: Prediction, estimator: Estimator) -> list[dict[str, Any
                 u = signal.values[:, i]
                 k = int(np.abs(u).argmax())
                 left = float(u[-max(1, round(LAST * len(u))) :].mean())
-                row |= {"peak": float(abs(u[k])), "time_s": k * prediction.dt}
+                row |= {"peak": float(abs(u[k])), "time_s": round(k * prediction.dt, 9)}
                 row["residual"] = left if signal.kind in RESIDUAL else None
             rows.append(row)
     return rows

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -92,6 +93,16 @@ def require_usable(metrics: Mapping[str, Any], folder: Path) -> None:
             )
 
 
+def label_of(cfg: DictConfig) -> str:
+    """Name of a folder for what was asked: "quake,scale=2" for excitation.path=dir/quake.csv."""
+    words = (cfg.label or "as_in_training").replace("excitation.", "")
+    path = cfg.excitation.path
+    if path is not None:
+        stems = "+".join(Path(p).stem for p in ([path] if isinstance(path, str) else path))
+        words = re.sub(r"path=(\[[^\]]*\]|[^,]*)", lambda _: stems.replace("*", "all"), words)
+    return re.sub(r"[^\w.,+=\[\]-]", "_", words)[:80]
+
+
 def _takes(estimator: Estimator, interface: Interface, dt: float) -> bool:
     """Whether a model runs at another time step than its own."""
     from data.record import Drive
@@ -136,6 +147,8 @@ def _print_motions(
             f"the ground moves{how}: displacements and velocities are relative to it, "
             "accelerations absolute"
         )
+    elif interface.kind == SUPPORTS:
+        console.print("supports move: displacements, velocities and accelerations are absolute")
     if scale_is_open(estimator):
         console.print(
             "no force and no mass was given in training: forces of elements are known but for a "

@@ -148,9 +148,11 @@ class Runner:
     ) -> dict[str, Any]:
         """The largest of all that is compared with training, as `trained_range` has it."""
         others = len(self.interface.others)
-        driven = u.numpy()[:, : u.shape[1] - others]
-        found = {"excitation": driven, self.quantity: a}
-        found |= {s.kind: s.values for s in signals if s.kind in ("displacement", "velocity")}
+        found = {self.quantity: a}
+        loops = any(s.kind == "deformation" for s in signals)
+        if not (loops and self.interface.kind == SUPPORTS):  # elements know no motion in common
+            found["excitation"] = u.numpy()[:, : u.shape[1] - others]
+            found |= {s.kind: s.values for s in signals if s.kind in ("displacement", "velocity")}
         for signal in (s for s in signals if s.kind == "deformation"):
             found |= {"deformation": signal.values}
             found["rate"] = np.gradient(signal.values, dt, axis=0)
