@@ -36,8 +36,8 @@ def write_history(prediction: Prediction, path: Path, about: str) -> None:
     columns = columns_of(prediction)
     aside = path.with_name(path.name + ".part")
     if path.suffix == ".parquet":
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+        import pyarrow as pa  # type: ignore[import-untyped,unused-ignore]
+        import pyarrow.parquet as pq  # type: ignore[import-untyped,unused-ignore]
 
         table = pa.table(columns).replace_schema_metadata({"about": about})
         pq.write_table(table, aside)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -48,16 +49,15 @@ class Interface:
             return Interface(IMPOSED, (), sensors.dofs, others)
         if sensors.forced == "base":
             return Interface(BASE, others=others)
-        numbers = sensors.forced if isinstance(sensors.forced, list | tuple) else None
-        if numbers is None:
-            numbers = range(1, min(sensors.dofs, sensors.inputs) + 1)
+        listed = isinstance(sensors.forced, list | tuple)
+        numbers: Any = sensors.forced if listed else range(1, min(sensors.dofs, sensors.inputs) + 1)
         forces = tuple(f"{'u' if public else 'f'}{number}" for number in numbers)
         supports = (sensors.inputs - len(forces) - len(others)) // 2
         if supports:
             return Interface(SUPPORTS, forces, supports, others)
-        known = isinstance(estimator, ElementNetwork) and not scale_is_open(estimator)
-        whole = len(forces) == sensors.dofs and sensors.quantity == "acceleration"
-        masses = estimator.mass().detach().cpu().numpy() if known and whole else None
+        masses = None
+        if len(forces) == sensors.dofs and sensors.quantity == "acceleration":
+            masses = _masses(estimator)
         return Interface(FORCES, forces, 0, others, masses)
 
     @property
@@ -128,6 +128,14 @@ class Interface:
         recorded = Accelerogram(name, dt, ground / GRAVITY)
         arrivals = lag * np.arange(self.supports)
         return np.hstack([none, *ground_motion(recorded, len(ground), dt, arrivals=arrivals)])
+
+
+def _masses(estimator: Estimator) -> np.ndarray | None:
+    """Masses (n,) [kg] of a model that knows them."""
+    if not isinstance(estimator, ElementNetwork) or scale_is_open(estimator):
+        return None
+    mass: Tensor = estimator.mass()
+    return mass.detach().cpu().numpy()
 
 
 def _listed(names: object) -> str:

@@ -39,6 +39,10 @@ KINDS = ("gaussian", "multisine", "sine_sweep")
 COMPONENTS = [f"{pair}{side}" for pair in range(1, 23) for side in "ab"]
 QUIET = 10.0  # s of rest after a motion of the ground, in which what is left of it shows
 READER = ("skip_rows", "delimiter", "decimal", "group", "header")
+OF_DATA = re.compile(  # keys of records, which here are those of the excitation
+    r"\bdata\.(?=(path|channels|units|mend|dt|start|stop|align|group|header"
+    r"|skip_rows|delimiter|decimal|duration)\b)"
+)
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ def motions_of(
     if cfg.path is not None:
         raws = _of_files(cfg, interface)
     elif cfg.events is not None:
-        raws = _of_events(cfg.events)
+        raws = list(_of_events(cfg.events))
         if not interface.takes_ground:
             raise ValueError(
                 f"an earthquake is an acceleration of the ground, and the model is driven by "
@@ -143,7 +147,7 @@ def _words_of_excitation() -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        raise ValueError(str(error).replace("data.", "excitation.")) from None
+        raise ValueError(OF_DATA.sub("excitation.", str(error))) from None
 
 
 def _of_files(cfg: DictConfig, interface: Interface) -> list[RawRecord]:
@@ -159,7 +163,8 @@ def _of_files(cfg: DictConfig, interface: Interface) -> list[RawRecord]:
                 own = {GROUND: "acc"}
             for name, raw in read_records(place, own, units, cfg.align, **reader).items():
                 known = raw if cfg.dt is None else replace(raw, time=None, clocks={}, dt=cfg.dt)
-                raws.append(replace(known, name=name))
+                taken = any(raw.name == name for raw in raws)
+                raws.append(replace(known, name=place.name if taken else name))
     return raws
 
 

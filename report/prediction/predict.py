@@ -93,14 +93,19 @@ def require_usable(metrics: Mapping[str, Any], folder: Path) -> None:
             )
 
 
-def label_of(cfg: DictConfig) -> str:
+def label_of(excitation: DictConfig) -> str:
     """Name of a folder for what was asked: "quake,scale=2" for excitation.path=dir/quake.csv."""
-    words = (cfg.label or "as_in_training").replace("excitation.", "")
-    path = cfg.excitation.path
-    if path is not None:
-        stems = "+".join(Path(p).stem for p in ([path] if isinstance(path, str) else path))
-        words = re.sub(r"path=(\[[^\]]*\]|[^,]*)", lambda _: stems.replace("*", "all"), words)
-    return re.sub(r"[^\w.,+=\[\]-]", "_", words)[:80]
+    given = excitation.path if excitation.path is not None else excitation.events
+    if given is None:
+        duration = "" if excitation.duration is None else f",duration={excitation.duration:g}"
+        words = f"{excitation.kind or 'as_in_training'},seed={excitation.seed}{duration}"
+    else:
+        names = [str(g) for g in ([given] if isinstance(given, str | int) else given)]
+        words = "+".join(Path(name).stem.replace("*", "all") for name in names)
+    for key, usual in (("scale", 1.0), ("peak", None), ("start", 0.0), ("stop", None)):
+        if excitation[key] != usual:
+            words += f",{key}={excitation[key]}"
+    return re.sub(r"[^\w.,+=\[\]-]", "", words)[:80]
 
 
 def _takes(estimator: Estimator, interface: Interface, dt: float) -> bool:

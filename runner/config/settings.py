@@ -67,7 +67,7 @@ EVALUATE = {
 }
 NUMBER = float | None
 PREDICT = {
-    **dict.fromkeys(("run", "output", "label"), Setting(str | None)),
+    **dict.fromkeys(("run", "output"), Setting(str | None)),
     "format": Setting(str),
     "figures": Setting(bool),
     "anyway": Setting(bool),
