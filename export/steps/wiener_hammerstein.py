@@ -79,14 +79,15 @@ def step_of(model: WienerHammerstein) -> Step:
     all works at the sampling rate.
     """
     chain = model.chain
-    numbers = {name: np.array(part) for name, part in chain.parts.items() if name != "laws"}
+    parts = chain.parts.items()
+    numbers: dict[str, np.ndarray] = {k: np.array(part) for k, part in parts if k != "laws"}
     weight, place, log_width = chain.parts["laws"].T
     width = np.exp(log_width)
     rest = width * np.logaddexp(0.0, -place / width)
     numbers["ramps"] = np.stack([weight, place, width, rest], axis=1)
     numbers["units"] = model.scales.numpy()[:3].copy()  # of input and output, mean of the latter
     before, after = len(numbers["a1"]), len(numbers["a2"])
-    state = {"one": np.zeros((before, 2)), "two": np.zeros((after, 2))}
+    state: dict[str, np.ndarray] = {"one": np.zeros((before, 2)), "two": np.zeros((after, 2))}
     state |= {"new_one": np.zeros(before), "new_two": np.zeros(after), "output": np.zeros(1)}
     holds = ("linear", "zero_order", "band_limited")
     return Step(

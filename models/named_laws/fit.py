@@ -2,8 +2,8 @@
 
 Starts are drawn, the likeliest are followed on the two largest motions, the best on all: damped
 least squares (scipy) with derivatives by differences. Which law it is shows on the largest motion,
-which is held back: of those whose error there is nearly the least, or next to none, the law of the fewest
-parameters is taken.
+which is held back: of those whose error there is nearly the least, or next to none, the law of the
+fewest parameters is taken.
 T samples.
 """
 
