@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 KINDS = {  # file of this folder → the estimators whose steps it has
     "composite": ("ElementNetwork", "HystereticElement", "LatentHysteresisNetwork"),
     "branches": ("ElementNetworkBranch",),
-    "named": ("ElementNetworkNamed",),
+    "named": ("ElementNetworkNamed", "NamedElement"),
     "linear": ("EquivalentLinear", "LinearMotion"),
     "static": ("RestoringForceSurface", "Rigid", "Zero"),
     "mlp": ("GlobalMLP", "ResidualMLP"),

@@ -10,6 +10,9 @@ import torch
 
 from data.record import Drive
 from export.steps import step_of
+from models.named_element import NamedElement
+from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.fit import Fit
 from tests.export import networks
 from tests.export.compiling import needs_gcc, run_in_c
 from tests.export.test_steps import MODELS, drive
@@ -139,6 +142,17 @@ def test_named_laws_are_clean_under_sanitizers(law, tmp_path):
 def test_every_estimator_is_clean_under_sanitizers(name, tmp_path):
     model = MODELS[name](2)
     apart(model, drive(model.dofs, model.inputs, 60), tmp_path, SANITIZED)
+
+
+@pytest.mark.parametrize("law", ["SlackBrace", "Takeda", "FrictionPendulum"])
+def test_a_named_element_runs_in_c(law, tmp_path):
+    model = NamedElement(1, 2, networks.DT)
+    candidate = CANDIDATES[law]
+    fit = Fit(candidate, Units(0.05, 0.2, 2e4, 2e6), np.zeros(len(candidate.parameters)))
+    fit.q[0] = -1.0
+    model.laws.take(0, fit)
+    rest = torch.zeros(1, dtype=torch.float64)
+    assert apart(model, Drive(networks.DT, smooth(1000, 0.05), rest, rest), tmp_path)["r"] <= CLOSE
 
 
 def test_an_element_test_runs_in_c(tmp_path):
