@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from models.estimator import Estimator
 
 KINDS = {  # file of this folder → the estimators whose steps it has
-    "composite": ("ElementNetwork", "LatentHysteresisNetwork"),
+    "composite": ("ElementNetwork", "HystereticElement", "LatentHysteresisNetwork"),
     "branches": ("ElementNetworkBranch",),
-    "named": ("ElementNetworkNamed",),
+    "named": ("ElementNetworkNamed", "NamedElement"),
     "linear": ("EquivalentLinear", "LinearMotion"),
     "static": ("RestoringForceSurface", "Rigid", "Zero"),
     "mlp": ("GlobalMLP", "ResidualMLP"),

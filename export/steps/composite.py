@@ -12,6 +12,7 @@ from export.names import elements_of, inputs_of, motion_of
 from export.step import Step
 from models.composition.composite import Composite
 from models.composition.simulate_compiled import _accelerations, _forces, _move, _speed_up
+from models.hysteretic_element import HystereticElement
 
 NAMES = ("stiffness", "damping", "cubic", "quadratic", "absolute_damping", "square_damping")
 UNITS = ("N/m", "N s/m", "N/m3", "N/m2", "N s/m2", "N s/m3")
@@ -63,8 +64,16 @@ def advance(last, dt, q, rate, ahead, acc, left, y, z, r, core, inputs, G, D, su
 
 
 def step_of(model: Composite) -> Step:
-    """The step of a network of elements. Raises ValueError for one that is not identified."""
+    """The step of a network of elements, or of elements under an imposed motion.
+
+    Raises ValueError for one that is not identified, or that has other inputs.
+    """
     model.require_identified(model.identified)
+    if isinstance(model, HystereticElement) and model.others is not None:
+        raise ValueError(
+            "elements with other inputs, such as a voltage, are not exported yet; simulate them "
+            "with predict.py"
+        )
     made = model.composition()
     parts = {"core": made.core, "inputs": made.inputs, "G": made.G, "D": made.D}
     parts |= {"laws": made.laws, "outputs": made.outputs}
@@ -80,12 +89,14 @@ def step_of(model: Composite) -> Step:
     return Step(
         begin, observe, advance, model.dt, state,
         {**numbers, **empty, "places": np.zeros((0, 0), np.int64), "counts": made.counts},
-        inputs_of(model), _outputs(model, E), model.substeps, True,
+        inputs_of(model), _outputs(model, E, o), model.substeps, True,
         parameters=_parameters(model, made.counts, E),
     )  # fmt: skip
 
 
-def _outputs(model: Composite, E: int) -> list[tuple[str, list[str], str]]:
+def _outputs(model: Composite, E: int, o: int) -> list[tuple[str, list[str], str]]:
+    if isinstance(model, HystereticElement):
+        return [("r", [f"r{i + 1}" for i in range(o)], "N")]
     names = elements_of(model, E)
     return [
         *motion_of(model),

@@ -1,4 +1,4 @@
-"""Steps of networks of named elements: the integrator of data/simulation, sample by sample.
+"""Steps of named elements, alone and in networks: the integrator of data/simulation by samples.
 
 It chooses its own steps within a sample and stops at every corner of the laws.
 n DOFs, p supports, E elements, m excitations, N nodes.
@@ -6,12 +6,17 @@ n DOFs, p supports, E elements, m excitations, N nodes.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from data.simulation.elements import Polynomial
 from data.simulation.integrator import Progress, integrate
+from data.simulation.structure import Structure
 from export.names import elements_of, inputs_of, motion_of
 from export.step import Step
 from models.element_network_named import ElementNetworkNamed
+from models.named_element import NamedElement
 
 TOLERANCE = 1e-7  # as data/simulation has it
 MOST_STEPS = 1_000_000  # of the integrator in a sample
@@ -82,35 +87,25 @@ def _excitation(u, masses, gamma, forces, f, s, w, row):
         w[row, j] = u[forces + s.shape[1] + j]
 
 
-def step_of(model: ElementNetworkNamed) -> Step:
-    """The step of a network of named laws. Raises ValueError for one that is not identified.
+def observe_element(wr, r):
+    """The force of an element test: of all parts but the bystander, which gives it a mass."""
+    r[0] = 0.0
+    for e in range(wr.shape[1] - 1):
+        r[0] += wr[1, e]
 
-    It begins at rest; begun in motion, it is infinite.
+
+def step_of(model: ElementNetworkNamed | NamedElement) -> Step:
+    """The step of a named element, or of a network of them, from rest.
+
+    Begun in motion, a network is infinite. Raises ValueError for a model that is not identified.
     """
+    if isinstance(model, NamedElement):
+        return _of_element(model)
     model.require_identified(model.named.numbers)
     structure, gamma = model.structure(), model.composition().inputs.value.detach().numpy()
-    n, m, E = structure.dofs, structure.supports, len(structure.elements)
-    parameters = structure.parameters
-    progress = Progress(n, m, E, model.dt, TOLERANCE, memory=True)
-    q, k, pull, branch, scale, at, counts = (
-        *(progress.q, progress.k, progress.forces, progress.branch, progress.scale),
-        *(progress.at, progress.counts),
-    )
-    memory = progress.memory
-    assert memory is not None
-    state = {"q": q, "k": k, "pull": pull, "branch": branch, "memory": memory, "scale": scale}
-    state |= {"at": at, "counts": counts, "lost": np.zeros(1), "p": parameters}
-    state |= {"f": np.zeros((2, n)), "s": np.zeros((2, m)), "w": np.zeros((2, m))}
-    state |= {name: np.zeros((2, n)) for name in ("wx", "wv", "wa")}
-    state |= {name: np.zeros((2, E)) for name in ("wy", "wr", "work")}
-    state |= {name: np.zeros(n) for name in "xva"} | {name: np.zeros(E) for name in "yr"}
-    never, unit = np.array([-1]), np.zeros(1)  # no element changes
-    numbers = {
-        "masses": structure.masses, "ends": structure.ends, "law": structure.law,
-        "gamma": np.ascontiguousarray(gamma), "forces": model.forces, "when": never,
-        "offset": unit, "element": never, "changed": np.zeros((1, parameters.shape[1])),
-        "tolerance": float(TOLERANCE),
-    }  # fmt: skip
+    held, numbers = _held(structure, np.ascontiguousarray(gamma), model.forces, model.dt)
+    n, E = structure.dofs, len(structure.elements)
+    held |= {name: np.zeros(n) for name in "xva"} | {name: np.zeros(E) for name in "yr"}
     names = elements_of(model, E) if len(model.elements) == E else list(structure.elements)
     outputs = [
         *motion_of(model),
@@ -118,6 +113,40 @@ def step_of(model: ElementNetworkNamed) -> Step:
         ("r", [f"force_{name}" for name in names], "N"),
     ]
     return Step(
-        begin, observe, advance, model.dt, state, numbers, inputs_of(model), outputs,
-        any_step=True,
+        begin, observe, advance, model.dt, held, numbers, inputs_of(model), outputs, any_step=True
+    )
+
+
+def _of_element(model: NamedElement) -> Step:
+    """An element between a support, which moves as imposed, and ground."""
+    model.require_identified(model.laws.numbers)
+    parts = model.laws.elements(0, ("ground", "s1"))
+    bystander = Polynomial(between=("ground", "x1"), stiffness=1.0)
+    structure = Structure([1.0], {str(i): part for i, part in enumerate((*parts, bystander))})
+    held, numbers = _held(structure, np.zeros((1, 2)), 0, model.dt)
+    return Step(
+        begin, observe_element, advance, model.dt, {**held, "r": np.zeros(1)}, numbers,
+        [("s1", "m"), ("s_dot1", "m/s")], [("r", ["r1"], "N")], any_step=True,
     )  # fmt: skip
+
+
+def _held(
+    structure: Structure, gamma: np.ndarray, forces: int, dt: float
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """State and numbers of the integrator."""
+    n, m, E = structure.dofs, structure.supports, len(structure.elements)
+    progress, parameters = Progress(n, m, E, dt, TOLERANCE, memory=True), structure.parameters
+    assert progress.memory is not None
+    state = {"q": progress.q, "k": progress.k, "pull": progress.forces, "at": progress.at}
+    state |= {"branch": progress.branch, "memory": progress.memory, "scale": progress.scale}
+    state |= {"counts": progress.counts, "lost": np.zeros(1), "p": parameters}
+    state |= {"f": np.zeros((2, n)), "s": np.zeros((2, m)), "w": np.zeros((2, m))}
+    state |= {name: np.zeros((2, n)) for name in ("wx", "wv", "wa")}
+    state |= {name: np.zeros((2, E)) for name in ("wy", "wr", "work")}
+    never, unit = np.array([-1]), np.zeros(1)  # no element changes
+    numbers = {
+        "masses": structure.masses, "ends": structure.ends, "law": structure.law,
+        "gamma": gamma, "forces": forces, "when": never, "offset": unit, "element": never,
+        "changed": np.zeros((1, parameters.shape[1])), "tolerance": TOLERANCE,
+    }  # fmt: skip
+    return state, numbers

@@ -80,7 +80,8 @@ def step_of(model: WienerHammerstein) -> Step:
     all works at the sampling rate.
     """
     chain = model.chain
-    numbers = {name: np.array(part) for name, part in chain.parts.items() if name != "laws"}
+    parts = chain.parts.items()
+    numbers: dict[str, np.ndarray] = {k: np.array(part) for k, part in parts if k != "laws"}
     weight, place, log_width = chain.parts["laws"].T
     width = np.exp(log_width)
     rest = width * np.logaddexp(0.0, -place / width)

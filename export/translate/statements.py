@@ -134,6 +134,8 @@ class Statements:
             self._take(statement.target, self.expressions.value(statement.value))
 
     def _assign(self, statement: ast.Assign) -> None:
+        if self._several_arrays(statement):
+            return
         made = self._new_array(statement.value)
         if made is not None:
             for target in statement.targets:
@@ -149,6 +151,21 @@ class Statements:
             return
         for target in statement.targets:
             self._take(target, value)
+
+    def _several_arrays(self, statement: ast.Assign) -> bool:
+        """`a, b = np.zeros(3), np.zeros(4)`: one after the other."""
+        target, value = statement.targets[0], statement.value
+        if not (isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)):
+            return False
+        if not any(self._new_array(item) for item in value.elts):
+            return False
+        for name, item in zip(target.elts, value.elts, strict=True):
+            made = self._new_array(item)
+            if made is None:
+                self._take(name, self.expressions.value(item))
+            else:
+                self._hold(name, *made)
+        return True
 
     def _take(self, target: ast.expr, value: Value) -> None:
         """target = value."""

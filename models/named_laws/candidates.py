@@ -267,5 +267,8 @@ CANDIDATES = {
             },
             _bouc_wen,
         ),
+        Candidate(
+            "Linear", {"stiffness": STIFFNESS, "damping": DAMPING}, _plain(Polynomial)
+        ),  # a storey that stays elastic would show nothing of a law's yielding
     )
 }

@@ -2,7 +2,8 @@
 
 Starts are drawn, the likeliest are followed on the two largest motions, the best on all: damped
 least squares (scipy) with derivatives by differences. Which law it is shows on the largest motion,
-which is held back: the fewest parameters are taken whose error there is nearly the least.
+which is held back: of those whose error there is nearly the least, or next to none, the law of the
+fewest parameters is taken.
 T samples.
 """
 
@@ -18,11 +19,13 @@ from scipy.optimize import least_squares, nnls
 from data.simulation.element_test import imposed
 from models.named_laws.candidates import CANDIDATES, Candidate, Units
 
-DRAWS, FOLLOWED, STAY = 120, 6, 2  # starts of a law; those that are followed, first and further
+DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
+FOLLOWED = 72  # over the parameters of a law: starts that are followed at first
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
 IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
+NEGLIGIBLE = 1e-3  # errors below are alike
 STEP = 1e-4  # of the differences
 FAR, STEEP = 0.05, 0.9  # of the largest deformation; share of slopes that are less steep
 PULL = 1e-4  # of q towards its start, beside the relative error
@@ -139,7 +142,8 @@ def begun(
     for one in drawn:
         one.error = one.error_on(motions[:1])
     drawn.sort(key=lambda one: one.error)
-    ends = [followed(one, motions, FIRST) for one in drawn[:FOLLOWED]]
+    count = max(STAY, FOLLOWED // len(candidate.parameters))
+    ends = [followed(one, motions, FIRST) for one in drawn[:count]]
     return sorted(ends, key=lambda one: one.error)[:STAY]
 
 
@@ -150,16 +154,23 @@ def chosen(
     units, rng = units_of(motions), np.random.default_rng(seed)
     rest, judged = parted(motions)
     largest = sorted(rest, key=lambda m: -float(np.ptp(m.y)))[:2]
-    starts = [begun(CANDIDATES[name], largest, units, rng) for name in names]
-    least = min(one.error for ends in starts for one in ends)
-    found = []
-    for ends in starts:
-        near = [followed(e, rest, MIDDLE) for e in ends if e.error <= IN_THE_LEAD * least]
-        found += sorted(near, key=lambda one: one.error)[:1]
-    errors = {one.candidate.name: one.error_on([judged]) for one in found}
-    best = smallest(found, errors)
-    best.error = math.inf
-    return followed(best, motions, LAST), errors
+    starts = {name: begun(CANDIDATES[name], largest, units, rng) for name in names}
+    lead = IN_THE_LEAD * min(one.error for ends in starts.values() for one in ends)
+    lead = max(lead, NEGLIGIBLE)
+    found = {}
+    for name, ends in starts.items():
+        near = [followed(e, rest, MIDDLE) for e in ends if e.error <= lead]
+        if near:
+            found[name] = sorted(near, key=lambda one: one.error)
+    errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
+    best = smallest([ends[0] for ends in found.values()], errors)
+    finals = [followed(_anew(one), motions, LAST) for one in found[best.candidate.name]]
+    return min(finals, key=lambda one: one.error), errors
+
+
+def _anew(fit: Fit) -> Fit:
+    """Its error on other motions is not known yet."""
+    return Fit(fit.candidate, fit.units, fit.q)
 
 
 def smallest(found: Sequence[Fit], errors: Mapping[str, float]) -> Fit:
@@ -167,7 +178,8 @@ def smallest(found: Sequence[Fit], errors: Mapping[str, float]) -> Fit:
     least = min(errors.values())
     if not math.isfinite(least):
         raise ValueError("no named law follows the motions; look for outliers in the record")
-    near = [one for one in found if errors[one.candidate.name] <= NEARLY * least]
+    alike = max(NEARLY * least, NEGLIGIBLE)
+    near = [one for one in found if errors[one.candidate.name] <= alike]
     return min(near, key=lambda one: len(one.q))
 
 
