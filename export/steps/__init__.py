@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from export.steps.quantity import named_by
 from models import ESTIMATORS
 
 if TYPE_CHECKING:
@@ -30,10 +31,14 @@ KINDS = {  # file of this folder → the estimators whose steps it has
     "wiener_hammerstein": ("WienerHammerstein",),
 }
 FILES = {name: file for file, names in KINDS.items() for name in names}
+INTEGRATE = ("recurrent", "vwnn", "vwnn_forward")  # what they estimate, whatever that is
 
 
-def step_of(model: Estimator) -> Step:
+def step_of(model: Estimator, quantity: str | None = None) -> Step:
     """The step of an identified model.
+
+    quantity: of the records that it was trained on (data.record.QUANTITIES), which names the
+    outputs of models that do not know; None: they are y, of unknown unit.
 
     Raises ValueError for one that is not identified, and for a class that has none: one without a
     free run, or one that is not of this zoo, even where it derives from one that is.
@@ -44,5 +49,6 @@ def step_of(model: Estimator) -> Step:
             f"{kind.__name__} has no step to export: it has no free run, or nobody wrote it; "
             f"export one of {', '.join(sorted(FILES))}"
         )
-    step: Step = import_module(f"export.steps.{FILES[kind.__name__]}").step_of(model)
-    return step
+    file = FILES[kind.__name__]
+    step: Step = import_module(f"export.steps.{file}").step_of(model)
+    return step if quantity is None else named_by(step, quantity, file in INTEGRATE)

@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 
+from data.record import HOLDS
 from export.names import inputs_of
 from export.step import Step
 from models.wiener_hammerstein import WienerHammerstein
@@ -89,8 +90,7 @@ def step_of(model: WienerHammerstein) -> Step:
     before, after = len(numbers["a1"]), len(numbers["a2"])
     state: dict[str, np.ndarray] = {"one": np.zeros((before, 2)), "two": np.zeros((after, 2))}
     state |= {"new_one": np.zeros(before), "new_two": np.zeros(after), "output": np.zeros(1)}
-    holds = ("linear", "zero_order", "band_limited")
     return Step(
         begin, observe, advance, model.dt, state, {**numbers, "rate": model.finer},
-        inputs_of(model), [("output", ["y1"], "")], holds=holds[: 3 if model.finer == 1 else 2],
+        inputs_of(model), [("output", ["y1"], "")], holds=HOLDS if model.finer == 1 else HOLDS[:2],
     )  # fmt: skip
