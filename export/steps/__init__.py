@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from export.steps.quantity import named_by
-from models import ESTIMATORS
+from models import PUBLIC
 
 if TYPE_CHECKING:
     from export.step import Step
@@ -27,6 +27,7 @@ KINDS = {  # file of this folder → the estimators whose steps it has
     "sliding_mass": ("SlidingMass",),
     "tanks": ("TankCascade",),
     "vwnn": ("VWNN",),
+    "online": ("Online",),
     "vwnn_forward": ("ForwardVWNN",),
     "wiener_hammerstein": ("WienerHammerstein",),
 }
@@ -44,7 +45,7 @@ def step_of(model: Estimator, quantity: str | None = None) -> Step:
     free run, or one that is not of this zoo, even where it derives from one that is.
     """
     kind = type(model)
-    if kind.__name__ not in FILES or ESTIMATORS.get(kind.__name__) != kind.__module__:
+    if kind.__name__ not in FILES or PUBLIC.get(kind.__name__) != kind.__module__:
         raise ValueError(
             f"{kind.__name__} has no step to export: it has no free run, or nobody wrote it; "
             f"export one of {', '.join(sorted(FILES))}"
