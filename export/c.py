@@ -29,7 +29,7 @@ def write(model: Exported, folder: Path) -> list[Path]:
 
 def step_for(model: Exported) -> Step:
     """The step of a run's model, with the names of its channels."""
-    step = step_of(model.estimator)
+    step = step_of(model.estimator, model.sensors.quantity)
     return replace(step, inputs=[(name, unit.replace("²", "2")) for name, unit in model.inputs])
 
 
