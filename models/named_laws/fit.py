@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares, nnls
@@ -111,8 +111,8 @@ def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
 
     found = least_squares(residuals, begin, slopes, method="trf", max_nfev=iterations, ftol=1e-5)
     end = Fit(fit.candidate, fit.units, found.x)
-    end.error = end.error_on(motions)
-    return end if end.error < fit.error_on(motions) else fit
+    end.error, begun_at = end.error_on(motions), fit.error_on(motions)
+    return end if end.error < begun_at else replace(fit, error=begun_at)
 
 
 def sized(fit: Fit, motion: Motion) -> Fit:
@@ -147,40 +147,53 @@ def begun(
     return sorted(ends, key=lambda one: one.error)[:STAY]
 
 
-def chosen(
-    motions: Sequence[Motion], names: Sequence[str], seed: int
-) -> tuple[Fit, dict[str, float]]:
-    """The law that suits the motions, fitted to all of them; errors on the motion held back."""
-    units, rng = units_of(motions), np.random.default_rng(seed)
-    rest, judged = parted(motions)
-    largest = sorted(rest, key=lambda m: -float(np.ptp(m.y)))[:2]
+def tried(
+    names: Sequence[str], motions: Sequence[Motion], units: Units, rng: np.random.Generator
+) -> dict[str, list[Fit]]:
+    """The laws in the lead on some motions, each from its best starts, the best first."""
+    largest = sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
     starts = {name: begun(CANDIDATES[name], largest, units, rng) for name in names}
     lead = IN_THE_LEAD * min(one.error for ends in starts.values() for one in ends)
     lead = max(lead, NEGLIGIBLE)
     found = {}
     for name, ends in starts.items():
-        near = [followed(e, rest, MIDDLE) for e in ends if e.error <= lead]
+        near = [followed(e, motions, MIDDLE) for e in ends if e.error <= lead]
         if near:
             found[name] = sorted(near, key=lambda one: one.error)
+    return found
+
+
+def chosen(
+    motions: Sequence[Motion], names: Sequence[str], seed: int
+) -> tuple[Fit, dict[str, float]]:
+    """The law that suits the motions, fitted to all of them; errors on the motion held back.
+
+    Laws may be alike there because the largest motion alone shows what tells them apart; then that
+    motion is fitted, too, and the law is the smallest that suits all.
+    """
+    units, rng = units_of(motions), np.random.default_rng(seed)
+    rest, judged = parted(motions)
+    found = tried(names, rest, units, rng)
     errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
-    best = smallest([ends[0] for ends in found.values()], errors)
-    finals = [followed(_anew(one), motions, LAST) for one in found[best.candidate.name]]
+    near, best = alike(errors), smallest(errors)
+    if len(near) > 1 and min(errors.values()) > NEGLIGIBLE:
+        found = tried(near, motions, units, rng)
+        best = smallest({name: ends[0].error for name, ends in found.items()})
+    finals = [followed(one, motions, LAST) for one in found[best]]
     return min(finals, key=lambda one: one.error), errors
 
 
-def _anew(fit: Fit) -> Fit:
-    """Its error on other motions is not known yet."""
-    return Fit(fit.candidate, fit.units, fit.q)
-
-
-def smallest(found: Sequence[Fit], errors: Mapping[str, float]) -> Fit:
-    """The law of fewest parameters whose error on held-back motion is nearly the least."""
+def alike(errors: Mapping[str, float]) -> list[str]:
+    """The laws whose error is nearly the least. Raises ValueError where none follows."""
     least = min(errors.values())
     if not math.isfinite(least):
         raise ValueError("no named law follows the motions; look for outliers in the record")
-    alike = max(NEARLY * least, NEGLIGIBLE)
-    near = [one for one in found if errors[one.candidate.name] <= alike]
-    return min(near, key=lambda one: len(one.q))
+    return [name for name, e in errors.items() if e <= max(NEARLY * least, NEGLIGIBLE)]
+
+
+def smallest(errors: Mapping[str, float]) -> str:
+    """Of the laws whose error is nearly the least, that of the fewest parameters."""
+    return min(alike(errors), key=lambda name: len(CANDIDATES[name].parameters))
 
 
 def parted(motions: Sequence[Motion]) -> tuple[list[Motion], Motion]:

@@ -136,11 +136,12 @@ def load_run(folder: str | Path) -> Estimator:
         motion = model.free_run(Drive(dt, u, rest, rest))   # u (T, m): motion.x, .v, .a (T, n)
 
     u: forces [N], or the displacements and velocities of supports [m], [m/s]; of a shaken base
-    −s̈ [m/s²]; of an element test s, ṡ. Nothing of the folder is executed. Raises ValueError for a
-    folder that holds no finished run.
+    −s̈ [m/s²]; of an element test s, ṡ. Its parameters ask for no gradient, so that runs are
+    compiled. Nothing of the folder is executed. Raises ValueError for a folder that holds no
+    finished run.
     """
     cfg, _ = read_run(Path(folder))
-    return restore(cfg, Path(folder))
+    return restore(cfg, Path(folder)).requires_grad_(False)
 
 
 def _first(error: Exception) -> str:

@@ -1,0 +1,251 @@
+"""OpenSeesPy scripts run by OpenSees against the model's own free run."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Drive
+from data.simulation.element_test import force
+from export.opensees import script_of, write
+from export.opensees_laws import material_of
+from export.opensees_named import named_materials
+from models import VWNN, ElementNetwork, ElementNetworkNamed
+from models.composition.laws import law as law_of
+from models.composition.laws import units
+from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.fit import Fit
+from tests.export.conftest import DT, drive_of, exported, network
+
+FOUND = find_spec("openseespy") is not None
+needs_opensees = pytest.mark.skipif(
+    not FOUND, reason="needs openseespy: pip install -c constraints.txt -e '.[opensees]'"
+)
+LIBRARIES = "openseespylinux"  # its wheel needs its own BLAS loaded first
+
+
+def opensees_environment() -> dict[str, str]:
+    found, env = find_spec(LIBRARIES), dict(os.environ)
+    if found is not None and found.origin is not None:
+        env["LD_LIBRARY_PATH"] = str(Path(found.origin).parent / "lib")
+    env["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+    return env
+
+
+def python(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(script), *words]
+    return subprocess.run(
+        command, env=opensees_environment(), capture_output=True, text=True, errors="replace"
+    )
+
+
+def run(model, drive: Drive, folder: Path, steps: int) -> np.ndarray:
+    """x, v, a (3, T, n) by the script."""
+    script = write(model, folder)[0]
+    columns = script.read_text("utf-8").split("COLUMNS = ")[1].splitlines()[0]
+    with open(folder / "in.csv", "w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["time", *ast.literal_eval(columns)])
+        table.writerows([k * drive.dt, *row] for k, row in enumerate(drive.u.tolist()))
+    done = python(script, str(folder / "in.csv"), str(folder / "out.csv"), str(steps))
+    assert done.returncode == 0, done.stderr
+    table = np.loadtxt(folder / "out.csv", delimiter=",", skiprows=1)
+    return np.stack(np.split(table[:, 1:], 3, axis=1))
+
+
+@torch.no_grad()
+def own(estimator: ElementNetwork, drive: Drive, substeps: int) -> np.ndarray:
+    """x, v, a (3, T, n) of the compiled run in finer steps."""
+    found = estimator.traced(estimator.composition(), drive, substeps, bound=estimator.bound)
+    return torch.stack([found.response.x, found.response.v, found.response.a]).numpy()
+
+
+def difference(theirs: np.ndarray, ours: np.ndarray) -> float:
+    return float(np.linalg.norm(theirs[2] - ours[2]) / np.linalg.norm(ours[2]))
+
+
+EXACT = ("cubic", "hinge_stiffness", "unit_stiffness")
+SMOOTH = (*EXACT, "unit_rising", "unit_falling")
+
+
+@needs_opensees
+@pytest.mark.parametrize("dofs", [1, 3, 10])
+@pytest.mark.parametrize("terms", [(), EXACT, SMOOTH])
+def test_the_script_tends_to_the_compiled_run(dofs, terms, tmp_path):
+    chain = "chain" if dofs > 3 else None
+    model = exported(network(dofs, 1, terms, elements=chain))
+    drive = drive_of(model.estimator, 300, 2.0 if dofs < 10 else 0.5)
+    fine = own(model.estimator, drive, 160)
+    errors = [difference(run(model, drive, tmp_path, steps), fine) for steps in (10, 40)]
+    assert errors[1] < (1e-3 if terms == SMOOTH else 1e-5)
+    if terms != SMOOTH:
+        assert errors[1] < 0.1 * errors[0]  # second order
+    coarse = own(model.estimator, drive, model.estimator.substeps)
+    assert difference(run(model, drive, tmp_path, 10), coarse) < 5e-3
+
+
+@needs_opensees
+def test_a_moving_base_and_moving_supports_drive_the_script(tmp_path):
+    base = exported(network(3, 2, EXACT, inputs=1, forced="base", elements="chain"))
+    drive = drive_of(base.estimator, 300, 2.0)
+    theirs = run(base, drive, tmp_path, 40)
+    assert difference(theirs, own(base.estimator, drive, 160)) < 1e-5
+    text = (tmp_path / "in.csv").read_text().replace("f1", "s_ddot1")
+    (tmp_path / "in.csv").write_text(text)  # f1 = −s̈
+    script = tmp_path / "model_opensees.py"
+    assert python(script, str(tmp_path / "in.csv"), str(tmp_path / "out.csv"), "40").returncode == 0
+    table = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(np.split(table[:, 1:], 3, axis=1), -theirs, atol=1e-9)
+
+    moving = exported(network(2, 2, EXACT, inputs=4, forced=[1, 2]))
+    drive = drive_of(moving.estimator, 300, 2.0)
+    t = DT * torch.arange(300, dtype=torch.float64)
+    u = drive.u.clone()
+    u[:, 2], u[:, 3] = 0.05 * (1.0 - torch.cos(5.0 * t)), 0.25 * torch.sin(5.0 * t)
+    drive = replace(drive, u=u)
+    assert difference(run(moving, drive, tmp_path, 40), own(moving.estimator, drive, 160)) < 1e-5
+
+
+def stress(materials, y: np.ndarray, tmp_path: Path) -> np.ndarray:
+    """Forces of materials in parallel, without dampers, under imposed deformations."""
+    script = tmp_path / "stress.py"
+    script.write_text(
+        "import sys, json\nimport openseespy.opensees as ops\n"
+        "materials, y = json.load(open(sys.argv[1]))\ntag, joined = 0, []\n"
+        "for _, parts in materials:\n"
+        "    for kind, *words in parts:\n"
+        "        tag += 1\n"
+        "        words = [tag + int(w[1:]) if str(w).startswith('@') else w for w in words]\n"
+        "        ops.uniaxialMaterial(kind, tag, *words)\n"
+        "    joined.append(tag)\n"
+        "factors = [factor for factor, _ in materials]\n"
+        "ops.uniaxialMaterial('Parallel', tag + 1, *joined, '-factors', *factors)\n"
+        "ops.testUniaxialMaterial(tag + 1)\nout = []\n"
+        "for one in y:\n    ops.setStrain(one)\n    out.append(ops.getStress())\n"
+        "json.dump(out, open(sys.argv[2], 'w'))\n"
+    )
+    told = [[m.factor, [list(part) for part in m.parts]] for m in materials]
+    (tmp_path / "in.json").write_text(json.dumps([told, y.tolist()]))
+    done = python(script, str(tmp_path / "in.json"), str(tmp_path / "out.json"))
+    assert done.returncode == 0, done.stderr
+    return np.array(json.loads((tmp_path / "out.json").read_text()))
+
+
+def imposed(samples: int = 4000) -> np.ndarray:
+    t = np.linspace(0.0, 10.0, samples)
+    return 0.05 * np.sin(3.0 * t) * np.sin(0.5 * t + 0.2) + 0.02 * np.sin(11.0 * t)
+
+
+def law_force(law: torch.Tensor, counts: tuple[int, int, int], y: np.ndarray) -> np.ndarray:
+    z, steps = [torch.zeros(1, counts[2], dtype=torch.float64)], torch.from_numpy(np.diff(y))
+    for step in steps[:, None]:
+        z.append(units(law, counts, z[-1], step))
+    deformation = torch.from_numpy(y)[:, None]
+    zero = torch.zeros_like(deformation)
+    return law_of(law, counts, deformation, zero, torch.stack(z))[:, 0].numpy()
+
+
+@needs_opensees
+@pytest.mark.parametrize(
+    ("unit", "within"),
+    [
+        ([20.0, 0.02, 0.0, 0.0], 1e-8),
+        ([-20.0, 0.02, 0.0, 0.0], 1e-8),
+        ([20.0, 1e3, -10.0, 4.0], 4e-3),  # OpenSees integrates Bouc–Wen to first order
+        ([20.0, 0.02, -10.0, 4.0], 4e-3),
+        ([-10.0, 0.03, 7.0, 8.0], 4e-3),
+    ],
+)
+def test_the_materials_have_the_forces_of_the_law(unit, within, tmp_path):
+    hinge, law = [8.0, 0.03, 5.0, 0.0], torch.zeros(1, 14, dtype=torch.float64)
+    law[0] = torch.tensor([60.0, 0.0, -50.0, 0.0, 0.0, 0.0, *hinge, *unit], dtype=torch.float64)
+    y = imposed()
+    theirs = stress(material_of(law[0], (2, 0, 1), 0.07), y, tmp_path)
+    ours = law_force(law, (2, 0, 1), y)
+    assert np.abs(theirs - ours).max() < within * np.abs(ours).max()
+
+
+@needs_opensees
+def test_a_tanh_is_many_straight_pieces(tmp_path):
+    law = torch.zeros(1, 9, dtype=torch.float64)
+    law[0] = torch.tensor([60.0, 0.0, 0.0, 0.0, 0.0, 0.0, 30.0, 60.0, 0.03], dtype=torch.float64)
+    materials, y = material_of(law[0], (0, 1, 0), None), imposed(2000)
+    ours = law_force(law, (0, 1, 0), y)
+    assert np.abs(stress(materials, y, tmp_path) - ours).max() < 1e-4 * np.abs(ours).max()
+    assert "straight pieces" in materials[1].notes[0]
+
+
+def test_a_term_without_a_stock_material_is_named():
+    law = torch.tensor([60.0, 0.5, 0.0, 0.0, 0.3, 0.0], dtype=torch.float64)
+    with pytest.raises(ValueError, match=r"c₁ \|y\| ẏ of a law has no stock material"):
+        material_of(law, (0, 0, 0), None)
+
+
+def test_a_weak_unit_is_left_out_and_said_to_be():
+    law = torch.tensor([60.0, 0.5, 0, 0, 0, 0, 1e-4, 0.01, 3.0, 4.0], dtype=torch.float64)
+    materials = material_of(law, (0, 0, 1), 0.05)
+    assert len(materials) == 1
+    assert "1 units are left out" in materials[0].notes[0]
+
+
+def test_other_models_are_refused():
+    with pytest.raises(ValueError, match="VWNN is no network of elements"):
+        script_of(exported(VWNN(3, 3, DT)))
+
+
+# --- named laws
+
+BETWEEN = ("ground", "x1")
+MIDDLE = Units(length=0.05, rate=0.3, force=3.0, slope=100.0)
+
+
+def candidate(name: str) -> list:
+    """The elements of a law, its numbers in the middle of where a search begins."""
+    law = CANDIDATES[name]
+    q = [0.5 * (p.drawn(np.random.default_rng(0)) + p.drawn(np.random.default_rng(9)))
+         for p in law.parameters.values()]  # fmt: skip
+    return law.elements(np.array(q), MIDDLE, BETWEEN)
+
+
+@needs_opensees
+@pytest.mark.parametrize("name", ["SelfCentering", "SlackBrace", "MenegottoPinto", "BoucWen"])
+def test_named_laws_have_their_stock_materials(name, tmp_path):
+    elements, y = [replace(e, damping=0.0) if hasattr(e, "damping") else e
+                   for e in candidate(name)], imposed(20000)  # fmt: skip
+    theirs = stress([m for e in elements for m in named_materials(e, "one")], y, tmp_path)
+    ours = sum(force(e, y, 10.0 / 20000) for e in elements)
+    assert np.linalg.norm(theirs - ours) < 2e-3 * np.linalg.norm(ours)
+
+
+@pytest.mark.parametrize("name", ["Takeda", "FrictionPendulum", "BaberNoori"])
+def test_named_laws_that_no_stock_material_is_are_refused(name):
+    with pytest.raises(ValueError, match=r"ground–x1.*choose to=c or to=fmu"):
+        [named_materials(e, "ground–x1") for e in candidate(name)]
+
+
+@needs_opensees
+def test_a_network_of_named_laws_runs(tmp_path):
+    named = ElementNetworkNamed(3, 3, DT, elements="chain")
+    named.mass.start(torch.tensor([1.5, 1.2, 1.0], dtype=torch.float64))
+    for e, name in enumerate(("SelfCentering", "MenegottoPinto", "SlackBrace")):
+        law = CANDIDATES[name]
+        rng = np.random.default_rng(e)
+        q = np.array([p.drawn(rng) for p in law.parameters.values()])
+        named.named.take(e, Fit(law, MIDDLE, q))
+    model, drive = exported(named), drive_of(named, 300, 2.0)
+    response = named.free_run(drive)
+    ours = torch.stack([response.x, response.v, response.a]).numpy()
+    coarse, fine = (difference(run(model, drive, tmp_path, s), ours) for s in (10, 200))
+    assert fine < 5e-3
+    assert fine < 0.5 * coarse
