@@ -162,7 +162,7 @@ def _first_values(array: str, value: np.ndarray) -> Iterable[str]:
 
 
 def _copied(to: str, source: str, count: int) -> list[str]:
-    return [f"    memcpy({to}, {source}, {count} * sizeof(double));"] if count else []
+    return [f"    memmove({to}, {source}, {count} * sizeof(double));"] if count else []
 
 
 def _stepping(
@@ -204,15 +204,14 @@ def _stepping(
     own = "dt / count" if step.any_step else f"{big}_DT"
     yield f"        {_call(advance, first='first', last='last', dt=own)}"
     if not step.any_step:
-        yield f"        {_call(observe, last='last', u='last')}"
+        yield f"        {_call(observe, last='last', u='part < count ? last : u')}"
     yield "    }"
-    if inputs:
-        yield from _copied("m->last", "last", inputs)
-        yield from _copied("m->u", "last", inputs)
-    else:
-        yield "    (void)u;"
     if step.any_step:
-        yield f"    {_call(observe, last='last', u='last')}"
+        yield f"    {_call(observe, last='last', u='u')}"
+    yield from _copied("m->last", "last", inputs)
+    yield from _copied("m->u", "u", inputs)
+    if not inputs:
+        yield "    (void)u;"
     last = [f"m->{array}" for array, *_ in step.outputs]
     yield f"    for (i = 0; i < {len(step.outputs[-1][1])}; ++i) {{"
     yield f"        if (!isfinite({last[-1]}[i])) {{"
