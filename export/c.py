@@ -8,29 +8,38 @@ from pathlib import Path
 from export.c_source import Source, source_of
 from export.run import Exported
 from export.step import Step
-from export.steps import step_of
+from export.steps import online, step_of
+from models.vwnn import VWNN
 
 
 def write(model: Exported, folder: Path) -> list[Path]:
-    """Raises ValueError for a model without a step, OSError where the disk does not take it."""
-    step = step_for(model)
-    source = source_of(step, model.name, told_of(model))
-    files = {
-        f"{source.name}.h": source.header,
-        f"{source.name}.c": source.body,
-        f"{source.name}_main.c": program_of(step, source, model.hold),
-    }
+    """A VWNN has NAME_online.c, too, which is told the measured accelerations.
+
+    Raises ValueError for a model without a step, OSError where the disk does not take it.
+    """
+    steps = {model.name: step_for(model)}
+    if isinstance(model.estimator, VWNN):
+        steps[f"{model.name}_online"] = _named(online.step_of(model.estimator), model)
     made = []
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="utf-8")
-        made.append(folder / name)
+    for name, step in steps.items():
+        source = source_of(step, name, told_of(model))
+        files = {f"{source.name}.h": source.header, f"{source.name}.c": source.body}
+        if name == model.name:
+            files[f"{source.name}_main.c"] = program_of(step, source, model.hold)
+        for file, text in files.items():
+            (folder / file).write_text(text, encoding="utf-8")
+            made.append(folder / file)
     return made
 
 
 def step_for(model: Exported) -> Step:
     """The step of a run's model, with the names of its channels."""
-    step = step_of(model.estimator, model.sensors.quantity)
-    return replace(step, inputs=[(name, unit.replace("²", "2")) for name, unit in model.inputs])
+    return _named(step_of(model.estimator, model.passport.facts["quantity"]), model)
+
+
+def _named(step: Step, model: Exported) -> Step:
+    own = [(name, unit.replace("²", "2")) for name, unit in model.inputs]
+    return replace(step, inputs=[*own, *step.inputs[len(own) :]])
 
 
 def told_of(model: Exported) -> list[str]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from export.steps.quantity import named_by
-from models import ESTIMATORS
+from models import PUBLIC
 
 if TYPE_CHECKING:
     from export.step import Step
     from models.estimator import Estimator
-    from models.online.adaptive import Online
 
 KINDS = {  # file of this folder → the estimators whose steps it has
     "composite": ("ElementNetwork", "HystereticElement", "LatentHysteresisNetwork"),
@@ -28,6 +27,7 @@ KINDS = {  # file of this folder → the estimators whose steps it has
     "sliding_mass": ("SlidingMass",),
     "tanks": ("TankCascade",),
     "vwnn": ("VWNN",),
+    "online": ("Online",),
     "vwnn_forward": ("ForwardVWNN",),
     "wiener_hammerstein": ("WienerHammerstein",),
 }
@@ -35,26 +35,17 @@ FILES = {name: file for file, names in KINDS.items() for name in names}
 INTEGRATE = ("recurrent", "vwnn", "vwnn_forward")  # what they estimate, whatever that is
 
 
-ONLINE = ("models.online.adaptive", "Online")
-
-
-def step_of(model: Estimator, quantity: str | None = None, online: bool = False) -> Step:
-    """The step of an identified model: its free run, with the weights as training left them.
+def step_of(model: Estimator, quantity: str | None = None) -> Step:
+    """The step of an identified model.
 
     quantity: of the records that it was trained on (data.record.QUANTITIES), which names the
-    outputs of models that do not know; None: they are y, of unknown unit. online: the step of a
-    VWNN that is told the measured accelerations too, and learns from them if a law adapts it.
+    outputs of models that do not know; None: they are y, of unknown unit.
 
     Raises ValueError for one that is not identified, and for a class that has none: one without a
     free run, or one that is not of this zoo, even where it derives from one that is.
     """
-    if online:
-        found: Step = import_module("export.steps.vwnn_online").step_of(model)
-        return found
     kind = type(model)
-    if (kind.__module__, kind.__name__) == ONLINE:
-        return step_of(cast("Online", model).estimator, quantity)
-    if kind.__name__ not in FILES or ESTIMATORS.get(kind.__name__) != kind.__module__:
+    if kind.__name__ not in FILES or PUBLIC.get(kind.__name__) != kind.__module__:
         raise ValueError(
             f"{kind.__name__} has no step to export: it has no free run, or nobody wrote it; "
             f"export one of {', '.join(sorted(FILES))}"
