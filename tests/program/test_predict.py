@@ -136,7 +136,7 @@ def test_a_ground_acceleration_is_the_same_to_a_base_to_forces_and_to_supports(
 
 def test_a_planted_chain_moves_as_the_structure_that_it_stands_for(tmp_path, predicted):
     """Under a ground motion that makes it yield, against the simulation with exact corners."""
-    a = quake(size=4.0)
+    a = quake(size=20.0)
     file = write(tmp_path / "quake.csv", s_ddot1=a)
     folder = plant(tmp_path / "run", *forced(3))
     found = history(predicted(folder, f"excitation.path={file}", "excitation.quiet=0"))
@@ -283,6 +283,10 @@ MISTAKES = {
     "excitation=earthquake": "is a choice of training",
     "excitation.pth=a.csv": "did you mean excitation.path",
     "excitation.threads=a": "there is no setting",
+    "excitation.path=[]": "excitation.path=[] must be",
+    "excitation.path={f} excitation.mend.fill=a": "excitation.mend.fill=a must be",
+    "excitation.kind=gaussian excitation.std=1 excitation.duration=1e9": "excitation.duration",
+    "excitation.kind=gaussian excitation.std=1 excitation.band=[0,80]": "above the Nyquist",
 }
 
 
