@@ -12,13 +12,12 @@ def plain_composite(estimator: Estimator) -> Composite:
 
     Raises ValueError for all others: networks of branch laws, imposed motions, other estimators.
     """
-    plain = isinstance(estimator, Composite) and type(estimator).free_run is Composite.free_run
-    if not plain or type(estimator).traced is not traced:
+    own = isinstance(estimator, Composite) and type(estimator).free_run is Composite.free_run
+    if not isinstance(estimator, Composite) or not own or type(estimator).traced is not traced:
         raise ValueError(
             f"{type(estimator).__name__} has another equation than an element network; choose "
             "to=c or to=fmu"
         )
-    assert isinstance(estimator, Composite)
     return estimator
 
 

@@ -6,6 +6,7 @@ microseconds a sample for such loops: for speed take the target c.
 
 from __future__ import annotations
 
+import importlib
 import json
 import logging
 import warnings
@@ -20,9 +21,7 @@ from export.run import Exported
 
 def write(model: Exported, folder: Path) -> list[Path]:
     """NAME.onnx. Raises ValueError for a model that has no graph, ModuleNotFoundError."""
-    import onnx  # its absence is told before the work
-    import onnxscript  # noqa: F401
-
+    onnx, _ = (importlib.import_module(name) for name in ("onnx", "onnxscript"))  # before the work
     program, path = program_of(model), folder / f"{model.name}.onnx"
     graph: Any = _converted(program).model_proto
     facts = {
@@ -45,7 +44,10 @@ def _converted(program: torch.export.ExportedProgram) -> Any:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            names = {"input_names": ["u", "x0", "v0"], "output_names": ["x", "v", "a"]}
+            names: dict[str, Any] = {
+                "input_names": ["u", "x0", "v0"],
+                "output_names": ["x", "v", "a"],
+            }
             return torch.onnx.export(program, (), dynamo=True, verbose=False, **names)
     finally:
         logger.setLevel(level)

@@ -10,6 +10,7 @@ own: `scan` takes no two views of one. B runs, T samples, n DOFs, m excitations.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from torch import Tensor, nn
 from torch._higher_order_ops.scan import scan
@@ -23,6 +24,10 @@ class Graph(nn.Module):
     def __init__(self, held: bool) -> None:
         super().__init__()
         self.held = held
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...  # buffers
 
     def keep(self, **numbers: Tensor) -> None:
         """Have numbers as buffers."""

@@ -39,10 +39,10 @@ def identified(kind: str) -> Estimator:
     """Networks with weights as drawn, scaled to a record."""
     torch.manual_seed(0)
     made = {
-        "elements": lambda: network(3, 3, TERMS),
-        "one mass": lambda: network(1, 3, TERMS),
+        "elements": lambda: network(3, 3, TERMS, hinges=1, units=1),
+        "one mass": lambda: network(1, 3, TERMS, hinges=1, units=2, substeps=1),
         "tanhs": lambda: network(3, 3, ("tanh_stiffness",), hinges=0, tanhs=2, units=0),
-        "base": lambda: network(3, 2, TERMS, inputs=1, forced="base", elements="chain"),
+        "base": lambda: network(3, 2, TERMS, inputs=1, forced="base", elements="chain", units=0),
         "gru": lambda: Recurrent(3, 3, DT, hidden=8, layers=2),
         "lstm": lambda: Recurrent(3, 3, DT, cell="lstm", hidden=8),
         "state space": lambda: NeuralStateSpace(3, 3, DT, memory=3, hidden=5),
@@ -92,7 +92,7 @@ def test_a_pt2_program_is_the_free_run(kind, hold, tmp_path):
 
 
 @needs_onnx
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("one mass", "base")])
 def test_onnx_runtime_runs_the_free_run(kind, tmp_path):
     import onnx
     import onnxruntime
