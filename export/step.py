@@ -11,6 +11,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -25,13 +26,15 @@ class Step:
     """One sample of a model, and the next.
 
     begin(x0, v0, …): sets the state at the first instant. x0, v0 (n,).
-    advance(first, last, dt, …): moves the state one step on, to just before the excitation there
-    jumps. first, last (m,): the excitation at the step's start and end, linear in between.
+    advance(first, last, dt, …): moves the state on by dt, `dt / substeps` of the step's, to just
+    before the excitation there jumps. first, last (m,): the excitation at the start and the end,
+    linear in between.
     observe(last, u, …): fills the outputs where the excitation jumps from `last` to `u`; called
     again with another u, it makes good what it did. After `begin`, `last` is u.
 
     state: arrays (float64 or int64) that change, by name, with their first values; `outputs` are
-    among them. numbers: arrays that stay, by name. parameters: those of the numbers that
+    among them. numbers: arrays that stay, by name, and whole numbers and tuples of them, which
+    are folded into the program. parameters: those of the numbers that
     a user may tune, with a name and a unit for each entry: (array, place, name, unit).
     outputs: (array of the state, name of each entry, unit of each entry).
     """
@@ -41,9 +44,10 @@ class Step:
     advance: Callable[..., None]
     dt: float  # [s]
     state: Mapping[str, np.ndarray]
-    numbers: Mapping[str, np.ndarray]
+    numbers: Mapping[str, Any]
     inputs: list[tuple[str, str]]  # name and unit of each excitation
     outputs: list[tuple[str, list[str], str]]
+    substeps: int = 1  # calls of `advance` in a step of `dt`
     any_step: bool = False  # whether `advance` takes any dt; others take their own alone
     holds: tuple[str, ...] = ("linear", "zero_order")  # that it knows
     parameters: list[tuple[str, tuple[int, ...], str, str]] = field(default_factory=list)
@@ -60,10 +64,10 @@ class Step:
 def run(step: Step, drive: Drive) -> dict[str, np.ndarray]:
     """The outputs (T, ·) of a drive, by the functions as they stand in Python: the reference."""
     held = {name: np.array(value) for name, value in step.state.items()}
-    known = {**held, **{name: np.array(value) for name, value in step.numbers.items()}}
+    known: dict[str, Any] = {**held, **step.numbers}
     u = drive.u.detach().numpy()
     ends = between(drive.u, drive.hold, 1)[:, 0].detach().numpy()
-    given = {"x0": drive.x0.numpy(), "v0": drive.v0.numpy(), "dt": drive.dt}
+    given = {"x0": drive.x0.numpy(), "v0": drive.v0.numpy(), "dt": drive.dt / step.substeps}
 
     def call(function: Callable[..., None], **signals: np.ndarray) -> None:
         known.update(given, **signals)
@@ -75,8 +79,12 @@ def run(step: Step, drive: Drive) -> dict[str, np.ndarray]:
     call(step.observe, last=u[0], u=u[0])
     for k in range(len(u)):
         if k > 0:
-            call(step.advance, first=u[k - 1], last=ends[k - 1])
-            call(step.observe, last=ends[k - 1], u=u[k])
+            at = u[k - 1]
+            for part in range(1, step.substeps + 1):
+                before, share = at, part / step.substeps
+                at = u[k - 1] + share * (ends[k - 1] - u[k - 1])
+                call(step.advance, first=before, last=at)
+            call(step.observe, last=at, u=u[k])
         for name in names:
             history[name].append(held[name].copy())
     return {name: np.stack(values) for name, values in history.items()}

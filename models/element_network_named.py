@@ -20,6 +20,7 @@ from torch import Tensor
 from data.record import Drive, Record, Response
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
+from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator
 from models.named_laws.fit import Motion, chosen
@@ -54,6 +55,8 @@ class ElementNetworkNamed(ElementNetwork):
         self.candidates, self.seed = require_laws(laws), seed
         self.named = LearnedLaws(len(self.elements))
         self.requires_grad_(False)
+
+    estimates_beginning = False
 
     @property
     def identified_parameters(self) -> int:
@@ -94,6 +97,10 @@ class ElementNetworkNamed(ElementNetwork):
 
     def free_run(self, drive: Drive) -> Response:
         """The motion from rest; infinite from where it escapes."""
+        return self.trace(drive).response
+
+    def trace(self, drive: Drive, *_: Any, **__: Any) -> Trace:
+        """The motion from rest, and deformations and forces of the elements."""
         self.require_identified(self.named.numbers)
         if bool(drive.x0.any()) or bool(drive.v0.any()):
             raise ValueError(
@@ -102,18 +109,27 @@ class ElementNetworkNamed(ElementNetwork):
             )
         structure, inputs = self.structure(), self.composition().inputs.value.cpu()
         mass, lead = self.mass().detach().cpu(), drive.u.shape[:-1]
-        runs = []
+        of_part = [int(name[1:].partition("_")[0]) - 1 for name in structure.elements]
+        motions, elements = [], []
         for u in drive.u.cpu().reshape(-1, drive.samples, self.inputs):
             force = (mass * (u @ inputs.T)).numpy()
             s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
             moving = (s, s_dot) if self.supports else (None, None)
             motion = simulate(structure, force, drive.dt, *moving)
             parts = torch.stack([torch.from_numpy(v) for v in (motion.x, motion.v, motion.a)])
+            loops = torch.zeros(2, drive.samples, len(self.elements), dtype=torch.float64)
+            loops[0, :, of_part] = torch.from_numpy(motion.y)  # of all in parallel the same
+            loops[1].index_add_(1, torch.tensor(of_part), torch.from_numpy(motion.r))
             if motion.escape_time is not None:
                 parts[:, round(motion.escape_time / drive.dt) :] = torch.inf
-            runs.append(parts)
-        x, v, a = torch.stack(runs, dim=1).reshape(3, *lead, self.dofs).to(drive.u.device)
-        return Response(x, v, self.composition().output(x, v, a))
+                loops[:, round(motion.escape_time / drive.dt) :] = torch.inf
+            motions.append(parts)
+            elements.append(loops)
+        device = drive.u.device
+        x, v, a = torch.stack(motions, dim=1).reshape(3, *lead, self.dofs).to(device)
+        y, r = torch.stack(elements, dim=1).reshape(2, *lead, len(self.elements)).to(device)
+        none = a.new_zeros(*a.shape, 0)
+        return Trace(Response(x, v, self.composition().output(x, v, a)), r, y, none, none)
 
 
 def _motion(test: tuple[Tensor, Tensor, Tensor], e: int, dt: float) -> Motion:

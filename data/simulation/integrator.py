@@ -245,5 +245,6 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
             r[sample, e], work[sample, e] = forces[e], q[2 * N + E + e]
             y[sample, e] = q[ends[e, 1]] - q[ends[e, 0]]
         t, stalled = 0.0, 0
+    at[0], at[1] = h, 0.0
     counts[0], counts[3] = f.shape[0], steps
     return FINISHED

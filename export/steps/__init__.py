@@ -1,1 +1,55 @@
 """Estimators as steps (export/step.py), a file for each kind."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from export.steps.quantity import named_by
+from models import PUBLIC
+
+if TYPE_CHECKING:
+    from export.step import Step
+    from models.estimator import Estimator
+
+KINDS = {  # file of this folder → the estimators whose steps it has
+    "composite": ("ElementNetwork", "HystereticElement", "LatentHysteresisNetwork"),
+    "branches": ("ElementNetworkBranch",),
+    "named": ("ElementNetworkNamed", "NamedElement"),
+    "linear": ("EquivalentLinear", "LinearMotion"),
+    "static": ("RestoringForceSurface", "Rigid", "Zero"),
+    "mlp": ("GlobalMLP", "ResidualMLP"),
+    "polynomial": ("ModalPolynomial",),
+    "modal": ("ModalNetwork",),
+    "neural_state_space": ("NeuralStateSpace",),
+    "recurrent": ("Recurrent",),
+    "sliders": ("PrandtlIshlinskii",),
+    "sliding_mass": ("SlidingMass",),
+    "tanks": ("TankCascade",),
+    "vwnn": ("VWNN",),
+    "online": ("Online",),
+    "vwnn_forward": ("ForwardVWNN",),
+    "wiener_hammerstein": ("WienerHammerstein",),
+}
+FILES = {name: file for file, names in KINDS.items() for name in names}
+INTEGRATE = ("recurrent", "vwnn", "vwnn_forward")  # what they estimate, whatever that is
+
+
+def step_of(model: Estimator, quantity: str | None = None) -> Step:
+    """The step of an identified model.
+
+    quantity: of the records that it was trained on (data.record.QUANTITIES), which names the
+    outputs of models that do not know; None: they are y, of unknown unit.
+
+    Raises ValueError for one that is not identified, and for a class that has none: one without a
+    free run, or one that is not of this zoo, even where it derives from one that is.
+    """
+    kind = type(model)
+    if kind.__name__ not in FILES or PUBLIC.get(kind.__name__) != kind.__module__:
+        raise ValueError(
+            f"{kind.__name__} has no step to export: it has no free run, or nobody wrote it; "
+            f"export one of {', '.join(sorted(FILES))}"
+        )
+    file = FILES[kind.__name__]
+    step: Step = import_module(f"export.steps.{file}").step_of(model)
+    return step if quantity is None else named_by(step, quantity, file in INTEGRATE)

@@ -81,9 +81,20 @@ def _share(low: float, high: float) -> Parameter:
 
 STIFFNESS = Parameter(0.7, 2.0, lambda units: units.slope)
 SOFT = Parameter(0.02, 0.5, lambda units: units.force / units.length)
-YIELD = Parameter(0.2, 1.1, lambda units: units.elastic)
+YIELD = Parameter(0.1, 1.2, lambda units: units.elastic)
 DAMPING = Parameter(1e-3, 0.03, lambda units: units.damping)
-PER_ENERGY = Parameter(1e-3, 0.1, lambda units: 1.0 / (units.force * units.length))
+PER_ENERGY = {  # of the work that a law took up
+    "eta_rate": Parameter(1e-3, 0.1, lambda units: 1.0 / (units.force * units.length)),
+    "nu_rate": Parameter(1e-3, 0.1, lambda units: 1.0 / (units.force * units.length)),
+    "pinching_rate": Parameter(0.03, 1.0, lambda units: 1.0 / (units.force * units.length)),
+    "pinching_spread": Parameter(1e-4, 1e-2, lambda units: 1.0 / units.force),
+}
+PINCHING = {
+    "pinching": _share(0.3, 0.9),
+    "pinching_place": _share(0.05, 0.3),
+    "pinching_width": Parameter(0.03, 1.0, lambda units: units.elastic),
+    "pinching_lambda": Parameter(0.05, 0.5),
+}
 Values = Mapping[str, float]
 
 
@@ -94,6 +105,7 @@ class Candidate:
     name: str
     parameters: Mapping[str, Parameter]
     made: Callable[[Values, Sequence[str]], list[Element]]
+    sized: Sequence[str] = ("stiffness",)  # what multiplies the force of the law
 
     def values(self, q: np.ndarray, units: Units) -> dict[str, float]:
         pairs = zip(self.parameters.items(), q.tolist(), strict=True)
@@ -107,18 +119,31 @@ class Candidate:
     def drawn(self, rng: np.random.Generator) -> np.ndarray:
         return np.array([parameter.drawn(rng) for parameter in self.parameters.values()])
 
+    def sized_anew(self, q: np.ndarray, units: Units, sizes: Mapping[str, float]) -> np.ndarray:
+        """q of a law so many times as strong (""), with another damper and spring in parallel.
 
-def _plain(law: type[Element], **fixed: float) -> Callable[[Values, Sequence[str]], list[Element]]:
+        A rate per energy falls as the law grows, so that the law keeps its shape.
+        """
+        numbers = dict(zip(self.parameters, q.tolist(), strict=True))
+        for name, parameter in self.parameters.items():
+            if name in sizes:
+                numbers[name] = math.log(sizes[name] / parameter.unit(units))
+            elif name in self.sized:
+                numbers[name] += math.log(sizes[""])
+            elif name in PER_ENERGY:
+                numbers[name] -= math.log(sizes[""])
+        return np.array(list(numbers.values()))
+
+
+def _plain(law: type[Element]) -> Callable[[Values, Sequence[str]], list[Element]]:
     """An element whose parameters are those of the candidate, by the same names."""
     known = {field.name for field in fields(law)}
 
     def made(values: Values, between: Sequence[str]) -> list[Element]:
         own = {name: value for name, value in values.items() if name in known}
-        elements: list[Element] = [law(between=between, **{**fixed, **own})]
+        elements: list[Element] = [law(between=between, **own)]
         if "spring" in values:
-            damping = values.get("beside", 0.0)
-            spring = Polynomial(between=between, stiffness=values["spring"], damping=damping)
-            elements.append(spring)
+            elements.append(Polynomial(between=between, stiffness=values["spring"]))
         return elements
 
     return made
@@ -153,14 +178,7 @@ def _bouc_wen(values: Values, between: Sequence[str]) -> list[Element]:
     bend = values["largest"] ** -exponent
     beta = bend * (0.5 + 0.5 * values["beta_share"])
     own = {name: values[name] for name in ("stiffness", "post_yield_ratio")}
-    degrading = {
-        name: values[name]
-        for name in (
-            *("eta_rate", "nu_rate", "pinching", "pinching_rate", "pinching_place"),
-            *("pinching_width", "pinching_spread", "pinching_lambda"),
-        )
-        if name in values
-    }
+    degrading = {name: v for name, v in values.items() if name in (*PER_ENERGY, *PINCHING)}
     law = BaberNoori(
         between=between, beta=beta, gamma=bend - beta, exponent=exponent, **own, **degrading
     )
@@ -223,6 +241,7 @@ CANDIDATES = {
                 "damping": DAMPING,
             },
             _pendulum,
+            ("stiffness", "slow", "faster"),
         ),
         Candidate("BoucWen", _SMOOTH, _bouc_wen),
         Candidate(
@@ -243,16 +262,13 @@ CANDIDATES = {
             "BaberNoori",
             {
                 **_SMOOTH,
-                "eta_rate": PER_ENERGY,
-                "nu_rate": PER_ENERGY,
-                "pinching": _share(0.3, 0.9),
-                "pinching_rate": Parameter(0.03, 1.0, lambda u: 1.0 / (u.force * u.length)),
-                "pinching_place": _share(0.05, 0.3),
-                "pinching_width": Parameter(0.03, 1.0, lambda units: units.elastic),
-                "pinching_spread": Parameter(1e-4, 1e-2, lambda u: 1.0 / u.force),
-                "pinching_lambda": Parameter(0.05, 0.5),
+                **PER_ENERGY,
+                **PINCHING,
             },
             _bouc_wen,
         ),
+        Candidate(
+            "Linear", {"stiffness": STIFFNESS, "damping": DAMPING}, _plain(Polynomial)
+        ),  # a storey that stays elastic would show nothing of a law's yielding
     )
 }

@@ -2,30 +2,33 @@
 
 Starts are drawn, the likeliest are followed on the two largest motions, the best on all: damped
 least squares (scipy) with derivatives by differences. Which law it is shows on the largest motion,
-which is held back: the fewest parameters are taken whose error there is nearly the least.
+which is held back: of those whose error there is nearly the least, or next to none, the law of the
+fewest parameters is taken.
 T samples.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, nnls
 
 from data.simulation.element_test import imposed
 from models.named_laws.candidates import CANDIDATES, Candidate, Units
 
-DRAWS, FOLLOWED = 60, 4  # starts, and how many of them are followed
+DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
+FOLLOWED = 72  # over the parameters of a law: starts that are followed at first
+LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
 IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
+NEGLIGIBLE = 1e-3  # errors below are alike
 STEP = 1e-4  # of the differences
 FAR, STEEP = 0.05, 0.9  # of the largest deformation; share of slopes that are less steep
 PULL = 1e-4  # of q towards its start, beside the relative error
-Progress = Callable[[], None]
 
 
 @dataclass(frozen=True)
@@ -108,52 +111,89 @@ def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
 
     found = least_squares(residuals, begin, slopes, method="trf", max_nfev=iterations, ftol=1e-5)
     end = Fit(fit.candidate, fit.units, found.x)
-    end.error = end.error_on(motions)
-    return end if end.error < fit.error_on(motions) else fit
+    end.error, begun_at = end.error_on(motions), fit.error_on(motions)
+    return end if end.error < begun_at else replace(fit, error=begun_at)
+
+
+def sized(fit: Fit, motion: Motion) -> Fit:
+    """The law with the size, damper and spring that suit a motion best: these are linear."""
+    values, parts = fit.candidate.values(fit.q, fit.units), {"": fit.force(motion)}
+    for name, signal in (("damping", motion.rate), ("spring", motion.y)):
+        if name in values:
+            parts[""] = parts[""] - values[name] * signal
+            parts[name] = signal
+    columns = np.stack([part[motion.first :] for part in parts.values()], axis=1)
+    lengths = np.linalg.norm(columns, axis=0)
+    if not (np.isfinite(lengths).all() and (lengths > 0.0).all()):
+        return fit
+    solved = nnls(columns / lengths, motion.r[motion.first :])[0] / lengths
+    if not solved[0] > 0.0:
+        return fit
+    sizes = dict(zip(parts, solved.tolist(), strict=True))
+    sizes |= {name: max(size, LEAST * values[name]) for name, size in sizes.items() if name}
+    return Fit(fit.candidate, fit.units, fit.candidate.sized_anew(fit.q, fit.units, sizes))
 
 
 def begun(
     candidate: Candidate, motions: Sequence[Motion], units: Units, rng: np.random.Generator
-) -> Fit:
-    """The best of some starts after a few iterations."""
-    drawn = [Fit(candidate, units, candidate.drawn(rng)) for _ in range(DRAWS)]
+) -> list[Fit]:
+    """The best of some starts after a few iterations, the best first."""
+    drawn = [sized(Fit(candidate, units, candidate.drawn(rng)), motions[0]) for _ in range(DRAWS)]
     for one in drawn:
-        one.error = one.error_on(motions)
+        one.error = one.error_on(motions[:1])
     drawn.sort(key=lambda one: one.error)
-    ends = [followed(one, motions, FIRST) for one in drawn[:FOLLOWED]]
-    return min(ends, key=lambda one: one.error)
+    count = max(STAY, FOLLOWED // len(candidate.parameters))
+    ends = [followed(one, motions, FIRST) for one in drawn[:count]]
+    return sorted(ends, key=lambda one: one.error)[:STAY]
+
+
+def tried(
+    names: Sequence[str], motions: Sequence[Motion], units: Units, rng: np.random.Generator
+) -> dict[str, list[Fit]]:
+    """The laws in the lead on some motions, each from its best starts, the best first."""
+    largest = sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
+    starts = {name: begun(CANDIDATES[name], largest, units, rng) for name in names}
+    lead = IN_THE_LEAD * min(one.error for ends in starts.values() for one in ends)
+    lead = max(lead, NEGLIGIBLE)
+    found = {}
+    for name, ends in starts.items():
+        near = [followed(e, motions, MIDDLE) for e in ends if e.error <= lead]
+        if near:
+            found[name] = sorted(near, key=lambda one: one.error)
+    return found
 
 
 def chosen(
-    motions: Sequence[Motion],
-    names: Sequence[str],
-    seed: int,
-    step: Progress = lambda: None,
+    motions: Sequence[Motion], names: Sequence[str], seed: int
 ) -> tuple[Fit, dict[str, float]]:
-    """The law that suits the motions, fitted to all of them; errors on the motion held back."""
+    """The law that suits the motions, fitted to all of them; errors on the motion held back.
+
+    Laws may be alike there because the largest motion alone shows what tells them apart; then that
+    motion is fitted, too, and the law is the smallest that suits all.
+    """
     units, rng = units_of(motions), np.random.default_rng(seed)
     rest, judged = parted(motions)
-    largest = sorted(rest, key=lambda m: -float(np.ptp(m.y)))[:2]
-    found = []
-    for name in names:
-        found.append(begun(CANDIDATES[name], largest, units, rng))
-        step()
-    least = min(one.error for one in found)
-    found = [one for one in found if one.error <= IN_THE_LEAD * least]
-    found = [followed(one, rest, MIDDLE) for one in found]
-    errors = {one.candidate.name: one.error_on([judged]) for one in found}
-    best = smallest(found, errors)
-    best.error = math.inf
-    return followed(best, motions, LAST), errors
+    found = tried(names, rest, units, rng)
+    errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
+    near, best = alike(errors), smallest(errors)
+    if len(near) > 1 and min(errors.values()) > NEGLIGIBLE:
+        found = tried(near, motions, units, rng)
+        best = smallest({name: ends[0].error for name, ends in found.items()})
+    finals = [followed(one, motions, LAST) for one in found[best]]
+    return min(finals, key=lambda one: one.error), errors
 
 
-def smallest(found: Sequence[Fit], errors: Mapping[str, float]) -> Fit:
-    """The law of fewest parameters whose error on held-back motion is nearly the least."""
+def alike(errors: Mapping[str, float]) -> list[str]:
+    """The laws whose error is nearly the least. Raises ValueError where none follows."""
     least = min(errors.values())
     if not math.isfinite(least):
         raise ValueError("no named law follows the motions; look for outliers in the record")
-    near = [one for one in found if errors[one.candidate.name] <= NEARLY * least]
-    return min(near, key=lambda one: len(one.q))
+    return [name for name, e in errors.items() if e <= max(NEARLY * least, NEGLIGIBLE)]
+
+
+def smallest(errors: Mapping[str, float]) -> str:
+    """Of the laws whose error is nearly the least, that of the fewest parameters."""
+    return min(alike(errors), key=lambda name: len(CANDIDATES[name].parameters))
 
 
 def parted(motions: Sequence[Motion]) -> tuple[list[Motion], Motion]:

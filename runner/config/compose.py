@@ -30,7 +30,10 @@ GROUPS = (
     "trainer",
     "experiment",
 )
-NAMED = ("data.channels.", "data.units.")  # mappings whose keys are the user's
+NAMED = (  # mappings whose keys are the user's
+    *("data.channels.", "data.units."),
+    *("excitation.channels.", "excitation.units."),
+)
 EXAMPLES = {
     "train": """Identify a structure: simulate it, fit a model, score it on unseen motion.
 
@@ -51,12 +54,23 @@ model.cutoff [rad/s], trainer.accelerator, hydra.run.dir. All of them: python tr
 
 The paper's tables and the leaderboard of free runs: python -m report.paper --help,
 python -m report.free_run --help""",
+    "predict": """A finished run's model under another motion: what the structure would do.
+
+    python predict.py run=FOLDER excitation.path=other.csv
+    python predict.py run=FOLDER excitation.path=quake.AT2 excitation.scale=1.5
+    python predict.py run=FOLDER excitation.path=quake.csv excitation.units.s_ddot=g
+    python predict.py run=FOLDER excitation.events=7a             of FEMA P695
+    python predict.py run=FOLDER excitation.events=all excitation.scale=[0.5,1,2]
+    python predict.py run=FOLDER excitation.seed=5 excitation.duration=60
+
+Common keys: output, format, excitation.units.s_ddot=g, excitation.channels.s_ddot1=COLUMN,
+excitation.scale, excitation.peak [g]. All of them: python predict.py --cfg job""",
 }
 
 
 def help_text(program: str) -> str:
     """Examples, then each group with its choices, a line each (the config's first comment)."""
-    groups = GROUPS if program == "train" else ("scenario",)
+    groups = {"train": GROUPS, "evaluate": ("scenario",)}.get(program, ())
     lines = [EXAMPLES[program], ""]
     for group in groups:
         lines.append(f"{group}=")

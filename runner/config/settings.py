@@ -65,6 +65,39 @@ EVALUATE = {
     "data": Setting(Group),
     "scenario": Setting(Group | None),
 }
+NUMBER = float | None
+PREDICT = {
+    **dict.fromkeys(("run", "output"), Setting(str | None)),
+    "format": Setting(str),
+    "figures": Setting(bool),
+    "anyway": Setting(bool),
+    "histories": Setting(bool | None),
+    "threads": Setting(
+        int | None, lambda n: n is None or 1 <= n <= MOST_THREADS, f"1 to {MOST_THREADS}, or null"
+    ),
+    "excitation": Setting(Group),
+}
+EXCITATION = {
+    "path": Setting(TEXTS),
+    "events": Setting(str | int | list[str | int] | None, lambda e: e != [], "null, or events"),
+    **dict.fromkeys(("kind", "hold", "align", "delimiter", "group"), Setting(str | None)),
+    "std": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, or null"),
+    "band": Setting(list[float] | None),
+    "seed": Setting(int, lambda n: 0 <= n <= LARGEST_SEED, f"between 0 and {LARGEST_SEED}"),
+    "duration": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, in s, or null"),
+    "scale": Setting(float | list[float]),
+    "peak": Setting(NUMBER, lambda g: g is None or g > 0.0, "positive, in g, or null"),
+    "lag": Setting(float, lambda s: 0.0 <= s < 1.0, "from 0 to 1 s"),
+    "quiet": Setting(NUMBER, lambda s: s is None or 0.0 <= s <= 1e5, "0 s or more, or null"),
+    **dict.fromkeys(("channels", "mend"), Setting(Group | None)),
+    "units": Setting(Group),
+    "dt": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, in s, or null"),
+    "start": Setting(float, lambda s: s >= 0.0, "0 s or more"),
+    "stop": Setting(NUMBER),
+    "skip_rows": Setting(int, lambda n: n >= 0, "0 or more"),
+    "decimal": Setting(str),
+    "header": Setting(bool),
+}
 TRAINER = {
     "accelerator": Setting(Literal["cpu", "gpu", "cuda", "mps", "auto"]),
     "devices": Setting(
@@ -96,6 +129,12 @@ def check_settings(cfg: DictConfig, settings: Mapping[str, Setting] = TRAIN) -> 
             NAME.check(f"{key}.name", cfg[key].name)
         for name, model in cfg.baselines.items():
             Setting(Group).check(f"baselines.{name}", OmegaConf.to_container(model))
+
+
+def check_excitation(excitation: DictConfig) -> None:
+    """Raise ValueError, naming the key, for a motion of a prediction that cannot be used."""
+    _check(OmegaConf.to_container(excitation, resolve=True), EXCITATION, "excitation.")
+    check_files(OmegaConf.create({"excitation": excitation}))
 
 
 def _check(values: Any, settings: Mapping[str, Setting], prefix: str) -> None:

@@ -22,7 +22,14 @@ from runner.config.choices import plain
 from runner.config.identity import identity_of
 from runner.folder.lock import hold, release
 from runner.folder.run_files import CHECKPOINT, CONFIG, FAILED, METRICS, PROGRESS, SENSORS
-from runner.folder.run_folder import config_text, read_metrics, read_sensors, write_json, write_text
+from runner.folder.run_folder import (
+    config_text,
+    read_metrics,
+    read_run,
+    read_sensors,
+    write_json,
+    write_text,
+)
 
 
 @dataclass(frozen=True)
@@ -119,6 +126,22 @@ def restore(cfg: DictConfig, folder: Path) -> Estimator:
     digest = read_metrics(folder).get("checkpoint")  # runs of older code have none
     load_estimator(estimator, folder / CHECKPOINT, cfg.model.name, digest)
     return estimator.eval()
+
+
+def load_run(folder: str | Path) -> Estimator:
+    """The identified model of a finished run, to be used in Python.
+
+        model = load_run("runs/mine")
+        rest = torch.zeros(model.dofs)
+        motion = model.free_run(Drive(dt, u, rest, rest))   # u (T, m): motion.x, .v, .a (T, n)
+
+    u: forces [N], or the displacements and velocities of supports [m], [m/s]; of a shaken base
+    −s̈ [m/s²]; of an element test s, ṡ. Its parameters ask for no gradient, so that runs are
+    compiled. Nothing of the folder is executed. Raises ValueError for a folder that holds no
+    finished run.
+    """
+    cfg, _ = read_run(Path(folder))
+    return restore(cfg, Path(folder)).requires_grad_(False)
 
 
 def _first(error: Exception) -> str:

@@ -11,13 +11,20 @@ import torch
 
 from data.record import Record, stack
 from data.simulation.element_test import force
-from data.simulation.elements import Element, MenegottoPinto, SelfCentering, SlackBrace, Takeda
+from data.simulation.elements import (
+    Element,
+    MenegottoPinto,
+    Polynomial,
+    SelfCentering,
+    SlackBrace,
+    Takeda,
+)
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
 from models.named_element import NamedElement
 from models.named_laws.candidates import CANDIDATES, Units
-from models.named_laws.fit import Fit, smallest
+from models.named_laws.fit import smallest
 
 DT = 0.02
 TESTED = ("ground", "x1")
@@ -79,13 +86,19 @@ def test_noise_of_the_force_leaves_the_law_as_it_is():
 
 
 def test_of_laws_that_are_nearly_as_good_the_smallest_is_taken():
-    units = Units(1.0, 1.0, 1.0, 1.0)
-    found = [Fit(c, units, np.zeros(len(c.parameters))) for c in CANDIDATES.values()]
     errors = dict.fromkeys(CANDIDATES, 1.0)
     errors |= {"MenegottoPinto": 0.05, "SlackBrace": 0.054, "SelfCentering": 0.06}
-    assert smallest(found, errors).candidate.name == "SlackBrace"
+    assert smallest(errors) == "SlackBrace"
     with pytest.raises(ValueError, match="no named law follows"):
-        smallest(found, dict.fromkeys(CANDIDATES, math.inf))
+        smallest(dict.fromkeys(CANDIDATES, math.inf))
+
+
+def test_an_element_that_stays_elastic_is_called_linear():
+    spring = Polynomial(between=("ground", "x1"), stiffness=3e6, damping=2e4)
+    model = NamedElement(1, 2, DT)
+    facts = model.identify([element_test(spring, i) for i in range(2)])
+    assert facts["laws"] == "Linear"
+    assert error(model, [element_test(spring, 7, 0.2)]) < 0.01
 
 
 def test_a_change_of_units_changes_nothing():

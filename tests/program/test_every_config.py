@@ -197,11 +197,11 @@ def test_help_describes_every_choice_in_a_line():
 
 
 def test_readme_and_docs_commands_compose():
-    """Each train.py or evaluate.py line with its overrides is one that Hydra accepts."""
+    """Each line of a program with its overrides is one that Hydra accepts."""
     seen = 0
     for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
         for program, rest in re.findall(
-            r"python (train|evaluate)\.py([^\n`]*)",
+            r"python (train|evaluate|predict)\.py([^\n`]*)",
             re.sub(r"\\\n\s*", "", page.read_text("utf-8")),  # lines that go on
         ):
             if "my_" in rest or "--config-dir" in rest:  # about files that the reader makes

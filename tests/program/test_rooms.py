@@ -14,8 +14,8 @@ import data
 import models
 
 ROOT = Path(__file__).parents[2]
-FLOORS = ("data", "models", "runner", "report", "live", "studies")  # from the ground up
-PROGRAMS = ("train", "evaluate", "benchmarks")  # on the roof
+FLOORS = ("data", "models", "runner", "export", "report", "live", "studies")  # from the ground up
+PROGRAMS = ("train", "evaluate", "predict", "benchmarks")  # on the roof
 ABOVE = {"hydra_plugins": ("runner",)}  # a porch: imports these alone
 
 

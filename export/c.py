@@ -1,0 +1,128 @@
+"""Target c: NAME.c, NAME.h, and NAME_main.c, a program that runs a CSV through them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from export.c_source import Source, source_of
+from export.run import Exported
+from export.step import Step
+from export.steps import online, step_of
+from models.vwnn import VWNN
+
+
+def write(model: Exported, folder: Path) -> list[Path]:
+    """A VWNN has NAME_online.c, too, which is told the measured accelerations.
+
+    Raises ValueError for a model without a step, OSError where the disk does not take it.
+    """
+    steps = {model.name: step_for(model)}
+    if isinstance(model.estimator, VWNN):
+        steps[f"{model.name}_online"] = _named(online.step_of(model.estimator), model)
+    made = []
+    for name, step in steps.items():
+        source = source_of(step, name, told_of(model))
+        files = {f"{source.name}.h": source.header, f"{source.name}.c": source.body}
+        if name == model.name:
+            files[f"{source.name}_main.c"] = program_of(step, source, model.hold)
+        for file, text in files.items():
+            (folder / file).write_text(text, encoding="utf-8")
+            made.append(folder / file)
+    return made
+
+
+def step_for(model: Exported) -> Step:
+    """The step of a run's model, with the names of its channels."""
+    return _named(step_of(model.estimator, model.passport.facts["quantity"]), model)
+
+
+def _named(step: Step, model: Exported) -> Step:
+    own = [(name, unit.replace("²", "2")) for name, unit in model.inputs]
+    return replace(step, inputs=[*own, *step.inputs[len(own) :]])
+
+
+def told_of(model: Exported) -> list[str]:
+    """Lines for a comment."""
+    return [*model.passport.lines(), f"excitation between samples in training: {model.hold}"]
+
+
+def program_of(step: Step, source: Source, hold: str) -> str:
+    """A program that reads time and excitation as CSV and writes time and all outputs."""
+    name, big = source.name, source.name.upper()
+    header = ",".join(["time", *(n for _, names, _ in step.outputs for n in names)])
+    prints = [
+        f"    for (i = 0; i < {big}_{array.upper()}; ++i) {{\n"
+        f'        printf(",%.17g", m->{array}[i]);\n    }}'
+        for array, *_ in step.outputs
+    ]
+    zero_order = hold == "zero_order"
+    moves = f"{name}_step(&m, {'m.u' if zero_order else 'u'}, time - before)"
+    jumps = f"\n        {name}_excite(&m, u);" if zero_order else ""
+    columns = ", ".join(["time", *(n for n, _ in step.inputs)])
+    return f"""/* Runs a CSV of {columns}, with one line of names, through the model:
+
+   cc -std=c99 -O2 {name}.c {name}_main.c -lm -o {name}
+   ./{name} < excitation.csv > motion.csv */
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "{name}.h"
+
+static void print(double time, const {name} *m)
+{{
+    int i;
+
+    printf("%.17g", time);
+{chr(10).join(prints)}
+    printf("\\n");
+}}
+
+/* A line of numbers; 0 at the end of the file, -1 for a line that holds others. */
+static int read(double *time, double *u)
+{{
+    char comma;
+    int i;
+
+    if (scanf("%lf", time) != 1) {{
+        return feof(stdin) ? 0 : -1;
+    }}
+    for (i = 0; i < {big}_INPUTS; ++i) {{
+        if (scanf(" %c%lf", &comma, &u[i]) != 2 || comma != ',') {{
+            return -1;
+        }}
+    }}
+    return 1;
+}}
+
+int main(void)
+{{
+    static {name} m;
+    static const double rest[{big}_X0 > 0 ? {big}_X0 : 1];
+    double u[{big}_INPUTS > 0 ? {big}_INPUTS : 1], time, before = 0.0;
+    int c, said, line = 2;
+
+    while ((c = getchar()) != '\\n' && c != EOF) {{
+    }}
+    {name}_init(&m);
+    printf("{header}\\n");
+    while ((said = read(&time, u)) == 1) {{
+        if (line == 2) {{
+            {name}_begin(&m, rest, rest, u);
+        }} else if ((said = {moves}) != 0) {{
+            fprintf(stderr, "line %d: %s\\n", line,
+                    said == {big}_DIVERGED ? "the motion has diverged" : "another time step");
+            return EXIT_FAILURE;
+        }}{jumps}
+        print(time, &m);
+        before = time;
+        ++line;
+    }}
+    if (said != 0) {{
+        fprintf(stderr, "line %d: expected {1 + len(step.inputs)} numbers, with commas\\n", line);
+        return EXIT_FAILURE;
+    }}
+    return EXIT_SUCCESS;
+}}
+"""

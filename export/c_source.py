@@ -1,0 +1,277 @@
+"""A step as one file of C99 and its header: no allocation, nothing but math.h.
+
+The functions of a step (export/step.py) are translated as they stand (export/translate); around
+them stand a struct, which is the whole state, and four functions that a person calls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from export.names import spelled
+from export.step import SIGNALS, Step
+from export.translate.program import Function, Program, array_of, wrapped
+from export.translate.values import DOUBLE, Value, known_value, number
+
+SAME_STEP = 1e-3  # relative: steps that agree to this are one
+FEW = 4  # numbers that are set one by one
+ON_A_LINE = 6  # numbers of a table
+
+
+@dataclass(frozen=True)
+class Source:
+    """The text of NAME.h and NAME.c."""
+
+    name: str
+    header: str
+    body: str
+
+
+def source_of(step: Step, name: str, told: Sequence[str] = ()) -> Source:
+    """A step as C. told: lines about the model, for a comment. Raises ValueError if it cannot."""
+    name = spelled(name)
+    tuned = {array for array, *_ in step.parameters}
+    held = {**step.state, **{n: v for n, v in step.numbers.items() if n in tuned}}
+    tables = {n: v for n, v in step.numbers.items() if n not in tuned}
+    program = Program()
+    made = [_made(program, step, function) for function in (step.begin, step.observe, step.advance)]
+    text = program.text([function for function, _ in made])
+    used = {n for function, _ in made for n in function.parameters}
+    constants = [_table(n, v) for n, v in tables.items() if n in used and isinstance(v, np.ndarray)]
+    parts = [
+        _comment([f"{name}: a model of a structure.", *told]),
+        f'#include "{name}.h"\n\n#include <math.h>\n#include <string.h>',
+        *constants,
+        text,
+        *_public(step, name, held, made),
+    ]
+    lines = [part for line in "\n\n".join(parts).split("\n") for part in wrapped(line)]
+    return Source(name, _header(step, name, held, told), "\n".join(lines) + "\n")
+
+
+def _made(program: Program, step: Step, function: Any) -> tuple[Function, list[str]]:
+    """A function of the step in C, and what it is called with."""
+    arguments: dict[str, Value] = {}
+    m, n = len(step.inputs), len(step.outputs[0][1])
+    for argument in step.arguments(function):
+        if argument == "dt":
+            arguments[argument] = Value(DOUBLE)
+        elif argument in SIGNALS:
+            arguments[argument] = array_of(argument, np.zeros(n if argument in ("x0", "v0") else m))
+        elif argument in step.state:
+            arguments[argument] = array_of(argument, step.state[argument])
+        else:
+            own = step.numbers[argument]
+            known = array_of(argument, own) if isinstance(own, np.ndarray) else known_value(own)
+            if known is None:
+                raise ValueError(f"{argument} is no array and no number")
+            arguments[argument] = known
+    found = program.function(function, arguments)
+    tuned = {array for array, *_ in step.parameters}
+    words = [_word(step, name, tuned) for name in found.parameters]
+    return found, words
+
+
+def _word(step: Step, name: str, tuned: set[str]) -> str:
+    """What stands for an argument where the function is called."""
+    if name in step.state or name in tuned:
+        return f"m->{name}"
+    own = step.numbers.get(name)
+    return c_number(own) if isinstance(own, float) else name
+
+
+def _call(made: tuple[Function, list[str]], **signals: str) -> str:
+    function, words = made
+    return f"{function.name}({', '.join(signals.get(word, word) for word in words)});"
+
+
+def _public(
+    step: Step, name: str, held: dict[str, np.ndarray], made: list[tuple[Function, list[str]]]
+) -> Iterable[str]:
+    begin, observe, advance = made
+    kept = {"last": "m->u", "u": "m->u"}
+    inputs, n = len(step.inputs), len(step.outputs[0][1])
+    yield "\n".join(_reset(step, name))
+    tuned = [a for a in held if a not in step.state and held[a].size]
+    yield "\n".join(
+        [
+            f"void {name}_init({name} *m)",
+            "{",
+            f"    static const double rest[{max(n, inputs, 1)}] = {{0.0}};",
+            *(line for array in tuned for line in _first_values(array, held[array])),
+            "",
+            "    memset(m, 0, sizeof *m);",
+            *(f"    memcpy(m->{a}, first_{a}, sizeof first_{a});" for a in tuned),
+            f"    {name}_begin(m, rest, rest, rest);",
+            "}",
+        ]
+    )
+    yield "\n".join(
+        [
+            f"void {name}_begin({name} *m, const double *x0, const double *v0, const double *u)",
+            "{",
+            "    reset(m);",
+            *_copied("m->u", "u", inputs),
+            *_copied("m->last", "u", inputs),
+            *([] if any("x0" in w for w in begin[1]) else ["    (void)x0;"]),
+            *([] if any("v0" in w for w in begin[1]) else ["    (void)v0;"]),
+            *([] if inputs else ["    (void)u;"]),
+            f"    {_call(begin, **kept)}",
+            f"    {_call(observe, **kept)}",
+            "}",
+        ]
+    )
+    yield "\n".join(
+        [
+            f"void {name}_excite({name} *m, const double *u)",
+            "{",
+            f"    {_call(observe, last='m->last', u='u')}",
+            *_copied("m->u", "u", inputs),
+            "}",
+        ]
+    )
+    yield "\n".join(_stepping(step, name, inputs, observe, advance))
+
+
+def _reset(step: Step, name: str) -> Iterable[str]:
+    """The state as it is before a motion."""
+    yield f"static void reset({name} *m)"
+    yield "{"
+    filled = [a for a, value in step.state.items() if np.count_nonzero(value) > FEW]
+    for array in filled:
+        yield from _first_values(array, step.state[array])
+    for array, value in step.state.items():
+        if array in filled:
+            yield f"    memcpy(m->{array}, first_{array}, sizeof first_{array});"
+            continue
+        yield f"    memset(m->{array}, 0, sizeof m->{array});"
+        for place in np.flatnonzero(value):
+            yield f"    m->{array}[{place}] = {c_number(value.flat[place].item())};"
+    yield "}"
+
+
+def _first_values(array: str, value: np.ndarray) -> Iterable[str]:
+    kind = "int" if value.dtype.kind == "i" else "double"
+    yield f"    static const {kind} first_{array}[{value.size}] = {{"
+    yield from _numbers(value, 8)
+    yield "    };"
+
+
+def _copied(to: str, source: str, count: int) -> list[str]:
+    return [f"    memmove({to}, {source}, {count} * sizeof(double));"] if count else []
+
+
+def _stepping(
+    step: Step,
+    name: str,
+    inputs: int,
+    observe: tuple[Function, list[str]],
+    advance: tuple[Function, list[str]],
+) -> Iterable[str]:
+    big = f"{name.upper()}"
+    size = max(inputs, 1)
+    yield f"int {name}_step({name} *m, const double *u, double dt)"
+    yield "{"
+    yield f"    const double parts = floor({step.substeps}.0 * dt / {big}_DT + 0.5);"
+    yield "    const int count = parts < 1.0 ? 1 : (int)parts;"
+    begins = "first" in advance[1]
+    yield f"    double start[{size}], {f'first[{size}], ' if begins else ''}last[{size}];"
+    yield "    int part, i;"
+    yield ""
+    if step.any_step:
+        yield "    if (!(dt > 0.0) || parts > 1e9) {"
+    else:
+        yield f"    if (!(fabs(dt - count * {big}_DT) <= {SAME_STEP!r} * {big}_DT)) {{"
+    yield f"        return {big}_BAD_STEP;"
+    yield "    }"
+    yield f"    for (i = 0; i < {inputs}; ++i) {{" if inputs else "    i = 0;"
+    if inputs:
+        yield "        start[i] = last[i] = m->u[i];"
+        yield "    }"
+    else:
+        yield "    start[i] = last[i] = 0.0;"
+    yield "    for (part = 1; part <= count; ++part) {"
+    yield f"        for (i = 0; i < {size}; ++i) {{"
+    if begins:
+        yield "            first[i] = last[i];"
+    if inputs:
+        yield "            last[i] = start[i] + (double)part / count * (u[i] - start[i]);"
+    yield "        }"
+    own = "dt / count" if step.any_step else f"{big}_DT"
+    yield f"        {_call(advance, first='first', last='last', dt=own)}"
+    if not step.any_step:
+        yield f"        {_call(observe, last='last', u='part < count ? last : u')}"
+    yield "    }"
+    if step.any_step:
+        yield f"    {_call(observe, last='last', u='u')}"
+    yield from _copied("m->last", "last", inputs)
+    yield from _copied("m->u", "u", inputs)
+    if not inputs:
+        yield "    (void)u;"
+    last = [f"m->{array}" for array, *_ in step.outputs]
+    yield f"    for (i = 0; i < {len(step.outputs[-1][1])}; ++i) {{"
+    yield f"        if (!isfinite({last[-1]}[i])) {{"
+    yield f"            return {big}_DIVERGED;"
+    yield "        }"
+    yield "    }"
+    yield "    return 0;"
+    yield "}"
+
+
+def _header(step: Step, name: str, held: dict[str, np.ndarray], told: Sequence[str]) -> str:
+    big = name.upper()
+    lines = [_comment([f"{name}: a model of a structure.", *told]), ""]
+    lines += [f"#ifndef {big}_H", f"#define {big}_H", ""]
+    lines += [f"#define {big}_INPUTS {len(step.inputs)}"]
+    lines += [f"#define {big}_{array.upper()} {len(names)}" for array, names, _ in step.outputs]
+    lines += [f"#define {big}_X0 {len(step.outputs[0][1])}"]
+    lines += [f"#define {big}_DT {step.dt!r} /* [s] */"]
+    lines += [f"#define {big}_BAD_STEP 1", f"#define {big}_DIVERGED 2", ""]
+    lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
+    lines += ["/* The whole state: copy it to save it. */", "typedef struct {"]
+    excitation = ", ".join(f"{n} [{unit}]" if unit else n for n, unit in step.inputs)
+    lines += [f"    double u[{max(len(step.inputs), 1)}]; /* excitation: {excitation} */"]
+    lines += [f"    double last[{max(len(step.inputs), 1)}]; /* before it jumped */"]
+    units = {array: unit for array, _, unit in step.outputs}
+    for array, value in held.items():
+        kind = "int" if value.dtype.kind == "i" else "double"
+        words = f" /* [{units[array]}] */" if array in units else ""
+        lines += [f"    {kind} {array}[{max(value.size, 1)}];{words}"]
+    lines += [f"}} {name};", ""]
+    lines += ["/* The numbers that were identified, at rest. */", f"void {name}_init({name} *m);"]
+    lines += ["/* A motion that begins with x0, v0 and the excitation u. */"]
+    lines += [f"void {name}_begin({name} *m, const double *x0, const double *v0, const double *u);"]
+    lines += [
+        "/* The excitation jumps to u. */",
+        f"void {name}_excite({name} *m, const double *u);",
+    ]
+    lines += [
+        "/* To the next instant, dt [s] later, while the excitation goes to u on a straight line.",
+        f"   0, or {big}_BAD_STEP, or {big}_DIVERGED. */",
+        f"int {name}_step({name} *m, const double *u, double dt);",
+    ]
+    return "\n".join([*lines, "", "#ifdef __cplusplus", "}", "#endif", "", "#endif", ""])
+
+
+def _comment(lines: Sequence[str]) -> str:
+    safe = [line.replace("*/", "* /") for line in lines]
+    return "/* " + "\n   ".join(safe) + " */"
+
+
+def _table(name: str, value: np.ndarray) -> str:
+    kind = "int" if value.dtype.kind == "i" else "double"
+    return "\n".join([f"static const {kind} {name}[{value.size}] = {{", *_numbers(value, 4), "};"])
+
+
+def c_number(value: float) -> str:
+    return number(value).code
+
+
+def _numbers(value: np.ndarray, indent: int) -> Iterable[str]:
+    words = [c_number(number) for number in value.ravel().tolist()]
+    for first in range(0, len(words), ON_A_LINE):
+        yield " " * indent + ", ".join(words[first : first + ON_A_LINE]) + ","

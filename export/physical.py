@@ -1,0 +1,168 @@
+"""What an identified model holds of physics: masses, springs, dampers, yield, gaps, with units.
+
+Names have the form part.quantity or part.term.quantity: x1.mass, r2.stiffness,
+r2.unit_1.yield_displacement. Parts: DOFs x1, …, elements r1, …, modes mode_1, …, the structure.
+A black box has none: the list is empty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+
+from export.physical_laws import branch_law, composed_laws, named_law
+from models.branch_element import BranchElement
+from models.composition.branch_run import Branches
+from models.composition.composite import Composite
+from models.element_network import ElementNetwork
+from models.element_network_branch import ElementNetworkBranch
+from models.element_network_named import ElementNetworkNamed
+from models.estimator import Estimator
+from models.hysteretic_element import HystereticElement
+from models.latent_hysteresis_network import LatentHysteresisNetwork
+from models.linear import EquivalentLinear
+from models.linear_motion import LinearMotion
+from models.modal_network import ModalNetwork
+from models.named_element import NamedElement
+from models.prandtl_ishlinskii import PrandtlIshlinskii
+from models.sliders.fit import LINEAR
+from models.sliding_mass import SlidingMass
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical parameter of an identified model.
+
+    about: what its part is, such as the nodes that an element joins. derived: it follows from
+    others of the list, as a yield force from stiffness and yield displacement.
+    """
+
+    name: str
+    value: float
+    unit: str  # SI; "" where it has none
+    about: str = ""
+    derived: bool = False
+
+
+@torch.no_grad()
+def parameters_of(estimator: Estimator) -> list[Parameter]:
+    """Physical parameters of an identified estimator, in SI units; none of a black box.
+
+    Where `scale_is_open`, masses and forces are known but for a factor that all of them share.
+    Raises ValueError for an estimator that is not identified.
+    """
+    return [Parameter(*values) for values in _of(estimator)]
+
+
+def scale_is_open(estimator: Estimator) -> bool:
+    """Whether masses and forces share an unknown factor: no force and no mass was given."""
+    if isinstance(estimator, ElementNetwork):
+        return estimator.known_masses is None and not estimator.forced
+    return False
+
+
+Values = tuple[str, float, str, str, bool]
+
+
+def _of(estimator: Estimator) -> Iterator[Values]:
+    if isinstance(estimator, Composite):
+        estimator.require_identified(estimator.identified)
+        yield from _composite(estimator)
+    elif isinstance(estimator, BranchElement):
+        estimator.require_identified(estimator.scale)
+        branches = Branches(estimator.theta, estimator.sizes, estimator.scale[:4])
+        for e in range(estimator.dofs):
+            yield from branch_law(branches, e, f"r{e + 1}", "under s and its rate")
+    elif isinstance(estimator, NamedElement):
+        estimator.require_identified(estimator.laws.numbers)
+        yield from named_law(estimator.laws[0], "r1", "under s and its rate")
+    elif isinstance(estimator, PrandtlIshlinskii):
+        yield from _sliders(estimator)
+    elif isinstance(estimator, LinearMotion):
+        yield from _linear(estimator.system)
+    elif isinstance(estimator, EquivalentLinear):
+        yield from _linear(estimator)
+    elif isinstance(estimator, ModalNetwork):
+        yield from _modes(estimator)
+    elif isinstance(estimator, SlidingMass):
+        yield from _sliding_mass(estimator)
+
+
+def _composite(model: Composite) -> Iterator[Values]:
+    if isinstance(model, ElementNetwork):
+        for i, mass in enumerate(model.mass().tolist(), start=1):
+            yield f"x{i}.mass", mass, "kg", "", False
+        pairs = ["–".join(pair) for pair in model.elements]
+        for e, pair in enumerate(pairs):
+            name = f"r{e + 1}"
+            if isinstance(model, ElementNetworkBranch):
+                yield from branch_law(model.branches, e, name, pair)
+            elif isinstance(model, ElementNetworkNamed):
+                yield from named_law(model.named[e], name, pair)
+            else:
+                yield from composed_laws(model.laws, e, name, pair)
+    elif isinstance(model, LatentHysteresisNetwork):
+        rates = zip(model.stiffness().tolist(), model.damping().tolist(), strict=True)
+        for i, (square, rate) in enumerate(rates, start=1):
+            yield from _mode(f"mode_{i}", square, rate, "without the elements")
+        for e, direction in enumerate(model.directions().tolist()):
+            along = "along " + ", ".join(f"{d:.3g}" for d in direction[:4])
+            yield from composed_laws(model.laws, e, f"r{e + 1}", along)
+    elif isinstance(model, HystereticElement):
+        for j in range(model.parallel):
+            for e in range(model.dofs):
+                name = f"r{e + 1}" + (f".law_{j + 1}" if model.parallel > 1 else "")
+                row = j * model.dofs + e
+                yield from composed_laws(model.laws, row, name, "under s and its rate")
+
+
+def _linear(model: EquivalentLinear) -> Iterator[Values]:
+    """Entries of M⁻¹K, M⁻¹C and of what the excitation does: a fit to the motion knows no more."""
+    model.require_identified(model.weights)
+    damping, stiffness, inputs = model.matrices()
+    if stiffness.ndim != 2:
+        return
+    for name, matrix, unit in (
+        ("stiffness_by_mass", stiffness, "1/s²"), ("damping_by_mass", damping, "1/s"),
+    ):  # fmt: skip
+        for i, row in enumerate(matrix.tolist(), start=1):
+            for j, value in enumerate(row, start=1):
+                yield f"x{i}.{name}.x{j}", value, unit, "", False
+    for i, row in enumerate(inputs.tolist(), start=1):
+        for j, value in enumerate(row, start=1):
+            yield f"x{i}.acceleration_by_input.u{j}", value, "m/s² per unit", "", False
+
+
+def _modes(model: ModalNetwork) -> Iterator[Values]:
+    parts, time = model.layout.split(model.values), model.scale.time
+    for i, (k, c) in enumerate(zip(parts["log_k"], parts["log_c"], strict=True), start=1):
+        square, rate = float(torch.tensor(k).exp()), float(torch.tensor(c).exp())
+        yield from _mode(f"mode_{i}", square / time**2, rate / time, "without the elements")
+
+
+def _mode(name: str, square: float, rate: float, about: str) -> Iterator[Values]:
+    """Frequency and damping ratio of a mode: ω² [1/s²] and 2ζω [1/s]."""
+    omega = square**0.5
+    yield f"{name}.frequency", omega / (2.0 * torch.pi), "Hz", about, False
+    yield f"{name}.damping_ratio", 0.5 * rate / omega, "", about, False
+
+
+def _sliders(model: PrandtlIshlinskii) -> Iterator[Values]:
+    """r₀, k, c and half widths; the springs in series are curves, and have no single number."""
+    model.require_identified(model.weights)
+    way, fastest, force = model.scale.tolist()
+    about = "under s and its rate"
+    units = ((force, "N", "offset"), (force / way, "N/m", "stiffness_beside_the_sliders"),
+             (force / fastest, "N s/m", "damping"))  # fmt: skip
+    for value, (size, unit, name) in zip(model.weights[:LINEAR].tolist(), units, strict=True):
+        yield f"r1.{name}", value * size, unit, about, False
+    for j, width in enumerate(w for w in model.widths.tolist() if w > 0.0):
+        yield f"r1.slider_{j + 1}.half_width", width * way, "m", about, False
+
+
+def _sliding_mass(model: SlidingMass) -> Iterator[Values]:
+    units = {"gain": "m/s² per unit", "dry_friction": "of the input", "offset": "of the input"}
+    for name, value in model._facts(model.mass).items():
+        yield f"x1.{name}", float(value), units[name], "", False

@@ -1,0 +1,145 @@
+"""Physical parameters of one element, by what its law is made of; names as in export/physical.py.
+
+Each is (name, value, unit, about, derived).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor
+
+from models.composition.branch_law import LEAST_DAMPER, TAIL, branch_forces, ramp
+from models.composition.branch_run import Branches
+from models.composition.laws import ElementLaws
+from models.named_laws.fit import Fit
+
+Values = tuple[str, float, str, str, bool]
+UNITS = {  # of the parameters of named laws (models/named_laws/candidates.py)
+    **dict.fromkeys(
+        ("activation_displacement", "yield_displacement", "gap", "largest", "pinching_width"), "m"
+    ),
+    **dict.fromkeys(("stiffness", "spring"), "N/m"),
+    **dict.fromkeys(("slow", "faster"), "N"),
+    **dict.fromkeys(("eta_rate", "nu_rate", "pinching_rate"), "1/J"),
+    "damping": "N s/m",
+    "rate": "s/m",
+    "pinching_spread": "m/J",
+}
+WORDS = {  # of parameters whose names in code say too little beside others
+    "spring": "parallel_stiffness",
+    "slow": "friction_slow",
+    "faster": "friction_fast_less_slow",
+    "largest": "largest_hysteretic_displacement",
+    "above_one": "exponent_less_one",
+    "rate": "friction_rate",
+}
+YIELDS = ("yield_displacement", "activation_displacement", "largest")  # at a force of k times it
+STEPS = 100  # of a push
+SMALL = 0.05  # of an element's stiffness: hinges and units that are told term by term alone
+TERMS = (  # of a composed law: attribute of ElementLaws, name, unit
+    ("stiffness", "stiffness", "N/m"),
+    ("damping", "damping", "N s/m"),
+    ("cubic", "cubic_stiffness", "N/m³"),
+    ("quadratic", "quadratic_stiffness", "N/m²"),
+    ("absolute_damping", "damping_by_deformation", "N s/m²"),
+    ("square_damping", "damping_by_square_deformation", "N s/m³"),
+)
+GROUPS = (  # of terms of a law that come several times
+    ("hinge", (("hinge_gap", "gap", "m"), ("hinge_stiffness", "stiffness", "N/m"))),
+    ("tanh", (("tanh_place", "place", "m"), ("tanh_slope", "slope", "1/m"),
+              ("tanh_stiffness", "stiffness", "N/m"))),
+    ("unit", (("unit_limit", "yield_displacement", "m"), ("unit_stiffness", "stiffness", "N/m"),
+              ("unit_rising", "rising", "1/m"), ("unit_falling", "falling", "1/m"))),
+)  # fmt: skip
+
+
+def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[Values]:
+    """Of element e: stiffness and damping of small motions, gaps, hysteretic units by their limits.
+
+    A unit bears its stiffness up to its yield displacement, and then its yield force; `rising` and
+    `falling` bend its way there (models/composition/laws.py). Once all have yielded the element
+    has its post-yield stiffness, springs beyond gaps aside. Gap, yield displacement and yield force
+    of the element are those of its stiffest hinge and unit, where they are no small part of it.
+    """
+    for attribute, name, unit in TERMS:
+        coefficients = getattr(laws, attribute)
+        value = float(coefficients()[e])
+        if coefficients.learned or value != 0.0:
+            yield f"{part}.{name}", value, unit, about, False
+    for group, columns in GROUPS:
+        table = [getattr(laws, attribute)()[e].tolist() for attribute, *_ in columns]
+        rows = sorted(zip(*table, strict=True))
+        for i, row in enumerate(rows, start=1):
+            for value, (_, name, unit) in zip(row, columns, strict=True):
+                yield f"{part}.{group}_{i}.{name}", value, unit, about, False
+            if group == "unit":
+                yield f"{part}.unit_{i}.yield_force", row[0] * row[1], "N", about, True
+    k, (hinges, _, units) = float(laws.stiffness()[e]), laws.counts
+    if hinges and (gap := _main(laws.hinge_stiffness()[e], laws.hinge_gap()[e], k)):
+        yield f"{part}.gap", gap, "m", about, True
+    if units:
+        left = k - float(laws.unit_stiffness()[e].sum())
+        yield f"{part}.post_yield_stiffness", left, "N/m", about, True
+        if k > 0.0:
+            yield f"{part}.post_yield_ratio", left / k, "", about, True
+        if place := _main(laws.unit_stiffness()[e], laws.unit_limit()[e], k):
+            yield f"{part}.yield_displacement", place, "m", about, True
+            yield f"{part}.yield_force", k * place, "N", about, True
+
+
+def _main(stiffness: Tensor, place: Tensor, k: float) -> float | None:
+    """Where the stiffest of several terms acts; None where it is a small part of the element."""
+    size = stiffness.abs()
+    strongest = int(size.argmax())
+    return float(place[strongest]) if float(size[strongest]) > SMALL * k > 0.0 else None
+
+
+def branch_law(branches: Branches, e: int, part: str, about: str) -> Iterator[Values]:
+    """Of element e: its force under a slow push from rest to the largest deformation of training.
+
+    A branch law is curves and has no parameter of its own that is physical, its dampers aside
+    (models/composition/branch_law.py). Stiffness: the secant at a twentieth of the way; after
+    yielding that over the last fifth; it yields where these two lines meet. Means of both ways.
+    """
+    theta = branches.theta[e].detach()
+    Y, V, F, log_k0 = (float(value) for value in branches.scale[:, e])
+    tail = theta[-TAIL:]
+    y = torch.linspace(0.0, 1.0, STEPS + 1, dtype=torch.float64)
+    turns = torch.zeros(STEPS + 1, dtype=torch.int64)
+    r = torch.zeros_like(y)
+    for side in (1, -1):
+        turns[0] = side
+        pushed = branch_forces(theta, branches.sizes, side * y, torch.zeros_like(y), turns, log_k0)
+        r += 0.5 * side * pushed
+    first, last = round(0.05 * STEPS), round(0.8 * STEPS)
+    k, slope = float(r[first] / y[first]), float((r[-1] - r[last]) / (y[-1] - y[last]))
+    yield f"{part}.stiffness", k * F / Y, "N/m", about, True
+    damper = float(ramp(tail[2], LEAST_DAMPER))
+    yield f"{part}.damping", damper * F / V, "N s/m", about, False
+    yield f"{part}.growth_with_rate", float(tail[3].exp()) - 1.0, "", about, False
+    yield f"{part}.rate_of_growth", float(tail[4].exp()) * V, "m/s", about, False
+    yield f"{part}.largest_deformation", Y, "m", about, False
+    yield f"{part}.force_there", F * float(r[-1]), "N", about, True
+    yield f"{part}.post_yield_stiffness", slope * F / Y, "N/m", about, True
+    if k > 0.0:
+        yield f"{part}.post_yield_ratio", slope / k, "", about, True
+    corner = (float(r[-1]) - slope) / (k - slope) if k > slope else 0.0
+    if 0.0 < corner < 1.0:  # else it does not yield on this way
+        yield f"{part}.yield_displacement", corner * Y, "m", about, True
+        yield f"{part}.yield_force", k * corner * F, "N", about, True
+
+
+def named_law(fit: Fit, part: str, about: str) -> Iterator[Values]:
+    """Of an element with a named law: the law's own parameters, and its yield force."""
+    name, values = fit.candidate.name, fit.candidate.values(fit.q, fit.units)
+    about = f"{about}, {name}"
+    for key, value in values.items():
+        yield f"{part}.{WORDS.get(key, key)}", value, UNITS.get(key, ""), about, False
+    for key in YIELDS:
+        if key in values and name != "FrictionPendulum":
+            share = 1.0 - values.get("post_yield_ratio", 0.0)
+            force = share * values["stiffness"] * values[key]
+            word = "activation_force" if name == "SelfCentering" else "yield_force"
+            yield f"{part}.{word}", force, "N", about, True

@@ -1,0 +1,155 @@
+"""Steps of recurrent networks: gated recurrent units and long short-term memory.
+
+h[0−] = W₀ [x₀, v₀] + b₀,   h[k] = cell(h[k−1], u[k]),   [ẍ, x, ẋ][k] = W [h[k], u[k]] + b
+
+A cell takes the excitation at the sample, so h moves in `observe`, into `new`, which `advance`
+takes over. Weights stand transposed, so that loops over neurons are contiguous.
+n DOFs, m excitations, L layers, H neurons, G gates of each: 3 (r, z, n) or 4 (i, f, g, o).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from torch import Tensor
+
+from data.record import HOLDS
+from export.names import inputs_of, motion_of
+from export.step import Step
+from export.steps.integrals import at_first, integrate, states, take_over
+from models.recurrent import Recurrent
+
+
+def _sigmoid(x):
+    return 0.5 + 0.5 * math.tanh(0.5 * x)
+
+
+def begin(x0, v0, h, past, elapsed, W0, b0, state_centre, state_reach):
+    """The first state of the cells, by the first state of the motion."""
+    S, L, H = h.shape
+    n = x0.size
+    for s in range(S):
+        for layer in range(L):
+            for i in range(H):
+                h[s, layer, i] = b0[s, layer, i]
+    for j in range(2 * n):
+        motion = x0[j] if j < n else v0[j - n]
+        scaled = (motion - state_centre[j]) / state_reach[j]
+        for s in range(S):
+            for layer in range(L):
+                for i in range(H):
+                    h[s, layer, i] += W0[j, s, layer, i] * scaled
+    at_first(x0, v0, past, elapsed)
+
+
+def _gated(h, new, layer, driven, own):
+    """The new state of a layer's cells, of what drives its gates (G H,) and their own part."""
+    S, _, H = h.shape
+    for i in range(H):
+        if S == 1:  # gated recurrent units: r, z, n
+            r = _sigmoid(driven[i] + own[i])
+            z = _sigmoid(driven[H + i] + own[H + i])
+            candidate = math.tanh(driven[2 * H + i] + r * own[2 * H + i])
+            new[0, layer, i] = candidate + z * (h[0, layer, i] - candidate)
+        else:  # long short-term memory: i, f, g, o
+            entering = _sigmoid(driven[i] + own[i])
+            kept = _sigmoid(driven[H + i] + own[H + i])
+            candidate = math.tanh(driven[2 * H + i] + own[2 * H + i])
+            seen = _sigmoid(driven[3 * H + i] + own[3 * H + i])
+            new[1, layer, i] = kept * h[1, layer, i] + entering * candidate
+            new[0, layer, i] = seen * math.tanh(new[1, layer, i])
+
+
+def _cells(scaled, h, new, V, U, b_in, b_own):
+    """All layers one sample on, from h to `new`, under a scaled excitation (m,)."""
+    L, H = h.shape[1], h.shape[2]
+    gates = U.shape[2]
+    driven = np.zeros(gates)
+    own = np.zeros(gates)
+    for layer in range(L):
+        driven[:] = b_in[layer]
+        own[:] = b_own[layer]
+        for j in range(scaled.size if layer == 0 else H):
+            below = scaled[j] if layer == 0 else new[0, layer - 1, j]
+            for i in range(gates):
+                driven[i] += V[layer, j, i] * below
+        for j in range(H):
+            for i in range(gates):
+                own[i] += U[layer, j, i] * h[0, layer, j]
+        _gated(h, new, layer, driven, own)
+
+
+def observe(u, h, new, past, elapsed, x, v, a, V, U, b_in, b_own, W, b, centre, reach):
+    """The cells at the sample, and the motion that they tell; x and v are integrals, or learned."""
+    n, m, last, H = a.size, u.size, h.shape[1] - 1, h.shape[2]
+    scaled = np.zeros(m)
+    motion = np.zeros(b.size)
+    for j in range(m):
+        scaled[j] = (u[j] - centre[j]) / reach[j]
+    _cells(scaled, h, new, V, U, b_in, b_own)
+    motion[:] = b
+    for j in range(H + m):
+        signal = new[0, last, j] if j < H else scaled[j - H]
+        for i in range(b.size):
+            motion[i] += W[j, i] * signal
+    for i in range(n):
+        a[i] = motion[i]
+    if b.size == n:
+        integrate(past, elapsed, x, v, a)
+    else:
+        for i in range(n):
+            x[i], v[i] = motion[n + i], motion[2 * n + i]
+
+
+def advance(dt, h, new, past, elapsed, x, v, a):
+    """The cells' new state is their state."""
+    S, L, H = h.shape
+    for s in range(S):
+        for layer in range(L):
+            for i in range(H):
+                h[s, layer, i] = new[s, layer, i]
+    take_over(dt, past, elapsed, x, v, a)
+
+
+def step_of(model: Recurrent) -> Step:
+    """The step of a recurrent network. Raises ValueError for one that is not identified."""
+    model.require_identified(model.signals)
+    L, H = model.cells.num_layers, model.cells.hidden_size
+    shape = (model.states, L, H)
+    h = np.zeros(shape)
+    new = np.zeros(shape)
+    state = {"h": h, "new": new, **states(model.dofs)}
+    return Step(
+        begin, observe, advance, model.dt, state, _numbers(model, shape), inputs_of(model),
+        motion_of(model), holds=HOLDS,
+    )  # fmt: skip
+
+
+def _numbers(model: Recurrent, shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
+    """Weights of first state, cells and head, transposed; scales."""
+    cells, L = model.cells, shape[1]
+    layers = [[_array(part) for part in cells.all_weights[layer]] for layer in range(L)]
+    V = np.zeros((L, max(len(part[0].T) for part in layers), layers[0][0].shape[0]))
+    for layer, (driven, *_) in enumerate(layers):
+        V[layer, : driven.shape[1]] = driven.T
+    learned = 3 if bool(model.signals[1:].any()) else 1  # of [ẍ, x, ẋ]
+    size = _array(model.signals)[:learned].ravel()
+    return {
+        "W0": np.ascontiguousarray(_array(model.begin.weight).T).reshape(-1, *shape),
+        "b0": _array(model.begin.bias).reshape(shape),
+        "V": V,
+        "U": np.ascontiguousarray(np.stack([own.T for _, own, *_ in layers])),
+        "b_in": np.stack([part[2] for part in layers]),
+        "b_own": np.stack([part[3] for part in layers]),
+        "W": np.ascontiguousarray((_array(model.head.weight)[: len(size)] * size[:, None]).T),
+        "b": _array(model.head.bias)[: len(size)] * size,
+        "centre": _array(model.input_scale.centre),
+        "reach": _array(model.input_scale.reach),
+        "state_centre": _array(model.state_scale.centre),
+        "state_reach": _array(model.state_scale.reach),
+    }
+
+
+def _array(values: Tensor) -> np.ndarray:
+    return values.detach().numpy().copy()

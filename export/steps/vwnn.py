@@ -1,0 +1,70 @@
+"""Step of a Volterra/Wiener neural network that runs on its own estimates.
+
+ξ = [H ζ, H² ζ, …],  ζ = [ẍ, f],   ẍ̂ = Wᵀ φ(ξ),   from filters at rest
+S stages, C = n + m channels of ζ, P features, n DOFs, m excitations.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from data.record import HOLDS
+from export.names import inputs_of, motion_of
+from export.step import Step
+from export.steps.integrals import at_first, integrate, states, take_over
+from models.vwnn import VWNN
+from models.vwnn_compiled import _advance
+
+
+def begin(x0, v0, xi, past, elapsed):
+    """Filters at rest, whatever the motion."""
+    for i in range(xi.shape[0]):
+        for j in range(xi.shape[1]):
+            xi[i, j] = 0.0
+    at_first(x0, v0, past, elapsed)
+
+
+def observe(u, xi, past, elapsed, x, v, a, W, factors, channels, sigmoid_weight):
+    """The estimate from the filters' outputs and, where it is among ξ, the excitation itself."""
+    S, C = xi.shape
+    P, n = W.shape
+    h = np.empty(channels + 1)
+    for i in range(S):
+        for j in range(C):
+            h[i * C + j] = math.tanh(sigmoid_weight[0] * xi[i, j])
+    for j in range(channels - S * C):
+        h[S * C + j] = math.tanh(sigmoid_weight[0] * u[j])
+    h[channels] = 1.0
+    a[:] = 0.0
+    for p in range(P):
+        product = h[factors[p, 0]] * h[factors[p, 1]] * h[factors[p, 2]]
+        for j in range(n):
+            a[j] += product * W[p, j]
+    integrate(past, elapsed, x, v, a)
+
+
+def advance(first, dt, xi, past, elapsed, x, v, a, decay):
+    """The filters one sample on."""
+    _advance(xi, a, first, decay[0])
+    take_over(dt, past, elapsed, x, v, a)
+
+
+def step_of(model: VWNN) -> Step:
+    """The step of a network. Raises ValueError for one that is not identified."""
+    model.require_identified(model.weights)
+    if model.weights.ndim == 3:
+        raise ValueError(f"{len(model.weights)} models stand side by side; export one of them")
+    numbers = {
+        "W": model.weights.detach().numpy().copy(),
+        "factors": model.activation.places().numpy(),
+        "sigmoid_weight": np.array([float(model.activation.weight)]),
+        "decay": np.array([float(model.filters.decay)]),
+        "channels": model.activation.channels,
+    }
+    xi = np.zeros((model.filters.stages, model.dofs + model.inputs))
+    return Step(
+        begin, observe, advance, model.dt, {"xi": xi, **states(model.dofs)}, numbers,
+        inputs_of(model), motion_of(model), holds=HOLDS,
+    )  # fmt: skip

@@ -1,0 +1,246 @@
+"""Expressions of Python as values with C text."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from export.translate import operations
+from export.translate.scope import Scope
+from export.translate.values import (
+    DOUBLE,
+    INT,
+    PLUS,
+    TIMES,
+    UNARY,
+    Value,
+    known_value,
+    number,
+    tuple_of,
+)
+
+Called = Callable[[Callable[..., Any], list[Value], "Expressions"], Value]
+
+
+class Expressions:
+    """Expressions in the scope of one function. `names`: those of its module."""
+
+    def __init__(self, scope: Scope, names: dict[str, Any], call: Called) -> None:
+        self.scope, self.names, self.call_of = scope, names, call
+        self.before: list[str] = []  # statements that an expression needs before it
+        self.hoisting = True  # whether there may be any
+        self.calls = 0  # of functions of ours, which may write into arrays
+
+    def value(self, node: ast.expr) -> Value:
+        """Raises ValueError for what the translator does not know."""
+        method = getattr(self, f"_{type(node).__name__.lower()}", None)
+        if method is None:
+            raise ValueError(f"{ast.unparse(node)}: this kind of expression is not known")
+        found: Value = method(node)
+        return found
+
+    def _constant(self, node: ast.Constant) -> Value:
+        found = known_value(node.value)
+        if found is None:
+            raise ValueError(f"{ast.unparse(node)} is no number")
+        return found
+
+    def _name(self, node: ast.Name) -> Value:
+        found = self.scope.get(node.id)
+        if found is None and node.id in self.names:
+            found = known_value(self.names[node.id])
+        if found is None and hasattr(builtins, node.id):
+            found = known_value(getattr(builtins, node.id))
+        if found is None:
+            raise ValueError(f"{node.id} is not known; set it before, or make it a number")
+        return found
+
+    def _tuple(self, node: ast.Tuple) -> Value:
+        return tuple_of([self.value(item) for item in node.elts])
+
+    def _binop(self, node: ast.BinOp) -> Value:
+        found, helper = operations.binary(node.op, self.value(node.left), self.value(node.right))
+        return self._with(found, helper)
+
+    def _with(self, found: Value, helper: str) -> Value:
+        if helper:
+            self.scope.helpers.add(helper)
+        return found
+
+    def _unaryop(self, node: ast.UnaryOp) -> Value:
+        value = self.value(node.operand)
+        if isinstance(node.op, ast.Not):
+            return operations.negated(value)
+        return operations.minus(value) if isinstance(node.op, ast.USub) else value
+
+    def _compare(self, node: ast.Compare) -> Value:
+        sides = [self.value(side) for side in (node.left, *node.comparators)]
+        parts = [
+            operations.compared(sign, a, b)
+            for sign, a, b in zip(node.ops, sides[:-1], sides[1:], strict=True)
+        ]
+        return operations.all_or_any(parts, True)
+
+    def _boolop(self, node: ast.BoolOp) -> Value:
+        every, parts = isinstance(node.op, ast.And), []
+        for i, item in enumerate(node.values):
+            part = self.value(item) if i == 0 else self._aside(item)
+            parts.append(part)
+            if part.fixed and bool(part.known) != every:
+                break
+        return operations.all_or_any(parts, every)
+
+    def _ifexp(self, node: ast.IfExp) -> Value:
+        condition = self.value(node.test)
+        if condition.fixed:
+            return self.value(node.body if condition.known else node.orelse)
+        return operations.either(condition, self._aside(node.body), self._aside(node.orelse))
+
+    def _aside(self, node: ast.expr) -> Value:
+        """An expression that may not be reached: nothing may be done for it beforehand."""
+        before, self.hoisting = self.hoisting, False
+        found = self.value(node)
+        self.hoisting = before
+        return found
+
+    def _attribute(self, node: ast.Attribute) -> Value:
+        owner = self.value(node.value)
+        if owner.kind == "array" and node.attr == "shape":
+            return tuple_of([number(n) for n in owner.shape])
+        if owner.kind == "array" and node.attr == "size":
+            return number(owner.size)
+        if owner.kind == "module":
+            found = known_value(getattr(owner.known, node.attr, None))
+            if found is not None:
+                return found
+        raise ValueError(f"{ast.unparse(node)} is not known")
+
+    def _subscript(self, node: ast.Subscript) -> Value:
+        owner = self.value(node.value)
+        parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        places = [self.value(part) for part in parts if not isinstance(part, ast.Slice)]
+        if len(places) < len(parts):
+            return self._span(node, owner, places, parts[-1])
+        if owner.kind == "tuple":
+            return self._item(owner, places[0])
+        if owner.kind != "array":
+            raise ValueError(f"{ast.unparse(node)}: a {owner.kind} has no elements")
+        return element(owner, places)
+
+    def _span(
+        self, node: ast.Subscript, owner: Value, places: list[Value], last: ast.expr
+    ) -> Value:
+        """A part of an array whose length is known."""
+        part = element(owner, places)
+        if not isinstance(last, ast.Slice) or last.step is not None or part.kind != "array":
+            raise ValueError(f"{ast.unparse(node)}: one slice, at the end")
+        low = self.value(last.lower) if last.lower else number(0)
+        high = self.value(last.upper) if last.upper else number(part.shape[0])
+        if not (low.fixed and high.fixed):
+            raise ValueError(f"{ast.unparse(node)}: its length must be known")
+        first = element(part, [low])
+        start = first.code if first.kind == "array" else f"{part.within(PLUS)} + {low.code}"
+        shape = (max(high.known - low.known, 0), *part.shape[1:])
+        binds = first.binds if first.kind == "array" else PLUS
+        return Value("array", start, binds, shape=shape, dtype=part.dtype, root=part.root)
+
+    def _item(self, owner: Value, place: Value) -> Value:
+        if place.fixed:
+            return owner.items[place.known]
+        found = owner.items[-1]
+        for i in range(len(owner.items) - 2, -1, -1):
+            chosen = operations.compared(ast.Eq(), place, number(i))
+            found = operations.either(chosen, owner.items[i], found)
+        return found
+
+    def _call(self, node: ast.Call) -> Value:
+        function = self.value(node.func)
+        if node.keywords and not _is_numpy(function):
+            raise ValueError(f"{ast.unparse(node)}: arguments go by place")
+        arguments = [self.value(argument) for argument in node.args]
+        if function.kind == "type":
+            return _converted(function.known, arguments[0])
+        if function.kind != "function":
+            raise ValueError(f"{ast.unparse(node)} calls what is no function")
+        return self._called(function.known, arguments)
+
+    def _called(self, function: Any, arguments: list[Value]) -> Value:
+        name = getattr(function, "__name__", "")
+        if function in (abs, max, min, len):
+            return self._builtin(name, arguments)
+        if _is_numpy(Value("function", known=function)) and name in ("zeros", "empty"):
+            raise ValueError(f"np.{name} is for an assignment to a name")
+        module = _module_of(function)
+        if module is not None:
+            return operations.of_numbers(name, arguments, module)
+        self.calls += 1
+        return self.call_of(function, arguments, self)
+
+    def _builtin(self, name: str, arguments: list[Value]) -> Value:
+        first = arguments[0]
+        if name == "len":
+            return number(first.shape[0] if first.kind == "array" else len(first.items))
+        if name == "abs":
+            if first.fixed:
+                return number(abs(first.known))
+            if first.kind == INT:
+                return Value(INT, f"({first.within(PLUS)} < 0 ? -{first.within(9)} : {first.code})")
+            return Value(DOUBLE, f"fabs({first.code})")
+        found = first
+        for other in arguments[1:]:
+            found = self._with(*operations.extreme(name == "max", found, other))
+        return found
+
+
+def element(array: Value, places: Sequence[Value]) -> Value:
+    """An element of an array, or a part of it: its first places are given."""
+    if len(places) > len(array.shape):
+        raise ValueError(f"{array.root} has {len(array.shape)} dimensions")
+    offset: Value = number(0)
+    for i, place in enumerate(places):
+        if place.kind != INT:
+            raise ValueError(f"an index of {array.root} is no whole number")
+        stride = 1
+        for length in array.shape[i + 1 :]:
+            stride *= length
+        if place.fixed and place.known < 0:
+            place = number(place.known + array.shape[i])
+        step = operations.binary(ast.Mult(), place, number(stride))[0] if stride != 1 else place
+        zero = offset.fixed and offset.known == 0
+        offset = step if zero else operations.binary(ast.Add(), offset, step)[0]
+    if len(places) == len(array.shape):
+        own = array.code if array.binds == 9 else f"({array.code})"
+        return Value(array.dtype, f"{own}[{offset.code}]")
+    if offset.fixed and offset.known == 0:
+        return Value(**{**vars(array), "shape": array.shape[len(places) :]})
+    text = f"{array.within(PLUS)} + {offset.within(TIMES)}"
+    return Value(
+        "array", text, PLUS, shape=array.shape[len(places) :], dtype=array.dtype, root=array.root
+    )
+
+
+def _converted(kind: type, value: Value) -> Value:
+    if value.fixed:
+        return number(kind(value.known))
+    if kind is float:
+        return value.as_double()
+    return value if value.kind == INT else Value(INT, f"(int){value.within(UNARY)}", UNARY)
+
+
+def _is_numpy(function: Value) -> bool:
+    return getattr(function.known, "__module__", None) == "numpy"
+
+
+def _module_of(function: Any) -> Any:
+    """math or numpy, where the function is theirs."""
+    import math
+
+    import numpy as np
+
+    name = getattr(function, "__name__", "")
+    for module in (math, np):
+        if getattr(module, name, None) is function:
+            return module
+    return None

@@ -1,0 +1,247 @@
+"""Arithmetic of known and unknown numbers: folded where all is known, else C text."""
+
+from __future__ import annotations
+
+import ast
+import operator
+from collections.abc import Sequence
+from typing import Any
+
+from export.translate.values import (
+    AND,
+    ATOM,
+    CHOSEN,
+    COMPARED,
+    DOUBLE,
+    INT,
+    OR,
+    PLUS,
+    TIMES,
+    UNARY,
+    Value,
+    number,
+    tuple_of,
+)
+
+FOLDED: dict[type[ast.AST], Any] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod,
+    ast.Pow: operator.pow,
+    ast.BitAnd: operator.and_,
+    ast.BitOr: operator.or_,
+    ast.LShift: operator.lshift,
+    ast.RShift: operator.rshift,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+}
+BITS = {ast.BitAnd: "&", ast.BitOr: "|", ast.LShift: "<<", ast.RShift: ">>"}
+SIGNS: dict[type[ast.AST], tuple[str, int]] = {
+    ast.Add: ("+", PLUS),
+    ast.Sub: ("-", PLUS),
+    ast.Mult: ("*", TIMES),
+    ast.Div: ("/", TIMES),
+    ast.Lt: ("<", COMPARED),
+    ast.LtE: ("<=", COMPARED),
+    ast.Gt: (">", COMPARED),
+    ast.GtE: (">=", COMPARED),
+    ast.Eq: ("==", COMPARED),
+    ast.NotEq: ("!=", COMPARED),
+}
+OF_NUMBERS = {  # of math and numpy, with the name that C has
+    **{
+        n: n for n in ("exp", "expm1", "log", "log1p", "log2", "log10", "sqrt", "sin", "cos", "tan")
+    },
+    **{n: n for n in ("sinh", "cosh", "tanh", "asin", "acos", "atan", "atan2", "hypot", "pow")},
+    **{n: n for n in ("fabs", "copysign", "fmod")},
+    **{"abs": "fabs", "power": "pow", "arctan": "atan", "arctan2": "atan2"},
+}
+ROUNDED = ("floor", "ceil")  # whole numbers of math, doubles of numpy
+TESTED = ("isfinite", "isnan", "isinf")
+HELPERS = {
+    "squared": "static double squared(double x) { return x * x; }",
+    "cubed": "static double cubed(double x) { return x * x * x; }",
+    "floor_quotient": (
+        "static int floor_quotient(int a, int b)\n"
+        "{\n"
+        "    return a / b - (a % b != 0 && (a < 0) != (b < 0));\n"
+        "}"
+    ),
+    "floor_remainder": (
+        "static int floor_remainder(int a, int b)\n"
+        "{\n"
+        "    return a - b * (a / b - (a % b != 0 && (a < 0) != (b < 0)));\n"
+        "}"
+    ),
+    "larger": "static double larger(double a, double b) { return b > a ? b : a; }",
+    "smaller": "static double smaller(double a, double b) { return b < a ? b : a; }",
+    "fill": (
+        "static void fill(double *a, double value, int count)\n"
+        "{\n"
+        "    int i;\n"
+        "    for (i = 0; i < count; ++i) {\n"
+        "        a[i] = value;\n"
+        "    }\n"
+        "}"
+    ),
+    "fill_int": (
+        "static void fill_int(int *a, int value, int count)\n"
+        "{\n"
+        "    int i;\n"
+        "    for (i = 0; i < count; ++i) {\n"
+        "        a[i] = value;\n"
+        "    }\n"
+        "}"
+    ),
+    "copy": (
+        "static void copy(double *a, const double *b, int count)\n"
+        "{\n"
+        "    int i;\n"
+        "    for (i = 0; i < count; ++i) {\n"
+        "        a[i] = b[i];\n"
+        "    }\n"
+        "}"
+    ),
+    "copy_int": (
+        "static void copy_int(int *a, const int *b, int count)\n"
+        "{\n"
+        "    int i;\n"
+        "    for (i = 0; i < count; ++i) {\n"
+        "        a[i] = b[i];\n"
+        "    }\n"
+        "}"
+    ),
+    "larger_int": "static int larger_int(int a, int b) { return b > a ? b : a; }",
+    "smaller_int": "static int smaller_int(int a, int b) { return b < a ? b : a; }",
+}
+
+
+def binary(sign: ast.operator, a: Value, b: Value) -> tuple[Value, str]:
+    """a `sign` b, and the helper that it needs, if any. Raises ValueError for other kinds."""
+    if not (a.is_number and b.is_number):
+        raise ValueError(f"arithmetic of {a.kind} and {b.kind}; write it element by element")
+    if a.fixed and b.fixed:
+        return number(FOLDED[type(sign)](a.known, b.known)), ""
+    kind = DOUBLE if DOUBLE in (a.kind, b.kind) else INT
+    if isinstance(sign, ast.Pow):
+        return _power(a, b)
+    if isinstance(sign, ast.FloorDiv | ast.Mod):
+        if kind == DOUBLE:
+            raise ValueError("// and % take whole numbers here")
+        name = "floor_quotient" if isinstance(sign, ast.FloorDiv) else "floor_remainder"
+        return Value(INT, f"{name}({a.code}, {b.code})"), name
+    if type(sign) in BITS:
+        return Value(INT, f"({a.within(ATOM)} {BITS[type(sign)]} {b.within(ATOM)})"), ""
+    if type(sign) not in SIGNS:
+        raise ValueError(f"{type(sign).__name__} is no arithmetic that is known here")
+    text, binds = SIGNS[type(sign)]
+    if isinstance(sign, ast.Div) or kind == DOUBLE:
+        a, b, kind = a.as_double(), b.as_double(), DOUBLE
+    return Value(kind, f"{a.within(binds)} {text} {b.within(binds + 1)}", binds), ""
+
+
+def _power(a: Value, b: Value) -> tuple[Value, str]:
+    """A whole exponent is repeated multiplication, as compiled Python has it."""
+    names = {2: "squared", 3: "cubed"}
+    if b.fixed and b.kind == INT and b.known in names and a.kind == DOUBLE:
+        return Value(DOUBLE, f"{names[b.known]}({a.code})"), names[b.known]
+    if a.kind == INT and b.kind == INT:
+        raise ValueError("powers of whole numbers must be known")
+    return Value(DOUBLE, f"pow({a.as_double().code}, {b.as_double().code})"), ""
+
+
+def compared(sign: ast.cmpop, a: Value, b: Value) -> Value:
+    """One comparison. Raises ValueError for what is no number, unless it is asked for None."""
+    if isinstance(sign, ast.Is | ast.IsNot):
+        same = a.kind == b.kind == "none"
+        return number(same == isinstance(sign, ast.Is))
+    if a.fixed and b.fixed:
+        return number(bool(FOLDED[type(sign)](a.known, b.known)))
+    if not (a.is_number and b.is_number):
+        raise ValueError(f"a {a.kind} is compared with a {b.kind}")
+    if DOUBLE in (a.kind, b.kind):
+        a, b = a.as_double(), b.as_double()
+    text, binds = SIGNS[type(sign)]
+    return Value(INT, f"{a.within(binds + 1)} {text} {b.within(binds + 1)}", binds)
+
+
+def all_or_any(parts: Sequence[Value], every: bool) -> Value:
+    """`and` or `or` of conditions; those that are known decide or drop out."""
+    kept = []
+    for part in parts:
+        if not part.fixed:
+            kept.append(part)
+        elif bool(part.known) != every:
+            if not kept:
+                return number(not every)
+            kept.append(number(bool(part.known)))
+            break
+    if not kept:
+        return number(every)
+    if len(kept) == 1:
+        return kept[0]
+    text, binds = (" && ", AND) if every else (" || ", OR)
+    return Value(INT, text.join(part.within(COMPARED) for part in kept), binds)
+
+
+def negated(value: Value) -> Value:
+    if value.fixed:
+        return number(not value.known)
+    return Value(INT, f"!{value.within(ATOM)}", UNARY)
+
+
+def minus(value: Value) -> Value:
+    if value.fixed:
+        return number(-value.known)
+    return Value(value.kind, f"-{value.within(ATOM)}", UNARY)
+
+
+def either(condition: Value, yes: Value, no: Value) -> Value:
+    """yes if condition else no, of numbers."""
+    if condition.fixed:
+        return yes if condition.known else no
+    if yes.kind == no.kind == "tuple":
+        pairs = zip(yes.items, no.items, strict=True)
+        return tuple_of([either(condition, one, other) for one, other in pairs])
+    if yes.kind == no.kind == "array" and yes.shape == no.shape and not yes.size:
+        return yes  # nothing is chosen between
+    if not (yes.is_number and no.is_number):
+        raise ValueError(f"a choice between {yes.kind} and {no.kind}")
+    kind = yes.kind
+    if yes.kind != no.kind:
+        yes, no, kind = yes.as_double(), no.as_double(), DOUBLE
+    parts = (condition.within(OR), yes.within(OR), no.within(CHOSEN))
+    return Value(kind, f"{parts[0]} ? {parts[1]} : {parts[2]}", CHOSEN)
+
+
+def extreme(largest: bool, a: Value, b: Value) -> tuple[Value, str]:
+    """max or min of two numbers, the first where they are equal or not comparable."""
+    if a.fixed and b.fixed:
+        return number((max if largest else min)(a.known, b.known)), ""
+    name = "larger" if largest else "smaller"
+    if a.kind == b.kind == INT:
+        return Value(INT, f"{name}_int({a.code}, {b.code})"), f"{name}_int"
+    return Value(DOUBLE, f"{name}({a.as_double().code}, {b.as_double().code})"), name
+
+
+def of_numbers(name: str, arguments: Sequence[Value], module: Any) -> Value:
+    """math.name or np.name of numbers. Raises ValueError for one that C has not."""
+    if all(a.fixed for a in arguments):
+        return number(getattr(module, name)(*(a.known for a in arguments)))
+    text = ", ".join(a.as_double().code for a in arguments)
+    if name in TESTED:
+        return Value(INT, f"({name}({text}) != 0)")
+    if name in ROUNDED:
+        if module.__name__ == "math":
+            return Value(INT, f"(int){name}({text})", UNARY)
+        return Value(DOUBLE, f"{name}({text})")
+    if name not in OF_NUMBERS:
+        raise ValueError(f"{module.__name__}.{name} is not among the functions known here")
+    return Value(DOUBLE, f"{OF_NUMBERS[name]}({text})")

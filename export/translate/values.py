@@ -1,0 +1,118 @@
+"""What the translator knows of an expression: its kind, its C text, and its value where known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+DOUBLE, INT = "double", "int"
+ATOM, UNARY, TIMES, PLUS, COMPARED, AND, OR, CHOSEN = 9, 8, 7, 6, 5, 4, 3, 2  # how tightly C binds
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number, array, tuple, function or module; `known` holds its value where that is fixed.
+
+    kind: "double", "int", "array", "tuple", "function", "module", "type" or "none".
+    Arrays: shape, dtype ("double" or "int") and root, the name whose elements they are.
+    """
+
+    kind: str
+    code: str = ""
+    binds: int = ATOM
+    known: Any = None
+    fixed: bool = False
+    shape: tuple[int, ...] = ()
+    dtype: str = DOUBLE
+    root: str = ""
+    items: tuple[Value, ...] = field(default=())
+
+    def within(self, binds: int) -> str:
+        """Its text as part of an expression that binds so tightly."""
+        return self.code if self.binds >= binds else f"({self.code})"
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+    @property
+    def is_number(self) -> bool:
+        return self.kind in (DOUBLE, INT)
+
+    def as_double(self) -> Value:
+        if self.kind == DOUBLE:
+            return self
+        if self.fixed:
+            return number(float(self.known))
+        return Value(DOUBLE, f"(double){self.within(UNARY)}", UNARY)
+
+
+def number(value: Any) -> Value:
+    """A number that is known."""
+    if isinstance(value, bool | int):
+        text = str(int(value))
+        return Value(INT, text, UNARY if value < 0 else ATOM, value, True)
+    value = float(value)
+    if math.isnan(value):
+        return Value(DOUBLE, "NAN", ATOM, value, True)
+    if math.isinf(value):
+        negative = value < 0.0
+        text = "-INFINITY" if negative else "INFINITY"
+        return Value(DOUBLE, text, UNARY if negative else ATOM, value, True)
+    return Value(DOUBLE, repr(value), UNARY if value < 0.0 else ATOM, value, True)
+
+
+def tuple_of(items: Sequence[Value]) -> Value:
+    fixed = all(item.fixed for item in items)
+    known = tuple(item.known for item in items) if fixed else None
+    return Value("tuple", known=known, fixed=fixed, items=tuple(items))
+
+
+def known_value(value: Any) -> Value | None:
+    """What a name of a module stands for; None where it is of no use here."""
+    if value is None:
+        return Value("none", fixed=True)
+    if isinstance(value, bool | int | float):
+        return number(value)
+    if isinstance(value, tuple):
+        items = [known_value(item) for item in value]
+        return None if any(i is None for i in items) else tuple_of([i for i in items if i])
+    if value in (int, float, bool):
+        return Value("type", known=value, fixed=True)
+    if type(value).__name__ == "module":
+        return Value("module", known=value, fixed=True)
+    if callable(value):
+        return Value("function", known=value, fixed=True)
+    return None
+
+
+def flat(value: Value) -> list[Value]:
+    """A value, or the numbers of a tuple and of tuples in it."""
+    if value.kind != "tuple":
+        return [value]
+    return [one for item in value.items for one in flat(item)]
+
+
+def joined(one: Value | None, other: Value) -> Value:
+    """What a variable is that is given both values, without their text.
+
+    Raises ValueError where no variable of C can be both.
+    """
+    if one is None:
+        return other
+    if one.fixed and other.fixed and one.kind == other.kind and _same(one.known, other.known):
+        return one
+    if one.is_number and other.is_number:
+        return Value(DOUBLE if DOUBLE in (one.kind, other.kind) else INT)
+    if one.kind == other.kind == "array" and (one.shape, one.dtype) == (other.shape, other.dtype):
+        return one
+    if one.kind == other.kind == "tuple" and len(one.items) == len(other.items):
+        both = zip(one.items, other.items, strict=True)
+        return tuple_of([joined(a, b) for a, b in both])
+    raise ValueError(f"is a {one.kind} and a {other.kind} of another shape")
+
+
+def _same(one: Any, other: Any) -> bool:
+    return type(one) is type(other) and (one == other or (one != one and other != other))

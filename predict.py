@@ -1,0 +1,60 @@
+"""What would the structure do under another motion? A finished run's model, put under it.
+
+    python predict.py run=FOLDER excitation.path=other.csv
+    python predict.py run=FOLDER excitation.path=quake.AT2 excitation.scale=1.5
+    python predict.py run=FOLDER excitation.path=quake.csv excitation.units.s_ddot=g
+    python predict.py run=FOLDER excitation.events=7a             of FEMA P695, extra [earthquakes]
+    python predict.py run=FOLDER excitation.events=all excitation.scale=[0.5,1,2]   many at once
+    python predict.py run=FOLDER excitation.seed=5 excitation.duration=60   as in training
+
+Files are read as measured records are. The motion begins at rest. Written to the run's folder
+`prediction/`, or to output=: histories, peaks and residuals, pictures.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import hydra
+from omegaconf import DictConfig
+
+from runner.config.command_line import absolute, one_line_errors, read_words, refusals
+from runner.config.compose import CONF, prepare_hydra
+from runner.config.settings import PREDICT, check_excitation, check_settings
+from runner.folder.run_files import require_finished
+
+prepare_hydra()
+
+
+@hydra.main(version_base="1.3", config_path=str(CONF), config_name="predict")
+def main(cfg: DictConfig) -> None:
+    with refusals():
+        if cfg.run is None:
+            raise ValueError("which model? give run=FOLDER, the folder that train.py wrote")
+        check_settings(cfg, PREDICT)
+        check_excitation(cfg.excitation)
+        folder = absolute(cfg.run)
+        require_finished(folder)
+    # PyTorch takes seconds to load: a mistyped word is told before
+    from report.prediction.predict import label_of, predict
+    from runner.job import job_errors
+
+    with job_errors():
+        own = folder / "prediction" / label_of(cfg.excitation)
+        predict(cfg, folder, absolute(cfg.output) if cfg.output else own)
+
+
+def cli() -> None:
+    """What the command line runs: bad input ends in one line and exit status 1."""
+    with one_line_errors("predict"):
+        if choice := next((w for w in sys.argv[1:] if w.startswith("excitation=")), None):
+            raise ValueError(
+                f"{choice} is a choice of training; a motion is given by excitation.path, "
+                "excitation.events or excitation.kind"
+            )
+        read_words()
+        main()
+
+
+if __name__ == "__main__":
+    cli()

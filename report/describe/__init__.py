@@ -1,0 +1,1 @@
+"""What a finished run's model is, in words and numbers with units."""

@@ -1,0 +1,54 @@
+"""What a finished run's model is: masses, elements and modes with units; or what it reads.
+
+python -m report.describe run=FOLDER
+python -m report.describe run=FOLDER output=FILE.json    names, values and units of all parameters
+"""
+
+from __future__ import annotations
+
+import difflib
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from runner.config.command_line import command_errors
+from runner.folder.run_files import require_finished
+
+KEYS = ("run", "output")
+
+
+def read_words(words: Sequence[str]) -> dict[str, str]:
+    """{key: value} of the command line. Raises ValueError for other words."""
+    found: dict[str, str] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if key not in KEYS or not equals or not value:
+            near = difflib.get_close_matches(key, KEYS, n=1)
+            hint = f"; did you mean {near[0]}=…?" if near else ""
+            raise ValueError(f"{word}: expected run=FOLDER, and output=FILE.json{hint}")
+        found[key] = value
+    if "run" not in found:
+        raise ValueError("which model? give run=FOLDER, the folder that train.py wrote")
+    if "output" in found and not found["output"].endswith(".json"):
+        raise ValueError(f"output={found['output']} must be a file that ends in .json")
+    return found
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Bad input ends in one line and exit status 1."""
+    words = sys.argv[1:] if words is None else words
+    if {"-h", "--help"} & set(words):
+        print(__doc__)
+        return
+    with command_errors():
+        asked = read_words(words)
+        folder = Path(asked["run"])
+        require_finished(folder)
+        # PyTorch takes seconds to load: a mistyped word is told before
+        from report.describe.description import describe
+
+        describe(folder, Path(asked["output"]) if "output" in asked else None)
+
+
+if __name__ == "__main__":
+    main()

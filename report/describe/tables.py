@@ -1,0 +1,160 @@
+"""Tables of a model's parameters and modes within 80 columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from export.modes import Modes
+from export.physical import Parameter
+from report.prediction.table import number
+
+WIDTH = 80
+MOST = 40  # rows of a table; the JSON has all
+SHAPES = 5  # DOFs whose shapes stand in the table
+HEADS = {  # quantity → heading of the elements' table
+    "stiffness": "stiffness\n[N/m]",
+    "damping": "damping\n[N s/m]",
+    "yield_displacement": "yields at\n[m]",
+    "activation_displacement": "opens at\n[m]",
+    "yield_force": "force\n[N]",
+    "activation_force": "force\n[N]",
+    "post_yield_ratio": "post-\nyield",
+    "hardening_ratio": "post-\nyield",
+    "gap": "gap\n[m]",
+}
+MATTERS = 0.01  # of an element's stiffness: terms that are told
+NO_WORDS = ("post_yield_stiffness",)  # which the ratio tells
+
+
+def print_elements(console: Console, parameters: Sequence[Parameter]) -> None:
+    """Masses, and a line for each element: what every law has."""
+    masses = [p for p in parameters if p.name.endswith(".mass")]
+    if masses:
+        told = ", ".join(f"{p.name.partition('.')[0]} {number(p.value)}" for p in masses[:MOST])
+        console.print(f"masses [kg]: {told}{', …' if len(masses) > MOST else ''}")
+    elements = _elements(parameters)
+    if not elements:
+        return
+    table = Table()
+    table.add_column("element", no_wrap=True)
+    heads = list(dict.fromkeys(HEADS[q] for q in HEADS if any(q in e for e in elements.values())))
+    for head in heads:
+        table.add_column(head, justify="right")
+    for name, own in list(elements.items())[:MOST]:
+        about = next(iter(own.values())).about.partition(",")[0]
+        pair = f" {about}" if "–" in about else ""
+        cells = {HEADS[q]: _cell(q, p.value) for q, p in own.items() if q in HEADS}
+        table.add_row(f"{name}{pair}", *(cells.get(head, "–") for head in heads))
+    table.caption_justify = "left"
+    if any("post_yield_stiffness" in own for own in elements.values()):
+        table.caption = "post-yield: stiffness once all of an element has yielded, over the first"
+    if len(elements) > MOST:
+        table.caption = f"{MOST} of {len(elements)} elements"
+    console.print(table)
+
+
+def _cell(quantity: str, value: float) -> str:
+    return f"{value:.3f}" if quantity.endswith("_ratio") else number(value)
+
+
+def _elements(parameters: Sequence[Parameter]) -> dict[str, dict[str, Parameter]]:
+    """{"r1": {"stiffness": …}}: parameters of the elements, by what they are."""
+    found: dict[str, dict[str, Parameter]] = {}
+    for p in parameters:
+        part, _, quantity = p.name.partition(".")
+        if part[0] == "r" and part[1:].isdigit():
+            law, _, rest = quantity.partition(".")
+            if law.startswith("law_"):
+                part, quantity = f"{part} {law.replace('_', ' ')}", rest
+            found.setdefault(part, {})[quantity] = p
+    return found
+
+
+def print_rest(
+    console: Console, parameters: Sequence[Parameter], trained: Mapping[str, Any]
+) -> None:
+    """What laws have beside: terms that come several times, and those of named laws."""
+    elements = _elements(parameters)
+    reached = trained.get("deformation", {}).get("largest", [])
+    lines = []
+    for i, (name, own) in enumerate(list(elements.items())[:MOST]):
+        largest = reached[i] if i < len(reached) else None
+        words = [*_terms(own, largest), *_others(own, largest)]
+        about = next(iter(own.values())).about.partition(", ")[2]
+        if words or about:
+            lines.append(f"{name}{f' {about}' if about else ''}: {', '.join(words) or 'no more'}")
+    for line in lines:
+        console.print(line)
+    others = [p for p in parameters if p.name[0] != "r" and not p.name.endswith(".mass")]
+    if others and not any(p.name.startswith("mode_") for p in others):
+        table = Table()
+        for head in ("parameter", "value", "unit"):
+            table.add_column(head, justify="right" if head == "value" else "left")
+        for p in others[:MOST]:
+            table.add_row(p.name, number(p.value), p.unit)
+        if len(others) > MOST:
+            table.caption = f"{MOST} of {len(others)}"
+        console.print(table)
+    elif others:
+        told = [f"{p.name} {number(p.value)} {p.unit}".strip() for p in others[:MOST]]
+        console.print("; ".join(told))
+
+
+def _terms(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
+    """Hinges, tanhs and units that are no small part of an element."""
+    k = abs(own["stiffness"].value) if "stiffness" in own else 0.0
+    groups = dict.fromkeys(q.partition(".")[0] for q in own if "." in q)
+    told = []
+    for group in groups:
+        at = {q.partition(".")[2]: p.value for q, p in own.items() if q.startswith(f"{group}.")}
+        size = at.get("stiffness")
+        if size is not None and abs(size) < MATTERS * k:
+            continue
+        place = at.get("yield_displacement", at.get("gap", at.get("place", at.get("half_width"))))
+        word = {"hinge": "beyond", "unit": "yields at", "slider": "slips at"}.get(
+            group.partition("_")[0], "about"
+        )
+        beyond = largest is not None and place is not None and place > largest
+        never = ", not reached in training" if beyond else ""
+        stiff = f" of {number(size)} N/m" if size is not None else ""
+        told.append(f"{group.partition('_')[0]}{stiff} {word} {number(place)} m{never}")
+    return told
+
+
+def _others(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
+    """Parameters of an element that have no column and no term, and some effect."""
+    k = own["stiffness"].value if "stiffness" in own else 0.0
+    told = []
+    for q, p in own.items():
+        power = {"cubic_stiffness": 2, "quadratic_stiffness": 1}.get(q)
+        faint = power and largest and abs(p.value) * largest**power < MATTERS * k
+        if q not in HEADS and "." not in q and q not in NO_WORDS and p.value != 0.0 and not faint:
+            told.append(f"{q.replace('_', ' ')} {number(p.value)} {p.unit}".strip())
+    return told
+
+
+def print_modes(console: Console, modes: Modes) -> None:
+    """Frequency, damping ratio and shape of small motions."""
+    dofs = len(modes.shapes)
+    table = Table(title="small motions about rest", title_justify="left")
+    for head in ("mode", "frequency\n[Hz]", "damping\nratio [%]"):
+        table.add_column(head, justify="right")
+    shown = range(min(dofs, SHAPES)) if dofs > 1 else ()
+    for i in shown:
+        table.add_column(f"x{i + 1}", justify="right")
+    rows = zip(modes.frequencies, modes.damping, modes.shapes.T, strict=True)
+    for i, (frequency, damping, shape) in list(enumerate(rows, start=1))[:MOST]:
+        cells = [f"{shape[j].real:.3f}" for j in shown]
+        table.add_row(str(i), number(frequency), number(100.0 * damping, 3), *cells)
+    if not len(modes.frequencies):
+        console.print("small motions do not oscillate")
+        return
+    console.print(table)
+    if dofs > SHAPES:
+        console.print(f"shapes of all {dofs} DOFs: in the picture")
+    if modes.unstable.any():
+        console.print("modes of negative damping grow: at rest the model is unstable")

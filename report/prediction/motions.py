@@ -1,0 +1,282 @@
+"""Motions that a model is put under: of files, of the FEMA P695 set by name, or generated.
+
+A file is read, converted, cut and mended as a measured record is (data/measured). T samples.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from omegaconf import DictConfig
+
+from data.measured.assembly import with_rates
+from data.measured.clock_faults import require_common_time
+from data.measured.mend import Mending
+from data.measured.raw_record import RawRecord, between
+from data.measured.reading import read_records
+from data.measured.splits import record_places
+from data.simulation.accelerograms import EARTHQUAKES, FAR_FIELD, read_event
+from data.simulation.earthquake import GRAVITY
+from data.simulation.excitation import (
+    BandLimitedGaussian,
+    Excitation,
+    Multisine,
+    SineSweep,
+    Waveform,
+)
+from models.training.build import build
+from report.prediction.interface import BASE, FORCES, GROUND, IMPOSED, Interface
+from runner.config.command_line import absolute
+
+KINDS = ("gaussian", "multisine", "sine_sweep")
+COMPONENTS = [f"{pair}{side}" for pair in range(1, 23) for side in "ab"]
+QUIET = 10.0  # s of rest after a motion of the ground, in which what is left of it shows
+READER = ("skip_rows", "delimiter", "decimal", "group", "header")
+OF_DATA = re.compile(  # keys of records, which here are those of the excitation
+    r"\bdata\.(?=(path|channels|units|mend|dt|start|stop|align|group|header"
+    r"|skip_rows|delimiter|decimal|duration)\b)"
+)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What drives a model: the channels (T,) of its interface, or the ground's, in SI units."""
+
+    name: str
+    dt: float  # [s]
+    channels: Mapping[str, np.ndarray]
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def samples(self) -> int:
+        return len(next(iter(self.channels.values())))
+
+
+def motions_of(
+    cfg: DictConfig, run: DictConfig, interface: Interface, model_dt: float, any_step: bool
+) -> list[Motion]:
+    """The motions that a command asks for, with a time step that the model takes.
+
+    cfg: `excitation` of conf/predict.yaml; run: the config of the run. Raises ValueError for what
+    cannot be read, lacks a channel or has faults that `mend` does not repair.
+    """
+    ways = [key for key in ("path", "events", "kind") if cfg[key] is not None]
+    if len(ways) > 1:
+        raise ValueError(f"excitation.{ways[0]} and excitation.{ways[1]}: give one of both")
+    if cfg.path is not None:
+        raws = _of_files(cfg, interface)
+    elif cfg.events is not None:
+        raws = list(_of_events(cfg.events))
+        if not interface.takes_ground:
+            raise ValueError(
+                f"an earthquake is an acceleration of the ground, and the model is driven by "
+                f"{interface.wanted}; give a file (excitation.path)"
+            )
+    else:
+        raws = _generated(cfg, run, interface, model_dt)
+    mending = Mending(**{key: value for key, value in cfg.mend.items() if key[0] != "_"})
+    found = [_mended(raw, cfg, interface, mending, model_dt, any_step) for raw in raws]
+    names = [motion.name for motion in found]
+    if double := next((n for n in names if names.count(n) > 1), None):
+        raise ValueError(f"two motions are called {double}; rename a file, or give one of them")
+    return found
+
+
+def _mended(
+    raw: RawRecord,
+    cfg: DictConfig,
+    interface: Interface,
+    mending: Mending,
+    model_dt: float,
+    any_step: bool,
+) -> Motion:
+    """A record as a motion of the model's time step, or of its own where the model takes any."""
+    raw = replace(raw, channels=interface.chosen(raw.name, raw.channels))
+    raw = replace(raw, clocks={c: t for c, t in raw.clocks.items() if c in raw.channels})
+    require_common_time(raw)
+    raw = between(raw, cfg.start, cfg.stop)
+    with _words_of_excitation():
+        dt, channels, done = mending(raw)
+        coarse = GROUND in channels and interface.kind not in (BASE, FORCES)
+        other = abs(dt / model_dt - 1.0) > 1e-6
+        if other and (not any_step or (coarse and dt > model_dt)):
+            if mending.resample is not None:
+                raise ValueError(
+                    f"data.mend.resample={mending.resample:g} Hz: the model steps every "
+                    f"{model_dt:g} s; leave it out, or say {1.0 / model_dt:g}"
+                )
+            was, (dt, channels, done) = dt, replace(mending, resample=1.0 / model_dt)(raw)
+            done = [f"from steps of {was:.4g} s to the model's {dt:.4g} s", *done]
+        elif other:
+            done.append(
+                f"its steps of {dt:.4g} s are kept; the model was trained at {model_dt:.4g} s"
+            )
+    dt = model_dt if abs(dt / model_dt - 1.0) <= 1e-6 else dt
+    channels = with_rates(channels, dt, done)
+    if cfg.peak is not None:
+        if GROUND not in channels:
+            raise ValueError(
+                f"excitation.peak={cfg.peak} g is of ground accelerations, and {raw.name} holds "
+                f"{', '.join(channels)}; use excitation.scale"
+            )
+        size = cfg.peak * GRAVITY / max(float(np.abs(channels[GROUND]).max()), 1e-300)
+        channels = {GROUND: size * channels[GROUND]}
+        done.append(f"times {size:.4g}, to a peak of {cfg.peak:g} g")
+    quiet = cfg.quiet if cfg.quiet is not None else QUIET if GROUND in channels else 0.0
+    rest = np.zeros(round(quiet / dt))
+    channels = {c: np.concatenate([u, _after(c, u, rest)]) for c, u in channels.items()}
+    return Motion(raw.name, dt, channels, [*raw.notes, *done])
+
+
+def _after(channel: str, u: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """What follows a channel at rest: a position stays, forces and accelerations are nil."""
+    stays = re.fullmatch(r"(s|u)\d+", channel)
+    return rest + u[-1] if stays else rest
+
+
+@contextmanager
+def _words_of_excitation() -> Iterator[None]:
+    """Let errors about records name the keys of this command: excitation.mend for data.mend."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(OF_DATA.sub("excitation.", str(error))) from None
+
+
+def _of_files(cfg: DictConfig, interface: Interface) -> list[RawRecord]:
+    patterns = [cfg.path] if isinstance(cfg.path, str) else list(cfg.path)
+    channels = None if cfg.channels is None else dict(cfg.channels)
+    units = {key: unit for key, unit in cfg.units.items() if unit is not None}
+    reader = {key: cfg[key] for key in READER}
+    raws: list[RawRecord] = []
+    with _words_of_excitation():
+        for place in record_places([str(absolute(p)) for p in patterns], channels):
+            own = channels
+            if own is None and place.suffix.lower() == ".at2":
+                own = {GROUND: "acc"}
+            for name, raw in read_records(place, own, units, cfg.align, **reader).items():
+                known = raw if cfg.dt is None else replace(raw, time=None, clocks={}, dt=cfg.dt)
+                taken = any(raw.name == name for raw in raws)
+                raws.append(replace(known, name=place.name if taken else name))
+    return raws
+
+
+def _of_events(asked: str | int | Sequence[str | int]) -> Iterator[RawRecord]:
+    """Components of the far-field set: "7a", both of a pair: 7, or all 44 of them: "all"."""
+    listed = [asked] if isinstance(asked, str | int) else list(asked)
+    events: list[str] = []
+    for event in map(str, listed):
+        if event == "all":
+            events += COMPONENTS
+        elif FAR_FIELD.fullmatch(f"{event}a"):
+            events += [f"{event}a", f"{event}b"]
+        elif FAR_FIELD.fullmatch(event):
+            events.append(event)
+        else:
+            raise ValueError(_unknown_event(event))
+    for event in dict.fromkeys(events):
+        a = read_event(event)
+        yield RawRecord(event, None, a.dt, {GROUND: GRAVITY * a.a})
+
+
+def _unknown_event(event: str) -> str:
+    """The nearest events, by number, or by the earthquake's name."""
+    by_name: dict[str, list[str]] = {}
+    for number, name in enumerate(EARTHQUAKES, start=1):
+        by_name.setdefault(name.lower(), []).append(str(number))
+    like = difflib.get_close_matches(event.lower(), by_name, n=1, cutoff=0.6)
+    near = by_name[like[0]] if like else difflib.get_close_matches(event, COMPONENTS, n=2, cutoff=0)
+    pairs = f"{like[0].title()} is {'pairs' if len(near) > 1 else 'pair'}" if like else "nearest:"
+    return (
+        f"excitation.events={event} is not in the far-field set of FEMA P695; {pairs} "
+        f"{', '.join(near)} (1a, 1b … 22b; 7 for both of a pair; all for all 44 components)"
+    )
+
+
+def _generated(
+    cfg: DictConfig, run: DictConfig, interface: Interface, dt: float
+) -> list[RawRecord]:
+    """One motion of a kind, or of the run's own excitation, from a seed."""
+    duration = cfg.duration or run.data.get("duration") or 50.0
+    samples, rng = round(duration / dt), np.random.default_rng(cfg.seed)
+    if samples < 4:
+        raise ValueError(f"excitation.duration={duration:g} s holds {samples} steps of {dt:g} s")
+    count = len(interface.forces) or interface.supports or 1
+    if cfg.kind is None:
+        return [_as_the_run(run, interface, dt, samples, rng, cfg.seed)]
+    if interface.others:
+        raise ValueError(
+            f"the model reads {', '.join(interface.others)} too, which is not generated; give "
+            "excitation.path"
+        )
+    wave = _waveform(cfg)
+    values, rates = wave.draw(samples, dt, count, 0, rng)
+    channels = {GROUND: values[:, 0]}
+    if interface.kind == FORCES:
+        channels = dict(zip(interface.forces, values.T, strict=True))
+    elif interface.kind != BASE:
+        grow, growth = Excitation(wave, ramp=1.0)._growth(dt * np.arange(samples)[:, None])
+        both = np.hstack([grow * values, grow * rates + growth * values])
+        none = np.zeros((len(interface.forces), samples))
+        names = (*interface.forces, *interface.motions)
+        channels = dict(zip(names, [*none, *both[:, _motions(interface, count)].T], strict=True))
+    return [RawRecord(f"{cfg.kind}_seed{cfg.seed}", None, dt, channels)]
+
+
+def _motions(interface: Interface, count: int) -> list[int]:
+    """Columns of displacements and rates, of which `count` each were drawn."""
+    p = interface.supports
+    return [*(i % count for i in range(p)), *(count + i % count for i in range(p))]
+
+
+def _waveform(cfg: DictConfig) -> Waveform:
+    if cfg.std is None:
+        raise ValueError(
+            f"excitation.kind={cfg.kind} needs excitation.std: N of forces, m of supports and "
+            "imposed deformations, m/s² of a base"
+        )
+    band = list(cfg.band) if cfg.band is not None else [0.1, 3.0]
+    made: dict[str, Callable[[], Waveform]] = {
+        "gaussian": lambda: BandLimitedGaussian(cfg.std, band),
+        "multisine": lambda: Multisine(cfg.std, band),
+        "sine_sweep": lambda: SineSweep(cfg.std, band),
+    }
+    if cfg.kind not in made:
+        raise ValueError(f"excitation.kind={cfg.kind}: choose {', '.join(KINDS)}")
+    return made[cfg.kind]()
+
+
+def _as_the_run(
+    run: DictConfig, interface: Interface, dt: float, samples: int, rng: Any, seed: int
+) -> RawRecord:
+    """A motion as those that the run was identified with, from another seed."""
+    if "_target_" not in (run.get("excitation") or {}):
+        raise ValueError(
+            "which motion? give excitation.path=FILE, excitation.events=7a (FEMA P695), or "
+            f"excitation.kind={KINDS[0]} and excitation.std"
+        )
+    own = build(run.excitation, Excitation)
+    if interface.kind == IMPOSED or (own.support and not hasattr(own.support, "std")):
+        raise ValueError("the run's excitation is no process; give excitation.events or .path")
+    grow, growth = own._growth(dt * np.arange(samples)[:, None])
+    channels: dict[str, np.ndarray] = {}
+    if own.force is not None:
+        drawn = grow * own.force.draw(samples, dt, len(interface.forces), 0, rng)[0]
+        channels |= dict(zip(interface.forces, drawn.T, strict=True))
+    if own.support is not None:
+        s, s_dot = own.support.draw(samples, dt, interface.supports, 0, rng)
+        both = np.hstack([grow * s, grow * s_dot + growth * s])
+        channels |= dict(zip(interface.motions, both.T, strict=True))
+    return RawRecord(f"as_the_run_seed{seed}", None, dt, channels)
+
+
+def stem(name: str) -> str:
+    """A motion's name as one of a file."""
+    return re.sub(r"[^\w.+-]", "_", Path(name).name)[:80]

@@ -1,0 +1,209 @@
+"""What predict.py does: a run's model, some motions, and what became of them."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import DictConfig
+from rich.console import Console
+
+from data.record import HOLDS
+from data.terminal import terminal
+from export.physical import scale_is_open
+from models.composition.composite import Composite
+from models.estimator import Estimator
+from models.training.metrics import FREE_RUNS
+from report.output import as_csv, save_figure
+from report.prediction.figures import draw_many, draw_one
+from report.prediction.histories import require_format, write_history
+from report.prediction.interface import GROUND, SUPPORTS, Interface
+from report.prediction.motions import Motion, motions_of, stem
+from report.prediction.peaks import peaks_of, row_of
+from report.prediction.runs import Prediction, Runner
+from report.prediction.table import WIDTH, print_many, print_one
+from runner.folder.run import restore, sensors_of
+from runner.folder.run_folder import read_run, write_text
+
+FEW = 10  # runs whose histories are written unless that is asked for
+MOST = 100_000
+
+
+def predict(cfg: DictConfig, folder: Path, output: Path) -> list[Prediction]:
+    """Free runs of a finished run's model under the motions of `cfg`, printed and written.
+
+    Raises ValueError for a model that is no result, unless `cfg.anyway`, and for motions that do
+    not fit the model.
+    """
+    require_format(cfg.format)
+    scales = _scales(cfg.excitation.scale)
+    run, metrics = read_run(folder)
+    estimator = restore(run, folder)
+    if not cfg.anyway:
+        require_usable(metrics, folder)
+    sensors = sensors_of(run, folder)
+    interface = Interface.of(estimator, sensors)
+    any_step = isinstance(estimator, Composite) or _takes(estimator, interface, 2.0 * estimator.dt)
+    motions = motions_of(cfg.excitation, run, interface, estimator.dt, any_step)
+    if len(motions) * len(scales) > MOST:
+        raise ValueError(f"{len(motions)} motions at {len(scales)} scales are more than {MOST}")
+    hold = cfg.excitation.hold or run.data.get("hold") or "linear"
+    if hold not in HOLDS:
+        raise ValueError(f"excitation.hold={hold}: choose {', '.join(HOLDS)}")
+    lag = cfg.excitation.lag
+    runner = Runner(
+        estimator, interface, sensors.quantity, metrics.get("trained_range", {}), hold, lag
+    )
+    console = terminal(WIDTH)
+    _print_motions(console, motions, interface, estimator, metrics)
+    about = f"{metrics['model']} identified on {metrics['system']}"
+    cores = cfg.threads or len(os.sched_getaffinity(0))
+    predictions = runner.many(motions, scales, max(1, cores))
+    output.mkdir(parents=True, exist_ok=True)
+    if len(motions) * len(scales) == 1:
+        found = [next(predictions)]
+        _finish_one(console, found[0], estimator, about, cfg, output)
+    else:
+        found = _finish_many(
+            console, predictions, len(motions) * len(scales), estimator, about, cfg, output
+        )
+    console.print(f"written to {output}", soft_wrap=True)
+    return found
+
+
+def require_usable(metrics: Mapping[str, Any], folder: Path) -> None:
+    """Raise ValueError for a run whose model identified nothing, cannot simulate, or diverges."""
+    verdict = metrics.get("verdict", {})
+    anyway = "train another, or say anyway=true"
+    own = metrics.get(FREE_RUNS["train"], {})
+    if verdict.get("identified") is False:
+        raise ValueError(f"{folder}: its model is not identified: {verdict['reason']}; {anyway}")
+    if "none" in own:
+        raise ValueError(f"{folder}: its model cannot simulate: {own['none']}")
+    for split, words in (("train", "training"), ("test", "test")):
+        left = metrics.get(FREE_RUNS[split], {}).get("left_after_s")
+        if left:
+            raise ValueError(
+                f"{folder}: the free run of its own {words} motion diverges after "
+                f"{min(left):.3g} s; {anyway}"
+            )
+
+
+def label_of(excitation: DictConfig) -> str:
+    """Name of a folder for what was asked: "quake,scale=2" for excitation.path=dir/quake.csv."""
+    given = excitation.path if excitation.path is not None else excitation.events
+    if given is None:
+        duration = "" if excitation.duration is None else f",duration={excitation.duration:g}"
+        words = f"{excitation.kind or 'as_in_training'},seed={excitation.seed}{duration}"
+    else:
+        names = [str(g) for g in ([given] if isinstance(given, str | int) else given)]
+        words = "+".join(Path(name).stem.replace("*", "all") for name in names)
+    for key, usual in (("scale", 1.0), ("peak", None), ("start", 0.0), ("stop", None)):
+        if excitation[key] != usual:
+            words += f",{key}={excitation[key]}"
+    return re.sub(r"[^\w.,+=\[\]-]", "", words)[:80]
+
+
+def _takes(estimator: Estimator, interface: Interface, dt: float) -> bool:
+    """Whether a model runs at another time step than its own."""
+    from data.record import Drive
+
+    rest = torch.zeros(estimator.dofs, dtype=torch.float64)
+    try:
+        estimator.check(Drive(dt, torch.zeros(4, estimator.inputs).double(), rest, rest))
+    except ValueError:
+        return False
+    return True
+
+
+def _scales(scale: float | Sequence[float]) -> list[float]:
+    """The scale factors. Raises ValueError for one that is no positive number, or comes twice."""
+    scales = [float(s) for s in ([scale] if isinstance(scale, int | float) else scale)]
+    for value in scales:
+        if not 0.0 < abs(value) < float("inf"):
+            raise ValueError(f"excitation.scale={value:g} must be a factor other than 0")
+    if not scales or len(set(scales)) < len(scales):
+        raise ValueError(f"excitation.scale={scales}: expected factors, each once")
+    return scales
+
+
+def _print_motions(
+    console: Console,
+    motions: Sequence[Motion],
+    interface: Interface,
+    estimator: Estimator,
+    metrics: Mapping[str, Any],
+) -> None:
+    """What was done to the motions, and what the numbers below mean."""
+    notes: dict[tuple[str, ...], list[str]] = {}
+    for motion in motions:
+        notes.setdefault(tuple(dict.fromkeys(motion.notes)), []).append(motion.name)
+    for done, names in notes.items():
+        if done:
+            listed = ", ".join(names[:4]) + (f" … ({len(names)} motions)" if names[4:] else "")
+            console.print(f"{listed}: {'; '.join(done)}")
+    if any(GROUND in motion.channels for motion in motions) and interface.kind != SUPPORTS:
+        how = ", which stands for forces −m s̈" if interface.masses is not None else ""
+        console.print(
+            f"the ground moves{how}: displacements and velocities are relative to it, "
+            "accelerations absolute"
+        )
+    elif interface.kind == SUPPORTS:
+        console.print("supports move: displacements, velocities and accelerations are absolute")
+    if scale_is_open(estimator):
+        console.print(
+            "no force and no mass was given in training: forces of elements are known but for a "
+            "common factor"
+        )
+    if "trained_range" not in metrics:
+        console.print("the run is older than the range it was trained in; repeat it to be warned")
+
+
+def _finish_one(
+    console: Console,
+    prediction: Prediction,
+    estimator: Estimator,
+    about: str,
+    cfg: DictConfig,
+    output: Path,
+) -> None:
+    times = "" if prediction.scale == 1.0 else f" × {prediction.scale:g}"
+    title = f"{prediction.name}{times}: {about}"
+    print_one(console, prediction, estimator, title)
+    write_text(output / "peaks.csv", as_csv(peaks_of(prediction, estimator)))
+    write_history(prediction, output / f"history.{cfg.format}", title)
+    if cfg.figures:
+        for name, figure in draw_one(prediction, estimator, title).items():
+            save_figure(figure, output, name)
+
+
+def _finish_many(
+    console: Console,
+    predictions: Iterator[Prediction],
+    count: int,
+    estimator: Estimator,
+    about: str,
+    cfg: DictConfig,
+    output: Path,
+) -> list[Prediction]:
+    """Rows of all runs; their histories too where there are few, or where that is asked for."""
+    whole = cfg.histories if cfg.histories is not None else count <= FEW
+    found, rows = [], []
+    for prediction in predictions:
+        rows.append(row_of(prediction, estimator))
+        if whole:
+            place = f"{stem(prediction.name)}_x{prediction.scale:g}.{cfg.format}"
+            title = f"{prediction.name} × {prediction.scale:g}: {about}"
+            write_history(prediction, output / place, title)
+        found.append(prediction.slim())
+    print_many(console, found, about)
+    write_text(output / "predictions.csv", as_csv(rows))
+    if not whole:
+        console.print("histories of each run: histories=true")
+    if cfg.figures:
+        save_figure(draw_many(found, about), output, "predictions")
+    return found

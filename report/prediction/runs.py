@@ -1,0 +1,190 @@
+"""Free runs of a model under many motions and scale factors, on all cores.
+
+T samples, n outputs, E elements.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.record import QUANTITIES, Drive
+from models.composition.composite import Composite
+from models.estimator import Estimator
+from models.hysteretic_element import HystereticElement
+from report.prediction.interface import GROUND, IMPOSED, SUPPORTS, Interface
+from report.prediction.motions import Motion
+from runner.scores.trained_range import names_of, outside
+
+LEFT = 100.0  # times the largest output of training, and the excitation's: beyond, it has diverged
+SYMBOLS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r", "output": "y"}
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Columns (T, c) of one quantity. kind: as in the trained range; symbol: of column names."""
+
+    kind: str
+    symbol: str
+    unit: str
+    names: Sequence[str]
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The free run of a motion at a scale; `left` [s]: when it diverged."""
+
+    name: str
+    scale: float
+    dt: float
+    hold: str
+    signals: Sequence[Signal]
+    outside: Sequence[Mapping[str, Any]]  # where it leaves the trained range
+    left: float | None
+    judged: bool = True  # the trained range is known
+
+    def slim(self) -> Prediction:
+        """The same with the largest sizes in place of histories: rows (1, c)."""
+        signals = [replace(s, values=np.abs(s.values).max(axis=0)[None]) for s in self.signals]
+        return replace(self, signals=signals)
+
+    def signal(self, kind: str) -> Signal | None:
+        return next((signal for signal in self.signals if signal.kind == kind), None)
+
+
+@dataclass(frozen=True)
+class Runner:
+    """A model, what drives it, and the range that it was trained in."""
+
+    estimator: Estimator
+    interface: Interface
+    quantity: str
+    trained: Mapping[str, Any]
+    hold: str = "linear"
+    lag: float = 0.0
+
+    def many(
+        self, motions: Sequence[Motion], scales: Sequence[float], cores: int
+    ) -> Iterator[Prediction]:
+        """The run of every motion at every scale, in this order, each as soon as it is there."""
+        jobs = [(motion, scale) for motion in motions for scale in scales]
+        yield self(*jobs[0])  # what is compiled, is compiled once
+        if cores == 1:
+            yield from (self(*job) for job in jobs[1:])
+            return
+        with ThreadPoolExecutor(cores) as pool:
+            yield from pool.map(lambda job: self(*job), jobs[1:])
+
+    @torch.no_grad()
+    def __call__(self, motion: Motion, scale: float) -> Prediction:
+        u = self.interface.excitation(motion.name, motion.dt, motion.channels, scale, self.lag)
+        rest = torch.zeros(self.estimator.dofs, dtype=torch.float64)
+        drive = Drive(motion.dt, u, rest, rest, self.hold)
+        response, loops = self._run(drive)
+        x, v, a = (s.numpy() for s in (response.x, response.v, response.a))
+        signals = [*self._driving(motion, scale), *self._motion(x, v, a, motion, scale)]
+        if loops is not None:
+            signals += self._loops(*(s.numpy() for s in loops))
+        left = self._left(a, u, motion.dt)
+        found = (
+            [] if left is not None else outside(self.trained, self._range(u, a, signals, motion.dt))
+        )
+        return Prediction(
+            motion.name, scale, motion.dt, self.hold, signals, found, left, bool(self.trained)
+        )
+
+    def _run(self, drive: Drive) -> tuple[Any, tuple[Tensor, Tensor] | None]:
+        """The free run, and deformations and forces of its elements where there are any."""
+        model = self.estimator
+        if not isinstance(model, Composite) or isinstance(model, HystereticElement):
+            return model.free_run(drive), None
+        model.check(drive)
+        trace = model.trace(drive)
+        return trace.response, (trace.deformations, trace.forces)
+
+    def _driving(self, motion: Motion, scale: float) -> list[Signal]:
+        """What drives the model, as it was given."""
+        signals = []
+        for name, u in motion.channels.items():
+            symbol = name.rstrip("0123456789")
+            unit = {"f": "N", "s": "m", "s_dot": "m/s", "s_ddot": "m/s^2"}.get(symbol, "")
+            size = 1.0 if name in self.interface.others else scale
+            number = [name.removeprefix(symbol)]
+            signals.append(Signal("input", symbol, unit, number, size * u[:, None]))
+        return signals
+
+    def _motion(
+        self, x: np.ndarray, v: np.ndarray, a: np.ndarray, motion: Motion, scale: float
+    ) -> list[Signal]:
+        """Outputs; where the ground moves, accelerations are absolute, as sensors have them."""
+        numbers = [str(i + 1) for i in range(self.estimator.dofs)]
+        unit = QUANTITIES[self.quantity][1].replace("m/s²", "m/s^2").replace("–", "")
+        relative = GROUND in motion.channels and self.interface.kind != SUPPORTS
+        if self.quantity == "acceleration" and relative:
+            a = a + scale * motion.channels[GROUND][:, None]
+        found = [Signal(self.quantity, SYMBOLS[self.quantity], unit, numbers, a)]
+        if self.interface.kind == IMPOSED:
+            return found
+        states = [("velocity", "v", "m/s", v), ("displacement", "x", "m", x)]
+        for kind, symbol, unit, values in states:
+            if kind != self.quantity and values.any():  # nil throughout: the model has none
+                found.insert(0, Signal(kind, symbol, unit, numbers, values))
+        return found
+
+    def _loops(self, y: np.ndarray, r: np.ndarray) -> list[Signal]:
+        numbers = [str(e + 1) for e in range(y.shape[1])]
+        return [Signal("deformation", "y", "m", numbers, y), Signal("loop", "r", "N", numbers, r)]
+
+    def _range(
+        self, u: Tensor, a: np.ndarray, signals: Sequence[Signal], dt: float
+    ) -> dict[str, Any]:
+        """The largest of all that is compared with training, as `trained_range` has it."""
+        others = len(self.interface.others)
+        found = {self.quantity: a}
+        loops = any(s.kind == "deformation" for s in signals)
+        if not (loops and self.interface.kind == SUPPORTS):  # elements know no motion in common
+            found["excitation"] = u.numpy()[:, : u.shape[1] - others]
+            found |= {s.kind: s.values for s in signals if s.kind in ("displacement", "velocity")}
+        for signal in (s for s in signals if s.kind == "deformation"):
+            found |= {"deformation": signal.values}
+            found["rate"] = np.gradient(signal.values, dt, axis=0)
+        ranged = {
+            kind: {**self.trained[kind], "largest": np.abs(values).max(axis=0).tolist()}
+            for kind, values in found.items()
+            if kind in self.trained and values.shape[1] == len(self.trained[kind]["largest"])
+        }
+        if others and "other input" in self.trained:
+            values = u.numpy()[:, u.shape[1] - others :]
+            ends = {"lowest": values.min(axis=0).tolist(), "largest": values.max(axis=0).tolist()}
+            ranged["other input"] = {**self.trained["other input"], **ends}
+        return ranged
+
+    def _left(self, a: np.ndarray, u: Tensor, dt: float) -> float | None:
+        """When the outputs were no numbers, or went far beyond what training and drive explain."""
+        known = self.trained.get(self.quantity, {}).get("largest")
+        gone = ~np.isfinite(a)
+        if known:
+            before = self.trained.get("excitation", {}).get("largest") or [0.0]
+            more = float(u.abs().max()) / max(max(before), 1e-300)
+            gone |= np.abs(a) > LEFT * max(known) * max(1.0, more if math.isfinite(more) else 1.0)
+        first = np.flatnonzero(gone.any(axis=1))
+        return dt * int(first[0]) if len(first) else None
+
+
+def parts_of(signal: Signal, estimator: Estimator) -> list[str]:
+    """What each column of a signal is of: x1, a DOF; r2 x1–x2, an element; s1, an input."""
+    if signal.kind == "input":
+        return [f"{signal.symbol}{number}" for number in signal.names]
+    if signal.kind not in ("deformation", "loop", "force"):
+        return [f"x{number}" for number in signal.names]
+    pairs = names_of(estimator) if signal.kind != "force" else []
+    labels = [f"r{number}" for number in signal.names]
+    return [f"{n} {p}" for n, p in zip(labels, pairs, strict=True)] if pairs else labels

@@ -1,0 +1,164 @@
+"""Exported C does what the compiled free run does, at any size, without a warning."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Drive
+from export.steps import step_of
+from models.named_element import NamedElement
+from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.fit import Fit
+from tests.export import networks
+from tests.export.compiling import needs_gcc, run_in_c
+from tests.export.test_steps import MODELS, drive
+
+pytestmark = needs_gcc
+CLOSE = 1e-12  # of the largest of each output
+ROUNDED = {"power_series_pairs": 1e-11}  # large powers that cancel each other
+SAMPLES = 5000
+SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+NETWORKS = {
+    "chain_1": lambda: networks.network(1),
+    "chain_3": lambda: networks.network(3),
+    "all_pairs_3": lambda: networks.network(3, "all", tanhs=2),
+    "chain_10": lambda: networks.network(10),
+    "chain_30": lambda: networks.network(30),
+    "support_3": lambda: networks.base_network(3),
+    "latent_3": lambda: networks.latent(3),
+    "branches_1": lambda: networks.branches(1),
+    "branches_3": lambda: networks.branches(3),
+}
+
+
+def forces(model, samples: int = SAMPLES, hold: str = "linear") -> Drive:
+    """White noise from rest, so large that every law leaves its first branch."""
+    generator = torch.Generator().manual_seed(model.dofs)
+    none = torch.zeros(model.dofs, dtype=torch.float64)
+    if getattr(model, "supports", 0):
+        return Drive(networks.DT, smooth(samples, 0.03), none, none, hold)
+    size = 3e3 / model.dofs if hasattr(model, "mass") else 3.0
+    u = size * torch.randn(samples, model.inputs, generator=generator, dtype=torch.float64)
+    return Drive(networks.DT, u, none, none, hold)
+
+
+def smooth(samples: int, size: float) -> torch.Tensor:
+    """A motion and its rate (T, 2)."""
+    t = networks.DT * torch.arange(samples, dtype=torch.float64)
+    fast, slow = 5.0 * t, 0.31 * t
+    rate = 5.0 * fast.cos() * slow.sin() + 0.31 * fast.sin() * slow.cos()
+    return size * torch.stack([fast.sin() * slow.sin(), rate], dim=1)
+
+
+def apart(model, given: Drive, folder, flags=("-O2",)) -> dict[str, float]:
+    """Largest difference of each output over its largest value."""
+    with torch.inference_mode():
+        whole = model.free_run(given)
+    signals = {"x": whole.x, "v": whole.v, "a": whole.a, "r": whole.a, "output": whole.a}
+    step, found = step_of(model), {}
+    motions = {name for name, *_ in step.outputs} & {"x", "a"}
+    for name, signal in run_in_c(step, given, folder, flags).items():
+        if name not in signals or (name == "r" and motions):
+            continue  # forces of elements have a test of their own
+        right = signals[name].numpy()
+        assert np.isfinite(right).all()
+        found[name] = float(np.abs(signal - right).max() / max(np.abs(right).max(), 1e-300))
+    assert found
+    return found
+
+
+@pytest.mark.parametrize("hold", ["linear", "zero_order"])
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_network_runs_in_c(name, hold, tmp_path):
+    model = NETWORKS[name]()
+    found = apart(model, forces(model, hold=hold), tmp_path)
+    assert all(error <= CLOSE for error in found.values()), found
+
+
+@pytest.mark.parametrize("law", networks.LAWS)
+def test_named_laws_run_in_c(law, tmp_path):
+    model = networks.named(2, law)
+    rest = torch.zeros(2, dtype=torch.float64)
+    given = Drive(networks.DT, smooth(1500, 0.05), rest, rest)
+    found = apart(model, given, tmp_path)
+    # the integrator stops at corners where its own tolerance has found them
+    assert all(error <= 1e-9 for error in found.values()), found
+    assert found["x"] <= CLOSE
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_estimator_runs_in_c(name, tmp_path):
+    model = MODELS[name](3)
+    found = apart(model, drive(model.dofs, model.inputs, 500), tmp_path)
+    assert all(error <= ROUNDED.get(name, CLOSE) for error in found.values()), found
+
+
+def test_forces_and_deformations_are_those_of_the_elements(tmp_path):
+    model = networks.network(3)
+    given = forces(model, 1000)
+    with torch.inference_mode():
+        y, r = model.element_loops(given)
+    found = run_in_c(step_of(model), given, tmp_path)
+    np.testing.assert_allclose(found["y"], y.numpy(), rtol=0, atol=1e-12 * float(y.abs().max()))
+    np.testing.assert_allclose(found["r"], r.numpy(), rtol=0, atol=1e-12 * float(r.abs().max()))
+
+
+def test_a_motion_begins_where_it_is_said_to(tmp_path):
+    model = networks.network(3)
+    given = replace(
+        forces(model, 500), x0=torch.tensor([0.01, -0.02, 0.03]), v0=torch.tensor([0.1, 0.2, 0.3])
+    )
+    assert all(error <= CLOSE for error in apart(model, given, tmp_path).values())
+
+
+@pytest.mark.parametrize("times", [0.5, 2.0, 7.0])
+def test_a_network_takes_any_step(times, tmp_path):
+    model = networks.network(3)
+    given = replace(forces(model, 500), dt=times * networks.DT)
+    assert all(error <= CLOSE for error in apart(model, given, tmp_path).values())
+
+
+@pytest.mark.parametrize("name", ["chain_3", "branches_3"])
+def test_a_network_is_clean_under_sanitizers(name, tmp_path):
+    model = NETWORKS[name]()
+    found = apart(model, forces(model, 300), tmp_path, SANITIZED)
+    assert all(error <= CLOSE for error in found.values()), found
+
+
+@pytest.mark.parametrize("law", ["pinching", "concrete"])
+def test_named_laws_are_clean_under_sanitizers(law, tmp_path):
+    model = networks.named(2, law)
+    rest = torch.zeros(2, dtype=torch.float64)
+    given = Drive(networks.DT, smooth(200, 0.05), rest, rest)
+    assert apart(model, given, tmp_path, SANITIZED)["x"] <= CLOSE
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_estimator_is_clean_under_sanitizers(name, tmp_path):
+    model = MODELS[name](2)
+    apart(model, drive(model.dofs, model.inputs, 60), tmp_path, SANITIZED)
+
+
+@pytest.mark.parametrize("law", ["SlackBrace", "Takeda", "FrictionPendulum"])
+def test_a_named_element_runs_in_c(law, tmp_path):
+    model = NamedElement(1, 2, networks.DT)
+    candidate = CANDIDATES[law]
+    fit = Fit(candidate, Units(0.05, 0.2, 2e4, 2e6), np.zeros(len(candidate.parameters)))
+    fit.q[0] = -1.0
+    model.laws.take(0, fit)
+    rest = torch.zeros(1, dtype=torch.float64)
+    assert apart(model, Drive(networks.DT, smooth(1000, 0.05), rest, rest), tmp_path)["r"] <= CLOSE
+
+
+def test_an_element_test_runs_in_c(tmp_path):
+    model = networks.element()
+    s = smooth(1000, 0.1)
+    u = torch.stack([s[:, 0], 0.7 * s[:, 0], s[:, 1], 0.7 * s[:, 1]], dim=1)
+    rest = torch.zeros(2, dtype=torch.float64)
+    found = apart(model, Drive(networks.DT, u, rest, rest), tmp_path)
+    assert found["r"] <= CLOSE

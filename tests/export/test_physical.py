@@ -1,0 +1,166 @@
+"""The physical parameters of models: those that were planted, in their units, by name."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from data import Bilinear, Drive, Record, SelfCentering
+from data.simulation.element_test import force, growing_cycles
+from export.physical import parameters_of, scale_is_open
+from models import (
+    VWNN,
+    BranchElement,
+    ElementNetwork,
+    EquivalentLinear,
+    HystereticElement,
+    LinearMotion,
+    ModalNetwork,
+    NamedElement,
+)
+from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.fit import Fit
+
+
+def named(model):
+    return {p.name: p for p in parameters_of(model)}
+
+
+def started(model, stiffness, damping, largest):
+    model.laws.start(
+        *(torch.as_tensor(t).double() for t in (stiffness, damping, largest)), (0.5,) * 2
+    )
+    model.identified.fill_(1.0)
+    return model
+
+
+def network(dofs=2, **more):
+    """A chain of bilinear elements: k = 100, 200, …; half of it yields at 10 mm."""
+    model = ElementNetwork(dofs, dofs, 0.01, elements="chain", hinges=1, units=1, **more)
+    E = len(model.elements)
+    k = 100.0 * (1.0 + torch.arange(E))
+    started(model, k, 0.5 * torch.ones(E), 0.05 * torch.ones(E))
+    model.mass.start(2.0 + torch.arange(dofs).double())
+    laws = model.laws
+    laws.unit_stiffness.start(0.5 * k[:, None].double(), 1.0)
+    laws.unit_limit.start(torch.full((E, 1), 0.01).double())
+    laws.hinge_stiffness.start(3.0 * k[:, None].double(), 1.0)
+    laws.hinge_gap.start(torch.full((E, 1), 0.03).double())
+    return model
+
+
+@pytest.mark.parametrize("dofs", [1, 3, 10, 30])
+def test_an_element_network_has_masses_and_laws_in_words(dofs):
+    found = named(network(dofs))
+    last = f"r{dofs}"
+    assert found[f"x{dofs}.mass"].value == pytest.approx(1.0 + dofs)
+    assert found[f"x{dofs}.mass"].unit == "kg"
+    expected = {
+        "stiffness": (100.0 * dofs, "N/m"),
+        "damping": (0.5, "N s/m"),
+        "yield_displacement": (0.01, "m"),
+        "yield_force": (dofs * 1.0, "N"),
+        "post_yield_ratio": (0.5, ""),
+        "gap": (0.03, "m"),
+        "hinge_1.stiffness": (300.0 * dofs, "N/m"),
+        "unit_1.yield_force": (0.5 * dofs, "N"),
+    }
+    for name, (value, unit) in expected.items():
+        assert found[f"{last}.{name}"].value == pytest.approx(value), name
+        assert found[f"{last}.{name}"].unit == unit, name
+    assert found["r1.stiffness"].about == "ground–x1"
+    assert found["r1.yield_force"].derived
+    assert not found["r1.stiffness"].derived
+    assert len(found) == len(parameters_of(network(dofs)))  # no name twice
+
+
+def test_small_hinges_and_units_are_told_term_by_term_alone():
+    model = network()
+    model.laws.unit_stiffness.start(torch.ones(2, 1).double(), 1.0)
+    found = named(model)
+    assert "r1.unit_1.yield_displacement" in found
+    assert "r1.yield_displacement" not in found
+
+
+def test_without_a_force_and_a_mass_the_scale_is_open():
+    chain = [["s1", "x1"], ["x1", "x2"]]
+    assert scale_is_open(ElementNetwork(2, 2, 0.01, chain, forced=[]))
+    assert scale_is_open(ElementNetwork(2, 1, 0.01, "chain", forced="base"))
+    assert not scale_is_open(ElementNetwork(2, 1, 0.01, "chain", [1.0, 2.0], "base"))
+    assert not scale_is_open(network())
+
+
+def test_an_element_test_has_elements_alone():
+    model = started(HystereticElement(2, 4, 0.01), [5.0, 7.0], [0.1, 0.1], [1.0, 1.0])
+    found = named(model)
+    assert found["r2.stiffness"].value == pytest.approx(7.0)
+    assert not any("mass" in name for name in found)
+
+
+def test_a_named_law_keeps_its_own_words():
+    law = SelfCentering(between=("ground", "x1"), activation_displacement=0.01, stiffness=1e6,
+                        hardening_ratio=0.05, flag=0.8, damping=100.0)  # fmt: skip
+    model = NamedElement(1, 2, 0.01, laws=["SelfCentering"])
+    units = Units(0.05, 0.1, 2e4, 1e6)
+    q = [math.log(0.01 / units.elastic), 0.0, _share(0.05), _share(0.8), math.log(1e2 / 2e5)]
+    model.laws.take(0, Fit(CANDIDATES["SelfCentering"], units, np.array(q)))
+    found = named(model)
+    for name in ("activation_displacement", "stiffness", "hardening_ratio", "flag", "damping"):
+        assert found[f"r1.{name}"].value == pytest.approx(getattr(law, name), rel=1e-9)
+    assert found["r1.activation_force"].value == pytest.approx(1e4)
+    assert found["r1.stiffness"].about.endswith("SelfCentering")
+
+
+def _share(value):
+    return math.log(value / (1.0 - value))
+
+
+def test_a_branch_law_is_told_by_a_slow_push():
+    """What is told of it is what the model does itself when it is pushed."""
+    dt, law = 0.01, Bilinear(
+        between=("ground", "x1"), yield_displacement=0.02, stiffness=50.0, post_yield_stiffness=5.0
+    )  # fmt: skip
+    y = growing_cycles(0.1, 4, dt, 0.5)
+    rate = np.gradient(y, dt)
+    s, s_dot, r = (torch.from_numpy(u)[:, None] for u in (y, rate, force(law, y, dt, rate)))
+    model = BranchElement(1, 2, dt, 2, 0, False, 0.0, 1)
+    model.identify([Record(dt, r, s[:, :0], s=s, s_dot=s_dot, quantity="force")])
+    found = named(model)
+    Y = found["r1.largest_deformation"].value
+    assert pytest.approx(np.abs(y).max()) == Y
+    push = torch.linspace(0.0, Y, 401, dtype=torch.float64)[:, None]
+    slow = torch.cat([push, 1e-9 * torch.ones_like(push)], dim=1)
+    rest = torch.zeros(1, dtype=torch.float64)
+    with torch.no_grad():
+        runs = [model.free_run(Drive(dt, way * slow, rest, rest)).a[:, 0] for way in (1, -1)]
+    pushed = 0.5 * (runs[0] - runs[1])
+    assert found["r1.force_there"].value == pytest.approx(float(pushed[-1]), rel=1e-3)
+    assert found["r1.stiffness"].value == pytest.approx(float(pushed[20]) / (0.05 * Y), rel=0.02)
+    assert 0.5 < found["r1.yield_displacement"].value / 0.02 < 2.0  # where it starts, untrained
+
+
+def test_linear_models_tell_what_a_motion_tells():
+    model = EquivalentLinear(2, 2, 0.01)
+    model.weights.data = torch.tensor(
+        [[-0.1, 0.0], [0.0, -0.2], [-4.0, 1.0], [1.0, -9.0], [0.5, 0.0], [0.0, 1.0]]
+    ).double()
+    found = named(model)
+    assert found["x1.stiffness_by_mass.x1"].value == pytest.approx(4.0)
+    assert found["x2.stiffness_by_mass.x1"].value == pytest.approx(-1.0)
+    assert found["x2.damping_by_mass.x2"].value == pytest.approx(0.2)
+    motion = LinearMotion(2, 2, 0.01)
+    motion.system = model
+    assert [p.name for p in parameters_of(motion)] == list(found)
+
+
+def test_a_black_box_holds_no_physical_parameter():
+    assert parameters_of(VWNN(3, 3, 0.01)) == []
+
+
+@pytest.mark.parametrize("model", [ElementNetwork, EquivalentLinear, ModalNetwork])
+def test_what_is_not_identified_has_no_parameters(model):
+    with pytest.raises(ValueError, match="identif"):
+        parameters_of(model(2, 2, 0.01))

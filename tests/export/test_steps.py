@@ -1,0 +1,138 @@
+"""Steps do what free runs do, sample by sample, to rounding."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import QUANTITIES, Drive
+from export.names import MOTION
+from export.step import Step, run
+from export.steps import step_of
+from export.steps.quantity import SPELLED
+from models.baselines import LastValue, Rigid, Zero
+from models.estimator import Estimator
+from models.linear import EquivalentLinear
+from tests.export.every_model import DT, ELEMENTS, MODELS, drive, imposed
+
+TOLERANCE = 1e-12  # largest difference over largest signal, of each output
+SIZES = (1, 3, 10)
+
+
+def differences(model: Estimator, given: Drive) -> dict[str, float]:
+    """Of each output of a step from the free run, over its largest."""
+    with torch.inference_mode():
+        whole = model.free_run(given)
+    wanted = {"x": whole.x, "v": whole.v, "a": whole.a, "r": whole.a, "output": whole.a}
+    found = {}
+    for name, signal in run(step_of(model), given).items():
+        right = wanted[name].numpy()
+        assert np.isfinite(right).all()
+        found[name] = float(np.abs(signal - right).max() / max(np.abs(right).max(), 1e-300))
+    return found
+
+
+def agrees(model: Estimator, given: Drive) -> None:
+    found = differences(model, given)
+    assert all(error <= TOLERANCE for error in found.values()), found
+
+
+def once_more(step: Step) -> Step:
+    """The step, whose every `observe` is called with another excitation before."""
+    names = step.arguments(step.observe)
+
+    def observe(*arguments: np.ndarray) -> None:
+        given = dict(zip(names, arguments, strict=True))
+        step.observe(*(given[n] if n != "u" else given[n] + 0.7 for n in names))
+        step.observe(*arguments)
+
+    signature = inspect.Signature([inspect.Parameter(n, POSITIONAL) for n in names])
+    observe.__signature__ = signature  # type: ignore[attr-defined]
+    return replace(step, observe=observe)
+
+
+POSITIONAL = inspect.Parameter.POSITIONAL_OR_KEYWORD
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_the_step_of_an_element_is_its_free_run(name):
+    model = ELEMENTS[name]()
+    agrees(model, imposed())
+    step = step_of(model)
+    assert step.outputs == [("r", ["r1"], "N")]
+    once, twice = run(step, imposed(60)), run(once_more(step), imposed(60))
+    np.testing.assert_array_equal(once["r"], twice["r"])
+
+
+@pytest.mark.parametrize("kind", [Rigid, Zero])
+def test_no_motion_is_a_step_too(kind):
+    agrees(kind(3, 2, DT), drive(3, 2, 20))
+
+
+def test_what_has_no_step_says_so_in_one_line():
+    class Own(EquivalentLinear):
+        """Not of this zoo: its free run may be another."""
+
+    for model in (LastValue(2, 2, DT), Own(2, 2, DT)):
+        with pytest.raises(ValueError, match=rf"^{type(model).__name__} has no step.*VWNN"):
+            step_of(model)
+    with pytest.raises(ValueError, match="not identified yet"):
+        step_of(EquivalentLinear(2, 2, DT))
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "expected"),
+    [
+        ("linear_modes", "acceleration", [("output", ["a1"], "m/s2")]),
+        ("wiener_hammerstein", "output", [("output", ["y1"], "")]),
+        ("vwnn", "force", [("a", ["r1"], "N")]),
+        ("gru_integrated", "displacement", [("a", ["x1"], "m")]),
+        ("sliding_mass", "displacement", [("x", ["x1"], "m"), ("v", ["v1"], "m/s")]),
+        ("sliding_mass", "output", [("x", ["y1"], ""), ("v", ["y_dot1"], "1/s")]),
+        ("linear", "acceleration", [(n, [f"{n}1"], u) for n, u in MOTION]),
+    ],
+)
+def test_the_quantity_of_the_records_names_the_outputs(name, quantity, expected):
+    assert step_of(MODELS[name](1), quantity).outputs == expected
+
+
+def test_units_are_those_of_records():
+    units = {quantity: unit.replace("²", "2").replace("–", "") for quantity, (_, unit) in
+             QUANTITIES.items()}  # fmt: skip
+    assert {quantity: unit for quantity, (_, unit) in SPELLED.items()} == units
+
+
+@pytest.mark.parametrize("dofs", SIZES)
+@pytest.mark.parametrize("name", MODELS)
+def test_a_step_is_the_free_run(name, dofs):
+    model = MODELS[name](dofs)
+    for hold in step_of(model).holds if dofs == 1 else ("linear", "zero_order"):
+        agrees(model, drive(model.dofs, model.inputs, 200 if dofs < 10 else 60, hold))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_what_is_observed_again_is_made_good(name):
+    model = MODELS[name](3)
+    given, step = drive(model.dofs, model.inputs, 60), step_of(model)
+    once, twice = run(step, given), run(once_more(step), given)
+    for output in once:
+        np.testing.assert_array_equal(once[output], twice[output])
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_step_names_what_goes_in_and_out(name):
+    model = MODELS[name](3)
+    step = step_of(model)
+    assert len(step.inputs) == model.inputs
+    for array, names, _ in step.outputs:
+        assert step.state[array].shape == (len(names),)
+    for function in (step.begin, step.observe, step.advance):
+        step.arguments(function)
+    for part in (*step.state.values(), *step.numbers.values()):
+        if isinstance(part, np.ndarray):
+            assert part.dtype in (np.float64, np.int64)
+            assert part.flags.c_contiguous

