@@ -16,6 +16,7 @@ from string import Template
 
 import torch
 
+from export.composite import columns_of
 from export.opensees_laws import Material, material_of
 from export.opensees_named import named_materials
 from export.run import Exported
@@ -62,8 +63,8 @@ def script_of(model: Exported) -> str:
         supports=network.supports,
         forced=[i + 1 for i in network.forced],
         base=network.base,
-        columns=[name for name, _ in _channels(network)],
-        units=", ".join(f"{name} [{unit}]" for name, unit in _channels(network)),
+        columns=[name for name, _ in columns_of(network)],
+        units=", ".join(f"{name} [{unit}]" for name, unit in columns_of(network)),
         dt=repr(network.dt),
         steps=5 * network.substeps,
         elements=_listed(_element(e) for e in elements),
@@ -96,16 +97,6 @@ def _ends(network: ElementNetwork, e: int) -> tuple[str, str]:
     first = [name for name, sign in zip(names, row, strict=True) if sign < 0.0]
     second = [name for name, sign in zip(names, row, strict=True) if sign > 0.0]
     return (first or ["ground"])[0], (second or ["ground"])[0]
-
-
-def _channels(network: ElementNetwork) -> list[tuple[str, str]]:
-    """Columns of the excitation and their units, in the model's order."""
-    if network.base:
-        named = [("f1", "m/s2")]
-    else:
-        named = [(f"f{i + 1}", "N") for i in range(network.forces)]
-    named += [(f"s{i + 1}", "m") for i in range(network.supports)]
-    return named + [(f"s_dot{i + 1}", "m/s") for i in range(network.supports)]
 
 
 def _element(element: Joined) -> str:

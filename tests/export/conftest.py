@@ -74,6 +74,8 @@ def network(
         coefficients = getattr(laws, name)
         size = 1.0 if name in ("unit_rising", "unit_falling") else 0.3
         sign = torch.where(torch.rand(coefficients.theta.shape, generator=draw) < 0.3, -1.0, 1.0)
+        if name in ("cubic", "unit_stiffness"):  # else it may run away
+            sign = sign.abs()
         coefficients.theta.copy_(around(size, *coefficients.theta.shape) * sign.double())
     made.identified.fill_(1.0)
     return made.eval()

@@ -1,0 +1,90 @@
+"""A composite network as a function of one step and a function that runs a CSV, for MATLAB, Octave.
+
+The equation is that of models/composition/simulate.py, substep by substep, in vectors over the
+elements; the text stands in matlab_step.m.txt, the numbers are put into it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from string import Template
+
+import torch
+from torch import Tensor
+
+from export.composite import columns_of, plain_composite
+from export.run import Exported
+from models.composition.laws_compiled import LARGEST, SMALL, TERMS, TERMS_OF_LOGARITHM
+
+FOLDER = Path(__file__).parent
+HOLDS = {"linear": ("linear", 0), "zero_order": ("held", 1)}
+
+
+def write(model: Exported, folder: Path) -> list[Path]:
+    """NAME.m and NAME_run.m. Raises ValueError for a model that is no composite network."""
+    texts = {model.name: step_of(model), f"{model.name}_run": run_of(model)}
+    paths = [folder / f"{name}.m" for name in texts]
+    for path, text in zip(paths, texts.values(), strict=True):
+        path.write_text(text, encoding="utf-8")
+    return paths
+
+
+def step_of(model: Exported) -> str:
+    """The function of one step."""
+    network = plain_composite(model.estimator)
+    c = network.composition()
+    n, E = c.D.value.shape[1], c.D.value.shape[0]
+    pairs = getattr(network, "elements", None) or [[f"e{e + 1}"] for e in range(E)]
+    numbers = {
+        "core": c.core.value.T,
+        "inputs": c.inputs.value,
+        "G": c.G.value,
+        "D": c.D.value,
+        "supports0": c.supports[0],
+        "supports1": c.supports[1],
+        "outputs": c.outputs.value,
+        "back": torch.linalg.pinv(c.outputs.value),
+        "laws": c.laws.value,
+        "measures": 1 + c.measures[:, None],
+        "bound": network.bound[:, None],
+        "counts": torch.tensor(c.counts)[None],
+    }
+    assert n == len(c.core.value[0])
+    return Template((FOLDER / "matlab_step.m.txt").read_text("utf-8")).substitute(
+        {name: matrix(value) for name, value in numbers.items()},
+        name=model.name,
+        units=", ".join(f"{name} [{unit}]" for name, unit in columns_of(network)),
+        elements=", ".join("-".join(pair) for pair in pairs),
+        about="\n".join(f"% {line}".rstrip() for line in model.passport.lines()),
+        dt=repr(network.dt),
+        substeps=network.substeps,
+        small=SMALL,
+        largest=LARGEST,
+        terms=TERMS,
+        terms_of_logarithm=TERMS_OF_LOGARITHM,
+    )
+
+
+def run_of(model: Exported) -> str:
+    """The function that runs a CSV."""
+    network = plain_composite(model.estimator)
+    if model.hold not in HOLDS:
+        raise ValueError(f"an excitation that is {model.hold} between samples looks ahead")
+    word, held = HOLDS[model.hold]
+    columns = columns_of(network)
+    return Template((FOLDER / "matlab_run.m.txt").read_text("utf-8")).substitute(
+        name=model.name,
+        units=", ".join(f"{name} [{unit}]" for name, unit in columns),
+        columns=", ".join(f"'{name}'" for name in ("time", *(name for name, _ in columns))),
+        hold=word,
+        held=held,
+    )
+
+
+def matrix(values: Tensor) -> str:
+    """A matrix as MATLAB reads it, to the last digit; a row to a line."""
+    rows, columns = values.shape
+    if 0 in values.shape:
+        return f"zeros({rows}, {columns})"
+    lines = [" ".join(repr(one) for one in row) for row in values.detach().tolist()]
+    return "[" + "; ...\n  ".join(lines) + "]"
