@@ -15,8 +15,11 @@ import numpy as np
 from export.names import spelled
 from export.step import SIGNALS, Step
 from export.translate.program import Function, Program, array_of, wrapped
+from export.translate.scope import TAKEN
 from export.translate.values import DOUBLE, Value, known_value, number
 
+FMI = "begin_motion fail get_value go_on instance jump model set_value start_anew tell_fault values"
+RESERVED = TAKEN | set(FMI.split()) | {"main"}  # names that a program of ours has already
 SAME_STEP = 1e-3  # relative: steps that agree to this are one
 FEW = 4  # numbers that are set one by one
 ON_A_LINE = 6  # numbers of a table
@@ -34,6 +37,7 @@ class Source:
 def source_of(step: Step, name: str, told: Sequence[str] = ()) -> Source:
     """A step as C. told: lines about the model, for a comment. Raises ValueError if it cannot."""
     name = spelled(name)
+    name = f"{name}_" if name in RESERVED else name
     tuned = {array for array, *_ in step.parameters}
     held = {**step.state, **{n: v for n, v in step.numbers.items() if n in tuned}}
     tables = {n: v for n, v in step.numbers.items() if n not in tuned}

@@ -56,7 +56,7 @@ def variables_of(step: Step) -> list[Variable]:
     for array, names, unit in step.outputs:
         said = WORDS.get(array, "")
         found += [
-            Variable(name, f"model.{array}[{i}]", "output", unit, None, said)
+            Variable(name, f"own.{array}[{i}]", "output", unit, None, said)
             for i, name in enumerate(names)
         ]
     n = len(step.outputs[0][1])
@@ -69,7 +69,7 @@ def variables_of(step: Step) -> list[Variable]:
         value = np.asarray(step.numbers[array])
         flat = int(np.ravel_multi_index(place, value.shape))
         start = float(value[place])
-        found.append(Variable(name, f"model.{array}[{flat}]", "tunable", unit, start, ""))
+        found.append(Variable(name, f"own.{array}[{flat}]", "tunable", unit, start, ""))
     return found
 
 
@@ -173,7 +173,7 @@ def _variables(step: Step, name: str, variables: list[Variable], token: str) -> 
     lines += [f"#define MODEL_DIVERGED {name.upper()}_DIVERGED"]
     lines += [f'#define TOKEN "{token}"', f"#define INPUTS {m}", f"#define VARIABLES {len(kinds)}"]
     lines += [f"#define FIRST_OUTPUT {m}", f"#define FIRST_PARAMETER {m + outputs}"]
-    lines += [f"#define TIME {len(kinds)}", "", "typedef struct {", f"    {name} model;"]
+    lines += [f"#define TIME {len(kinds)}", "", "typedef struct {", f"    {name} own;"]
     lines += [f"    double input[{max(m, 1)}], slope[{max(m, 1)}], x0[{n}], v0[{n}], time;"]
     lines += ["    int jumps, begun;", "} values;", ""]
     lines += [f"static const size_t PLACES[{len(kinds)}] = {{"]

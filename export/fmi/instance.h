@@ -37,7 +37,7 @@ static int set_value(values *v, unsigned int reference, double value)
 static void jump(values *v)
 {
     if (v->jumps) {
-        MODEL_EXCITE(&v->model, v->input);
+        MODEL_EXCITE(&v->own, v->input);
         v->jumps = 0;
     }
 }
@@ -59,12 +59,12 @@ static double get_value(values *v, unsigned int reference, int *found)
 static void start_anew(values *v)
 {
     memset(v, 0, sizeof *v);
-    MODEL_INIT(&v->model);
+    MODEL_INIT(&v->own);
 }
 
 static void begin_motion(values *v)
 {
-    MODEL_BEGIN(&v->model, v->x0, v->v0, v->input);
+    MODEL_BEGIN(&v->own, v->x0, v->v0, v->input);
     v->jumps = 0;
     v->begun = 1;
 }
@@ -83,7 +83,7 @@ static int go_on(values *v, double step)
             v->jumps = 1;
         }
     }
-    said = MODEL_STEP(&v->model, end, step);
+    said = MODEL_STEP(&v->own, end, step);
     for (i = 0; i < INPUTS; ++i) {
         v->input[i] = end[i];
     }

@@ -117,7 +117,7 @@ def choose(path: Path, names: Sequence[str], wanted: Sequence[str] | None) -> li
     for name in wanted:
         if name not in known:
             near = difflib.get_close_matches(name[:LONGEST], names[:MOST], n=1, cutoff=0.5)
-            guess = f", did you mean {near[0]!r}?" if near else ""
+            guess = f", did you mean {near[0]!r}?" if near else ";"
             has = ", ".join(shorten(known, bare=True) for known in names[:12])
             has += ", …" if len(names) > 12 else ""
             raise FileError(
