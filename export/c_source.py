@@ -179,13 +179,14 @@ def _stepping(
     yield f"    const double parts = floor({step.substeps}.0 * dt / {big}_DT + 0.5);"
     yield "    const int count = parts < 1.0 ? 1 : (int)parts;"
     begins = "first" in advance[1]
+    own = f"{big}_DT" if step.substeps == 1 else f"{big}_DT / {step.substeps}.0"
     yield f"    double start[{size}], {f'first[{size}], ' if begins else ''}last[{size}];"
     yield "    int part, i;"
     yield ""
     if step.any_step:
         yield "    if (!(dt > 0.0) || parts > 1e9) {"
     else:
-        yield f"    if (!(fabs(dt - count * {big}_DT) <= {SAME_STEP!r} * {big}_DT)) {{"
+        yield f"    if (!(fabs(dt - count * {own}) <= {SAME_STEP!r} * {big}_DT)) {{"
     yield f"        return {big}_BAD_STEP;"
     yield "    }"
     yield f"    for (i = 0; i < {inputs}; ++i) {{" if inputs else "    i = 0;"
@@ -201,8 +202,8 @@ def _stepping(
     if inputs:
         yield "            last[i] = start[i] + (double)part / count * (u[i] - start[i]);"
     yield "        }"
-    own = "dt / count" if step.any_step else f"{big}_DT"
-    yield f"        {_call(advance, first='first', last='last', dt=own)}"
+    step_of_dt = "dt / count" if step.any_step else own
+    yield f"        {_call(advance, first='first', last='last', dt=step_of_dt)}"
     if not step.any_step:
         yield f"        {_call(observe, last='last', u='part < count ? last : u')}"
     yield "    }"

@@ -43,6 +43,7 @@ class Modes:
 def modes_of(estimator: Estimator) -> Modes | None:
     """Modes of small motions; None for models without masses and springs or their like.
 
+    A model that only begins with a linear system has none: what it adds acts on small motions, too.
     Poles without an imaginary part, of motions that do not oscillate, are left out.
     """
     matrices = _matrices(estimator)
@@ -71,7 +72,7 @@ def _matrices(estimator: Estimator) -> tuple[Tensor, Tensor, Tensor] | None:
         return _of_composite(estimator)
     if isinstance(estimator, LinearMotion):
         estimator = estimator.system
-    if isinstance(estimator, EquivalentLinear) and estimator.weights.ndim == 2:
+    if type(estimator) is EquivalentLinear and estimator.weights.ndim == 2:
         estimator.require_identified(estimator.weights)
         damping, stiffness, _ = estimator.matrices()
         return stiffness, damping, torch.eye(estimator.dofs).to(stiffness)

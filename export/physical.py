@@ -16,6 +16,7 @@ from export.physical_laws import branch_law, composed_laws, named_law
 from models.branch_element import BranchElement
 from models.composition.branch_run import Branches
 from models.composition.composite import Composite
+from models.composition.other_inputs import OtherInputs
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
 from models.element_network_named import ElementNetworkNamed
@@ -110,12 +111,35 @@ def _composite(model: Composite) -> Iterator[Values]:
         for e, direction in enumerate(model.directions().tolist()):
             along = "along " + ", ".join(f"{d:.3g}" for d in direction[:4])
             yield from composed_laws(model.laws, e, f"r{e + 1}", along)
+    elif isinstance(model, HystereticElement) and model.others is not None:
+        yield from _under_other_inputs(model, model.others)
     elif isinstance(model, HystereticElement):
-        for j in range(model.parallel):
-            for e in range(model.dofs):
-                name = f"r{e + 1}" + (f".law_{j + 1}" if model.parallel > 1 else "")
-                row = j * model.dofs + e
-                yield from composed_laws(model.laws, row, name, "under s and its rate")
+        for e in range(model.dofs):
+            yield from composed_laws(model.laws, e, f"r{e + 1}", "under s and its rate")
+
+
+def _under_other_inputs(model: HystereticElement, others: OtherInputs) -> Iterator[Values]:
+    """Laws at values of the other inputs, between which the force is interpolated."""
+    for i, lag in enumerate(others.lag().tolist(), start=1):
+        yield f"u{i}.lag", lag, "s", "", False
+    for e, offset in enumerate(others.offset().tolist(), start=1):
+        yield f"r{e}.offset", offset, "N", "under s and its rate", False
+    nodes = others.places.shape[1]
+    places = others.range.centre[:, None] + others.range.reach[:, None] * others.places
+    for j in range(others.laws):
+        i, node = divmod(j, nodes)
+        if node >= int(others.used[i]):  # no data were near it
+            continue
+        value = float(places[i, node])
+        for e in range(model.dofs):
+            row, name = j * model.dofs + e, f"r{e + 1}.law_{j + 1}"
+            about = f"under s and its rate, at u{i + 1} = {value:.3g}"
+            yield from composed_laws(model.laws, row, name, about)
+            pairs = zip(others.rate_force()[row], others.rate_knee()[row], strict=True)
+            for m, (force, knee) in enumerate(pairs, start=1):
+                yield f"{name}.rate_{m}.force", float(force), "N", about, False
+                yield f"{name}.rate_{m}.saturates_at", float(knee), "m/s", about, False
+            yield f"{name}.rate_lag", float(others.rate_lag()[row]), "s", about, False
 
 
 def _linear(model: EquivalentLinear) -> Iterator[Values]:
@@ -124,15 +148,16 @@ def _linear(model: EquivalentLinear) -> Iterator[Values]:
     damping, stiffness, inputs = model.matrices()
     if stiffness.ndim != 2:
         return
+    about = "" if type(model) is EquivalentLinear else "of the linear system beneath the rest"
     for name, matrix, unit in (
         ("stiffness_by_mass", stiffness, "1/s²"), ("damping_by_mass", damping, "1/s"),
     ):  # fmt: skip
         for i, row in enumerate(matrix.tolist(), start=1):
             for j, value in enumerate(row, start=1):
-                yield f"x{i}.{name}.x{j}", value, unit, "", False
+                yield f"x{i}.{name}.x{j}", value, unit, about, False
     for i, row in enumerate(inputs.tolist(), start=1):
         for j, value in enumerate(row, start=1):
-            yield f"x{i}.acceleration_by_input.u{j}", value, "m/s² per unit", "", False
+            yield f"x{i}.acceleration_by_input.u{j}", value, "m/s² per unit", about, False
 
 
 def _modes(model: ModalNetwork) -> Iterator[Values]:

@@ -1,11 +1,15 @@
 """One step ahead: a VWNN that is told every measured acceleration after its estimate of it.
 
 ẍ̂ = Wᵀ φ(ξ),  ξ of the samples before; then the law adapts W, and the filters take ẍ and f in.
-The excitation is [f, ẍ]: an estimate reads f alone, the step on from it reads both.
+The excitation is [f, ẍ]: an estimate reads f alone, the step on from it reads both. A sample whose
+ẍ is not finite teaches nothing, and the estimate stands in for it; of other faults, which
+models/online/guard.py finds, a step knows nothing.
 S stages, C = n + m channels of ζ, P features, n DOFs, m excitations.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -30,7 +34,15 @@ def observe(u, xi, forces, unfiltered, sigmoid_weight, factors, W, sigmoids, phi
 
 def advance(first, xi, forces, decay, law, settings, phi, a, W, memory, error, work):
     """The law's step by the acceleration that was measured meanwhile, and the filters'."""
-    learn(xi, first[forces:], first[:forces], decay, True, law, settings, phi, a, W, memory, error,
+    measured = np.empty(a.size)
+    sound = 1
+    for j in range(a.size):
+        measured[j] = first[forces + j]
+        if not math.isfinite(measured[j]):
+            sound = 0
+    if sound == 0:
+        measured[:] = a
+    learn(xi, measured, first[:forces], decay, sound, law, settings, phi, a, W, memory, error,
           work)  # fmt: skip
 
 

@@ -103,8 +103,9 @@ def _print_parameters(
         )
     if isinstance(estimator, BranchElement | ElementNetworkBranch):
         console.print("laws are curves; below, what they are under a slow push from rest")
-    print_elements(console, parameters)
-    print_rest(console, parameters, metrics.get("trained_range", {}))
+    trained = metrics.get("trained_range", {})
+    print_elements(console, parameters, trained)
+    print_rest(console, parameters, trained)
 
 
 def _content(

@@ -26,12 +26,16 @@ HEADS = {  # quantity → heading of the elements' table
     "hardening_ratio": "post-\nyield",
     "gap": "gap\n[m]",
 }
+SPACES = str.maketrans("_.", "  ")
+FEW = 6  # parameters that need no table
 MATTERS = 0.01  # of an element's stiffness: terms that are told
 NO_WORDS = ("post_yield_stiffness",)  # which the ratio tells
 
 
-def print_elements(console: Console, parameters: Sequence[Parameter]) -> None:
-    """Masses, and a line for each element: what every law has."""
+def print_elements(
+    console: Console, parameters: Sequence[Parameter], trained: Mapping[str, Any]
+) -> None:
+    """Masses, and a line for each element: what every law has, as far as training went."""
     masses = [p for p in parameters if p.name.endswith(".mass")]
     if masses:
         told = ", ".join(f"{p.name.partition('.')[0]} {number(p.value)}" for p in masses[:MOST])
@@ -47,7 +51,11 @@ def print_elements(console: Console, parameters: Sequence[Parameter]) -> None:
     for name, own in list(elements.items())[:MOST]:
         about = next(iter(own.values())).about.partition(",")[0]
         pair = f" {about}" if "–" in about else ""
-        cells = {HEADS[q]: _cell(q, p.value) for q, p in own.items() if q in HEADS}
+        if not set(own) & set(HEADS):
+            continue
+        untold = _beyond(own, _reached(name, trained))
+        seen = {q: p for q, p in own.items() if q in HEADS and q not in untold}
+        cells = {HEADS[q]: _cell(q, p.value) for q, p in seen.items()}
         table.add_row(f"{name}{pair}", *(cells.get(head, "–") for head in heads))
     table.caption_justify = "left"
     if any("post_yield_stiffness" in own for own in elements.values()):
@@ -55,6 +63,23 @@ def print_elements(console: Console, parameters: Sequence[Parameter]) -> None:
     if len(elements) > MOST:
         table.caption = f"{MOST} of {len(elements)} elements"
     console.print(table)
+
+
+def _reached(name: str, trained: Mapping[str, Any]) -> float | None:
+    """The largest deformation [m] of an element in training, where it is known."""
+    sizes = trained.get("deformation", {}).get("largest", [])
+    number_of = int(name.partition(" ")[0][1:]) - 1
+    return sizes[number_of] if number_of < len(sizes) else None
+
+
+def _beyond(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
+    """Quantities of an element that its training never reached: no column tells them."""
+    if largest is None:
+        return []
+    found = ["gap"] if "gap" in own and own["gap"].value > largest else []
+    if "yield_displacement" in own and own["yield_displacement"].value > largest:
+        found += ["yield_displacement", "yield_force"]
+    return found
 
 
 def _cell(quantity: str, value: float) -> str:
@@ -79,10 +104,9 @@ def print_rest(
 ) -> None:
     """What laws have beside: terms that come several times, and those of named laws."""
     elements = _elements(parameters)
-    reached = trained.get("deformation", {}).get("largest", [])
     lines = []
-    for i, (name, own) in enumerate(list(elements.items())[:MOST]):
-        largest = reached[i] if i < len(reached) else None
+    for name, own in list(elements.items())[:MOST]:
+        largest = _reached(name, trained)
         words = [*_terms(own, largest), *_others(own, largest)]
         about = next(iter(own.values())).about.partition(", ")[2]
         if words or about:
@@ -90,18 +114,23 @@ def print_rest(
     for line in lines:
         console.print(line)
     others = [p for p in parameters if p.name[0] != "r" and not p.name.endswith(".mass")]
-    if others and not any(p.name.startswith("mode_") for p in others):
+    if others and len(others) <= FEW:
+        told = [
+            f"{p.name.replace('_', ' ').replace('.', ' ')} {number(p.value)} {p.unit}".strip()
+            for p in others
+        ]
+        console.print("; ".join(told))
+        return
+    if others:
         table = Table()
         for head in ("parameter", "value", "unit"):
             table.add_column(head, justify="right" if head == "value" else "left")
         for p in others[:MOST]:
             table.add_row(p.name, number(p.value), p.unit)
+        table.caption = others[0].about or None
         if len(others) > MOST:
-            table.caption = f"{MOST} of {len(others)}"
+            table.caption = f"{MOST} of {len(others)}; {others[0].about}".rstrip("; ")
         console.print(table)
-    elif others:
-        told = [f"{p.name} {number(p.value)} {p.unit}".strip() for p in others[:MOST]]
-        console.print("; ".join(told))
 
 
 def _terms(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
@@ -121,7 +150,11 @@ def _terms(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
         beyond = largest is not None and place is not None and place > largest
         never = ", not reached in training" if beyond else ""
         stiff = f" of {number(size)} N/m" if size is not None else ""
-        told.append(f"{group.partition('_')[0]}{stiff} {word} {number(place)} m{never}")
+        if place is not None:
+            told.append(f"{group.partition('_')[0]}{stiff} {word} {number(place)} m{never}")
+        elif at.get("force"):
+            saturates = number(at.get("saturates_at"))
+            told.append(f"{number(at['force'])} N that saturate at {saturates} m/s")
     return told
 
 

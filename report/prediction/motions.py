@@ -22,6 +22,7 @@ from data.measured.mend import Mending
 from data.measured.raw_record import RawRecord, between
 from data.measured.reading import read_records
 from data.measured.splits import record_places
+from data.memory import require_memory
 from data.simulation.accelerograms import EARTHQUAKES, FAR_FIELD, read_event
 from data.simulation.earthquake import GRAVITY
 from data.simulation.excitation import (
@@ -81,7 +82,8 @@ def motions_of(
             )
     else:
         raws = _generated(cfg, run, interface, model_dt)
-    mending = Mending(**{key: value for key, value in cfg.mend.items() if key[0] != "_"})
+    with _words_of_excitation():
+        mending = Mending(**(cfg.mend or {}))
     found = [_mended(raw, cfg, interface, mending, model_dt, any_step) for raw in raws]
     names = [motion.name for motion in found]
     if double := next((n for n in names if names.count(n) > 1), None):
@@ -209,6 +211,8 @@ def _generated(
     if samples < 4:
         raise ValueError(f"excitation.duration={duration:g} s holds {samples} steps of {dt:g} s")
     count = len(interface.forces) or interface.supports or 1
+    room = f"excitation.duration={duration:g} s in steps of {dt:g} s"
+    require_memory(100.0 * samples * count, room, "shorten it")
     if cfg.kind is None:
         return [_as_the_run(run, interface, dt, samples, rng, cfg.seed)]
     if interface.others:
@@ -217,7 +221,10 @@ def _generated(
             "excitation.path"
         )
     wave = _waveform(cfg)
-    values, rates = wave.draw(samples, dt, count, 0, rng)
+    try:
+        values, rates = wave.draw(samples, dt, count, 0, rng)
+    except ValueError as error:
+        raise ValueError(f"excitation.{error}".replace(" or data.dt", "")) from None
     channels = {GROUND: values[:, 0]}
     if interface.kind == FORCES:
         channels = dict(zip(interface.forces, values.T, strict=True))

@@ -24,6 +24,7 @@ from report.prediction.motions import Motion
 from runner.scores.trained_range import names_of, outside
 
 LEFT = 100.0  # times the largest output of training, and the excitation's: beyond, it has diverged
+AT_ONCE = 16  # runs of a core, whose histories are held
 SYMBOLS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r", "output": "y"}
 
 
@@ -80,8 +81,10 @@ class Runner:
         if cores == 1:
             yield from (self(*job) for job in jobs[1:])
             return
-        with ThreadPoolExecutor(cores) as pool:
-            yield from pool.map(lambda job: self(*job), jobs[1:])
+        with ThreadPoolExecutor(cores) as pool:  # some at a time: histories are large
+            for first in range(1, len(jobs), AT_ONCE * cores):
+                some = jobs[first : first + AT_ONCE * cores]
+                yield from pool.map(lambda job: self(*job), some)
 
     @torch.no_grad()
     def __call__(self, motion: Motion, scale: float) -> Prediction:

@@ -117,7 +117,7 @@ def _print_scales(
     console: Console, predictions: Sequence[Prediction], kind: str, head: str, title: str
 ) -> None:
     table = Table(title=title, title_justify="left", caption_justify="left")
-    table.caption = f"largest {head}: over the motions; – where the run diverged"
+    table.caption = f"largest {head} over the motions; –: diverged"
     for name in ("scale", "16 %", "median", "84 %", "outside", "diverged", "of"):
         table.add_column(name, justify="right")
     for scale, found in by_scale(predictions, kind).items():

@@ -78,7 +78,7 @@ PREDICT = {
     "excitation": Setting(Group),
 }
 EXCITATION = {
-    "path": Setting(TEXTS),
+    "path": Setting(TEXTS, lambda p: p != [], "null, or files"),
     "events": Setting(str | int | list[str | int] | None, lambda e: e != [], "null, or events"),
     **dict.fromkeys(("kind", "hold", "align", "delimiter", "group"), Setting(str | None)),
     "std": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, or null"),
@@ -97,6 +97,10 @@ EXCITATION = {
     "skip_rows": Setting(int, lambda n: n >= 0, "0 or more"),
     "decimal": Setting(str),
     "header": Setting(bool),
+}
+MENDING = {
+    **dict.fromkeys(("resample", "fill", "low_pass", "high_pass", "order"), Setting(NUMBER)),
+    "detrend": Setting(str | None),
 }
 TRAINER = {
     "accelerator": Setting(Literal["cpu", "gpu", "cuda", "mps", "auto"]),
@@ -134,6 +138,9 @@ def check_settings(cfg: DictConfig, settings: Mapping[str, Setting] = TRAIN) -> 
 def check_excitation(excitation: DictConfig) -> None:
     """Raise ValueError, naming the key, for a motion of a prediction that cannot be used."""
     _check(OmegaConf.to_container(excitation, resolve=True), EXCITATION, "excitation.")
+    for key, value in (excitation.mend or {}).items():
+        if key in MENDING:
+            MENDING[key].check(f"excitation.mend.{key}", value)
     check_files(OmegaConf.create({"excitation": excitation}))
 
 

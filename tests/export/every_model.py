@@ -83,6 +83,13 @@ def element_test() -> Record:
     return Record(DT, r, u[:, :0], s=s, s_dot=rate, quantity="force")
 
 
+def agrees_with(found: np.ndarray, wanted: torch.Tensor, tolerance: float) -> None:
+    """Whether two signals differ by less than a share of the largest."""
+    right = wanted.detach().numpy()
+    assert np.isfinite(right).all()
+    assert np.abs(found - right).max() <= tolerance * np.abs(right).max()
+
+
 def drawn(model: Estimator, size: float = 1.0) -> Estimator:
     """Weights drawn anew, so that none is nil."""
     generator = torch.Generator().manual_seed(0)

@@ -15,7 +15,7 @@ from models.named_laws.candidates import CANDIDATES, Units
 from models.named_laws.fit import Fit
 from tests.export import networks
 from tests.export.compiling import needs_gcc, run_in_c
-from tests.export.test_steps import MODELS, drive
+from tests.export.every_model import ELEMENTS, MODELS, drive, imposed
 
 pytestmark = needs_gcc
 CLOSE = 1e-12  # of the largest of each output
@@ -96,6 +96,12 @@ def test_every_estimator_runs_in_c(name, tmp_path):
     model = MODELS[name](3)
     found = apart(model, drive(model.dofs, model.inputs, 500), tmp_path)
     assert all(error <= ROUNDED.get(name, CLOSE) for error in found.values()), found
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_every_element_runs_in_c(name, tmp_path):
+    found = apart(ELEMENTS[name](), imposed(500), tmp_path)
+    assert all(error <= CLOSE for error in found.values()), found
 
 
 def test_forces_and_deformations_are_those_of_the_elements(tmp_path):

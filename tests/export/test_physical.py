@@ -10,6 +10,7 @@ import torch
 
 from data import Bilinear, Drive, Record, SelfCentering
 from data.simulation.element_test import force, growing_cycles
+from export.modes import modes_of
 from export.physical import parameters_of, scale_is_open
 from models import (
     VWNN,
@@ -23,6 +24,7 @@ from models import (
 )
 from models.named_laws.candidates import CANDIDATES, Units
 from models.named_laws.fit import Fit
+from tests.models.zoo import DT, ESTIMATORS
 
 
 def named(model):
@@ -164,3 +166,27 @@ def test_a_black_box_holds_no_physical_parameter():
 def test_what_is_not_identified_has_no_parameters(model):
     with pytest.raises(ValueError, match="identif"):
         parameters_of(model(2, 2, 0.01))
+
+
+def test_laws_under_another_input_are_told_where_they_are():
+    model = started(HystereticElement(1, 3, 0.01, 0, 0, 0, False, other_inputs=1, nodes=3),
+                    [2.0, 3.0, 4.0], [0.1] * 3, [1.0] * 3)  # fmt: skip
+    voltage = torch.linspace(0.0, 2.0, 101, dtype=torch.float64)[:, None]
+    model.others.start(voltage, torch.ones(1), torch.ones(1), 0.01)
+    found = named(model)
+    laws = [found[f"r1.law_{j}.stiffness"] for j in (1, 2, 3)]
+    assert [law.value for law in laws] == pytest.approx([2.0, 3.0, 4.0])
+    assert [law.about[-6:] for law in laws] == ["u1 = 0", "u1 = 1", "u1 = 2"]
+    assert found["u1.lag"].unit == "s"
+    assert found["r1.law_2.rate_1.saturates_at"].unit == "m/s"
+
+
+def test_every_estimator_has_parameters_by_names_of_their_own(bilinear_record):
+    """Of every model that a second identifies: finite values, no name twice, modes where due."""
+    for name, make in ESTIMATORS.items():
+        model = make(3, 3, DT)
+        model.identify([bilinear_record])
+        found = parameters_of(model)
+        assert len({p.name for p in found}) == len(found), name
+        assert all(math.isfinite(p.value) for p in found), name
+        assert (modes_of(model) is not None) == (name == "linear" or "element" in name), name

@@ -136,3 +136,16 @@ def test_a_step_names_what_goes_in_and_out(name):
         if isinstance(part, np.ndarray):
             assert part.dtype in (np.float64, np.int64)
             assert part.flags.c_contiguous
+
+
+@pytest.mark.parametrize(("name", "size"), [("modal_network", 1e5), ("sliding_mass", 1e3)])
+def test_a_run_that_left_its_bounds_is_lost_from_there(name, size):
+    model = MODELS[name](1)
+    given = drive(1, model.inputs, 60)
+    given = replace(given, u=size * given.u)
+    given.u[:10] = 0.0
+    lost = np.isnan(model.free_run(given).a.numpy())
+    step = step_of(model)
+    assert 0 < lost.sum() < len(lost)
+    found = run(step, given)[step.outputs[0][0]]
+    np.testing.assert_array_equal(np.isnan(found), lost)

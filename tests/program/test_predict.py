@@ -13,15 +13,17 @@ import pytest
 import torch
 
 import predict
+from data import Bilinear, Structure
 from data.measured.reading import read_record
 from data.record import Drive
 from data.sample import Sensors
+from data.simulation.motion import simulate
 from models import EquivalentLinear, HystereticElement
 from models.training.assemble import estimator_from
 from report.prediction.motions import COMPONENTS
 from runner.config.compose import composed
 from runner.folder.run import load_run
-from tests.program.planted_runs import DT, C, K, carried, chain, forced, plant, shaken
+from tests.program.planted_runs import AFTER, DT, C, K, Y, carried, chain, forced, plant, shaken
 from tests.program.test_train import run
 
 G = 9.80665
@@ -130,6 +132,25 @@ def test_a_ground_acceleration_is_the_same_to_a_base_to_forces_and_to_supports(
         np.testing.assert_allclose(found["forced"][head], base, atol=1e-7 * np.abs(base).max())
         supported = found["carried"][head]
         np.testing.assert_allclose(supported, base, atol=0.01 * np.abs(base).max())
+
+
+def test_a_planted_chain_moves_as_the_structure_that_it_stands_for(tmp_path, predicted):
+    """Under a ground motion that makes it yield, against the simulation with exact corners."""
+    a = quake(size=20.0)
+    file = write(tmp_path / "quake.csv", s_ddot1=a)
+    folder = plant(tmp_path / "run", *forced(3))
+    found = history(predicted(folder, f"excitation.path={file}", "excitation.quiet=0"))
+    pairs = (("ground", "x1"), ("x1", "x2"), ("x2", "x3"))
+    law = {"yield_displacement": Y, "stiffness": K, "post_yield_stiffness": AFTER * K}
+    elements = {
+        f"r{i}": Bilinear(between=pair, damping=C, post_yield_damping=C, **law)
+        for i, pair in enumerate(pairs)
+    }
+    motion = simulate(Structure([1.0] * 3, elements), -np.repeat(a[:, None], 3, axis=1), DT)
+    for i in range(3):
+        x = motion.x[:, i]
+        assert np.linalg.norm(found[f"x{i + 1} [m]"] - x) < 0.01 * np.linalg.norm(x)
+    assert np.abs(motion.y).max() > 2.0 * Y
 
 
 def test_units_files_and_factors_of_a_ground_motion_agree(tmp_path, predicted):
@@ -262,6 +283,10 @@ MISTAKES = {
     "excitation=earthquake": "is a choice of training",
     "excitation.pth=a.csv": "did you mean excitation.path",
     "excitation.threads=a": "there is no setting",
+    "excitation.path=[]": "excitation.path=[] must be",
+    "excitation.path={f} excitation.mend.fill=a": "excitation.mend.fill=a must be",
+    "excitation.kind=gaussian excitation.std=1 excitation.duration=1e9": "excitation.duration",
+    "excitation.kind=gaussian excitation.std=1 excitation.band=[0,80]": "above the Nyquist",
 }
 
 
