@@ -1,4 +1,4 @@
-"""Composite networks that run as models/composition/simulate.py has it, and their channels."""
+"""Which composite networks run as models/composition/simulate.py has it."""
 
 from __future__ import annotations
 
@@ -19,14 +19,3 @@ def plain_composite(estimator: Estimator) -> Composite:
             "to=c or to=fmu"
         )
     return estimator
-
-
-def columns_of(network: Composite) -> list[tuple[str, str]]:
-    """Name and unit of each channel of excitation, in the model's order."""
-    forces, supports = getattr(network, "forces", None), getattr(network, "supports", None)
-    if not isinstance(forces, int) or not isinstance(supports, int):
-        return [(f"u{i + 1}", "N") for i in range(network.inputs)]
-    unit = "m/s2" if getattr(network, "base", False) else "N"
-    named = [(f"f{i + 1}", unit) for i in range(forces)]
-    named += [(f"s{i + 1}", "m") for i in range(supports)]
-    return named + [(f"s_dot{i + 1}", "m/s") for i in range(supports)]

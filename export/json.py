@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from torch import nn
-
+from export.physical import parameters_of
 from export.run import Exported
-from models.composition.coefficients import Coefficients
+from models.estimator import Estimator
 
 
 def write(model: Exported, folder: Path) -> list[Path]:
@@ -31,41 +29,27 @@ def content_of(model: Exported) -> dict[str, Any]:
         "hold": model.hold,
         "inputs": [{"name": name, "unit": unit} for name, unit in model.inputs],
         "dofs": model.estimator.dofs,
-        "parameters": [
-            {"name": name, "value": value if math.isfinite(value) else None, "unit": unit}
-            for name, value, unit in parameters(model.estimator)
-        ],
+        "parameters": list(parameters(model.estimator)),
         "settings": _plain(model.config),
         "passport": model.passport.facts,
     }
 
 
-def parameters(estimator: nn.Module) -> Iterable[tuple[str, float, str]]:
-    """Name, value and unit of each parameter: as an engineer names them, where that is known."""
-    try:
-        physical = importlib.import_module("export.physical")
-    except ModuleNotFoundError:
-        yield from _numbers(estimator)
-        return
-    for parameter in physical.parameters_of(estimator):
-        yield parameter.name, float(parameter.value), parameter.unit
+def parameters(estimator: Estimator) -> Iterable[dict[str, Any]]:
+    """Physical parameters of a model; of a black box the numbers as the model names them."""
+    physical: list[dict[str, Any]] = [vars(parameter) for parameter in parameters_of(estimator)]
+    named: Iterable[dict[str, Any]] = (
+        {"name": name, "value": value, "unit": ""} for name, value in _numbers(estimator)
+    )
+    for one in physical or named:
+        yield {**one, "value": one["value"] if math.isfinite(one["value"]) else None}
 
 
-def _numbers(estimator: nn.Module) -> Iterable[tuple[str, float, str]]:
-    """Coefficients by the names that the model gives them, in SI units that are not told."""
-    taken = set()
-    for name, module in estimator.named_modules():
-        if isinstance(module, Coefficients):
-            taken |= {f"{name}.{inner}" for inner, _ in module.named_parameters()}
-            yield from _entries(name, module().detach().flatten().tolist())
+def _numbers(estimator: Estimator) -> Iterable[tuple[str, float]]:
+    """Every weight by the name that the model gives it."""
     for name, values in estimator.named_parameters():
-        if name not in taken:
-            yield from _entries(name, values.detach().flatten().tolist())
-
-
-def _entries(name: str, values: list[float]) -> Iterable[tuple[str, float, str]]:
-    for i, value in enumerate(values):
-        yield (name if len(values) == 1 else f"{name}[{i + 1}]"), value, ""
+        for i, value in enumerate(values.detach().flatten().tolist()):
+            yield (name if values.numel() == 1 else f"{name}[{i + 1}]"), value
 
 
 def _plain(value: Any) -> Any:

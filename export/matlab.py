@@ -12,12 +12,11 @@ from string import Template
 import torch
 from torch import Tensor
 
-from export.composite import columns_of, plain_composite
+from export.composite import plain_composite
 from export.run import Exported
 from models.composition.laws_compiled import LARGEST, SMALL, TERMS, TERMS_OF_LOGARITHM
 
 FOLDER = Path(__file__).parent
-HOLDS = {"linear": ("linear", 0), "zero_order": ("held", 1)}
 
 
 def write(model: Exported, folder: Path) -> list[Path]:
@@ -53,7 +52,7 @@ def step_of(model: Exported) -> str:
     return Template((FOLDER / "matlab_step.m.txt").read_text("utf-8")).substitute(
         {name: matrix(value) for name, value in numbers.items()},
         name=model.name,
-        units=", ".join(f"{name} [{unit}]" for name, unit in columns_of(network)),
+        units=", ".join(f"{name} [{unit}]" for name, unit in model.plain_inputs),
         elements=", ".join("-".join(pair) for pair in pairs),
         about="\n".join(f"% {line}".rstrip() for line in model.passport.lines()),
         dt=repr(network.dt),
@@ -66,18 +65,15 @@ def step_of(model: Exported) -> str:
 
 
 def run_of(model: Exported) -> str:
-    """The function that runs a CSV."""
-    network = plain_composite(model.estimator)
-    if model.hold not in HOLDS:
-        raise ValueError(f"an excitation that is {model.hold} between samples looks ahead")
-    word, held = HOLDS[model.hold]
-    columns = columns_of(network)
+    """The function that runs a CSV: an excitation that was not held is linear between samples."""
+    held = model.hold == "zero_order"
+    columns = model.plain_inputs
     return Template((FOLDER / "matlab_run.m.txt").read_text("utf-8")).substitute(
         name=model.name,
         units=", ".join(f"{name} [{unit}]" for name, unit in columns),
         columns=", ".join(f"'{name}'" for name in ("time", *(name for name, _ in columns))),
-        hold=word,
-        held=held,
+        hold="held" if held else "linear",
+        held=int(held),
     )
 
 

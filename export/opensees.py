@@ -16,7 +16,6 @@ from string import Template
 
 import torch
 
-from export.composite import columns_of
 from export.opensees_laws import Material, material_of
 from export.opensees_named import named_materials
 from export.run import Exported
@@ -63,8 +62,8 @@ def script_of(model: Exported) -> str:
         supports=network.supports,
         forced=[i + 1 for i in network.forced],
         base=network.base,
-        columns=[name for name, _ in columns_of(network)],
-        units=", ".join(f"{name} [{unit}]" for name, unit in columns_of(network)),
+        columns=[name for name, _ in model.plain_inputs],
+        units=", ".join(f"{name} [{unit}]" for name, unit in model.plain_inputs),
         dt=repr(network.dt),
         steps=5 * network.substeps,
         elements=_listed(_element(e) for e in elements),

@@ -15,6 +15,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
+from data.public.benchmarks import BENCHMARKS
 from data.sample import Sensors
 from models.training.metrics import FREE_RUNS
 from runner.config.compose import CONF
@@ -99,7 +100,7 @@ def _data(cfg: DictConfig, sensors: Sensors) -> dict[str, Any]:
         "duration_s": data.get("duration"),
         "files": [],
         "benchmark": data.get("benchmark"),
-        "hold": data.get("hold") or ("linear" if "train_records" in data else None),
+        "hold": data.get("hold") or _hold(data.get("benchmark")),
     }
     if data.get("path") is not None:
         paths = [data.path] if isinstance(data.path, str) else list(data.path)
@@ -110,6 +111,11 @@ def _data(cfg: DictConfig, sensors: Sensors) -> dict[str, Any]:
     elif facts["files"] and data.get("split") is not None:
         facts["share"] = float(data.split)
     return facts
+
+
+def _hold(benchmark: str | None) -> str:
+    """Of the excitation between samples, where the config leaves it to the data."""
+    return BENCHMARKS[benchmark].hold if benchmark in BENCHMARKS else "linear"
 
 
 def _trained_on(facts: Mapping[str, Any]) -> str:

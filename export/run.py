@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from data.sample import Sensors
+from export.names import inputs_of
 from export.passport import Passport, passport_of
 from models.estimator import Estimator
 from models.training.metrics import FREE_RUNS
@@ -35,8 +36,13 @@ class Exported:
         """Name and unit of each channel of excitation."""
         names = self.passport.facts["trained_range"].get("excitation", {}).get("names")
         if not names or len(names) != self.estimator.inputs:
-            names = [f"u{i + 1}" for i in range(self.estimator.inputs)]
+            names = [name for name, _ in inputs_of(self.estimator)]
         return [(name, self._unit(name)) for name in names]
+
+    @property
+    def plain_inputs(self) -> list[tuple[str, str]]:
+        """The same with units of plain letters, for files that programs read."""
+        return [(name, unit.replace("²", "2")) for name, unit in self.inputs]
 
     def _unit(self, name: str) -> str:
         if re.fullmatch(r"f\d+", name):
@@ -64,7 +70,7 @@ def read_exported(folder: Path) -> Exported:
         passport,
         sensors,
         {str(key): value for key, value in cfg.model.items() if key != "about"},
-        passport.facts["trained_on"]["hold"] or "linear",
+        passport.facts["trained_on"]["hold"],
     )
 
 

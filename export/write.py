@@ -37,7 +37,7 @@ def written(model: Exported, targets: Sequence[str], folder: Path) -> list[tuple
             write = importlib.import_module(TARGETS[target].module).write
             files += [(target, path) for path in write(model, folder)]
         except ModuleNotFoundError as error:
-            refused.append(f"{target}: {_missing(target, error)}")
+            refused.append(f"{target}: needs {error.name}: pip install -e '.[export]'")
         except ValueError as error:
             refused.append(f"{target}: {error}")
     if refused:
@@ -47,12 +47,6 @@ def written(model: Exported, targets: Sequence[str], folder: Path) -> list[tuple
         hint = f"; nothing was written, to={','.join(rest)} would be" if rest else ""
         raise ValueError(f"{'; '.join(refused)}{hint}")
     return files
-
-
-def _missing(target: str, error: ModuleNotFoundError) -> str:
-    if (error.name or "").startswith("export."):
-        return "not there yet"
-    return f"the package {error.name} is not installed: pip install {error.name}"
 
 
 def _moved(path: Path, aside: Path, output: Path) -> Path:

@@ -26,16 +26,16 @@ GRAPHS: dict[type[Estimator], Any] = {
     GlobalMLP: MLPGraph,
     EquivalentLinear: LinearGraph,
 }
-HOLDS = ("linear", "zero_order")
 RUNS, SAMPLES = 2, 5  # of the example that is followed; others do as well
 MOST_RUNS, MOST_SAMPLES = 1 << 20, 1 << 30
 
 
 def graph_of(model: Exported) -> Graph:
-    """The free run of a model. Raises ValueError for a model that has no graph here."""
+    """The free run of a model. Raises ValueError for a model that has no graph here.
+
+    Between samples the excitation is held where it was in training, else linear.
+    """
     estimator = model.estimator
-    if model.hold not in HOLDS:
-        raise ValueError(f"an excitation that is {model.hold} between samples looks ahead")
     held = model.hold == "zero_order"
     if isinstance(estimator, Composite):
         return CompositeGraph(plain_composite(estimator), held).eval()

@@ -12,7 +12,6 @@ import pytest
 import torch
 
 from data.record import Drive
-from export.composite import columns_of
 from export.matlab import write
 from models import VWNN, ElementNetworkBranch
 from tests.export.conftest import DT, drive_of, exported, network
@@ -32,7 +31,7 @@ def run(model, drive: Drive, folder: Path) -> np.ndarray:
     write(model, folder)
     with open(folder / "in.csv", "w", newline="") as file:
         table = csv.writer(file)
-        table.writerow(["time", *(name for name, _ in columns_of(model.estimator))])
+        table.writerow(["time", *(name for name, _ in model.inputs)])
         table.writerows([k * drive.dt, *row] for k, row in enumerate(drive.u.tolist()))
     done = octave(folder, f"{model.name}_run('in.csv', 'out.csv')")
     assert done.returncode == 0, done.stderr
