@@ -58,8 +58,11 @@ def _moved(path: Path, aside: Path, output: Path) -> Path:
 
 def show(files: Sequence[tuple[str, Path]]) -> None:
     """Print the files, their sizes and who they are for."""
-    table = Table("file", "size", "for", box=None)
+    table, before = Table("file", "kB", "for", box=None), ""
+    table.columns[1].justify = "right"
     for target, path in files:
-        size = path.stat().st_size / 1000.0
-        table.add_row(str(path), f"{size:.1f} kB", TARGETS[target].reader)
-    terminal(140).print(table)
+        reader = "" if target == before else TARGETS[target].reader
+        table.add_row(path.name, f"{path.stat().st_size / 1000.0:.1f}", reader)
+        before = target
+    terminal(80).print(table)
+    print(f"written to {files[0][1].parent}")
