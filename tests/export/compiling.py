@@ -64,14 +64,14 @@ int main(void)
 
 def built(step: Step, given: Drive, folder: Path, flags: tuple[str, ...] = ("-O2",)) -> Path:
     """A program that runs a drive. Raises where gcc has a word to say."""
-    source = source_of(step, "model", ["a test"])
-    (folder / "model.h").write_text(source.header, encoding="utf-8")
-    (folder / "model.c").write_text(source.body, encoding="utf-8")
+    source = source_of(step, "tested", ["a test"])
+    (folder / "tested.h").write_text(source.header, encoding="utf-8")
+    (folder / "tested.c").write_text(source.body, encoding="utf-8")
     writes = " ".join(
         f"fwrite(m.{array}, sizeof(double), {len(names)}, out);" for array, names, _ in step.outputs
     )
     words = {
-        "NAME": "model", "SAMPLES": str(given.samples), "INPUTS": str(len(step.inputs)),
+        "NAME": "tested", "SAMPLES": str(given.samples), "INPUTS": str(len(step.inputs)),
         "STEP": repr(given.dt), "HELD": str(int(given.hold == "zero_order")), "WRITES": writes,
         "x0[N]": f"x0[{len(given.x0)}]", "v0[N]": f"v0[{len(given.x0)}]",
         "u[M]": f"u[{max(len(step.inputs), 1)}]", "x0, N": f"x0, {len(given.x0)}",
@@ -82,10 +82,10 @@ def built(step: Step, given: Drive, folder: Path, flags: tuple[str, ...] = ("-O2
         text = text.replace(word, value)
     (folder / "main.c").write_text(text)
     assert GCC is not None
-    command = [GCC, *STRICT, *flags, "model.c", "main.c", "-lm", "-o", "model"]
+    command = [GCC, *STRICT, *flags, "tested.c", "main.c", "-lm", "-o", "tested"]
     said = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert said.returncode == 0, said.stderr
-    return folder / "model"
+    return folder / "tested"
 
 
 def run_in_c(
