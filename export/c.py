@@ -39,6 +39,8 @@ def step_for(model: Exported) -> Step:
 
 def _named(step: Step, model: Exported) -> Step:
     own = [(name, unit.replace("²", "2")) for name, unit in model.inputs]
+    if all(name == f"u{i + 1}" for i, (name, _) in enumerate(own)):
+        return step  # the run does not know better than the model
     return replace(step, inputs=[*own, *step.inputs[len(own) :]])
 
 

@@ -5,6 +5,8 @@ n coordinates, E elements, m excitations, o outputs.
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import numpy as np
 import torch
 
@@ -66,14 +68,9 @@ def advance(last, dt, q, rate, ahead, acc, left, y, z, r, core, inputs, G, D, su
 def step_of(model: Composite) -> Step:
     """The step of a network of elements, or of elements under an imposed motion.
 
-    Raises ValueError for one that is not identified, or that has other inputs.
+    Raises ValueError for one that is not identified.
     """
     model.require_identified(model.identified)
-    if isinstance(model, HystereticElement) and model.others is not None:
-        raise ValueError(
-            "elements with other inputs, such as a voltage, are not exported yet; simulate them "
-            "with predict.py"
-        )
     made = model.composition()
     parts = {"core": made.core, "inputs": made.inputs, "G": made.G, "D": made.D}
     parts |= {"laws": made.laws, "outputs": made.outputs}
@@ -86,12 +83,15 @@ def step_of(model: Composite) -> Step:
     state |= {name: np.zeros(o) for name in "xva"}
     empty = {"by_q": np.zeros((n, 0)), "by_r": np.zeros((E, 0)), "by_z": np.zeros((E, units, 0))}
     empty |= {"work": np.zeros((2, 0)), "slopes": np.zeros((0, 0))}
-    return Step(
+    step = Step(
         begin, observe, advance, model.dt, state,
         {**numbers, **empty, "places": np.zeros((0, 0), np.int64), "counts": made.counts},
         inputs_of(model), _outputs(model, E, o), model.substeps, True,
         parameters=_parameters(model, made.counts, E),
     )  # fmt: skip
+    if isinstance(model, HystereticElement) and model.others is not None:
+        return import_module("export.steps.other_inputs").step_of(model, step)
+    return step
 
 
 def _outputs(model: Composite, E: int, o: int) -> list[tuple[str, list[str], str]]:

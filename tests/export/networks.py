@@ -65,6 +65,21 @@ def element(units: int = 3) -> HystereticElement:
     return model
 
 
+def damper(elements: int = 1, others: int = 2) -> HystereticElement:
+    """Under an imposed motion and other inputs."""
+    model = HystereticElement(elements, 2 * elements + others, DT, other_inputs=others)
+    drawn_laws(model, 4e5, 0.5)
+    assert model.others is not None
+    generator = torch.Generator().manual_seed(3)
+    e = torch.rand(400, others, generator=generator, dtype=torch.float64)
+    size = torch.full((elements,), 1e4).double()
+    with torch.no_grad():
+        model.others.start(e, size, size / 1e4, DT)
+        for c in (model.others.rate_force, model.others.offset):
+            c.theta.copy_(0.3 * torch.randn(c.theta.shape, generator=generator).double())
+    return model
+
+
 def branches(dofs: int, ramps: int = 6) -> ElementNetworkBranch:
     model = ElementNetworkBranch(dofs, dofs, DT, elements="chain", ramps=ramps)
     generator = torch.Generator().manual_seed(0)

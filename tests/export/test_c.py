@@ -161,6 +161,20 @@ def test_a_named_element_runs_in_c(law, tmp_path):
     assert apart(model, Drive(networks.DT, smooth(1000, 0.05), rest, rest), tmp_path)["r"] <= CLOSE
 
 
+@pytest.mark.parametrize("elements", [1, 2])
+def test_an_element_under_other_inputs_runs_in_c(elements, tmp_path):
+    model = networks.damper(elements)
+    s = smooth(800, 0.1)
+    others = torch.rand(800, 2, generator=torch.Generator().manual_seed(0)).double() * 1.4 - 0.2
+    u = torch.cat([*([s[:, :1]] * elements), *([s[:, 1:]] * elements), others], dim=1)
+    rest = torch.zeros(elements, dtype=torch.float64)
+    given = Drive(networks.DT, u, rest, rest)
+    with torch.inference_mode():
+        right = model.free_run(given).a.numpy()
+    found = run_in_c(step_of(model), given, tmp_path)["force"]
+    assert np.abs(found - right).max() <= CLOSE * np.abs(right).max()
+
+
 def test_an_element_test_runs_in_c(tmp_path):
     model = networks.element()
     s = smooth(1000, 0.1)
