@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from export.c_header import comment, header_of
 from export.names import spelled
 from export.step import SIGNALS, Step
 from export.translate.program import Function, Program, array_of, wrapped
@@ -47,14 +48,14 @@ def source_of(step: Step, name: str, told: Sequence[str] = ()) -> Source:
     used = {n for function, _ in made for n in function.parameters}
     constants = [_table(n, v) for n, v in tables.items() if n in used and isinstance(v, np.ndarray)]
     parts = [
-        _comment([f"{name}: a model of a structure.", *told]),
+        comment([f"{name}: a model of a structure.", *told]),
         f'#include "{name}.h"\n\n#include <math.h>\n#include <string.h>',
         *constants,
         text,
         *_public(step, name, held, made),
     ]
     lines = [part for line in "\n\n".join(parts).split("\n") for part in wrapped(line)]
-    return Source(name, _header(step, name, held, told), "\n".join(lines) + "\n")
+    return Source(name, header_of(step, name, held, told), "\n".join(lines) + "\n")
 
 
 def _made(program: Program, step: Step, function: Any) -> tuple[Function, list[str]]:
@@ -225,46 +226,6 @@ def _stepping(
     yield "    }"
     yield "    return 0;"
     yield "}"
-
-
-def _header(step: Step, name: str, held: dict[str, np.ndarray], told: Sequence[str]) -> str:
-    big = name.upper()
-    lines = [_comment([f"{name}: a model of a structure.", *told]), ""]
-    lines += [f"#ifndef {big}_H", f"#define {big}_H", ""]
-    lines += [f"#define {big}_INPUTS {len(step.inputs)}"]
-    lines += [f"#define {big}_{array.upper()} {len(names)}" for array, names, _ in step.outputs]
-    lines += [f"#define {big}_X0 {len(step.outputs[0][1])}"]
-    lines += [f"#define {big}_DT {step.dt!r} /* [s] */"]
-    lines += [f"#define {big}_BAD_STEP 1", f"#define {big}_DIVERGED 2", ""]
-    lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
-    lines += ["/* The whole state: copy it to save it. */", "typedef struct {"]
-    excitation = ", ".join(f"{n} [{unit}]" if unit else n for n, unit in step.inputs)
-    lines += [f"    double u[{max(len(step.inputs), 1)}]; /* excitation: {excitation} */"]
-    lines += [f"    double last[{max(len(step.inputs), 1)}]; /* before it jumped */"]
-    units = {array: unit for array, _, unit in step.outputs}
-    for array, value in held.items():
-        kind = "int" if value.dtype.kind == "i" else "double"
-        words = f" /* [{units[array]}] */" if array in units else ""
-        lines += [f"    {kind} {array}[{max(value.size, 1)}];{words}"]
-    lines += [f"}} {name};", ""]
-    lines += ["/* The numbers that were identified, at rest. */", f"void {name}_init({name} *m);"]
-    lines += ["/* A motion that begins with x0, v0 and the excitation u. */"]
-    lines += [f"void {name}_begin({name} *m, const double *x0, const double *v0, const double *u);"]
-    lines += [
-        "/* The excitation jumps to u. */",
-        f"void {name}_excite({name} *m, const double *u);",
-    ]
-    lines += [
-        "/* To the next instant, dt [s] later, while the excitation goes to u on a straight line.",
-        f"   0, or {big}_BAD_STEP, or {big}_DIVERGED. */",
-        f"int {name}_step({name} *m, const double *u, double dt);",
-    ]
-    return "\n".join([*lines, "", "#ifdef __cplusplus", "}", "#endif", "", "#endif", ""])
-
-
-def _comment(lines: Sequence[str]) -> str:
-    safe = [line.replace("*/", "* /") for line in lines]
-    return "/* " + "\n   ".join(safe) + " */"
 
 
 def _table(name: str, value: np.ndarray) -> str:

@@ -13,15 +13,18 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from xml.sax.saxutils import escape, quoteattr
-
-import numpy as np
 
 from export.c import step_for, told_of
 from export.c_source import Source, source_of
-from export.fmi_units import definitions
+from export.fmu_description import (
+    Variable,
+    build_description,
+    description2,
+    description3,
+    documentation,
+    variables_of,
+)
 from export.run import Exported
 from export.step import Step
 
@@ -33,54 +36,6 @@ PLATFORMS = {  # compiler, suffix, folders in FMI 2 and 3
 }
 WAITING = 120.0  # [s] for a compiler
 DATE = (2000, 1, 1, 0, 0, 0)  # of all files of the zip: the same model, the same bytes
-
-
-@dataclass(frozen=True)
-class Variable:
-    """A variable of an FMU; `place` is where it lies in the struct."""
-
-    name: str
-    place: str
-    causality: str  # input, output, parameter
-    unit: str
-    start: float | None
-    said: str
-
-
-def variables_of(step: Step) -> list[Variable]:
-    """Inputs, outputs, then parameters: the order of their value references."""
-    found = [
-        Variable(name, f"input[{i}]", "input", unit, 0.0, "excitation")
-        for i, (name, unit) in enumerate(step.inputs)
-    ]
-    for array, names, unit in step.outputs:
-        said = WORDS.get(array, "")
-        found += [
-            Variable(name, f"own.{array}[{i}]", "output", unit, None, said)
-            for i, name in enumerate(names)
-        ]
-    n = len(step.outputs[0][1])
-    for array, unit, said in (("x0", "m", "displacement"), ("v0", "m/s", "velocity")):
-        found += [
-            Variable(f"{array}_{i + 1}", f"{array}[{i}]", "parameter", unit, 0.0, f"first {said}")
-            for i in range(n)
-        ]
-    for array, place, name, unit in step.parameters:
-        value = np.asarray(step.numbers[array])
-        flat = int(np.ravel_multi_index(place, value.shape))
-        start = float(value[place])
-        found.append(Variable(name, f"own.{array}[{flat}]", "tunable", unit, start, ""))
-    return found
-
-
-WORDS = {
-    "x": "displacement",
-    "v": "velocity",
-    "a": "acceleration",
-    "y": "deformation of an element",
-    "deformation": "deformation of an element",
-    "r": "force of an element",
-}
 
 
 def write(model: Exported, folder: Path) -> list[Path]:
@@ -128,15 +83,15 @@ def _write_one(
         for name, text in files.items():
             (own / name).write_text(text, encoding="utf-8")
         binaries = _compiled(own, source.name, version)
-        described = _description2 if version == 2 else _description3
+        described = description2 if version == 2 else description3
         parts: dict[str, str | bytes] = {
             "modelDescription.xml": described(step, source.name, variables, token, told),
-            "documentation/index.html": _documentation(source.name, variables, told),
+            "documentation/index.html": documentation(source.name, variables, told),
             **{f"sources/{name}": text for name, text in files.items()},
             **{place: binary.read_bytes() for place, binary in binaries.items()},
         }
         if version == 3:
-            parts["sources/buildDescription.xml"] = _build(source.name)
+            parts["sources/buildDescription.xml"] = build_description(source.name)
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
             for name, text_or_bytes in parts.items():
                 entry = zipfile.ZipInfo(name, DATE)
@@ -153,7 +108,12 @@ def _compiled(folder: Path, name: str, version: int) -> dict[str, Path]:
         target = folder / f"{name}{suffix}"
         sources = [f"fmi{version}.c", f"{name}.c"]
         words = [compiler, *FLAGS, *flags, "-shared", *sources, "-o", target.name, "-lm"]
-        said = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=WAITING)
+        try:
+            said = subprocess.run(
+                words, cwd=folder, capture_output=True, text=True, timeout=WAITING
+            )
+        except subprocess.TimeoutExpired:
+            raise ValueError(f"{compiler} took over {WAITING:g} s; export to=c instead") from None
         if said.returncode:
             raise ValueError(f"{compiler} failed: {said.stderr.strip().splitlines()[0]}")
         found[f"binaries/{old if version == 2 else new}/{target.name}"] = target
@@ -182,119 +142,3 @@ def _variables(step: Step, name: str, variables: list[Variable], token: str) -> 
 
 
 FUNCTIONS = ("MODEL_INIT", "MODEL_BEGIN", "MODEL_EXCITE", "MODEL_STEP")
-CAUSES = {  # causality, variability
-    "input": 'causality="input" variability="continuous"',
-    "output": 'causality="output" variability="continuous"',
-    "parameter": 'causality="parameter" variability="fixed"',
-    "tunable": 'causality="parameter" variability="tunable"',
-}
-
-
-def _said(variable: Variable) -> str:
-    return f" description={quoteattr(variable.said)}" if variable.said else ""
-
-
-def _real(variable: Variable) -> str:
-    """What FMI 2 and 3 say of the number of a variable."""
-    unit = f" unit={quoteattr(variable.unit)}" if variable.unit else ""
-    start = "" if variable.start is None else f' start="{variable.start!r}"'
-    return unit + start
-
-
-def _description2(
-    step: Step, name: str, variables: list[Variable], token: str, told: Sequence[str]
-) -> str:
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{token}"',
-        f"    description={quoteattr(' '.join(told)[:1000])}",
-        '    generationTool="structural-model-zoo" variableNamingConvention="flat">',
-        f'  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="true"',
-        '      canInterpolateInputs="true" canGetAndSetFMUstate="true"',
-        '      canSerializeFMUstate="true" canNotUseMemoryManagementFunctions="true">',
-        f'    <SourceFiles><File name="fmi2.c"/><File name="{name}.c"/></SourceFiles>',
-        "  </CoSimulation>",
-        *definitions({v.unit for v in variables}, "2"),
-        '  <LogCategories><Category name="logStatusError"/></LogCategories>',
-        f'  <DefaultExperiment startTime="0.0" stopTime="{1000 * step.dt!r}" '
-        f'stepSize="{step.dt!r}"/>',
-        "  <ModelVariables>",
-    ]
-    for reference, variable in enumerate(variables):
-        lines.append(
-            f"    <ScalarVariable name={quoteattr(variable.name)} "
-            f'valueReference="{reference}" {CAUSES[variable.causality]}{_said(variable)}>'
-            f"<Real{_real(variable)}/></ScalarVariable>"
-        )
-    outputs = [i + 1 for i, v in enumerate(variables) if v.causality == "output"]
-    for kind in ("Outputs", "InitialUnknowns"):
-        if kind == "Outputs":
-            lines += ["  </ModelVariables>", "  <ModelStructure>"]
-        lines += [f"    <{kind}>", *(f'      <Unknown index="{i}"/>' for i in outputs)]
-        lines += [f"    </{kind}>"]
-    return "\n".join([*lines, "  </ModelStructure>", "</fmiModelDescription>", ""])
-
-
-def _description3(
-    step: Step, name: str, variables: list[Variable], token: str, told: Sequence[str]
-) -> str:
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<fmiModelDescription fmiVersion="3.0" modelName="{name}" instantiationToken="{token}"',
-        f"    description={quoteattr(' '.join(told)[:1000])}",
-        '    generationTool="structural-model-zoo" variableNamingConvention="flat">',
-        f'  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="true"',
-        '      canGetAndSetFMUState="true" canSerializeFMUState="true"/>',
-        *definitions({v.unit for v in variables}, "3"),
-        '  <LogCategories><Category name="logStatusError"/></LogCategories>',
-        f'  <DefaultExperiment startTime="0.0" stopTime="{1000 * step.dt!r}" '
-        f'stepSize="{step.dt!r}"/>',
-        "  <ModelVariables>",
-        f'    <Float64 name="time" valueReference="{len(variables)}" causality="independent" '
-        'variability="continuous" unit="s"/>',
-    ]
-    for reference, variable in enumerate(variables):
-        lines.append(
-            f"    <Float64 name={quoteattr(variable.name)} "
-            f'valueReference="{reference}" {CAUSES[variable.causality]}{_said(variable)}'
-            f"{_real(variable)}/>"
-        )
-    outputs = [i for i, v in enumerate(variables) if v.causality == "output"]
-    lines += ["  </ModelVariables>", "  <ModelStructure>"]
-    for kind in ("Output", "InitialUnknown"):
-        lines += [f'    <{kind} valueReference="{i}"/>' for i in outputs]
-    return "\n".join([*lines, "  </ModelStructure>", "</fmiModelDescription>", ""])
-
-
-def _build(name: str) -> str:
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?>\n'
-        '<fmiBuildDescription fmiVersion="3.0">\n'
-        f'  <BuildConfiguration modelIdentifier="{name}">\n'
-        '    <SourceFileSet language="C99">\n'
-        f'      <SourceFile name="fmi3.c"/>\n      <SourceFile name="{name}.c"/>\n'
-        "    </SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n"
-    )
-
-
-def _documentation(name: str, variables: list[Variable], told: Sequence[str]) -> str:
-    rows = [
-        f"<tr><td>{escape(v.name)}</td><td>{v.causality}</td><td>{escape(v.unit)}</td>"
-        f"<td>{escape(v.said)}</td></tr>"
-        for v in variables
-    ]
-    lines = [f"<p>{escape(line)}</p>" for line in told]
-    return "\n".join(
-        [
-            "<!DOCTYPE html>",
-            f'<html lang="en"><head><meta charset="utf-8"><title>{name}</title></head><body>',
-            f"<h1>{name}</h1>",
-            *lines,
-            "<p>Within a communication step inputs are held; FMI 2 masters may set their slopes. "
-            "</p>",
-            "<table><tr><th>variable</th><th>kind</th><th>unit</th><th></th></tr>",
-            *rows,
-            "</table></body></html>",
-            "",
-        ]
-    )
