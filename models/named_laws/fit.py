@@ -20,7 +20,7 @@ from data.simulation.element_test import imposed
 from models.named_laws.candidates import CANDIDATES, Candidate, Units
 
 DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
-FOLLOWED = 72  # over the parameters of a law: starts that are followed at first
+FOLLOWED, MOST_FOLLOWED = 72, 14  # over the parameters of a law: starts that are followed at first
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
 IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
@@ -142,7 +142,7 @@ def begun(
     for one in drawn:
         one.error = one.error_on(motions[:1])
     drawn.sort(key=lambda one: one.error)
-    count = max(STAY, FOLLOWED // len(candidate.parameters))
+    count = min(max(STAY, FOLLOWED // len(candidate.parameters)), MOST_FOLLOWED)
     ends = [followed(one, motions, FIRST) for one in drawn[:count]]
     return sorted(ends, key=lambda one: one.error)[:STAY]
 

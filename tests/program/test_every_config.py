@@ -92,12 +92,17 @@ def fits(*overrides: str) -> dict:
     return score(estimator, data.loader("test"))
 
 
+SMALL = {  # models whose laws take long to be chosen, with less to choose from
+    "element_network_named": ["model.laws=[Linear]"],
+}
+
+
 @pytest.mark.parametrize("system", sorted(PAPER))
 @pytest.mark.parametrize("model", sorted(set(choices("model")) - ELEMENT_TESTS - ONE_CHANNEL))
 def test_every_model_on_every_system(model, system):
     if (model, system) == ("element_network_branch", "bouc_wen"):
         pytest.skip("equilibrium leaves six elements open, the run diverges: docs/unplanted.md")
-    errors = fits(f"model={model}", f"system={system}")
+    errors = fits(f"model={model}", f"system={system}", *SMALL.get(model, ()))
     assert 0.0 < errors["relative_rms_percent"] < 200.0
     masses = composed(f"system={system}").system.structure.masses
     assert len(errors["per_dof_percent"]) == len(masses)
