@@ -8,9 +8,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from export.physical import parameters_of
 from export.run import Exported
 from models.estimator import Estimator
+from models.physical.parameters import parameters_of
+from runner.scores.uncertainty import interval_in
 
 
 def write(model: Exported, folder: Path) -> list[Path]:
@@ -29,7 +30,9 @@ def content_of(model: Exported) -> dict[str, Any]:
         "hold": model.hold,
         "inputs": [{"name": name, "unit": unit} for name, unit in model.inputs],
         "dofs": model.estimator.dofs,
-        "parameters": list(parameters(model.estimator)),
+        "parameters": [
+            p | interval_in(model.intervals.get(p["name"])) for p in parameters(model.estimator)
+        ],
         "settings": _plain(model.config),
         "passport": model.passport.facts,
     }

@@ -11,7 +11,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from export.physical import parameters_of
 from models.composition.composite import Composite
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
@@ -19,6 +18,7 @@ from models.estimator import Estimator
 from models.hysteretic_element import HystereticElement
 from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion
+from models.physical.parameters import parameters_of
 
 REAL = 1e-9  # imaginary part of a pole, of its size: less is none
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ class Exported:
     sensors: Sensors
     config: Mapping[str, Any]  # the model's settings
     hold: str = "linear"  # of the excitation in training
+    intervals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # by parameter
 
     @property
     def inputs(self) -> list[tuple[str, str]]:
@@ -71,6 +72,7 @@ def read_exported(folder: Path) -> Exported:
         sensors,
         {str(key): value for key, value in cfg.model.items() if key != "about"},
         passport.facts["trained_on"]["hold"],
+        {p["name"]: p for p in metrics.get("uncertainty", {}).get("parameters", [])},
     )
 
 

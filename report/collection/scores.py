@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from runner.config.schema import SPLITS
+from runner.scores.uncertainty import headline
 
 OF_THE_RUN = ("fit_seconds", "parameters", "simulation_error")
 
@@ -44,6 +45,7 @@ def scores_of(metrics: Mapping[str, Any]) -> Iterator[Score]:
     for split in SPLITS:
         yield from _of_split(split, "", metrics.get(split) or {})
     yield from _online(metrics.get("online") or {})
+    yield from _parameters(metrics.get("uncertainty") or {})
 
 
 def _of_split(split: str, estimate: str, scores: Mapping[str, Any]) -> Iterator[Score]:
@@ -70,6 +72,14 @@ def _online(online: Mapping[str, Any]) -> Iterator[Score]:
             yield Score("test", estimate, f"settle_s/{level}", None, never)
     for seconds, percent in online.get("learnt_percent", {}).items():
         yield _score("test", "", f"learnt_percent/{seconds}", None, percent)
+
+
+def _parameters(uncertainty: Mapping[str, Any]) -> Iterator[Score]:
+    """Masses and elements, with half widths of 95 % intervals; none of what was given."""
+    for p in headline(uncertainty):
+        for metric, key in (("value", "value"), ("half_95", "half")):
+            if p[key] is not None:
+                yield Score("", p["name"], metric, None, float(p[key]))
 
 
 def _score(split: str, estimate: str, name: str, dof: int | None, value: float | None) -> Score:

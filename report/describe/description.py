@@ -14,10 +14,10 @@ from data.record import QUANTITIES
 from data.sample import Sensors
 from data.terminal import terminal
 from export.modes import Modes, modes_of
-from export.physical import Parameter, parameters_of, scale_is_open
 from models.branch_element import BranchElement
 from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator
+from models.physical.parameters import Parameter, parameters_of, scale_is_open
 from models.training.metrics import FREE_RUNS
 from report.describe.figure import draw_modes
 from report.describe.tables import WIDTH, print_elements, print_modes, print_rest
@@ -25,6 +25,7 @@ from report.output import save_figure
 from report.prediction.interface import Interface
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_folder import read_run, write_json
+from runner.scores.uncertainty import interval_in
 
 
 def describe(folder: Path, output: Path | None) -> dict[str, Any]:
@@ -115,7 +116,10 @@ def _content(
     modes: Modes | None,
 ) -> dict[str, Any]:
     """All of it as plain data; numbers that are not finite are null."""
-    listed = [asdict(p) | {"value": _finite(p.value)} for p in parameters]
+    sure = {p["name"]: p for p in metrics.get("uncertainty", {}).get("parameters", [])}
+    listed = [
+        asdict(p) | {"value": _finite(p.value)} | interval_in(sure.get(p.name)) for p in parameters
+    ]
     content: dict[str, Any] = {
         "model": metrics["model"],
         "system": metrics["system"],

@@ -16,9 +16,9 @@ from torch import Tensor
 from data.sample import Sensors
 from data.simulation.accelerograms import SHORTEST, Accelerogram
 from data.simulation.earthquake import GRAVITY, ground_motion
-from export.physical import scale_is_open
 from models.element_network import ElementNetwork
 from models.estimator import Estimator
+from models.physical.parameters import scale_is_open
 
 Channels = Mapping[str, np.ndarray]
 GROUND = "s_ddot1"  # acceleration of the ground [m/s²]

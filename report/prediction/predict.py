@@ -14,9 +14,9 @@ from rich.console import Console
 
 from data.record import HOLDS
 from data.terminal import terminal
-from export.physical import scale_is_open
 from models.composition.composite import Composite
 from models.estimator import Estimator
+from models.physical.parameters import scale_is_open
 from models.training.metrics import FREE_RUNS
 from report.output import as_csv, save_figure
 from report.prediction.figures import draw_many, draw_one

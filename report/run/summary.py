@@ -15,6 +15,7 @@ from data.terminal import terminal
 from models.training.identification import Identification
 from models.training.metrics import FREE_RUNS
 from report.run.hparams import numbers, swept
+from report.run.intervals import print_intervals
 from report.run.rescore import draw_record
 from report.run.table import (
     WIDTH,
@@ -116,6 +117,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     for key, value in metrics["identification"].items():
         if isinstance(value, str) and value:
             console.print(f"{key.replace('_', ' ')}: {value}", markup=False)
+    print_intervals(console, metrics["uncertainty"])
     if metrics["training"]:
         console.print(
             "{solver}: {iterations} iterations, stopped at {stopped}".format_map(

@@ -24,6 +24,7 @@ from runner.folder.run_folder import settings_of
 from runner.scores.paper_values import paper_values
 from runner.scores.public_scores import benchmark_scores
 from runner.scores.trained_range import outside, range_of
+from runner.scores.uncertainty import uncertainty_of
 from runner.scores.verdict import CANNOT, NotIdentifiedError, verdict_of
 
 
@@ -94,6 +95,7 @@ def metrics_of(
         "per_record": per_record(module.estimator, tested) if len(tested) > 1 else {},
         "trained_range": trained,
         "outside_trained_range": outside(trained, range_of(module.estimator, tested.values())),
+        "uncertainty": uncertainty_of(module.estimator, data, module.how_trained().get("prior")),
         "quantity": data.records["test"][0].quantity,
         "peak": {  # in the unit of the quantity
             split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS

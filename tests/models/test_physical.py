@@ -11,7 +11,6 @@ import torch
 from data import Bilinear, Drive, Record, SelfCentering
 from data.simulation.element_test import force, growing_cycles
 from export.modes import modes_of
-from export.physical import parameters_of, scale_is_open
 from models import (
     VWNN,
     BranchElement,
@@ -24,6 +23,7 @@ from models import (
 )
 from models.named_laws.candidates import CANDIDATES, Units
 from models.named_laws.fit import Fit
+from models.physical.parameters import parameters_of, scale_is_open
 from tests.models.zoo import DT, ESTIMATORS
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import torch
 
-from export.physical_laws import branch_law, composed_laws, named_law
 from models.branch_element import BranchElement
 from models.composition.branch_run import Branches
 from models.composition.composite import Composite
@@ -27,6 +26,7 @@ from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion
 from models.modal_network import ModalNetwork
 from models.named_element import NamedElement
+from models.physical.laws import branch_law, composed_laws, named_law
 from models.prandtl_ishlinskii import PrandtlIshlinskii
 from models.sliders.fit import LINEAR
 from models.sliding_mass import SlidingMass

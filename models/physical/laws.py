@@ -1,4 +1,4 @@
-"""Physical parameters of one element, by what its law is made of; names as in export/physical.py.
+"""Physical parameters of one element, by what its law is made of; names as in parameters.py.
 
 Each is (name, value, unit, about, derived).
 """

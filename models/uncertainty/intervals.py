@@ -1,0 +1,122 @@
+"""95 % intervals of physical parameters, and what the data say of each.
+
+*determined*: its interval is narrow. *only in a combination*: it would be, were the others known;
+the record tells it together with those named. *not excited*: not even then; the motion did not
+move what it stands for. *given*: it was not learned.
+P free parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from models.physical.parameters import Parameter, parameters_of, scale_is_open
+from models.training.trainable import Trainable
+from models.uncertainty.laplace import Laplace
+from models.uncertainty.parameters import slopes
+
+NORMAL = 1.96  # standard deviations, 95 %
+MOST_OPEN = 0.25  # standard deviation of a determined parameter, in units of θ
+ALIKE = 0.5  # correlation of parameters that are told together
+MOST_NAMED = 2
+DETERMINED, COMBINATION, UNEXCITED, GIVEN = (
+    "determined",
+    "only in a combination",
+    "not excited",
+    "given",
+)
+NAN = float("nan")
+EMPTY: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Half widths of 95 % intervals about the value of a parameter, in its own unit.
+
+    half: noise with the spectrum of the residual. white: as if that were white. model_error: from
+    blocks of the records, whatever the residual may be. NaN of a parameter that was given.
+    """
+
+    name: str
+    value: float
+    half: float
+    white: float
+    model_error: float
+    status: str
+    combined_with: tuple[str, ...] = ()
+
+
+def intervals_of(estimator: Trainable, found: Laplace) -> list[Interval]:
+    """Intervals of all physical parameters of an identified estimator, in the order of the list."""
+    parameters = parameters_of(estimator)
+    names = [p.name for p in parameters]
+
+    def values() -> list[float]:
+        now = {p.name: p.value for p in parameters_of(estimator)}
+        return [now.get(name, NAN) for name in names]
+
+    return _intervals(
+        parameters, slopes(estimator, values).numpy(), found, scale_is_open(estimator)
+    )
+
+
+def _intervals(
+    parameters: Sequence[Parameter], gradients: np.ndarray, found: Laplace, open_scale: bool
+) -> list[Interval]:
+    """Of parameters with gradients (Q, P) by θ."""
+    gradients = np.nan_to_num(gradients)
+    size = np.linalg.norm(gradients, axis=1)
+    white, deviation = (_deviations(gradients, c) for c in (found.white, found.coloured))
+    left = np.abs(gradients @ found.step)  # the way to the minimum that the solver did not go
+    between = between_blocks(found.blocks @ gradients.T)
+    alone = _alone(gradients, size, found.information) * np.maximum(
+        deviation / np.maximum(white, np.finfo(float).tiny), 1.0
+    )
+    covariance = gradients @ found.coloured @ gradients.T
+    result = []
+    for i, p in enumerate(parameters):
+        if size[i] == 0.0:
+            result.append(Interval(p.name, p.value, NAN, NAN, NAN, GIVEN))
+            continue
+        shared = open_scale and p.unit.startswith(("kg", "N"))
+        status, others = DETERMINED, EMPTY
+        if shared or not deviation[i] + left[i] <= MOST_OPEN * size[i]:
+            status = COMBINATION if shared or alone[i] <= MOST_OPEN * size[i] else UNEXCITED
+        if status == COMBINATION:
+            others = _partners(i, parameters, covariance, deviation)
+        half, narrow = (float(NORMAL * d[i] + left[i]) for d in (deviation, white))
+        wide = max(half, float(between[i] + left[i]))
+        result.append(Interval(p.name, p.value, half, narrow, wide, status, others))
+    return result
+
+
+def _deviations(gradients: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.einsum("qi,ij,qj->q", gradients, covariance, gradients).clip(min=0.0))
+
+
+def between_blocks(steps: np.ndarray) -> np.ndarray:
+    """Half widths (Q,) of a sum of contributions (m, Q) of m blocks, by their spread."""
+    m = len(steps)
+    spread = np.sqrt(m / (m - 1.0) * ((steps - steps.mean(axis=0)) ** 2).sum(axis=0))
+    return np.asarray(student.ppf(0.975, m - 1) * spread)
+
+
+def _alone(gradients: np.ndarray, size: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Standard deviations (Q,) along each gradient, were all that is across it known."""
+    along = np.einsum("qi,ij,qj->q", gradients, information, gradients)
+    return size**2 / np.sqrt(np.maximum(along, np.finfo(float).tiny))
+
+
+def _partners(
+    i: int, parameters: Sequence[Parameter], covariance: np.ndarray, deviation: np.ndarray
+) -> tuple[str, ...]:
+    """Parameters of their own that go with parameter i, the most alike first."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        alike = np.nan_to_num(np.abs(covariance[i]) / (deviation[i] * deviation))
+    own = [j for j, p in enumerate(parameters) if j != i and not p.derived and alike[j] >= ALIKE]
+    own.sort(key=lambda j: -alike[j])
+    return tuple(parameters[j].name for j in own[:MOST_NAMED])

@@ -1,0 +1,150 @@
+"""How far the minimum of a fit may lie from the truth, to second order about it (Laplace).
+
+θ̂ − θ = A⁻¹ (Jᵀe − w∘(θ̂ − θ₀)),   A = JᵀJ + diag w
+
+J is the exact Jacobian of the free run over all training records, e the noise, w the prior's
+weights. The first term has the covariance A⁻¹ S A⁻¹, S that of the scores Jᵀe: of white noise
+(S = σ² JᵀJ), of noise with the spectrum of the residual (noise.py), or, whatever the residual
+may be, from its scores over blocks of the records (batch means). The second is what the prior holds
+back: parameters that no data move may lie anywhere about their start, `OPEN` units of θ away.
+
+P free parameters, T samples, n channels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from operator import itemgetter
+
+import numpy as np
+import torch
+
+from data.memory import require_memory
+from data.record import Record
+from models.training.problem import FreeRunProblem
+from models.training.trainable import Trainable
+from models.uncertainty.noise import Noise, noise_of
+
+OPEN = 3.0  # standard deviation of a parameter without data, in units of θ
+FEWEST_BLOCKS = 8
+FLOOR = 1e-12  # of the largest entry of JᵀJ: weight of a prior that is none
+
+
+@dataclass(frozen=True)
+class Laplace:
+    """Covariances (P, P) of θ̂, and the step (P,) that the solver left to the minimum.
+
+    white, coloured: by the noise, with what the prior holds back in both. blocks (m, P): steps
+    that each block of the records asks for by itself. scaled: the residual's weight, by which
+    errors were multiplied. information (P, P): JᵀJ over σ².
+    """
+
+    white: np.ndarray
+    coloured: np.ndarray
+    blocks: np.ndarray
+    step: np.ndarray
+    information: np.ndarray
+    noise: Noise
+    weight: float
+    samples: int
+
+
+@torch.no_grad()
+def laplace(
+    estimator: Trainable, batches: Iterable[Record], prior: float | None = None
+) -> Laplace | None:
+    """Laplace's approximation at the present parameters, from the training records.
+
+    prior: the weight that the fit ended with, as in `Trainable.pull`. None where a free run has no
+    exact Jacobian, or no parameter. Raises ValueError for a free run that is not finite.
+    """
+    residuals, jacobians, targets = [], [], []
+    for record in (one for batch in batches for one in _singles(batch)):
+        problem = FreeRunProblem(estimator, record, None)
+        both = estimator.restarted_jacobian(problem.record, None)
+        if both is None or both[1].shape[-1] == 0:
+            return None
+        run, jacobian = (part[problem.counted].cpu() for part in both)
+        targets.append(problem.y.cpu())
+        residuals.append((targets[-1] - run).numpy())
+        jacobians.append(jacobian.numpy())
+    if not residuals:
+        return None
+    measured = torch.cat([y.reshape(-1) for y in targets])
+    weight = float(measured.numel() ** 0.5 / torch.linalg.vector_norm(measured))
+    wide, deviation = estimator.pull(True, prior)
+    held = measured.numel() * torch.as_tensor(wide).cpu().expand_as(deviation)
+    return about(
+        [weight * e for e in residuals],
+        [weight * J for J in jacobians],
+        held.numpy(),
+        deviation.detach().cpu().numpy(),
+        weight,
+    )
+
+
+def about(
+    residuals: list[np.ndarray],
+    jacobians: list[np.ndarray],
+    held: np.ndarray,
+    deviation: np.ndarray,
+    weight: float = 1.0,
+) -> Laplace:
+    """Of residuals (T, n) = y − run and Jacobians (T, n, P) of every record.
+
+    held, deviation (P,): weights w of a prior, and θ̂ − θ₀.
+    """
+    P = jacobians[0].shape[-1]
+    samples = sum(e.size for e in residuals)
+    largest = max(len(e) for e in residuals)
+    require_memory(
+        40.0 * largest * jacobians[0].shape[1] * P,
+        f"intervals of {P} parameters from {largest} samples",
+        "take shorter records",
+    )
+    if not all(np.isfinite(e).all() for e in residuals):
+        raise ValueError("the free run of the training motion is not finite: it has no intervals")
+    gram = np.zeros((P, P))
+    for J in jacobians:
+        rows = J.reshape(-1, P)
+        gram += rows.T @ rows
+    held = np.maximum(held, FLOOR * gram.diagonal().max())
+    size = np.sqrt(gram.diagonal() + held)  # scaled, so that units of θ do not matter
+    root = np.linalg.cholesky((gram + np.diag(held)) / np.outer(size, size))
+    inverse = np.linalg.inv(root) / size[None, :]  # R⁻¹ of A = R Rᵀ
+    A = inverse.T @ inverse
+    free = float(((inverse @ gram) * inverse).sum())  # parameters that the data determine
+    variance = sum(float((e**2).sum()) for e in residuals) / max(samples - free, 1.0)
+    noise = noise_of(residuals, jacobians, inverse.T)
+    back = A * held  # of what the prior holds back
+    unknown = OPEN**2 * back @ back.T
+    scores = _scores(residuals, jacobians)
+    pulled = scores.sum(axis=0) - held * deviation
+    return Laplace(
+        white=variance * A @ gram @ A + unknown,
+        coloured=A @ noise.score_covariance(jacobians) @ A + unknown,
+        blocks=scores @ A,
+        step=A @ pulled,
+        information=gram / variance if variance > 0.0 else gram * np.inf,
+        noise=noise,
+        weight=weight,
+        samples=samples,
+    )
+
+
+def _scores(residuals: list[np.ndarray], jacobians: list[np.ndarray]) -> np.ndarray:
+    """Jᵀe (m, P) of at least so many blocks of equal length, whole records where they are many."""
+    parts = -(-FEWEST_BLOCKS // len(residuals))
+    found = []
+    for e, J in zip(residuals, jacobians, strict=True):
+        for block in np.array_split(np.arange(len(e)), parts):
+            found.append(np.einsum("tn,tnp->p", e[block], J[block]))
+    return np.stack(found)
+
+
+def _singles(batch: Record) -> Iterable[Record]:
+    """The records of a batch, one by one."""
+    if batch.a.ndim < 3:
+        return [batch]
+    return [batch.map(itemgetter(i)) for i in range(len(batch.a))]

@@ -1,0 +1,47 @@
+"""The free parameters of an estimator as one vector, in the order of the compiled Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor, nn
+
+STEP = 1e-6  # of θ, which is of the order of one, in central differences
+
+
+def free_vector(module: nn.Module) -> Tensor:
+    """θ (P,): copies of all parameters that ask for a gradient."""
+    free = [p.detach().reshape(-1) for p in module.parameters() if p.requires_grad]
+    return torch.cat(free).clone() if free else torch.zeros(0, dtype=torch.float64)
+
+
+@torch.no_grad()
+def set_free_vector(module: nn.Module, theta: Tensor) -> None:
+    """Set all parameters that ask for a gradient from θ (P,)."""
+    first = 0
+    for parameter in module.parameters():
+        if parameter.requires_grad:
+            count = parameter.numel()
+            parameter.copy_(theta[first : first + count].view_as(parameter))
+            first += count
+
+
+def slopes(module: nn.Module, values: Callable[[], Sequence[float]]) -> Tensor:
+    """∂values/∂θ (Q, P) by central differences. θ is as before when it returns."""
+    theta = free_vector(module)
+    columns = []
+    try:
+        for j in range(len(theta)):
+            ends = []
+            for step in (STEP, -STEP):
+                moved = theta.clone()
+                moved[j] += step
+                set_free_vector(module, moved)
+                ends.append(torch.tensor(values(), dtype=torch.float64))
+            columns.append((ends[0] - ends[1]) / (2.0 * STEP))
+    finally:
+        set_free_vector(module, theta)
+    if not columns:
+        return torch.zeros(len(values()), 0, dtype=torch.float64)
+    return torch.stack(columns, dim=1)

@@ -1,0 +1,101 @@
+"""The table of a model's physical parameters with 95 % intervals, within 80 columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from runner.scores.uncertainty import HEADLINE, headline
+
+MOST = 40  # rows; metrics.json has all
+TIMES = 2.0  # an interval with a term for the model's error, over that of noise alone: it is told
+
+
+def print_intervals(console: Console, uncertainty: Mapping[str, Any], title: str = "") -> None:
+    """Masses and elements with intervals, the truth beside them where it is known."""
+    rows = sorted(headline(uncertainty), key=_place)
+    if not rows:
+        if "none" in uncertainty:
+            console.print(f"no intervals: {uncertainty['none']}")
+        return
+    known = any("truth" in row for row in rows)
+    table = Table(title=title or None, title_justify="left", caption_justify="left")
+    for head in ("", "parameter"):
+        table.add_column(head, no_wrap=True)
+    for head in ("value", "± 95 %", *(("truth",) if known else ())):
+        table.add_column(head, justify="right", no_wrap=True)
+    table.add_column("told")
+    last = ""
+    for row in rows[:MOST]:
+        part, _, quantity = row["name"].partition(".")
+        name = f"{part} {row['about']}" if "–" in row["about"] else part
+        value, half = told(row["value"], row["half"])
+        truth = (rounded(row["truth"], row["half"]) if "truth" in row else "–",) if known else ()
+        words = f"{quantity.replace('_displacement', 's at').replace('_', ' ')} {_unit(row)}"
+        table.add_row(name if name != last else "", words.strip(), value, half, *truth, _words(row))
+        last = name
+    table.caption = _caption(rows)
+    console.print(table)
+    if line := which_to_believe(rows):
+        console.print(Text(line, style="yellow"))
+
+
+def _unit(row: Mapping[str, Any]) -> str:
+    return f"[{row['unit']}]" if row["unit"] else ""
+
+
+def told(value: float, half: float | None) -> tuple[str, str]:
+    """A value to the digits that its interval leaves, and the half width to two."""
+    if half is None:
+        return f"{value:.5g}", "given"
+    return rounded(value, half), f"{half:.2g}"
+
+
+def rounded(value: float, half: float | None) -> str:
+    """To the second digit of the half width; at most six digits."""
+    if not half or not math.isfinite(half):
+        return f"{value:.5g}"
+    place = 1 - math.floor(math.log10(half))
+    digits = place + (math.floor(math.log10(abs(value))) + 1 if value else 1)
+    return f"{value:.{min(max(digits, 1), 6)}g}"
+
+
+def _place(row: Mapping[str, Any]) -> tuple[str, int, int]:
+    """Masses first, then elements in order."""
+    part, _, quantity = row["name"].partition(".")
+    return ("r" if part[0] == "r" else "", int(part[1:]), HEADLINE.index(quantity))
+
+
+def _words(row: Mapping[str, Any]) -> str:
+    if row["status"] == "only in a combination":
+        return f"with {row['combined_with'][0] if row['combined_with'] else 'others'}"
+    return str(row["status"]).replace("determined", "")
+
+
+def _caption(rows: Sequence[Mapping[str, Any]]) -> str | None:
+    lines = []
+    if any(row["status"] == "only in a combination" for row in rows[:MOST]):
+        lines.append("with …: the records tell it only in a combination with that parameter")
+    if len(rows) > MOST:
+        lines.append(f"{MOST} of {len(rows)}; metrics.json has all")
+    return "\n".join(lines) or None
+
+
+def which_to_believe(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A line where the residual is more than noise; "" where intervals of noise are enough."""
+    ratios = sorted(
+        row["model_error"] / row["half"]
+        for row in rows
+        if row["status"] == "determined" and row["half"] and row["model_error"]
+    )
+    if not ratios or (middle := ratios[len(ratios) // 2]) < TIMES:
+        return ""
+    return (
+        f"parts of the records ask for parameters that differ more than noise explains: believe "
+        f"intervals {middle:.2g} times as wide (model_error in metrics.json)"
+    )

@@ -1,0 +1,183 @@
+"""Intervals: they cover the truth whatever the noise's colour, and say what no data told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.signal import lfilter
+
+from data.record import Drive, Record, stack
+from models.element_network import ElementNetwork
+from models.physical.parameters import parameters_of
+from models.uncertainty.intervals import (
+    COMBINATION,
+    DETERMINED,
+    GIVEN,
+    NORMAL,
+    UNEXCITED,
+    intervals_of,
+)
+from models.uncertainty.laplace import about, laplace
+from models.uncertainty.noise import noise_of
+from models.uncertainty.parameters import free_vector, set_free_vector, slopes
+
+T, DRAWS = 1500, 300
+DT, CHAIN = 0.01, [["ground", "x1"], ["x1", "x2"]]
+
+
+def planted(masses: bool = False) -> tuple[ElementNetwork, Record]:
+    """Two masses whose springs yield, and their motion under random forces; nothing is fitted."""
+    rng = np.random.default_rng(0)
+    given = [1.0, 1.5] if masses else None
+    model = ElementNetwork(2, 2, DT, CHAIN, given, hinges=0, units=1, cubic=False)
+    stiffness, largest = torch.tensor([80.0, 50.0]).double(), torch.tensor([0.1, 0.1]).double()
+    model.mass.start(torch.tensor([1.0, 1.5]).double())
+    model.laws.start(stiffness, 0.01 * stiffness, largest, (0.5, 0.5))
+    model.laws.unit_stiffness.theta.data.fill_(0.6)
+    model.identified.fill_(1.0)
+    f = lfilter([1.0], [1.0, -1.8, 0.85], rng.standard_normal((T, 2)), axis=0)
+    rest = torch.zeros(2, dtype=torch.float64)
+    drive = Drive(DT, torch.from_numpy(5.0 * f / f.std()), rest, rest)
+    with torch.no_grad():
+        run = model.free_run(drive)
+    return model, Record(dt=DT, a=run.a, f=drive.u, x=run.x, v=run.v)
+
+
+def slow_columns(rng: np.random.Generator) -> np.ndarray:
+    """Derivatives (T, 1, 3) by three parameters: as of a structure, most of it at low frequency."""
+    return lfilter([1.0], [1.0, -1.6, 0.8], rng.standard_normal((T, 1, 3)), axis=0)
+
+
+def coverage(colour: float) -> tuple[float, float]:
+    """Shares of 95 % intervals that hold the truth: by the residual's spectrum, as if white."""
+    rng = np.random.default_rng(3)
+    hits = []
+    for _ in range(DRAWS):
+        J = slow_columns(rng)
+        noise = lfilter([1.0], [1.0, -colour], rng.standard_normal((T + 200, 1)), axis=0)[200:]
+        error = np.linalg.lstsq(J[:, 0], noise[:, 0], rcond=None)[0]  # θ̂ − θ
+        residual = noise - J @ error
+        found = about([residual], [J], np.zeros(3), np.zeros(3))
+        hits.append(
+            [np.abs(error) < NORMAL * np.sqrt(c.diagonal()) for c in (found.coloured, found.white)]
+        )
+    colour_blind = np.mean(hits, axis=(0, 2))
+    return float(colour_blind[0]), float(colour_blind[1])
+
+
+def test_intervals_cover_under_white_noise():
+    coloured, white = coverage(0.0)
+    assert 0.93 < coloured < 0.97
+    assert 0.93 < white < 0.97
+
+
+def test_intervals_cover_under_coloured_noise_where_plain_ones_do_not():
+    coloured, white = coverage(0.9)
+    assert 0.92 < coloured < 0.975
+    assert white < 0.85
+
+
+def test_the_noise_of_each_channel_is_told():
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal((T, 2)) * [0.1, 2.0]
+    J = np.stack([slow_columns(rng)[:, 0]] * 2, axis=1)
+    root = np.linalg.inv(np.linalg.cholesky(np.einsum("tnp,tnq->pq", J, J))).T
+    assert noise_of([noise], [J], root).deviation == pytest.approx([0.1, 2.0], rel=0.1)
+
+
+def test_slopes_are_those_of_the_coefficients():
+    model, _ = planted()
+    values = slopes(model, lambda: model.laws.stiffness().tolist())
+    theta = free_vector(model)
+    numbers = model.composition().laws.index[:, 0]
+    for e, number in enumerate(numbers.tolist()):
+        assert values[e, number] == pytest.approx(
+            float(model.laws.stiffness()[e].detach()), rel=1e-6
+        )
+    assert torch.equal(free_vector(model), theta)
+    set_free_vector(model, theta + 1.0)
+    assert torch.equal(free_vector(model), theta + 1.0)
+
+
+def noisy(record, level: float, seed: int = 0):
+    noise = torch.from_numpy(np.random.default_rng(seed).standard_normal(record.a.shape))
+    return replace(record, a=record.a + level * record.a.std() * noise)
+
+
+def test_intervals_of_a_network_cover_what_was_planted():
+    model, record = planted()
+    truth = free_vector(model)
+    known = {p.name: p.value for p in parameters_of(model)}
+    hits = []
+    for seed in range(12):
+        set_free_vector(model, truth)
+        measured = noisy(record, 0.03, seed)
+        for _ in range(3):  # to the minimum, which is near
+            step = laplace(model, [measured]).step
+            set_free_vector(model, free_vector(model) + torch.from_numpy(step))
+        for i in intervals_of(model, laplace(model, [measured])):
+            if i.status == DETERMINED:
+                hits.append(abs(i.value - known[i.name]) <= i.half)
+    assert len(hits) > 100
+    assert np.mean(hits) > 0.9
+
+
+def test_a_change_of_units_changes_no_relative_interval():
+    model, record = planted()
+    noisy_record = noisy(record, 0.02)
+    found = laplace(model, [noisy_record])
+    scaled = about(
+        *[[1e6 * s for s in part] for part in _arrays(model, noisy_record)],
+        np.zeros(len(found.step)), np.zeros(len(found.step)),
+    )  # fmt: skip
+    plain = about(
+        *_arrays(model, noisy_record), np.zeros(len(found.step)), np.zeros(len(found.step))
+    )
+    assert scaled.coloured == pytest.approx(plain.coloured, rel=1e-6)
+
+
+def _arrays(model, record):
+    trace = model.trace(record.drive(), derivatives=True)
+    return [(record.a - trace.response.a).numpy()], [trace.jacobian.numpy()]
+
+
+def test_what_the_motion_does_not_move_is_not_excited():
+    model, record = planted()
+    far = 50.0 * float(model.trace(record.drive()).deformations.abs().max())
+    model.laws.unit_limit.unit.fill_(far)  # no motion yields it
+    model.laws.unit_limit.theta.data.zero_()
+    with torch.no_grad():
+        record = replace(record, a=model.free_run(record.drive()).a)
+    found = {i.name: i for i in intervals_of(model, laplace(model, [noisy(record, 0.02)]))}
+    of_units = [i.status for name, i in found.items() if "unit_1.yield" in name]
+    assert set(of_units) == {UNEXCITED}
+    assert {found[f"r{e}.stiffness"].status for e in (1, 2)} == {DETERMINED}
+
+
+def test_springs_in_parallel_are_told_in_a_combination():
+    model, record = planted()
+    model.laws.unit_limit.unit.fill_(1e-9)  # yields at once: its spring and the element's are one
+    model.laws.unit_stiffness.theta.data.fill_(0.3)
+    with torch.no_grad():
+        record = replace(record, a=model.free_run(record.drive()).a)
+    found = {i.name: i for i in intervals_of(model, laplace(model, [noisy(record, 0.02)]))}
+    assert found["r1.stiffness"].status == COMBINATION
+    assert found["r1.stiffness"].combined_with == ("r1.unit_1.stiffness",)
+    assert found["r1.post_yield_stiffness"].status == DETERMINED
+
+
+def test_masses_that_were_given_have_no_interval():
+    model, record = planted(masses=True)
+    found = intervals_of(model, laplace(model, [noisy(record, 0.02)]))
+    assert {i.status for i in found if i.name.endswith("mass")} == {GIVEN}
+
+
+def test_records_of_a_batch_count_one_by_one():
+    model, record = planted()
+    one, other = noisy(record, 0.02, 1), noisy(record, 0.02, 2)
+    together, single = laplace(model, [stack([one, other])]), laplace(model, [one])
+    ratio = np.sqrt(single.white.diagonal() / together.white.diagonal())
+    assert np.median(ratio) == pytest.approx(2**0.5, rel=0.1)
