@@ -13,7 +13,7 @@ P free parameters, T samples, n channels.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from operator import itemgetter
 
@@ -37,7 +37,8 @@ class Laplace:
 
     white, coloured: by the noise, with what the prior holds back in both. blocks (m, P): steps
     that each block of the records asks for by itself. scaled: the residual's weight, by which
-    errors were multiplied. information (P, P): JᵀJ over σ².
+    errors were multiplied. information (P, P): JᵀJ over σ². inverse (P, P): A⁻¹. residuals (T, n),
+    jacobians (T, n, P): of each record, weighted.
     """
 
     white: np.ndarray
@@ -48,6 +49,9 @@ class Laplace:
     noise: Noise
     weight: float
     samples: int
+    inverse: np.ndarray
+    residuals: list[np.ndarray]
+    jacobians: list[np.ndarray]
 
 
 @torch.no_grad()
@@ -60,7 +64,7 @@ def laplace(
     exact Jacobian, or no parameter. Raises ValueError for a free run that is not finite.
     """
     residuals, jacobians, targets = [], [], []
-    for record in (one for batch in batches for one in _singles(batch)):
+    for record in singles(batches):
         problem = FreeRunProblem(estimator, record, None)
         both = estimator.restarted_jacobian(problem.record, None)
         if both is None or both[1].shape[-1] == 0:
@@ -130,6 +134,9 @@ def about(
         noise=noise,
         weight=weight,
         samples=samples,
+        inverse=A,
+        residuals=residuals,
+        jacobians=jacobians,
     )
 
 
@@ -143,8 +150,10 @@ def _scores(residuals: list[np.ndarray], jacobians: list[np.ndarray]) -> np.ndar
     return np.stack(found)
 
 
-def _singles(batch: Record) -> Iterable[Record]:
-    """The records of a batch, one by one."""
-    if batch.a.ndim < 3:
-        return [batch]
-    return [batch.map(itemgetter(i)) for i in range(len(batch.a))]
+def singles(batches: Iterable[Record]) -> Iterator[Record]:
+    """The records of all batches, one by one."""
+    for batch in batches:
+        if batch.a.ndim < 3:
+            yield batch
+        else:
+            yield from (batch.map(itemgetter(i)) for i in range(len(batch.a)))

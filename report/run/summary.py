@@ -14,6 +14,7 @@ from data.record import QUANTITIES
 from data.terminal import terminal
 from models.training.identification import Identification
 from models.training.metrics import FREE_RUNS
+from report.run.criticism import print_criticism
 from report.run.hparams import numbers, swept
 from report.run.intervals import print_intervals
 from report.run.rescore import draw_record
@@ -118,6 +119,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
         if isinstance(value, str) and value:
             console.print(f"{key.replace('_', ' ')}: {value}", markup=False)
     print_intervals(console, metrics["uncertainty"])
+    print_criticism(console, metrics["uncertainty"])
     if metrics["training"]:
         console.print(
             "{solver}: {iterations} iterations, stopped at {stopped}".format_map(

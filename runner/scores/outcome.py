@@ -95,7 +95,9 @@ def metrics_of(
         "per_record": per_record(module.estimator, tested) if len(tested) > 1 else {},
         "trained_range": trained,
         "outside_trained_range": outside(trained, range_of(module.estimator, tested.values())),
-        "uncertainty": uncertainty_of(module.estimator, data, module.how_trained().get("prior")),
+        "uncertainty": uncertainty_of(
+            module.estimator, data, module.how_trained().get("prior"), tested.values()
+        ),
         "quantity": data.records["test"][0].quantity,
         "peak": {  # in the unit of the quantity
             split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+import torch
+
 from data.datamodule import Data
+from data.record import Record
 from data.simulation.datamodule import SimulatedData
-from models.estimator import Estimator
+from models.element_network import ElementNetwork
+from models.estimator import Estimator, NoFreeRunError
 from models.physical.parameters import parameters_of
 from models.physical.truth import truth_of
+from models.training.free_run import simulate
 from models.training.trainable import Trainable
+from models.uncertainty.bands import half_widths
+from models.uncertainty.criticism import Finding, criticism_of
 from models.uncertainty.intervals import intervals_of
-from models.uncertainty.laplace import Laplace, laplace
+from models.uncertainty.laplace import Laplace, laplace, singles
 
 HEADLINE = (  # quantities of masses and elements that tables tell
     "mass",
@@ -29,41 +37,87 @@ HEADLINE = (  # quantities of masses and elements that tables tell
 )
 
 
-def uncertainty_of(estimator: Estimator, data: Data, prior: float | None) -> dict[str, Any]:
-    """Intervals of the physical parameters of a model, by its training records; {} of others.
+COLOURED = 3.0  # times the median spectral density: the strongest band of noise that is not white
 
-    prior: the weight that training ended with. Where there are none, `none` says why.
+
+def uncertainty_of(
+    estimator: Estimator, data: Data, prior: float | None, tested: Iterable[Record]
+) -> dict[str, Any]:
+    """Intervals of a model's physical parameters, what its residual asks for, bands of its tests.
+
+    From its training records; {} of other models. prior: the weight that training ended with.
+    tested: records that were not seen, one by one. Where there are no intervals, `none` says why.
     """
     if not isinstance(estimator, Trainable):
         return {}
     begun = time.perf_counter()
     try:
-        found = laplace(estimator, data.loader("train"), prior)
+        batches = list(data.loader("train"))
+        found = laplace(estimator, batches, prior)
+        if found is None:
+            return {}
+        content = _parameters(estimator, found, data) | _residual(found, data.dt)
+        if type(estimator) is ElementNetwork:
+            content["criticism"] = _told(criticism_of(estimator, found, batches))
+        content["bands"] = _bands(estimator, found, tested)
     except (ValueError, MemoryError) as error:
         return {"none": str(error)}
-    if found is None:
-        return {}
-    truth = (
+    return content | {"seconds": time.perf_counter() - begun}
+
+
+def _parameters(estimator: Trainable, found: Laplace, data: Data) -> dict[str, Any]:
+    """Value and interval of each, the truth where it is known; what is not finite is null."""
+    known = (
         truth_of(data.simulation.structure, estimator) if isinstance(data, SimulatedData) else {}
     )
-    return content_of(estimator, found, truth) | {"seconds": time.perf_counter() - begun}
-
-
-def content_of(estimator: Trainable, found: Laplace, truth: dict[str, float]) -> dict[str, Any]:
-    """As plain data; what is not finite is null."""
     about = {p.name: p for p in parameters_of(estimator)}
     listed = []
     for interval in intervals_of(estimator, found):
         own = {key: _plain(value) for key, value in asdict(interval).items()}
         own |= {"unit": about[interval.name].unit, "about": about[interval.name].about}
-        if interval.name in truth:
-            own["truth"] = truth[interval.name]
+        if interval.name in known:
+            own["truth"] = known[interval.name]
         listed.append(own)
-    return {
-        "parameters": listed,
-        "noise": (found.noise.deviation / found.weight).tolist(),
-        "samples": found.samples,
-    }
+    return {"parameters": listed}
+
+
+def _residual(found: Laplace, dt: float) -> dict[str, Any]:
+    """Its standard deviation by channel, and where it is strongest, in the unit of the record."""
+    density = np.einsum("kii->ki", found.noise.spectrum).real
+    bands = len(density)
+    coloured = []
+    for i, own in enumerate(density.T, start=1):
+        times = float(own.max() / max(float(np.median(own)), np.finfo(float).tiny))
+        if bands > 1 and times > COLOURED:
+            frequency = (int(own.argmax()) + 0.5) * 0.5 / bands / dt
+            coloured.append({"channel": i, "times": times, "frequency_hz": frequency})
+    deviation = (found.noise.deviation / found.weight).tolist()
+    return {"noise": deviation, "coloured": coloured, "samples": found.samples}
+
+
+def _told(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    """What is significant, and the best of each kind."""
+    best = {finding.kind: finding for finding in reversed(findings)}
+    return [asdict(f) for f in findings if f.significant or f is best[f.kind]]
+
+
+def _bands(estimator: Trainable, found: Laplace, tested: Iterable[Record]) -> dict[str, Any]:
+    """Share of the measured samples of tests within 95 % bands, and the bands' mean width."""
+    inside, wide, count = 0.0, 0.0, 0
+    for record in singles(tested):
+        try:
+            with torch.no_grad():
+                run = simulate(estimator, record).a
+        except NoFreeRunError:
+            return {}
+        _, half = half_widths(estimator, found, record)
+        error = (record.a - run)[record.warmup :].abs().cpu()
+        inside += float((error <= half).sum())
+        wide += float(half.sum())
+        count += error.numel()
+    if not count:
+        return {}
+    return {"covered_percent": 100.0 * inside / count, "mean_half_width": wide / count}
 
 
 def _plain(value: Any) -> Any:

@@ -1,0 +1,56 @@
+"""What a run's residual asks for, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from models.uncertainty.criticism import ELEMENT, INPUT, LAW
+
+MOST = 3  # laws of elements that are told
+
+
+def print_criticism(console: Console, uncertainty: Mapping[str, Any]) -> None:
+    """A missing element, laws that fall short, a residual that is no noise; bands of the tests."""
+    for line in sentences(uncertainty):
+        console.print(Text(line, style="yellow"))
+    bands = uncertainty.get("bands")
+    if bands:
+        console.print(
+            f"95 % bands of the free run hold {bands['covered_percent']:.1f} % of the test samples"
+        )
+
+
+def sentences(uncertainty: Mapping[str, Any]) -> Iterator[str]:
+    """What is significant, the weightiest first. Where an element is missing, that alone."""
+    found = [f for f in uncertainty.get("criticism", []) if f["significant"]]
+    if found and (missing := [f for f in found if f["kind"] == ELEMENT]):
+        first, *others = missing
+        ends = first["name"].replace("–", " and ")
+        also = f"; next: {others[0]['name']}" if others else ""
+        yield (
+            f"the residual asks for an element between {ends}: it would take "
+            f"{_share(first)} of it{also}"
+        )
+        return
+    for law in [f for f in found if f["kind"] == LAW][:MOST]:
+        share = _share(law)
+        yield f"the law of {law['name']} falls short: more terms would take {share} of the residual"
+    inputs = [f for f in found if f["kind"] == INPUT]
+    if inputs:
+        yield (
+            f"the residual still depends on the excitation {inputs[0]['name']} "
+            f"({_share(inputs[0])} of it): the model lacks dynamics"
+        )
+    for one in uncertainty.get("coloured", []):
+        yield (
+            f"the residual of channel {one['channel']} is not white: {one['times']:.3g} times its "
+            f"median near {one['frequency_hz']:.3g} Hz; the intervals take account of that"
+        )
+
+
+def _share(finding: Mapping[str, Any]) -> str:
+    return f"{100.0 * finding['gain']:.2g} %"
