@@ -15,7 +15,7 @@ from data.record import Record
 from models.training.problem import FreeRunProblem
 from models.training.trainable import Trainable
 from models.uncertainty.intervals import NORMAL
-from models.uncertainty.laplace import Laplace
+from models.uncertainty.laplace import Laplace, finer_run
 
 
 @torch.no_grad()
@@ -34,5 +34,6 @@ def half_widths(estimator: Trainable, found: Laplace, record: Record) -> tuple[T
     root = vectors * np.sqrt(values.clip(min=0.0))
     variance = ((jacobian @ root) ** 2).sum(axis=-1)  # (T, n)
     sensors = (found.noise.deviation / found.weight) ** 2
-    widths = (NORMAL * np.sqrt(variance), NORMAL * np.sqrt(variance + sensors))
-    return torch.from_numpy(widths[0]), torch.from_numpy(widths[1])
+    own = (finer_run(estimator, problem) - both[0])[problem.counted].abs().cpu()  # the integrator's
+    narrow, wide = NORMAL * np.sqrt(variance), NORMAL * np.sqrt(variance + sensors)
+    return torch.from_numpy(narrow) + own, torch.from_numpy(wide) + own

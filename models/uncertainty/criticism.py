@@ -11,7 +11,7 @@ P free parameters, T samples, n channels, k columns of a term.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -78,6 +78,7 @@ def criticism_of(
     """Terms that the residual was asked for, those with the largest gain first.
 
     Significant: the chance of any such finding of its kind, were the model right, is below 1 %.
+    Where further terms of an element that there is take more of it, no other element is asked for.
     """
     records = list(singles(batches))
     asked = {
@@ -91,6 +92,11 @@ def criticism_of(
             p, gain = score_test(found, [found.weight * D for D in term])
             clear = p * len(terms) < LEVEL and gain >= LEAST_GAIN
             findings.append(Finding(kind, name, p, gain, clear))
+    best_law = max((f.gain for f in findings if f.kind == LAW), default=0.0)
+    findings = [
+        replace(f, significant=False) if f.kind == ELEMENT and f.gain < best_law else f
+        for f in findings
+    ]
     return sorted(findings, key=lambda f: -f.gain)
 
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import ncx2
 from scipy.stats import t as student
 
 from models.physical.parameters import Parameter, parameters_of, scale_is_open
@@ -20,6 +21,7 @@ from models.uncertainty.laplace import Laplace
 from models.uncertainty.parameters import slopes
 
 NORMAL = 1.96  # standard deviations, 95 %
+ONE_SIDED, FAR = 1.645, 6.0  # the same of one side, where an error is so far off that it counts
 MOST_OPEN = 0.25  # standard deviation of a determined parameter, in units of θ
 ALIKE = 0.5  # correlation of parameters that are told together
 MOST_NAMED = 2
@@ -37,7 +39,8 @@ EMPTY: tuple[str, ...] = ()
 class Interval:
     """Half widths of 95 % intervals about the value of a parameter, in its own unit.
 
-    half: noise with the spectrum of the residual. white: as if that were white. model_error: from
+    half: noise with the spectrum of the residual, the way that the solver left to the minimum, and
+    what the integrator errs by. white: as if the noise were white. model_error: from
     blocks of the records, whatever the residual may be. NaN of a parameter that was given.
     """
 
@@ -71,7 +74,8 @@ def _intervals(
     gradients = np.nan_to_num(gradients)
     size = np.linalg.norm(gradients, axis=1)
     white, deviation = (_deviations(gradients, c) for c in (found.white, found.coloured))
-    left = np.abs(gradients @ found.step)  # the way to the minimum that the solver did not go
+    # the way to the minimum that the solver did not go, and how far the integrator moved that
+    left = np.abs(gradients @ found.step) + np.abs(gradients @ found.numerical)
     between = between_blocks(found.blocks @ gradients.T)
     alone = _alone(gradients, size, found.information) * np.maximum(
         deviation / np.maximum(white, np.finfo(float).tiny), 1.0
@@ -88,7 +92,7 @@ def _intervals(
             status = COMBINATION if shared or alone[i] <= MOST_OPEN * size[i] else UNEXCITED
         if status == COMBINATION:
             others = _partners(i, parameters, covariance, deviation)
-        half, narrow = (float(NORMAL * d[i] + left[i]) for d in (deviation, white))
+        half, narrow = (off_centre(float(d[i]), float(left[i])) for d in (deviation, white))
         wide = max(half, float(between[i] + left[i]))
         result.append(Interval(p.name, p.value, half, narrow, wide, status, others))
     return result
@@ -96,6 +100,13 @@ def _intervals(
 
 def _deviations(gradients: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("qi,ij,qj->q", gradients, covariance, gradients).clip(min=0.0))
+
+
+def off_centre(deviation: float, bias: float) -> float:
+    """Half width that holds 95 % of a normal error whose mean is off by a known amount."""
+    if bias > FAR * deviation:
+        return bias + ONE_SIDED * deviation
+    return float(deviation * ncx2.ppf(0.95, 1, (bias / deviation) ** 2) ** 0.5)
 
 
 def between_blocks(steps: np.ndarray) -> np.ndarray:

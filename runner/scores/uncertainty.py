@@ -22,7 +22,7 @@ from models.training.free_run import simulate
 from models.training.trainable import Trainable
 from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import Finding, criticism_of
-from models.uncertainty.intervals import intervals_of
+from models.uncertainty.intervals import UNEXCITED, intervals_of
 from models.uncertainty.laplace import Laplace, laplace, singles
 
 HEADLINE = (  # quantities of masses and elements that tables tell
@@ -127,9 +127,25 @@ def _plain(value: Any) -> Any:
 
 
 def headline(uncertainty: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Parameters of masses and elements as a whole, without those of their hinges and units."""
+    """Parameters of masses and elements as a whole, without those of their hinges and units.
+
+    Without what an element does after it yields, where nothing in training showed that it does.
+    """
     listed = uncertainty.get("parameters", [])
-    return [p for p in listed if p["name"].partition(".")[2] in HEADLINE]
+    told = (p for p in listed if p["status"] != UNEXCITED)
+    yields = {part_of(p) for p in told if p["name"].endswith(".yield_displacement")
+              and ".unit" not in p["name"]}  # fmt: skip
+    return [
+        p
+        for p in listed
+        if p["name"].partition(".")[2] in HEADLINE
+        and (not p["name"].endswith("post_yield_ratio") or part_of(p) in yields)
+    ]
+
+
+def part_of(parameter: Mapping[str, Any]) -> str:
+    """The mass or element that a parameter is of."""
+    return str(parameter["name"]).partition(".")[0]
 
 
 def interval_in(interval: Mapping[str, Any] | None) -> dict[str, Any]:

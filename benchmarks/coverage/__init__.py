@@ -1,0 +1,1 @@
+"""Do intervals hold the truth? Counted over simulated noisy records."""

@@ -1,0 +1,125 @@
+"""Tables of the coverage study, and its page: page.md filled in, no number by hand."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from statistics import median
+from string import Template
+from typing import Any
+
+from models.uncertainty.intervals import DETERMINED, UNEXCITED
+from runner.folder.run_folder import write_text
+
+TEMPLATE = Path(__file__).with_name("page.md")
+WIDTHS = ("half", "white", "model_error")
+REACHED, FAR = 1.5, 0.7  # largest deformation over the yield displacement: it yielded, it did not
+YIELD = "yield_displacement"
+Result = dict[str, Any]
+
+
+def write_page(page: Path, results: Sequence[Result]) -> None:
+    write_text(page, Template(TEMPLATE.read_text("utf-8")).substitute(facts_of(results)))
+
+
+def table_of(results: Sequence[Result]) -> str:
+    return "\n\n".join(str(part) for part in facts_of(results).values())
+
+
+def facts_of(results: Sequence[Result]) -> dict[str, str]:
+    fine = [r for r in results if "failed" not in r]
+    failed = Counter(r["kind"] for r in results if "failed" in r)
+    chains = [r for r in fine if r["kind"] != "brace"]
+    seconds = [r["seconds"] for r in fine] or [{"fit": 0.0, "after": 0.0}]
+    return {
+        "counts": ", ".join(f"{n} of {k}" for k, n in Counter(r["kind"] for r in fine).items()),
+        "failed": ", ".join(f"{n} of {k}" for k, n in failed.items()) or "none",
+        "coverage": "\n".join(coverage(chains)),
+        "bands": "\n".join(of_bands(chains)),
+        "excited": "\n".join(excited(chains)),
+        "missing": "\n".join(missing(fine)),
+        "seconds": f"{median(s['fit'] for s in seconds):.1f} s of the processor a fit, "
+        f"{median(s['after'] for s in seconds):.2f} s all of the above",
+    }
+
+
+def coverage(results: Sequence[Result]) -> Iterator[str]:
+    """Share of 95 % intervals that hold the truth, by kind of noise and of parameter."""
+    yield "| noise | parameter | intervals | noise alone | as if white | model error | half width |"
+    yield "| --- | --- | ---: | ---: | ---: | ---: | ---: |"
+    for kind in dict.fromkeys(r["kind"] for r in results):
+        told = [p for r in results if r["kind"] == kind for p in scored(r)]
+        for quantity in (*dict.fromkeys(p["name"].partition(".")[2] for p in told), "all"):
+            some = [p for p in told if quantity in ("all", p["name"].partition(".")[2])]
+            shares = [_percent(_holds(p, width) for p in some) for width in WIDTHS]
+            size = median(100.0 * p["half"] / abs(p["value"]) for p in some)
+            name = quantity.replace("_", " ")
+            yield f"| {kind} | {name} | {len(some)} | {' | '.join(shares)} | {size:.2g} % |"
+
+
+def scored(result: Result) -> list[Result]:
+    """Determined parameters; of what comes after yielding, where the element was seen to yield."""
+    told = [p for p in result["parameters"] if p["status"] == DETERMINED and p["truth"]]
+    yields = {p["name"].partition(".")[0] for p in told if p["name"].endswith(f".{YIELD}")}
+    return [
+        p for p in told if "post_yield" not in p["name"] or p["name"].partition(".")[0] in yields
+    ]
+
+
+def _holds(p: Result, width: str) -> bool:
+    return bool(abs(p["value"] - p["truth"]) <= p[width])
+
+
+def of_bands(results: Sequence[Result]) -> Iterator[str]:
+    """Median share of the samples of unseen motion within 95 % bands, and quartiles over cases."""
+    yield "| noise | of the true motion | of the measured motion |"
+    yield "| --- | ---: | ---: |"
+    for kind in dict.fromkeys(r["kind"] for r in results):
+        cells = []
+        for key in ("motion_percent", "measured_percent"):
+            values = sorted(r["bands"][key] for r in results if r["kind"] == kind)
+            n, mean = len(values), sum(values) / len(values)
+            cells.append(f"{mean:.1f} % ({values[n // 4]:.1f} to {values[(3 * n) // 4]:.1f})")
+        yield f"| {kind} | {' | '.join(cells)} |"
+
+
+def excited(results: Sequence[Result]) -> Iterator[str]:
+    """What is said of yield displacements that the motion reached, and of those it did not."""
+    yield "| noise | yield displacement | elements | not excited | in a combination | determined |"
+    yield "| --- | --- | ---: | ---: | ---: | ---: |"
+    for kind in dict.fromkeys(r["kind"] for r in results):
+        for name, far in (("not reached", False), ("reached", True)):
+            own = []
+            for r in (r for r in results if r["kind"] == kind):
+                for p in (p for p in r["parameters"] if p["name"].endswith(YIELD)):
+                    ratio = r["reached"][int(p["name"][1:].partition(".")[0]) - 1] / p["truth"]
+                    if ratio > REACHED if far else ratio < FAR:
+                        own.append(p["status"])
+            said = [
+                _percent(s == UNEXCITED for s in own),
+                "",
+                _percent(s == DETERMINED for s in own),
+            ]
+            said[1] = _percent(s not in (UNEXCITED, DETERMINED) for s in own)
+            yield f"| {kind} | {name} | {len(own)} | {' | '.join(said)} |"
+
+
+def missing(results: Sequence[Result]) -> Iterator[str]:
+    """How often the residual asks for the brace that was planted, or for one that is not there."""
+    yield "| cases | number | the right brace | another | none |"
+    yield "| --- | ---: | ---: | ---: | ---: |"
+    for kind in dict.fromkeys(r["kind"] for r in results):
+        own = [r for r in results if r["kind"] == kind and (r["missing"] or r["brace"])]
+        named = [next((f["name"] for f in r["missing"] if f["significant"]), None) for r in own]
+        pairs = list(zip(own, named, strict=True))
+        right = _percent(n is not None and n == r["brace"] for r, n in pairs)
+        other = _percent(n is not None and n != r["brace"] for r, n in pairs)
+        words = "brace that the model lacks" if kind == "brace" else f"true chain, {kind} noise"
+        shown = right if kind == "brace" else "–"
+        yield f"| {words} | {len(own)} | {shown} | {other} | {_percent(n is None for n in named)} |"
+
+
+def _percent(hits: Any) -> str:
+    told = list(hits)
+    return f"{100.0 * sum(told) / len(told):.1f} %" if told else "–"
