@@ -1,0 +1,107 @@
+"""The residual names what a model lacks, and nothing where it lacks nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.signal import lfilter
+
+from data.record import Drive, Record
+from models.element_network import ElementNetwork
+from models.training.problem import FreeRunProblem
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.uncertainty.bands import half_widths
+from models.uncertainty.criticism import ELEMENT, LAW, criticism_of
+from models.uncertainty.laplace import laplace
+
+DT, T = 0.01, 1500
+CHAIN = [["ground", "x1"], ["x1", "x2"], ["x2", "x3"]]
+BRACED = [*CHAIN, ["x1", "x3"]]
+
+
+def network(elements: list[list[str]], units: int = 0) -> ElementNetwork:
+    """Three masses whose elements have 80 N/m; a brace has 40 N/m."""
+    model = ElementNetwork(3, 3, DT, elements, hinges=0, units=units, cubic=False)
+    stiffness = torch.tensor([80.0, 80.0, 80.0, 40.0]).double()[: len(elements)]
+    model.mass.start(torch.tensor([1.0, 1.2, 0.8]).double())
+    model.laws.start(stiffness, 0.01 * stiffness, 0.0 * stiffness + 0.1, (0.5, 0.5))
+    model.identified.fill_(1.0)
+    return model
+
+
+def record_of(model: ElementNetwork, seed: int, noise: float = 0.2) -> Record:
+    rng = np.random.default_rng(seed)
+    f = lfilter([1.0], [1.0, -1.8, 0.85], rng.standard_normal((T, 3)), axis=0)
+    rest = torch.zeros(3, dtype=torch.float64)
+    drive = Drive(DT, torch.from_numpy(5.0 * f / f.std()), rest, rest)
+    with torch.no_grad():
+        run = model.free_run(drive)
+    drawn = torch.from_numpy(rng.standard_normal(run.a.shape))
+    return Record(dt=DT, a=run.a + noise * drawn, f=drive.u)
+
+
+def settled(model: ElementNetwork, record: Record) -> ElementNetwork:
+    """At the minimum of its free run."""
+    free = [p for p in model.parameters() if p.requires_grad]
+    solver = LevenbergMarquardt(
+        free, 40, change=1e-9, damping=1e-4, decrease=0.2, increase=4.0, largest=1e6, scaled=True
+    )
+    while not solver.finished:
+        solver.solve(FreeRunProblem(model, record, None))
+    return model
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_missing_brace_is_named(seed):
+    record = record_of(network(BRACED), seed)
+    model = settled(network(CHAIN), record)
+    first = criticism_of(model, laplace(model, [record]), [record])[0]
+    assert (first.kind, first.name, first.significant) == (ELEMENT, "x1–x3", True)
+    assert first.gain > 0.1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_true_chain_is_given_no_brace(seed):
+    record = record_of(network(CHAIN), seed)
+    model = settled(network(CHAIN), record)
+    findings = criticism_of(model, laplace(model, [record]), [record])
+    assert not [f for f in findings if f.significant]
+
+
+def test_the_element_whose_law_falls_short_is_named():
+    yielding = network(CHAIN, units=1)
+    yielding.laws.unit_stiffness.theta.data[1] = 0.6  # the second element alone
+    yielding.laws.unit_limit.unit.fill_(0.05)
+    record = record_of(yielding, 0)
+    model = settled(network(CHAIN), record)
+    first = criticism_of(model, laplace(model, [record]), [record])[0]
+    assert (first.kind, first.name, first.significant) == (LAW, "r2", True)
+
+
+def test_terms_are_those_of_a_wider_network():
+    """The gain of a brace is what fitting it takes from the residual, to first order."""
+    record = record_of(network(BRACED), 0, noise=0.0)
+    with torch.no_grad():
+        weak = network(BRACED)
+        weak.laws.stiffness.unit[3] = 1e-3
+        weak.laws.damping.unit[3] = 1e-5
+        record = replace(record, a=weak.free_run(record.drive()).a)
+    model = settled(network(CHAIN), record)
+    first = criticism_of(model, laplace(model, [record]), [record])[0]
+    assert first.name == "x1–x3"
+    assert first.gain == pytest.approx(1.0, abs=0.01)
+
+
+def test_bands_hold_unseen_motion():
+    model = network(CHAIN)
+    record, other = record_of(model, 0), record_of(model, 1)
+    settled(model, record)
+    found = laplace(model, [record])
+    _, half = half_widths(model, found, other)
+    with torch.no_grad():
+        run = model.free_run(other.drive()).a
+    inside = ((other.a - run).abs() <= half).double().mean()
+    assert 0.93 < float(inside) < 0.97
