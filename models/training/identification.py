@@ -23,6 +23,7 @@ from models.training.objective import Objective, OneStep, restore, state_of
 from models.training.problem import FreeRunProblem
 from models.training.solvers.solver import Minimised, Solver
 from models.training.trainable import Trainable, require_trainable
+from models.uncertainty.laplace import Laplace
 
 SPLITS = ("train", "test")  # order of the datamodule's test loaders,
 HELD_BACK = "validation"  # the last of them, where there is one; scored one step ahead
@@ -80,6 +81,7 @@ class Identification(LightningModule):
         self.rescued = 0  # how often the present stage was begun anew
         self.validated: list[float] = []  # losses of the records of a validation
         self.broken_off: dict[str, Any] = {}  # a checkpoint to go on from
+        self.minimum: Laplace | None = None  # what intervals are made of, once it is known
         self.scores: dict[str, Scores] = {}
         self.free_runs: dict[str, FreeRunScore] = {}
         self.examples: dict[str, tuple[Record, dict[str, Tensor]]] = {}  # first batch, estimates

@@ -48,7 +48,7 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict[str, Any]:
     results = score_seeds(estimator, run, seeds, same_motions=not changes)
     print_evaluation(results, metrics, altered)
     output = folder / "evaluation" / label
-    draw_figures(estimator, run, seeds[0], output)
+    draw_figures(estimator, run, seeds[0], output, metrics.get("training", {}).get("prior"))
     write_json(output / "scores.json", results)
     print(f"figures and scores in {output}")
     return results

@@ -31,11 +31,16 @@ def acceleration(record: Record, estimate: Tensor, seconds: float | None = None)
 
 
 def free_run_acceleration(
-    record: Record, response: Response, seconds: float | None = None
+    record: Record, response: Response, seconds: float | None = None, band: Tensor | None = None
 ) -> Figure:
-    """Draw the output of each DOF against that of the free run."""
-    true = {"measured": record.a} if record.truth is None else {"true": record.truth.a}
-    return _compared(record, {**true, "free run": response.a}, _label(record), seconds)
+    """Draw the output of each DOF against that of the free run.
+
+    Against the measured one where there is a band (T, n), of which 95 % should lie in it.
+    """
+    known = {"measured": record.a}
+    if record.truth is not None and band is None:
+        known = {"true": record.truth.a}
+    return _compared(record, {**known, "free run": response.a}, _label(record), seconds, band)
 
 
 def _label(record: Record) -> str:
@@ -69,10 +74,15 @@ def strong_motion(a: np.ndarray, dt: float, seconds: float | None = None) -> sli
 
 
 def _compared(
-    record: Record, signals: dict[str, Tensor], label: str, seconds: float | None
+    record: Record,
+    signals: dict[str, Tensor],
+    label: str,
+    seconds: float | None,
+    band: Tensor | None = None,
 ) -> Figure:
     """Draw the strong part of signals (…, T, n), the model's last; the first sets the ranges.
 
+    band: half widths (T, n) of the 95 % band about the model's, shaded.
     A model that leaves the range before that part is drawn around the time when it leaves.
     """
     curves = {name: _first(signal) for name, signal in signals.items()}
@@ -92,11 +102,16 @@ def _compared(
             axes.plot(
                 t, _within(curve[span, i], largest[i]), color=color, linewidth=width, label=name
             )
+        if band is not None:
+            middle, half = list(curves.values())[-1][span, i], band[span, i].numpy()
+            low, high = (_within(middle + way * half, largest[i]) for way in (-1.0, 1.0))
+            axes.fill_between(t, low, high, color=ESTIMATED, alpha=0.25, linewidth=0.0,
+                              label="95 % band")  # fmt: skip
         axes.set_ylabel(label.format(i + 1))
         axes.margins(x=0.0)
     axes.set_xlabel("time [s]")
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=2, frameon=False)
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels), frameon=False)
     return figure
 
 
@@ -187,11 +202,13 @@ def run_figures(
     free_run: Response | None = None,
     loops: tuple[Tensor, Tensor] | None = None,
     title: str = "",
+    band: Tensor | None = None,
 ) -> dict[str, Figure]:
     """Pictures of a run by name, from a batch of records, its estimate and its free run.
 
     elements: names; loops: deformations and forces of a model's elements, drawn where the true ones
-    are not known. title: of the pictures in which the model is compared with the record.
+    are not known. title: of the pictures in which the model is compared with the record. band: half
+    widths (T, n) about the free run.
     """
     figures = {
         "acceleration": acceleration(record, estimate),
@@ -201,7 +218,7 @@ def run_figures(
         best = estimate if free_run is None else free_run.a
         figures["element_loops"] = imposed_loops(record, best)
     if free_run is not None:
-        figures["free_run_acceleration"] = free_run_acceleration(record, free_run)
+        figures["free_run_acceleration"] = free_run_acceleration(record, free_run, band=band)
     moved = record.quantity == "acceleration" and displacement_of(record) is not None
     if free_run is not None and moved:
         figures["free_run_displacement"] = free_run_displacement(record, free_run)

@@ -11,6 +11,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
 from rich.console import Console
+from torch import Tensor
 
 from data.datamodule import Data
 from data.record import Record
@@ -35,6 +36,7 @@ from report.run.table import (
 from runner.scores.outcome import each_record
 from runner.scores.spread import DIVERGED, Spread, percent
 from runner.scores.trained_range import loops_of, names_of
+from runner.scores.uncertainty import band_of, minimum_of
 
 SPLITS = ("train", "test")
 
@@ -159,14 +161,36 @@ def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Co
         console.print("metrics.json has no free run to compare with; repeat the run to add it")
 
 
-def draw_figures(estimator: Estimator, run: DictConfig, seed: int, folder: Path) -> None:
-    """The run's figures for one seed, as PNG and PDF."""
+def draw_figures(
+    estimator: Estimator, run: DictConfig, seed: int, folder: Path, prior: float | None
+) -> None:
+    """The run's figures for one seed, as PNG and PDF.
+
+    prior: the weight that training ended with.
+    """
     data = data_from(changed(run, {"seed": seed}))
     data.setup()
+    trained = data
+    if seed != run.seed:
+        trained = data_from(run)
+        trained.setup()
     name, record = next(iter(each_record(data, "test").items()))
-    drawn = draw_record(estimator, record, run.model.name, name, elements=list(data.elements))
+    band = _band(estimator, trained, record, prior)
+    drawn = draw_record(
+        estimator, record, run.model.name, name, elements=list(data.elements), band=band
+    )
     for title, figure in drawn.items():
         save_figure(figure, folder, title)
+
+
+def _band(
+    estimator: Estimator, trained: Data, record: Record, prior: float | None
+) -> Tensor | None:
+    """Half widths (T, n) of the band about the free run, where there is one."""
+    try:
+        return band_of(estimator, minimum_of(estimator, trained, prior), record)
+    except (ValueError, MemoryError):
+        return None
 
 
 def draw_record(
@@ -176,10 +200,12 @@ def draw_record(
     name: str,
     remark: str = "",
     elements: Sequence[str] = (),
+    band: Tensor | None = None,
 ) -> dict[str, Figure]:
     """Pictures of a model on one record, by name; they say which, and how far it errs.
 
     remark: what else the title says. elements: names of the structure's, where they are known.
+    band: half widths (T, n) of the 95 % band about the free run.
     """
     score, free_run = Scores(), FreeRunScore()
     estimate = score.update(estimator, record)[""]
@@ -191,7 +217,7 @@ def draw_record(
     if (over_time := free_run.over_time()) is not None:
         errors["free run"] = over_time
     names = list(elements) if record.truth is not None else names_of(estimator)
-    drawn = run_figures(record, estimate, errors, names, own, loops, title)
+    drawn = run_figures(record, estimate, errors, names, own, loops, title, band)
     return drawn | online_figures(estimator, record)
 
 

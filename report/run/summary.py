@@ -33,6 +33,7 @@ from report.style import words_as_they_stand
 from runner.scores.outcome import each_record
 from runner.scores.public_scores import benchmark_lines
 from runner.scores.trained_range import worst_of
+from runner.scores.uncertainty import band_of
 
 
 def log_run(
@@ -59,6 +60,7 @@ def log_run(
             name,
             worst_of(metrics["outside_trained_range"]),
             list(data.elements),
+            band_of(module.estimator, module.minimum, record),
         )
         for name, figure in drawn.items():
             words_as_they_stand(figure)

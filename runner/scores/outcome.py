@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Mapping
+import time
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import lightning
@@ -24,7 +25,7 @@ from runner.folder.run_folder import settings_of
 from runner.scores.paper_values import paper_values
 from runner.scores.public_scores import benchmark_scores
 from runner.scores.trained_range import outside, range_of
-from runner.scores.uncertainty import uncertainty_of
+from runner.scores.uncertainty import minimum_of, uncertainty_of
 from runner.scores.verdict import CANNOT, NotIdentifiedError, verdict_of
 
 
@@ -95,9 +96,7 @@ def metrics_of(
         "per_record": per_record(module.estimator, tested) if len(tested) > 1 else {},
         "trained_range": trained,
         "outside_trained_range": outside(trained, range_of(module.estimator, tested.values())),
-        "uncertainty": uncertainty_of(
-            module.estimator, data, module.how_trained().get("prior"), tested.values()
-        ),
+        "uncertainty": _uncertainty(module, data, tested.values()),
         "quantity": data.records["test"][0].quantity,
         "peak": {  # in the unit of the quantity
             split: max(float(r.a.abs().max()) for r in data.records[split]) for split in SPLITS
@@ -116,6 +115,22 @@ def metrics_of(
             "lightning": lightning.__version__,
         },
     }
+
+
+def _uncertainty(module: Identification, data: Data, tested: Iterable[Record]) -> dict[str, Any]:
+    """Intervals, criticism and bands; {} of models that have none, or `none`: why there are none.
+
+    What they are made of stays with the module.
+    """
+    begun = time.perf_counter()
+    try:
+        module.minimum = minimum_of(module.estimator, data, module.how_trained().get("prior"))
+        if module.minimum is None:
+            return {}
+        content = uncertainty_of(module.estimator, module.minimum, data, tested)
+    except (ValueError, MemoryError) as error:
+        return {"none": str(error)}
+    return content | {"seconds": time.perf_counter() - begun}
 
 
 def validation_error(metrics: Mapping[str, Any]) -> float:

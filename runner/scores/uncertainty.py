@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from data.datamodule import Data
 from data.record import Record
@@ -40,29 +40,42 @@ HEADLINE = (  # quantities of masses and elements that tables tell
 COLOURED = 3.0  # times the median spectral density: the strongest band of noise that is not white
 
 
+def minimum_of(estimator: Estimator, data: Data, prior: float | None) -> Laplace | None:
+    """Laplace's approximation from a model's training records; None of models that have none.
+
+    prior: the weight that training ended with. Raises ValueError for a free run that is not finite.
+    """
+    if not isinstance(estimator, Trainable):
+        return None
+    return laplace(estimator, data.loader("train"), prior)
+
+
 def uncertainty_of(
-    estimator: Estimator, data: Data, prior: float | None, tested: Iterable[Record]
+    estimator: Estimator, found: Laplace, data: Data, tested: Iterable[Record]
 ) -> dict[str, Any]:
     """Intervals of a model's physical parameters, what its residual asks for, bands of its tests.
 
-    From its training records; {} of other models. prior: the weight that training ended with.
-    tested: records that were not seen, one by one. Where there are no intervals, `none` says why.
+    tested: records that were not seen, one by one.
     """
-    if not isinstance(estimator, Trainable):
-        return {}
-    begun = time.perf_counter()
-    try:
+    assert isinstance(estimator, Trainable)
+    content = _parameters(estimator, found, data) | _residual(found, data.dt)
+    if type(estimator) is ElementNetwork:
         batches = list(data.loader("train"))
-        found = laplace(estimator, batches, prior)
-        if found is None:
-            return {}
-        content = _parameters(estimator, found, data) | _residual(found, data.dt)
-        if type(estimator) is ElementNetwork:
-            content["criticism"] = _told(criticism_of(estimator, found, batches))
-        content["bands"] = _bands(estimator, found, tested)
-    except (ValueError, MemoryError) as error:
-        return {"none": str(error)}
-    return content | {"seconds": time.perf_counter() - begun}
+        content["criticism"] = _told(criticism_of(estimator, found, batches))
+    return content | {"bands": _bands(estimator, found, tested)}
+
+
+def band_of(estimator: Estimator, found: Laplace | None, record: Record) -> Tensor | None:
+    """Half widths (T, n) of the 95 % band about the free run of a record; None where there is none.
+
+    A batch stands for its first record. Samples before those that are scored are NaN.
+    """
+    if found is None or not isinstance(estimator, Trainable):
+        return None
+    one = next(singles([record.to("cpu")]))
+    width = half_widths(estimator, found, one)[1]
+    before = width.new_full((one.samples - len(width), width.shape[1]), torch.nan)
+    return torch.cat([before, width])
 
 
 def _parameters(estimator: Trainable, found: Laplace, data: Data) -> dict[str, Any]:
