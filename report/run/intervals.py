@@ -12,6 +12,7 @@ from rich.text import Text
 
 from runner.scores.uncertainty import HEADLINE, headline
 
+LARGEST_PLAIN = 1e6  # number that is written without an exponent
 MOST = 40  # rows; metrics.json has all
 TIMES = 2.0  # an interval with a term for the model's error, over that of noise alone: it is told
 
@@ -52,17 +53,24 @@ def _unit(row: Mapping[str, Any]) -> str:
 def told(value: float, half: float | None) -> tuple[str, str]:
     """A value to the digits that its interval leaves, and the half width to two."""
     if half is None:
-        return f"{value:.5g}", "given"
-    return rounded(value, half), f"{half:.2g}"
+        return plain(value, 5), "given"
+    return rounded(value, half), plain(half, 2)
 
 
 def rounded(value: float, half: float | None) -> str:
-    """To the second digit of the half width; at most six digits."""
+    """To the second digit of the half width; three digits at least, six at most."""
     if not half or not math.isfinite(half):
-        return f"{value:.5g}"
+        return plain(value, 5)
     place = 1 - math.floor(math.log10(half))
     digits = place + (math.floor(math.log10(abs(value))) + 1 if value else 1)
-    return f"{value:.{min(max(digits, 1), 6)}g}"
+    return plain(value, min(max(digits, 3), 6))
+
+
+def plain(value: float, digits: int) -> str:
+    """So many digits, without an exponent where a person needs none."""
+    if 1.0 <= abs(value) < LARGEST_PLAIN:
+        return f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}"
+    return f"{value:.{digits}g}"
 
 
 def _place(row: Mapping[str, Any]) -> tuple[str, int, int]:

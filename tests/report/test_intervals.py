@@ -1,0 +1,77 @@
+"""The table of intervals: digits that mean something, words where the record tells nothing."""
+
+from __future__ import annotations
+
+import pytest
+from rich.console import Console
+
+from report.run.criticism import sentences
+from report.run.intervals import print_intervals, told, which_to_believe
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "shown"),
+    [
+        (39.4321, 0.86, ("39.43", "0.86")),
+        (0.80038, 0.00061, ("0.80038", "0.00061")),
+        (31.2, 174.0, ("31.2", "174")),
+        (1234.5, 210.0, ("1234", "210")),
+        (0.0, 0.2, ("0", "0.2")),
+        (2.5e8, 3e6, ("2.5e+08", "3e+06")),
+        (1.2, None, ("1.2000", "given")),
+    ],
+)
+def test_a_value_has_the_digits_that_its_interval_leaves(value, half, shown):
+    assert told(value, half) == shown
+
+
+def parameter(name: str, **more) -> dict:
+    base = {"value": 40.0, "half": 1.0, "white": 0.5, "model_error": 1.0, "status": "determined"}
+    return {"name": name, "unit": "N/m", "about": "ground–x1", "combined_with": [], **base, **more}
+
+
+def test_the_table_fits_80_columns_and_tells_what_is_not_told():
+    console = Console(record=True, width=80)
+    with console.capture() as capture:
+        print_intervals(
+            console,
+            {
+                "parameters": [
+                    parameter("r1.stiffness", truth=39.5),
+                    parameter(
+                        "r1.damping",
+                        status="only in a combination",
+                        combined_with=["r4.unit_3.yield_displacement"],
+                    ),
+                    parameter("r1.yield_displacement", status="not excited"),
+                    parameter("r1.post_yield_ratio"),
+                    parameter("r1.unit_1.stiffness"),
+                    parameter("x1.mass", half=None, status="given", about=""),
+                ]
+            },
+        )
+    text = capture.get()
+    assert max(map(len, text.splitlines())) <= 80
+    assert text.index("x1") < text.index("r1 ground–x1")
+    assert "not excited" in text
+    assert "given" in text
+    assert "unit_1" not in text
+    assert "post yield" not in text  # nothing showed that it yields
+
+
+def test_a_wrong_model_is_told_by_what_parts_of_the_records_ask_for():
+    assert not which_to_believe([parameter("r1.stiffness", model_error=1.2)])
+    assert "3 times as wide" in which_to_believe([parameter("r1.stiffness", model_error=3.0)])
+
+
+def finding(kind: str, name: str, gain: float, significant: bool = True) -> dict:
+    return {"kind": kind, "name": name, "gain": gain, "p": 1e-9, "significant": significant}
+
+
+def test_sentences_name_a_missing_element_alone_and_otherwise_laws():
+    brace = finding("a missing element", "x1–x3", 0.26)
+    law = finding("the law of an element", "r2", 0.03)
+    told = list(sentences({"criticism": [brace, law]}))
+    assert told == ["the residual asks for an element between x1 and x3: it would take 26 % of it"]
+    assert "r2 falls short" in next(sentences({"criticism": [law]}))
+    assert not list(sentences({"criticism": [{**law, "significant": False}]}))
