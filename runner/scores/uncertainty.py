@@ -14,7 +14,9 @@ from torch import Tensor
 from data.datamodule import Data
 from data.record import Record
 from data.simulation.datamodule import SimulatedData
+from models.branch_element import BranchElement
 from models.element_network import ElementNetwork
+from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, NoFreeRunError
 from models.physical.parameters import parameters_of
 from models.physical.truth import truth_of
@@ -37,15 +39,17 @@ HEADLINE = (  # quantities of masses and elements that tables tell
 )
 
 
+CURVES = (BranchElement, ElementNetworkBranch)
 COLOURED = 3.0  # times the median spectral density: the strongest band of noise that is not white
 
 
 def minimum_of(estimator: Estimator, data: Data, prior: float | None) -> Laplace | None:
     """Laplace's approximation from a model's training records; None of models that have none.
 
-    prior: the weight that training ended with. Raises ValueError for a free run that is not finite.
+    Laws of branches are curves, and have no parameter that an interval would be of. prior: the
+    weight that training ended with. Raises ValueError for a free run that is not finite.
     """
-    if not isinstance(estimator, Trainable):
+    if not isinstance(estimator, Trainable) or isinstance(estimator, CURVES):
         return None
     return laplace(estimator, data.loader("train"), prior)
 
