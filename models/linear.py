@@ -90,13 +90,21 @@ class EquivalentLinear(LinearInWeights):
         """
         n, m, dt = self.dofs, self.inputs, self.dt
         damping, stiffness, inputs = self.matrices()
-        size = 2 * (n + m)  # of [x, v, u, Δu]
+        largest = dt**2 * inputs.abs().amax(dim=-2)  # (…, m): of a unit of u, in a time step
+        largest = torch.where(largest > 0.0, largest, 1.0)
+        size = 2 * (n + m)  # of [x, dt v, u, Δu], the last two in units of their effect
         A = self.weights.new_zeros(*self.weights.shape[:-2], size, size)
         A[..., :n, n : 2 * n] = torch.eye(n, dtype=A.dtype, device=A.device)
-        rows = torch.cat([-stiffness, -damping, inputs, torch.zeros_like(inputs)], dim=-1)
-        A[..., n : 2 * n, :] = rows
-        A[..., 2 * n : 2 * n + m, 2 * n + m :] = torch.eye(m, dtype=A.dtype, device=A.device) / dt
-        transition = torch.linalg.matrix_exp(A * dt)[..., : 2 * n, :].mT
+        effect = dt**2 * inputs / largest[..., None, :]
+        A[..., n : 2 * n, : 2 * n + m] = torch.cat(
+            [-(dt**2) * stiffness, -dt * damping, effect], -1
+        )
+        A[..., 2 * n : 2 * n + m, 2 * n + m :] = torch.eye(m, dtype=A.dtype, device=A.device)
+        units = torch.ones_like(A[..., 0])
+        units[..., n : 2 * n] = dt
+        units[..., 2 * n :] = torch.cat([largest, largest], dim=-1)
+        moved = torch.linalg.matrix_exp(A) * units[..., None, :] / units[..., :, None]
+        transition = moved[..., : 2 * n, :].mT
         step, held, risen = transition.split([2 * n, m, m], dim=-2)
         if hold == "zero_order":
             return step, held, torch.zeros_like(held)

@@ -31,7 +31,8 @@ class VWNN(LinearInWeights):
     """Estimates acceleration from past accelerations and forces alone.
 
     cutoff: of H(s) = ω_c/(s + ω_c) [rad/s]; stages: filters in series, every one an output of ξ.
-    sigmoid_weight: λ of Eq. 6 [1/(unit of ζ)]; order: of the products, 1 to 3, or a
+    sigmoid_weight: λ of Eq. 6 [1/(unit of ζ)]; None: 0.5 over the largest that each channel of ζ has
+    in training, so that no unit counts. order: of the products, 1 to 3, or a
     list of orders.
     squares, bias: repeated factors and a constant among the features.
     ridge: ≥ 0, without unit, on scaled columns.
@@ -48,7 +49,7 @@ class VWNN(LinearInWeights):
         dt: float,
         cutoff: float = 50.0,
         stages: int = 2,
-        sigmoid_weight: float = 0.05,
+        sigmoid_weight: float | None = 0.05,
         order: int | Sequence[int] = 2,
         squares: bool = True,
         bias: bool = True,
@@ -77,7 +78,18 @@ class VWNN(LinearInWeights):
                 xi = torch.cat([xi, f], dim=-1)
             yield span, self.activation.products_of(xi)
 
+    def prepare(self, batches: Iterable[Record]) -> dict[str, float]:
+        """Set λ where it is open."""
+        if self.activation.weight.ndim:
+            signals = ((record.a, record.excitation) for record in batches)
+            largest = [[u.abs().flatten(0, -2).amax(dim=0) for u in both] for both in signals]
+            a, f = (torch.stack(sizes).amax(dim=0) for sizes in zip(*largest, strict=True))
+            zeta = torch.cat([a, f]).repeat(self.filters.stages)
+            self.activation.take_sizes(torch.cat([zeta, f]) if self.unfiltered_excitation else zeta)
+        return {}
+
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
+        self.prepare(batches)
         fit = LeastSquares(self.ridge, self.weights.ndim == 3)
         for record in batches:
             for span, phi in self.features(record):
@@ -138,7 +150,7 @@ class VWNN(LinearInWeights):
         """ẍ̂ (…, T, n) compiled: the production run on the processor, some hundred times faster."""
         a = torch.empty(*drive.u.shape[:-1], self.dofs, dtype=torch.float64)
         factors, weights = self.activation.places().numpy(), self.weights.detach().numpy()
-        settings = float(self.filters.decay), float(self.activation.weight), factors
+        settings = float(self.filters.decay), self.activation.weights(), factors
         for place in np.ndindex(a.shape[:-2]):
             u, estimate = drive.u[place].detach().contiguous().numpy(), a[place].numpy()
             own = weights[place[0]] if weights.ndim == 3 else weights

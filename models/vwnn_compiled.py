@@ -18,19 +18,19 @@ compiled, inlined = compilers(Path(__file__), HERE, contract=True, reassociate=T
 
 
 @compiled
-def estimate(xi, f, unfiltered, sigmoid_weight, factors, W, h, phi, prediction):
+def estimate(xi, f, unfiltered, sigmoid_weights, factors, W, h, phi, prediction):
     """φ (P,) and the estimate (n,) from the filters' state ξ (S, C) and the excitation f (m,).
 
-    factors (P, 3): the sigmoids whose product a feature is; the last of h is 1.
+    sigmoid_weights: λ of every channel. factors (P, 3): the sigmoids whose product a feature is; the last of h is 1.
     """
     S, C = xi.shape
     P, n = W.shape
     for i in range(S):
         for j in range(C):
-            h[i * C + j] = np.tanh(sigmoid_weight * xi[i, j])
+            h[i * C + j] = np.tanh(sigmoid_weights[i * C + j] * xi[i, j])
     if unfiltered:
         for j in range(f.size):
-            h[S * C + j] = np.tanh(sigmoid_weight * f[j])
+            h[S * C + j] = np.tanh(sigmoid_weights[S * C + j] * f[j])
     prediction[:] = 0.0
     for p in range(P):
         product = h[factors[p, 0]] * h[factors[p, 1]] * h[factors[p, 2]]
@@ -61,11 +61,11 @@ def learn(xi, a, f, decay, sound, law, settings, phi, prediction, W, memory, err
 
 
 @compiled
-def free_run(stages, f, unfiltered, decay, sigmoid_weight, factors, W, a):
+def free_run(stages, f, unfiltered, decay, sigmoid_weights, factors, W, a):
     """Writes ẍ̂ (T, n) under an excitation (T, m), on its own estimates, from rest."""
     m, C = f.shape[1], a.shape[1] + f.shape[1]
     xi, phi = np.zeros((stages, C)), np.empty(W.shape[0])
     h = np.ones(stages * C + unfiltered * m + 1)
     for k in range(f.shape[0]):
-        estimate(xi, f[k], unfiltered, sigmoid_weight, factors, W, h, phi, a[k])
+        estimate(xi, f[k], unfiltered, sigmoid_weights, factors, W, h, phi, a[k])
         _advance(xi, a[k], f[k], decay)

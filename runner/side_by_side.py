@@ -50,6 +50,7 @@ def can_be_batched(cfg: DictConfig) -> bool:
         and data.validation == 0.0
         and data.cut["length"] is None
         and all(type(estimator_from(model, data)) in SIDE_BY_SIDE for model in models)
+        and all(model.get("sigmoid_weight", 0.0) is not None for model in models)  # by each motion
     )
 
 

@@ -27,9 +27,9 @@ def begin(xi):
     xi[:] = 0.0
 
 
-def observe(u, xi, forces, unfiltered, sigmoid_weight, factors, W, sigmoids, phi, a):
+def observe(u, xi, forces, unfiltered, sigmoid_weights, factors, W, sigmoids, phi, a):
     """The estimate of the acceleration that is not measured yet."""
-    estimate(xi, u[:forces], unfiltered, sigmoid_weight, factors, W, sigmoids, phi, a)
+    estimate(xi, u[:forces], unfiltered, sigmoid_weights, factors, W, sigmoids, phi, a)
 
 
 def advance(first, xi, forces, decay, law, settings, phi, a, W, memory, error, work):
@@ -69,7 +69,7 @@ def step_of(model: VWNN | Online) -> Step:
     numbers = {
         "factors": estimator.activation.places().numpy(), "forces": m, "law": law.number,
         "unfiltered": estimator.unfiltered_excitation, "settings": law.settings(),
-        "sigmoid_weight": float(estimator.activation.weight),
+        "sigmoid_weights": estimator.activation.weights(),
         "decay": float(estimator.filters.decay),
     }  # fmt: skip
     measured = [(f"a{i + 1}_measured", "m/s2") for i in range(n)]

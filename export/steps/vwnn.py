@@ -26,16 +26,16 @@ def begin(x0, v0, xi, past, elapsed):
     at_first(x0, v0, past, elapsed)
 
 
-def observe(u, xi, past, elapsed, x, v, a, W, factors, channels, sigmoid_weight):
+def observe(u, xi, past, elapsed, x, v, a, W, factors, channels, sigmoid_weights):
     """The estimate from the filters' outputs and, where it is among ξ, the excitation itself."""
     S, C = xi.shape
     P, n = W.shape
     h = np.empty(channels + 1)
     for i in range(S):
         for j in range(C):
-            h[i * C + j] = math.tanh(sigmoid_weight[0] * xi[i, j])
+            h[i * C + j] = math.tanh(sigmoid_weights[i * C + j] * xi[i, j])
     for j in range(channels - S * C):
-        h[S * C + j] = math.tanh(sigmoid_weight[0] * u[j])
+        h[S * C + j] = math.tanh(sigmoid_weights[S * C + j] * u[j])
     h[channels] = 1.0
     a[:] = 0.0
     for p in range(P):
@@ -59,7 +59,7 @@ def step_of(model: VWNN) -> Step:
     numbers = {
         "W": model.weights.detach().numpy().copy(),
         "factors": model.activation.places().numpy(),
-        "sigmoid_weight": np.array([float(model.activation.weight)]),
+        "sigmoid_weights": model.activation.weights(),
         "decay": np.array([float(model.filters.decay)]),
         "channels": model.activation.channels,
     }

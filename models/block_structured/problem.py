@@ -39,7 +39,7 @@ class ChainProblem:
         """The chain at the present parameters."""
         chain = self.chain.copy()
         chain.values[self.learned] = self.theta.detach().numpy()
-        chain.begins[self.unknown] = self.own[0].numpy().reshape(len(self.unknown), -1)
+        chain.begins[self.unknown] = self.own[0].numpy().reshape(-1, chain.layout.states)
         return chain
 
     def loss(self) -> Tensor:

@@ -28,33 +28,46 @@ PARTS = (8, 2, 1)  # of the samples: an eighth first, where a wrong state has no
 Run = Callable[[Tensor, int], Trace]  # the first samples of runs from (B, S), with ∂/∂(B, S)
 
 
-def beginning(run: Run, measured: Tensor, starts: Sequence[Tensor], most: Tensor) -> Tensor:
+def beginning(run: Run, measured: Tensor, starts: Sequence[Tensor], most: Tensor, n: int) -> Tensor:
     """q₀, q̇₀, z₀ (B, S) of the least error against the `measured` (B, T, o) first samples.
 
     most: the largest magnitude of each (S,), which is the limit of a memory.
 
-    The best that is reached from some `starts` (B, S), first for a part of the samples. A record
-    whose run diverges from every beginning tried keeps its start.
+    The best that is reached from some `starts` (B, S), first for a part of the samples; where that
+    part led away from the next one, the search goes on from the start itself. A record whose run
+    diverges from every beginning tried keeps its start.
     """
     T = measured.shape[1]
     best, least = starts[0], measured.new_full((len(measured),), torch.inf)
-    for state in starts:
+    for start in starts:
+        state = start
         for part in PARTS:
-            samples = max(T // part, min(T, FEWEST))
-            state, error = _fitted(run, measured[:, :samples], state, most)
+            seen = measured[:, : max(T // part, min(T, FEWEST))]
+            if state is not start:
+                state = _nearer(run, seen, start, state)
+            state, error = _fitted(run, seen, state, most, n)
         better = error < least
         best, least = torch.where(better[:, None], state, best), torch.minimum(error, least)
     return best
 
 
-def _fitted(run: Run, measured: Tensor, state: Tensor, most: Tensor) -> tuple[Tensor, Tensor]:
+def _nearer(run: Run, measured: Tensor, start: Tensor, state: Tensor) -> Tensor:
+    """For each record the one of two states (B, S) with the smaller error."""
+    errors = [_errors(run(one, measured.shape[1]), measured) for one in (start, state)]
+    return torch.where((errors[0] < errors[1])[:, None], start, state)
+
+
+def _fitted(
+    run: Run, measured: Tensor, state: Tensor, most: Tensor, n: int
+) -> tuple[Tensor, Tensor]:
     """The state (B, S) that damped steps lead to, and Σ e² (B,)."""
     damping = torch.full((len(state),), DAMPING).to(state)
     trace = run(state, measured.shape[1])
     error = _errors(trace, measured)
     for _ in range(STEPS):
         J = trace.by_begin.flatten(1, 2)  # (B, T·o, S)
-        step = _step(J.nan_to_num(), (trace.response.a - measured).flatten(1).nan_to_num(), damping)
+        missed = (trace.response.a - measured).flatten(1).nan_to_num()
+        step = _step(J.nan_to_num(), missed, damping, n)
         new = (state - step).clamp(-most, most)
         tried = run(new, measured.shape[1])
         now = _errors(tried, measured)
@@ -76,24 +89,28 @@ def units_of(by_begin: Tensor, measured: Tensor, n: int) -> Tensor:
     the effect of `FAINT` of the others of its kind: displacements and memories, or velocities.
     """
     effect = torch.linalg.vector_norm(by_begin, dim=(-3, -2))
-    rates = torch.zeros(effect.shape[-1], dtype=torch.bool)
-    rates[n : 2 * n] = True
-    for kind in (rates, ~rates):
-        least = FAINT * effect[..., kind].amax(dim=-1, keepdim=True)
-        effect[..., kind] = torch.maximum(effect[..., kind], least)
+    effect = torch.maximum(effect, FAINT * _largest_of_kind(effect, n))
     whole = torch.linalg.vector_norm(measured, dim=(-2, -1))[..., None]
     return torch.where(effect > 0.0, whole / effect, 0.0)
 
 
-def projected(jacobian: Tensor, by_begin: Tensor) -> Tensor:
+def projected(jacobian: Tensor, by_begin: Tensor, n: int) -> Tensor:
     """∂output/∂θ (B, T, o, P) less what the beginning of each record can make up for."""
     J, J0 = jacobian.flatten(1, 2), by_begin.flatten(1, 2)
     size = torch.linalg.vector_norm(J0, dim=1, keepdim=True)
-    seen = size > LEAST * size.amax(dim=2, keepdim=True)
+    seen = size > LEAST * _largest_of_kind(size, n)
     basis, scale = torch.linalg.qr(torch.where(seen, J0 / size, 0.0))
     firm = scale.diagonal(dim1=1, dim2=2).abs() > LEAST**0.5  # others double what is there
     basis = torch.where(firm[:, None, :], basis, 0.0)
     return (J - basis @ (basis.mT @ J)).reshape(jacobian.shape)
+
+
+def _largest_of_kind(effect: Tensor, n: int) -> Tensor:
+    """For each of (…, S) the largest of its kind, as units have it: velocities, or all others."""
+    rates = torch.zeros(effect.shape[-1], dtype=torch.bool)
+    rates[n : 2 * n] = True
+    parts = [effect[..., kind].amax(dim=-1, keepdim=True) for kind in (rates, ~rates)]
+    return torch.where(rates, parts[0], parts[1])
 
 
 def _errors(trace: Trace, measured: Tensor) -> Tensor:
@@ -102,10 +119,10 @@ def _errors(trace: Trace, measured: Tensor) -> Tensor:
     return squares.nan_to_num(torch.inf, torch.inf)
 
 
-def _step(J: Tensor, missed: Tensor, damping: Tensor) -> Tensor:
+def _step(J: Tensor, missed: Tensor, damping: Tensor, n: int) -> Tensor:
     """Marquardt's step (B, S), in which every component is measured by its own effect."""
     size = torch.linalg.vector_norm(J, dim=1)
-    seen = size > LEAST * size.amax(dim=1, keepdim=True)
+    seen = size > LEAST * _largest_of_kind(size, n)
     scaled = torch.where(seen, size, 1.0)
     J = torch.where(seen[:, None, :], J / scaled[:, None, :], 0.0)
     eye = torch.eye(J.shape[2]).to(J)

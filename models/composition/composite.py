@@ -217,7 +217,7 @@ class Composite(Trainable):
             state[:, 2 * n :] = share * limit
         if found is not None and not self.has_states(record):
             starts.append(torch.zeros_like(start))  # reconstructed motions err at their ends
-        return beginning(run, measured, starts, most).reshape(*lead, -1)
+        return beginning(run, measured, starts, most, n).reshape(*lead, -1)
 
     def _first_motion(self, record: Record) -> tuple[Tensor, Tensor] | None:
         """x and v (…, T, n) of samples that tell how a record begins; None of other quantities."""
@@ -279,7 +279,7 @@ class Composite(Trainable):
             return trace
         flat = record.a.shape[:-2].numel()
         both = (u.reshape(flat, *u.shape[-3:]) for u in (trace.jacobian, trace.by_begin))
-        return replace(trace, jacobian=projected(*both).reshape(trace.jacobian.shape))
+        return replace(trace, jacobian=projected(*both, self.dofs).reshape(trace.jacobian.shape))
 
     def element_loops(self, signals: Record | Drive) -> tuple[Tensor, Tensor]:
         """Deformations [m], restoring forces [N] (…, T, E) of the elements in a free run.

@@ -9,12 +9,15 @@ from collections.abc import Sequence
 from itertools import combinations, combinations_with_replacement
 from math import comb
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
 from models.layers.features_compiled import feature_products
 from models.layers.least_squares import require_solvable
+
+AT_LARGEST = 0.5  # λ ξ at the largest ξ of a channel, where λ is left open
 
 
 def _products(channels: int, factors: int, squares: bool) -> int:
@@ -27,8 +30,8 @@ def _products(channels: int, factors: int, squares: bool) -> int:
 class SigmoidProducts(nn.Module):
     """φ(ξ): tanh(λ ξ_i), and all unique products of 2 … `order` of them.
 
-    `channels` is the width of ξ, `weight` is λ in 1/(unit of ξ). A list of orders takes these
-    alone: [1, 3] is an odd function of ξ, if without `bias`. `squares` admits repeated factors
+    `channels` is the width of ξ, `weight` is λ in 1/(unit of ξ); None: one for each channel, which
+    `take_sizes` sets. A list of orders takes these alone: [1, 3] is an odd function of ξ, if without `bias`. `squares` admits repeated factors
     (h_i², h_i² h_j, …), `bias` a constant.
     """
 
@@ -37,16 +40,16 @@ class SigmoidProducts(nn.Module):
     def __init__(
         self,
         channels: int,
-        weight: float,
+        weight: float | None,
         order: int | Sequence[int] = 2,
         squares: bool = True,
         bias: bool = True,
     ) -> None:
         super().__init__()
-        if not 0.0 < weight < float("inf"):
+        if weight is not None and not 0.0 < weight < float("inf"):
             raise ValueError(
-                f"λ={weight} (model.sigmoid_weight) must be positive; about 0.5 over the largest "
-                "measured acceleration or force"
+                f"λ={weight} (model.sigmoid_weight) must be positive, or null: "
+                f"{AT_LARGEST} over the largest that each channel has in training"
             )
         orders = list(range(1, min(order, 4) + 1)) if isinstance(order, int) else list(order)
         if not orders or not set(orders) <= {1, 2, 3} or sorted(set(orders)) != orders:
@@ -57,7 +60,8 @@ class SigmoidProducts(nn.Module):
             "lower model.order or model.stages",
         )
         self.channels, self.orders = channels, orders
-        self.register_buffer("weight", torch.tensor(weight, dtype=torch.float64))
+        known = [torch.nan] * channels if weight is None else weight
+        self.register_buffer("weight", torch.tensor(known, dtype=torch.float64))
         choose = combinations_with_replacement if squares else combinations
         self.factors = {n: list(choose(range(channels), n)) for n in orders if n > 1}
         self.bias = bias
@@ -65,6 +69,16 @@ class SigmoidProducts(nn.Module):
         for count, products in self.factors.items():
             index = torch.tensor(products, dtype=torch.int64).reshape(len(products), count)
             self.register_buffer(f"factors_{count}", index.T.contiguous(), persistent=False)
+
+    def take_sizes(self, largest: Tensor) -> None:
+        """Set λ where it is open, by the largest |ξ| (channels,) that training has."""
+        if self.weight.ndim:
+            size = torch.where(largest > 0.0, largest, 1.0)  # a silent channel has no size
+            self.weight.copy_(AT_LARGEST / size)
+
+    def weights(self) -> np.ndarray:
+        """λ of every channel (channels,)."""
+        return np.ascontiguousarray(self.weight.expand(self.channels).cpu().numpy())
 
     def places(self) -> Tensor:
         """The three factors of every feature, by channel (features, 3); `channels` stands for 1."""

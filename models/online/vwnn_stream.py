@@ -39,7 +39,7 @@ class VWNNStream(Stream):
         self._settings, self._work = law.settings(), work_for(self._weights)
         self._factors = estimator.activation.places().numpy()
         self._unfiltered = estimator.unfiltered_excitation
-        self._sigmoid_weight = float(estimator.activation.weight)
+        self._sigmoid_weights = estimator.activation.weights()
         self._decay = float(estimator.filters.decay)
         self._xi = self.memory.numpy().copy()
         P, n = self._weights.shape
@@ -72,7 +72,7 @@ class VWNNStream(Stream):
     def _estimate(self, sample: Sample) -> Tensor:
         self._prediction, self._f = np.empty(self._error.size), sample.excitation.numpy()
         vwnn_compiled.estimate(
-            *(self._xi, self._f, self._unfiltered, self._sigmoid_weight, self._factors),
+            *(self._xi, self._f, self._unfiltered, self._sigmoid_weights, self._factors),
             *(self._weights, self._sigmoids, self._phi_now, self._prediction),
         )
         return torch.from_numpy(self._prediction)

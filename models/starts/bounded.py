@@ -1,4 +1,4 @@
-"""The linear equations of motion solved with bounds, and what of them the record leaves open.
+"""The linear equations of motion solved with and without bounds, and what of them the record leaves open.
 
 [inertia | springs | dampers] [m; k; c] = f      columns are scaled to unit length: no unit counts
 N equations, P unknowns.
@@ -9,11 +9,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 from scipy.optimize import nnls
 from torch import Tensor
 
 RANK = 1e-7  # of the largest singular value, of scaled columns
 TAKES_PART = 0.1  # share of an unknown in a combination that is left open
+
+
+def least_squares(unknown: Tensor, target: Tensor) -> np.ndarray:
+    """The solution (P,) of N equations (N, P), whatever the units of the unknowns."""
+    lengths = torch.linalg.vector_norm(unknown, dim=0)
+    lengths = torch.where(lengths > 0.0, lengths, 1.0)
+    solved = torch.linalg.lstsq(unknown / lengths, target[:, None], driver="gelsd").solution
+    return np.asarray((solved[:, 0] / lengths).numpy())
 
 
 def triangle(unknown: Tensor, target: Tensor) -> np.ndarray:

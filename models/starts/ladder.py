@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.starts.bounded import left_open, not_negative, triangle
+from models.starts.bounded import least_squares, left_open, not_negative, triangle
 from models.starts.spectra import (
     POLISHED,
     RATIO,
@@ -88,8 +88,7 @@ def linear_start(
 
     factor = triangle(unknown, target)
     rank, open_names = left_open(factor, equations.names[count:])
-    fitted = torch.linalg.lstsq(unknown, target[:, None], driver="gelsd").solution[:, 0]
-    first = structure(fitted.numpy())
+    first = structure(least_squares(unknown, target))
     fault = fault_of(first, layout, substep)
     off = spectra.error(first, layout) if filtered and not fault else 0.0
     if not fault and off < DOUBTFUL:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
 
 from data.record import Drive, Record
 from models import ElementNetwork, LevenbergMarquardt, TwoPoint
+from models.composition.beginning import beginning
 from models.composition.simulate import simulate as simulate_in_pytorch
 from models.composition.trace import traced
 from models.training.free_run import simulate
@@ -131,3 +133,44 @@ def test_a_planted_law_is_recovered_from_parts_of_motions(unit):
     unseen = cut_out(motion_of(model, 3), 200)
     unseen = replace(unseen, f=unit * unseen.f)
     assert error(simulate(started, unseen).a, unseen) < 1e-3
+
+
+def of_a_frequency(state: torch.Tensor, samples: int) -> SimpleNamespace:
+    """sin(q t) of first states (B, 2), which their velocity hardly changes; with derivatives."""
+    t = torch.arange(samples, dtype=torch.float64)
+    angle, rate = state[:, :1] * t, state[:, 1:]
+    a = angle.sin() + 0.1 * rate * torch.exp(-t)
+    slopes = torch.stack([t * angle.cos(), (0.1 * torch.exp(-t)).expand_as(a)], dim=-1)
+    return SimpleNamespace(response=SimpleNamespace(a=a[..., None]), by_begin=slopes[:, :, None])
+
+
+def test_a_part_that_leads_astray_does_not_end_the_search_beyond_its_start():
+    """The first eighth is of another frequency; on all samples the start is nearly right."""
+    whole = torch.tensor([[0.2, 0.0]], dtype=torch.float64)
+    measured = of_a_frequency(whole, 400).response.a
+    measured[:, :50] = of_a_frequency(2.5 * whole, 50).response.a
+    start, most = 1.01 * whole, torch.full((2,), torch.inf, dtype=torch.float64)
+    found = beginning(of_a_frequency, measured, [start], most, 1)
+    assert torch.allclose(found[:, 0], whole[:, 0], rtol=1e-2)
+
+
+@pytest.mark.parametrize("time", [2.0**20, 2.0**-20])
+def test_the_unit_of_time_changes_nothing_in_the_search(time):
+    """Velocities are 1e6 times as large, their effects as small."""
+
+    def run(state: torch.Tensor, samples: int) -> SimpleNamespace:
+        trace = of_a_frequency(state * torch.tensor([1.0, time]), samples)
+        return SimpleNamespace(
+            response=trace.response, by_begin=trace.by_begin * torch.tensor([1.0, time])
+        )
+
+    whole = torch.tensor([[0.2, 0.3]], dtype=torch.float64)
+    measured = of_a_frequency(whole, 400).response.a
+    start, most = 1.005 * whole, torch.full((2,), torch.inf, dtype=torch.float64)
+    units = torch.tensor([1.0, time])
+    found = [
+        beginning(of_a_frequency, measured, [start], most, 1),
+        beginning(run, measured, [start / units], most, 1) * units,
+    ]
+    assert torch.equal(*found)
+    assert torch.allclose(found[0], whole, rtol=1e-3)

@@ -1,0 +1,161 @@
+"""No unit counts: with other units of length, force and time every model fits as well as before.
+
+Units change by powers of two near 1e6, so that not even rounding differs: whatever has a constant
+with a unit inside, such as a floor, a ridge or a limit, is caught, however long its solver takes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+from lightning.pytorch import Trainer, seed_everything
+from omegaconf import DictConfig
+
+from data.datamodule import Data
+from data.record import Record
+from models.training.assemble import changed, estimator_from, objective_from, solver_from
+from models.training.free_run import simulate
+from models.training.identification import Identification
+from runner.config.compose import CONF, prepare_hydra
+from tests.models.zoo import NO_STRUCTURE, SMALLER
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
+    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
+]
+
+MORE = 2.0**20  # 1.05e6
+UNITS = {  # of length, force and time
+    "lengths and times larger, forces smaller": (MORE, 1.0 / MORE, MORE),
+    "lengths and times smaller, forces larger": (1.0 / MORE, MORE, 1.0 / MORE),
+}
+ROUNDING = 1e-7  # the named laws' search (SciPy's) sums in an order that depends on memory
+RATES = (  # whose filters are stated in rad/s or s, for all records
+    "filtered_extrapolation",
+    "neural_state_space",
+    "online_vwnn",
+    "vwnn",
+    "vwnn_first_order",
+    "vwnn_forward",
+    "vwnn_third_order",
+)
+STATED = ("online_linear",)  # its features have units, and so has adaptation.variance
+SISO = ("sliding_mass", "tank_cascade", "wiener_hammerstein")
+SHORTER = {
+    **SMALLER,
+    "models.TankCascade": {"draws": 40},
+    "models.WienerHammerstein": {"poles": 2, "ramps": 4, "iterations": 3, "allocations": 1},
+    "models.SlidingMass": {"iterations": 3, "knots": 4, "prior": 1e-6},
+    "models.VWNN": {"stages": 1},
+    "models.ElementNetworkBranch": {
+        **SMALLER["models.ElementNetworkBranch"],
+        "force_memory": False,
+        "prior": 1e-6,
+    },
+    "models.BranchElement": {"ramps": 2, "bends": 1, "law_starts": 1},
+}
+MODELS = [path.stem for path in sorted((CONF / "model").glob("*.yaml")) if path.stem not in STATED]
+SLOW = ("element_network_branch", "element_network_named")  # in one other set of units
+CASES = [(name, unit) for name in MODELS for unit in list(UNITS)[: 1 if name in SLOW else 2]]
+
+
+class Held(Data):
+    """Records of a person's own, all to train on."""
+
+    name, measured = "held", True
+
+    def __init__(self, record: Record) -> None:
+        super().__init__()
+        self.record, self.dt, self.quantity = record, record.dt, record.quantity
+        self.dofs, self.inputs = record.dofs, record.excitation.shape[-1]
+        self.forced = list(range(1, self.inputs + 1))
+        self.setup()
+
+    def make_records(self) -> dict[str, list[Record]]:
+        return {"train": [self.record], "test": [self.record]}
+
+
+def in_units(record: Record, length: float, force: float, time: float) -> Record:
+    rate = length / time
+    size = {"acceleration": rate / time, "displacement": length, "force": force}[record.quantity]
+    sizes = {"x": length, "v": rate, "s": length, "s_dot": rate, "f": force, "a": size}
+    signals = {k: sizes[k] * u for k, u in record.signals().items()}
+    return replace(record, dt=time * record.dt, **signals)
+
+
+@pytest.fixture(scope="module")
+def records(bilinear_record) -> dict[str, Record]:
+    """A motion, an element's force under it, and one displacement under one force."""
+    whole = replace(bilinear_record, truth=None).window(0, 400)
+    y, r = bilinear_record.truth.y[:400, :1], bilinear_record.truth.r[:400, :1]
+    rate = torch.gradient(y, spacing=whole.dt, dim=0)[0]
+    element = Record(
+        whole.dt, r.clone(), r.new_zeros(400, 0), s=y.clone(), s_dot=rate, quantity="force"
+    )
+    one = Record(whole.dt, whole.x[:, :1], whole.f[:, :1], quantity="displacement")
+    return {"structure": whole, "element": element, "one": one}
+
+
+@cache
+def config(name: str) -> DictConfig:
+    prepare_hydra()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("train", [f"model={name}", "system.sigmoid_weight=null"])
+
+
+def errors(name: str, record: Record, folder) -> dict[str, float]:
+    """Relative errors of a model after a few iterations, one step ahead and in free run."""
+    cfg = config(name)
+    short = {k: v for k, v in SHORTER.get(cfg.model._target_, {}).items() if k in cfg.model}
+    seed_everything(0, verbose=False)
+    data = Held(record)
+    few = {"starts": 2, "start_iterations": 1, "finalists": 1} if "starts" in cfg.objective else {}
+    module = Identification(
+        estimator_from(changed(cfg.model, short), data),
+        solver_from(changed(cfg.solver, {"iterations": 2})),
+        objective=objective_from(changed(cfg.objective, few)),
+    )
+    trainer = Trainer(
+        accelerator="cpu",
+        devices=1,
+        logger=False,
+        max_epochs=1000,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        enable_checkpointing=False,
+        limit_val_batches=0,
+        log_every_n_steps=1,
+        default_root_dir=folder,
+    )
+    trainer.fit(module, datamodule=data)
+    with torch.no_grad():
+        ways = {"one step": module.estimator(record)}
+        if "f" in module.estimator.reads:
+            ways["free run"] = simulate(module.estimator, record).a
+    return {way: float((u - record.a).norm() / record.a.norm()) for way, u in ways.items()}
+
+
+def record_for(name: str, records: dict[str, Record]) -> Record:
+    if config(name).model._target_ not in NO_STRUCTURE:
+        return records["structure"]
+    return records["one" if name in SISO else "element"]
+
+
+@pytest.fixture(scope="module")
+def before(records, tmp_path_factory):
+    """Errors of a model in the units that the records have."""
+    folder = tmp_path_factory.mktemp("before")
+    return cache(lambda name: errors(name, record_for(name, records), folder))
+
+
+@pytest.mark.parametrize(("name", "unit"), CASES)
+def test_other_units_change_no_error(name, unit, records, before, tmp_path):
+    length, force, time = UNITS[unit]
+    record = record_for(name, records)
+    record = in_units(record, length, force, 1.0 if name in RATES else time)
+    assert errors(name, record, tmp_path) == pytest.approx(before(name), rel=ROUNDING, nan_ok=True)
