@@ -19,7 +19,7 @@ from data.public.benchmarks import BENCHMARKS
 from data.sample import Sensors
 from models.training.metrics import FREE_RUNS
 from runner.config.compose import CONF
-from runner.scores.trained_range import OTHER
+from models.training.trained_range import OTHER
 
 ERROR = "relative_rms_percent"
 WIDTH = 90  # of a line

@@ -38,7 +38,7 @@ from runner.config.compose import composed
 from runner.folder.run import sensors_of
 from runner.folder.run_folder import write_json, write_text
 from runner.scores.outcome import each_record, per_record
-from runner.scores.trained_range import outside, range_of, worst_of
+from models.training.trained_range import outside, range_of, worst_of
 from runner.scores.verdict import CANNOT
 
 WHOLE = {  # nothing is held back and nothing is cut out

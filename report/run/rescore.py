@@ -34,7 +34,7 @@ from report.run.table import (
 )
 from runner.scores.outcome import each_record
 from runner.scores.spread import DIVERGED, Spread, percent
-from runner.scores.trained_range import loops_of, names_of
+from models.training.trained_range import loops_of, names_of
 
 SPLITS = ("train", "test")
 

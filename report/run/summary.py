@@ -30,7 +30,7 @@ from report.run.table import (
 from report.style import words_as_they_stand
 from runner.scores.outcome import each_record
 from runner.scores.public_scores import benchmark_lines
-from runner.scores.trained_range import worst_of
+from models.training.trained_range import worst_of
 
 
 def log_run(

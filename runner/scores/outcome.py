@@ -23,7 +23,7 @@ from runner.folder.run import Run
 from runner.folder.run_folder import settings_of
 from runner.scores.paper_values import paper_values
 from runner.scores.public_scores import benchmark_scores
-from runner.scores.trained_range import outside, range_of
+from models.training.trained_range import outside, range_of
 from runner.scores.verdict import CANNOT, NotIdentifiedError, verdict_of
 
 
