@@ -18,8 +18,8 @@ from omegaconf import DictConfig
 from data.public.benchmarks import BENCHMARKS
 from data.sample import Sensors
 from models.training.metrics import FREE_RUNS
-from runner.config.compose import CONF
 from models.training.trained_range import OTHER
+from runner.config.compose import CONF
 
 ERROR = "relative_rms_percent"
 WIDTH = 90  # of a line

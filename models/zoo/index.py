@@ -29,6 +29,7 @@ class Entry:
     name: str  # MODEL/SYSTEM.vN
     folder: Path
     facts: Mapping[str, Any]
+    told: str = ""  # what its kind of model knows of a structure before any data
 
     @property
     def model(self) -> str:
@@ -52,7 +53,9 @@ class Entry:
         for name, published in self.facts["files"].items():
             path = self.folder / name
             if not path.is_file() or path.is_symlink():
-                raise ValueError(f"zoo:{self.name} lacks {name}; git checkout -- zoo brings it back")
+                raise ValueError(
+                    f"zoo:{self.name} lacks {name}; git checkout -- zoo brings it back"
+                )
             own = digest_of(path)
             if own != published["sha256"]:
                 raise ValueError(
@@ -79,7 +82,11 @@ def entries(root: Path = ROOT) -> list[Entry]:
         content = json.loads(text)
         if content["format"] != FORMAT:
             raise ValueError(f"format {content['format']!r}, this version reads {FORMAT}")
-        found = [Entry(name, root / name, facts) for name, facts in content["entries"].items()]
+        told = content.get("told", {})
+        found = [
+            Entry(name, root / name, facts, str(told.get(name.partition("/")[0], "")))
+            for name, facts in content["entries"].items()
+        ]
         for entry in found:
             _require_plain(entry)
     except (KeyError, TypeError, AttributeError, ValueError) as error:

@@ -55,8 +55,9 @@ class Pretrained:
             largest = drive.u.abs().flatten(0, -2).amax(dim=0).tolist()
             new = {kind: {**one, "largest": largest} for kind, one in trained.items()}
         left = outside(trained, new)
-        for line in warnings_of(left):
-            warnings.warn(f"zoo:{self.name}: {line}", OutsideEnvelopeWarning, stacklevel=2)
+        if left:
+            words = "; ".join(warnings_of(left))
+            warnings.warn(f"zoo:{self.name}: {words}", OutsideEnvelopeWarning, stacklevel=2)
         return not left
 
 

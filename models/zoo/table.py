@@ -76,6 +76,6 @@ def _row(entry: Entry) -> dict[str, Any]:
         facts["parameters"],
         round(entry.bytes / 1000.0, 1),
         facts["licence"],
-        facts["told"],
+        entry.told,
     )
     return dict(zip(COLUMNS, values, strict=True))

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from models.estimator import Estimator
-from report.prediction.runs import Prediction, parts_of
 from models.training.trained_range import warnings_of
+from report.prediction.runs import Prediction, parts_of
 
 LAST = 0.05  # of a motion, at its end, whose mean is called residual
 RESIDUAL = ("displacement", "deformation")

@@ -18,6 +18,7 @@ from data.sample import Sensors
 from export.passport import passport_of, software
 from models.training.metrics import FREE_RUNS
 from models.training.trained_range import OTHER, warnings_of
+from report.about import told
 from report.zoo.scores import ERROR, SEEDS
 from runner.scores.spread import DIVERGED, Spread
 
@@ -50,7 +51,7 @@ class Card:
 
     @property
     def _told(self) -> str:
-        return " ".join(str(self.cfg.model.get("about", {}).get("told", "")).split())
+        return " ".join(told(str(self.cfg.model.name)).split())
 
     @property
     def _quantity(self) -> str:
@@ -107,23 +108,23 @@ class Card:
 
     def _spread(self, key: str) -> Spread | None:
         rows = [row for row in self._rows if "escaped" not in row]
-        if not rows or any("none" in row for row in rows) and key == "free_run_percent":
+        if not rows or (any("none" in row for row in rows) and key == "free_run_percent"):
             return None
         values = (math.inf if row[key] is None else float(row[key]) for row in rows)
         return Spread(tuple(values), escaped=len(self._rows) - len(rows))
 
     def _head(self) -> str:
-        told = f"\n\nTold beforehand: {self._told}." if self._told else ""
+        known = f"\n\nTold beforehand: {self._told}." if self._told else ""
         return (
-            f"# {self.name}\n\n`{self.kind}` that simulates {self._data()}.{told}\n\n"
+            f"# {self.name}\n\n`{self.kind}` identified on {self._data()}.{known}\n\n"
             "![measured motion and the model's own](picture.svg)"
         )
 
     def _data(self) -> str:
         system = str(self.cfg.system.name)
         if self._rows:
-            return f"the structure `{system}` of this project, simulated"
-        return f"`{system}`, measured: {self.licence.source}"
+            return f"the structure {system} of this project"
+        return f"{system}, measured ({self.licence.source})"
 
     def _use(self) -> str:
         n, m = self.sensors.dofs, self.sensors.inputs
@@ -137,8 +138,8 @@ from models.zoo import load_pretrained
 pretrained = load_pretrained("{self.name}")
 u, rest = torch.zeros(1000, {m}), torch.zeros({n})
 drive = Drive({self.sensors.dt!r}, u, rest, rest, hold="{self.record.hold}")
-pretrained.inside(drive)                        # warns outside the envelope below
-motion = pretrained.model.free_run(drive)       # .x .v .a  (1000, {n})
+pretrained.inside(drive)  # warns outside the envelope below
+motion = pretrained.model.free_run(drive)  # .x .v .a  (1000, {n})
 ```
 
 Or where a run's folder may stand: `python predict.py run=zoo:{self.name} excitation.seed=5`."""
@@ -254,11 +255,13 @@ Or where a run's folder may stand: `python predict.py run=zoo:{self.name} excita
             "closed form"
         )  # fmt: skip
         records = facts["trained_on"]["records"]
-        trained = f"{records} records of {facts['trained_on']['duration_s']:g} s, " if records else ""
+        trained = (
+            f"{records} records of {facts['trained_on']['duration_s']:g} s, " if records else ""
+        )
         return (
             f"## Made by\n\n```sh\n{self.command}\n```\n\n{trained}scenario "
             f"{self.cfg.scenario.name}; {self.metrics['parameters']} parameters; {solver}, "
-            f"{self.metrics['fit_seconds']:.3g} s on one core. {software()}, code {facts['code']}, "
+            f"{self.metrics['fit_seconds']:.3g} s. {software()}, code {facts['code']}, "
             f"config {facts['config']}; {libraries}."
         )
 

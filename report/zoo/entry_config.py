@@ -43,6 +43,7 @@ def entry_config(cfg: DictConfig) -> dict[str, Any]:
     """Values of config.yaml without folders and without what only a terminal sees."""
     values = plain(cfg)
     values |= {"figures": False, "grid": None}
+    values["model"].get("about", {}).pop("told", None)  # which conf/model has, and the card
     scrubbed: dict[str, Any] = without_folders(values, folders_of(cfg))
     return scrubbed
 
@@ -63,7 +64,9 @@ def command_of(values: Mapping[str, Any]) -> str:
     words = [f"model={values['model']['name']}", f"system={values['system']['name']}"]
     for group in TRIED:
         if any(key.startswith(f"{group}.") for key in _differing(words, values)):
-            words = min(_with_choice(words, group), key=lambda tried: len(_differing(tried, values)))
+            words = min(
+                _with_choice(words, group), key=lambda tried: len(_differing(tried, values))
+            )
     wanted = dotted(values)
     for key in _differing(words, values):
         if key not in wanted:
@@ -104,4 +107,6 @@ def _differing(words: list[str], values: Mapping[str, Any]) -> list[str]:
 def _typed(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ",".join(_typed(one) for one in value) + "]"
-    return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+    return (
+        "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+    )

@@ -13,17 +13,19 @@ from export.graphs.choose import program_of
 from export.run import read_exported
 
 NAME = "exported.pt2.xz"
+LARGEST = 9_900  # bytes: the zoo is to stay small
 TOLD = ("stack_trace", "nn_module_stack", "source_fn_stack", "torch_fn", "from_node")
 
 
 def write_exported(run: Path, folder: Path) -> None:
-    """The program, packed; none for a model that has no graph, or that diverges."""
+    """The program, packed; none of a model that has no graph or diverges, nor one too large."""
     try:
         program = program_of(read_exported(run))
     except ValueError:
         return
     packed = lzma.compress(bytes_of(program), preset=9 | lzma.PRESET_EXTREME)
-    (folder / NAME).write_bytes(packed)
+    if len(packed) <= LARGEST:
+        (folder / NAME).write_bytes(packed)
 
 
 def bytes_of(program: ExportedProgram) -> bytes:

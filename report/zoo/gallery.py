@@ -72,5 +72,5 @@ def _told(found: list[Entry]) -> Iterator[str]:
     yield "| model | told beforehand |"
     yield "| --- | --- |"
     for model in dict.fromkeys(entry.model for entry in found):
-        told = next(entry.facts["told"] for entry in found if entry.model == model)
+        told = next(entry.told for entry in found if entry.model == model)
         yield f"| `{model}` | {' '.join(told.split()) or '–'} |"

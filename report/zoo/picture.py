@@ -14,7 +14,7 @@ from models.training.free_run import simulate
 from models.training.metrics import left_at
 from models.training.trained_range import loops_of
 
-WIDTH, HEIGHT, POINTS = 360, 120, 150
+WIDTH, HEIGHT, POINTS = 360, 120, 110
 TRUE, OWN = "#222222", "#d1495b"
 
 
@@ -41,8 +41,12 @@ def picture_of(model: Estimator, record: Record, colour: str = OWN) -> str:
         f'width="{2 * WIDTH}" fill="none">'
         '<rect width="100%" height="100%" fill="#fff"/>'
         f'<text x="2" y="10" font-size="9" font-family="sans-serif" fill="{TRUE}">{told}</text>'
-        + (f'<text x="{wide}" y="10" font-size="9" font-family="sans-serif" fill="{TRUE}">'
-           f"force of element {most + 1}</text>" if loops is not None else "")
+        + (
+            f'<text x="{wide}" y="10" font-size="9" font-family="sans-serif" fill="{TRUE}">'
+            f"force of element {most + 1}</text>"
+            if loops is not None
+            else ""
+        )
         + "".join(curves)
         + "</svg>\n"
     )
@@ -70,6 +74,13 @@ def _lines(
     drawn = []
     for curve, colour in zip(curves, colours, strict=True):
         down = top + 2 + (height - 4) * (high - curve[kept]) / max(high - low, 1e-300)
-        points = " ".join(f"{a:.0f},{b:.0f}" for a, b in zip(across, down, strict=True))
-        drawn.append(f'<polyline points="{points}" stroke="{colour}"/>')
+        drawn.append(f'<path d="{_path(across, down)}" stroke="{colour}"/>')
     return drawn
+
+
+def _path(across: np.ndarray, down: np.ndarray) -> str:
+    """Whole steps from point to point, which are short."""
+    places = np.rint(np.stack([across, down], axis=1)).astype(int)
+    steps = np.diff(places, axis=0)
+    first = f"M{places[0, 0]} {places[0, 1]}l"
+    return first + "".join(f"{x:+d}{y:+d}" for x, y in steps).replace("+", " ").strip()

@@ -22,7 +22,7 @@ from models.training.assemble import data_from
 from models.training.metrics import LEFT
 from models.zoo.golden import golden_of
 from models.zoo.index import FORMAT, INDEX, NAME, ROOT, entries
-from report.about import colour_of
+from report.about import colour_of, told
 from report.zoo.card import Card
 from report.zoo.entry_config import (
     command_of,
@@ -35,6 +35,8 @@ from report.zoo.picture import picture_of
 from report.zoo.scores import is_simulated, over_seeds
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_folder import read_run
+
+TRAINING = ("solver", "iterations", "stopped")  # what is kept of it; stages are a log
 
 
 @dataclass(frozen=True)
@@ -120,11 +122,14 @@ def _write(
 ) -> None:
     """All files of an entry."""
     shutil.copyfile(run / "model.safetensors", folder / "model.safetensors")
-    text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=1000)
+    text = yaml.safe_dump(
+        values, sort_keys=False, allow_unicode=True, width=1000, default_flow_style=None
+    )
     (folder / "config.yaml").write_text(text, encoding="utf-8")
     require_same_values(folder / "config.yaml", values)
     sensors = sensors_of(cfg, run)
-    kept = dict(metrics)
+    kept = {key: value for key, value in metrics.items() if value not in ({}, [])}
+    kept["training"] = {k: v for k, v in metrics.get("training", {}).items() if k in TRAINING}
     if is_simulated(cfg):
         kept["over_seeds"] = over_seeds(model, cfg)
     kept = without_folders(kept, folders_of(cfg))
@@ -156,7 +161,6 @@ def write_compact(path: Path, content: Mapping[str, Any]) -> None:
 def facts_of(folder: Path, licence: Licence) -> dict[str, Any]:
     """What the index says of an entry."""
     metrics = json.loads((folder / "metrics.json").read_text("utf-8"))
-    cfg = OmegaConf.load(folder / "config.yaml")
     free = metrics["free_run"]
     free_percent = free.get("relative_rms_percent")
     return {
@@ -164,7 +168,6 @@ def facts_of(folder: Path, licence: Licence) -> dict[str, Any]:
         "one_step_percent": metrics["test"]["relative_rms_percent"],
         "parameters": metrics["parameters"],
         "quantity": metrics["quantity"],
-        "told": str(cfg.model.get("about", {}).get("told", "")).strip(),
         "licence": licence.weights,
         "data_licence": licence.data,
         "files": {
@@ -177,9 +180,17 @@ def facts_of(folder: Path, licence: Licence) -> dict[str, Any]:
 def write_index(root: Path, new: Mapping[str, Any]) -> None:
     """The index with new entries beside those that are there."""
     known = {entry.name: dict(entry.facts) for entry in entries(root)}
-    content = {"format": FORMAT, "entries": dict(sorted((known | dict(new)).items()))}
+    found = dict(sorted((known | dict(new)).items()))
+    models = dict.fromkeys(name.partition("/")[0] for name in found)
+    content = {
+        "format": FORMAT,
+        "told": {model: " ".join(told(model).split()) for model in models},
+        "entries": found,
+    }
     aside = root / f".{INDEX}.part"
-    aside.write_text(json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n", encoding="utf-8")
+    aside.write_text(
+        json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n", encoding="utf-8"
+    )
     os.replace(aside, root / INDEX)
 
 

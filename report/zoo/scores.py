@@ -50,10 +50,10 @@ def again(estimator: Estimator, cfg: DictConfig) -> dict[str, Any]:
     """The scores of the test motion under the keys of metrics.json, from the records anew."""
     data = data_from(cfg)
     if isinstance(data, SimulatedData):
-        records, _ = data.simulation.records("test", data.test_records, cfg.seed, data.train_records)
+        records, _ = data.simulation.records(
+            "test", data.test_records, cfg.seed, data.train_records
+        )
         data.records = {"test": records}
     else:
         data.setup()
     return scores_of(estimator, data, ("test",))
-
-

@@ -84,4 +84,3 @@ def _apart(then: Mapping[str, Any], now: Mapping[str, Any], key: str, where: str
     if not apart <= NUMBERS:
         raise ValueError(f"{key} of {where} is {new}, published is {old}")
     return apart
-
