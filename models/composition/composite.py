@@ -123,6 +123,11 @@ class Composite(Trainable):
                 c.begin.copy_(c.theta.detach())
                 c.end.copy_(c.theta.detach())
 
+    def keep_start(self) -> None:
+        for c in self._coefficients():
+            c.begin.copy_(c.theta.detach())
+            c.end.copy_(c.theta.detach())
+
     def composition(self) -> Composition:
         """The equation of motion with coefficients at the present parameters."""
         raise NotImplementedError

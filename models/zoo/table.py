@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 from models.zoo.index import ROOT, Entry, entries
 
 COLUMNS = ("name", "free run %", "one step %", "parameters", "kB", "licence", "told")
+WIDEST = 72  # characters of a column
 
 
 class Table(Sequence[dict[str, Any]]):
@@ -43,7 +45,7 @@ def _aligned(line: Sequence[str], widths: Sequence[int]) -> str:
 
 
 def _text(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return f"{value:.3g}" if isinstance(value, float) else shorten(str(value), WIDEST)
 
 
 def list_pretrained(
