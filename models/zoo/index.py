@@ -122,8 +122,7 @@ def _near(name: str, found: list[Entry]) -> str:
     plain = dict.fromkeys(f"{entry.model}/{entry.system}" for entry in found)
     if not plain:
         return "; the zoo is empty"
-    known = [*plain, *(entry.name for entry in found)]
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+    near = difflib.get_close_matches(name, plain, n=3, cutoff=0.6)
     model, _, system = name.partition("/")
     near = near or [n for n in plain if model and model == n.partition("/")[0]][:3]
     near = near or [n for n in plain if system and system == n.partition("/")[2]][:3]

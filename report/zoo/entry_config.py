@@ -14,7 +14,7 @@ from runner.config.compose import CONF, composed
 from runner.config.identity import INERT
 
 RECORDS = "RECORDS"  # stands for the folder that holds the folders of measured records
-ABSOLUTE = re.compile(r"""(?:^|[\s"'=:(,])(~?/[\w.-]+/|[A-Za-z]:\\|\.\./)""")
+ABSOLUTE = re.compile(r"""(?:^|[\s"'=:(,\[])(~?/[\w.-]+/|[A-Za-z]:\\|\.\./)""")
 NO_NUMBER = (*INERT, "records", "threads")  # settings that a command need not say
 TRIED = ("baselines", "solver", "objective", "scenario", "excitation", "damage")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from models.zoo.index import ROOT, Entry, entries
@@ -29,9 +30,7 @@ def page_of(root: Path = ROOT) -> str:
         "gallery": "\n\n".join(_of_system(found)),
         "told": "\n".join(_told(found)),
     }
-    for key, words in facts.items():
-        text = text.replace("{{" + key + "}}", words)
-    return text
+    return Template(text).substitute(facts)
 
 
 def _of_system(found: list[Entry]) -> Iterator[str]:

@@ -1,8 +1,8 @@
 """A structure has changed: how much sooner does a published model fit it than one from nothing?
 
-python -m studies.fine_tuning                      all runs, in runs/fine_tuning; goes on there
-python -m studies.fine_tuning --systems bouc_wen --seeds 3
-python -m studies.fine_tuning --page docs/fine_tuning.md
+python -m benchmarks.fine_tuning                      all runs, in runs/fine_tuning; goes on there
+python -m benchmarks.fine_tuning --systems bouc_wen --seeds 3
+python -m benchmarks.fine_tuning --page docs/fine_tuning.md
 
 Every stiffness of the structure is 1.2 times that of the published one. One record of 20 s, with
 white noise of 10 % on x, v and a; an element network is trained on it by the usual command, from
@@ -17,6 +17,7 @@ import math
 import statistics
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from omegaconf import DictConfig
@@ -37,7 +38,7 @@ WORDS = (
     "trainer.enable_progress_bar=false"
 )
 WAYS = {"nothing": "", "published": "start=zoo:element_network/"}
-RUNS, TEMPLATE = Path("runs/fine_tuning"), Path(__file__).parent / "fine_tuning.md"
+RUNS, TEMPLATE = Path("runs/fine_tuning"), Path(__file__).parent / "page.md"
 
 
 def config(system: str, seed: int, way: str) -> DictConfig:
@@ -112,7 +113,7 @@ def _percent(error: float) -> str:
 
 
 def main() -> None:
-    parser = Parser("python -m studies.fine_tuning", description=(__doc__ or "").splitlines()[0])
+    parser = Parser("python -m benchmarks.fine_tuning", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--systems", nargs="+", default=SYSTEMS, choices=SYSTEMS)
     parser.add_argument("--seeds", type=int, default=SEEDS)
     parser.add_argument("--page", type=Path, metavar="FILE", help="written from all runs")
@@ -121,7 +122,7 @@ def main() -> None:
         text = table(pairs(options.systems, options.seeds))
         print(text)
         if options.page is not None:
-            page = TEMPLATE.read_text("utf-8").replace("{{table}}", text)
+            page = Template(TEMPLATE.read_text("utf-8")).substitute(table=text)
             options.page.write_text(page, encoding="utf-8")
 
 
