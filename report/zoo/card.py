@@ -15,7 +15,7 @@ from omegaconf import DictConfig
 
 from data.record import QUANTITIES, Record
 from data.sample import Sensors
-from export.passport import passport_of, software
+from export.passport import passport_of, software, trained_on_words
 from models.training.metrics import FREE_RUNS
 from models.training.trained_range import OTHER, warnings_of
 from report.about import told
@@ -60,8 +60,9 @@ class Card:
 
     @property
     def _source(self) -> str:
-        seeds = f" seeds=[{','.join(map(str, SEEDS))}]" if self._rows else ""
-        return f"python evaluate.py run=zoo:{self.name}{seeds}"
+        if not self._rows:
+            return f"python -m models.zoo verify {self.name} records=FOLDER"
+        return f"python evaluate.py run=zoo:{self.name} seeds=[{','.join(map(str, SEEDS))}]"
 
     @property
     def _rows(self) -> Sequence[Mapping[str, Any]]:
@@ -115,7 +116,8 @@ class Card:
         return Spread(tuple(values), escaped=len(self._rows) - len(rows))
 
     def _head(self) -> str:
-        known = f"\n\nTold beforehand: {self._told}." if self._told else ""
+        remark = "" if self._rows else " (what it says of truth is of simulated structures)"
+        known = f"\n\nTold beforehand{remark}: {self._told}." if self._told else ""
         return (
             f"# {self.name}\n\n`{self.kind}` identified on {self._data()}.{known}\n\n"
             "![measured motion and the model's own](picture.svg)"
@@ -129,6 +131,7 @@ class Card:
 
     def _use(self) -> str:
         n, m = self.sensors.dofs, self.sensors.inputs
+        motion = "excitation.seed=5" if self._rows else "excitation.path=motion.csv"
         return f"""## Use it
 
 ```python
@@ -143,13 +146,17 @@ pretrained.inside(drive)  # warns outside the envelope below
 motion = pretrained.model.free_run(drive)  # .x .v .a  (1000, {n})
 ```
 
-Or where a run's folder may stand: `python predict.py run=zoo:{self.name} excitation.seed=5`."""
+Or where a run's folder may stand: `python predict.py run=zoo:{self.name} {motion}`."""
 
     def _signals(self) -> str:
         unit = QUANTITIES[self._quantity][1]
         trained = self.metrics["trained_range"].get("excitation", {})
         names = trained.get("names") or [f"u{i + 1}" for i in range(self.sensors.inputs)]
-        rows = [(f"u[:, {i}]", name, self._unit(name)) for i, name in enumerate(names)]
+        base = self.sensors.forced == "base"
+        rows = [
+            (f"u[:, {i}]", "−s̈ of the base" if base else name, self._unit(name))
+            for i, name in enumerate(names)
+        ]
         dofs = f"x1 … x{self.sensors.dofs}" if self.sensors.dofs > 1 else "x1"
         rows.append((f"a (T, {self.sensors.dofs})", f"{self._quantity} of {dofs}", unit))
         if self._quantity == "acceleration":
@@ -188,7 +195,8 @@ Or where a run's folder may stand: `python predict.py run=zoo:{self.name} excita
             values = [f"{name} {value:.3g}" for name, value in pairs]
             if lows:
                 values = [f"{v} (from {low:.3g})" for v, low in zip(values, lows, strict=True)]
-            rows.append((kind, ", ".join(values), one["unit"]))
+            units = [one["unit"]] if one["unit"] else map(self._unit, one["names"])
+            rows.append((kind, ", ".join(values), ", ".join(dict.fromkeys(units))))
         return (
             "## Training envelope\n\nThe largest that it has seen, of each element where it has "
             "elements; beyond, nobody measured what the weights do.\n\n"
@@ -211,8 +219,8 @@ Or where a run's folder may stand: `python predict.py run=zoo:{self.name} excita
             f"## How well\n\nRelative RMS error of the {self._quantity} [%] on motions that it was "
             f"not trained on.\n\n"
             + _table(("on", "error"), rows)
-            + f"\n\nWeights of one training, seed {self.cfg.seed}. Recomputed by "
-            f"`python -m models.zoo verify {self.name}`; scored by `{self._source}`."
+            + f"\n\nWeights of one training, seed {self.cfg.seed}. Held "
+            f"against these numbers by `python -m models.zoo verify`; scored by `{self._source}`."
         )
 
     def _failures(self) -> str:
@@ -255,13 +263,10 @@ Or where a run's folder may stand: `python predict.py run=zoo:{self.name} excita
             f"{way['solver']}, {way['iterations']} iterations" if way.get("solver") else
             "closed form"
         )  # fmt: skip
-        records = facts["trained_on"]["records"]
-        trained = (
-            f"{records} records of {facts['trained_on']['duration_s']:g} s, " if records else ""
-        )
         return (
-            f"## Made by\n\n```sh\n{self.command}\n```\n\n{trained}scenario "
-            f"{self.cfg.scenario.name}; {self.metrics['parameters']} parameters; {solver}, "
+            f"## Made by\n\n```sh\n{self.command}\n```\n\n"
+            f"Trained on {trained_on_words(facts['trained_on'])}: "
+            f"{self.metrics['parameters']} parameters; {solver}, "
             f"{self.metrics['fit_seconds']:.3g} s. {software()}, code {facts['code']}, "
             f"config {facts['config']}; {libraries}."
         )

@@ -95,12 +95,11 @@ def _differing(words: list[str], values: Mapping[str, Any]) -> list[str]:
     except Exception:  # a choice that asks for more than stands there
         return ["?"] * 1000
     keys = dict.fromkeys([*wanted, *own])
-    absent = object()
     return [
         key
         for key in keys
         if key.partition(".")[0] not in (*NO_NUMBER, "trainer")
-        and own.get(key, absent) != wanted.get(key, absent)
+        and own.get(key) != wanted.get(key)  # null where older code had no such setting
     ]
 
 

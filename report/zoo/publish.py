@@ -28,6 +28,7 @@ from report.zoo.entry_config import (
     command_of,
     entry_config,
     folders_of,
+    require_command,
     without_folders,
 )
 from report.zoo.exported import write_exported
@@ -65,8 +66,8 @@ def publish(
         raise ValueError(f"{run} is of measured records: say data_licence=… and source=…")
     full = _versioned(name or f"{cfg.model.name}/{cfg.system.name}", run, root)
     values = entry_config(cfg)
-    if command is None:
-        command = command_of(values)
+    command = command or command_of(values)
+    require_command(command, values)
     model = restore(cfg, run).requires_grad_(False)
     records = _records(cfg)
     aside = root / full.replace(full.rpartition("/")[2], f".part-{os.getpid()}")
