@@ -8,12 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
 
 from data.record import Drive
 from data.sample import Sensors
+from data.simulation.accelerograms import Accelerogram
+from data.simulation.earthquake import GRAVITY
 from models.checkpoint import load_estimator
+from models.element_network import ElementNetwork
 from models.estimator import Estimator, NoFreeRunError
 from models.training.assemble import estimator_from
 from models.training.trained_range import outside, range_of_drive, warnings_of
@@ -38,6 +42,26 @@ class Pretrained:
     metrics: dict[str, Any]
     sensors: Sensors
     card: str
+
+    def shaken(self, ground: Accelerogram, scale: float = 1.0) -> Drive:
+        """The excitation that a ground acceleration is to the model, at rest before it.
+
+        Of a shaken base −s̈, of forces on masses that the model knows −m s̈, the motion being that
+        relative to the ground. Linear between the samples of the record. Raises ValueError for a
+        model that is driven otherwise.
+        """
+        model, base = self.model, self.sensors.forced == "base"
+        known = isinstance(model, ElementNetwork) and model.forces == model.inputs == model.dofs
+        if not (base or known):
+            raise ValueError(f"zoo:{self.name} is driven by neither a shaken base nor known masses")
+        end = (len(ground.a) - 1) * ground.dt
+        times = np.arange(0.0, end + 0.5 * model.dt, model.dt)
+        s_ddot = scale * GRAVITY * np.interp(times, ground.dt * np.arange(len(ground.a)), ground.a)
+        u = -torch.from_numpy(s_ddot)[:, None].expand(-1, model.inputs).clone()
+        if not base:
+            u *= model.mass().detach()[model.forced]
+        rest = torch.zeros(model.dofs, dtype=torch.float64)
+        return Drive(model.dt, u, rest, rest)
 
     def inside(self, drive: Drive) -> bool:
         """Whether the model stays in its training envelope under an excitation; warns where not.

@@ -14,7 +14,8 @@ from models.training.free_run import simulate
 from models.training.metrics import left_at
 from models.training.trained_range import loops_of
 
-WIDTH, HEIGHT, POINTS = 360, 120, 110
+WIDTH, HEIGHT, POINTS = 540, 180, 110
+TOP = 21  # beneath the words
 TRUE, OWN = "#222222", "#d1495b"
 
 
@@ -28,28 +29,26 @@ def picture_of(model: Estimator, record: Record, colour: str = OWN) -> str:
     loops = loops_of(model, record) if isinstance(model, Composite) and way == "free run" else None
     wide = WIDTH if loops is None else WIDTH - HEIGHT
     time = np.arange(len(true))
-    box = (0, 14, wide - 6, HEIGHT - 14)
+    box = (0, TOP, wide - 9, HEIGHT - TOP)
     curves = _lines(time, [true, own], [TRUE, colour], box)
     if loops is not None:
         y, r = (loop[part].numpy() for loop in loops)
         most = int((np.abs(np.diff(y, axis=0)) * np.abs(r[1:])).sum(axis=0).argmax())
-        curves += _lines(y[:, most], [r[:, most]], [colour], (wide, 14, HEIGHT, HEIGHT - 14))
-    seconds = record.dt * len(true)
-    told = f"x{dof + 1}, last {seconds:.3g} s: measured, and {way}"
+        curves += _lines(y[:, most], [r[:, most]], [colour], (wide, TOP, HEIGHT, HEIGHT - TOP))
+    told = f"x{dof + 1}, last {record.dt * len(true):.3g} s: measured, and {way}"
+    texts = [_text(2, told)]
+    if loops is not None:
+        texts.append(_text(wide, f"force of element {most + 1}"))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
-        f'width="{2 * WIDTH}" fill="none">'
-        '<rect width="100%" height="100%" fill="#fff"/>'
-        f'<text x="2" y="10" font-size="9" font-family="sans-serif" fill="{TRUE}">{told}</text>'
-        + (
-            f'<text x="{wide}" y="10" font-size="9" font-family="sans-serif" fill="{TRUE}">'
-            f"force of element {most + 1}</text>"
-            if loops is not None
-            else ""
-        )
-        + "".join(curves)
-        + "</svg>\n"
+        f'width="{WIDTH}" fill="none"><rect width="100%" height="100%" fill="#fff"/>'
+        f"{''.join((*texts, *curves))}</svg>\n"
     )
+
+
+def _text(place: int, words: str) -> str:
+    font = 'font-size="13" font-family="sans-serif"'
+    return f'<text x="{place}" y="14" {font} fill="{TRUE}">{words}</text>'
 
 
 def _estimate(model: Estimator, record: Record) -> tuple[str, torch.Tensor]:

@@ -13,6 +13,7 @@ import torch
 import yaml
 
 from data.record import Drive
+from data.simulation.accelerograms import Accelerogram
 from models.estimator import NoFreeRunError
 from models.zoo import list_pretrained, load_pretrained
 from models.zoo.golden import difference
@@ -202,6 +203,23 @@ def test_an_element_may_leave_the_envelope_where_the_excitation_does_not():
         assert not pretrained.inside(drive)
     assert "deformation" in str(told[0].message)
     assert "excitation" not in str(told[0].message)
+
+
+def test_an_earthquake_shakes_a_base_and_masses_alike():
+    ground = Accelerogram("pulse", 0.02, 0.1 * torch.sin(torch.arange(200) * 0.3).numpy())
+    frame = load_pretrained("element_network_accelerations/shake_table_frame")
+    drive = frame.shaken(ground)
+    assert drive.dt == frame.model.dt
+    assert drive.u.shape == (478, 1)
+    assert float(drive.u.abs().max()) == pytest.approx(0.1 * 9.80665, rel=1e-2)
+    masses = load_pretrained("element_network/bouc_wen")
+    forced = masses.shaken(ground, scale=0.5).u
+    assert forced.shape == (399, 3)
+    sound = torch.tensor([0.8, 2.0, 1.2])  # kg, of the structure itself
+    half = -0.5 * 9.80665 * torch.from_numpy(ground.a)
+    torch.testing.assert_close(forced[::2], half[:, None] * sound, rtol=1e-2, atol=1e-9)
+    with pytest.raises(ValueError, match="driven by neither a shaken base nor known masses"):
+        load_pretrained("gru/bouc_wen").shaken(ground)
 
 
 def test_loading_leaves_the_random_numbers_alone():
