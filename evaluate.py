@@ -4,6 +4,7 @@
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
     python evaluate.py run=FOLDER data.duration=100
     python evaluate.py run=FOLDER data.path=other.csv  on records of other files
+    python evaluate.py run=zoo:element_network/bouc_wen   a published model, docs/zoo.md
     python evaluate.py runs=FOLDER output=FOLDER    all numbers as one table: results.parquet, .csv
     python evaluate.py runs=[a,b]                   of several folders, or 'runs=runs/*/'
     python evaluate.py runs=FOLDER by=model.cutoff  compared by a choice: a table and a picture
@@ -22,7 +23,7 @@ from omegaconf import DictConfig
 from runner.config.command_line import absolute, one_line_errors, read_words, refusals
 from runner.config.compose import CONF, prepare_hydra
 from runner.config.settings import EVALUATE, check_settings
-from runner.folder.run_files import require_finished, require_folders
+from runner.folder.run_files import require_finished, require_folders, run_folder
 
 prepare_hydra()
 
@@ -32,7 +33,7 @@ def main(cfg: DictConfig) -> None:
     with refusals():
         check_settings(cfg, EVALUATE)
         if cfg.run is not None:
-            require_finished(absolute(cfg.run))
+            require_finished(absolute(run_folder(cfg.run)))
         require_folders(cfg.runs)
     # PyTorch takes seconds to load: a mistyped word is told before
     from report.run.evaluation import evaluate, report_runs
@@ -44,7 +45,7 @@ def main(cfg: DictConfig) -> None:
             return
         if cfg.output or cfg.runs:
             raise ValueError("runs= and output= are for many runs; leave them out with run=")
-        evaluate(cfg, absolute(cfg.run), (cfg.label or "as_trained").replace("/", "_"))
+        evaluate(cfg, absolute(run_folder(cfg.run)), (cfg.label or "as_trained").replace("/", "_"))
 
 
 def cli() -> None:

@@ -3,6 +3,7 @@
     python predict.py run=FOLDER excitation.path=other.csv
     python predict.py run=FOLDER excitation.path=quake.AT2 excitation.scale=1.5
     python predict.py run=FOLDER excitation.path=quake.csv excitation.units.s_ddot=g
+    python predict.py run=zoo:element_network/bouc_wen excitation.seed=5   a published model
     python predict.py run=FOLDER excitation.events=7a             of FEMA P695, extra [earthquakes]
     python predict.py run=FOLDER excitation.events=all excitation.scale=[0.5,1,2]   many at once
     python predict.py run=FOLDER excitation.seed=5 excitation.duration=60   as in training
@@ -21,7 +22,7 @@ from omegaconf import DictConfig
 from runner.config.command_line import absolute, one_line_errors, read_words, refusals
 from runner.config.compose import CONF, prepare_hydra
 from runner.config.settings import PREDICT, check_excitation, check_settings
-from runner.folder.run_files import require_finished
+from runner.folder.run_files import require_finished, results_folder, run_folder
 
 prepare_hydra()
 
@@ -33,14 +34,14 @@ def main(cfg: DictConfig) -> None:
             raise ValueError("which model? give run=FOLDER, the folder that train.py wrote")
         check_settings(cfg, PREDICT)
         check_excitation(cfg.excitation)
-        folder = absolute(cfg.run)
+        folder = absolute(run_folder(cfg.run))
         require_finished(folder)
     # PyTorch takes seconds to load: a mistyped word is told before
     from report.prediction.predict import label_of, predict
     from runner.job import job_errors
 
     with job_errors():
-        own = folder / "prediction" / label_of(cfg.excitation)
+        own = results_folder(folder) / "prediction" / label_of(cfg.excitation)
         predict(cfg, folder, absolute(cfg.output) if cfg.output else own)
 
 

@@ -1,6 +1,7 @@
 """A finished run's model as files for other programs.
 
     python -m export run=FOLDER to=c                          in FOLDER/export
+    python -m export run=zoo:element_network/bouc_wen to=c
     python -m export run=FOLDER to=c,fmu,json output=FOLDER
 
 c         C99 without dependencies: controllers, microcontrollers, anything that compiles
@@ -27,7 +28,7 @@ from pathlib import Path
 from data.arguments import print_any_text
 from export.targets import TARGETS
 from runner.config.command_line import command_errors
-from runner.folder.run_files import FAILED, METRICS, require_finished
+from runner.folder.run_files import FAILED, METRICS, require_finished, results_folder, run_folder
 from runner.folder.run_folder import read_failure
 
 KEYS = {"run": "FOLDER", "to": "c,fmu,…", "output": "FOLDER"}
@@ -58,8 +59,9 @@ def read(words: Sequence[str]) -> Words:
     for key in ("run", "to"):
         if key not in given:
             raise ValueError(f"{key} must be given: {key}={KEYS[key]}; see --help")
-    run = Path(given["run"])
-    return Words(run, targets(given["to"]), Path(given.get("output", run / "export")))
+    run = run_folder(given["run"])
+    output = Path(given.get("output", results_folder(run) / "export"))
+    return Words(run, targets(given["to"]), output)
 
 
 def targets(text: str) -> list[str]:

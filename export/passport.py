@@ -18,8 +18,8 @@ from omegaconf import DictConfig
 from data.public.benchmarks import BENCHMARKS
 from data.sample import Sensors
 from models.training.metrics import FREE_RUNS
+from models.training.trained_range import OTHER
 from runner.config.compose import CONF
-from runner.scores.trained_range import OTHER
 
 ERROR = "relative_rms_percent"
 WIDTH = 90  # of a line
@@ -38,7 +38,7 @@ class Passport:
         told = [
             f"{f['model']} ({f['class']}), identified with {f['software']}, code {f['code']}, "
             f"config {f['config']}",
-            f"trained on: {_trained_on(f['trained_on'])}",
+            f"trained on: {trained_on_words(f['trained_on'])}",
             f"error: {_errors(f['error_percent'], f['quantity'])}",
             *_range_lines(f["trained_range"]),
             f"licence: of this code {f['licence']['code']}; of the data {f['licence']['data']}",
@@ -118,7 +118,7 @@ def _hold(benchmark: str | None) -> str:
     return BENCHMARKS[benchmark].hold if benchmark in BENCHMARKS else "linear"
 
 
-def _trained_on(facts: Mapping[str, Any]) -> str:
+def trained_on_words(facts: Mapping[str, Any]) -> str:
     """In words."""
     if facts["files"]:
         what = ", ".join(facts["files"])

@@ -10,6 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from data.arguments import Pairs
 from runner.config.compose import composed
+from runner.folder.run_files import run_folder
 from runner.folder.run_folder import read_run
 
 RECORDED = ("simulation", "test")
@@ -25,7 +26,11 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         metavar="SOURCE | key=value",
         help="simulation, test (record of the run), - (standard input); settings as of train.py",
     )
-    parser.add_argument("--run", metavar="FOLDER", help="a finished run; else begin from nothing")
+    parser.add_argument(
+        "--run",
+        metavar="FOLDER",
+        help="a finished run, or zoo:MODEL/SYSTEM; else begin from nothing",
+    )
     parser.add_argument("--replay", metavar="PATH", help="a record, as data=measured reads it")
     parser.add_argument("--speed", type=float, default=1.0, help="of records; inf does not wait")
 
@@ -64,7 +69,7 @@ def config_of(kind: str, args: argparse.Namespace, settings: Sequence[str]) -> D
         raise ValueError(f"--replay {args.replay}: there is no such file or folder")
     if args.run is None:
         return fresh_config(settings, kind == "replay")
-    return run_config(Path(args.run), settings)
+    return run_config(run_folder(args.run), settings)
 
 
 def fresh_config(words: Sequence[str], replayed: bool) -> DictConfig:

@@ -20,6 +20,7 @@ from live.monitor import LiveMonitor
 from live.source import Source, source_of
 from live.view import LiveView, summary
 from models.online.stream import Stream
+from runner.folder.run_files import run_folder
 
 INTERRUPTED = 130
 
@@ -61,7 +62,7 @@ def _opened(
         source = source_of(kind, args, cfg, None, stack)
         return source, stream_from_nothing(cfg, source.sensors)
     new_law = any(word.startswith("adaptation") for word in settings)
-    stream = stream_of_run(cfg, Path(args.run), new_law)
+    stream = stream_of_run(cfg, run_folder(args.run), new_law)
     source = source_of(kind, args, cfg, stream.estimator.dt, stack)
     source.sensors.check(stream.estimator)
     return source, stream

@@ -29,6 +29,7 @@ from models.training.resume import SaveProgress
 from runner.config import command_line
 from runner.config.command_line import fail, reason_of
 from runner.config.settings import check_settings
+from runner.fine_tuning import begin_at_start, prepared
 from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
 from runner.folder.run_folder import write_failure
@@ -70,7 +71,9 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
     quiet_lightning()
     check_settings(cfg)
     _check_device(cfg.trainer.get("accelerator"))
+    cfg = prepared(cfg)
     data, module, baselines = assembled(cfg)
+    begin_at_start(module, cfg)
     run = Run.begin(folder, cfg, data.sensors)
     try:
         data.setup()

@@ -123,6 +123,11 @@ class Composite(Trainable):
                 c.begin.copy_(c.theta.detach())
                 c.end.copy_(c.theta.detach())
 
+    def keep_start(self) -> None:
+        for c in self._coefficients():
+            c.begin.copy_(c.theta.detach())
+            c.end.copy_(c.theta.detach())
+
     def composition(self) -> Composition:
         """The equation of motion with coefficients at the present parameters."""
         raise NotImplementedError
@@ -278,8 +283,8 @@ class Composite(Trainable):
         if not derivatives:
             return trace
         flat = record.a.shape[:-2].numel()
-        both = (u.reshape(flat, *u.shape[-3:]) for u in (trace.jacobian, trace.by_begin))
-        return replace(trace, jacobian=projected(*both, self.dofs).reshape(trace.jacobian.shape))
+        J, J0 = (u.reshape(flat, *u.shape[-3:]) for u in (trace.jacobian, trace.by_begin))
+        return replace(trace, jacobian=projected(J, J0, self.dofs).reshape(trace.jacobian.shape))
 
     def element_loops(self, signals: Record | Drive) -> tuple[Tensor, Tensor]:
         """Deformations [m], restoring forces [N] (…, T, E) of the elements in a free run.

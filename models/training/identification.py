@@ -75,6 +75,7 @@ class Identification(LightningModule):
         self.chosen: tuple[float, list[Tensor]] = (float("inf"), [])  # of the stages' ends
         self.losses: list[float] = []  # Eq. 21 squared, after every accepted iteration
         self.solution: dict[str, float | str] = {}  # what the closed form says of itself
+        self.begun_at = ""  # whose weights training begins at, in place of the closed form
         self.fit_seconds = 0.0
         self.best: tuple[float, dict[str, Tensor]] = (float("inf"), {})
         self.fails = 0
@@ -137,7 +138,11 @@ class Identification(LightningModule):
     def on_fit_start(self) -> None:
         self.start = time.perf_counter()
         loader = self.trainer.datamodule.train_dataloader()  # type: ignore[attr-defined]
-        self.solution = self.estimator.identify(OnDevice(loader, self.device))
+        if self.begun_at:
+            self.solution = {"start": self.begun_at}
+            self.trainable.keep_start()
+        else:
+            self.solution = self.estimator.identify(OnDevice(loader, self.device))
         if self.solver is not None:
             measured = self.trainer.datamodule.measured  # type: ignore[attr-defined]
             whole = OnDevice(self._whole(), self.device)

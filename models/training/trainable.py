@@ -108,6 +108,9 @@ class Trainable(Estimator):
     def settle(self) -> None:
         """Take the present linear structure for what stays without data."""
 
+    def keep_start(self) -> None:
+        """Take the present parameters, which other data taught, for what stays without data."""
+
 
 def require_trainable(estimator: Estimator) -> Trainable:
     """The estimator itself. Raises ValueError unless its class derives from Trainable."""

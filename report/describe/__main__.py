@@ -1,6 +1,7 @@
 """What a finished run's model is: masses, elements and modes with units; or what it reads.
 
 python -m report.describe run=FOLDER
+python -m report.describe run=zoo:element_network/bouc_wen
 python -m report.describe run=FOLDER output=FILE.json    names, values and units of all parameters
 """
 
@@ -12,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from runner.config.command_line import command_errors
-from runner.folder.run_files import require_finished
+from runner.folder.run_files import require_finished, run_folder
 
 KEYS = ("run", "output")
 
@@ -42,7 +43,7 @@ def main(words: Sequence[str] | None = None) -> None:
         return
     with command_errors():
         asked = read_words(words)
-        folder = Path(asked["run"])
+        folder = run_folder(asked["run"])
         require_finished(folder)
         # PyTorch takes seconds to load: a mistyped word is told before
         from report.describe.description import describe

@@ -24,6 +24,7 @@ from report.describe.tables import WIDTH, print_elements, print_modes, print_res
 from report.output import save_figure
 from report.prediction.interface import Interface
 from runner.folder.run import restore, sensors_of
+from runner.folder.run_files import results_folder
 from runner.folder.run_folder import read_run, write_json
 from runner.scores.uncertainty import interval_in
 
@@ -50,7 +51,7 @@ def describe(folder: Path, output: Path | None) -> dict[str, Any]:
     elif parameters:
         console.print(f"all {len(parameters)} parameters, as numbers: output=FILE.json")
     if modes is not None and len(modes.frequencies):
-        place = folder / "description" if output is None else output.parent
+        place = results_folder(folder) / "description" if output is None else output.parent
         name = "modes" if output is None else f"{output.stem}_modes"
         title = f"small motions of {metrics['model']} on {metrics['system']}"
         place.mkdir(parents=True, exist_ok=True)

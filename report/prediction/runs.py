@@ -19,9 +19,9 @@ from data.record import QUANTITIES, Drive
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.hysteretic_element import HystereticElement
+from models.training.trained_range import names_of, outside
 from report.prediction.interface import GROUND, IMPOSED, SUPPORTS, Interface
 from report.prediction.motions import Motion
-from runner.scores.trained_range import names_of, outside
 
 LEFT = 100.0  # times the largest output of training, and the excitation's: beyond, it has diverged
 AT_ONCE = 16  # runs of a core, whose histories are held

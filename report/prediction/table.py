@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Table
 
 from models.estimator import Estimator
+from models.training.trained_range import warnings_of
 from report.prediction.peaks import LAST, RESIDUAL, by_scale, largest, leading, peaks_of
 from report.prediction.runs import Prediction
-from runner.scores.trained_range import warnings_of
 
 WIDTH = 80
 MOST_ROWS, MOST_PARTS, MOST_INPUTS = 24, 40, 6  # that are printed; files have all

@@ -23,6 +23,7 @@ from report.run.rescore import (
 from runner.config.command_line import absolute
 from runner.config.plain_data import as_config
 from runner.folder.run import restore
+from runner.folder.run_files import results_folder
 from runner.folder.run_folder import read_run, write_json
 
 
@@ -47,7 +48,7 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict[str, Any]:
 
     results = score_seeds(estimator, run, seeds, same_motions=not changes)
     print_evaluation(results, metrics, altered)
-    output = folder / "evaluation" / label
+    output = results_folder(folder) / "evaluation" / label
     draw_figures(estimator, run, seeds[0], output, metrics.get("training", {}).get("prior"))
     write_json(output / "scores.json", results)
     print(f"figures and scores in {output}")
@@ -75,7 +76,8 @@ def _on_new_records(
     files = [changes["path"]] if isinstance(changes["path"], str) else list(changes["path"])
     changes["path"] = [str(absolute(file)) for file in files]
     stems = "+".join(Path(file).stem for file in files).replace("*", "all")
-    output = folder / "evaluation" / (stems[:80] if "data.path=" in label else label)
+    label = stems[:80] if "data.path=" in label else label
+    output = results_folder(folder) / "evaluation" / label
     results = evaluate_records(estimator, run, metrics, folder, changes, output)
     print(f"figures and scores in {output}")
     return results

@@ -23,6 +23,7 @@ from models.estimator import Estimator
 from models.linear_motion import LinearMotion
 from models.training.assemble import changed, data_from
 from models.training.metrics import FREE_RUNS, free_run_score, score
+from models.training.trained_range import outside, range_of, worst_of
 from report.output import as_csv, save_figure, spreadsheet
 from report.run.rescore import draw_record
 from report.run.table import (
@@ -38,7 +39,6 @@ from runner.config.compose import composed
 from runner.folder.run import sensors_of
 from runner.folder.run_folder import write_json, write_text
 from runner.scores.outcome import each_record, per_record
-from runner.scores.trained_range import outside, range_of, worst_of
 from runner.scores.verdict import CANNOT
 
 WHOLE = {  # nothing is held back and nothing is cut out

@@ -21,6 +21,7 @@ from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.training.assemble import changed, data_from
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
+from models.training.trained_range import loops_of, names_of
 from report.output import save_figure
 from report.run.figures import run_figures
 from report.run.online_figures import online_figures
@@ -35,7 +36,6 @@ from report.run.table import (
 )
 from runner.scores.outcome import each_record
 from runner.scores.spread import DIVERGED, Spread, percent
-from runner.scores.trained_range import loops_of, names_of
 from runner.scores.uncertainty import band_of, minimum_of
 
 SPLITS = ("train", "test")

@@ -14,6 +14,7 @@ from data.record import QUANTITIES
 from data.terminal import terminal
 from models.training.identification import Identification
 from models.training.metrics import FREE_RUNS
+from models.training.trained_range import worst_of
 from report.run.criticism import print_criticism
 from report.run.hparams import numbers, swept
 from report.run.intervals import print_intervals
@@ -32,7 +33,6 @@ from report.run.table import (
 from report.style import words_as_they_stand
 from runner.scores.outcome import each_record
 from runner.scores.public_scores import benchmark_lines
-from runner.scores.trained_range import worst_of
 from runner.scores.uncertainty import band_of
 
 

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from models.training.metrics import FREE_RUNS
-from runner.scores.trained_range import warnings_of
+from models.training.trained_range import warnings_of
 
 SPLITS = tuple(FREE_RUNS)
 WIDTH = 120  # of a table that goes elsewhere than to a terminal

@@ -161,6 +161,6 @@ def _nearest(word: str, choices: Sequence[str]) -> str:
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
 
-def absolute(folder: str) -> Path:
+def absolute(folder: str | Path) -> Path:
     """A folder as typed, from where the command was typed."""
-    return Path(to_absolute_path(folder))
+    return Path(to_absolute_path(str(folder)))

@@ -44,6 +44,8 @@ def digest(text: str) -> str:
 def config_digest(content: dict[str, Any]) -> str:
     """Ten characters that tell runs apart: a hash of every choice that can change a number."""
     content = _without_words({k: v for k, v in content.items() if k not in INERT})
+    if content.get("start") is None:  # as in runs of older code, which have no such setting
+        content.pop("start", None)
     content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}
     return digest(json.dumps(content, sort_keys=True, ensure_ascii=False))
 

@@ -50,6 +50,7 @@ TRAIN = {
     "checkpoint_seconds": Setting(float, lambda s: s >= 0.0, "0 or more, .inf to save none"),
     "max_fail": Setting(int, lambda n: n >= 1, "1 or more"),
     "grid": Setting(str | None),
+    "start": Setting(str | None),
     "records": Setting(str | None),  # of experiments on measured records: their folder
     "seed": Setting(int, lambda n: 0 <= n <= LARGEST_SEED, f"between 0 and {LARGEST_SEED}"),
 }

@@ -21,7 +21,15 @@ from models.training.resume import fault_of
 from runner.config.choices import plain
 from runner.config.identity import identity_of
 from runner.folder.lock import hold, release
-from runner.folder.run_files import CHECKPOINT, CONFIG, FAILED, METRICS, PROGRESS, SENSORS
+from runner.folder.run_files import (
+    CHECKPOINT,
+    CONFIG,
+    FAILED,
+    METRICS,
+    PROGRESS,
+    SENSORS,
+    run_folder,
+)
 from runner.folder.run_folder import (
     config_text,
     read_metrics,
@@ -129,7 +137,7 @@ def restore(cfg: DictConfig, folder: Path) -> Estimator:
 
 
 def load_run(folder: str | Path) -> Estimator:
-    """The identified model of a finished run, to be used in Python.
+    """The identified model of a finished run, or of zoo:MODEL/SYSTEM, to be used in Python.
 
         model = load_run("runs/mine")
         rest = torch.zeros(model.dofs)
@@ -140,8 +148,9 @@ def load_run(folder: str | Path) -> Estimator:
     compiled. Nothing of the folder is executed. Raises ValueError for a folder that holds no
     finished run.
     """
-    cfg, _ = read_run(Path(folder))
-    return restore(cfg, Path(folder)).requires_grad_(False)
+    place = run_folder(str(folder))
+    cfg, _ = read_run(place)
+    return restore(cfg, place).requires_grad_(False)
 
 
 def _first(error: Exception) -> str:

@@ -8,11 +8,27 @@ from pathlib import Path
 
 from hydra.utils import to_absolute_path
 
+from models.zoo import index as zoo
+
 CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
 SENSORS = "sensors.json"
 FAILED = "failed.json"  # why a run of a sweep has no metrics.json
 PROGRESS = "training.ckpt"
 FREE_RUN = "free_run"  # of the test motion, in metrics.json
+
+
+def run_folder(word: str) -> Path:
+    """The folder of a finished run as typed, or of a published model: zoo:MODEL/SYSTEM.
+
+    Raises ValueError for a name that is not published, and where a published file was changed.
+    """
+    return zoo.folder_of(word) if zoo.is_name(word) else Path(word)
+
+
+def results_folder(folder: Path) -> Path:
+    """Where what is made of a run is written: beside it; of a published model, in runs/zoo/."""
+    name = zoo.published(folder)
+    return folder if name is None else Path(to_absolute_path("runs")) / "zoo" / name
 
 
 def require_finished(folder: Path) -> None:

@@ -20,11 +20,11 @@ from models.estimator import Estimator
 from models.online.scores import online_scores
 from models.training.identification import HELD_BACK, SPLITS, Identification
 from models.training.metrics import FREE_RUNS, free_run_score, score
+from models.training.trained_range import outside, range_of
 from runner.folder.run import Run
 from runner.folder.run_folder import settings_of
 from runner.scores.paper_values import paper_values
 from runner.scores.public_scores import benchmark_scores
-from runner.scores.trained_range import outside, range_of
 from runner.scores.uncertainty import minimum_of, uncertainty_of
 from runner.scores.verdict import CANNOT, NotIdentifiedError, verdict_of
 

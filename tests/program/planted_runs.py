@@ -10,9 +10,9 @@ import torch
 from data.record import Record
 from data.sample import Sensors
 from models import ElementNetwork, Estimator
+from models.training.trained_range import range_of
 from runner.config.compose import composed
 from runner.folder.run import Run
-from runner.scores.trained_range import range_of
 
 DT = 0.01
 K, C, Y, AFTER = 400.0, 1.5, 0.01, 0.2  # N/m, N s/m, m, share of the stiffness after yielding

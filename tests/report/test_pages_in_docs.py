@@ -14,6 +14,8 @@ PAGES = {
     "report/online": "online",
     "report/paper": "results",
     "report/tuning": "tuning",
+    "report/zoo": "zoo",
+    "benchmarks/fine_tuning": "fine_tuning",
     "benchmarks/published": "published",
     "benchmarks/unplanted": "unplanted",
 }

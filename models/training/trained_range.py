@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from data.record import QUANTITIES, Record
+from data.record import QUANTITIES, Drive, Record
 from models.composition.composite import Composite
 from models.estimator import Estimator
 
@@ -58,6 +58,35 @@ def range_of(estimator: Estimator, records: Iterable[Record]) -> Range:
         for kind, values in largest.items()
         if torch.isfinite(values).all()
     }
+
+
+@torch.no_grad()
+def range_of_drive(estimator: Estimator, drive: Drive, trained: Mapping[str, Any]) -> Range:
+    """That of a free run, of the kinds that a trained range has, under the names that it has.
+
+    A motion that is nil throughout is one that the model does not know. Raises NoFreeRunError where
+    the model cannot simulate.
+    """
+    motion = estimator.free_run(drive)
+    own = next((kind for kind in QUANTITIES if kind in trained), "acceleration")
+    signals = {"excitation": drive.u, "displacement": motion.x, "velocity": motion.v, own: motion.a}
+    if isinstance(estimator, Composite):
+        deformation = estimator.element_loops(drive)[0]
+        rate = torch.gradient(deformation, spacing=drive.dt, dim=-2)[0]
+        signals |= {"deformation": deformation, "rate": rate}
+    if OTHER in trained:
+        count = len(trained[OTHER]["largest"])
+        signals["excitation"], signals[OTHER] = drive.u[..., :-count], drive.u[..., -count:]
+    found: Range = {}
+    for kind, signal in signals.items():
+        rows = signal.flatten(0, -2)
+        if len(trained.get(kind, {}).get("largest", ())) != rows.shape[1] or not rows.any():
+            continue
+        found[kind] = {**trained[kind], "largest": rows.abs().amax(dim=0).tolist()}
+        if kind == OTHER:
+            ends = rows.aminmax(dim=0)
+            found[kind] |= {"lowest": ends.min.tolist(), "largest": ends.max.tolist()}
+    return found
 
 
 def _range_of_others(others: Sequence[tuple[Tensor, Tensor]]) -> Range:

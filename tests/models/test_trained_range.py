@@ -11,7 +11,7 @@ from data.record import Record
 from models.element_network import ElementNetwork
 from models.hysteretic_element import HystereticElement
 from models.linear import EquivalentLinear
-from runner.scores.trained_range import outside, range_of, warnings_of, worst_of
+from models.training.trained_range import outside, range_of, warnings_of, worst_of
 
 
 @pytest.fixture(scope="module")

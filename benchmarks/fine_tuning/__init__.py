@@ -1,0 +1,1 @@
+"""A published model as the start of training on a changed structure."""

@@ -1,0 +1,121 @@
+"""A published model, ready to run: `load_pretrained("element_network/bouc_wen")`."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from data.record import Drive
+from data.sample import Sensors
+from data.simulation.accelerograms import Accelerogram
+from data.simulation.earthquake import GRAVITY
+from models.checkpoint import load_estimator
+from models.element_network import ElementNetwork
+from models.estimator import Estimator, NoFreeRunError
+from models.training.assemble import estimator_from
+from models.training.trained_range import outside, range_of_drive, warnings_of
+from models.zoo.index import ROOT, entry_of
+
+
+class OutsideEnvelopeWarning(UserWarning):
+    """A motion leaves what the weights were trained on; nobody measured what they do there."""
+
+
+@dataclass(frozen=True)
+class Pretrained:
+    """Weights with what is known of them.
+
+    name: MODEL/SYSTEM.vN. model: its parameters ask for no gradient. config, metrics: of the run
+    that made it. sensors: time step, channels and units that it was built for.
+    """
+
+    name: str
+    model: Estimator
+    config: dict[str, Any]
+    metrics: dict[str, Any]
+    sensors: Sensors
+    card: str
+
+    def shaken(self, ground: Accelerogram, scale: float = 1.0) -> Drive:
+        """The excitation that a ground acceleration is to the model, at rest before it.
+
+        Of a shaken base −s̈, of forces on masses that the model knows −m s̈, the motion being that
+        relative to the ground. Linear between the samples of the record. Raises ValueError for a
+        model that is driven otherwise.
+        """
+        model, base = self.model, self.sensors.forced == "base"
+        known = isinstance(model, ElementNetwork) and model.forces == model.inputs == model.dofs
+        if not (base or known):
+            raise ValueError(f"zoo:{self.name} is driven by neither a shaken base nor known masses")
+        end = (len(ground.a) - 1) * ground.dt
+        times = np.arange(0.0, end + 0.5 * model.dt, model.dt)
+        s_ddot = scale * GRAVITY * np.interp(times, ground.dt * np.arange(len(ground.a)), ground.a)
+        u = -torch.from_numpy(s_ddot)[:, None].expand(-1, model.inputs).clone()
+        if not base:
+            assert isinstance(model, ElementNetwork)
+            u *= model.mass().detach()[model.forced]
+        rest = torch.zeros(model.dofs, dtype=torch.float64)
+        return Drive(model.dt, u, rest, rest)
+
+    def inside(self, drive: Drive) -> bool:
+        """Whether the model stays in its training envelope under an excitation; warns where not.
+
+        Compared are the excitation, the model's own motion, and the deformation and rate of each
+        element, to 5 % (models/training/trained_range.py). A model without a free run is judged by
+        the excitation alone. Raises ValueError for an excitation that does not fit the model.
+        """
+        trained = self.metrics.get("trained_range", {})
+        try:
+            new = range_of_drive(self.model, drive, trained)
+        except NoFreeRunError:
+            self.model.check(drive)
+            trained = {kind: one for kind, one in trained.items() if kind == "excitation"}
+            largest = drive.u.abs().flatten(0, -2).amax(dim=0).tolist()
+            new = {kind: {**one, "largest": largest} for kind, one in trained.items()}
+        left = outside(trained, new)
+        if left:
+            words = "; ".join(warnings_of(left))
+            warnings.warn(f"zoo:{self.name}: {words}", OutsideEnvelopeWarning, stacklevel=2)
+        return not left
+
+
+def load_pretrained(name: str, root: Path = ROOT) -> Pretrained:
+    """The newest version of MODEL/SYSTEM, or MODEL/SYSTEM.vN.
+
+        pretrained = load_pretrained("element_network/bouc_wen")
+        rest = torch.zeros(3)
+        motion = pretrained.model.free_run(Drive(0.01, force, rest, rest))   # force (T, 3) [N]
+        motion.x, motion.v, motion.a                                          # (T, 3)
+
+    Read from this clone, without network; every file is held against its published SHA-256, and
+    nothing of them is executed. Raises ValueError for a name that is not published, with what
+    comes near, and for a file that was changed.
+    """
+    entry = entry_of(name, root)
+    entry.require_untouched()
+    cfg = OmegaConf.load(entry.folder / "config.yaml")
+    assert isinstance(cfg, DictConfig)
+    metrics, sensors = (
+        json.loads((entry.folder / file).read_text("utf-8"))
+        for file in ("metrics.json", "sensors.json")
+    )
+    built_for = Sensors(**sensors)
+    with torch.random.fork_rng(devices=[]):  # starting weights, which are overwritten
+        estimator = estimator_from(cfg.model, built_for)
+    load_estimator(estimator, entry.folder / "model.safetensors", str(cfg.model.name))
+    plain: Any = OmegaConf.to_container(cfg)
+    return Pretrained(
+        name=entry.name,
+        model=estimator.eval().requires_grad_(False),
+        config=plain,
+        metrics=metrics,
+        sensors=built_for,
+        card=(entry.folder / "card.md").read_text("utf-8"),
+    )

@@ -1,0 +1,108 @@
+"""`python -m models.zoo`: list, show, verify, publish, page."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from data.arguments import print_any_text
+from models.zoo.index import PREFIX, entry_of
+from runner.config.command_line import command_errors
+from runner.folder.run_files import CONFIG, METRICS, require_finished
+
+Words = tuple[list[str], dict[str, str]]
+
+
+def read(words: Sequence[str], keys: Sequence[str], most: int) -> Words:
+    """Names, and values by key. Raises ValueError for other words."""
+    names = [word for word in words if "=" not in word.partition("/")[0]]
+    given: dict[str, str] = {}
+    for word in (word for word in words if word not in names):
+        key, _, value = word.partition("=")
+        if key not in keys or not value:
+            known = " ".join(f"{key}=…" for key in keys) or "no settings"
+            raise ValueError(f"{word}: expected {known}; see --help")
+        given[key] = value
+    if len(names) > most:
+        raise ValueError(f"{names[most]} is one name too many; see --help")
+    return names, given
+
+
+def show_list(words: Sequence[str]) -> None:
+    _, given = read(words, ("system", "model"), 0)
+    print(importlib.import_module("models.zoo.table").list_pretrained(**given))
+
+
+def show_card(words: Sequence[str]) -> None:
+    names, _ = read(words, (), 1)
+    if not names:
+        raise ValueError("show which? give MODEL/SYSTEM; python -m models.zoo list has the names")
+    entry = entry_of(names[0])
+    entry.require_untouched()
+    print((entry.folder / "card.md").read_text("utf-8"), end="")
+
+
+def verify(words: Sequence[str]) -> None:
+    names, given = read(words, ("records",), 1000)
+    chosen = [entry_of(name) for name in names]  # a mistyped name is told before PyTorch loads
+    records = Path(given["records"]) if "records" in given else None
+    if records is not None and not records.is_dir():
+        raise ValueError(f"records={records} is no folder")
+    late("report.zoo.verify").verify(chosen, records)
+
+
+def publish(words: Sequence[str]) -> None:
+    names, given = read(words, ("licence", "data_licence", "source", "command"), 2)
+    if not names:
+        raise ValueError("publish what? give the folder that train.py wrote")
+    folder = Path(names[0])
+    runs = [folder]
+    if not (folder / CONFIG).exists() and len(names) == 1:  # of a sweep
+        runs = sorted(path.parent for path in folder.glob(f"*/{METRICS}")) or runs
+    for run in runs:
+        require_finished(run)
+    licence = {"weights": "licence", "data": "data_licence", "source": "source"}
+    said = {field: given[key] for field, key in licence.items() if key in given}
+    room = late("report.zoo.publish")
+    for run in runs:
+        name = names[1].removeprefix(PREFIX) if len(names) == 2 else None
+        print(f"{room.publish(run, name, room.Licence(**said), given.get('command'))}  from {run}")
+
+
+def page(words: Sequence[str]) -> None:
+    read(words, (), 0)
+    print(late("report.zoo.gallery").write_page())
+
+
+def late(module: str) -> Any:
+    """A module that loads PyTorch, which takes seconds: a mistyped word is told before."""
+    return importlib.import_module(module)
+
+
+VERBS: dict[str, Callable[[Sequence[str]], None]] = {
+    "list": show_list,
+    "show": show_card,
+    "verify": verify,
+    "publish": publish,
+    "page": page,
+}
+
+
+def cli(help_text: str | None) -> None:
+    """What the command line runs: bad input ends in one line and exit status 1."""
+    words = sys.argv[1:]
+    if not words or {"-h", "--help"} & set(words):
+        print_any_text()
+        print(help_text)
+        return
+    with command_errors():
+        if words[0] not in VERBS:
+            near = difflib.get_close_matches(words[0], VERBS, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise ValueError(f"{words[0]}: expected {', '.join(VERBS)}{hint}")
+        print_any_text()
+        VERBS[words[0]](words[1:])
