@@ -214,7 +214,7 @@ Or where a run's folder may stand: `python predict.py run=zoo:{self.name} {motio
         spread = self._spread("free_run_percent")
         if spread is not None:
             words = f"free run, test motions of seeds {', '.join(map(str, SEEDS))}: median (range)"
-            rows.append((words, f"{spread.text()}; motions: {spread.counted()}"))
+            rows.append((words, f"{spread.text(_short)}; motions: {spread.counted()}"))
         return (
             f"## How well\n\nRelative RMS error of the {self._quantity} [%] on motions that it was "
             f"not trained on.\n\n"
@@ -283,6 +283,10 @@ def _percent(scores: Mapping[str, Any]) -> str:
     if "none" in scores:
         return "it cannot simulate"
     return DIVERGED if scores[ERROR] is None else f"{scores[ERROR]:.4g}"
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -70,7 +70,13 @@ def publish(words: Sequence[str]) -> None:
     room = late("report.zoo.publish")
     for run in runs:
         name = names[1].removeprefix(PREFIX) if len(names) == 2 else None
-        print(f"{room.publish(run, name, room.Licence(**said), given.get('command'))}  from {run}")
+        try:
+            told = room.publish(run, name, room.Licence(**said), given.get("command"))
+        except ValueError as error:
+            if len(runs) == 1:
+                raise
+            told = f"not published ({error})"
+        print(f"{told}  from {run}", flush=True)
 
 
 def page(words: Sequence[str]) -> None:
