@@ -36,7 +36,8 @@ def one(kind: str, number: int, output: Path) -> dict[str, Any]:
     prepare_hydra()
     try:
         result = run_case(kind, number)
-    except ValueError as error:
+        json.dumps(result, allow_nan=False)
+    except ValueError as error:  # no fit, or an interval that is not finite
         result = {"kind": kind, "number": number, "failed": str(error)}
     write_json(path, result)
     return result

@@ -9,12 +9,12 @@ from statistics import median
 from string import Template
 from typing import Any
 
-from models.uncertainty.intervals import DETERMINED, UNEXCITED
+from models.uncertainty.intervals import COMBINATION, DETERMINED, UNEXCITED
 from runner.folder.run_folder import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
 WIDTHS = ("half", "white", "model_error")
-REACHED, FAR = 1.5, 0.7  # largest deformation over the yield displacement: it yielded, it did not
+NOTHING, STATUSES = "nothing", (UNEXCITED, COMBINATION, DETERMINED)
 YIELD = "yield_displacement"
 Result = dict[str, Any]
 
@@ -85,24 +85,27 @@ def of_bands(results: Sequence[Result]) -> Iterator[str]:
 
 
 def excited(results: Sequence[Result]) -> Iterator[str]:
-    """What is said of yield displacements that the motion reached, and of those it did not."""
-    yield "| noise | yield displacement | elements | not excited | in a combination | determined |"
-    yield "| --- | --- | ---: | ---: | ---: | ---: |"
+    """What is said of the yield displacements of elements that yield, and of those that do not."""
+    heads = ("no yielding told", *STATUSES)
+    yield f"| noise | the element | number | {' | '.join(heads)} |"
+    yield "| --- | --- | ---: | ---: | ---: | ---: | ---: |"
     for kind in dict.fromkeys(r["kind"] for r in results):
-        for name, far in (("not reached", False), ("reached", True)):
-            own = []
-            for r in (r for r in results if r["kind"] == kind):
-                for p in (p for p in r["parameters"] if p["name"].endswith(YIELD)):
-                    ratio = r["reached"][int(p["name"][1:].partition(".")[0]) - 1] / p["truth"]
-                    if ratio > REACHED if far else ratio < FAR:
-                        own.append(p["status"])
-            said = [
-                _percent(s == UNEXCITED for s in own),
-                "",
-                _percent(s == DETERMINED for s in own),
+        for name, rests in (("never yields", True), ("yields", False)):
+            own = [
+                said_of(r, e)
+                for r in results
+                if r["kind"] == kind
+                for e in range(1, r["dofs"] + 1)
+                if (e in r["resting"]) == rests
             ]
-            said[1] = _percent(s not in (UNEXCITED, DETERMINED) for s in own)
-            yield f"| {kind} | {name} | {len(own)} | {' | '.join(said)} |"
+            shares = [_percent(s == said for s in own) for said in (NOTHING, *STATUSES)]
+            yield f"| {kind} | {name} | {len(own)} | {' | '.join(shares)} |"
+
+
+def said_of(result: Result, element: int) -> str:
+    """The status of an element's yield displacement; NOTHING where it is told to have none."""
+    named = {p["name"]: p["status"] for p in result["parameters"]}
+    return str(named.get(f"r{element}.{YIELD}", NOTHING))
 
 
 def missing(results: Sequence[Result]) -> Iterator[str]:
