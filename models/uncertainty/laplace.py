@@ -45,7 +45,8 @@ class Laplace:
 
     white, coloured: by the noise, with what the prior holds back in both. blocks (m, P): steps
     that each block of the records asks for by itself. scaled: the residual's weight, by which
-    errors were multiplied. information (P, P): JᵀJ over σ². inverse (P, P): A⁻¹. residuals (T, n),
+    errors were multiplied. determined: parameters that the data determine, in the sense of a trace.
+    information (P, P): JᵀJ over σ². inverse (P, P): A⁻¹. residuals (T, n),
     jacobians (T, n, P): of each record, weighted.
     """
 
@@ -56,6 +57,7 @@ class Laplace:
     numerical: np.ndarray
     information: np.ndarray
     noise: Noise
+    determined: float
     weight: float
     samples: int
     inverse: np.ndarray
@@ -147,6 +149,7 @@ def about(
         numerical=A @ moved,
         information=gram / variance if variance > 0.0 else gram * np.inf,
         noise=noise,
+        determined=free,
         weight=weight,
         samples=samples,
         inverse=A,

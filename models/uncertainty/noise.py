@@ -22,9 +22,14 @@ LEAST_LEFT = 0.1  # share of a band's residual that a fit leaves at least: no mo
 
 @dataclass(frozen=True)
 class Noise:
-    """Spectral densities (K, n, n) of the residual in bands of equal width up to Nyquist."""
+    """Spectral densities (K, n, n) of the residual in bands of equal width up to Nyquist.
+
+    log_likelihood: of the residual as it is, under noise with its spectrum (Whittle 1953), but for
+    a constant of the records.
+    """
 
     spectrum: np.ndarray
+    log_likelihood: float
 
     @property
     def deviation(self) -> np.ndarray:
@@ -90,4 +95,6 @@ def noise_of(
         np.add.at(sizes, place, counts)
     left = (1.0 - taken / sizes[:, None]).clip(min=LEAST_LEFT)
     scale = 1.0 / np.sqrt(left)
-    return Noise(powers / sizes[:, None, None] * scale[:, :, None] * scale[:, None, :])
+    raw = powers / sizes[:, None, None]
+    likely = -0.5 * float((sizes * np.linalg.slogdet(raw)[1]).sum())
+    return Noise(raw * scale[:, :, None] * scale[:, None, :], likely)

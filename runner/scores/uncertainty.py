@@ -109,7 +109,9 @@ def _residual(found: Laplace, dt: float) -> dict[str, Any]:
             frequency = (int(own.argmax()) + 0.5) * 0.5 / bands / dt
             coloured.append({"channel": i, "times": times, "frequency_hz": frequency})
     deviation = (found.noise.deviation / found.weight).tolist()
-    return {"noise": deviation, "coloured": coloured, "samples": found.samples}
+    likely = found.noise.log_likelihood + found.samples * math.log(found.weight)
+    fit = {"log_likelihood": likely, "determined": found.determined, "samples": found.samples}
+    return {"noise": deviation, "coloured": coloured, **fit}
 
 
 def _told(findings: Sequence[Finding]) -> list[dict[str, Any]]:

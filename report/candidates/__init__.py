@@ -1,0 +1,1 @@
+"""Candidates for a structure compared: topologies and laws."""
