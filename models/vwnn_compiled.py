@@ -21,7 +21,8 @@ compiled, inlined = compilers(Path(__file__), HERE, contract=True, reassociate=T
 def estimate(xi, f, unfiltered, sigmoid_weights, factors, W, h, phi, prediction):
     """φ (P,) and the estimate (n,) from the filters' state ξ (S, C) and the excitation f (m,).
 
-    sigmoid_weights: λ of every channel. factors (P, 3): the sigmoids whose product a feature is; the last of h is 1.
+    sigmoid_weights: λ of every channel. factors (P, 3): the sigmoids whose product a feature is;
+    the last of h is 1.
     """
     S, C = xi.shape
     P, n = W.shape
