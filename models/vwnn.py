@@ -31,9 +31,8 @@ class VWNN(LinearInWeights):
     """Estimates acceleration from past accelerations and forces alone.
 
     cutoff: of H(s) = ω_c/(s + ω_c) [rad/s]; stages: filters in series, every one an output of ξ.
-    sigmoid_weight: λ of Eq. 6 [1/(unit of ζ)]; None: 0.5 over the largest of each channel of ζ
-    in training, so that no unit counts. order: of the products, 1 to 3, or a
-    list of orders.
+    sigmoid_weight: λ of Eq. 6 [1/(unit of ζ)]; None: 0.5 over the largest that each channel of ζ
+    has in training, so that no unit counts. order: of the products, 1 to 3, or a list of orders.
     squares, bias: repeated factors and a constant among the features.
     ridge: ≥ 0, without unit, on scaled columns.
     unfiltered_excitation: adds f itself to ξ. The paper's ξ has only filtered signals; with f a

@@ -33,6 +33,7 @@ from runner.fine_tuning import begin_at_start, prepared
 from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
 from runner.folder.run_folder import write_failure
+from runner.rival import preferred, with_other_topology
 from runner.scores.outcome import compare_baselines, metrics_of
 from runner.scores.verdict import judged_by_free_run
 
@@ -84,18 +85,24 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
     torch.set_num_threads(cfg.threads)
     threadpool_limits(cfg.threads)
     logger = TensorBoardLogger(folder, name="", version="tensorboard")
-    trainer = Trainer(
-        logger=logger,
-        plugins=LightningEnvironment(),  # a run is one process, in a Slurm job too
-        default_root_dir=folder,
-        callbacks=SaveProgress(run.progress, run.identity, cfg.checkpoint_seconds),
-        enable_checkpointing=False,
-        enable_model_summary=False,
-        limit_val_batches=None if data.validation else 0,
+    shared = {
+        "plugins": LightningEnvironment(),  # a run is one process, in a Slurm job too
+        "default_root_dir": folder,
+        "enable_checkpointing": False,
+        "enable_model_summary": False,
+        "limit_val_batches": None if data.validation else 0,
         **cfg.trainer,
-    )
+    }
+    saves = SaveProgress(run.progress, run.identity, cfg.checkpoint_seconds)
+    trainer = Trainer(logger=logger, callbacks=saves, **shared)
     try:
         trainer.fit(module, datamodule=data, ckpt_path=run.unfinished, weights_only=True)
+        rival = with_other_topology(cfg, data, module)
+        if rival is not None:
+            other = Trainer(logger=False, **shared)
+            other.fit(rival, datamodule=data)
+            module, trainer = preferred(data, (module, trainer), (rival, other))
+            run.built_for(data.sensors)
         _check_weights(module.estimator)
         trainer.test(module, datamodule=data, verbose=False)
     except SystemExit:  # what Lightning makes of Ctrl-C

@@ -283,8 +283,9 @@ class Composite(Trainable):
         if not derivatives:
             return trace
         flat = record.a.shape[:-2].numel()
+        n = self.composition().core.value.shape[1]
         J, J0 = (u.reshape(flat, *u.shape[-3:]) for u in (trace.jacobian, trace.by_begin))
-        return replace(trace, jacobian=projected(J, J0, self.dofs).reshape(trace.jacobian.shape))
+        return replace(trace, jacobian=projected(J, J0, n).reshape(trace.jacobian.shape))
 
     def element_loops(self, signals: Record | Drive) -> tuple[Tensor, Tensor]:
         """Deformations [m], restoring forces [N] (…, T, E) of the elements in a free run.

@@ -31,8 +31,8 @@ class SigmoidProducts(nn.Module):
     """φ(ξ): tanh(λ ξ_i), and all unique products of 2 … `order` of them.
 
     `channels` is the width of ξ, `weight` is λ in 1/(unit of ξ); None: one for each channel, which
-    `take_sizes` sets. A list of orders takes these alone: [1, 3] is an odd function of ξ, if
-    without `bias`. `squares` admits repeated factors (h_i², h_i² h_j, …), `bias` a constant.
+    `take_sizes` sets. A list of orders takes these alone: [1, 3] is an odd function of ξ, without
+    `bias`. `squares` admits repeated factors (h_i², h_i² h_j, …), `bias` a constant.
     """
 
     weight: Tensor

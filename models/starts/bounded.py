@@ -1,4 +1,4 @@
-"""The linear equations of motion solved with and without bounds, and what they leave open.
+"""The linear equations of motion solved, also with bounds, and what of them the record leaves open.
 
 [inertia | springs | dampers] [m; k; c] = f      columns are scaled to unit length: no unit counts
 N equations, P unknowns.

@@ -121,17 +121,22 @@ def assembled(
     work is done.
     """
     data = data_from(cfg)
-    if _asks_for_topology(cfg.model, data):
+    if asks_for_topology(cfg.model, data):
         data.topology = topology_of(data.records["train"])
-    seed_everything(cfg.seed, verbose=False)
-    estimator = estimator_from(cfg.model, data)
-    module = Identification(
-        estimator, solver_from(cfg.solver), cfg.max_fail, objective_from(cfg.objective)
-    )
+    module = identification_from(cfg, data)
     return data, module, {name: _or_why_not(node, data) for name, node in cfg.baselines.items()}
 
 
-def _asks_for_topology(model: DictConfig, data: Data) -> bool:
+def identification_from(cfg: DictConfig, data: Data) -> Identification:
+    """The model of a run with solver and objective, its starting weights drawn from the seed."""
+    seed_everything(cfg.seed, verbose=False)
+    estimator = estimator_from(cfg.model, data)
+    return Identification(
+        estimator, solver_from(cfg.solver), cfg.max_fail, objective_from(cfg.objective)
+    )
+
+
+def asks_for_topology(model: DictConfig, data: Data) -> bool:
     """Whether elements between unknown masses are left to the records, and these can tell."""
     shaken = data.measured and data.forced == "base" and data.quantity == "acceleration"
     unknown = all(model.get(key, "") is None for key in ("elements", "masses"))

@@ -180,6 +180,10 @@ class FreeRun(Objective):
         losses = [loss for tried, loss in self.judged if tried >= self.anew]
         return bool(losses) and not losses[-1] <= WORSE * min(losses)
 
+    @property
+    def held_back_loss(self) -> float | None:
+        return min((loss for _, loss in self.judged), default=None)
+
     def facts(self) -> dict[str, Any]:
         if not self.judged:
             return super().facts()

@@ -47,6 +47,11 @@ class Objective(ABC):
         """The present stage is the last, on all of the motion; ends before it do not count."""
         return False
 
+    @property
+    def held_back_loss(self) -> float | None:
+        """The least loss on held-back motion of all that was tried; None where none was judged."""
+        return None
+
     def facts(self) -> dict[str, Any]:
         """What was done unasked, for `metrics.json`."""
         return {"remarks": list(self.remarks)} if self.remarks else {}

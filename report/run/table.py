@@ -88,9 +88,11 @@ def not_identified(metrics: Mapping[str, Any]) -> str:
 
 
 def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
-    """A line in red where a run's model is no result."""
+    """A line in red where a run's model is no result, or none on a test motion."""
     if reason := not_identified(metrics):
         console.print(Text(f"not identified: {reason}", style="red"))
+    elif lost := metrics.get("verdict", {}).get("lost"):
+        console.print(Text(lost, style="red"))
 
 
 def print_outside(console: Console, start: str, found: Iterable[Mapping[str, Any]]) -> None:

@@ -29,6 +29,7 @@ VERDICT: dict[Any, Any] = {
     "identified": (bool, None),  # None: nothing to judge
     "reason": str,
     "by": str,
+    "lost": str,  # test motions on which the free run diverges
     **dict.fromkeys(("error_percent", "linear_percent"), PERCENT),
 }
 RANGE: dict[Any, Any] = {  # of a kind of signal

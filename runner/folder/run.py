@@ -82,6 +82,10 @@ class Run:
         write_json(self.folder / SENSORS, asdict(sensors))
         write_text(self.folder / CONFIG, config)
 
+    def built_for(self, sensors: Sensors) -> None:
+        """Write anew what the model was built for: the records told more while it was fitted."""
+        write_json(self.folder / SENSORS, asdict(sensors))
+
     def withdraw(self) -> None:
         """Take back a run whose records cannot be made: the folder holds no run."""
         for name in (CONFIG, SENSORS):

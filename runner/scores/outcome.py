@@ -26,7 +26,13 @@ from runner.folder.run_folder import settings_of
 from runner.scores.paper_values import paper_values
 from runner.scores.public_scores import benchmark_scores
 from runner.scores.uncertainty import minimum_of, uncertainty_of
-from runner.scores.verdict import CANNOT, NotIdentifiedError, verdict_of
+from runner.scores.verdict import (
+    CANNOT,
+    NotIdentifiedError,
+    judged_by_free_run,
+    lost_on,
+    verdict_of,
+)
 
 
 def compare_baselines(
@@ -78,6 +84,7 @@ def metrics_of(
     """What `metrics.json` holds; errors in percent, times in seconds."""
     names = {part: str(run.choices[part]["name"]) for part in ("model", "system", "scenario")}
     tested = {n: r.to(module.device) for n, r in each_record(data, "test").items()}
+    each = per_record(module.estimator, tested) if len(tested) > 1 else {}
     trained = range_of(module.estimator, (r.to(module.device) for r in data.records["train"]))
     return {
         **names,
@@ -92,8 +99,8 @@ def metrics_of(
         },
         "training": module.how_trained(),
         **module.results(),
-        "verdict": verdict_of(module, data, baselines),
-        "per_record": per_record(module.estimator, tested) if len(tested) > 1 else {},
+        "verdict": verdict_of(module, data, baselines) | _lost(module, each, tested, trained),
+        "per_record": each,
         "trained_range": trained,
         "outside_trained_range": outside(trained, range_of(module.estimator, tested.values())),
         "uncertainty": _uncertainty(module, data, tested.values()),
@@ -115,6 +122,23 @@ def metrics_of(
             "lightning": lightning.__version__,
         },
     }
+
+
+def _lost(
+    module: Identification,
+    each: Mapping[str, Mapping[str, Any]],
+    tested: Mapping[str, Record],
+    trained: Mapping[str, Any],
+) -> dict[str, str]:
+    """Of a model that was trained on its free run: the test motions on which that run diverges."""
+    together = module.results()[FREE_RUNS["test"]]
+    if not judged_by_free_run(module) or not together.get("left_after_s"):
+        return {}
+    runs = {name: scores[FREE_RUNS["test"]] for name, scores in each.items()}
+    runs = runs or dict.fromkeys(tested, together)
+    moved = {name: range_of(module.estimator, [record]) for name, record in tested.items()}
+    beyond = {name: bool(outside(trained, new)) for name, new in moved.items()}
+    return {"lost": lost_on(runs, beyond)}
 
 
 def _uncertainty(module: Identification, data: Data, tested: Iterable[Record]) -> dict[str, Any]:
@@ -147,8 +171,13 @@ def validation_error(metrics: Mapping[str, Any]) -> float:
 
 
 def require_identified(metrics: Mapping[str, Any]) -> None:
-    """Raise NotIdentifiedError, with the reason, where a run's model is no result."""
+    """Raise NotIdentifiedError, with the reason, where a run's model is no result.
+
+    So it is, too, where it was trained on its free run and that diverges on a test motion.
+    """
     if metrics["verdict"]["identified"] is False:
         raise NotIdentifiedError(
             f"{metrics['model']} is not identified: {metrics['verdict']['reason']}"
         )
+    if lost := metrics["verdict"].get("lost"):
+        raise NotIdentifiedError(f"{metrics['model']} is no model of the test motion: {lost}")

@@ -1,6 +1,7 @@
 """Whether a fit identified anything: the model against nothing, a rigid body and a linear one.
 
-Judged on the training motion alone, never on a test motion. A model that was trained on its free
+Judged on the training motion alone. A test motion on which the free run diverges is told beside the
+verdict, for no numbers stand for it. A model that was trained on its free
 run is judged by its free run; every other one by its estimates one step ahead, for which the free
 run is information. A motionless structure is at 100 % by definition of the error (Eq. 21).
 """
@@ -75,6 +76,24 @@ def _fault(way: str, scores: Mapping[str, Any], on_base: bool, linear: float | N
     if linear is not None and error > WORSE * linear:
         return f"{what} errs by {error:.4g} %, that of the equivalent linear system by {linear:.4g}"
     return ""
+
+
+def lost_on(runs: Mapping[str, Mapping[str, Any]], beyond: Mapping[str, bool]) -> str:
+    """The test motions on which a free run diverges, in words; "" where it stays on all.
+
+    runs: scores of the free run of each test motion; beyond: whether that motion leaves the range
+    that was trained, where nobody knows what the structure does.
+    """
+    lost = {name: scores["left_after_s"] for name, scores in runs.items() if _left(scores)}
+    told = [
+        f"{name} at {min(left):.3g} s" + (", outside the trained range" if beyond[name] else "")
+        for name, left in lost.items()
+    ]
+    return f"its free run diverges on test motions: {'; '.join(told)}" if told else ""
+
+
+def _left(scores: Mapping[str, Any]) -> bool:
+    return bool(scores.get("left_after_s"))
 
 
 def linear_percent(data: Data, baselines: Mapping[str, Mapping[str, Any]]) -> float | None:

@@ -1,4 +1,4 @@
-"""Candidates: the fewest parameters that simulate unseen motion as well as the best; odds by BIC."""
+"""Candidates: the fewest parameters that simulate unseen motion as the best does; odds by BIC."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from report.collection.long_table import counted, long_table
 from runner.progress import sweep_table
 from runner.scores.outcome import require_identified
 from runner.scores.result import read_result, spread_of
-from runner.scores.verdict import NotIdentifiedError, judged
+from runner.scores.verdict import NotIdentifiedError, judged, lost_on
 
 DIVERGED = {"relative_rms_percent": None, "diverged": 1, "left_after_s": [2.8]}
 
@@ -50,6 +50,17 @@ def test_a_single_run_that_is_no_result_is_an_error():
         require_identified(metrics)
     for identified in (True, None):
         require_identified({"model": "gru", "verdict": {"identified": identified, "reason": ""}})
+
+
+def test_a_test_motion_on_which_a_free_run_diverges_is_named_and_no_success():
+    runs = {"small": scores(10.0), "large": DIVERGED, "other": DIVERGED}
+    lost = lost_on(runs, {"small": False, "large": True, "other": False})
+    assert lost.endswith(": large at 2.8 s, outside the trained range; other at 2.8 s")
+    assert lost_on({"small": scores(10.0)}, {"small": True}) == ""
+    verdict = judged("free run", scores(10.0), False, None) | {"lost": lost}
+    assert verdict["identified"]
+    with pytest.raises(NotIdentifiedError, match="gru is no model of the test motion: its free"):
+        require_identified({"model": "gru", "verdict": verdict})
 
 
 @pytest.fixture
