@@ -5,6 +5,7 @@
     python evaluate.py run=FOLDER data.duration=100
     python evaluate.py run=FOLDER data.path=other.csv  on records of other files
     python evaluate.py run=zoo:element_network/bouc_wen   a published model, docs/zoo.md
+    python evaluate.py run=FOLDER uncertainty=laplace  how sure its parameters are: profile, smc
     python evaluate.py runs=FOLDER output=FOLDER    all numbers as one table: results.parquet, .csv
     python evaluate.py runs=[a,b]                   of several folders, or 'runs=runs/*/'
     python evaluate.py runs=FOLDER by=model.cutoff  compared by a choice: a table and a picture
@@ -45,7 +46,13 @@ def main(cfg: DictConfig) -> None:
             return
         if cfg.output or cfg.runs:
             raise ValueError("runs= and output= are for many runs; leave them out with run=")
-        evaluate(cfg, absolute(run_folder(cfg.run)), (cfg.label or "as_trained").replace("/", "_"))
+        folder = absolute(run_folder(cfg.run))
+        if cfg.uncertainty is not None:
+            from report.uncertainty.command import evaluate_uncertainty
+
+            evaluate_uncertainty(cfg, folder)
+            return
+        evaluate(cfg, folder, (cfg.label or "as_trained").replace("/", "_"))
 
 
 def cli() -> None:

@@ -17,8 +17,13 @@ MOST = 40  # rows; metrics.json has all
 TIMES = 2.0  # an interval with a term for the model's error, over that of noise alone: it is told
 
 
-def print_intervals(console: Console, uncertainty: Mapping[str, Any], title: str = "") -> None:
-    """Masses and elements with intervals, the truth beside them where it is known."""
+def print_intervals(
+    console: Console, uncertainty: Mapping[str, Any], title: str = "", both: bool = False
+) -> None:
+    """Masses and elements with intervals, the truth beside them where it is known.
+
+    both: intervals with a term for the model's error stand beside those of noise alone.
+    """
     rows = sorted(headline(uncertainty), key=_place)
     if not rows:
         if "none" in uncertainty:
@@ -28,17 +33,23 @@ def print_intervals(console: Console, uncertainty: Mapping[str, Any], title: str
     table = Table(title=title or None, title_justify="left", caption_justify="left")
     for head in ("", "parameter"):
         table.add_column(head, no_wrap=True)
-    for head in ("value", "± 95 %", *(("truth",) if known else ())):
+    halves = ("± noise", "± model error") if both else ("± 95 %",)
+    for head in ("value", *halves, *(("truth",) if known else ())):
         table.add_column(head, justify="right", no_wrap=True)
     table.add_column("told")
     last = ""
     for row in rows[:MOST]:
         part, _, quantity = row["name"].partition(".")
         name = f"{part} {row['about']}" if "–" in row["about"] else part
-        value, half = told(row["value"], row["half"])
+        value, *half = told(row["value"], row["half"])
+        half += (
+            [f"{row['model_error']:.2g}" if row["model_error"] is not None else ""] if both else []
+        )
         truth = (rounded(row["truth"], row["half"]) if "truth" in row else "–",) if known else ()
         words = f"{quantity.replace('_displacement', 's at').replace('_', ' ')} {_unit(row)}"
-        table.add_row(name if name != last else "", words.strip(), value, half, *truth, _words(row))
+        table.add_row(
+            name if name != last else "", words.strip(), value, *half, *truth, _words(row)
+        )
         last = name
     table.caption = _caption(rows)
     console.print(table)

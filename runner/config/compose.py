@@ -49,6 +49,9 @@ model.cutoff [rad/s], trainer.accelerator, hydra.run.dir. All of them: python tr
     python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
     python evaluate.py run=FOLDER data.duration=100
     python evaluate.py run=FOLDER data.path=other.csv data.units.a=g   on a new record
+    python evaluate.py run=FOLDER uncertainty=laplace     how sure its parameters are
+    python evaluate.py run=FOLDER uncertainty=profile parameter=[r1.stiffness,x1.mass]
+    python evaluate.py run=FOLDER uncertainty=smc particles=1000
     python evaluate.py runs=FOLDER output=FOLDER    all numbers: results.parquet, results.csv
     python evaluate.py runs=[a,b] by=model.cutoff   of several folders, compared by a choice
 
@@ -94,13 +97,19 @@ def placed(words: Sequence[str]) -> list[str]:
     Keys of one's own are added where a mapping has any: data.channels.a1=Roof.
     """
     places = {path.stem: f"{path.parent.name}/{path.stem}" for path in experiments()}
-    named = (word.partition("=") for word in words)
+    named = (_listed(word).partition("=") for word in words)
     return [
         f"{key}={','.join(places.get(name, name) for name in names.split(','))}"
         if key == "experiment"
         else f"{'++' if key.startswith(NAMED) else ''}{key}{equals}{names}"
         for key, equals, names in named
     ]
+
+
+def _listed(word: str) -> str:
+    """Several names of parameter= as a list, for commas alone would make a sweep."""
+    key, _, names = word.partition("=")
+    return f"{key}=[{names}]" if key == "parameter" and "," in names and "[" not in names else word
 
 
 def prepare_hydra() -> None:

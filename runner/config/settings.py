@@ -65,6 +65,14 @@ EVALUATE = {
     "seeds": Setting(list[int] | None, lambda seeds: seeds != [], "null, or a list such as [5,6]"),
     "data": Setting(Group),
     "scenario": Setting(Group | None),
+    "uncertainty": Setting(Literal["laplace", "profile", "smc"] | None),
+    "parameter": Setting(TEXTS),
+    "priors": Setting(Group | None),
+    "particles": Setting(int, lambda n: 50 <= n <= 100_000, "between 50 and 100000"),
+    "seed": Setting(int, lambda n: 0 <= n <= LARGEST_SEED, f"between 0 and {LARGEST_SEED}"),
+    "threads": Setting(
+        int | None, lambda n: n is None or 1 <= n <= MOST_THREADS, f"1 to {MOST_THREADS}, or null"
+    ),
 }
 NUMBER = float | None
 PREDICT = {

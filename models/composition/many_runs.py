@@ -1,0 +1,151 @@
+"""Compiled runs of one record under many parameters: nothing of PyTorch is built for each.
+
+Every coefficient of a composition depends on one free parameter at most, as unit·θ, or as
+unit·exp(±θ) where it is positive (coefficients.py): arrays of coefficients follow θ by themselves.
+N parameters, T samples, o outputs, E elements, P free parameters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.record import Drive
+from models.composition.coefficients import LARGEST_EXPONENT, Coefficients, Numbering, Part
+from models.composition.composite import Composite
+from models.composition.simulate import ACCELERATION, VELOCITY
+from models.composition.simulate_compiled import run
+from models.composition.trace import anchors_of, on_processor
+from models.layers.integrate import between
+
+PARTS = ("core", "inputs", "G", "D", "laws", "outputs")
+SAME = 1e-9  # relative difference to coefficients that the model composes
+
+
+@dataclass(frozen=True)
+class _Values:
+    """Coefficients of a part, as functions of θ about where it was composed."""
+
+    at: np.ndarray
+    place: np.ndarray  # of those that depend on θ, flat
+    number: np.ndarray  # of the parameter behind each
+    slope: np.ndarray  # by it; of an exponential the logarithm's
+    exponential: np.ndarray
+
+    @classmethod
+    def of(cls, part: Part, positive: np.ndarray) -> _Values:
+        value, index, slope = (
+            np.ascontiguousarray(t.detach().cpu().numpy())
+            for t in (part.value, part.index, part.slope)
+        )
+        place = np.flatnonzero(index >= 0)
+        number = index.reshape(-1)[place]
+        grows = positive[number] if len(number) else np.zeros(0, dtype=bool)
+        by = slope.reshape(-1)[place].copy()
+        by[grows] /= value.reshape(-1)[place][grows]
+        return cls(value, place, number, by, grows)
+
+    def moved(self, step: np.ndarray) -> np.ndarray:
+        """The part (…) at θ + step (P,)."""
+        if not len(self.place):
+            return self.at
+        moved = self.at.copy()
+        flat, way = moved.reshape(-1), self.slope * step[self.number]
+        before = flat[self.place]
+        grown = before * np.exp(np.where(self.exponential, way, 0.0))
+        flat[self.place] = np.where(self.exponential, grown, before + way)
+        return moved
+
+
+class ManyRuns:
+    """Free runs of a model under a drive, or from `begin` (2n + E·units,), with parameters of θ.
+
+    Raises ValueError for a model whose coefficients are others.
+    """
+
+    def __init__(self, model: Composite, drive: Drive, begin: Tensor | None = None) -> None:
+        composed, drive = model.composition(), on_processor(drive)
+        free = [p.detach().reshape(-1) for p in model.parameters() if p.requires_grad]
+        self.theta = torch.cat(free).cpu().numpy().copy()
+        self.positive = positive_of(model)
+        self.parts = [_Values.of(getattr(composed, name), self.positive) for name in PARTS]
+        self.none = [_fixed(values.at) for values in self.parts]
+        self.counts, self.supports = composed.counts, composed.supports.cpu().numpy().copy()
+        self.measures, self.bound = composed.measures.cpu().numpy(), model.bound.cpu().numpy()
+        self.drive, self.u = drive, np.ascontiguousarray(drive.u.numpy())
+        fine = between(drive.u[None], drive.hold, model._substeps(drive.dt))
+        self.fine = np.ascontiguousarray(fine[0].numpy())
+        self.start = np.ascontiguousarray(anchors_of(drive, None)[0].numpy())
+        self.begin = np.zeros(0) if begin is None else begin.reshape(-1).cpu().numpy().copy()
+        self._require_same(model)
+
+    def __call__(self, theta: np.ndarray) -> np.ndarray:
+        """What sensors measure (N, T, o) of runs with θ (N, P); NaN where one has diverged."""
+        T, o, E = len(self.u), len(self.measures), self.parts[4].at.shape[0]
+        measured = np.empty((len(theta), T, o))
+        x, v, a = np.empty((3, T, o))
+        loops = np.empty((2, T, E))
+        none = np.empty((T, o, 0))
+        back = np.linalg.pinv(self.parts[5].at)
+        for i, one in enumerate(theta):
+            core, inputs, G, D, laws, outputs = self.arrays(one)
+            if outputs is not self.parts[5].at:
+                back = np.ascontiguousarray(np.linalg.pinv(outputs))
+            c, n, g, d, w, r = self.none
+            run(
+                self.u, self.fine, self.drive.dt, 0, self.start, self.begin, back,
+                core, *c, inputs, *n, G, *g, D, *d, self.supports, laws, *w, self.counts,
+                outputs, *r, self.measures, self.bound, 0, 0, x, v, a, loops[0], loops[1], none,
+            )  # fmt: skip
+            fast = np.where(self.measures == VELOCITY, v, x)
+            measured[i] = np.where(self.measures == ACCELERATION, a, fast)
+        return measured
+
+    def arrays(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Coefficients of all parts at θ (P,)."""
+        step = np.where(
+            self.positive,
+            theta.clip(-LARGEST_EXPONENT, LARGEST_EXPONENT)
+            - self.theta.clip(-LARGEST_EXPONENT, LARGEST_EXPONENT),
+            theta - self.theta,
+        )
+        return [values.moved(step) for values in self.parts]
+
+    @torch.no_grad()
+    def _require_same(self, model: Composite) -> None:
+        """Hold the coefficients against those that the model composes elsewhere."""
+        free = [p for p in model.parameters() if p.requires_grad]
+        kept = [p.detach().clone() for p in free]
+        elsewhere = 0.3 * np.cos(np.arange(len(self.theta)) + 1.0)
+        try:
+            for p, part in zip(
+                free, np.split(elsewhere, np.cumsum([p.numel() for p in free])[:-1]), strict=True
+            ):
+                p.copy_(torch.from_numpy(part).view_as(p))
+            composed = model.composition()
+        finally:
+            for p, before in zip(free, kept, strict=True):
+                p.copy_(before)
+        for name, own in zip(PARTS, self.arrays(elsewhere), strict=True):
+            whole = getattr(composed, name).value.cpu().numpy()
+            if not np.allclose(own, whole, rtol=SAME, atol=SAME * np.abs(whole).max(initial=0.0)):
+                raise ValueError(f"{type(model).__name__} has coefficients of another kind: {name}")
+
+
+def positive_of(model: torch.nn.Module) -> np.ndarray:
+    """Whether each free parameter (P,) is the logarithm of a positive coefficient."""
+    numbering = Numbering(model)
+    positive = np.zeros(numbering.count, dtype=bool)
+    for c in model.modules():
+        if isinstance(c, Coefficients) and id(c.theta) in numbering.first:
+            first = numbering.first[id(c.theta)]
+            positive[first : first + c.theta.numel()] = c.positive
+    return positive
+
+
+def _fixed(value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers and slopes of coefficients of which no derivative is asked."""
+    return np.full(value.shape, -1, dtype=np.int64), np.zeros(value.shape)

@@ -1,0 +1,1 @@
+"""How sure a finished run is: intervals, profiles and samples of its parameters, asked for."""
