@@ -54,9 +54,9 @@ class Pretrained:
         known = isinstance(model, ElementNetwork) and model.forces == model.inputs == model.dofs
         if not (base or known):
             raise ValueError(f"zoo:{self.name} is driven by neither a shaken base nor known masses")
-        end = (len(ground.a) - 1) * ground.dt
-        times = np.arange(0.0, end + 0.5 * model.dt, model.dt)
-        s_ddot = scale * GRAVITY * np.interp(times, ground.dt * np.arange(len(ground.a)), ground.a)
+        recorded = ground.dt * np.arange(len(ground.a))
+        times = model.dt * np.arange(int(recorded[-1] / model.dt + 1e-9) + 1)
+        s_ddot = scale * GRAVITY * np.interp(times, recorded, ground.a)
         u = -torch.from_numpy(s_ddot)[:, None].expand(-1, model.inputs).clone()
         if not base:
             assert isinstance(model, ElementNetwork)

@@ -105,7 +105,7 @@ def test_training_begins_at_published_weights(monkeypatch, tmp_path, capsys):
 OFFLINE = """
 import socket, sys, time
 def refused(*a, **k): raise OSError("no network here")
-socket.socket = socket.create_connection = refused
+socket.socket.connect = socket.getaddrinfo = refused
 import torch
 """
 LOADS = f"""
