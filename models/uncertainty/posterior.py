@@ -24,7 +24,7 @@ from models.composition.composite import Composite
 from models.composition.many_runs import ManyRuns, positive_of
 from models.training.problem import FreeRunProblem
 from models.training.trainable import Trainable
-from models.uncertainty.laplace import OPEN, Laplace, _singles
+from models.uncertainty.laplace import OPEN, Laplace, singles
 from models.uncertainty.noise import transformed
 from models.uncertainty.parameters import free_vector, set_free_vector
 
@@ -50,8 +50,7 @@ class Likelihood:
     def __init__(self, estimator: Trainable, batches: Iterable[Record], found: Laplace) -> None:
         self.estimator, self.weight = estimator, found.weight
         self.positive = positive_of(estimator)
-        singles = [one for batch in batches for one in _singles(batch)]
-        self.problems = [FreeRunProblem(estimator, record, None) for record in singles]
+        self.problems = [FreeRunProblem(estimator, record, None) for record in singles(batches)]
         self.measured = [self.weight * problem.y.cpu().numpy() for problem in self.problems]
         spectrum = found.noise.spectrum
         level = float(np.einsum("kii->", spectrum).real / (len(spectrum) * spectrum.shape[1]))

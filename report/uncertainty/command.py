@@ -125,7 +125,7 @@ def _laplace(
     """Both kinds of intervals side by side, and which is to be believed."""
     if names:
         raise ValueError("parameter= is for uncertainty=profile and smc; laplace tells all of them")
-    content = uncertainty_of(run.model, run.data, run.prior)
+    content = uncertainty_of(run.model, run.found, run.data, [])
     print_intervals(console, content, both=True)
     if not which_to_believe(headline(content)):
         console.print(
