@@ -1,7 +1,7 @@
 """Does a sweep that is killed again and again end like an undisturbed one?
 
     python -m benchmarks.kills                      # 60 runs, 20 kills; 20 times several commands
-    python -m benchmarks.kills --quick              # 6 runs, 2 kills; once two commands
+    python -m benchmarks.kills --quick              # 3 runs, 1 kill; once two commands
 
 SIGKILL of the whole process group at random moments: most while runs train and write, some while
 programs start. After each kill the same command goes on; the last one is left alone. Then every
@@ -219,10 +219,10 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     parser.add_argument("--together", type=int, default=20, help="times; 0: none")
-    parser.add_argument("--quick", action="store_true", help="6 runs, 2 kills, once two commands")
+    parser.add_argument("--quick", action="store_true", help="3 runs, 1 kill, once two commands")
     arguments = parser.parse_args()
     usual = (arguments.runs, arguments.kills, arguments.together)
-    runs, kills, times = (6, 2, 1) if arguments.quick else usual
+    runs, kills, times = (3, 1, 1) if arguments.quick else usual
     if runs < 3 or runs % 3 or kills < 1:
         parser.error(f"--runs={runs} must be a multiple of three, --kills={kills} at least 1")
     with tempfile.TemporaryDirectory(prefix="kills") as folder:

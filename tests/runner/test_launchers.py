@@ -16,11 +16,13 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
+import train
 from runner.config.compose import CONF, prepare_hydra
 from runner.launch.launcher import THREADS
 from runner.launch.processes import TRIES, run_side_by_side
 from tests.clusters import kill, processes_of, ray_nodes, slurm, why_no_slurm
-from tests.runner.test_sweep import QUICK, results
+from tests.program.test_train import run
+from tests.runner.test_sweep import QUICK, pytestmark, results  # noqa: F401
 
 ROOT = Path(__file__).parents[2]
 SWEEP = [sys.executable, "train.py", "-m", *QUICK, "model=linear,vwnn", "seed=range(0,6)"]
@@ -51,10 +53,11 @@ def wait_until(condition: Callable[[], object], process: subprocess.Popen) -> No
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory) -> dict[str, dict]:
-    """What one process finds, run after run."""
+    """What one process, this one, finds run after run."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    printed = (process := sweep(folder, "hydra/launcher=basic")).communicate()[0]
-    assert process.returncode == 0, printed
+    words = [*SWEEP[2:], "hydra/launcher=basic", f"hydra.sweep.dir={folder}"]
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert run(train, monkeypatch, *words) == 0
     assert len(results(folder)) == 12
     return results(folder)
 
