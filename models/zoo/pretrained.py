@@ -59,6 +59,7 @@ class Pretrained:
         s_ddot = scale * GRAVITY * np.interp(times, recorded, ground.a)
         u = -torch.from_numpy(s_ddot)[:, None].expand(-1, model.inputs).clone()
         if not base:
+            assert isinstance(model, ElementNetwork)
             u *= model.mass().detach()[model.forced]
         rest = torch.zeros(model.dofs, dtype=torch.float64)
         return Drive(model.dt, u, rest, rest)
