@@ -208,7 +208,7 @@ class FreeRun(Objective):
     def _prior(self, stage: int) -> float | None:
         """The weight of the prior in a stage; None for the model's own."""
         if not self.priors:
-            return None
+            return self.firm
         last = stage + 1 == len(self.stages)
         return self.priors[best_of(self.judged) if last else self._tried(stage)]
 

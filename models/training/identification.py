@@ -38,6 +38,7 @@ KEPT = (
     "rescued",
 )  # by a checkpoint
 MOST_RESCUES, MOST_HALVINGS = 3, 8  # of a stage whose run diverges at its start
+HELD = 1e-5  # weight of the prior around given weights: a few percent of noise on 20 s of motion
 FIRMER = 100.0  # times the prior, where training goes back
 
 
@@ -75,6 +76,7 @@ class Identification(LightningModule):
         self.chosen: tuple[float, list[Tensor]] = (float("inf"), [])  # of the stages' ends
         self.losses: list[float] = []  # Eq. 21 squared, after every accepted iteration
         self.solution: dict[str, float | str] = {}  # what the closed form says of itself
+        self.held = HELD  # how firmly such weights are held, where the model has a prior
         self.begun_at = ""  # whose weights training begins at, in place of the closed form
         self.fit_seconds = 0.0
         self.best: tuple[float, dict[str, Tensor]] = (float("inf"), {})
@@ -141,6 +143,7 @@ class Identification(LightningModule):
         if self.begun_at:
             self.solution = {"start": self.begun_at}
             self.trainable.keep_start()
+            self.objective.firm = self.held
         else:
             self.solution = self.estimator.identify(OnDevice(loader, self.device))
         if self.solver is not None:

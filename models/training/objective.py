@@ -32,6 +32,7 @@ class Objective(ABC):
     shorter = 0  # how often the horizon of the present stage was halved
     raised = 1.0  # what the prior of the present stage is multiplied by
     remarks: Sequence[str] = ()  # on what was done unasked
+    firm: float | None = None  # weight of the prior where training begins at given weights
 
     @abstractmethod
     def prepare(self, estimator: Trainable, batches: Iterable[Record], measured: bool) -> None:

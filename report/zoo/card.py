@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 from omegaconf import DictConfig
@@ -19,11 +19,9 @@ from export.passport import passport_of, software, trained_on_words
 from models.training.metrics import FREE_RUNS
 from models.training.trained_range import OTHER, warnings_of
 from report.about import told
+from report.zoo.licence import Licence
 from report.zoo.scores import ERROR, SEEDS
 from runner.scores.spread import DIVERGED, Spread
-
-if TYPE_CHECKING:
-    from report.zoo.publish import Licence
 
 POOR = 20.0  # % in free run
 FILES = "docs/zoo.md"  # where a card's numbers come from, told in its source

@@ -67,11 +67,11 @@ def publish(words: Sequence[str]) -> None:
         require_finished(run)
     licence = {"weights": "licence", "data": "data_licence", "source": "source"}
     said = {field: given[key] for field, key in licence.items() if key in given}
-    room = late("report.zoo.publish")
+    room, licence_of = late("report.zoo.publish"), late("report.zoo.licence").Licence
     for run in runs:
         name = names[1].removeprefix(PREFIX) if len(names) == 2 else None
         try:
-            told = room.publish(run, name, room.Licence(**said), given.get("command"))
+            told = room.publish(run, name, licence_of(**said), given.get("command"))
         except ValueError as error:
             if len(runs) == 1:
                 raise

@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,21 +31,13 @@ from report.zoo.entry_config import (
     without_folders,
 )
 from report.zoo.exported import write_exported
+from report.zoo.licence import Licence
 from report.zoo.picture import picture_of
 from report.zoo.scores import is_simulated, over_seeds
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_folder import read_run
 
 TRAINING = ("solver", "iterations", "stopped")  # what is kept of it; stages are a log
-
-
-@dataclass(frozen=True)
-class Licence:
-    """Of weights and of the data that they were trained on, apart."""
-
-    weights: str = "MIT"
-    data: str = "none is needed: simulated"
-    source: str = ""  # of the data
 
 
 def publish(

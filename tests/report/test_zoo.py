@@ -12,7 +12,7 @@ from models.zoo.index import entries, entry_of
 from models.zoo.pretrained import load_pretrained
 from report.zoo import command, gallery, publish, verify
 from report.zoo.entry_config import ABSOLUTE, command_of, entry_config, require_command
-from report.zoo.publish import Licence
+from report.zoo.licence import Licence
 from runner.config.compose import composed
 from runner.folder.run_folder import read_run
 from runner.job import identify
