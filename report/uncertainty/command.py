@@ -167,6 +167,7 @@ def _smc(
         cfg.particles,
         cfg.seed,
         cfg.threads,
+        cfg.begin,
         console,
     )
     print_samples(console, samples, run.intervals)
