@@ -162,6 +162,9 @@ class Prior:
         start = theta - deviation if deviation.shape == theta.shape else np.zeros_like(theta)
         return cls(start, np.full(len(theta), OPEN))
 
+    def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        return self.mean + self.width * rng.standard_normal((count, len(self.mean)))
+
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Of θ (…, P)."""
         own = ((theta - self.mean) / self.width) ** 2 + np.log(2.0 * np.pi * self.width**2)

@@ -1,6 +1,9 @@
-"""Sequential Monte Carlo: particles go from the prior to the posterior, temperature by temperature.
+"""Sequential Monte Carlo: particles go from what is easy to draw to the posterior, step by step.
 
-p_β(θ) ∝ p(θ) L(θ)^β,   β = 0 … 1, each step such that half of the particles still count.
+p_β(θ) ∝ q(θ)^(1 − β) [p(θ) L(θ)]^β,   β = 0 … 1, so that half of the particles count after a step.
+
+q is a wide t distribution about the fit, or the prior p itself: from there particles go far, and
+need to be many, for a prior of a free run has places next to which nothing is better.
 Del Moral, Doucet & Jasra (2006), Sequential Monte Carlo samplers; the steps of β and the moves
 follow the particles themselves: Ching & Chen (2007), Transitional Markov chain Monte Carlo.
 
@@ -18,12 +21,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import gammaln, logsumexp
 
 from models.uncertainty.posterior import Prior
 
 COUNT = 0.5  # share of the particles that count after a step of the temperature
-FREEDOM = 5.0  # of the t distribution of proposals
+FREEDOM = 5.0  # of t distributions
+WIDER = 2.0  # times the deviations of Laplace's approximation: where particles begin
 WALK, SPREAD = 2.38, 0.5  # over √2p: length of a move, in differences, and how it varies, as log
 ACCEPTED = 0.25  # share of moves along differences that their length is adapted to
 REMEMBERED, LAST = 0.5, 0.2  # correlation with before: until then particles move; at β = 1
@@ -53,7 +57,6 @@ class Sampled:
     """Particles (N, p) of the posterior, equally likely, and the logarithm of the evidence."""
 
     particles: np.ndarray
-    log_likelihood: np.ndarray
     log_evidence: float
     stages: list[Stage] = field(default_factory=list)
     runs: int = 0
@@ -64,51 +67,91 @@ class Sampled:
         return self.stages[-1].remembered <= LAST
 
 
-class _Cloud:
-    """Particles, their likelihoods and priors."""
+@dataclass(frozen=True)
+class Wide:
+    """A t distribution about a centre (p,), with a root (p, p) of its scale matrix."""
 
-    def __init__(self, likelihood: LogLikelihood, prior: Prior, rng: np.random.Generator) -> None:
-        self.likelihood, self.prior, self.rng = likelihood, prior, rng
+    centre: np.ndarray
+    root: np.ndarray
+
+    @classmethod
+    def about(cls, centre: np.ndarray, covariance: np.ndarray) -> Wide:
+        """`WIDER` than a covariance (p, p)."""
+        return cls(centre, WIDER * np.linalg.cholesky(covariance))
+
+    def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        heavy = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, count))[:, None]
+        return self.centre + heavy * rng.standard_normal((count, len(self.centre))) @ self.root.T
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Of θ (N, p)."""
+        p = len(self.centre)
+        own = np.linalg.solve(self.root, (theta - self.centre).T)
+        size = gammaln(0.5 * (FREEDOM + p)) - gammaln(0.5 * FREEDOM)
+        size -= 0.5 * p * np.log(FREEDOM * np.pi) + np.log(np.abs(self.root.diagonal())).sum()
+        return np.asarray(size - 0.5 * (FREEDOM + p) * np.log1p((own**2).sum(axis=0) / FREEDOM))
+
+
+class _Cloud:
+    """Particles, log pL/q and log q of each."""
+
+    def __init__(
+        self,
+        likelihood: LogLikelihood,
+        prior: Prior,
+        rng: np.random.Generator,
+        begin: Prior | Wide,
+    ) -> None:
+        self.likelihood, self.prior, self.rng, self.begin = likelihood, prior, rng, begin
         self.runs = 0
         self.scale = WALK / (2.0 * len(prior.mean)) ** 0.5
 
     def draw(self, count: int) -> float:
-        """Draw particles of the prior whose runs are finite; returns the share of those, as log.
+        """Draw particles of q whose runs are finite; returns the share of those, as log.
 
         Raises ValueError where next to none is.
         """
-        theta, level, tried = [], [], 0
-        p = len(self.prior.mean)
-        while sum(map(len, theta)) < count:
+        theta: list[np.ndarray] = []
+        level, tried, drawn = [], 0, 0
+        while drawn < count:
             if tried >= DRAWS * count:
                 raise ValueError(
-                    f"of {tried} draws of the prior only {sum(map(len, theta))} have a finite free "
+                    f"of {tried} draws to begin with only {drawn} have a finite free "
                     "run; sample fewer parameters (parameter=…), or state priors=… for some"
                 )
-            new = self.prior.mean + self.prior.width * self.rng.standard_normal((count, p))
+            new = self.begin.draw(count, self.rng)
             found = self.evaluate(new)
             tried += count
             theta.append(new[np.isfinite(found)])
             level.append(found[np.isfinite(found)])
-        finite = sum(map(len, theta))
+            drawn += len(theta[-1])
         self.theta, self.level = np.concatenate(theta)[:count], np.concatenate(level)[:count]
-        self.prior_density = self.prior.log_density(self.theta)
-        return float(np.log(finite / tried))
+        self.density = self.begin.log_density(self.theta)
+        return float(np.log(drawn / tried))
 
     def evaluate(self, theta: np.ndarray) -> np.ndarray:
+        """log pL/q (N,)."""
         self.runs += len(theta)
-        return self.likelihood(theta)
+        ratio = self.prior.log_density(theta) - self.begin.log_density(theta)
+        return np.asarray(self.likelihood(theta) + ratio)
+
+    @property
+    def halves(self) -> tuple[np.ndarray, np.ndarray]:
+        first, second = np.array_split(np.arange(len(self.theta)), 2)
+        return first, second
 
     def resample(self, weights: np.ndarray) -> None:
-        """Systematically: a particle of weight w is there ⌊N w⌋ or ⌈N w⌉ times."""
-        N = len(weights)
-        places = (self.rng.random() + np.arange(N)) / N
-        kept = np.searchsorted(np.cumsum(weights) / weights.sum(), places).clip(max=N - 1)
-        self.take(kept)
+        """Systematically within each half: of N, a share w of weights is there about N w times."""
+        kept = []
+        for half in self.halves:
+            own = np.cumsum(weights[half])
+            places = own[-1] * (self.rng.random() + np.arange(len(half))) / len(half)
+            kept.append(half[np.searchsorted(own, places).clip(max=len(half) - 1)])
+        self.take(np.concatenate(kept))
 
     def take(self, kept: np.ndarray) -> None:
         self.theta, self.level = self.theta[kept], self.level[kept]
-        self.prior_density = self.prior_density[kept]
+        self.prior_density = self.density[kept]
 
     def step(
         self, new: np.ndarray, beta: float, ratio: np.ndarray | float, of: np.ndarray
@@ -117,13 +160,13 @@ class _Cloud:
 
         ratio: logarithm of the proposals' densities, of the way back over that of the way there.
         """
-        level, density = self.evaluate(new), self.prior.log_density(new)
+        level, density = self.evaluate(new), self.begin.log_density(new)
         with np.errstate(invalid="ignore"):
-            gain = beta * (level - self.level[of]) + density - self.prior_density[of] + ratio
+            gain = beta * (level - self.level[of]) + density - self.density[of] + ratio
         accepted = np.log(self.rng.random(len(new))) < np.nan_to_num(gain, nan=-np.inf)
         taken = of[accepted]
         self.theta[taken], self.level[taken] = new[accepted], level[accepted]
-        self.prior_density[taken] = density[accepted]
+        self.density[taken] = density[accepted]
         return float(accepted.mean())
 
 
@@ -132,16 +175,17 @@ def tempered(
     prior: Prior,
     particles: int,
     rng: np.random.Generator,
+    begin: Wide | None = None,
     note: Note | None = None,
 ) -> Sampled:
     """Particles of the posterior, and the evidence.
 
-    likelihood: of θ (N, p) the logarithms (N,), −∞ where there is none. note: called at every
-    temperature. Raises ValueError where the prior hardly ever has a finite run, and where the
-    temperature does not reach 1.
+    likelihood: of θ (N, p) the logarithms (N,), −∞ where there is none. begin: where particles come
+    from; None: the prior. note: called at every temperature. Raises ValueError where these hardly
+    ever have a finite run, and where the temperature does not reach 1.
     """
-    cloud = _Cloud(likelihood, prior, rng)
-    evidence, beta = cloud.draw(particles), 0.0
+    cloud = _Cloud(likelihood, prior, rng, begin or prior)
+    evidence, beta = np.full(2, cloud.draw(particles)), 0.0
     stages: list[Stage] = []
     while beta < 1.0:
         if len(stages) == MOST_STAGES:
@@ -151,17 +195,17 @@ def tempered(
             )
         after = _next(cloud.level, beta)
         logs = (after - beta) * cloud.level
-        evidence += float(logsumexp(logs) - np.log(particles))
+        evidence += [logsumexp(logs[half]) - np.log(len(half)) for half in cloud.halves]
         weights = np.exp(logs - logs.max())
-        weights /= weights.sum()
-        centre, root = _fitted(cloud.theta, weights)
+        fits = [_Fit(cloud.theta[half], weights[half]) for half in cloud.halves]
         cloud.resample(weights)
-        counting, beta = float(1.0 / (weights**2).sum()), after
-        acceptance, moves, left = _move(cloud, beta, centre, root)
+        counting, beta = float(weights.sum() ** 2 / (weights**2).sum()), after
+        acceptance, moves, left = _move(cloud, beta, fits)
         stages.append(Stage(beta, counting, acceptance, moves, left))
         if note is not None:
             note(stages[-1])
-    return Sampled(cloud.theta, cloud.level, evidence, stages, cloud.runs)
+    whole = float(logsumexp(evidence) - np.log(2.0))
+    return Sampled(cloud.theta, whole, stages, cloud.runs)
 
 
 def _next(level: np.ndarray, beta: float) -> float:
@@ -183,31 +227,37 @@ def _next(level: np.ndarray, beta: float) -> float:
     return float(max(beta + np.exp(low), np.nextafter(beta, 1.0)))
 
 
-def _fitted(theta: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+class _Fit:
     """Mean (p,) of weighted particles and a root (p, p) of their covariance."""
-    centre = weights @ theta
-    away = (theta - centre) * np.sqrt(weights)[:, None]
-    covariance = away.T @ away
-    size = np.sqrt(covariance.diagonal().clip(min=np.finfo(float).tiny))
-    scaled = covariance / np.outer(size, size) + 1e-9 * np.eye(len(size))
-    return centre, size[:, None] * np.linalg.cholesky(scaled)
+
+    def __init__(self, theta: np.ndarray, weights: np.ndarray) -> None:
+        weights = weights / max(weights.sum(), np.finfo(float).tiny)
+        self.centre = weights @ theta
+        away = (theta - self.centre) * np.sqrt(weights)[:, None]
+        covariance = away.T @ away
+        size = np.sqrt(covariance.diagonal().clip(min=np.finfo(float).tiny))
+        scaled = covariance / np.outer(size, size) + 1e-9 * np.eye(len(size))
+        self.root = size[:, None] * np.linalg.cholesky(scaled)
+        self.back = np.linalg.inv(self.root).T
+
+    def own(self, theta: np.ndarray) -> np.ndarray:
+        """θ (N, p) in coordinates of mean 0 and covariance 1."""
+        return np.asarray((theta - self.centre) @ self.back)
 
 
-def _move(
-    cloud: _Cloud, beta: float, centre: np.ndarray, root: np.ndarray
-) -> tuple[float, int, float]:
+def _move(cloud: _Cloud, beta: float, fits: Sequence[_Fit]) -> tuple[float, int, float]:
     """Move particles at a temperature; acceptance, moves, the correlation that is left."""
-    whiten = np.linalg.inv(root).T
-    before = (cloud.theta - centre) @ whiten
+    before = fits[0].own(cloud.theta)
     until, most = (LAST, MOST_LAST) if beta == 1.0 else (REMEMBERED, MOST_MOVES)
-    shares, independent, left = [], 1.0, 1.0
+    shares: list[float] = []
+    independent, left = 1.0, 1.0
     for move in range(most):
         if move % 3 == 0 and (independent > RARE or move == 0):
-            independent = share = _independently(cloud, beta, centre, root, whiten)
+            independent = share = _independently(cloud, beta, fits)
         else:
             share = _along_others(cloud, beta)
         shares.append(share)
-        left = _correlation(before, (cloud.theta - centre) @ whiten)
+        left = _correlation(before, fits[0].own(cloud.theta))
         if left <= until:
             break
     return float(np.mean(shares)), len(shares), left
@@ -215,7 +265,7 @@ def _move(
 
 def _along_others(cloud: _Cloud, beta: float) -> float:
     """Each particle goes along the difference of two others, of the half that stands still."""
-    (N, p), rng = cloud.theta.shape, cloud.rng
+    N, rng = len(cloud.theta), cloud.rng
     shuffled = rng.permutation(N)
     halves = (shuffled[: N // 2], shuffled[N // 2 :])
     shares = []
@@ -230,19 +280,20 @@ def _along_others(cloud: _Cloud, beta: float) -> float:
     return share
 
 
-def _independently(
-    cloud: _Cloud, beta: float, centre: np.ndarray, root: np.ndarray, whiten: np.ndarray
-) -> float:
-    """A proposal for each particle that does not depend on where it stands."""
-    N, p = cloud.theta.shape
-    heavy = np.sqrt(FREEDOM / cloud.rng.chisquare(FREEDOM, N))
-    drawn = cloud.rng.standard_normal((N, p)) * heavy[:, None]
+def _independently(cloud: _Cloud, beta: float, fits: Sequence[_Fit]) -> float:
+    """Proposals that do not depend on where a particle stands, nor on where its half stood."""
+    p = cloud.theta.shape[1]
 
     def density(own: np.ndarray) -> np.ndarray:
         return np.asarray(-0.5 * (FREEDOM + p) * np.log1p((own**2).sum(axis=1) / FREEDOM))
 
-    ratio = density((cloud.theta - centre) @ whiten) - density(drawn)
-    return cloud.step(centre + drawn @ root.T, beta, ratio, np.arange(N))
+    shares = []
+    for half, fit in zip(cloud.halves, fits[::-1], strict=True):
+        heavy = np.sqrt(FREEDOM / cloud.rng.chisquare(FREEDOM, len(half)))
+        drawn = cloud.rng.standard_normal((len(half), p)) * heavy[:, None]
+        ratio = density(fit.own(cloud.theta[half])) - density(drawn)
+        shares.append(cloud.step(fit.centre + drawn @ fit.root.T, beta, ratio, half))
+    return float(np.mean(shares))
 
 
 def _correlation(before: np.ndarray, now: np.ndarray) -> float:

@@ -158,15 +158,17 @@ def _open(intervals: Sequence[Interval], model: Trainable) -> list[str]:
 def _smc(
     cfg: DictConfig, run: Finished, names: Sequence[str], console: Console, output: Path
 ) -> dict[str, Any]:
+    priors: Any = {} if cfg.priors is None else OmegaConf.to_container(cfg.priors)
     samples = sampled(
         run.model,
         run.data.loader("train"),
         run.found,
         names,
-        OmegaConf.to_container(cfg.priors) if cfg.priors is not None else {},
+        priors,
         cfg.particles,
         cfg.seed,
         cfg.threads,
+        cfg.begin,
         console,
     )
     print_samples(console, samples, run.intervals)

@@ -25,7 +25,7 @@ from models.uncertainty.laplace import Laplace
 from models.uncertainty.parameters import free_vector, set_free_vector, slopes
 from models.uncertainty.posterior import Likelihood, Posterior, Prior
 from models.uncertainty.profile import most_likely, support_of
-from models.uncertainty.smc import Agreement, Sampled, Stage, agreement_of, tempered
+from models.uncertainty.smc import Agreement, Sampled, Stage, Wide, agreement_of, tempered
 from report.output import Section, printed
 from report.style import ESTIMATED, MEASURED
 from runner.scores.uncertainty import HEADLINE
@@ -96,12 +96,14 @@ def sampled(
     particles: int,
     seed: int,
     threads: int | None,
+    begin: str,
     console: Console,
 ) -> Samples:
     """Two runs of the sampler, and the parameters of their particles. Leaves the model as it was.
 
     names: of physical parameters whose θ are sampled, the others held at the fit; none: all.
-    stated: priors by name, [value, relative standard deviation]. Raises ValueError for too many
+    stated: priors by name, [value, relative standard deviation]. begin: "fit", or "prior", from
+    which other places than the fit are sought too. Raises ValueError for too many
     parameters, for priors that are none, and where the two runs do not agree.
     """
     theta = free_vector(model)
@@ -123,11 +125,11 @@ def sampled(
         cores = (threads or len(os.sched_getaffinity(0))) if compiled else 1
         _announce(console, particles, len(chosen), cores, compiled)
         count = partial(posterior.log_likelihood, threads=cores)
+        start = Wide.about(best, covariance) if begin == "fit" else None
+        draws = [np.random.default_rng(own) for own in np.random.SeedSequence(seed).spawn(2)]
         runs = [
-            tempered(
-                count, posterior.prior, particles, np.random.default_rng(own), _noting(console)
-            )
-            for own in np.random.SeedSequence(seed).spawn(2)
+            tempered(count, posterior.prior, particles, draw, start, _noting(console))
+            for draw in draws
         ]
         return _told(model, posterior, runs, best, covariance)
     finally:

@@ -1,0 +1,187 @@
+"""Profiles and sequential Monte Carlo: what is planted is told, with its right width."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.signal import lfilter
+
+from data.record import Drive, Record
+from models.composition.many_runs import ManyRuns, positive_of
+from models.element_network import ElementNetwork
+from models.uncertainty.laplace import laplace
+from models.uncertainty.parameters import free_vector, set_free_vector
+from models.uncertainty.posterior import Likelihood, Posterior, Prior
+from models.uncertainty.profile import most_likely, profile_of, support_of
+from models.uncertainty.smc import Wide, agreement_of, tempered
+
+DT, T = 0.01, 600
+N = 300
+
+
+def planted(units: int = 0, level: float = 0.05) -> tuple[ElementNetwork, Record]:
+    """One mass on a spring and a damper, or one that yields too, under a random force."""
+    rng = np.random.default_rng(0)
+    model = ElementNetwork(1, 1, DT, [["ground", "x1"]], hinges=0, units=units, cubic=False)
+    stiffness, largest = torch.tensor([80.0]).double(), torch.tensor([0.1]).double()
+    model.mass.start(torch.ones(1, dtype=torch.float64))
+    model.laws.start(stiffness, 0.01 * stiffness, largest, (0.5, 0.5))
+    model.laws.unit_stiffness.theta.data.fill_(0.6)
+    model.identified.fill_(1.0)
+    f = lfilter([1.0], [1.0, -1.8, 0.85], rng.standard_normal((T, 1)), axis=0)
+    rest = torch.zeros(1, dtype=torch.float64)
+    drive = Drive(DT, torch.from_numpy(5.0 * f / f.std()), rest, rest)
+    with torch.no_grad():
+        a = model.free_run(drive).a
+    noise = level * a.std() * torch.from_numpy(rng.standard_normal(a.shape))
+    return model, replace(Record(dt=DT, a=a, f=drive.u), a=a + noise)
+
+
+@pytest.fixture(scope="module")
+def linear() -> tuple[ElementNetwork, Likelihood, Posterior]:
+    model, record = planted()
+    found = laplace(model, [record])
+    likelihood = Likelihood(model, [record], found)
+    posterior = Posterior(likelihood, Prior.of(model), np.arange(3))
+    assert likelihood.compile()
+    return model, likelihood, posterior
+
+
+def test_many_runs_are_the_runs_of_the_model():
+    model, record = planted(units=2)
+    runs = ManyRuns(model, record.drive())
+    theta = free_vector(model)
+    moved = theta + 0.2 * torch.randn(3, len(theta), generator=torch.Generator().manual_seed(0))
+    found = runs(moved.numpy())
+    for own, one in zip(found, moved, strict=True):
+        set_free_vector(model, one)
+        with torch.no_grad():
+            assert own == pytest.approx(model.free_run(record.drive()).a.numpy(), rel=1e-7)
+
+
+def test_positive_coefficients_are_known():
+    model, _ = planted(units=1)
+    names = [n for n, p in model.named_parameters() if p.requires_grad for _ in range(p.numel())]
+    told = {
+        n.removesuffix(".theta") for n, yes in zip(names, positive_of(model), strict=True) if yes
+    }
+    assert told == {"mass", "laws.stiffness", "laws.damping", "laws.unit_limit"}
+
+
+def test_the_likelihood_of_many_is_that_of_each_and_its_gradient_is_exact(linear):
+    model, likelihood, _ = linear
+    theta = free_vector(model).numpy()
+    here = likelihood.at(theta)
+    assert likelihood.many(theta[None])[0] == pytest.approx(-here.value, rel=1e-9)
+    step = 1e-5 * np.eye(3)
+    slopes = [
+        (likelihood.at(theta + s).value - likelihood.at(theta - s).value) / 2e-5 for s in step
+    ]
+    set_free_vector(model, torch.from_numpy(theta))
+    assert here.gradient == pytest.approx(slopes, rel=1e-4, abs=1e-3)
+
+
+def test_white_noise_makes_the_usual_likelihood(linear):
+    model, likelihood, _ = linear
+    e = likelihood.problems[0].errors().detach().numpy()
+    theta = free_vector(model).numpy()
+    per_band = [len(e) / likelihood.bands] * likelihood.bands
+    assert -likelihood.at(theta).value == pytest.approx(
+        -0.5 * len(e) * (1.0 + np.log(2.0 * np.pi * (e**2).mean() / likelihood.weight**2)),
+        abs=0.1 * len(e) / min(per_band) + 15.0,
+    )
+
+
+def test_samples_of_a_linear_structure_are_as_laplace_has_them(linear):
+    model, _, posterior = linear
+    best, point = most_likely(posterior, free_vector(model).numpy())
+    covariance = np.linalg.inv(point.matrix)
+    begin, draws = Wide.about(best, covariance), [np.random.default_rng(seed) for seed in (0, 1)]
+    runs = [tempered(posterior.log_likelihood, posterior.prior, N, draw, begin) for draw in draws]
+    agreement = agreement_of(runs)
+    agreement.require()
+    particles = np.concatenate([run.particles for run in runs])
+    deviation = np.sqrt(covariance.diagonal())
+    assert np.abs((particles.mean(axis=0) - best) / deviation).max() < 0.25
+    assert particles.std(axis=0) == pytest.approx(deviation, rel=0.15)
+    size = np.linalg.slogdet(2.0 * np.pi * covariance)[1]
+    assert runs[0].log_evidence == pytest.approx(-point.value + 0.5 * size, abs=0.5)
+
+
+def test_the_same_seed_makes_the_same_particles():
+    prior = Prior(np.zeros(2), np.full(2, 3.0))
+    one, same, other = (
+        tempered(_two_humps, prior, 100, np.random.default_rng(seed)) for seed in (0, 0, 1)
+    )
+    assert np.array_equal(one.particles, same.particles)
+    assert not np.array_equal(one.particles, other.particles)
+
+
+def _two_humps(theta: np.ndarray) -> np.ndarray:
+    away = [((theta - sign * np.array([2.0, 1.0])) ** 2).sum(axis=1) / 0.02 for sign in (1, -1)]
+    return np.logaddexp(-0.5 * away[0], -0.5 * away[1])
+
+
+def test_both_humps_have_their_share_and_the_evidence_is_exact():
+    prior = Prior(np.zeros(2), np.full(2, 3.0))
+    found = [tempered(_two_humps, prior, 1000, np.random.default_rng(s)) for s in range(3)]
+    shares = [(run.particles[:, 0] > 0.0).mean() for run in found]
+    assert shares == pytest.approx([0.5] * 3, abs=0.12)
+    width = 0.01 + 9.0  # of a hump under the prior
+    exact = np.log(2 * 2 * np.pi * 0.01) - 0.5 * 5.0 / width - np.log(2 * np.pi * width)
+    assert [run.log_evidence for run in found] == pytest.approx([exact] * 3, abs=0.4)
+
+
+def test_runs_that_found_different_places_are_no_result():
+    prior = Prior(np.zeros(1), np.ones(1))
+    runs = [
+        tempered(
+            lambda x, c=c: -0.5 * ((x[:, 0] - c) / 0.1) ** 2, prior, 100, np.random.default_rng(0)
+        )
+        for c in (0.0, 1.0)
+    ]
+    with pytest.raises(ValueError, match="did not converge, and there is no result"):
+        agreement_of(runs).require()
+
+
+def test_a_prior_without_finite_runs_is_refused():
+    prior = Prior(np.zeros(1), np.ones(1))
+    with pytest.raises(ValueError, match="of 2000 draws to begin with only 0"):
+        tempered(lambda x: np.full(len(x), -np.inf), prior, 100, np.random.default_rng(0))
+
+
+def test_a_profile_of_a_determined_parameter_is_a_parabola(linear):
+    model, likelihood, _ = linear
+    before = free_vector(model)
+    best, point = most_likely(likelihood, before.numpy())
+    found = profile_of(likelihood, "r1.stiffness", best, point)
+    (j,) = support_of(model, "r1.stiffness")
+    deviation = np.sqrt(np.linalg.inv(point.matrix)[j, j])
+    set_free_vector(model, before)
+    assert found.told == "determined"
+    assert 0.5 * np.log(found.high / found.low) == pytest.approx(1.96 * deviation, rel=0.05)
+    assert np.sqrt(found.low * found.high) == pytest.approx(80.0 * np.exp(best[j]), rel=0.01)
+
+
+def test_a_flat_profile_is_not_identifiable():
+    model, record = planted(units=1)
+    model.laws.unit_limit.unit.fill_(50.0)  # m: no motion yields it
+    model.laws.unit_limit.theta.data.zero_()
+    with torch.no_grad():
+        a = model.free_run(record.drive()).a
+    noise = torch.from_numpy(np.random.default_rng(0).standard_normal(a.shape))
+    record = replace(record, a=a + 0.05 * a.std() * noise)
+    likelihood = Likelihood(model, [record], laplace(model, [record]))
+    best, point = most_likely(likelihood, free_vector(model).numpy())
+    found = profile_of(likelihood, "r1.unit_1.stiffness", best, point)
+    assert found.told == "not identifiable"
+    assert found.deviance.max() < 1.0
+
+
+def test_a_record_that_the_model_repeats_exactly_has_no_likelihood():
+    model, record = planted(level=0.0)
+    with pytest.raises(ValueError, match="there is no noise"):
+        Likelihood(model, [record], laplace(model, [record]))
