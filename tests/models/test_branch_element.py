@@ -134,7 +134,7 @@ def test_a_change_of_units_changes_nothing(of, per):
 
 
 def test_it_learns_friction_that_depends_on_the_rate_and_holds_on_unseen_motions():
-    test, train = element_test(1, 1500), stack([element_test(i, 1500) for i in (0, 2, 3)])
+    test, train = element_test(1, 800), stack([element_test(i, 800) for i in (0, 2, 3)])
     model = identified([train], force_memory=False)
     assert fitted(model, train, 25) < 0.04  # the planted law turns at samples, not between them
     with torch.no_grad():

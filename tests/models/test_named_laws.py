@@ -42,7 +42,7 @@ PLANTED: dict[str, Element] = {
 }
 
 
-def motion(seed: int, size: float, samples: int = 700) -> tuple[np.ndarray, np.ndarray]:
+def motion(seed: int, size: float, samples: int = 450) -> tuple[np.ndarray, np.ndarray]:
     """A sum of sines from rest and its rate, as exact as splines are."""
     rng, t = np.random.default_rng(seed), DT * np.arange(samples)
     w, phase = rng.uniform(1.0, 9.0, 6), rng.uniform(0.0, 6.0, 6)

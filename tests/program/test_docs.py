@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from shutil import copy, copytree, ignore_patterns
+from shutil import copy, copytree
 
 import numpy as np
 import pytest
@@ -112,7 +112,7 @@ def test_set_up_commands_are_one_line_each():
 def test_an_estimator_is_added_by_two_files(tmp_path):
     """The files of the docs put into a copy of the tree, where nothing else changes, and run."""
     for room in ("models", "conf"):
-        copytree(ROOT / room, tmp_path / room, ignore=ignore_patterns("__pycache__"))
+        copytree(ROOT / room, tmp_path / room)
     for room in ("data", "runner", "report", "hydra_plugins"):
         (tmp_path / room).symlink_to(ROOT / room)
     copy(ROOT / "train.py", tmp_path)

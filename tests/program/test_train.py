@@ -25,6 +25,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:.*litlogger.*"),
 ]
 QUICK = ["data.duration=20", "trainer.enable_progress_bar=false"]
+PLAIN = [*QUICK, "figures=false"]
 
 
 def run(program, monkeypatch, *words: str) -> int:
@@ -100,12 +101,12 @@ def test_tensorboard_has_scalars_and_figures(finished):
 
 
 def test_the_same_seed_gives_the_same_numbers(finished, tmp_path, monkeypatch):
-    assert run(train, monkeypatch, *QUICK, f"hydra.run.dir={tmp_path}") == 0
+    assert run(train, monkeypatch, *PLAIN, f"hydra.run.dir={tmp_path}") == 0
     assert numbers(tmp_path) == numbers(finished)
 
 
 def test_another_seed_gives_other_numbers(finished, tmp_path, monkeypatch):
-    assert run(train, monkeypatch, *QUICK, "seed=1", f"hydra.run.dir={tmp_path}") == 0
+    assert run(train, monkeypatch, *PLAIN, "seed=1", f"hydra.run.dir={tmp_path}") == 0
     assert numbers(tmp_path)["test"] != numbers(finished)["test"]
 
 
@@ -122,9 +123,9 @@ def test_evaluate_gives_the_same_numbers_to_the_last_digit(finished, monkeypatch
 
 def test_a_run_on_a_damaged_structure_is_scored_again_as_it_was(tmp_path, monkeypatch, capsys):
     words = ["damage=sudden", "damage.time=12.5", "model=linear", f"hydra.run.dir={tmp_path}"]
-    assert run(train, monkeypatch, *QUICK, *words) == 0
+    assert run(train, monkeypatch, *PLAIN, *words) == 0
     sound = tmp_path / "sound"
-    assert run(train, monkeypatch, *QUICK, "model=linear", f"hydra.run.dir={sound}") == 0
+    assert run(train, monkeypatch, *PLAIN, "model=linear", f"hydra.run.dir={sound}") == 0
     assert run(evaluate, monkeypatch, f"run={tmp_path}") == 0
     assert "equal to metrics.json to the last digit" in capsys.readouterr().out
     assert numbers(tmp_path)["train"] == numbers(sound)["train"]
@@ -353,7 +354,7 @@ def test_an_unwritable_folder_is_one_line(tmp_path, monkeypatch, capsys):
 
 
 def test_a_failing_run_does_not_stop_a_sweep(tmp_path, monkeypatch, capsys):
-    words = ["-m", *QUICK, "model=linear", "seed=0,-1,1", f"hydra.sweep.dir={tmp_path}"]
+    words = ["-m", *PLAIN, "model=linear", "seed=0,-1,1", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 1
     out = capsys.readouterr().out
     assert "2 done, 1 failed" in out
