@@ -215,7 +215,7 @@ def test_an_earthquake_shakes_a_base_and_masses_alike():
     masses = load_pretrained("element_network/bouc_wen")
     forced = masses.shaken(ground, scale=0.5).u
     assert forced.shape == (399, 3)
-    sound = torch.tensor([0.8, 2.0, 1.2])  # kg, of the structure itself
+    sound = torch.tensor([0.8, 2.0, 1.2]).double()  # kg, of the structure itself
     half = -0.5 * 9.80665 * torch.from_numpy(ground.a)
     torch.testing.assert_close(forced[::2], half[:, None] * sound, rtol=1e-2, atol=1e-9)
     with pytest.raises(ValueError, match="driven by neither a shaken base nor known masses"):
