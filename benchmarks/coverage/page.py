@@ -50,12 +50,23 @@ def coverage(results: Sequence[Result]) -> Iterator[str]:
     yield "| --- | --- | ---: | ---: | ---: | ---: | ---: |"
     for kind in dict.fromkeys(r["kind"] for r in results):
         told = [p for r in results if r["kind"] == kind for p in scored(r)]
+        sound = [r for r in results if r["kind"] == kind and not asks_for_more(r)]
+        yield _row(kind, f"all, of {len(sound)} fits whose residual asks for nothing",
+                   [p for r in sound for p in scored(r)])  # fmt: skip
         for quantity in (*dict.fromkeys(p["name"].partition(".")[2] for p in told), "all"):
             some = [p for p in told if quantity in ("all", p["name"].partition(".")[2])]
-            shares = [_percent(_holds(p, width) for p in some) for width in WIDTHS]
-            size = median(100.0 * p["half"] / abs(p["value"]) for p in some)
-            name = quantity.replace("_", " ")
-            yield f"| {kind} | {name} | {len(some)} | {' | '.join(shares)} | {size:.2g} % |"
+            yield _row(kind, quantity.replace("_", " "), some)
+
+
+def _row(kind: str, name: str, some: Sequence[Result]) -> str:
+    shares = [_percent(_holds(p, width) for p in some) for width in WIDTHS]
+    size = median(100.0 * p["half"] / abs(p["value"]) for p in some) if some else 0.0
+    return f"| {kind} | {name} | {len(some)} | {' | '.join(shares)} | {size:.2g} % |"
+
+
+def asks_for_more(result: Result) -> bool:
+    """The residual asks for an element, or for more of a law: the fit ended in a poor minimum."""
+    return any(f["significant"] for f in (*result["missing"], *result["laws"]))
 
 
 def scored(result: Result) -> list[Result]:
