@@ -113,12 +113,12 @@ def support_of(estimator: Trainable, name: str) -> np.ndarray:
 
 def most_likely(likelihood: Likelihood | Posterior, theta: np.ndarray) -> tuple[np.ndarray, Point]:
     """θ (P,) of the largest likelihood that damped Gauss–Newton steps reach from a fit."""
-    return _descend(likelihood, theta, likelihood.at(theta), lambda now, matrix, b: -_solve(matrix, b))
+    return _descend(
+        likelihood, theta, likelihood.at(theta), lambda now, matrix, b: -_solve(matrix, b)
+    )
 
 
-def profile_of(
-    likelihood: Likelihood, name: str, theta: np.ndarray, best: Point
-) -> Profile:
+def profile_of(likelihood: Likelihood, name: str, theta: np.ndarray, best: Point) -> Profile:
     """The profile of a parameter about the most likely θ (P,). Leaves the model at θ.
 
     Raises ValueError for a parameter that was not learned.

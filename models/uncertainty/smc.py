@@ -115,8 +115,8 @@ class _Cloud:
         while sum(map(len, theta)) < count:
             if tried >= DRAWS * count:
                 raise ValueError(
-                    f"of {tried} draws to begin with only {sum(map(len, theta))} have a finite free "
-                    "run; sample fewer parameters (parameter=…), or state priors=… for some"
+                    f"of {tried} draws to begin with only {sum(map(len, theta))} have a finite "
+                    "free run; sample fewer parameters (parameter=…), or state priors for some"
                 )
             new = self.begin.draw(count, self.rng)
             found = self.evaluate(new)
@@ -150,7 +150,7 @@ class _Cloud:
 
     def take(self, kept: np.ndarray) -> None:
         self.theta, self.level = self.theta[kept], self.level[kept]
-        self.prior_density = self.density[kept]
+        self.density = self.density[kept]
 
     def step(
         self, new: np.ndarray, beta: float, ratio: np.ndarray | float, of: np.ndarray
@@ -264,7 +264,7 @@ def _move(cloud: _Cloud, beta: float, fits: Sequence[_Fit]) -> tuple[float, int,
 
 def _along_others(cloud: _Cloud, beta: float) -> float:
     """Each particle goes along the difference of two others, of the half that stands still."""
-    (N, p), rng = cloud.theta.shape, cloud.rng
+    N, rng = len(cloud.theta), cloud.rng
     shuffled = rng.permutation(N)
     halves = (shuffled[: N // 2], shuffled[N // 2 :])
     shares = []

@@ -41,10 +41,14 @@ def print_intervals(
         part, _, quantity = row["name"].partition(".")
         name = f"{part} {row['about']}" if "–" in row["about"] else part
         value, *half = told(row["value"], row["half"])
-        half += [f"{row['model_error']:.2g}" if row["model_error"] is not None else ""] if both else []
+        half += (
+            [f"{row['model_error']:.2g}" if row["model_error"] is not None else ""] if both else []
+        )
         truth = (rounded(row["truth"], row["half"]) if "truth" in row else "–",) if known else ()
         words = f"{quantity.replace('_displacement', 's at').replace('_', ' ')} {_unit(row)}"
-        table.add_row(name if name != last else "", words.strip(), value, *half, *truth, _words(row))
+        table.add_row(
+            name if name != last else "", words.strip(), value, *half, *truth, _words(row)
+        )
         last = name
     table.caption = _caption(rows)
     console.print(table)
