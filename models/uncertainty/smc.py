@@ -116,8 +116,8 @@ class _Cloud:
         while drawn < count:
             if tried >= DRAWS * count:
                 raise ValueError(
-                    f"of {tried} draws to begin with only {drawn} have a finite free "
-                    "run; sample fewer parameters (parameter=…), or state priors=… for some"
+                    f"of {tried} draws to begin with only {drawn} have a finite free run; sample "
+                    "fewer parameters (parameter=…), or state priors for some"
                 )
             new = self.begin.draw(count, self.rng)
             found = self.evaluate(new)
@@ -151,7 +151,7 @@ class _Cloud:
 
     def take(self, kept: np.ndarray) -> None:
         self.theta, self.level = self.theta[kept], self.level[kept]
-        self.prior_density = self.density[kept]
+        self.density = self.density[kept]
 
     def step(
         self, new: np.ndarray, beta: float, ratio: np.ndarray | float, of: np.ndarray

@@ -70,9 +70,11 @@ def profile_figure(profiles: Sequence[Profile], intervals: Sequence[Interval]) -
     for place, p in enumerate(profiles, start=1):
         axes = figure.add_subplot(rows, columns, place)
         axes.axhline(THRESHOLD, color="#777777", linewidth=0.8, linestyle=":")
-        axes.plot(p.values, p.deviance, "o-", color=MEASURED, markersize=3, linewidth=1.0)
+        axes.plot(p.values, p.deviance, "o", color=MEASURED, markersize=3)
         own = fitted[p.name]
         grid = np.linspace(p.values.min(), p.values.max(), 200)
+        root = np.sqrt(p.deviance) * np.sign(p.values - p.best)  # straight where D is a parabola
+        axes.plot(grid, np.interp(grid, p.values, root) ** 2, color=MEASURED, linewidth=1.0)
         if own.half > 0.0:
             parabola = (1.96 * (grid - own.value) / own.half) ** 2
             axes.plot(grid, parabola, "--", color=ESTIMATED, linewidth=0.9)

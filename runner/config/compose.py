@@ -32,7 +32,7 @@ GROUPS = (
 )
 NAMED = (  # mappings whose keys are the user's
     *("data.channels.", "data.units."),
-    *("excitation.channels.", "excitation.units."),
+    *("excitation.channels.", "excitation.units.", "priors."),
 )
 EXAMPLES = {
     "train": """Identify a structure: simulate it, fit a model, score it on unseen motion.

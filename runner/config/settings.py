@@ -67,7 +67,7 @@ EVALUATE = {
     "scenario": Setting(Group | None),
     "uncertainty": Setting(Literal["laplace", "profile", "smc"] | None),
     "parameter": Setting(TEXTS),
-    "priors": Setting(Group | None),
+    "priors": Setting(Group),
     "begin": Setting(Literal["fit", "prior"]),
     "particles": Setting(int, lambda n: 50 <= n <= 100_000, "between 50 and 100000"),
     "seed": Setting(int, lambda n: 0 <= n <= LARGEST_SEED, f"between 0 and {LARGEST_SEED}"),
