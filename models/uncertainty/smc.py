@@ -111,7 +111,9 @@ class _Cloud:
 
         Raises ValueError where next to none is.
         """
-        theta, level, tried = [], [], 0
+        theta: list[np.ndarray] = []
+        level: list[np.ndarray] = []
+        tried = 0
         while sum(map(len, theta)) < count:
             if tried >= DRAWS * count:
                 raise ValueError(
