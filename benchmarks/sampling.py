@@ -71,7 +71,7 @@ def by_emcee(
 ) -> tuple[np.ndarray, float]:
     """Samples (M, P) and the longest autocorrelation time in steps."""
     try:
-        import emcee
+        import emcee  # type: ignore[import-not-found,unused-ignore]
     except ImportError:
         raise SystemExit("error: the peer is missing; pip install emcee") from None
     rng = np.random.default_rng(seed)

@@ -112,22 +112,23 @@ class _Cloud:
         Raises ValueError where next to none is.
         """
         theta: list[np.ndarray] = []
-        level, tried, drawn = [], 0, 0
-        while drawn < count:
+        level: list[np.ndarray] = []
+        tried = 0
+        while sum(map(len, theta)) < count:
             if tried >= DRAWS * count:
                 raise ValueError(
-                    f"of {tried} draws to begin with only {drawn} have a finite free run; sample "
-                    "fewer parameters (parameter=…), or state priors for some"
+                    f"of {tried} draws to begin with only {sum(map(len, theta))} have a finite "
+                    "free run; sample fewer parameters (parameter=…), or state priors for some"
                 )
             new = self.begin.draw(count, self.rng)
             found = self.evaluate(new)
             tried += count
             theta.append(new[np.isfinite(found)])
             level.append(found[np.isfinite(found)])
-            drawn += len(theta[-1])
+        finite = sum(map(len, theta))
         self.theta, self.level = np.concatenate(theta)[:count], np.concatenate(level)[:count]
         self.density = self.begin.log_density(self.theta)
-        return float(np.log(drawn / tried))
+        return float(np.log(finite / tried))
 
     def evaluate(self, theta: np.ndarray) -> np.ndarray:
         """log pL/q (N,)."""
