@@ -19,6 +19,7 @@ from models.training.assemble import data_from
 from models.training.trainable import Trainable
 from models.uncertainty.intervals import Interval, intervals_of
 from models.uncertainty.laplace import Laplace, laplace
+from models.uncertainty.parameters import free_vector
 from report.output import save_figure
 from report.run.intervals import print_intervals, which_to_believe
 from report.run.rescore import record_gone
@@ -29,6 +30,7 @@ from runner.folder.run import restore
 from runner.folder.run_folder import read_run, write_json
 from runner.scores.uncertainty import headline, uncertainty_of
 
+MOST_PROFILED = 40  # free parameters of a model
 PROFILED = 4  # parameters, where none is named
 
 
@@ -148,6 +150,13 @@ def _laplace(
 def _profile(
     cfg: DictConfig, run: Finished, names: Sequence[str], console: Console, output: Path
 ) -> dict[str, Any]:
+    free = len(free_vector(run.model))
+    if free > MOST_PROFILED:
+        raise ValueError(
+            f"a profile fits all other parameters anew at every step; of {free} that does not "
+            f"converge, {MOST_PROFILED} are possible: train a smaller model (such as "
+            "model.units=1 model.hinges=0), or take uncertainty=laplace"
+        )
     chosen = list(names) or _open(run.intervals, run.model)
     profiles = profiles_of(run.model, run.data.loader("train"), run.found, chosen)
     print_profiles(console, profiles, run.intervals)
