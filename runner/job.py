@@ -14,7 +14,7 @@ from typing import Any
 
 import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
-from lightning.pytorch import Trainer
+from lightning.pytorch import Callback, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.plugins.environments import LightningEnvironment
 from omegaconf import DictConfig
@@ -30,6 +30,7 @@ from runner.config import command_line
 from runner.config.command_line import fail, reason_of
 from runner.config.settings import check_settings
 from runner.fine_tuning import begin_at_start, prepared
+from runner.fit_progress import FitProgress
 from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
 from runner.folder.run_folder import write_failure
@@ -91,15 +92,16 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
         "enable_checkpointing": False,
         "enable_model_summary": False,
         "limit_val_batches": None if data.validation else 0,
-        **cfg.trainer,
+        **{**cfg.trainer, "enable_progress_bar": False},  # ours is another
     }
     saves = SaveProgress(run.progress, run.identity, cfg.checkpoint_seconds)
-    trainer = Trainer(logger=logger, callbacks=saves, **shared)
+    lines: list[Callback] = [FitProgress()] if cfg.trainer.get("enable_progress_bar", True) else []
+    trainer = Trainer(logger=logger, callbacks=[saves, *lines], **shared)
     try:
         trainer.fit(module, datamodule=data, ckpt_path=run.unfinished, weights_only=True)
         rival = with_other_topology(cfg, data, module)
         if rival is not None:
-            other = Trainer(logger=False, **shared)
+            other = Trainer(logger=False, callbacks=lines, **shared)
             other.fit(rival, datamodule=data)
             module, trainer = preferred(data, (module, trainer), (rival, other))
             run.built_for(data.sensors)

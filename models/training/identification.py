@@ -176,8 +176,6 @@ class Identification(LightningModule):
         if self.solver.finished and not accepted and not _is_finite(problem):
             self._rescue(record)
         self._note(accepted)
-        if self.losses:
-            self.log("error_percent", 100.0 * self.losses[-1] ** 0.5, prog_bar=True, logger=False)
         if self.solver.finished:
             self._stop_after_last_stage()
 

@@ -1,0 +1,50 @@
+"""The line on a fit: stage, iterations, error; nothing is left of it, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import io
+from types import SimpleNamespace
+
+import pytest
+
+from models.linear import EquivalentLinear
+from models.training.identification import Identification
+from runner import fit_progress
+from runner.fit_progress import FitProgress, line_of
+
+
+@pytest.fixture
+def module() -> Identification:
+    fit = Identification(EquivalentLinear(1, 1, 0.01))
+    fit.objective = SimpleNamespace(stages=["horizon 20", "horizon whole record"])
+    fit.stage, fit.losses, fit.start = 1, [1.0, 4e-4], 0.0
+    return fit
+
+
+def test_a_line_tells_stage_iterations_and_error(module):
+    line = line_of(module)
+    assert line.startswith("stage 2 of 2 (horizon whole record), iteration 2, error 2 %, ")
+    module.objective = SimpleNamespace(stages=["one step"])
+    module.stage, module.losses = 0, []
+    assert line_of(module).startswith("iteration 0, ")
+
+
+class Stream(io.StringIO):
+    def __init__(self, terminal: bool) -> None:
+        super().__init__()
+        self.isatty = lambda: terminal  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_nothing_is_left_in_a_terminal_and_plain_lines_elsewhere(module, monkeypatch, terminal):
+    stream = Stream(terminal)
+    monkeypatch.setattr("sys.stderr", stream)
+    monkeypatch.setattr(fit_progress, "EVERY", 0.0)
+    monkeypatch.setattr(fit_progress, "EVERY_PLAIN", 0.0)
+    progress = FitProgress()
+    progress.on_train_batch_end(None, module)
+    progress.on_train_end(None, module)
+    text = stream.getvalue()
+    assert "stage 2 of 2" in text
+    assert text.endswith("\r\x1b[K" if terminal else " s\n")
+    assert ("\x1b" in text) == terminal
