@@ -7,6 +7,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from data.sample import Sensors
+from models.layers.features import SigmoidProducts
 from models.linear_in_weights import LinearInWeights
 from models.online.adaptive import Online, stream_of
 from models.online.guard import Guard
@@ -16,6 +17,8 @@ from models.online.stream import Stream, started
 from models.training.assemble import estimator_from
 from models.training.build import build
 from runner.folder.run import restore
+
+LAMBDA = 0.05  # λ [1/unit] of a VWNN that no record tells the sizes of its channels
 
 
 def stream_from_nothing(cfg: DictConfig, sensors: Sensors) -> Stream:
@@ -27,6 +30,9 @@ def stream_from_nothing(cfg: DictConfig, sensors: Sensors) -> Stream:
         )
     model = estimator_from(cfg.model, sensors)
     assert isinstance(model, Online)
+    activation = getattr(model.estimator, "activation", None)
+    if isinstance(activation, SigmoidProducts) and activation.weight.isnan().any():
+        activation.weight.fill_(LAMBDA)
     return model.stream(from_nothing=True)
 
 

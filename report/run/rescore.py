@@ -39,6 +39,7 @@ from runner.scores.spread import DIVERGED, Spread, percent
 from runner.scores.uncertainty import band_of, minimum_of
 
 SPLITS = ("train", "test")
+ROUNDING = 1e-9  # by which other code, libraries or machines may differ
 
 
 def require_scores(metrics: dict[str, Any], dofs: int) -> None:
@@ -148,15 +149,27 @@ def _print_medians(results: dict[str, Any], console: Console) -> None:
             console.print(f"{name}: median {spread.text()} %, seeds: {spread.counted()}")
 
 
+def alike(some: Any, others: Any) -> bool:
+    """The same numbers, up to `ROUNDING`, relative, under the same names."""
+    if isinstance(some, dict) and isinstance(others, dict):
+        return some.keys() == others.keys() and all(alike(some[k], others[k]) for k in some)
+    if isinstance(some, list) and isinstance(others, list):
+        return len(some) == len(others) and all(map(alike, some, others))
+    if isinstance(some, float) and isinstance(others, float):
+        return math.isclose(some, others, rel_tol=ROUNDING)
+    return bool(some == others)
+
+
 def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Console) -> None:
-    """Raises ValueError unless the scores are those of the run, to the last digit."""
+    """Raises ValueError unless the scores are those of the run, but for rounding."""
     shared = [key for key in scores if key in metrics]  # runs of older code have no free run
-    if not all(scores[key] == metrics[key] for key in shared):
+    exact = all(scores[key] == metrics[key] for key in shared)
+    if not exact and not all(alike(scores[key], metrics[key]) for key in shared):
         raise ValueError(
             "the scores differ from metrics.json; the code or the libraries changed since the run "
             f"(made with {metrics.get('versions')})"
         )
-    console.print("equal to metrics.json to the last digit")
+    console.print(f"equal to metrics.json to {'the last digit' if exact else f'{ROUNDING:g}'}")
     if len(shared) < len(scores):
         console.print("metrics.json has no free run to compare with; repeat the run to add it")
 

@@ -42,7 +42,7 @@ def test_predict_and_evaluate_write_beside_the_user(tmp_path, monkeypatch, capsy
     folder = tmp_path / "runs" / "zoo" / "element_network" / "bouc_wen.v1"
     assert list((folder / "prediction").rglob("history.csv"))
     assert run(evaluate, monkeypatch, "run=zoo:linear/bilinear.v1") == 0
-    assert "equal to metrics.json to the last digit" in capsys.readouterr().out
+    assert "equal to metrics.json to" in capsys.readouterr().out
     assert list((tmp_path / "runs/zoo/linear/bilinear.v1/evaluation").rglob("scores.json"))
 
 
@@ -129,7 +129,8 @@ program = torch.hub.load({str(CLONE)!r}, "exported", source="local", name=name)
 u, rest = torch.ones(1, 9, 3, dtype=torch.float64), torch.zeros(1, 3, dtype=torch.float64)
 print(float(program.module()(u, rest, rest)[2].abs().max()))
 places = [getattr(m, "__file__", None) or "" for m in sys.modules.values()]
-assert not [p for p in places if p.startswith({str(CLONE)!r}) and not p.endswith("hubconf.py")]
+ours = [p for p in places if p.startswith({str(CLONE)!r}) and not p.startswith(sys.prefix)]
+assert not [p for p in ours if not p.endswith("hubconf.py")]
 assert data.MINE and models.MINE
 try:
     torch.hub.load({str(CLONE)!r}, "element_network", source="local", weights="bouc_wen")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from report.run.rescore import print_evaluation
+from report.run.rescore import alike, print_evaluation
 
 
 def test_medians_over_seeds_count_what_diverged_and_what_escaped(capsys):
@@ -16,3 +16,12 @@ def test_medians_over_seeds_count_what_diverged_and_what_escaped(capsys):
     *_, one_step, free_run = capsys.readouterr().out.splitlines()
     assert one_step == "test: median 10.00 (9.00 – 11.00) %, seeds: 3, 1 escaped"
     assert free_run.endswith("diverged (20.00 – diverged) %, seeds: 3, 1 diverged, 1 escaped")
+
+
+def test_rounding_is_no_difference_and_more_is():
+    some = {"test": {"relative_rms_percent": 10.0, "per_dof_percent": [1.0, None]}}
+    near = {"test": {"relative_rms_percent": 10.0 + 1e-9, "per_dof_percent": [1.0, None]}}
+    far = {"test": {"relative_rms_percent": 10.0 + 1e-7, "per_dof_percent": [1.0, None]}}
+    assert alike(some, near)
+    assert not alike(some, far)
+    assert not alike(some, {"test": {}})
