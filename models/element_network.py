@@ -242,15 +242,18 @@ class ElementNetwork(Composite):
             raise ValueError("the signals hold NaN or infinite values; mend the record first")
         return unknown, target, torch.stack(largest).amax(dim=0)
 
+    def states_of_elements(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
+        """x, v, a, u (T, ·) of every motion, integrated where accelerations alone were measured."""
+        measured = record.quantity != "acceleration" or self.has_states(record)
+        return self.states(record) if measured else integrated_states(record, self.forces)
+
     def element_tests(
         self, record: Record, stiffness: Tensor
     ) -> Iterable[tuple[Tensor, Tensor, Tensor]]:
         """y, ẏ and r by equilibrium (T, E) of every motion of a record; stiffness (E,)."""
-        measured = record.quantity != "acceleration" or self.has_states(record)
-        states = self.states(record) if measured else integrated_states(record, self.forces)
         inputs = self.composition().inputs.value.detach().cpu()
         B, B_s, mass = self.B.cpu(), self.B_s.cpu(), self.mass().detach().cpu()
-        for x, v, a, u in states:
+        for x, v, a, u in self.states_of_elements(record):
             s, s_dot = u[:, self.forces :].chunk(2, dim=1)
             y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
             yield y, rate, forces_of(B, mass * (u @ inputs.T - a), y, stiffness)

@@ -2,15 +2,21 @@
 
 M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law_e(y_e, ẏ_e; q_e)          (models/named_laws)
 
-Forces by equilibrium (models/starts/equilibrium.py) make a test of every element; each gets the law
-that suits it on a motion held back. The structure of these laws is then simulated from rest by the
-integrator of data/simulation, which finds the instants of yielding. No solver is needed.
+Accelerations and masses give the forces of a chain: each element gets the law whose own free run
+under what was measured suits a motion held back (models/named_laws/storey.py). Elsewhere forces by
+equilibrium (models/starts/equilibrium.py) make a test of every element. Then all laws and unknown
+masses are fitted together to the motion from rest, simulated by the integrator of data/simulation,
+which finds the instants of yielding. No solver is needed.
 B records, T samples, n DOFs, E elements, m excitations.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -18,13 +24,28 @@ import torch
 from torch import Tensor
 
 from data.record import Drive, Record, Response
-from data.simulation.motion import simulate
+from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator
-from models.named_laws.fit import Motion, chosen
+from models.named_laws.fit import Fit, chosen, units_of
+from models.named_laws.fit import Motion as ElementTest
+from models.named_laws.free_run import (
+    ITERATIONS,
+    PULL,
+    FreeRuns,
+    Laws,
+    Shaking,
+    linear,
+    mass_dampers,
+)
 from models.named_laws.learned import LearnedLaws, require_laws, told
+from models.named_laws.storey import Beginning, Storey
+from models.named_laws.storey import chosen as chosen_storey
+
+LINEAR = 0.3  # relative error of a linear structure on the beginnings: beyond, it tells nothing
+SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
 
 
 class ElementNetworkNamed(ElementNetwork):
@@ -54,8 +75,12 @@ class ElementNetworkNamed(ElementNetwork):
         )  # fmt: skip
         self.candidates, self.seed = require_laws(laws), seed
         self.named = LearnedLaws(len(self.elements))
+        self.register_buffer("mass_damping", torch.zeros((), dtype=torch.float64))
+        self.foot = "s1" if self.supports else "ground"
         self.requires_grad_(False)
 
+    mass_damping: Tensor  # α [1/s]: dampers α m between the masses and the support
+    later = ("mass_damping",)
     estimates_beginning = False
 
     @property
@@ -68,17 +93,80 @@ class ElementNetworkNamed(ElementNetwork):
         records = self.admitted(batches)
         facts = super().identify(records)
         assert self.linear is not None
-        stiffness = self.linear[0].clamp_min(1e-3 * self.linear[0].max())
+        stiffness = self.linear[0].clamp_min(SOFTEST * self.linear[0].max())
         tests = [test for record in records for test in self.element_tests(record, stiffness)]
+        of_element = [
+            [_motion(test, e, self.dt) for test in tests] for e in range(len(self.elements))
+        ]
+        units = [units_of(motions) for motions in of_element]
         rng = np.random.default_rng(self.seed)
-        fits, errors = [], []
-        for e in range(len(self.elements)):
-            motions = [_motion(test, e, self.dt) for test in tests]
-            fit, held_back = chosen(motions, self.candidates, int(rng.integers(2**31)))
+        masses = self.mass().detach().cpu().numpy()
+        learned = self.known_masses is None
+        laws = linear(stiffness.numpy(), masses, units, self.elements, learned, self.foot)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            runs = FreeRuns(self._shakings(records), self._output, pool.map)
+            if self._suits_storeys(records):
+                laws = runs.beginning(laws)
+                of_storey = partial(self._of_storey, laws, runs)
+                found = list(pool.map(of_storey, range(len(units)), rng.spawn(len(units))))
+            else:
+                found = [
+                    _alone(*chosen(motions, self.candidates, int(rng.integers(2**31))))
+                    for motions in of_element
+                ]
+            fits, errors = zip(*found, strict=True)
+            laws = runs.fitted(replace(laws, fits=[best for best, *_ in fits]))
+            exchanged = runs.exchanged(laws, [rivals for _, *rivals in fits])
+            if exchanged is not laws:
+                laws = runs.followed(exchanged, 1.0, ITERATIONS[-1], PULL)
+        for e, fit in enumerate(laws.fits):
             self.named.take(e, fit)
-            fits.append(fit)
-            errors.append(held_back)
-        return {**facts, **told(fits, errors)}
+        self.mass_damping.fill_(laws.mass_damping)
+        if laws.learned:
+            self.mass.start(torch.from_numpy(laws.masses))
+        of = "apart" if self._suits_storeys(records) else "held_back"
+        return {**facts, **told(laws.fits, errors, of)}
+
+    def _suits_storeys(self, records: Sequence[Record]) -> bool:
+        """Whether the elements are a chain from the ground up, and accelerations alone known."""
+        chain = self.supports <= 1 and self.elements == self._named("chain")
+        return chain and all(
+            record.quantity == "acceleration" and not self.has_states(record) for record in records
+        )
+
+    def _of_storey(
+        self, laws: Laws, runs: FreeRuns, e: int, rng: np.random.Generator
+    ) -> tuple[list[Fit], dict[str, float]]:
+        """The law of an element and its rivals, errors of laws; `laws`: those of small motions."""
+        spring = laws.fits[e]
+        own = spring.candidate.values(spring.q, spring.units)
+        sure = laws.error < LINEAR
+        units = replace(spring.units, slope=own["stiffness"]) if sure else spring.units
+        beginning = Beginning(own["stiffness"], own["damping"], units, sure)
+        storeys = [Storey.of(motion, laws, e) for motion in runs.shakings]
+        return chosen_storey(storeys, self.candidates, beginning, rng)
+
+    def _shakings(self, records: Sequence[Record]) -> list[Shaking]:
+        """Every motion of the records, as the laws are fitted to them."""
+        inputs, mass = self.composition().inputs.value.detach().cpu(), self.mass().detach().cpu()
+        shakings = []
+        for record in records:
+            targets = record.a.reshape(-1, record.samples, self.dofs).cpu()
+            drives = record.excitation.reshape(-1, record.samples, self.inputs).cpu()
+            states = self.states_of_elements(record)
+            for target, u, (_, v, _, moved) in zip(targets, drives, states, strict=True):
+                pull = u @ inputs.T
+                force, pull = (0.0 * pull, pull) if self.base else (mass * pull, 0.0 * pull)
+                s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
+                against = v - moved[:, self.forces + self.supports :][:, :1] if len(s[0]) else v
+                parts = (force.numpy(), pull.numpy(), s, s_dot, target.numpy().copy())
+                shakings.append(Shaking(self.dt, *parts, against.numpy(), record.warmup))
+        return shakings
+
+    def _output(self, motion: Motion) -> np.ndarray:
+        """What the sensors have of a simulated motion (T, n)."""
+        x, v, a = (torch.from_numpy(part) for part in (motion.x, motion.v, motion.a))
+        return self.composition().output(x, v, a).numpy()
 
     def structure(self) -> Structure:
         """The structure that was identified, as data/simulation has it."""
@@ -87,7 +175,9 @@ class ElementNetworkNamed(ElementNetwork):
             for e, pair in enumerate(self.elements)
             for i, element in enumerate(self.named.elements(e, pair))
         }
-        return Structure(self.mass().detach().cpu().tolist(), parts)
+        masses = self.mass().detach().cpu()
+        dampers = mass_dampers(float(self.mass_damping), masses.numpy(), self.foot)
+        return Structure(masses.tolist(), {**parts, **dampers})
 
     def forward(self, record: Record) -> Tensor:
         return self.run_of(record).a
@@ -109,21 +199,23 @@ class ElementNetworkNamed(ElementNetwork):
             )
         structure, inputs = self.structure(), self.composition().inputs.value.cpu()
         mass, lead = self.mass().detach().cpu(), drive.u.shape[:-1]
-        of_part = [int(name[1:].partition("_")[0]) - 1 for name in structure.elements]
+        named = [name for name in structure.elements if name.startswith("r")]
+        of_part = [int(name[1:].partition("_")[0]) - 1 for name in named]
         motions, elements = [], []
         for u in drive.u.cpu().reshape(-1, drive.samples, self.inputs):
             force = (mass * (u @ inputs.T)).numpy()
             s, s_dot = (part.numpy().copy() for part in u[:, self.forces :].chunk(2, dim=1))
             moving = (s, s_dot) if self.supports else (None, None)
             motion = simulate(structure, force, drive.dt, *moving)
-            parts = torch.stack([torch.from_numpy(v) for v in (motion.x, motion.v, motion.a)])
+            y, r = motion.y[:, : len(of_part)], motion.r[:, : len(of_part)]  # dampers come last
+            moved = torch.stack([torch.from_numpy(v) for v in (motion.x, motion.v, motion.a)])
             loops = torch.zeros(2, drive.samples, len(self.elements), dtype=torch.float64)
-            loops[0, :, of_part] = torch.from_numpy(motion.y)  # of all in parallel the same
-            loops[1].index_add_(1, torch.tensor(of_part), torch.from_numpy(motion.r))
+            loops[0, :, of_part] = torch.from_numpy(y)  # of all in parallel the same
+            loops[1].index_add_(1, torch.tensor(of_part), torch.from_numpy(r))
             if motion.escape_time is not None:
-                parts[:, round(motion.escape_time / drive.dt) :] = torch.inf
+                moved[:, round(motion.escape_time / drive.dt) :] = torch.inf
                 loops[:, round(motion.escape_time / drive.dt) :] = torch.inf
-            motions.append(parts)
+            motions.append(moved)
             elements.append(loops)
         device = drive.u.device
         x, v, a = torch.stack(motions, dim=1).reshape(3, *lead, self.dofs).to(device)
@@ -132,6 +224,10 @@ class ElementNetworkNamed(ElementNetwork):
         return Trace(Response(x, v, self.composition().output(x, v, a)), r, y, none, none)
 
 
-def _motion(test: tuple[Tensor, Tensor, Tensor], e: int, dt: float) -> Motion:
+def _motion(test: tuple[Tensor, Tensor, Tensor], e: int, dt: float) -> ElementTest:
     y, rate, r = (u[:, e].numpy().copy() for u in test)
-    return Motion(dt, y, rate, r)
+    return ElementTest(dt, y, rate, r)
+
+
+def _alone(fit: Fit, errors: dict[str, float]) -> tuple[list[Fit], dict[str, float]]:
+    return [fit], errors

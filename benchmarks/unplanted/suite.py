@@ -62,7 +62,7 @@ MODELS = {  # of conf/model, with settings; masses are given to those that take 
     NOISY: CHAIN,
     NAMED_NOISY: CHAIN,
 }
-ON_FEW = ("element_network", NOISY, NAMED_NOISY)
+ON_FEW = ("element_network", NOISY)
 SEEDED = [name for name, words in MODELS.items() if words]
 QUICK = {
     "element_network_named": ("model.laws=[SlackBrace]",),

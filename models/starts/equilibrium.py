@@ -62,6 +62,8 @@ def integrated_states(
 
 def high_passed(u: Tensor, dt: float, lowest: float) -> Tensor:
     """u (T, m) without what is slower than `lowest` [Hz], as `integrated` has it."""
+    if u.numel() == 0:  # no support moves
+        return u
     omega = torch.fft.rfftfreq(2 * len(u), dt, dtype=torch.float64) / lowest
     kept = torch.sin(0.5 * np.pi * ((omega - 0.5) / 0.5).clamp(0.0, 1.0)) ** 2
     spectrum = kept[:, None] * torch.fft.rfft(u, n=2 * len(u), dim=0)

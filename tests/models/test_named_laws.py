@@ -24,7 +24,9 @@ from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
 from models.named_element import NamedElement
 from models.named_laws.candidates import CANDIDATES, Units
-from models.named_laws.fit import smallest
+from models.named_laws.fit import Fit, smallest
+from models.named_laws.free_run import Shaking, linear, mass_dampers
+from models.named_laws.storey import Storey
 
 DT = 0.02
 TESTED = ("ground", "x1")
@@ -159,6 +161,64 @@ def test_a_chain_of_named_laws_is_found_by_equilibrium_and_simulated_from_rest()
     moving = replace(given, x=given.x + 1.0)
     with pytest.raises(ValueError, match="simulates from rest"):
         model.run_of(moving)
+
+
+def test_noisy_accelerations_alone_tell_the_laws_of_a_chain_and_its_damping():
+    alpha, masses = 0.4, [3e4, 2e4]
+    activated = replace(PLANTED["SelfCentering"], between=("s1", "x1"), damping=6e4)
+    spring = Polynomial(between=("x1", "x2"), stiffness=1.5e7, damping=4e4)
+    dampers = mass_dampers(alpha, np.array(masses), "s1")
+    structure = Structure(masses, {"r1": activated, "r2": spring, **dampers})
+    motions = [shaken(structure, i, s) for i, s in enumerate((0.09, 0.12, 0.07))]
+    noise = torch.Generator().manual_seed(0)
+    heard = [
+        replace(
+            one,
+            a=one.a + 0.02 * one.a.std(dim=0) * torch.randn(one.a.shape, generator=noise).double(),
+            x=None,
+            v=None,
+        )
+        for one in motions
+    ]
+    model = ElementNetworkNamed(2, 2, DT, "chain", masses, [], laws=["SelfCentering", "Linear"])
+    facts = model.identify(heard)
+    assert facts["laws"] == "SelfCentering, Linear"
+    assert abs(float(model.mass_damping) / alpha - 1.0) < 0.25
+    assert error(model, [shaken(structure, 7, 0.08)]) < 2.0
+    forces = model.trace(motions[0].drive()).forces
+    assert forces.shape == (motions[0].samples, 2)  # dampers of the masses are no elements
+    again = ElementNetworkNamed(2, 2, DT, "chain", masses, [], laws=["SelfCentering", "Linear"])
+    again.load_state_dict(model.state_dict())
+    assert torch.equal(again.run_of(motions[1]).a, model.run_of(motions[1]).a)
+
+
+def test_a_storey_moves_under_what_was_measured_as_it_does_in_the_chain():
+    masses = np.array([3e4, 2e4])
+    first = replace(PLANTED["SelfCentering"], between=("s1", "x1"), damping=6e4)
+    second = replace(PLANTED["Takeda"], between=("x1", "x2"), damping=6e4)
+    one = shaken(Structure(masses.tolist(), {"r1": first, "r2": second}), 3, 0.1)
+    assert one.s is not None
+    assert one.s_dot is not None
+    s, s_dot, a = one.s.numpy(), one.s_dot.numpy(), one.a.numpy()
+    none = np.zeros_like(a)
+    shaking = Shaking(DT, none, none, s, s_dot, a, none)
+    laws = linear(np.ones(2), masses, [Units(0.02, 0.1, 1e5, 2e7)] * 2, [], False, "s1")
+    units = Units(0.02, 0.1, 1e5, 2e7)
+    values = {"activation_displacement": 0.008, "stiffness": 2e7, "damping": 6e4}
+    candidate = CANDIDATES["SelfCentering"]
+    q = []
+    for name, parameter in candidate.parameters.items():
+        share = {"hardening_ratio": 0.06, "flag": 0.7}.get(name)
+        q.append(
+            math.log(share / (1.0 - share))
+            if share is not None
+            else math.log(values[name] / parameter.unit(units))
+        )
+    storey = Storey.of(shaking, laws, 0)
+    run = storey.force_of(Fit(candidate, units, np.array(q)), one.samples)
+    equilibrium = -(a @ masses)
+    assert np.abs(storey.r - equilibrium).max() < 1e-9 * np.abs(equilibrium).max()
+    assert np.linalg.norm(run - storey.r) < 0.02 * np.linalg.norm(storey.r)
 
 
 def test_what_does_not_fit_is_refused():

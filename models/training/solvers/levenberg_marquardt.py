@@ -30,6 +30,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     scaled: μ multiplies the diagonal of JᵀJ instead of I (Marquardt 1963), for parameters that
     differ in their effect by orders of magnitude; never less than the share `floor` of the mean
     diagonal, so that parameters that the data hardly tell stay where they are.
+    longest: a step that changes any parameter by more is shortened as a whole.
     every: JᵀJ is summed over every so-many-th sample; the gradient takes all of them.
     """
 
@@ -50,6 +51,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         every: int = 1,
         scaled: bool = False,
         floor: float = 0.0,
+        longest: float = math.inf,
     ) -> None:
         if min(iterations, every, patience) < 1:
             raise ValueError(
@@ -63,6 +65,8 @@ class LevenbergMarquardt(torch.optim.Optimizer):
             )
         if not 0.0 <= floor <= 1.0:
             raise ValueError(f"solver.floor={floor} must lie between 0 and 1")
+        if not longest > 0.0:
+            raise ValueError(f"solver.longest={longest} must be positive")
         super().__init__(parameters, {})
         count = sum(p.numel() for group in self.param_groups for p in group["params"])
         require_memory(
@@ -73,7 +77,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         self.iterations, self.damping, self.done = iterations, damping, 0
         self.decrease, self.increase, self.largest = decrease, increase, largest
         self.gradient, self.change, self.patience, self.every = gradient, change, patience, every
-        self.scaled, self.floor = scaled, floor
+        self.scaled, self.floor, self.longest = scaled, floor, longest
         self.recent: list[float] = []
         self.finished, self.why = False, ""
 
@@ -100,6 +104,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
             factor, failed = torch.linalg.cholesky_ex(damped)
             if not failed:
                 step = torch.cholesky_solve(vector[:, None], factor)[:, 0]
+                step = step / max(1.0, float(step.abs().max()) / self.longest)
                 vector_to_parameters(here - step, free)
                 tried = float(problem.loss())
                 if tried < loss:  # which a loss that is NaN never is

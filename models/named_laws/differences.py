@@ -1,0 +1,93 @@
+"""Damped least squares of a residual that has no derivatives but by differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+
+STEP = 1e-4  # of the differences
+MOST = 20.0  # damping: steps beyond are so short that the search may end
+LONGEST = 0.7  # step of a number: far away, laws are stiff and slow to simulate
+GAIN = 1e-4  # of the squared error: less of it in two iterations ends the search
+Residuals = Callable[[np.ndarray], np.ndarray]  # of numbers q (P,)
+Spread = Callable[[Callable[[int], np.ndarray], Iterable[int]], Iterable[np.ndarray]]
+
+
+class Differences:
+    """Squared residual and pull · |q − begin|², with normal equations by differences.
+
+    spread: calls a function for many numbers, as `map` does or a pool of threads.
+    """
+
+    steepest = float("inf")
+    own: Sequence[Tensor] = ()
+
+    def __init__(
+        self,
+        residuals: Residuals,
+        start: np.ndarray,
+        begin: np.ndarray,
+        pull: float,
+        spread: Spread,
+    ) -> None:
+        self.residuals, self.begin, self.pull, self.spread = residuals, begin, pull, spread
+        self.theta = nn.Parameter(torch.from_numpy(start.copy()))
+        self.known: tuple[np.ndarray, np.ndarray] | None = None
+        self.y = torch.zeros(1, dtype=torch.float64).expand(self._left()[1].size)
+
+    def _left(self) -> tuple[np.ndarray, np.ndarray]:
+        """The present numbers and their residual."""
+        q = self.theta.detach().numpy().copy()
+        if self.known is None or not np.array_equal(self.known[0], q):
+            self.known = q, self.residuals(q)
+        return self.known
+
+    @property
+    def error(self) -> float:
+        """Norm of the residual."""
+        return float(np.linalg.norm(self._left()[1]))
+
+    def loss(self) -> Tensor:
+        q, left = self._left()
+        squares = left @ left + self.pull * ((q - self.begin) ** 2).sum()
+        return torch.tensor(squares / left.size)
+
+    def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
+        q, left = self._left()
+
+        def column(i: int) -> np.ndarray:
+            beside = q.copy()
+            beside[i] += STEP
+            return (self.residuals(beside) - left) / STEP
+
+        J = np.array(list(self.spread(column, range(q.size))))
+        matrix, vector = J @ J.T, J @ left + self.pull * (q - self.begin)
+        matrix[np.arange(q.size), np.arange(q.size)] += self.pull
+        return torch.from_numpy(matrix), torch.from_numpy(vector)
+
+
+def descended(
+    residuals: Residuals,
+    start: np.ndarray,
+    iterations: int,
+    pull: float,
+    begin: np.ndarray | None = None,
+    spread: Spread = map,
+) -> tuple[np.ndarray, float]:
+    """Numbers q (P,) after so many iterations, and the norm of their residual.
+
+    They are pulled towards `begin`, or towards the start.
+    """
+    problem = Differences(residuals, start, start if begin is None else begin, pull, spread)
+    solver = LevenbergMarquardt(
+        [problem.theta], iterations, damping=1e-2, decrease=0.2, increase=5.0, largest=MOST,
+        gradient=0.0, change=GAIN, patience=1, scaled=True, floor=3e-3, longest=LONGEST,
+    )  # fmt: skip
+    while not solver.finished:
+        solver.solve(problem)
+    return problem.theta.detach().numpy().copy(), problem.error

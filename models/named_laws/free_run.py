@@ -1,0 +1,213 @@
+"""Named laws of a structure, fitted to its motion from rest.
+
+M ẍ + α M ẋ + Bᵀ r = f,   r_e = law_e(y_e, ẏ_e; q_e): what was measured is compared with the
+simulated structure, so that no force and no displacement need be known. α is the part of Rayleigh's
+damping that goes with the masses; what goes with stiffness is in the laws.
+T samples, n DOFs, p supports, E elements.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from data.simulation.elements import Element, Polynomial
+from data.simulation.motion import Motion as Simulated
+from data.simulation.motion import simulate
+from data.simulation.structure import Structure
+from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.differences import Spread, descended
+from models.named_laws.fit import Fit
+
+TOLERANCE = 1e-6  # of the simulation
+LOST = 1e3  # times what was measured, where a motion escapes
+BEGINNINGS = (0.003, 0.01, 0.03, 0.1)  # shares of a record's energy that may be nearly linear
+STILL_LINEAR = 1.2  # times the error of the share before
+SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together
+LINEAR_ITERATIONS = 8
+RIVAL_ITERATIONS = 8  # of all laws, one of them exchanged
+BETTER, AS_GOOD = 0.998, 1.001  # times the error: a rival is taken, or one of fewer parameters
+EARLY_PULL, PULL = 1e-6, 1e-8  # of the numbers towards their start, beside the squared error
+DAMPING, MASS_DAMPING = 0.03, 0.01  # share of critical at first; of the slowest rate α
+
+
+@dataclass(frozen=True)
+class Shaking:
+    """A motion from rest: what drives the structure, and what was measured of it.
+
+    force (T, n) [N] and pull (T, n), a force over mass [m/s²]; s, s_dot (T, p), motion of supports;
+    target (T, n), of which the samples from `first` on count; v (T, n) [m/s], the velocity against
+    the support as integration has it.
+    """
+
+    dt: float
+    force: np.ndarray
+    pull: np.ndarray
+    s: np.ndarray
+    s_dot: np.ndarray
+    target: np.ndarray
+    v: np.ndarray
+    first: int = 0
+
+    def until(self, share: float) -> int:
+        """Number of samples that have such a share of the target's energy."""
+        return samples_of(share, self.target[self.first :]) + self.first
+
+    def driving(self, masses: np.ndarray) -> np.ndarray:
+        """Forces (T, n) [N] on so large masses [kg]."""
+        return np.ascontiguousarray(self.force + masses * self.pull)
+
+
+def samples_of(share: float, signal: np.ndarray) -> int:
+    """Number of first samples with such a share of the energy of a signal (T, ·)."""
+    energy = np.cumsum((signal**2).reshape(len(signal), -1).sum(axis=1))
+    return min(int(np.searchsorted(energy, share * energy[-1])) + 1, len(signal))
+
+
+@dataclass(frozen=True)
+class Laws:
+    """A structure of named laws: its masses [kg], learned or not, and the nodes of its elements.
+
+    mass_damping: α [1/s], of dampers between the masses and the support `foot`.
+    """
+
+    fits: Sequence[Fit]
+    masses: np.ndarray
+    pairs: Sequence[Sequence[str]]
+    learned: bool  # the masses
+    mass_damping: float
+    foot: str
+    error: float = math.inf
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """All that is free: q of every law, logarithms of learned masses and of α."""
+        own = [fit.q for fit in self.fits]
+        masses = [np.log(self.masses)] if self.learned else []
+        return np.concatenate([*own, *masses, [math.log(self.mass_damping)]])
+
+    def at(self, numbers: np.ndarray) -> Laws:
+        """The same laws with other numbers."""
+        cuts = np.cumsum([fit.q.size for fit in self.fits])
+        *own, last = np.split(numbers, cuts)
+        fits = [replace(fit, q=q) for fit, q in zip(self.fits, own, strict=True)]
+        masses = np.exp(last[:-1]) if self.learned else self.masses
+        return replace(self, fits=fits, masses=masses, mass_damping=math.exp(last[-1]))
+
+    def structure(self) -> Structure:
+        parts = {
+            f"r{e + 1}_{i + 1}": element
+            for e, (fit, pair) in enumerate(zip(self.fits, self.pairs, strict=True))
+            for i, element in enumerate(fit.candidate.elements(fit.q, fit.units, pair))
+        }
+        dampers = mass_dampers(self.mass_damping, self.masses, self.foot)
+        return Structure(self.masses.tolist(), {**parts, **dampers})
+
+
+def mass_dampers(alpha: float, masses: np.ndarray, foot: str) -> dict[str, Element]:
+    """Dampers α m [N s/m] between the masses and a node, none for α = 0."""
+    if alpha == 0.0:
+        return {}
+    return {
+        f"d{i}": Polynomial(between=(foot, f"x{i}"), stiffness=0.0, damping=alpha * mass)
+        for i, mass in enumerate(masses.tolist(), start=1)
+    }
+
+
+class FreeRuns:
+    """Motions of one structure, and how far its laws are from them.
+
+    output: what the sensors have of a simulated motion (T, n).
+    """
+
+    def __init__(
+        self,
+        shakings: Sequence[Shaking],
+        output: Callable[[Simulated], np.ndarray],
+        spread: Spread = map,
+    ) -> None:
+        self.shakings, self.output, self.spread = shakings, output, spread
+
+    def residuals(self, laws: Laws, share: float = 1.0) -> np.ndarray:
+        """Of all motions up to a share of their energy, over its root; large where one escapes."""
+        parts, squares = [], 0.0
+        for one in self.shakings:
+            T = one.until(share)
+            target = one.target[:T]
+            left = self._run(laws, one, T) - target
+            far = LOST * float(np.abs(target).max())
+            parts.append(np.where(np.isfinite(left), left, far)[one.first :].ravel())
+            squares += float((target[one.first :] ** 2).sum())
+        return np.concatenate(parts) / math.sqrt(squares)
+
+    def _run(self, laws: Laws, one: Shaking, T: int) -> np.ndarray:
+        s, s_dot = (one.s[:T], one.s_dot[:T]) if one.s.shape[1] else (None, None)
+        try:
+            force = one.driving(laws.masses)[:T]
+            motion = simulate(laws.structure(), force, one.dt, s, s_dot, TOLERANCE)
+        except (ValueError, ArithmeticError):  # numbers that are no structure, or no motion
+            return np.full_like(one.target[:T], np.inf)
+        return self.output(motion)
+
+    def followed(self, laws: Laws, share: float, iterations: int, pull: float) -> Laws:
+        """The laws after so many iterations of damped least squares."""
+
+        def residuals(numbers: np.ndarray) -> np.ndarray:
+            return self.residuals(laws.at(numbers), share)
+
+        numbers, error = descended(residuals, laws.numbers, iterations, pull, spread=self.spread)
+        return replace(laws.at(numbers), error=error)
+
+    def beginning(self, laws: Laws) -> Laws:
+        """Springs and dampers of the beginning, as long as it is nearly linear."""
+        found = self.followed(laws, BEGINNINGS[0], LINEAR_ITERATIONS, EARLY_PULL)
+        for share in BEGINNINGS[1:]:
+            longer = self.followed(found, share, LINEAR_ITERATIONS, EARLY_PULL)
+            if longer.error > STILL_LINEAR * found.error:
+                break
+            found = longer
+        return found
+
+    def exchanged(self, laws: Laws, rivals: Sequence[Sequence[Fit]]) -> Laws:
+        """The laws, but for rivals of an element that suit the whole motion better."""
+        for e, others in enumerate(rivals):
+            for other in others:
+                trial = self.followed(_with(laws, e, other), 1.0, RIVAL_ITERATIONS, PULL)
+                fewer = other.q.size < laws.fits[e].q.size
+                if trial.error < (AS_GOOD if fewer else BETTER) * laws.error:
+                    laws = trial
+        return laws
+
+    def fitted(self, laws: Laws) -> Laws:
+        """All laws together, over a growing part of the motions."""
+        begin = replace(laws, error=float(np.linalg.norm(self.residuals(laws))))
+        found = laws
+        for share, iterations in zip(SHARES, ITERATIONS, strict=True):
+            pull = PULL if share == 1.0 else EARLY_PULL
+            found = self.followed(found, share, iterations, pull)
+        return found if found.error < begin.error else begin
+
+
+def _with(laws: Laws, e: int, fit: Fit) -> Laws:
+    return replace(laws, fits=[*laws.fits[:e], fit, *laws.fits[e + 1 :]])
+
+
+def linear(
+    stiffness: np.ndarray,
+    masses: np.ndarray,
+    units: Sequence[Units],
+    pairs: Sequence[Sequence[str]],
+    learned: bool,
+    foot: str,
+) -> Laws:
+    """Springs (E,) [N/m], with dampers that are some share of critical."""
+    fits = []
+    for k, unit in zip(stiffness.tolist(), units, strict=True):
+        damping = 2.0 * DAMPING * math.sqrt(k * float(masses.mean()))
+        q = np.array([math.log(k / unit.slope), math.log(damping / unit.damping)])
+        fits.append(Fit(CANDIDATES["Linear"], unit, q))
+    slowest = math.sqrt(float(np.median(stiffness) / masses.mean())) / len(masses)
+    return Laws(fits, masses, pairs, learned, MASS_DAMPING * slowest, foot)

@@ -1,0 +1,200 @@
+"""The law of one element of a chain from accelerations, in a free run of its own.
+
+What stands above an element moves with it as one mass M_e, driven by what was measured:
+
+    M_e ÿ_e + r_e = Σ_{j≥e} (f_j − α m_j ẋ_j) − M_e ẍ_{e−1} − Σ_{j>e} m_j (ẍ_j − ẍ_e)
+    r_e = Σ_{j≥e} (f_j − α m_j ẋ_j − m_j ẍ_j)
+
+From rest, no displacement need be known: the slow drift that integration loses is found by the law
+itself. Stiffness and damping are those of the beginning, which is nearly linear; draws of all else
+are followed over growing parts of the motions, and laws that fall behind are given up.
+T samples, n DOFs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from data.simulation.motion import simulate
+from data.simulation.structure import Structure
+from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.differences import descended
+from models.named_laws.fit import NEGLIGIBLE, Fit, smallest
+from models.named_laws.free_run import Laws, Shaking, samples_of
+
+SHARES = (0.06, 0.2, 0.5, 1.0)  # of the energy of every motion
+DRAWS, FOLLOWED = (60, 30, 20, 20), (6, 4, 2, 2)  # of a law at each share; draws that are followed
+KEPT, ITERATIONS = (4, 3, 1, 1), (3, 4, 5, 8)  # tracks of a law that go on
+LAWS = (9, 5, 4, 4)  # that go on
+LINEAR_ITERATIONS = 15  # of a law with two numbers
+LAST = 15  # iterations of the law that was chosen
+RIVAL = 1.5  # times the least error: laws that the whole structure is to judge
+LEAD = 2.0  # times the least error: laws beyond are given up
+LEAST_BEND, MOST_BEND = math.log(0.03), math.log(1.2)  # of the largest deformation, where it yields
+BRACE = 1.5  # times e^±: stiffness of a slack brace over that of its frame
+TOLERANCE, PULL = 1e-5, 1e-6  # of the simulation; of the numbers towards their start
+BENDING = ("yield_displacement", "activation_displacement", "largest")
+
+
+@dataclass(frozen=True)
+class Storey:
+    """A motion of an element: push (T,) [N] on the mass [kg] above it, its force r (T,) [N].
+
+    s, s_dot (T, 1): motion of the support that it stands on, none (T, 0) for one that stands still.
+    """
+
+    dt: float
+    mass: float
+    push: np.ndarray
+    s: np.ndarray
+    s_dot: np.ndarray
+    r: np.ndarray
+
+    @staticmethod
+    def of(motion: Shaking, laws: Laws, e: int) -> Storey:
+        """Element e of a chain, whose target are accelerations (T, n) [m/s²]."""
+        a, masses = motion.target, laws.masses
+        damped = motion.driving(masses) - laws.mass_damping * masses * motion.v
+        force = damped[:, e:].sum(axis=1)
+        r = force - a[:, e:] @ masses[e:]
+        push = force - (a[:, e + 1 :] - a[:, e : e + 1]) @ masses[e + 1 :]
+        none = np.zeros((len(a), 0))
+        if e == 0:
+            return Storey(motion.dt, masses.sum(), push, motion.s, motion.s_dot, r)
+        mass = float(masses[e:].sum())
+        return Storey(motion.dt, mass, push - mass * a[:, e - 1], none, none, r)
+
+    def force_of(self, fit: Fit, T: int) -> np.ndarray:
+        """Force (T,) of a law; infinite where the law cannot follow."""
+        foot, s, s_dot = "ground", None, None
+        if self.s.size:
+            foot, s, s_dot = "s1", self.s[:T], self.s_dot[:T]
+        try:
+            elements = fit.candidate.elements(fit.q, fit.units, (foot, "x1"))
+            structure = Structure([self.mass], {f"r{i}": e for i, e in enumerate(elements)})
+            push = np.ascontiguousarray(self.push[:T, None])
+            motion = simulate(structure, push, self.dt, s, s_dot, TOLERANCE)
+        except (ValueError, ArithmeticError):
+            return np.full(T, np.inf)
+        return motion.r.sum(axis=1)
+
+
+def residuals(fit: Fit, storeys: Sequence[Storey], share: float) -> np.ndarray:
+    """Of the forces up to a share of their energy, over its root; large where a law escapes."""
+    parts, squares = [], 0.0
+    for one in storeys:
+        T = samples_of(share, one.r)
+        left = one.force_of(fit, T) - one.r[:T]
+        parts.append(np.where(np.isfinite(left), left, 1e3 * float(np.abs(one.r).max())))
+        squares += float((one.r[:T] ** 2).sum())
+    return np.concatenate(parts) / math.sqrt(squares)
+
+
+def error(fit: Fit, storeys: Sequence[Storey], share: float) -> float:
+    return float(np.linalg.norm(residuals(fit, storeys, share)))
+
+
+@dataclass(frozen=True)
+class Track:
+    """A law that is followed, and the numbers that it began with."""
+
+    fit: Fit
+    begin: np.ndarray
+
+    def followed(self, storeys: Sequence[Storey], share: float, iterations: int) -> Track:
+        def of(q: np.ndarray) -> np.ndarray:
+            return residuals(replace(self.fit, q=q), storeys, share)
+
+        q, left = descended(of, self.fit.q, iterations, PULL, self.begin)
+        return replace(self, fit=replace(self.fit, q=q, error=left))
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Spring [N/m] and damper [N s/m] of small motions, and units of what is drawn.
+
+    sure: whether small motions told them; else they are drawn, too.
+    """
+
+    stiffness: float
+    damping: float
+    units: Units
+    sure: bool = True
+
+    def drawn(self, name: str, rng: np.random.Generator) -> tuple[float, Fit]:
+        """A law that is this spring and damper at first, and the logarithm of where it yields."""
+        candidate = CANDIDATES[name]
+        bend, brace = rng.uniform(LEAST_BEND, MOST_BEND), rng.uniform(-BRACE, BRACE)
+        sizes = {key: self.units.length * math.exp(bend) for key in BENDING}
+        sizes |= {"stiffness": self.stiffness, "damping": self.damping}
+        q = dict(zip(candidate.parameters, candidate.drawn(rng).tolist(), strict=True))
+        if name == "FrictionPendulum":  # the spring before it slides is short
+            q["slow"] = bend
+            del sizes["stiffness"]
+            sizes["yield_displacement"] = math.exp(bend) * self.units.force / self.stiffness
+        elif name == "SlackBrace":  # the brace is slack at first
+            sizes |= {"spring": self.stiffness, "stiffness": self.stiffness * math.exp(brace)}
+        if not self.sure:
+            sizes = {key: size for key, size in sizes.items() if key in BENDING}
+        for key in sizes.keys() & q.keys():
+            q[key] = math.log(sizes[key] / candidate.parameters[key].unit(self.units))
+        return bend, Fit(candidate, self.units, np.array(list(q.values())))
+
+    def tracks(
+        self, name: str, storeys: Sequence[Storey], stage: int, rng: np.random.Generator
+    ) -> Iterator[Track]:
+        """Of some draws, those that are best among those that yield at about the same place."""
+        draws = DRAWS[stage] if name != "Linear" else int(stage == 0)
+        tries = [self.drawn(name, rng) for _ in range(draws)]
+        errors = [error(fit, storeys, SHARES[stage]) for _, fit in tries]
+        edges = np.linspace(LEAST_BEND, MOST_BEND, max(FOLLOWED[stage], 1) + 1)
+        taken = set()
+        for i in np.argsort(errors):
+            bend, fit = tries[i]
+            place = int(np.searchsorted(edges, bend))
+            if place not in taken:
+                taken.add(place)
+                yield Track(fit, fit.q)
+
+
+def chosen(
+    storeys: Sequence[Storey],
+    names: Sequence[str],
+    beginning: Beginning,
+    rng: np.random.Generator,
+) -> tuple[list[Fit], dict[str, float]]:
+    """The law that suits the motions, with others nearly as good behind it; errors of laws.
+
+    Until all of every motion is fitted, the two of the largest forces are: they show how a law
+    yields. An error is the geometric mean of those over parts of the motions, each after training
+    on such parts: over the whole, noise leads any law astray.
+    """
+    order = sorted(storeys, key=lambda one: -float(np.ptp(one.r)))
+    running: Mapping[str, Sequence[Track]] = dict.fromkeys(names, ())
+    logs: dict[str, list[float]] = {name: [] for name in names}
+    for stage, share in enumerate(SHARES):
+        some = order if share == 1.0 else order[:2]
+        ends: dict[str, Sequence[Track]] = {}
+        for name, before in running.items():
+            tracks = [*before, *beginning.tracks(name, some, stage, rng)]
+            count = LINEAR_ITERATIONS if name == "Linear" else ITERATIONS[stage]
+            tracks = [one.followed(some, share, count) for one in tracks]
+            ends[name] = sorted(tracks, key=lambda one: one.fit.error)[: KEPT[stage]]
+            logs[name].append(math.log(max(ends[name][0].fit.error, 1e-12)))
+        running = {name: ends[name] for name in _leading(ends, LAWS[stage])}
+    errors = {name: math.exp(float(np.mean(logs[name][1:]))) for name in running}
+    best = smallest(errors)
+    near = [name for name, far in errors.items() if far <= RIVAL * min(errors.values())]
+    rivals = [running[name][0].fit for name in near if name != best]
+    return [running[best][0].followed(storeys, 1.0, LAST).fit, *rivals], errors
+
+
+def _leading(ends: Mapping[str, Sequence[Track]], most: int) -> list[str]:
+    """Laws whose error in training is not far from the least, that one first."""
+    order = sorted(ends, key=lambda name: ends[name][0].fit.error)
+    limit = max(LEAD * ends[order[0]][0].fit.error, NEGLIGIBLE)
+    return [name for name in order if ends[name][0].fit.error <= limit][:most]
