@@ -171,13 +171,10 @@ def alike(some: Any, others: Any) -> bool:
 
 def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Console) -> None:
     """Raises ValueError unless the scores are those of the run, but for rounding."""
-    bands = metrics.get("uncertainty", {})
     ours = {key: value for key, value in scores.items() if key != "uncertainty"}
-    ours |= {k: v for k, v in scores.get("uncertainty", {}).items() if k in bands}
-    theirs = metrics | {k: {n: bands[k].get(n) for n in v} for k, v in ours.items() if k in bands}
-    shared = [key for key in ours if key in theirs]  # runs of older code have no free run
-    exact = all(ours[key] == theirs[key] for key in shared)
-    if not exact and not all(alike(ours[key], theirs[key]) for key in shared):
+    shared = [key for key in ours if key in metrics]  # runs of older code have no free run
+    exact = all(ours[key] == metrics[key] for key in shared)
+    if not exact and not all(alike(ours[key], metrics[key]) for key in shared):
         raise ValueError(
             "the scores differ from metrics.json; the code or the libraries changed since the run "
             f"(made with {metrics.get('versions')})"

@@ -8,7 +8,7 @@ n channels, T samples.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -30,24 +30,15 @@ AT_ONCE = 8  # records that are estimated together
 
 
 def _one_step(estimator: Estimator, record: Record) -> Tensor:
-    return estimator(record.measured())
+    return estimator(record)  # type: ignore[no-any-return]
 
 
 def _free_run(estimator: Estimator, record: Record) -> Tensor:
-    """Raises ValueError where the run has left the motion."""
-    run = simulate(estimator, record).a
-    if left := left_at(run, record):
-        raise ValueError(
-            f"the free run diverges on {len(left)} of {len(run)} held-back motions, first after "
-            f"{min(left):.3g} s"
-        )
-    return run
+    return simulate(estimator, record).a
 
 
-WAYS: Mapping[str, Callable[[Estimator, Record], Tensor]] = {
-    ONE_STEP: _one_step,
-    FREE_RUN: _free_run,
-}
+Way = Callable[[Estimator, Record], Tensor]
+WAYS: Mapping[str, Way] = {ONE_STEP: _one_step, FREE_RUN: _free_run}
 
 
 @torch.no_grad()
@@ -62,44 +53,52 @@ def conformal_bands(
         loader = data.calibration_loader()
         if loader is None:
             raise ValueError("the data have no records to hold back")
-        held = _batches(record.to(device) for record in singles(loader))
+        held = [record.to(device) for record in singles(loader)]
     except CANNOT as error:
         return {FREE_RUN: {"none": _reason(error)}}
-    found: dict[str, Any] = {}
+    tests, found = list(singles(tested)), {}
     for key, way in WAYS.items():
         try:
-            found[key] = _told(_band(estimator, held, way))
+            estimates = _estimates(estimator, [*held, *tests], way)
+            band = _band(held, estimates[: len(held)])
         except CANNOT as error:
             found[key] = {"none": _reason(error)}
-    shares = covered(estimator, found, tested)
-    return {key: content | shares.get(key, {}) for key, content in found.items()}
+        else:
+            found[key] = _told(band) | _shares(band, tests, estimates[len(held) :])
+    return found
 
 
 def _reason(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-def _batches(records: Iterable[Record]) -> list[Record]:
-    """Records that are alike in length and beginning together, AT_ONCE at most."""
+def _estimates(estimator: Estimator, records: Sequence[Record], way: Way) -> list[Tensor]:
+    """The estimate (T, n) of each record; records that are alike go together."""
 
-    def kind(record: Record) -> tuple[int, int, str]:
-        return record.samples, record.warmup, record.initial_state
+    def kind(i: int) -> tuple[int, int, str]:
+        return records[i].samples, records[i].warmup, records[i].initial_state
 
-    grouped = [list(same) for _, same in groupby(sorted(records, key=kind), key=kind)]
-    return [
-        stack(same[first : first + AT_ONCE])
-        for same in grouped
-        for first in range(0, len(same), AT_ONCE)
-    ]
+    found: dict[int, Tensor] = {}
+    for _, same in groupby(sorted(range(len(records)), key=kind), key=kind):
+        alike = list(same)
+        for first in range(0, len(alike), AT_ONCE):
+            some = alike[first : first + AT_ONCE]
+            batch = stack([records[i].measured() for i in some])
+            found |= zip(some, way(estimator, batch), strict=True)
+    return [found[i] for i in range(len(records))]
 
 
-def _band(
-    estimator: Estimator, held: list[Record], way: Callable[[Estimator, Record], Tensor]
-) -> Band:
-    estimates = [y.cpu() for record in held for y in way(estimator, record)]
-    measured = [y.cpu() for record in held for y in record.a]
-    skips = [record.warmup for record in held for _ in record.a]
-    return band_from(measured, estimates, held[0].dt, skips)
+def _band(held: Sequence[Record], estimates: Sequence[Tensor]) -> Band:
+    """Raises ValueError where an estimate has left the motion."""
+    left = [t for r, estimate in zip(held, estimates, strict=True) for t in left_at(estimate, r)]
+    if left:
+        raise ValueError(
+            f"the estimate diverges on {len(left)} of {len(held)} held-back motions, first after "
+            f"{min(left):.3g} s"
+        )
+    measured = [record.a.cpu() for record in held]
+    skips = [record.warmup for record in held]
+    return band_from(measured, [y.cpu() for y in estimates], held[0].dt, skips)
 
 
 def _told(band: Band) -> dict[str, Any]:
@@ -133,39 +132,35 @@ def stored_band(uncertainty: Mapping[str, Any], key: str) -> Band | None:
 def covered(
     estimator: Estimator, uncertainty: Mapping[str, Any], tested: Iterable[Record]
 ) -> dict[str, Any]:
-    """What such bands hold of the measured samples of records, and their mean half widths, by key.
-
-    A sample that was not estimated by a finite number is not held.
-    """
+    """What such bands hold of the measured samples of records, and how wide they are, by key."""
     found: dict[str, Any] = {}
-    records = list(singles(tested))
-    for key, way in ((ONE_STEP, _one_step), (FREE_RUN, lambda e, r: simulate(e, r).a)):
+    tests = list(singles(tested))
+    for key, way in WAYS.items():
         band = stored_band(uncertainty, key)
         if band is None:
             continue
         try:
-            held = [_held(record, way(estimator, record), band) for record in records]
+            found[key] = _shares(band, tests, _estimates(estimator, tests, way))
         except CANNOT:
             continue
-        if held:
-            inside, wide = (torch.cat(parts) for parts in zip(*held, strict=True))
-            found[key] = _shares(inside, wide)
     return found
 
 
-def _held(record: Record, estimate: Tensor, band: Band) -> tuple[Tensor, Tensor]:
-    """Whether the counted samples (T, n) lie within the band, and its half widths there."""
-    half = band.half_widths(estimate, record.dt)[record.warmup :]
-    error = (record.a - estimate)[record.warmup :].abs()
-    return (error <= half) & torch.isfinite(error), half
-
-
-def _shares(inside: Tensor, wide: Tensor) -> dict[str, Any]:
-    widths = [w if math.isfinite(w) else None for w in wide.mean(dim=0).tolist()]
-    mean = float(wide.mean())
+def _shares(band: Band, tests: Sequence[Record], estimates: Sequence[Tensor]) -> dict[str, Any]:
+    """A sample whose estimate is no finite number is not held."""
+    if not tests:
+        return {}
+    inside, wide = [], []
+    for record, estimate in zip(tests, estimates, strict=True):
+        half = band.half_widths(estimate, record.dt)[record.warmup :]
+        error = (record.a - estimate)[record.warmup :].abs()
+        inside.append((error <= half) & torch.isfinite(error))
+        wide.append(half)
+    widths = [w if math.isfinite(w) else None for w in torch.cat(wide).mean(dim=0).tolist()]
+    known = [w for w in widths if w is not None]
     return {
-        "covered_percent": 100.0 * float(inside.double().mean()),
-        "mean_half_width": mean if math.isfinite(mean) else None,
+        "covered_percent": 100.0 * float(torch.cat(inside).double().mean()),
+        "mean_half_width": sum(known) / len(known) if len(known) == len(widths) else None,
         "mean_half_widths": widths,
     }
 
