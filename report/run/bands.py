@@ -16,6 +16,7 @@ from runner.scores.conformal import FREE_RUN, METHOD, ONE_STEP, conformal_bands
 from runner.scores.uncertainty import minimum_of
 from runner.scores.verdict import CANNOT
 
+ALIKE = 0.8  # of a held-back record in the band of the others, where records are alike
 MOST = 6  # channels whose half widths are told one by one
 WAYS = {ONE_STEP: "one step ahead", FREE_RUN: "in free run"}
 
@@ -95,6 +96,12 @@ def band_lines(uncertainty: Mapping[str, Any], unit: str) -> Iterator[str]:
         whose = ""
     count = next(iter(held.values()))["records"]
     yield f"95 % bands from {count} held-back records hold {', '.join(parts)}"
+    apart = min(min(band["others"], default=1.0) for band in held.values())
+    if apart < ALIKE:
+        yield (
+            f"the held-back records differ, {100.0 * apart:.0f} % of one lie in the band of others: "
+            "hold more back (data.calibration_records, data.calibration)"
+        )
     if "diverges" in (reason := bands.get("none", "")):
         yield f"no 95 % band of the free run: {reason}"
 

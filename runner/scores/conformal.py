@@ -59,7 +59,7 @@ def conformal_bands(
     tests, found = list(singles(tested)), {}
     for key, way in WAYS.items():
         try:
-            estimates = _estimates(estimator, [*held, *tests], way)
+            estimates = estimates_of(estimator, [*held, *tests], way)
             band = _band(held, estimates[: len(held)])
         except CANNOT as error:
             found[key] = {"none": _reason(error)}
@@ -72,7 +72,7 @@ def _reason(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-def _estimates(estimator: Estimator, records: Sequence[Record], way: Way) -> list[Tensor]:
+def estimates_of(estimator: Estimator, records: Sequence[Record], way: Way) -> list[Tensor]:
     """The estimate (T, n) of each record; records that are alike go together."""
 
     def kind(i: int) -> tuple[int, int, str]:
@@ -140,7 +140,7 @@ def covered(
         if band is None:
             continue
         try:
-            found[key] = _shares(band, tests, _estimates(estimator, tests, way))
+            found[key] = _shares(band, tests, estimates_of(estimator, tests, way))
         except CANNOT:
             continue
     return found
