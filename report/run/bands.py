@@ -99,7 +99,7 @@ def band_lines(uncertainty: Mapping[str, Any], unit: str) -> Iterator[str]:
     apart = min(min(band["others"], default=1.0) for band in held.values())
     if apart < ALIKE:
         yield (
-            f"the held-back records differ, {100.0 * apart:.0f} % of one lie in the band of others: "
+            f"the held-back records differ, {100.0 * apart:.0f} % of one lie in the others' band: "
             "hold more back (data.calibration_records, data.calibration)"
         )
     if "diverges" in (reason := bands.get("none", "")):

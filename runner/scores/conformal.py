@@ -30,7 +30,7 @@ AT_ONCE = 8  # records that are estimated together
 
 
 def _one_step(estimator: Estimator, record: Record) -> Tensor:
-    return estimator(record)  # type: ignore[no-any-return]
+    return estimator(record)
 
 
 def _free_run(estimator: Estimator, record: Record) -> Tensor:
