@@ -35,7 +35,10 @@ from models.training.problem import Problem
 from runner.config.compose import composed
 
 ROOT = Path(__file__).parent.parent
-WORDS = ["model=vwnn", "baselines=none", "figures=false", "trainer.enable_progress_bar=false"]
+WORDS = [
+    *("model=vwnn", "baselines=none", "figures=false", "trainer.enable_progress_bar=false"),
+    "data.calibration_records=0",
+]
 
 
 def sweep(runs: int, launcher: str, folder: Path) -> float:

@@ -67,7 +67,21 @@ class Data(LightningDataModule):
 
     @abstractmethod
     def make_records(self) -> dict[str, list[Record]]:
-        """Records of the splits "train" and "test"."""
+        """Records of the splits "train" and "test", and "calibration" where some were named."""
+
+    def make_calibration(self) -> list[Record]:
+        """Whole records that nothing else sees, for bands; [] where there are none.
+
+        Made when they are first asked for. Raises ValueError, with the remedy, where they cannot
+        be.
+        """
+        return []
+
+    def calibration_loader(self) -> DataLoader[Any] | None:
+        """Whole records that were neither trained on, nor chosen by, nor tested; None: no such."""
+        if "calibration" not in self.records:
+            self.records["calibration"] = self.make_calibration()
+        return self.loader("calibration") if self.records["calibration"] else None
 
     def own_error(self) -> float | None:
         """Relative error of the records themselves, where it is known."""

@@ -28,7 +28,7 @@ from data.measured.onset import without_quiet_start
 from data.measured.plausible import doubts
 from data.measured.raw_record import RawRecord, between
 from data.measured.reading import read_records
-from data.measured.splits import record_places, split_records
+from data.measured.splits import held_back, record_places, split_records
 from data.measured.units import DIMENSIONS
 from data.record import Record, same_step
 from data.simulation.scenario import Scenario
@@ -43,6 +43,7 @@ class MeasuredData(Data):
     path: files, or folders, or patterns of both. A folder is one record where channels name files
     (file.csv:column), else each of its files is one. train, test: names of the records, or patterns
     of names; one of both may be left out. A single record is cut at `split` of its time.
+    calibration: likewise, whole records that nothing but bands is made from.
     channels, units, skip_rows, delimiter, decimal, group, header: see data/measured/channels.py and
     data/measured/files/table.py. dt [s]: where the files have no clock. start, stop [s]: of every
     record.
@@ -93,6 +94,7 @@ class MeasuredData(Data):
         warmup: int = 0,
         batch: int | None = None,
         validation: float = 0.0,
+        calibration: str | Sequence[str] | None = None,
     ) -> None:
         super().__init__(window, stride, warmup, batch, validation)
         if quantity is not None and quantity not in OUTPUTS:
@@ -124,7 +126,7 @@ class MeasuredData(Data):
                 if onset and start == 0.0:
                     part = without_quiet_start(part)
                 raws[str(place) if name_of in raws else name_of] = part
-        self.parts = self._parts(raws, train, test, split)
+        self.parts = self._parts(raws, train, test, split, calibration)
         del raws
         self.setup()
         first = self.records["train"][0]
@@ -138,16 +140,19 @@ class MeasuredData(Data):
         train: str | Sequence[str] | None,
         test: str | Sequence[str] | None,
         split: float,
+        calibration: str | Sequence[str] | None,
     ) -> dict[str, dict[str, RawRecord]]:
-        return split_records(raws, train, test, split)
+        held, others = held_back(raws, calibration, {"train": train, "test": test})
+        parts = split_records(others, train, test, split)
+        return parts | {"calibration": held} if held else parts
 
     def make_records(self) -> dict[str, list[Record]]:
-        """Records of both splits, each part mended on its own; the files' contents are released."""
+        """Records of all splits, each part mended on its own; the files' contents are released."""
         records: dict[str, list[Record]] = {}
         meaning = Meaning(self.stated_quantity, self.accelerations, self.initial_state, self.hold)
         notes: dict[tuple[str, ...], list[str]] = {}
         stated = self.cut["warmup"]
-        for number, split in enumerate(("train", "test")):
+        for number, split in enumerate(self.parts):
             records[split], self.names[split] = [], list(self.parts[split])
             for i, (name, raw) in enumerate(self.parts[split].items()):
                 dt, channels, done = self.mend(raw)
@@ -162,6 +167,11 @@ class MeasuredData(Data):
         self.notes |= {f"{said[0]}: {_few(names)}": list(said[1:]) for said, names in notes.items()}
         self.parts = {}
         return self._on_one_step(records)
+
+    def make_calibration(self) -> list[Record]:
+        raise ValueError(
+            "name whole records that are neither trained on nor tested: data.calibration=[…]"
+        )
 
     def _telling(self, split: str, records: list[Record], stated: int) -> list[Record]:
         """Records whose beginning is unknown with first samples that tell of it, equally many."""

@@ -89,6 +89,30 @@ def split_records(
     return {s: {name: raws[name] for name in chosen[s]} for s in chosen}
 
 
+def held_back(
+    raws: dict[str, RawRecord],
+    calibration: str | Sequence[str] | None,
+    named: Mapping[str, str | Sequence[str] | None],
+) -> tuple[dict[str, RawRecord], dict[str, RawRecord]]:
+    """The records that bands are made from, and all others. None: no records are held back.
+
+    named: those that were asked for by name, by split. Raises ValueError for one that is both.
+    """
+    chosen = _matching(list(raws), calibration, "calibration")
+    if len(chosen) == len(raws):
+        raise ValueError(f"data.calibration={calibration} leaves no record to train on and to test")
+    for split, patterns in named.items():
+        if both := set(chosen) & set(_matching(list(raws), patterns, split)):
+            raise ValueError(
+                f"data.calibration={calibration} and data.{split}={patterns} share "
+                f"{', '.join(sorted(both))}; a band needs records of its own"
+            )
+    return (
+        {name: raws[name] for name in chosen},
+        {name: raw for name, raw in raws.items() if name not in chosen},
+    )
+
+
 def _matching(names: Sequence[str], wanted: str | Sequence[str] | None, key: str) -> list[str]:
     patterns = [] if wanted is None else [wanted] if isinstance(wanted, str) else list(wanted)
     for pattern in patterns:

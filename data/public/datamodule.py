@@ -27,6 +27,7 @@ class BenchmarkData(Data):
     """The official training and test series of one benchmark.
 
     `train` and `test` name series by patterns as in a shell; None takes the usual series.
+    `calibration` names official series of either kind that nothing but bands is made from.
     `folder` holds the files, by default the cache of the package nonlinear-benchmarks, which
     fetches missing files only with `download`. `samples` trains on a stretch of so many at a random
     place, which begins in an unknown motion. `hold` says what the input does between samples,
@@ -56,6 +57,7 @@ class BenchmarkData(Data):
         warmup: int = 0,
         batch: int | None = None,
         validation: float = 0.0,
+        calibration: str | Sequence[str] | None = None,
     ) -> None:
         super().__init__(window, stride, warmup, batch, validation)
         about = benchmark_called(benchmark, scenario)
@@ -68,7 +70,11 @@ class BenchmarkData(Data):
             "train": choose("train", series[0], train or about.usual_train),
             "test": choose("test", series[1], test or usual),
         }
-        require_held_out(**self.series)
+        if calibration is not None:
+            every = {s.name: s for s in [*series[0], *series[1]]}
+            chosen = choose("calibration", list(every.values()), calibration)
+            self.series["calibration"] = chosen
+        require_held_out(self.series)
         if samples is not None:
             self.series["train"] = [stretch(self.series["train"], samples, seed)]
         first = self.series["train"][0]
@@ -111,6 +117,11 @@ class BenchmarkData(Data):
 
     def make_records(self) -> dict[str, list[Record]]:
         return {split: list(records) for split, records in self.official.items()}
+
+    def make_calibration(self) -> list[Record]:
+        raise ValueError(
+            "name official series that are neither trained on nor tested: data.calibration=[…]"
+        )
 
     def setup(self, stage: str | None = None) -> None:
         super().setup(stage)

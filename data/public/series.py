@@ -5,9 +5,10 @@ T samples, n outputs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from itertools import product
 
 import numpy as np
 
@@ -48,16 +49,20 @@ def _names(series: Sequence[Series]) -> str:
     return ", ".join(s.name for s in series)
 
 
-def require_held_out(train: Sequence[Series], test: Sequence[Series]) -> None:
-    """Raise ValueError where a test series holds samples of a file that were trained on."""
-    for tested in test:
-        counted = tested.y[tested.warmup :]
-        for trained in train:
-            if np.shares_memory(trained.y[trained.warmup :], counted):
-                raise ValueError(
-                    f"test series {tested.name} has samples of training series {trained.name}; "
-                    "change data.train or data.test"
-                )
+def require_held_out(series: Mapping[str, Sequence[Series]]) -> None:
+    """Raise ValueError where series of two splits hold the same samples of a file."""
+    splits = list(series)
+    for i, split in enumerate(splits):
+        for other in splits[:i]:
+            for one, two in product(series[split], series[other]):
+                if np.shares_memory(one.y[one.warmup :], two.y[two.warmup :]):
+                    raise ValueError(
+                        f"{split} series {one.name} has samples of {_WORDS[other]} series "
+                        f"{two.name}; change data.{other} or data.{split}"
+                    )
+
+
+_WORDS = {"train": "training", "test": "test"}
 
 
 def stretch(series: Sequence[Series], samples: int, seed: int) -> Series:

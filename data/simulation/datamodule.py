@@ -13,12 +13,15 @@ from data.simulation.records import Simulation
 from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
 
+MOST_CALIBRATION = 1000
+
 
 @checked
 class SimulatedData(Data):
     """Training and test motions of one structure, each `duration` [s] long, sampled every `dt` [s].
 
-    `damage` befalls the test motions; training motions are of the sound structure.
+    `damage` befalls the test motions; training motions are of the sound structure, and so are the
+    `calibration_records`, further motions from streams of their own that bands are made from.
     `tolerance` is the integrator's (data/simulation/motion.py). Other arguments: `Data`.
     """
 
@@ -40,6 +43,7 @@ class SimulatedData(Data):
         batch: int | None = None,
         validation: float = 0.0,
         damage: Damage | None = None,
+        calibration_records: int = 5,
     ) -> None:
         super().__init__(window, stride, warmup, batch, validation)
         self.simulation = Simulation(
@@ -50,6 +54,12 @@ class SimulatedData(Data):
         for split, count in (("train", train_records), ("test", test_records)):
             if count < 1:
                 raise ValueError(f"data.{split}_records={count} must be at least 1")
+        if not 0 <= calibration_records <= MOST_CALIBRATION:
+            raise ValueError(
+                f"data.calibration_records={calibration_records} must lie between 0 (no bands) and "
+                f"{MOST_CALIBRATION}"
+            )
+        self.calibration_records = calibration_records
         self.simulation.require_room(train_records + test_records)
         samples = self.simulation.samples
         kept = round((1.0 - validation) * samples) if validation > 0.0 else samples
@@ -87,6 +97,20 @@ class SimulatedData(Data):
             )
             self.escapes += escapes
         return records
+
+    def make_calibration(self) -> list[Record]:
+        """Motions that did not escape, after those of training and testing where they are given."""
+        if self.calibration_records == 0:
+            raise ValueError("data.calibration_records=0")
+        first = self.train_records + self.test_records
+        wanted = (self.calibration_records, self.seed, first)
+        count = self.simulation.drawable("calibration", *wanted)
+        if count == 0:
+            raise ValueError(
+                "the excitation has no motion left beside those of training and testing; give more "
+                "of it"
+            )
+        return self.simulation.records("calibration", count, self.seed, first)[0]
 
     def own_error(self) -> float:
         """Relative error of the simulation, on the first test motion."""

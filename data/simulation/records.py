@@ -1,7 +1,7 @@
 """Structure + excitation + scenario + seed → records. No Lightning here.
 
-Every record has its own random streams, named by (seed, split, record, purpose): training and test
-motions are independent, and asking for more records leaves the first ones as they were.
+Every record has its own random streams, named by (seed, split, record, purpose): training, test and
+calibration motions are independent, and asking for more records leaves the first ones as they were.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from data.simulation.motion import (
 from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
 
-SPLITS = {"train": 0, "test": 1}
+SPLITS = {"train": 0, "test": 1, "calibration": 2}
 EXCITATION, SENSORS = 0, 1  # purposes of random streams
 
 
@@ -124,6 +124,18 @@ class Simulation:
                 escapes[0].time,
             )
         return records, escapes
+
+    def drawable(self, split: str, count: int, seed: int, first: int) -> int:
+        """How many of `count` records of a split the excitation has: given histories end.
+
+        first: as in `records`.
+        """
+        for i in range(count):
+            try:
+                self._draw(split, seed, i, first)
+            except ValueError:
+                return i
+        return count
 
     def error(
         self, split: str, seed: int, first: int = 0, coarse: np.ndarray | None = None

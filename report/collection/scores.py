@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from runner.config.schema import SPLITS
+from runner.scores.conformal import FREE_RUN, ONE_STEP
 from runner.scores.uncertainty import headline
 
 OF_THE_RUN = ("fit_seconds", "parameters", "simulation_error")
@@ -46,6 +47,7 @@ def scores_of(metrics: Mapping[str, Any]) -> Iterator[Score]:
         yield from _of_split(split, "", metrics.get(split) or {})
     yield from _online(metrics.get("online") or {})
     yield from _parameters(metrics.get("uncertainty") or {})
+    yield from _bands(metrics.get("uncertainty") or {})
 
 
 def _of_split(split: str, estimate: str, scores: Mapping[str, Any]) -> Iterator[Score]:
@@ -80,6 +82,16 @@ def _parameters(uncertainty: Mapping[str, Any]) -> Iterator[Score]:
         for metric, key in (("value", "value"), ("half_95", "half")):
             if p[key] is not None:
                 yield Score("", p["name"], metric, None, float(p[key]))
+
+
+def _bands(uncertainty: Mapping[str, Any]) -> Iterator[Score]:
+    """Share of the test samples in 95 % bands, and their mean half widths by DOF."""
+    for split, key in (("test", ONE_STEP), ("free_run", FREE_RUN)):
+        band = uncertainty.get(key) or {}
+        if "covered_percent" in band:
+            yield _score(split, "", "covered_percent", None, band["covered_percent"])
+            for dof, half in enumerate(band.get("mean_half_widths", []), start=1):
+                yield _score(split, "", "half_width_95", dof, half)
 
 
 def _score(split: str, estimate: str, name: str, dof: int | None, value: float | None) -> Score:

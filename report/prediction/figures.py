@@ -57,6 +57,9 @@ def _history(ax: Axes, t: np.ndarray, signal: Signal, names: Sequence[str]) -> N
     for place, i in enumerate(shown):
         colour = MEASURED if signal.kind == "input" and len(shown) == 1 else _colour(place, shown)
         ax.plot(t, signal.values[:, i], color=colour, linewidth=0.8, label=names[i])
+        if signal.half is not None:
+            low, high = (signal.values[:, i] + way * signal.half[:, i] for way in (-1.0, 1.0))
+            ax.fill_between(t, low, high, color=colour, alpha=0.2, linewidth=0.0)
     unit = f" [{signal.unit.replace('^2', '²')}]" if signal.unit else ""
     words = "excitation" if signal.kind == "input" else signal.kind
     ax.set_ylabel(f"{words}\n{unit.strip()}", fontsize=8)

@@ -13,13 +13,19 @@ FORMATS = ("csv", "parquet")
 
 
 def columns_of(prediction: Prediction) -> dict[str, np.ndarray]:
-    """{"time [s]": (T,), "x1 [m]": …}, names that a measured record may have."""
+    """{"time [s]": (T,), "x1 [m]": …}, names that a measured record may have.
+
+    Half widths of the 95 % band, where there is one, stand under "half_a1 [m/s^2]".
+    """
     samples = len(prediction.signals[0].values)
     columns = {"time [s]": prediction.dt * np.arange(samples)}
     for signal in prediction.signals:
         unit = f" [{signal.unit}]" if signal.unit else ""
         for number, values in zip(signal.names, signal.values.T, strict=True):
             columns[f"{signal.symbol}{number}{unit}"] = values
+        if signal.half is not None:
+            for number, half in zip(signal.names, signal.half.T, strict=True):
+                columns[f"half_{signal.symbol}{number}{unit}"] = half
     return columns
 
 

@@ -28,6 +28,7 @@ from report.prediction.runs import Prediction, Runner
 from report.prediction.table import WIDTH, print_many, print_one
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_folder import read_run, write_text
+from runner.scores.conformal import FREE_RUN, stored_band
 
 FEW = 10  # runs whose histories are written unless that is asked for
 MOST = 100_000
@@ -55,8 +56,9 @@ def predict(cfg: DictConfig, folder: Path, output: Path) -> list[Prediction]:
     if hold not in HOLDS:
         raise ValueError(f"excitation.hold={hold}: choose {', '.join(HOLDS)}")
     lag = cfg.excitation.lag
+    band = stored_band(metrics.get("uncertainty", {}), FREE_RUN)
     runner = Runner(
-        estimator, interface, sensors.quantity, metrics.get("trained_range", {}), hold, lag
+        estimator, interface, sensors.quantity, metrics.get("trained_range", {}), hold, lag, band
     )
     console = terminal(WIDTH)
     _print_motions(console, motions, interface, estimator, metrics)

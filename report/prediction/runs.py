@@ -20,6 +20,7 @@ from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.hysteretic_element import HystereticElement
 from models.training.trained_range import names_of, outside
+from models.uncertainty.conformal import Band
 from report.prediction.interface import GROUND, IMPOSED, SUPPORTS, Interface
 from report.prediction.motions import Motion
 
@@ -30,13 +31,17 @@ SYMBOLS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "
 
 @dataclass(frozen=True)
 class Signal:
-    """Columns (T, c) of one quantity. kind: as in the trained range; symbol: of column names."""
+    """Columns (T, c) of one quantity. kind: as in the trained range; symbol: of column names.
+
+    half: half widths (T, c) of the 95 % band, where there is one.
+    """
 
     kind: str
     symbol: str
     unit: str
     names: Sequence[str]
     values: np.ndarray
+    half: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,9 @@ class Prediction:
 
     def slim(self) -> Prediction:
         """The same with the largest sizes in place of histories: rows (1, c)."""
-        signals = [replace(s, values=np.abs(s.values).max(axis=0)[None]) for s in self.signals]
+        signals = [
+            replace(s, values=np.abs(s.values).max(axis=0)[None], half=None) for s in self.signals
+        ]
         return replace(self, signals=signals)
 
     def signal(self, kind: str) -> Signal | None:
@@ -71,6 +78,7 @@ class Runner:
     trained: Mapping[str, Any]
     hold: str = "linear"
     lag: float = 0.0
+    band: Band | None = None  # of the free run
 
     def many(
         self, motions: Sequence[Motion], scales: Sequence[float], cores: int
@@ -131,9 +139,12 @@ class Runner:
         numbers = [str(i + 1) for i in range(self.estimator.dofs)]
         unit = QUANTITIES[self.quantity][1].replace("m/s²", "m/s^2").replace("–", "")
         relative = GROUND in motion.channels and self.interface.kind != SUPPORTS
+        half = None
+        if self.band is not None and np.isfinite(a).all():
+            half = self.band.half_widths(torch.from_numpy(a), motion.dt).numpy()
         if self.quantity == "acceleration" and relative:
             a = a + scale * motion.channels[GROUND][:, None]
-        found = [Signal(self.quantity, SYMBOLS[self.quantity], unit, numbers, a)]
+        found = [Signal(self.quantity, SYMBOLS[self.quantity], unit, numbers, a, half)]
         if self.interface.kind == IMPOSED:
             return found
         states = [("velocity", "v", "m/s", v), ("displacement", "x", "m", x)]

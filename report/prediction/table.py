@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -43,10 +43,21 @@ def print_one(console: Console, prediction: Prediction, estimator: Estimator, ti
     console.print(f"largest excitation: {', '.join(driven[:MOST_INPUTS])}")
     if any(row["residual"] is not None for row in rows):
         console.print(f"left: mean of the last {seconds:.3g} s")
+    for line in _bands(prediction):
+        console.print(line)
     for line in warnings_of(prediction.outside):
         console.print(line)
     if not prediction.outside and prediction.judged:
         console.print("inside the trained range")
+
+
+def _bands(prediction: Prediction) -> Iterator[str]:
+    """How wide the 95 % bands are, where there are some."""
+    for signal in prediction.signals:
+        if signal.half is not None:
+            mean = ", ".join(number(u, 3) for u in signal.half.mean(axis=0)[:MOST_INPUTS])
+            beyond = ", inside the trained range" if prediction.outside else ""
+            yield f"95 % band of the {signal.kind}: ± {mean} {signal.unit} on average{beyond}"
 
 
 def _table(rows: Sequence[dict[str, Any]]) -> Table:

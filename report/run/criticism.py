@@ -14,14 +14,9 @@ MOST = 3  # laws of elements that are told
 
 
 def print_criticism(console: Console, uncertainty: Mapping[str, Any]) -> None:
-    """A missing element, laws that fall short, a residual that is no noise; bands of the tests."""
+    """A missing element, laws that fall short, a residual that is no noise."""
     for line in sentences(uncertainty):
         console.print(Text(line, style="yellow"))
-    bands = uncertainty.get("bands")
-    if bands:
-        console.print(
-            f"95 % bands of the free run hold {bands['covered_percent']:.1f} % of the test samples"
-        )
 
 
 def sentences(uncertainty: Mapping[str, Any]) -> Iterator[str]:

@@ -7,10 +7,12 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from data.terminal import terminal
 from models.estimator import Estimator
 from models.training.assemble import changed
 from report.collection.report import report_by, report_collection
 from report.collection.runs import folders_of
+from report.run.bands import bands_of_run, over_seeds, print_bands
 from report.run.new_records import evaluate_records
 from report.run.rescore import (
     draw_figures,
@@ -20,6 +22,7 @@ from report.run.rescore import (
     require_scores,
     score_seeds,
 )
+from report.run.table import WIDTH
 from runner.config.command_line import absolute
 from runner.config.plain_data import as_config
 from runner.folder.run import restore
@@ -33,6 +36,8 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict[str, Any]:
     estimator = restore(run, folder)
     require_scores(metrics, estimator.dofs)
     changes = _typed(OmegaConf.to_container(cfg.data, resolve=True))
+    held_back = changes.pop("calibration_records", None)
+    as_trained = run.copy()
     if cfg.get("scenario") is not None:
         run.scenario = cfg.scenario
     if "path" in changes:
@@ -46,10 +51,13 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict[str, Any]:
         print_stored(metrics, gone)
         return metrics
 
-    results = score_seeds(estimator, run, seeds, same_motions=not changes)
+    sure = bands_of_run(estimator, as_trained, metrics, held_back)
+    results = score_seeds(estimator, run, seeds, not changes, sure)
     print_evaluation(results, metrics, altered)
+    print_bands(terminal(WIDTH), metrics, over_seeds(sure, results))
     output = results_folder(folder) / "evaluation" / label
-    draw_figures(estimator, run, seeds[0], output, metrics.get("training", {}).get("prior"))
+    prior = metrics.get("training", {}).get("prior")
+    draw_figures(estimator, run, seeds[0], output, prior, sure)
     write_json(output / "scores.json", results)
     print(f"figures and scores in {output}")
     return results

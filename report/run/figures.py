@@ -24,10 +24,12 @@ MOST_LOOPS = 12  # elements that are drawn, those with the largest forces
 SHARES = (0.05, 0.95)  # of the power of a motion, between which it is strong
 
 
-def acceleration(record: Record, estimate: Tensor, seconds: float | None = None) -> Figure:
-    """Draw the measured and the estimated output of each DOF (Figs. 9–11)."""
+def acceleration(
+    record: Record, estimate: Tensor, seconds: float | None = None, band: Tensor | None = None
+) -> Figure:
+    """Draw the measured and the estimated output of each DOF (Figs. 9–11), with a band (T, n)."""
     signals = {"measured": record.a, "estimated": estimate}
-    return _compared(record, signals, _label(record), seconds)
+    return _compared(record, signals, _label(record), seconds, band)
 
 
 def free_run_acceleration(
@@ -203,15 +205,16 @@ def run_figures(
     loops: tuple[Tensor, Tensor] | None = None,
     title: str = "",
     band: Tensor | None = None,
+    one_step_band: Tensor | None = None,
 ) -> dict[str, Figure]:
     """Pictures of a run by name, from a batch of records, its estimate and its free run.
 
     elements: names; loops: deformations and forces of a model's elements, drawn where the true ones
     are not known. title: of the pictures in which the model is compared with the record. band: half
-    widths (T, n) about the free run.
+    widths (T, n) about the free run; one_step_band: about the estimate.
     """
     figures = {
-        "acceleration": acceleration(record, estimate),
+        "acceleration": acceleration(record, estimate, band=one_step_band),
         "error_over_time": error_over_time(errors, record.dt, record.warmup),
     }
     if record.quantity == "force" and record.s is not None:

@@ -25,6 +25,7 @@ from models.training.assemble import changed, data_from
 from models.training.metrics import FREE_RUNS, free_run_score, score
 from models.training.trained_range import outside, range_of, worst_of
 from report.output import as_csv, save_figure, spreadsheet
+from report.run.bands import print_bands
 from report.run.rescore import draw_record
 from report.run.table import (
     WIDTH,
@@ -38,6 +39,7 @@ from report.run.table import (
 from runner.config.compose import composed
 from runner.folder.run import sensors_of
 from runner.folder.run_folder import write_json, write_text
+from runner.scores.conformal import covered
 from runner.scores.outcome import each_record, per_record
 from runner.scores.verdict import CANNOT
 
@@ -73,13 +75,17 @@ def evaluate_records(
         "beside": _beside(run, data, records),
         "outside_trained_range": left,
     }
+    sure = metrics.get("uncertainty", {})
+    held = covered(estimator, sure, records.values())
+    scores |= {"uncertainty": held} if held else {}
     output.mkdir(parents=True, exist_ok=True)
     _print(metrics, records, scores, data)
     write_json(output / "scores.json", scores)
     unit = QUANTITIES[data.sensors.quantity][1]
     write_text(output / "scores.csv", as_csv(table_of(scores["records"], unit)))
     for name, record in records.items():
-        drawn = draw_record(estimator, record, metrics["model"], name, worst_of(left[name]))
+        words = metrics["model"], name, worst_of(left[name])
+        drawn = draw_record(estimator, record, *words, uncertainty=sure)
         place = output if len(records) == 1 else output / spreadsheet(name).replace("/", "_")
         for title, figure in drawn.items():
             save_figure(figure, place, title)
@@ -164,6 +170,8 @@ def _print(
     for line in why_no_free_run({metrics["model"]: first}):
         console.print(line)
     print_verdict(console, metrics)
+    if held := scores.get("uncertainty"):
+        print_bands(console, metrics, {k: metrics["uncertainty"][k] | v for k, v in held.items()})
     _print_range(console, scores["outside_trained_range"], "trained_range" in metrics)
     for name, notes in data.notes.items():
         console.print(f"{name.removeprefix('train: ')}: {'; '.join(notes) or 'as it is'}")

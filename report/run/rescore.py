@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from glob import has_magic
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from report.run.table import (
     titled,
     why_no_free_run,
 )
+from runner.scores.conformal import FREE_RUN, ONE_STEP, covered, half_widths_of
 from runner.scores.outcome import each_record
 from runner.scores.spread import DIVERGED, Spread, percent
 from runner.scores.uncertainty import band_of, minimum_of
@@ -62,11 +63,16 @@ def score_split(estimator: Estimator, data: Data, split: str) -> tuple[Scores, F
 
 
 def score_seeds(
-    estimator: Estimator, run: DictConfig, seeds: list[int], same_motions: bool
+    estimator: Estimator,
+    run: DictConfig,
+    seeds: list[int],
+    same_motions: bool,
+    uncertainty: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """{seed: {split: scores}}: the test motions; for the run's own, the training motions too.
 
-    A seed whose motion escapes is kept, with the reason under `failed`.
+    A seed whose motion escapes is kept, with the reason under `failed`. Under `uncertainty` stands
+    what the bands of `uncertainty`, as `metrics.json` has them, hold of the test motions.
     """
     results: dict[str, Any] = {}
     for seed in seeds:
@@ -74,7 +80,10 @@ def score_seeds(
         try:
             data.setup()
             splits = SPLITS if same_motions and seed == run.seed else ("test",)
-            results[str(seed)] = scores_of(estimator, data, splits)
+            scores = scores_of(estimator, data, splits)
+            tested = each_record(data, "test").values()
+            held = covered(estimator, uncertainty, tested) if uncertainty else {}
+            results[str(seed)] = scores | ({"uncertainty": held} if held else {})
         except EscapedMotionError as error:
             if len(seeds) == 1:
                 raise
@@ -162,24 +171,30 @@ def alike(some: Any, others: Any) -> bool:
 
 def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Console) -> None:
     """Raises ValueError unless the scores are those of the run, but for rounding."""
-    shared = [key for key in scores if key in metrics]  # runs of older code have no free run
-    exact = all(scores[key] == metrics[key] for key in shared)
-    if not exact and not all(alike(scores[key], metrics[key]) for key in shared):
+    ours = {key: value for key, value in scores.items() if key != "uncertainty"}
+    shared = [key for key in ours if key in metrics]  # runs of older code have no free run
+    exact = all(ours[key] == metrics[key] for key in shared)
+    if not exact and not all(alike(ours[key], metrics[key]) for key in shared):
         raise ValueError(
             "the scores differ from metrics.json; the code or the libraries changed since the run "
             f"(made with {metrics.get('versions')})"
         )
     console.print(f"equal to metrics.json to {'the last digit' if exact else f'{ROUNDING:g}'}")
-    if len(shared) < len(scores):
+    if len(shared) < len(ours):
         console.print("metrics.json has no free run to compare with; repeat the run to add it")
 
 
 def draw_figures(
-    estimator: Estimator, run: DictConfig, seed: int, folder: Path, prior: float | None
+    estimator: Estimator,
+    run: DictConfig,
+    seed: int,
+    folder: Path,
+    prior: float | None,
+    uncertainty: Mapping[str, Any] | None = None,
 ) -> None:
     """The run's figures for one seed, as PNG and PDF.
 
-    prior: the weight that training ended with.
+    prior: the weight that training ended with. uncertainty: with bands, as `metrics.json` has it.
     """
     data = data_from(changed(run, {"seed": seed}))
     data.setup()
@@ -189,8 +204,9 @@ def draw_figures(
         trained.setup()
     name, record = next(iter(each_record(data, "test").items()))
     band = _band(estimator, trained, record, prior)
+    names = list(data.elements)
     drawn = draw_record(
-        estimator, record, run.model.name, name, elements=list(data.elements), band=band
+        estimator, record, run.model.name, name, "", names, band, uncertainty=uncertainty
     )
     for title, figure in drawn.items():
         save_figure(figure, folder, title)
@@ -214,11 +230,13 @@ def draw_record(
     remark: str = "",
     elements: Sequence[str] = (),
     band: Tensor | None = None,
+    uncertainty: Mapping[str, Any] | None = None,
 ) -> dict[str, Figure]:
     """Pictures of a model on one record, by name; they say which, and how far it errs.
 
     remark: what else the title says. elements: names of the structure's, where they are known.
-    band: half widths (T, n) of the 95 % band about the free run.
+    band: half widths (T, n) of the 95 % band about the free run; None: that of `uncertainty`, as
+    `metrics.json` has it, where it has one.
     """
     score, free_run = Scores(), FreeRunScore()
     estimate = score.update(estimator, record)[""]
@@ -230,7 +248,11 @@ def draw_record(
     if (over_time := free_run.over_time()) is not None:
         errors["free run"] = over_time
     names = list(elements) if record.truth is not None else names_of(estimator)
-    drawn = run_figures(record, estimate, errors, names, own, loops, title, band)
+    known = uncertainty or {}
+    about = half_widths_of(known, ONE_STEP, estimate, record.dt)
+    if band is None and own is not None:
+        band = half_widths_of(known, FREE_RUN, own.a, record.dt)
+    drawn = run_figures(record, estimate, errors, names, own, loops, title, band, about)
     return drawn | online_figures(estimator, record)
 
 

@@ -15,6 +15,7 @@ from data.terminal import terminal
 from models.training.identification import Identification
 from models.training.metrics import FREE_RUNS
 from models.training.trained_range import worst_of
+from report.run.bands import print_bands
 from report.run.criticism import print_criticism
 from report.run.hparams import numbers, swept
 from report.run.intervals import print_intervals
@@ -61,6 +62,7 @@ def log_run(
             worst_of(metrics["outside_trained_range"]),
             list(data.elements),
             band_of(module.estimator, module.minimum, record),
+            metrics["uncertainty"],
         )
         for name, figure in drawn.items():
             words_as_they_stand(figure)
@@ -122,6 +124,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
             console.print(f"{key.replace('_', ' ')}: {value}", markup=False)
     print_intervals(console, metrics["uncertainty"])
     print_criticism(console, metrics["uncertainty"])
+    print_bands(console, metrics)
     if metrics["training"]:
         console.print(
             "{solver}: {iterations} iterations, stopped at {stopped}".format_map(

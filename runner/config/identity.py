@@ -33,6 +33,7 @@ CORE = (  # of all
 WORDS = "about"  # of a choice, for tables and pictures
 INERT = ("figures", "checkpoint_seconds", "grid")  # they change no number,
 EVERY_CLASS = frozenset(f"{room}.{name}" for room, names in FRONTS.items() for name in names)
+INERT_DATA = ("calibration_records",)  # nor do records of their own that bands are made from
 INERT_TRAINER = ("enable_progress_bar", "log_every_n_steps")  # nor do these of the trainer
 
 
@@ -46,6 +47,9 @@ def config_digest(content: dict[str, Any]) -> str:
     content = _without_words({k: v for k, v in content.items() if k not in INERT})
     if content.get("start") is None:  # as in runs of older code, which have no such setting
         content.pop("start", None)
+    content["data"] = {k: v for k, v in content["data"].items() if k not in INERT_DATA}
+    if content["data"].get("calibration", "") is None:  # likewise
+        del content["data"]["calibration"]
     content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}
     return digest(json.dumps(content, sort_keys=True, ensure_ascii=False))
 

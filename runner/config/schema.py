@@ -42,11 +42,18 @@ OUTSIDE: dict[Any, Any] = {
     "times": PERCENT,
     "channels": int,
 }
+BAND: dict[Any, Any] = {
+    **dict.fromkeys(("none", "method"), str),
+    **{"factor": [NUMBER], "floor": [NUMBER], "others": [NUMBER]},
+    **{"records": int, "memory_s": NUMBER, "mean_half_widths": [PERCENT]},
+    **dict.fromkeys(("covered_percent", "mean_half_width"), PERCENT),
+}
 METRICS_KIND: dict[Any, Any] = {
     **dict.fromkeys(("model", "system", "scenario", "quantity"), str),
     **dict.fromkeys(SPLITS, SCORES),
     "verdict": VERDICT,
     "per_record": {...: {"test": SCORES, "free_run": SCORES}},
+    "uncertainty": {"bands": BAND, "one_step_bands": BAND, ...: ANYTHING},
     "trained_range": {...: RANGE},
     "outside_trained_range": [OUTSIDE],
     "scenario_settings": {...: ANYTHING},

@@ -23,6 +23,7 @@ from models.training.metrics import FREE_RUNS, free_run_score, score
 from models.training.trained_range import outside, range_of
 from runner.folder.run import Run
 from runner.folder.run_folder import settings_of
+from runner.scores.conformal import conformal_bands
 from runner.scores.paper_values import paper_values
 from runner.scores.public_scores import benchmark_scores
 from runner.scores.uncertainty import minimum_of, uncertainty_of
@@ -142,10 +143,18 @@ def _lost(
 
 
 def _uncertainty(module: Identification, data: Data, tested: Iterable[Record]) -> dict[str, Any]:
-    """Intervals, criticism and bands; {} of models that have none, or `none`: why there are none.
+    """Intervals, criticism and bands of models with an exact Jacobian; or `none`, why not.
 
-    What they are made of stays with the module.
+    Models without have bands from held-back records (runner/scores/conformal.py).
     """
+    found = _intervals(module, data, tested)
+    if not found.get("bands"):
+        found |= conformal_bands(module.estimator, data, tested, module.device)
+    return found
+
+
+def _intervals(module: Identification, data: Data, tested: Iterable[Record]) -> dict[str, Any]:
+    """{} of models that have none. What they are made of stays with the module."""
     begun = time.perf_counter()
     try:
         module.minimum = minimum_of(module.estimator, data, module.how_trained().get("prior"))

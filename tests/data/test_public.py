@@ -260,6 +260,19 @@ def test_series_are_chosen_by_name(folder):
     assert len(loaded("f16", folder, train="Sine*", test=["Sine*4"]).series["train"]) == 4
 
 
+def test_series_for_bands_are_neither_trained_on_nor_tested(folder):
+    chosen = {"train": "period_1", "test": "period_4"}
+    held = loaded("bouc_wen", folder, **chosen, calibration="period_[23]")
+    held.setup()
+    loader = held.calibration_loader()
+    assert loader is not None
+    assert sum(len(batch.a) for batch in loader) == 2
+    with pytest.raises(ValueError, match="calibration series period_4 has samples of test series"):
+        loaded("bouc_wen", folder, **chosen, calibration="period_[34]")
+    with pytest.raises(ValueError, match="neither trained on nor tested"):
+        prepared("bouc_wen", folder).calibration_loader()
+
+
 def test_windows_begin_at_rest_for_their_state_is_not_known(folder):
     data = prepared("bouc_wen", folder, window=300, stride=250, warmup=50, validation=0.2)
     batch = next(iter(data.train_dataloader()))

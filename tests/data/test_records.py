@@ -98,7 +98,7 @@ def test_asking_for_more_records_leaves_the_first_ones_as_they_were(simulation):
 
 def test_every_seed_split_record_and_purpose_has_its_own_stream():
     keys = [(s, split, i, p) for s in (0, 1) for split in SPLITS for i in (0, 1) for p in (0, 1)]
-    assert len({stream(*key).random() for key in keys}) == len(keys) == 16
+    assert len({stream(*key).random() for key in keys}) == len(keys) == 24
 
 
 def test_noise_does_not_change_the_motion_and_differs_between_records(simulation):

@@ -178,6 +178,7 @@ def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
         assert list(splits) == [
             "test",
             "free_run",
+            "uncertainty",
         ]  # the seeds' training motions were seen by nobody here
         assert splits["test"]["relative_rms_percent"] > clean
         assert splits["test"]["relative_rms_percent_true"] < splits["test"]["relative_rms_percent"]
@@ -186,7 +187,7 @@ def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
 def test_a_longer_record_is_no_training_motion(finished, monkeypatch, capsys):
     assert run(evaluate, monkeypatch, f"run={finished}", "data.duration=30", "label=long") == 0
     scores = json.loads((finished / "evaluation/long/scores.json").read_text())
-    assert list(scores["0"]) == ["test", "free_run"]
+    assert list(scores["0"]) == ["test", "free_run", "uncertainty"]
 
 
 def test_a_model_is_not_used_at_another_time_step(finished, monkeypatch, capsys):
