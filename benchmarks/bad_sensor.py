@@ -118,11 +118,13 @@ def table_of(results: Sequence[Mapping[str, Any]]) -> str:
 def main(given: list[str] | None = None) -> None:
     parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=12)
+    parser.add_argument("--quick", action="store_true", help="one case")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--output", type=Path, help="file of all results, JSON")
     options = parser.parse_args(given)
     with command_errors():
-        work = (delayed(run_case)(number) for number in range(options.cases))
+        cases = 1 if options.quick else options.cases
+        work = (delayed(run_case)(number) for number in range(cases))
         results = list(Parallel(n_jobs=options.jobs)(work))
         print(table_of(results))
         if options.output is not None:

@@ -90,6 +90,8 @@ def refit(
     weight that the fit ended with, as in `Trainable.pull`.
     """
     errors = errors_of(model, batch)
+    if not np.isfinite(deviations(errors)[0]).all():
+        return []
     weighed = channels == "noise" or (channels is None and takes_over(errors) is not None)
     at_first = bool((model.channels != 1.0).any())
     if not weighed and not at_first and not model.stated:
@@ -164,7 +166,7 @@ def takes_over(errors: Errors) -> int | None:
     """
     deviation, size = deviations(errors)
     worst = int(deviation.argmax())
-    if not np.isfinite(deviation).all() or not deviation[worst] > TIMES * deviation.min():
+    if not deviation[worst] > TIMES * deviation.min():
         return None
     upper, whole = 0.0, 0.0
     for e, _ in errors:

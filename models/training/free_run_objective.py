@@ -315,15 +315,17 @@ class FreeRun(Objective):
             asked = "model.priors" if stated else "objective.channels=noise"
             raise ValueError(f"{asked} needs all windows in one batch; set data.batch=null")
 
-    def refine(self, estimator: Trainable, batch: Record, note: Note) -> None:
+    def refine(self, estimator: Trainable, batches: Iterable[Record], note: Note) -> None:
         """Weigh channels and stated priors by the noise that the fit left."""
         if not isinstance(estimator, Composite):
             return
-        last = len(self.stages) - 1
-        self.shorter, self.raised = 0, 1.0
+        whole = list(batches)
+        if len(whole) > 1:  # windows, some at a time
+            return
+        self.shorter, self.raised, last = 0, 1.0, len(self.stages) - 1
         told = refit(
             estimator,
-            batch,
+            whole[0],
             lambda record: self.problem(estimator, record, last),
             self.channels,
             self.facts().get("prior"),

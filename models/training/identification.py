@@ -302,10 +302,9 @@ class Identification(LightningModule):
         elif len(self.objective.stages) > 1:
             none = "no stage ended in a free run of the training motion that is finite"
             self.objective.remarks = [*self.objective.remarks, none]
-        loader = self.trainer.datamodule.train_dataloader()  # type: ignore[attr-defined]
-        if self.solver is not None and len(loader) == 1:
-            (batch,) = OnDevice(loader, self.device)
-            self.objective.refine(self.trainable, batch, self._note)
+        if self.solver is not None:
+            loader = self.trainer.datamodule.train_dataloader()  # type: ignore[attr-defined]
+            self.objective.refine(self.trainable, OnDevice(loader, self.device), self._note)
         self.fit_seconds = time.perf_counter() - self.start
 
     def on_test_start(self) -> None:

@@ -71,7 +71,7 @@ class Objective(ABC):
     def enter(self, estimator: Trainable, stage: int) -> None:
         """Called before every stage but the first."""
 
-    def refine(self, estimator: Trainable, batch: Record, note: Note) -> None:
+    def refine(self, estimator: Trainable, batches: Iterable[Record], note: Note) -> None:
         """Go on from a finished fit by what only such a fit can tell; by default nothing."""
         return
 
