@@ -190,7 +190,9 @@ class BranchElement(Trainable):
     ) -> tuple[Tensor, Tensor]:
         return self._run(record.excitation, record.dt, derivatives=True)
 
-    def pull(self, last: bool, prior: float | None = None) -> tuple[float | Tensor, Tensor]:
+    def pull(
+        self, last: bool, prior: float | None = None, noise: float = 0.0
+    ) -> tuple[float | Tensor, Tensor]:
         weights = self.weights.expand_as(self.theta).reshape(-1)
         return weights if prior is None else prior, (self.theta - self.begun).reshape(-1)
 

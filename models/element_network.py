@@ -10,9 +10,9 @@ B records, T samples, n DOFs, E elements, m excitations.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations, pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -25,6 +25,7 @@ from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
 from models.composition.simulate import Composition
+from models.composition.stated import typed
 from models.starts.equilibrium import forces_of, integrated_states
 from models.starts.ladder import Equations, linear_start
 from models.starts.spectra import Layout, LinearStructure, Spectra
@@ -40,13 +41,15 @@ class ElementNetwork(Composite):
     elements: the pairs of nodes that are joined, such as [[ground, x1], [x1, x2]]; "chain" for
     ground, x1, x2, … one after the other; "all" for all n(n + 1)/2 pairs; None for all where the
     motion can tell them apart, else the chain: beyond four DOFs, and where a base moves and no
-    mass is known.  masses [kg]: None learns them.  forced: numbers of the
+    mass is known.  masses [kg]: None learns them, or one of them.  forced: numbers of the
     DOFs that carry the forces, None for all of them, "base" where f = −s̈ of a common support moves
     all of them by M ι f.  The channels beside the forces are displacements and velocities of moving
     supports; every DOF then has an element to each support instead of to ground.
     hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
     from_accelerations: measured x and v are not used.
-    Raises ValueError for channels, masses or pairs of nodes that do not fit.
+    priors: {name of a parameter: [value in its unit, relative standard deviation]}.  ties: groups
+    of elements, or of parameters of one kind, that are one (composition/stated.py).
+    Raises ValueError for channels, masses, pairs of nodes, priors or ties that do not fit.
     """
 
     takes_other_inputs = False
@@ -59,7 +62,7 @@ class ElementNetwork(Composite):
         inputs: int,
         dt: float,
         elements: Sequence[Sequence[str]] | Literal["chain", "all"] | None = None,
-        masses: Sequence[float] | None = None,
+        masses: Sequence[float | None] | None = None,
         forced: Sequence[int] | str | None = None,
         hinges: int = 2,
         tanhs: int = 0,
@@ -69,6 +72,8 @@ class ElementNetwork(Composite):
         from_accelerations: bool = False,
         prior: float = 1e-10,
         early_prior: float | None = None,
+        priors: Mapping[str, Any] | None = None,
+        ties: Sequence[Sequence[str]] | None = None,
     ) -> None:
         super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations, early_prior)
         if forced is None:
@@ -84,8 +89,15 @@ class ElementNetwork(Composite):
                 "excitation: forces first, then displacement and velocity of every support; list "
                 "the DOFs that carry the forces"
             )
-        if masses is not None and (len(masses) != dofs or not all(m > 0.0 for m in masses)):
-            raise ValueError(f"model.masses={list(masses)}: expected {dofs} positive masses in kg")
+        if masses is not None and (
+            len(masses) != dofs or not all(m is None or 0.0 < m < float("inf") for m in masses)
+        ):
+            raise ValueError(
+                f"model.masses={typed(masses)}: expected {dofs} positive masses in kg, null "
+                "for one that is learned"
+            )
+        if masses is not None and all(m is None for m in masses):
+            masses = None
         self.supports = supports
         self.topology = "as given"
         if elements is None:
@@ -105,9 +117,17 @@ class ElementNetwork(Composite):
         B, B_s = self._incidence()
         self.register_buffer("B", B, persistent=False)  # (E, n)
         self.register_buffer("B_s", B_s, persistent=False)  # (E, p)
-        self.mass = Coefficients(dofs, positive=True, learned=masses is None)
-        self.known_masses = None if masses is None else torch.tensor(masses).double()
+        self.known_masses: Tensor | None = None  # NaN where one is learned
+        open_masses = torch.ones(dofs, dtype=torch.bool)
+        if masses is not None:
+            listed = [float("nan") if m is None else m for m in masses]
+            self.known_masses = torch.tensor(listed, dtype=torch.float64)
+            open_masses = self.known_masses.isnan()
+        self.mass = Coefficients(dofs, positive=True, learned=bool(open_masses.any()))
+        if self.mass.learned and not open_masses.all():
+            self.mass.share(torch.where(open_masses, open_masses.cumsum(0) - 1, -1))
         self.laws = ElementLaws(len(self.elements), hinges, tanhs, units, cubic)
+        self.hold_to(priors, ties, self.laws, self.mass)
 
     B: Tensor
     B_s: Tensor
@@ -184,6 +204,7 @@ class ElementNetwork(Composite):
 
         raised: springs and dampers may be of either sign, and are brought to some share of others.
         """
+        structure = structure.times(self._stated_scale(structure))
         mass, stiffness, damping = (torch.from_numpy(part) for part in vars(structure).values())
         typical = stiffness[stiffness > 0.0].median()
         self.mass.start(mass)
@@ -192,8 +213,23 @@ class ElementNetwork(Composite):
             damping = damping.clamp_min(0.1 * damping.abs().median())
         self.linear = (stiffness, damping, largest)
         self.laws.start(*self.linear, (0.5, 0.5))
+        self.start_as_stated()
         self.identified.fill_(1.0)
         return typical
+
+    def _stated_scale(self, structure: LinearStructure) -> float:
+        """What masses and forces, known but for a factor, are multiplied by to suit the priors."""
+        if self.known_masses is not None or self.forced:
+            return 1.0
+        told = {f"x{i + 1}.mass": m for i, m in enumerate(structure.mass)}
+        told |= {f"r{e + 1}.stiffness": k for e, k in enumerate(structure.stiffness)}
+        told |= {f"r{e + 1}.damping": c for e, c in enumerate(structure.damping)}
+        pairs = [(s, told[s.name]) for s in self.stated if told.get(s.name, 0.0) > 0.0]
+        if not pairs:
+            return 1.0
+        weights = np.array([s.share**-2 for s, _ in pairs])
+        logs = np.log([s.value / now for s, now in pairs])
+        return float(np.exp(weights @ logs / weights.sum()))
 
     @torch.no_grad()
     def settle(self) -> None:
@@ -266,6 +302,7 @@ class ElementNetwork(Composite):
             )
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         self.laws.start(*self.linear, places)
+        self.start_as_stated()
 
     def _named(
         self, elements: Sequence[Sequence[str]] | Literal["chain", "all"]

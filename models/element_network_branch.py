@@ -51,7 +51,7 @@ class ElementNetworkBranch(ElementNetwork):
     Raises ValueError for channels, masses or pairs of nodes that do not fit.
     """
 
-    later = ("weight",)
+    later = (*ElementNetwork.later, "weight")
     scale: Tensor  # (4, E): Y [m], V [m/s], F [N] and log k₀
     weight: Tensor  # of the prior on the free run
     begun: Tensor  # (E, L): θ₀
@@ -62,7 +62,7 @@ class ElementNetworkBranch(ElementNetwork):
         inputs: int,
         dt: float,
         elements: Sequence[Sequence[str]] | Literal["chain", "all"] | None = None,
-        masses: Sequence[float] | None = None,
+        masses: Sequence[float | None] | None = None,
         forced: Sequence[int] | str | None = None,
         ramps: int = 14,
         bends: int = 4,
@@ -157,7 +157,9 @@ class ElementNetworkBranch(ElementNetwork):
         self.theta.data[e] = of_sizes(law.theta.detach()[0], law.sizes, self.sizes)
         self.scale[:, e] = law.scale[:4, 0]
 
-    def pull(self, last: bool, prior: float | None = None) -> tuple[float | Tensor, Tensor]:
+    def pull(
+        self, last: bool, prior: float | None = None, noise: float = 0.0
+    ) -> tuple[float | Tensor, Tensor]:
         parts = [(self.theta - self.begun).reshape(-1)]
         if self.mass.theta.requires_grad:
             parts.append(self.mass.deviation(last).reshape(-1))

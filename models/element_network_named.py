@@ -26,6 +26,7 @@ from torch import Tensor
 from data.record import Drive, Record, Response
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
+from models.composition.stated import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator
@@ -63,12 +64,17 @@ class ElementNetworkNamed(ElementNetwork):
         inputs: int,
         dt: float,
         elements: Sequence[Sequence[str]] | Literal["chain", "all"] | None = None,
-        masses: Sequence[float] | None = None,
+        masses: Sequence[float | None] | None = None,
         forced: Sequence[int] | str | None = None,
         laws: Sequence[str] | None = None,
         seed: int = 0,
         from_accelerations: bool = False,
     ) -> None:
+        if masses is not None and None in masses:
+            raise ValueError(
+                f"model.masses={typed(masses)}: named laws need all masses or none; give "
+                "numbers, or choose element_network"
+            )
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False,
             from_accelerations=from_accelerations,

@@ -10,8 +10,9 @@ T samples, E elements side by side, each under its own motion; J laws of an elem
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -35,7 +36,9 @@ class HystereticElement(Composite):
     many `nodes` in its range, over which hinges, tanhs and units are spread, and in which so many
     `rates` are forces that saturate with the rate. The units then begin at rest, and the first
     samples of a record, which tell of its beginning, let them forget.
-    Raises ValueError for other channels than an element test's.
+    priors, ties: as for `ElementNetwork`, without other inputs.
+    Raises ValueError for other channels than an element test's, and for priors and ties that do
+    not fit.
     """
 
     def __init__(
@@ -51,6 +54,8 @@ class HystereticElement(Composite):
         other_inputs: int | None = None,
         nodes: int = 3,
         rates: int = 2,
+        priors: Mapping[str, Any] | None = None,
+        ties: Sequence[Sequence[str]] | None = None,
     ) -> None:
         super().__init__(dofs, inputs, dt, 1, prior, from_accelerations=True)
         others = other_inputs or 0
@@ -66,7 +71,13 @@ class HystereticElement(Composite):
         counts = (hinges, tanhs, units)
         if self.others:
             counts = (-(-hinges // nodes), -(-tanhs // nodes), -(-units // nodes))
+        if self.others and (priors or ties):
+            raise ValueError(
+                "model.priors and model.ties are of elements with one law; under other inputs an "
+                "element has several: leave them out"
+            )
         self.laws = ElementLaws(dofs * self.parallel, *counts, cubic)
+        self.hold_to(priors, ties, self.laws)
         self.linear: tuple[Tensor, Tensor, Tensor] | None = None
 
     def composition(self) -> Composition:
@@ -123,6 +134,7 @@ class HystereticElement(Composite):
         J = self.parallel
         self.linear = stiffness.repeat(J), damping.repeat(J), largest.repeat(J)
         self.laws.start(*self.linear, (0.5, 0.5))
+        self.start_as_stated()
         self.identified.fill_(1.0)
         return {"linear_stiffness": float(stiffness.mean())}
 
@@ -139,6 +151,7 @@ class HystereticElement(Composite):
             raise ValueError("HystereticElement starts anew from its identification; identify it")
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         self.laws.start(*self.linear, places)
+        self.start_as_stated()
         if self.others:
             self.others.restart()
 

@@ -42,6 +42,7 @@ def fitted(words: Sequence[str], batch: Record) -> tuple[Estimator, Facts]:
             solver.solve(objective.problem(trainable, batch, stage))
         ends.append((objective.final_loss(trainable, [batch]), state_of(trainable)))
     restore(trainable, min(ends, key=lambda end: end[0])[1])
+    objective.refine(trainable, [batch], lambda losses: None)
     return estimator, facts
 
 

@@ -20,8 +20,10 @@ class Coefficients(nn.Module):
     """Physical coefficients of a given shape: unit·θ, or unit·exp θ where they are `positive`.
 
     A unit is set by `start` from the data, so that every θ is of the order of one.
+    Rows that `share` a θ have one value.
     """
 
+    rows: Tensor | None  # of θ that rows of the coefficients have; None: each its own
     unit: Tensor
     begin: Tensor
     end: Tensor
@@ -31,14 +33,42 @@ class Coefficients(nn.Module):
         self.positive, self.learned = positive, learned
         zeros = torch.zeros(shape, dtype=torch.float64)
         self.theta = nn.Parameter(zeros, requires_grad=learned)
+        self.register_buffer("rows", None, persistent=False)
         self.register_buffer("unit", torch.ones(shape, dtype=torch.float64))
         for name in ("begin", "end"):  # θ without data: before the last stage, and in it
             self.register_buffer(name, torch.zeros(shape, dtype=torch.float64), persistent=False)
 
+    def share(self, rows: Tensor) -> None:
+        """Row i of the coefficients has row rows[i] of θ; of −1 it has none, and stays at its unit.
+
+        For coefficients that have not started.
+        """
+        shape = (int(rows.max()) + 1, *self.unit.shape[1:])
+        self.rows = rows
+        self.theta = nn.Parameter(self.theta.new_zeros(shape), requires_grad=self.learned)
+        self.begin, self.end = self.begin.new_zeros(shape), self.end.new_zeros(shape)
+
+    def pooled(self, values: Tensor) -> Tensor:
+        """Of every coefficient (rows, …) → of every θ (k, …): means of the rows that share one."""
+        if self.rows is None:
+            return values
+        return torch.stack([values[self.rows == k].mean(dim=0) for k in range(len(self.theta))])
+
+    def spread(self, theta: Tensor, without: float = 0.0) -> Tensor:
+        """Of every θ (k, …) → of every coefficient (rows, …), `without` where there is no θ."""
+        if self.rows is None:
+            return theta
+        return torch.cat([theta, torch.full_like(theta[:1], without)])[self.rows]
+
     @torch.no_grad()
     def start(self, unit: Tensor, theta: Tensor | float = 0.0) -> None:
+        """Set units and θ of every coefficient; those that share a θ start at a mean of theirs."""
+        unit, theta = (torch.as_tensor(t).expand_as(self.unit) for t in (unit, theta))
+        if self.rows is not None:  # a unit is positive
+            alone = (self.rows < 0).view(-1, *[1] * (unit.ndim - 1))
+            unit = torch.where(alone, unit, self.spread(self.pooled(unit.log())).exp())
         self.unit.copy_(unit)
-        self.theta.copy_(torch.as_tensor(theta).expand_as(self.theta))
+        self.theta.copy_(self.pooled(theta))
         self.begin.copy_(self.theta)
         self.end.copy_(self.theta)
 
@@ -47,9 +77,10 @@ class Coefficients(nn.Module):
         return self.theta - (self.end if last else self.begin)
 
     def forward(self) -> Tensor:
+        theta = self.spread(self.theta, 0.0 if self.positive else 1.0)
         if self.positive:
-            return self.unit * self.theta.clamp(-LARGEST_EXPONENT, LARGEST_EXPONENT).exp()
-        return self.unit * self.theta
+            return self.unit * theta.clamp(-LARGEST_EXPONENT, LARGEST_EXPONENT).exp()
+        return self.unit * theta
 
     def slope(self) -> Tensor:
         """Derivative of each value by its θ."""
@@ -96,4 +127,5 @@ class Numbering:
         if id(theta) not in self.first:
             return Part.fixed(value)
         numbers = torch.arange(theta.numel(), device=theta.device).reshape(theta.shape)
-        return Part(value, numbers + self.first[id(theta)], coefficients.slope())
+        numbers = coefficients.spread(numbers + self.first[id(theta)], -1)
+        return Part(value, numbers, coefficients.slope())

@@ -7,20 +7,21 @@ B records, T samples, n DOFs, E elements, P free parameters.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from models.composition.beginning import FEWEST, beginning, projected, units_of
-from models.composition.coefficients import Coefficients
+from models.composition.coefficients import Coefficients, Numbering
 from models.composition.laws import ElementLaws
 from models.composition.measured_states import MEASURES, reconstructed_of, states_of
 from models.composition.simulate import ACCELERATION, Composition, simulate
+from models.composition.stated import Stated, places_of, stated_in, tie
 from models.composition.trace import DifferentiatedRun, Trace, traced
 from models.training.free_run import simulate as simulate_record
 from models.training.trainable import Trainable
@@ -44,10 +45,14 @@ class Composite(Trainable):
 
     reads = ("f",)
     estimates_beginning = True
-    later = ("bound",)
+    later: ClassVar[tuple[str, ...]] = ("bound", "channels", "colour", "away")
     traced = staticmethod(traced)  # how a composition is run
     measures: Tensor  # (n,): of the sensors, displacement 0, velocity 1, acceleration 2
     bound: Tensor  # (n,): of what sensors measure; a run beyond has diverged
+    channels: Tensor  # (n,): what the errors of each count by
+    stated: Sequence[Stated] = ()  # priors of a person, k of them
+    away: Tensor  # (P,): the step to what records alone say, where they contradict such priors
+    colour: Tensor  # (k,): variance of slow noise over that of an error, as each prior meets it
     identified: Tensor  # 1 once the parameters have their units, until then NaN
 
     def __init__(
@@ -71,6 +76,9 @@ class Composite(Trainable):
         self.register_buffer("identified", torch.tensor(torch.nan, dtype=torch.float64))
         self.register_buffer("measures", torch.full((dofs,), ACCELERATION))
         self.register_buffer("bound", torch.full((dofs,), torch.inf, dtype=torch.float64))
+        self.register_buffer("channels", torch.ones(dofs, dtype=torch.float64))
+        self.register_buffer("colour", torch.ones(0, dtype=torch.float64))
+        self.register_buffer("away", torch.zeros(0, dtype=torch.float64))
         if not isinstance(substeps, int) or substeps < 1:
             raise ValueError(f"model.substeps={substeps} must be a whole number, at least 1")
         if substeps > MOST_SUBSTEPS:
@@ -79,13 +87,60 @@ class Composite(Trainable):
         self.first: dict[int, tuple[Tensor, Tensor, Tensor]] = {}  # states of records in training
         self.motions: dict[int, tuple[Tensor, Tensor]] = {}  # x and v of such records
 
-    def pull(self, last: bool, prior: float | None = None) -> tuple[float | Tensor, Tensor]:
+    def hold_to(
+        self,
+        priors: Mapping[str, Any] | None,
+        ties: Sequence[Sequence[str]] | None,
+        laws: ElementLaws,
+        mass: Coefficients | None = None,
+    ) -> None:
+        """Take what a person states of the parameters (stated.py), before they start."""
+        if ties:
+            tie(ties, laws, mass)
+        self.stated = stated_in(priors or {}, places_of(laws, mass))
+        self.colour = self.colour.new_ones(len(self.stated))
+        self.away = self.away.new_zeros(Numbering(self).count if self.stated else 0)
+
+    def weights_of_channels(self) -> Tensor | None:
+        return self.channels
+
+    def start_as_stated(self) -> None:
+        """Let parameters start where their stated priors allow it, at the units that they have."""
+        for one in self.stated:
+            one.start()
+
+    def numbers_of_stated(self) -> list[int]:
+        """Numbers of the free parameters that the stated priors are of; −1 of one held still."""
+        first = Numbering(self).first
+        thetas = [(id(s.coefficients.theta), s.theta) for s in self.stated]
+        return [first[theta] + own if theta in first else -1 for theta, own in thetas]
+
+    def pull(
+        self, last: bool, prior: float | None = None, noise: float = 0.0
+    ) -> tuple[float | Tensor, Tensor]:
         """Weights and deviation (P,) of the free parameters from where they stay without data.
 
         A prior that is given holds what goes beyond a linear structure, which itself is nearly
         free; units of negative stiffness, which make energy, and cubic springs that let go of
-        what goes far are held harder.
+        what goes far are held harder. A stated prior counts as its variance asks for, beside
+        errors with that of the `noise`.
         """
+        weights, deviation = self._own_pull(last, prior)
+        if not self.stated:
+            return weights, deviation
+        weights = torch.as_tensor(weights).to(deviation).expand_as(deviation).clone()
+        mean = torch.full_like(deviation, torch.nan)
+        free = torch.cat([p.reshape(-1) for p in self.parameters() if p.requires_grad])
+        for number, colour, one in zip(
+            self.numbers_of_stated(), self.colour.tolist(), self.stated, strict=True
+        ):
+            if number >= 0:
+                weights[number] = colour * noise / one.width**2
+                mean[number] = one.mean
+        return weights, torch.where(mean.isnan(), deviation, free - mean.nan_to_num())
+
+    def _own_pull(self, last: bool, prior: float | None) -> tuple[float | Tensor, Tensor]:
+        """The same without stated priors."""
         learned = [c for c in self._coefficients() if c.theta.requires_grad]
         deviation = torch.cat([c.deviation(last).reshape(-1) for c in learned])
         if prior is None:

@@ -30,6 +30,21 @@ GAPS = (0.05, 0.8)  # of the largest deformation: between these the hinges start
 STEEPNESS = 2.0  # s b of a tanh at the start
 LIMITS = (0.05, 0.8)  # of the largest deformation: between these the units' limits start
 FAR = 10.0  # times the largest deformation: the end of limits that no motion has reached
+NAMED = (  # attribute of ElementLaws, name of the parameter, unit
+    ("stiffness", "stiffness", "N/m"),
+    ("damping", "damping", "N s/m"),
+    ("cubic", "cubic_stiffness", "N/m³"),
+    ("quadratic", "quadratic_stiffness", "N/m²"),
+    ("absolute_damping", "damping_by_deformation", "N s/m²"),
+    ("square_damping", "damping_by_square_deformation", "N s/m³"),
+)
+GROUPS = (  # of terms of a law that come several times
+    ("hinge", (("hinge_gap", "gap", "m"), ("hinge_stiffness", "stiffness", "N/m"))),
+    ("tanh", (("tanh_place", "place", "m"), ("tanh_slope", "slope", "1/m"),
+              ("tanh_stiffness", "stiffness", "N/m"))),
+    ("unit", (("unit_limit", "yield_displacement", "m"), ("unit_stiffness", "stiffness", "N/m"),
+              ("unit_rising", "rising", "1/m"), ("unit_falling", "falling", "1/m"))),
+)  # fmt: skip
 
 
 class ElementLaws(nn.Module):
@@ -116,7 +131,7 @@ class ElementLaws(nn.Module):
         self.tanh_slope.start(STEEPNESS / steps)
         limits = size * _levels(units, places[1], *LIMITS)
         self.unit_limit.start(limits)
-        self.unit_limit.end.copy_(torch.log(FAR * size / limits))
+        self.unit_limit.end.copy_(self.unit_limit.pooled(torch.log(FAR * size / limits)))
 
     def table(self, numbering: Numbering) -> Part:
         """Coefficients of all laws (E, L)."""

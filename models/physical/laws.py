@@ -12,7 +12,7 @@ from torch import Tensor
 
 from models.composition.branch_law import LEAST_DAMPER, TAIL, branch_forces, ramp
 from models.composition.branch_run import Branches
-from models.composition.laws import ElementLaws
+from models.composition.laws import GROUPS, NAMED, ElementLaws
 from models.named_laws.fit import Fit
 
 Values = tuple[str, float, str, str, bool]
@@ -38,21 +38,6 @@ WORDS = {  # of parameters whose names in code say too little beside others
 YIELDS = ("yield_displacement", "activation_displacement", "largest")  # at a force of k times it
 STEPS = 100  # of a push
 SMALL = 0.05  # of an element's stiffness: hinges and units that are told term by term alone
-TERMS = (  # of a composed law: attribute of ElementLaws, name, unit
-    ("stiffness", "stiffness", "N/m"),
-    ("damping", "damping", "N s/m"),
-    ("cubic", "cubic_stiffness", "N/m³"),
-    ("quadratic", "quadratic_stiffness", "N/m²"),
-    ("absolute_damping", "damping_by_deformation", "N s/m²"),
-    ("square_damping", "damping_by_square_deformation", "N s/m³"),
-)
-GROUPS = (  # of terms of a law that come several times
-    ("hinge", (("hinge_gap", "gap", "m"), ("hinge_stiffness", "stiffness", "N/m"))),
-    ("tanh", (("tanh_place", "place", "m"), ("tanh_slope", "slope", "1/m"),
-              ("tanh_stiffness", "stiffness", "N/m"))),
-    ("unit", (("unit_limit", "yield_displacement", "m"), ("unit_stiffness", "stiffness", "N/m"),
-              ("unit_rising", "rising", "1/m"), ("unit_falling", "falling", "1/m"))),
-)  # fmt: skip
 
 
 def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[Values]:
@@ -63,7 +48,7 @@ def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[
     has its post-yield stiffness, springs beyond gaps aside. Gap, yield displacement and yield force
     of the element are those of its stiffest hinge and unit, where they are no small part of it.
     """
-    for attribute, name, unit in TERMS:
+    for attribute, name, unit in NAMED:
         coefficients = getattr(laws, attribute)
         value = float(coefficients()[e])
         if coefficients.learned or value != 0.0:

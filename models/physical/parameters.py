@@ -16,6 +16,7 @@ from models.branch_element import BranchElement
 from models.composition.branch_run import Branches
 from models.composition.composite import Composite
 from models.composition.other_inputs import OtherInputs
+from models.composition.stated import Stated
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
 from models.element_network_named import ElementNetworkNamed
@@ -58,10 +59,16 @@ def parameters_of(estimator: Estimator) -> list[Parameter]:
 
 
 def scale_is_open(estimator: Estimator) -> bool:
-    """Whether masses and forces share an unknown factor: no force and no mass was given."""
+    """Whether masses and forces share an unknown factor: no force, mass or prior was given."""
     if isinstance(estimator, ElementNetwork):
-        return estimator.known_masses is None and not estimator.forced
+        given = estimator.forced or any(map(sets_scale, estimator.stated))
+        return estimator.known_masses is None and not given
     return False
+
+
+def sets_scale(prior: Stated) -> bool:
+    """Whether a stated prior says how heavy or how stiff something is."""
+    return prior.name.endswith((".mass", "stiffness", "damping"))
 
 
 Values = tuple[str, float, str, str, bool]

@@ -75,19 +75,24 @@ def linear_start(
 
     Raises ValueError where a changed sign of a channel explains the motion far better.
     """
-    known = np.ones(1) if layout.open_scale else layout.masses
-    count = 0 if known is None else len(known)
-    target = equations.target
-    if known is not None:
-        target = target - equations.unknown[:, :count] @ torch.as_tensor(known)
-    unknown, E = equations.unknown[:, count:], len(layout.B)
+    E, n = layout.B.shape
+    whole = np.full(n + 2 * E, np.nan)
+    if layout.open_scale:
+        whole[0] = 1.0
+    elif layout.masses is not None:
+        whole[:n] = layout.masses
+    asked = np.isnan(whole)
+    target = equations.target - equations.unknown[:, ~asked] @ torch.as_tensor(whole[~asked])
+    unknown = equations.unknown[:, asked]
+    names = [name for name, open_one in zip(equations.names, asked, strict=True) if open_one]
 
     def structure(solution: np.ndarray) -> LinearStructure:
-        whole = solution if known is None else np.concatenate([known, solution])
-        return LinearStructure(*np.split(whole, [len(whole) - 2 * E, len(whole) - E]))
+        found = whole.copy()
+        found[asked] = solution
+        return LinearStructure(*np.split(found, [n, n + E]))
 
     factor = triangle(unknown, target)
-    rank, open_names = left_open(factor, equations.names[count:])
+    rank, open_names = left_open(factor, names)
     first = structure(least_squares(unknown, target))
     fault = fault_of(first, layout, substep)
     off = spectra.error(first, layout) if filtered and not fault else 0.0

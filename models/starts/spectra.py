@@ -35,7 +35,7 @@ class Layout:
     B_s: np.ndarray  # (E, p)
     forced: list[int]
     base: bool = False
-    masses: np.ndarray | None = None  # (n,) [kg]
+    masses: np.ndarray | None = None  # (n,) [kg], NaN where one is unknown
 
     def shapes(self) -> list[np.ndarray]:
         """Relative stiffnesses (E,) to begin with: all alike, and mostly a chain if it is there."""
@@ -51,6 +51,11 @@ class Layout:
     def open_scale(self) -> bool:
         """No force and no mass says how heavy it is: the first mass is 1."""
         return self.masses is None and not self.forced
+
+    @property
+    def open_masses(self) -> np.ndarray:
+        """Which masses (n,) are unknown."""
+        return np.ones(self.B.shape[1], bool) if self.masses is None else np.isnan(self.masses)
 
 
 @dataclass(frozen=True)
@@ -163,6 +168,7 @@ def respond(
 def typical(spectra: Spectra, layout: Layout, square: float, shape: np.ndarray) -> LinearStructure:
     """A structure of equal masses whose first natural frequency has this square [1/s²]."""
     mass = np.ones(layout.B.shape[1]) if layout.masses is None else layout.masses
+    mass = np.where(np.isnan(mass), np.nanmean(mass), mass)
     unit = LinearStructure(mass, mass.mean() * shape, 0.0 * shape)
     lowest = unit.frequencies(layout.B)
     stiffness = unit.stiffness * square / max(lowest[0], 1e-9 * lowest[-1])
@@ -199,7 +205,7 @@ def polished(spectra: Spectra, layout: Layout, start: LinearStructure) -> Linear
     """The structure near `start` whose response has the least error."""
     E, n = layout.B.shape
     learned = np.ones(n + 2 * E, dtype=bool)
-    learned[:n] = layout.masses is None
+    learned[:n] = layout.open_masses
     if layout.open_scale:
         learned[0] = False
     begin = np.log(np.concatenate([start.mass, start.stiffness, start.damping]))

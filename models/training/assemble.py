@@ -22,7 +22,7 @@ from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
 from models.estimator import Estimator
 from models.starts.topology import MOST_PAIRED, topology_of
-from models.training.build import build, class_of
+from models.training.build import arguments_of, build, class_of
 from models.training.identification import Identification
 from models.training.objective import Objective
 from models.training.solvers.solver import Solver
@@ -76,6 +76,12 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
     """An estimator of the size of the data, or of what sensors send, not yet identified."""
     if not isinstance(model, DictConfig):
         raise ValueError(f"{shown(model)!r} stands in place of a model; see --help")
+    if (model.get("priors") or model.get("ties")) and not _can_state(model):
+        raise ValueError(
+            "model.priors and model.ties are for element_network, element_network_accelerations, "
+            f"element_network_tanh and hysteretic_element; model={model.get('name', '')} has no "
+            "parameters that they could be of: leave them out"
+        )
     more: dict[str, Any] = {}
     sensors = data.sensors if isinstance(data, Data) else data
     others = [] if "y1" in sensors.channels else sensors.channels  # u1 drives a benchmark's y1
@@ -95,6 +101,10 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
     if "estimator" in model:  # one that wraps another
         more["estimator"] = estimator_from(model.estimator, data)
     return build(model, Estimator, dofs=data.dofs, inputs=data.inputs, dt=data.dt, **more)
+
+
+def _can_state(model: DictConfig) -> bool:
+    return "priors" in arguments_of(class_of(model.get("_target_")))
 
 
 def solver_from(solver: DictConfig) -> Callable[[Iterable[nn.Parameter]], Solver]:

@@ -11,12 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import torch
 
 from data.checked import checked
 from data.record import Record
+from models.composition.composite import Composite
+from models.training.by_noise import refit, weigh_at_first
 from models.training.objective import (
     MakeSolver,
     Note,
@@ -65,6 +67,8 @@ class FreeRun(Objective):
     after them the path from the linear structure; the one with the least error of the free run on
     what is held back goes on, on the whole. None: some where records were measured, the first also
     from runs of single samples; []: none. It takes the place of finalists.
+    channels: "noise": once the fit is made, it goes on with errors in units of each channel's noise
+    (by_noise.py). "equal": all count alike. None: "noise" only where a noisy sensor takes over.
     """
 
     kept = ("ranked", "judged", "shorter", "raised", "present", "remarks")
@@ -81,6 +85,7 @@ class FreeRun(Objective):
         seed: int = 0,
         select: Sequence[float] | None = None,
         held_back: float = 0.2,
+        channels: Literal["equal", "noise"] | None = None,
     ) -> None:
         lengths = [math.inf if h is None else h for h in horizons]
         whole = all(h is None or isinstance(h, int) for h in horizons)
@@ -109,6 +114,7 @@ class FreeRun(Objective):
         self.restart, self.records = restart, records
         self.starts, self.start_iterations, self.seed = starts, start_iterations, seed
         self.finalists, self.select, self.held_back = finalists, select, held_back
+        self.channels = channels
         self.priors: list[float] = []  # that are tried, the first `anew` of them from the starts
         self.anew = 0
         self.near: int | None = None  # number of the one whose first runs are of one sample
@@ -137,6 +143,13 @@ class FreeRun(Objective):
 
     def prepare(self, estimator: Trainable, batches: Iterable[Record], measured: bool) -> None:
         records = list(batches)
+        if self.channels == "noise" and not isinstance(estimator, Composite):
+            raise ValueError(
+                f"objective.channels=noise: {type(estimator).__name__} counts all channels alike; "
+                "leave it out, or choose a network of elements"
+            )
+        if self.channels != "equal" and isinstance(estimator, Composite):
+            weigh_at_first(estimator, records, self.channels)
         anew = all(estimator.begins_anew(record) for record in records)
         if self.restart and self.horizons != [None] and not anew:
             self._grow(min(record.samples - onset(record) for record in records))
@@ -295,6 +308,30 @@ class FreeRun(Objective):
                 done += 1
                 if solver.finished or done == self.start_iterations:
                     return
+
+    def require_one_batch(self, estimator: Trainable) -> None:
+        stated = isinstance(estimator, Composite) and estimator.stated
+        if stated or self.channels == "noise":
+            asked = "model.priors" if stated else "objective.channels=noise"
+            raise ValueError(f"{asked} needs all windows in one batch; set data.batch=null")
+
+    def refine(self, estimator: Trainable, batches: Iterable[Record], note: Note) -> None:
+        """Weigh channels and stated priors by the noise that the fit left."""
+        if not isinstance(estimator, Composite):
+            return
+        whole = list(batches)
+        if len(whole) > 1:  # windows, some at a time
+            return
+        self.shorter, self.raised, last = 0, 1.0, len(self.stages) - 1
+        told = refit(
+            estimator,
+            whole[0],
+            lambda record: self.problem(estimator, record, last),
+            self.channels,
+            self.facts().get("prior"),
+            note,
+        )
+        self.remarks = [*self.remarks, *told]
 
     def final_loss(self, estimator: Trainable, batches: Iterable[Record]) -> float:
         """Mean loss of the plain free run, without restarts; on held-back motion along a path."""

@@ -150,6 +150,8 @@ class Identification(LightningModule):
             measured = self.trainer.datamodule.measured  # type: ignore[attr-defined]
             whole = OnDevice(self._whole(), self.device)
             self.objective.prepare(self.trainable, whole, measured)
+            if len(loader) > 1:
+                self.objective.require_one_batch(self.trainable)
         if self.broken_off:
             self._go_on()
         elif self.solver is None:
@@ -300,6 +302,9 @@ class Identification(LightningModule):
         elif len(self.objective.stages) > 1:
             none = "no stage ended in a free run of the training motion that is finite"
             self.objective.remarks = [*self.objective.remarks, none]
+        if self.solver is not None:
+            loader = self.trainer.datamodule.train_dataloader()  # type: ignore[attr-defined]
+            self.objective.refine(self.trainable, OnDevice(loader, self.device), self._note)
         self.fit_seconds = time.perf_counter() - self.start
 
     def on_test_start(self) -> None:

@@ -71,6 +71,14 @@ class Objective(ABC):
     def enter(self, estimator: Trainable, stage: int) -> None:
         """Called before every stage but the first."""
 
+    def refine(self, estimator: Trainable, batches: Iterable[Record], note: Note) -> None:
+        """Go on from a finished fit by what only such a fit can tell; by default nothing."""
+        return
+
+    def require_one_batch(self, estimator: Trainable) -> None:
+        """Raise ValueError where what is asked for needs all windows at once."""
+        return
+
     @abstractmethod
     def final_loss(self, estimator: Trainable, batches: Iterable[Record]) -> float:
         """Loss on whole records in the last stage's terms, by which the ends of stages compare."""

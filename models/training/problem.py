@@ -139,7 +139,8 @@ class FreeRunProblem:
         self.last, self.prior = last, prior
         self.counted = slice(record.warmup, None)
         self.y = record.a[..., self.counted, :]
-        self.weight = _weight(record)
+        self.weight = _weights(record, estimator.weights_of_channels())
+        self.noise: float | None = None  # variance of e where it was first asked for, over N
 
     def errors(self) -> Tensor:
         """e (N,) at the present parameters."""
@@ -147,8 +148,11 @@ class FreeRunProblem:
 
     def loss(self) -> Tensor:
         """Mean square of e, and the pull; not finite where the run diverges."""
+        square = (self.errors() ** 2).mean()
+        if self.noise is None:
+            self.noise = float(square.detach()) / self.y.numel()
         prior, deviation = self._pull()
-        return (self.errors() ** 2).mean() + (prior * deviation**2).sum()
+        return square + (prior * deviation**2).sum()
 
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
         """JᵀJ (P, P) and Jᵀe (P,) with J = ∂e/∂θ, and the pull.
@@ -182,13 +186,15 @@ class FreeRunProblem:
         else:
             run, jacobian = both
             errors = ((run[..., self.counted, :] - y) * self.weight).reshape(-1)
-            rows = self.weight * jacobian[..., self.counted, :, :].flatten(0, -2)
+            rows = (self.weight[:, None] * jacobian[..., self.counted, :, :]).flatten(0, -2)
         samples = rows.view(*y.shape, -1)  # (…, T, n, P)
         some = samples[..., ::every, :, :].flatten(0, -2)
         return len(rows) / len(some) * _gram(some), rows.T @ errors
 
     def _pull(self) -> tuple[float | Tensor, Tensor]:
-        return self.estimator.pull(self.last, self.prior)
+        if self.noise is None:
+            self.loss()
+        return self.estimator.pull(self.last, self.prior, self.noise or 0.0)
 
     def _errors(self, run: Tensor) -> Tensor:
         return ((run[..., self.counted, :] - self.y) * self.weight).reshape(-1)
@@ -237,7 +243,18 @@ def _in_steady_state(record: Record) -> Record:
 
 def _weight(record: Record) -> float:
     """√N/‖ẍ‖ over the counted samples."""
+    return _relative(record.a[..., record.warmup :, :])
+
+
+def _weights(record: Record, channels: Tensor | None) -> Tensor:
+    """√N w/‖w ẍ‖ (n,) over the counted samples, of channels that count by w."""
     measured = record.a[..., record.warmup :, :]
+    if channels is None:
+        channels = measured.new_ones(measured.shape[-1])
+    return _relative(channels * measured) * channels
+
+
+def _relative(measured: Tensor) -> float:
     size = float(torch.linalg.vector_norm(measured))
     if not size > 0.0:
         raise ValueError("the measured acceleration is zero; there is nothing to fit")

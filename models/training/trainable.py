@@ -89,13 +89,20 @@ class Trainable(Estimator):
     def forget(self) -> None:
         """Forget first states: the parameters are others now."""
 
-    def pull(self, last: bool, prior: float | None = None) -> tuple[float | Tensor, Tensor]:
+    def pull(
+        self, last: bool, prior: float | None = None, noise: float = 0.0
+    ) -> tuple[float | Tensor, Tensor]:
         """Weights w of Σ w d² beside the squared relative error of a free run, and d (P,).
 
         d is the distance of the free parameters from where they would stay without data, in the
         `last` stage of training or before. prior: the weight instead of the estimator's own.
+        noise: variance of an error over the number of errors, which weighs stated priors.
         """
         return 0.0, torch.zeros(0)
+
+    def weights_of_channels(self) -> Tensor | None:
+        """What the errors of each channel (n,) are multiplied by; None: all alike."""
+        return None
 
     @property
     def begins_linear(self) -> bool:

@@ -89,7 +89,7 @@ def criticism_of(
     findings = []
     for kind, terms in asked.items():
         for name, term in terms.items():
-            p, gain = score_test(found, [found.weight * D for D in term])
+            p, gain = score_test(found, [found.weight[:, None] * D for D in term])
             clear = p * len(terms) < LEVEL and gain >= LEAST_GAIN
             findings.append(Finding(kind, name, p, gain, clear))
     best_law = max((f.gain for f in findings if f.kind == LAW), default=0.0)
@@ -197,7 +197,7 @@ def _like(
         estimator.inputs,
         estimator.dt,
         elements,
-        None if known is None else known.tolist(),
+        None if known is None else [None if m != m else m for m in known.tolist()],
         "base" if estimator.base else [number + 1 for number in estimator.forced],
         hinges,
         estimator.laws.counts[1],
@@ -217,10 +217,9 @@ def _copy(old: torch.nn.Module, new: torch.nn.Module, elements: int) -> None:
     """The laws of the first elements, term by term; terms beyond theirs stay nil."""
     others = dict(new.named_children())
     for name, own in old.named_children():
-        other = others[name]
-        for part in ("unit", "theta"):
-            value: Tensor = getattr(own, part)
-            target: Tensor = getattr(other, part)
+        assert isinstance(own, Coefficients)
+        for part, value in (("unit", own.unit), ("theta", own.spread(own.theta))):
+            target: Tensor = getattr(others[name], part)
             if value.ndim == 1:
                 target.data[:elements] = value.data
             else:

@@ -17,7 +17,7 @@ from scipy.stats import t as student
 
 from models.physical.parameters import Parameter, parameters_of, scale_is_open
 from models.training.trainable import Trainable
-from models.uncertainty.laplace import Laplace
+from models.uncertainty.laplace import CONTRADICTED, Laplace
 from models.uncertainty.parameters import slopes
 
 NORMAL = 1.96  # standard deviations, 95 %
@@ -25,6 +25,7 @@ ONE_SIDED, FAR = 1.645, 6.0  # the same of one side, where an error is so far of
 MOST_OPEN = 0.25  # standard deviation of a determined parameter, in units of θ
 ALIKE = 0.5  # correlation of parameters that are told together
 MOST_NAMED = 2
+ONE = 1e-9  # of a correlation: parameters that are one
 DETERMINED, COMBINATION, UNEXCITED, GIVEN = (
     "determined",
     "only in a combination",
@@ -74,8 +75,11 @@ def _intervals(
     gradients = np.nan_to_num(gradients)
     size = np.linalg.norm(gradients, axis=1)
     white, deviation = (_deviations(gradients, c) for c in (found.white, found.coloured))
-    # the way to the minimum that the solver did not go, and how far the integrator moved that
+    # the way to the minimum that the solver did not go, and how far the integrator moved that,
+    # or from the fit to what the records say without a stated prior that they contradict
     left = np.abs(gradients @ found.step) + np.abs(gradients @ found.numerical)
+    denied = np.abs(found.tension) > CONTRADICTED
+    left += np.abs(found.without[denied] @ gradients.T).max(axis=0, initial=0.0)
     between = between_blocks(found.blocks @ gradients.T)
     alone = _alone(gradients, size, found.information) * np.maximum(
         deviation / np.maximum(white, np.finfo(float).tiny), 1.0
@@ -91,7 +95,7 @@ def _intervals(
         if shared or not deviation[i] + left[i] <= MOST_OPEN * size[i]:
             status = COMBINATION if shared or alone[i] <= MOST_OPEN * size[i] else UNEXCITED
         if status == COMBINATION:
-            others = _partners(i, parameters, covariance, deviation)
+            others = _partners(i, parameters, gradients, covariance, deviation)
         half, narrow = (off_centre(float(d[i]), float(left[i])) for d in (deviation, white))
         wide = max(half, float(between[i] + left[i]))
         result.append(Interval(p.name, p.value, half, narrow, wide, status, others))
@@ -123,11 +127,19 @@ def _alone(gradients: np.ndarray, size: np.ndarray, information: np.ndarray) -> 
 
 
 def _partners(
-    i: int, parameters: Sequence[Parameter], covariance: np.ndarray, deviation: np.ndarray
+    i: int,
+    parameters: Sequence[Parameter],
+    gradients: np.ndarray,
+    covariance: np.ndarray,
+    deviation: np.ndarray,
 ) -> tuple[str, ...]:
-    """Parameters of their own that go with parameter i, the most alike first."""
+    """Parameters of their own, not tied to parameter i, that go with it, the most alike first."""
+    along = np.abs(gradients @ gradients[i])
+    size = np.linalg.norm(gradients, axis=1) * np.linalg.norm(gradients[i])
+    one = {i, *np.flatnonzero((size > 0.0) & (along >= (1.0 - ONE) * size)).tolist()}
     with np.errstate(divide="ignore", invalid="ignore"):
         alike = np.nan_to_num(np.abs(covariance[i]) / (deviation[i] * deviation))
-    own = [j for j, p in enumerate(parameters) if j != i and not p.derived and alike[j] >= ALIKE]
+    own = [j for j, p in enumerate(parameters) if j not in one and not p.derived]
+    own = [j for j in own if alike[j] >= ALIKE]
     own.sort(key=lambda j: -alike[j])
     return tuple(parameters[j].name for j in own[:MOST_NAMED])

@@ -6,7 +6,8 @@ J is the exact Jacobian of the free run over all training records, e the noise, 
 weights. The first term has the covariance A⁻¹ S A⁻¹, S that of the scores Jᵀe: of white noise
 (S = σ² JᵀJ), of noise with the spectrum of the residual (noise.py), or, whatever the residual
 may be, from its scores over blocks of the records (batch means). The second is what the prior holds
-back: parameters that no data move may lie anywhere about their start, `OPEN` units of θ away.
+back: parameters that no data move may lie anywhere about their start, `OPEN` units of θ away; those
+with a stated prior lie as far from its mean as that says.
 
 What the integrator of the run errs by is no noise: runs in finer steps differ from those of the fit
 by d, which moves the minimum by A⁻¹ Jᵀd.
@@ -16,7 +17,7 @@ P free parameters, T samples, n channels.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from operator import itemgetter
 
@@ -32,6 +33,7 @@ from models.training.trainable import Trainable
 from models.uncertainty.noise import Noise, noise_of
 
 OPEN = 3.0  # standard deviation of a parameter without data, in units of θ
+CONTRADICTED = 3.0  # standard deviations between records and a stated prior
 FEWEST_BLOCKS = 8
 FINER = 4  # times as many steps: the error of a method of second order falls to a sixteenth
 FLOOR = 1e-12  # of the largest entry of JᵀJ: weight of a prior that is none
@@ -43,9 +45,14 @@ class Laplace:
 
     numerical (P,): how far the integrator's own error moves the minimum.
 
-    white, coloured: by the noise, with what the prior holds back in both. blocks (m, P): steps
-    that each block of the records asks for by itself. scaled: the residual's weight, by which
-    errors were multiplied. determined: parameters that the data determine, in the sense of a trace.
+    white, coloured: by the noise, with what the prior holds back in both; coloured without stated
+    priors that the records contradict. colour (P,): the
+    ratio of these variances by noise alone. blocks (m, P): steps
+    that each block of the records asks for by itself. weight (n,): by which errors of each channel
+    were multiplied. tension (k,): how far data and each stated prior are apart, in standard
+    deviations of that; without (k, P): the step that is left where that prior is taken away, or
+    that a fit without it went, where that contradicts it.
+    determined: parameters that the data determine, in the sense of a trace.
     information (P, P): JᵀJ over σ². inverse (P, P): A⁻¹. residuals (T, n),
     jacobians (T, n, P): of each record, weighted.
     """
@@ -57,8 +64,11 @@ class Laplace:
     numerical: np.ndarray
     information: np.ndarray
     noise: Noise
+    colour: np.ndarray
     determined: float
-    weight: float
+    weight: np.ndarray
+    tension: np.ndarray
+    without: np.ndarray
     samples: int
     inverse: np.ndarray
     residuals: list[np.ndarray]
@@ -87,18 +97,33 @@ def laplace(
         finer.append((finer_run(estimator, problem)[problem.counted].cpu() - run).numpy())
     if not residuals:
         return None
-    measured = torch.cat([y.reshape(-1) for y in targets])
-    weight = float(measured.numel() ** 0.5 / torch.linalg.vector_norm(measured))
-    wide, deviation = estimator.pull(True, prior)
+    measured = torch.cat([y.reshape(-1, y.shape[-1]) for y in targets])
+    channels = estimator.weights_of_channels()
+    each = torch.ones_like(measured[0]) if channels is None else channels.cpu()
+    size = measured.numel() ** 0.5 / float(torch.linalg.vector_norm(each * measured))
+    weight = (size * each).numpy()
+    residuals = [weight * e for e in residuals]
+    noise = sum(float((e**2).sum()) for e in residuals) / measured.numel() ** 2
+    wide, deviation = estimator.pull(True, prior, noise)
     held = measured.numel() * torch.as_tensor(wide).cpu().expand_as(deviation)
     return about(
-        [weight * e for e in residuals],
-        [weight * J for J in jacobians],
+        residuals,
+        [weight[:, None] * J for J in jacobians],
         held.numpy(),
         deviation.detach().cpu().numpy(),
         weight,
         [weight * d for d in finer],
+        stated_widths(estimator),
+        estimator.away.cpu().numpy() if isinstance(estimator, Composite) else None,
     )
+
+
+def stated_widths(estimator: Trainable) -> dict[int, float]:
+    """{number of a free parameter: standard deviation of its stated prior, in units of θ}."""
+    if not isinstance(estimator, Composite):
+        return {}
+    numbers = zip(estimator.numbers_of_stated(), estimator.stated, strict=True)
+    return {number: one.width for number, one in numbers if number >= 0}
 
 
 def about(
@@ -106,13 +131,16 @@ def about(
     jacobians: list[np.ndarray],
     held: np.ndarray,
     deviation: np.ndarray,
-    weight: float = 1.0,
+    weight: np.ndarray | None = None,
     finer: list[np.ndarray] | None = None,
+    stated: Mapping[int, float] | None = None,
+    away: np.ndarray | None = None,
 ) -> Laplace:
     """Of residuals (T, n) = y − run and Jacobians (T, n, P) of every record.
 
     held, deviation (P,): weights w of a prior, and θ̂ − θ₀. finer (T, n): what runs in finer steps
-    differ by.
+    differ by. stated: {number: standard deviation} of parameters with a stated prior. away (P,):
+    the step to a fit without these, where that contradicts them, else nil.
     """
     P = jacobians[0].shape[-1]
     samples = sum(e.size for e in residuals)
@@ -136,26 +164,64 @@ def about(
     free = float(((inverse @ gram) * inverse).sum())  # parameters that the data determine
     variance = sum(float((e**2).sum()) for e in residuals) / max(samples - free, 1.0)
     noise = noise_of(residuals, jacobians, inverse.T)
-    back = A * held  # of what the prior holds back
-    unknown = OPEN**2 * back @ back.T
+    width = np.full(P, OPEN)
+    chosen = np.array(list(stated or {}), dtype=int)
+    width[chosen] = list((stated or {}).values())
+    back = A * (held * width)  # of what the prior holds back
+    unknown = back @ back.T
+    white, coloured = variance * A @ gram @ A, A @ noise.score_covariance(jacobians) @ A
+    with np.errstate(divide="ignore", invalid="ignore"):
+        colour = np.nan_to_num(coloured.diagonal() / white.diagonal(), nan=1.0, posinf=1.0)
+    white, coloured = white + unknown, coloured + unknown
+    share = (held * A.diagonal())[chosen]  # of what holds each, its prior's
+    apart = coloured.diagonal()[chosen] + width[chosen] ** 2 * (1.0 - 2.0 * share)
+    tension = deviation[chosen] / np.sqrt(apart.clip(min=np.finfo(float).tiny))
+    pull = (held * deviation)[chosen] / (1.0 - share).clip(min=np.finfo(float).eps)
+    without = pull[:, None] * A[chosen]
+    if away is not None and away.any():
+        far = np.abs(away[chosen]) / width[chosen]
+        gone = far >= min(CONTRADICTED, far.max())
+        tension[gone], without[gone] = np.maximum(far[gone], 1.01 * CONTRADICTED), away
+    coloured = _without(coloured, A, held, width, chosen[np.abs(tension) > CONTRADICTED])
     scores = _scores(residuals, jacobians)
     pulled = scores.sum(axis=0) - held * deviation
     moved = _scores(finer, jacobians).sum(axis=0) if finer else np.zeros(P)
     return Laplace(
-        white=variance * A @ gram @ A + unknown,
-        coloured=A @ noise.score_covariance(jacobians) @ A + unknown,
+        white=white,
+        coloured=coloured,
         blocks=scores @ A,
         step=A @ pulled,
         numerical=A @ moved,
         information=gram / variance if variance > 0.0 else gram * np.inf,
         noise=noise,
+        colour=colour,
         determined=free,
-        weight=weight,
+        weight=np.ones(residuals[0].shape[1]) if weight is None else weight,
+        tension=tension,
+        without=without,
         samples=samples,
         inverse=A,
         residuals=residuals,
         jacobians=jacobians,
     )
+
+
+def _without(
+    coloured: np.ndarray,
+    inverse: np.ndarray,
+    held: np.ndarray,
+    width: np.ndarray,
+    which: np.ndarray,
+) -> np.ndarray:
+    """Covariance (P, P) where some stated priors are taken away; A⁻¹ by Sherman & Morrison."""
+    A = inverse
+    for j in which:
+        u, w = A[:, j], held[j]
+        more = np.outer(u, np.eye(len(A))[j]) * w / max(1.0 - w * u[j], np.finfo(float).eps)
+        own = w * width[j] * u  # what its spread adds
+        M = np.eye(len(A)) + more
+        coloured, A = M @ (coloured - np.outer(own, own)) @ M.T, M @ A
+    return coloured
 
 
 def _scores(residuals: list[np.ndarray], jacobians: list[np.ndarray]) -> np.ndarray:

@@ -6,7 +6,7 @@ e_f is the unitary spectrum of the error of the free run, S the spectral density
 residual (noise.py), c_f how often a frequency of the half spectrum counts. White noise makes it the
 usual Gaussian likelihood.   Whittle (1953), Estimation and information in stationary time series
 
-Without data parameters are Normal about their start, `OPEN` units of θ wide.
+Without data parameters are Normal about their start, `OPEN` units of θ wide, or as stated.
 N parameters, P free ones, T samples, n channels, F frequencies.
 """
 
@@ -24,7 +24,7 @@ from models.composition.composite import Composite
 from models.composition.many_runs import ManyRuns, positive_of
 from models.training.problem import FreeRunProblem
 from models.training.trainable import Trainable
-from models.uncertainty.laplace import OPEN, Laplace, singles
+from models.uncertainty.laplace import OPEN, Laplace, singles, stated_widths
 from models.uncertainty.noise import transformed
 from models.uncertainty.parameters import free_vector, set_free_vector
 
@@ -67,7 +67,8 @@ class Likelihood:
         for y in self.measured:
             _, counts, place = transformed(y, self.bands)
             self.whitening.append(roots[place] * np.sqrt(counts)[:, None, None])
-            self.constant += y.size * np.log(self.weight) - 0.5 * float(counts @ size[place])
+            self.constant += len(y) * float(np.log(self.weight).sum())
+            self.constant -= 0.5 * float(counts @ size[place])
         self.samples = sum(y.size for y in self.measured)
         self.runs: list[ManyRuns] | None = None
 
@@ -84,7 +85,7 @@ class Likelihood:
             if not np.isfinite(run).all() or not np.isfinite(J).all():
                 return Point(np.inf, gradient, matrix)
             e = self._whitened(self.weight * run - self.measured[i], i)
-            columns = self._whitened(self.weight * J, i).reshape(e.size, P)
+            columns = self._whitened(self.weight[:, None] * J, i).reshape(e.size, P)
             value += 0.5 * float((np.abs(e) ** 2).sum())
             gradient += (columns.conj().T @ e.reshape(-1)).real
             matrix += columns.real.T @ columns.real + columns.imag.T @ columns.imag
@@ -156,11 +157,14 @@ class Prior:
 
     @classmethod
     def of(cls, estimator: Trainable) -> Prior:
-        """About where the free parameters started, as the intervals of a fit have it."""
+        """About where the free parameters started, or as stated, as the intervals of a fit are."""
         theta = free_vector(estimator).numpy()
         deviation = estimator.pull(False)[1].detach().cpu().numpy()
         start = theta - deviation if deviation.shape == theta.shape else np.zeros_like(theta)
-        return cls(start, np.full(len(theta), OPEN))
+        width = np.full(len(theta), OPEN)
+        for number, own in stated_widths(estimator).items():
+            width[number] = own
+        return cls(start, width)
 
     def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
         return self.mean + self.width * rng.standard_normal((count, len(self.mean)))

@@ -53,8 +53,9 @@ def print_intervals(
         last = name
     table.caption = _caption(rows)
     console.print(table)
-    if line := which_to_believe(rows):
-        console.print(Text(line, style="yellow"))
+    for line in (*contradictions(uncertainty), which_to_believe(rows), unequal(uncertainty)):
+        if line:
+            console.print(Text(line, style="yellow"))
 
 
 def _unit(row: Mapping[str, Any]) -> str:
@@ -103,6 +104,32 @@ def _caption(rows: Sequence[Mapping[str, Any]]) -> str | None:
     if len(rows) > MOST:
         lines.append(f"{MOST} of {len(rows)}; metrics.json has all")
     return "\n".join(lines) or None
+
+
+def contradictions(uncertainty: Mapping[str, Any]) -> list[str]:
+    """A line for every stated prior that the records contradict."""
+    lines = []
+    for prior in uncertainty.get("priors", []):
+        if prior["contradicted"]:
+            lines.append(
+                f"{prior['stated']}: the records contradict it; they alone ask for about "
+                f"{prior['records_alone']:.3g}, the fit has {prior['fit']:.3g}. Mend the prior or "
+                "the model; intervals span both"
+            )
+    return lines
+
+
+def unequal(uncertainty: Mapping[str, Any]) -> str:
+    """A line where channels count by their noise; "" where all count alike."""
+    counts = uncertainty.get("counts")
+    if not counts:
+        return ""
+    listed = ", ".join(plain(value, 2) for value in counts)
+    noise = ", ".join(plain(value, 2) for value in uncertainty["noise"])
+    return (
+        f"channels count by their noise ({noise}): errors times {listed}; "
+        "objective.channels=equal lets all count alike"
+    )
 
 
 def which_to_believe(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from rich.console import Console
 
 from data.datamodule import Data
 from data.terminal import terminal
+from models.composition.stated import dotted
 from models.estimator import Estimator
 from models.physical.parameters import parameters_of
 from models.training.assemble import data_from
@@ -112,15 +113,6 @@ def _without(name: str, model: Estimator) -> str:
     )
 
 
-def _dotted(values: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """{r1: {stiffness: …}} as r1.stiffness, …."""
-    for key, value in values.items():
-        if isinstance(value, dict):
-            yield from _dotted(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
 def _require_known(names: Sequence[str], model: Trainable) -> None:
     """Raise ValueError for a name that no parameter has, with those that are near."""
     known = [p.name for p in parameters_of(model)]
@@ -176,12 +168,13 @@ def _open(intervals: Sequence[Interval], model: Trainable) -> list[str]:
 def _smc(
     cfg: DictConfig, run: Finished, names: Sequence[str], console: Console, output: Path
 ) -> dict[str, Any]:
+    stated: Any = OmegaConf.to_container(cfg.priors, resolve=True)
     samples = sampled(
         run.model,
         run.data.loader("train"),
         run.found,
         names,
-        dict(_dotted(OmegaConf.to_container(cfg.priors, resolve=True))),
+        dict(dotted(stated)),
         cfg.particles,
         cfg.seed,
         cfg.threads,

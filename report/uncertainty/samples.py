@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.text import Text
 
-from data.annotations import shown
 from data.record import Record
 from models.composition.many_runs import positive_of
+from models.composition.stated import numbers_of
 from models.physical.parameters import parameters_of
 from models.training.trainable import Trainable
 from models.uncertainty.intervals import Interval
@@ -190,7 +190,7 @@ def stated_prior(model: Trainable, stated: Mapping[Any, Any], chosen: np.ndarray
     for name, pair in stated.items():
         if name not in known:
             raise ValueError(f"priors.{name}: there is no such parameter; see metrics.json")
-        value, share = _pair(name, pair)
+        value, share = numbers_of(f"priors.{name}", pair)
         support = support_of(model, name)
         if len(support) != 1 or support[0] not in chosen:
             why = "it follows from several" if len(support) != 1 else "it is not sampled"
@@ -206,21 +206,6 @@ def stated_prior(model: Trainable, stated: Mapping[Any, Any], chosen: np.ndarray
             prior.mean[j] = theta[j] + (value - now) / slope
             prior.width[j] = abs(share * value / slope)
     return prior
-
-
-def _pair(name: str, pair: Any) -> tuple[float, float]:
-    numbers = isinstance(pair, list) and len(pair) == 2
-    if not numbers or not all(
-        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in pair
-    ):
-        raise ValueError(
-            f"priors.{name}={shown(pair)}: expected [value, relative standard deviation], two "
-            "finite numbers, such as [400, 0.1]"
-        )
-    if not pair[1] > 0.0 or pair[0] == 0.0:
-        raise ValueError(f"priors.{name}={shown(pair)}: both numbers must differ from zero, the "
-                         "standard deviation upwards")  # fmt: skip
-    return float(pair[0]), float(pair[1])
 
 
 def _slope(model: Trainable, name: str, j: int) -> float:

@@ -32,7 +32,8 @@ GROUPS = (
 )
 NAMED = (  # mappings whose keys are the user's
     *("data.channels.", "data.units."),
-    *("excitation.channels.", "excitation.units.", "priors."),
+    *("excitation.channels.", "excitation.units.", "priors.", "model.priors"),
+    "model.ties",  # models that have none say so themselves
 )
 EXAMPLES = {
     "train": """Identify a structure: simulate it, fit a model, score it on unseen motion.

@@ -15,6 +15,7 @@ from data.datamodule import Data
 from data.record import Record
 from data.simulation.datamodule import SimulatedData
 from models.branch_element import BranchElement
+from models.composition.composite import Composite
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, NoFreeRunError
@@ -25,7 +26,8 @@ from models.training.trainable import Trainable
 from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import Finding, criticism_of
 from models.uncertainty.intervals import UNEXCITED, intervals_of
-from models.uncertainty.laplace import Laplace, laplace, singles
+from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace, singles
+from models.uncertainty.parameters import free_vector
 
 HEADLINE = (  # quantities of masses and elements that tables tell
     "mass",
@@ -63,6 +65,7 @@ def uncertainty_of(
     """
     assert isinstance(estimator, Trainable)
     content = _parameters(estimator, found, data) | _residual(found, data.dt)
+    content |= _priors(estimator, found)
     if type(estimator) is ElementNetwork:
         batches = list(data.loader("train"))
         content["criticism"] = _told(criticism_of(estimator, found, batches))
@@ -99,7 +102,10 @@ def _parameters(estimator: Trainable, found: Laplace, data: Data) -> dict[str, A
 
 
 def _residual(found: Laplace, dt: float) -> dict[str, Any]:
-    """Its standard deviation by channel, and where it is strongest, in the unit of the record."""
+    """Its standard deviation by channel, and where it is strongest, in the unit of the record.
+
+    counts: what errors of each channel were multiplied by, where not all count alike.
+    """
     density = np.einsum("kii->ki", found.noise.spectrum).real
     bands = len(density)
     coloured = []
@@ -109,9 +115,42 @@ def _residual(found: Laplace, dt: float) -> dict[str, Any]:
             frequency = (int(own.argmax()) + 0.5) * 0.5 / bands / dt
             coloured.append({"channel": i, "times": times, "frequency_hz": frequency})
     deviation = (found.noise.deviation / found.weight).tolist()
-    likely = found.noise.log_likelihood + found.samples * math.log(found.weight)
+    each = found.samples / len(found.weight)
+    likely = found.noise.log_likelihood + each * float(np.log(found.weight).sum())
     fit = {"log_likelihood": likely, "determined": found.determined, "samples": found.samples}
-    return {"noise": deviation, "coloured": coloured, **fit}
+    counted = {"noise": deviation, "coloured": coloured, **fit}
+    if (found.weight != found.weight[0]).any():
+        counted["counts"] = (found.weight / found.weight.max()).tolist()
+    return counted
+
+
+def _priors(estimator: Trainable, found: Laplace) -> dict[str, Any]:
+    """Each stated prior: what it was, what the records alone say, how far these are apart.
+
+    tension: in standard deviations of their difference; colour: variance of noise with the
+    residual's spectrum over that of white noise, by which the prior counts.
+    """
+    if not isinstance(estimator, Composite) or not estimator.stated:
+        return {}
+    theta, listed = free_vector(estimator).numpy(), []
+    for k, (number, one) in enumerate(
+        zip(estimator.numbers_of_stated(), estimator.stated, strict=True)
+    ):
+        alone = one.value_at(float(theta[number] + found.without[k, number]))
+        listed.append(
+            {
+                "stated": one.key,
+                "name": one.name,
+                "value": one.value,
+                "deviation": one.share * abs(one.value),
+                "fit": one.value_at(float(theta[number])),
+                "records_alone": _plain(alone),
+                "tension": float(found.tension[k]),
+                "colour": float(estimator.colour[k]),
+                "contradicted": bool(abs(found.tension[k]) > CONTRADICTED),
+            }
+        )
+    return {"priors": listed}
 
 
 def _told(findings: Sequence[Finding]) -> list[dict[str, Any]]:

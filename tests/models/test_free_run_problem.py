@@ -143,7 +143,7 @@ def test_an_estimators_own_jacobian_is_taken(monkeypatch):
     estimator = identified("global", record)
     problem = FreeRunProblem(estimator, record, 7)
     wanted = problem.normal_equations()
-    J = problem._differentiated(problem.y.numel()) / problem.weight
+    J = problem._differentiated(problem.y.numel()) / problem.weight[0]
     whole = torch.full((*record.a.shape, J.shape[1]), torch.nan, dtype=J.dtype)
     whole[record.warmup :] = J.view(*problem.y.shape, -1)
     run = estimator.restarted_run(record, 7)

@@ -1,0 +1,165 @@
+"""Channels count by their noise: where a sensor is bad, and nowhere else unless asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.signal import butter, lfilter
+
+from data.record import Drive, Record, stack
+from models.element_network import ElementNetwork
+from models.training.by_noise import (
+    _solve,
+    errors_of,
+    noise_of_sensors,
+    refit,
+    takes_over,
+    weigh_at_first,
+)
+from models.training.free_run_objective import FreeRun
+from models.training.problem import FreeRunProblem
+from models.uncertainty.intervals import intervals_of
+from models.uncertainty.laplace import laplace
+from report.run.intervals import unequal
+from runner.scores.uncertainty import _residual
+from tests.models.two_masses import identified, motion
+
+T, DT = 800, 0.01
+GOOD, BAD = 0.03, 0.5  # noise over a channel's size
+
+
+def planted() -> ElementNetwork:
+    """Two masses on linear elements."""
+    chain = [["ground", "x1"], ["x1", "x2"]]
+    model = ElementNetwork(2, 2, DT, chain, hinges=0, units=0, cubic=False)
+    model.mass.start(torch.tensor([1.0, 1.5]).double())
+    model.laws.start(*torch.tensor([[80.0, 50.0], [0.8, 0.5], [0.1, 0.1]]).double(), (0.5, 0.5))
+    model.identified.fill_(1.0)
+    return model
+
+
+@pytest.fixture(scope="module")
+def clean() -> Record:
+    rng = np.random.default_rng(2)
+    f = lfilter(*butter(4, 0.08), rng.standard_normal((T, 2)), axis=0)  # to 4 Hz
+    rest = torch.zeros(2, dtype=torch.float64)
+    drive = Drive(DT, torch.from_numpy(6.0 * f / f.std()), rest, rest)
+    with torch.no_grad():
+        return stack([Record(DT, planted().free_run(drive).a, drive.u)])
+
+
+def noisy(clean: Record, levels: list[float], seed: int = 0) -> Record:
+    noise = torch.from_numpy(np.random.default_rng(seed).standard_normal(clean.a.shape))
+    size = torch.tensor(levels).double() * clean.a.std(dim=(0, 1))
+    return replace(clean, a=clean.a + size * noise)
+
+
+def fit(record: Record, channels: str | None) -> tuple[ElementNetwork, list[str]]:
+    """A fit to all channels alike, and what follows it."""
+    model = planted()
+    model.admitted([record])
+    _solve(model, FreeRunProblem(model, record, None))
+    told = refit(model, record, lambda r: FreeRunProblem(model, r, None), channels, None, list)
+    return model, told
+
+
+def off(model: ElementNetwork) -> float:
+    """Root mean square of θ, which is zero at the truth."""
+    theta = torch.cat([p.detach().reshape(-1) for p in model.parameters() if p.requires_grad])
+    return float(theta.square().mean().sqrt())
+
+
+def test_a_bad_sensor_does_not_take_over(clean):
+    errors = {}
+    for channels in ("equal", None):
+        models = [fit(noisy(clean, [BAD, GOOD], seed), channels)[0] for seed in range(4)]
+        errors[channels] = np.mean([off(model) for model in models])
+    assert errors[None] < 0.5 * errors["equal"]
+    record = noisy(clean, [BAD, GOOD])
+    model, (told,) = fit(record, None)
+    size = clean.a.std(dim=(0, 1))
+    wanted = float(BAD * size[0] / (GOOD * size[1]))
+    assert float(model.channels[1] / model.channels[0]) == pytest.approx(wanted, rel=0.15)
+    assert told.startswith("channel 1 has noise of ")
+    content = _residual(laplace(model, [record]), DT)
+    assert unequal(content).startswith("channels count by their noise")
+    assert content["noise"] == pytest.approx((size * torch.tensor([BAD, GOOD])).tolist(), rel=0.1)
+
+
+def test_intervals_of_weighed_channels_cover(clean):
+    hits = []
+    for seed in range(8):
+        model, _ = fit(noisy(clean, [GOOD, BAD], 10 + seed), None)
+        found = laplace(model, [noisy(clean, [GOOD, BAD], 10 + seed)])
+        known = {"x1.mass": 1.0, "x2.mass": 1.5, "r1.stiffness": 80.0, "r2.stiffness": 50.0,
+                 "r1.damping": 0.8, "r2.damping": 0.5}  # fmt: skip
+        hits += [abs(i.value - known[i.name]) <= i.half for i in intervals_of(model, found)]
+    assert np.mean(hits) > 0.85
+
+
+@pytest.mark.parametrize("levels", [[0.0, 0.0], [0.1, 0.1], [0.05, 0.1]])
+def test_channels_of_like_noise_count_alike(clean, levels):
+    record = noisy(clean, levels)
+    (model, told), (alike, _) = fit(record, None), fit(record, "equal")
+    assert told == []
+    weigh_at_first(model, [record], None)
+    assert model.channels.tolist() == [1.0, 1.0]
+    assert off(model) == off(alike)  # it was not fitted anew
+
+
+def test_the_error_of_a_model_is_no_noise_of_a_sensor(clean):
+    model = planted()
+    model.laws.stiffness.theta.data[1] += 0.3
+    (e, y), *_ = errors_of(model, clean)
+    assert takes_over([(e * [1.0, 10.0], y)]) is None
+    rng = np.random.default_rng(0)
+    assert takes_over([(e + 10.0 * e.std() * rng.standard_normal((T, 2)) * [1.0, 0.0], y)]) == 0
+
+
+def test_noise_of_sensors_is_told_beside_motion(clean):
+    record = noisy(clean, [0.02, 0.2])
+    wanted = (torch.tensor([0.02, 0.2]) * clean.a.std(dim=(0, 1))).tolist()
+    f = clean.f[0].numpy()
+    assert noise_of_sensors([(record.a[0].numpy(), f)]) == pytest.approx(wanted, rel=0.15)
+    assert noise_of_sensors([(clean.a[0].numpy(), f)]).max() < 0.01 * float(clean.a.std())
+
+
+def test_motion_under_forces_of_all_frequencies_is_no_noise():
+    f = 5.0 * torch.from_numpy(np.random.default_rng(0).standard_normal((T, 2))) * torch.eye(2)[0]
+    rest = torch.zeros(2, dtype=torch.float64)
+    with torch.no_grad():
+        a = planted().free_run(Drive(DT, f, rest, rest)).a
+    assert noise_of_sensors([(a.numpy(), f.numpy())]).max() < 0.1 * float(a.std())
+    model = planted()
+    weigh_at_first(model, [Record(DT, a, f)], None)
+    assert model.channels.tolist() == [1.0, 1.0]
+
+
+def test_a_bad_sensor_is_weighed_before_there_is_a_fit(clean):
+    model = planted()
+    weigh_at_first(model, [noisy(clean, [GOOD, BAD])], None)
+    assert float(model.channels[0] / model.channels[1]) > 3.0
+    weigh_at_first(model, [clean], "noise")
+    size = clean.a.std(dim=(0, 1))
+    assert float(model.channels[0] / model.channels[1]) == pytest.approx(
+        float(size[1] / size[0]), rel=1e-2
+    )
+
+
+def test_the_likelihood_does_not_depend_on_weights(clean):
+    model, record = planted(), noisy(clean, [GOOD, BAD])
+    alike = _residual(laplace(model, [record]), DT)
+    model.channels.copy_(torch.tensor([10.0, 0.3]))
+    weighed = _residual(laplace(model, [record]), DT)
+    assert weighed["log_likelihood"] == pytest.approx(alike["log_likelihood"])
+    assert weighed["noise"] == pytest.approx(alike["noise"], rel=1e-2)
+
+
+def test_what_cannot_be_weighed_is_refused(clean):
+    with pytest.raises(ValueError, match=r"objective\.channels=noise: GlobalMLP"):
+        FreeRun(channels="noise").prepare(identified("global", motion()), [motion()], False)
+    with pytest.raises(ValueError, match=r"objective\.channels=noise needs all windows in one"):
+        FreeRun(channels="noise").require_one_batch(planted())
