@@ -44,7 +44,8 @@ class ElementNetwork(Composite):
     DOFs that carry the forces, None for all of them, "base" where f = −s̈ of a common support moves
     all of them by M ι f.  The channels beside the forces are displacements and velocities of moving
     supports; every DOF then has an element to each support instead of to ground.
-    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
+    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring; rounded:
+    units bend before they yield, as those of Bouc and Wen; without, they are elastoplastic.
     from_accelerations: measured x and v are not used.
     Raises ValueError for channels, masses or pairs of nodes that do not fit.
     """
@@ -69,6 +70,7 @@ class ElementNetwork(Composite):
         from_accelerations: bool = False,
         prior: float = 1e-10,
         early_prior: float | None = None,
+        rounded: bool = True,
     ) -> None:
         super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations, early_prior)
         if forced is None:
@@ -107,7 +109,7 @@ class ElementNetwork(Composite):
         self.register_buffer("B_s", B_s, persistent=False)  # (E, p)
         self.mass = Coefficients(dofs, positive=True, learned=masses is None)
         self.known_masses = None if masses is None else torch.tensor(masses).double()
-        self.laws = ElementLaws(len(self.elements), hinges, tanhs, units, cubic)
+        self.laws = ElementLaws(len(self.elements), hinges, tanhs, units, cubic, rounded=rounded)
 
     B: Tensor
     B_s: Tensor
