@@ -70,7 +70,7 @@ def run_case(which: str, kind: str, number: int) -> dict[str, Any]:
     for name, (law, words) in laws().items():
         begun = time.process_time()
         candidate = fit_of(name, law, words, batch, unseen)
-        told[name] = asdict(candidate) | {"seconds": time.process_time() - begun}
+        told[name] = _plain(candidate) | {"seconds": time.process_time() - begun}
     planted = {k: v for k, v in asdict(element).items() if k != "between"}
     case = {"set": which, "kind": kind, "number": number, "law": type(element).__name__}
     return case | {"parameters": planted, **facts, "candidates": told}
@@ -111,10 +111,19 @@ def fit_of(
 ) -> Candidate:
     """A candidate fitted as train.py fits it."""
     settings = [f"{key}={value}" for key, value in words.items()]
-    model, _ = fitted(["model=hysteretic_element", "objective.select=[]", *settings], batch)
-    model = require_trainable(model)
-    found = laplace(model, [batch])
+    try:
+        model, _ = fitted(["model=hysteretic_element", "objective.select=[]", *settings], batch)
+        model = require_trainable(model)
+        found = laplace(model, [batch])
+    except ValueError as error_of_fit:
+        return Candidate(name, math.nan, math.inf, math.inf, str(error_of_fit), law)
     assert found is not None
     likely = found.noise.log_likelihood + found.samples * math.log(found.weight)
     bic = -2.0 * likely + found.determined * math.log(found.samples)
     return Candidate(name, found.determined, bic, error(model, unseen), kind=law)
+
+
+def _plain(candidate: Candidate) -> dict[str, Any]:
+    """As JSON holds it: numbers that are not finite are null."""
+    values = asdict(candidate).items()
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values}

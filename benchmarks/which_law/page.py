@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from statistics import median
@@ -44,7 +45,7 @@ def facts_of(results: Sequence[Result]) -> dict[str, str]:
 
 def candidates(result: Result) -> list[Candidate]:
     return [
-        Candidate(**{key: value for key, value in c.items() if key != "seconds"})
+        Candidate(**{k: math.inf if v is None else v for k, v in c.items() if k != "seconds"})
         for c in result["candidates"].values()
     ]
 
