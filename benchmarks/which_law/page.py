@@ -70,6 +70,8 @@ def confusion(results: Sequence[Result], pick: Pick) -> Iterator[str]:
     yield "| --- |" + " ---: |" * (len(answers) + 1)
     for kind in CLASSES:
         picked = [pick(candidates(r)) for r in results if r["kind"] == kind]
+        if not picked:
+            continue
         cells = [str(picked.count(answer) or "") for answer in answers]
         right = share(picked.count(kind), len(picked))
         yield f"| {kind.replace('_', ' ')} | {' | '.join(cells)} | {right} |"
