@@ -44,10 +44,11 @@ def facts_of(results: Sequence[Result]) -> dict[str, str]:
 
 
 def candidates(result: Result) -> list[Candidate]:
-    return [
-        Candidate(**{k: math.inf if v is None else v for k, v in c.items() if k != "seconds"})
-        for c in result["candidates"].values()
-    ]
+    found = []
+    for told in result["candidates"].values():
+        own: Result = {k: math.inf if v is None else v for k, v in told.items() if k != "seconds"}
+        found.append(Candidate(**own))
+    return found
 
 
 def by_unseen(found: Sequence[Candidate]) -> str:

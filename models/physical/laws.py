@@ -68,8 +68,8 @@ def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[
         coefficients = getattr(laws, attribute)
         if _acts(coefficients, e):
             yield f"{part}.{name}", float(coefficients()[e]), unit, about, False
-    for group, columns in GROUPS:
-        columns = [c for c in columns if _acts(getattr(laws, c[0]), e)]
+    for group, all_columns in GROUPS:
+        columns = [c for c in all_columns if _acts(getattr(laws, c[0]), e)]
         table = [getattr(laws, attribute)()[e].tolist() for attribute, *_ in columns]
         rows = sorted(zip(*table, strict=True))
         for i, row in enumerate(rows, start=1):
