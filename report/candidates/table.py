@@ -135,10 +135,10 @@ def print_candidates(
     if choice is None:
         console.print("none of them is a model of these records")
         return
-    odds = odds_of_kind(choice, found)
+    odds, of = odds_of_kind(choice, found), " of its class" if choice.kind else ""
     console.print(
         f"recommended: {choice.words} (fewest parameters within {100.0 * (AS_GOOD - 1.0):.0f} % of "
-        f"the least error of unseen motion; odds by BIC {100.0 * odds:.0f} %)"
+        f"the least error of unseen motion; odds{of} by BIC {100.0 * odds:.0f} %)"
     )
     better = min((c.error for c in found if c.kind == OTHER), default=math.inf)
     if choice.kind and choice.kind != OTHER and choice.error > AS_GOOD * better:
