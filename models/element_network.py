@@ -45,7 +45,8 @@ class ElementNetwork(Composite):
     DOFs that carry the forces, None for all of them, "base" where f = −s̈ of a common support moves
     all of them by M ι f.  The channels beside the forces are displacements and velocities of moving
     supports; every DOF then has an element to each support instead of to ground.
-    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
+    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring; rounded:
+    units bend before they yield, as those of Bouc and Wen; without, they are elastoplastic.
     from_accelerations: measured x and v are not used.
     priors: {name of a parameter: [value in its unit, relative standard deviation]}.  ties: groups
     of elements, or of parameters of one kind, that are one (composition/stated.py).
@@ -74,6 +75,7 @@ class ElementNetwork(Composite):
         early_prior: float | None = None,
         priors: Mapping[str, Any] | None = None,
         ties: Sequence[Sequence[str]] | None = None,
+        rounded: bool = True,
     ) -> None:
         super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations, early_prior)
         if forced is None:
@@ -126,7 +128,7 @@ class ElementNetwork(Composite):
         self.mass = Coefficients(dofs, positive=True, learned=bool(open_masses.any()))
         if self.mass.learned and not open_masses.all():
             self.mass.share(torch.where(open_masses, open_masses.cumsum(0) - 1, -1))
-        self.laws = ElementLaws(len(self.elements), hinges, tanhs, units, cubic)
+        self.laws = ElementLaws(len(self.elements), hinges, tanhs, units, cubic, rounded=rounded)
         self.hold_to(priors, ties, self.laws, self.mass)
 
     B: Tensor

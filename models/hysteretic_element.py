@@ -31,7 +31,8 @@ class HystereticElement(Composite):
 
     Every estimate is a free run: no measured force is read. x and v of the response hold nothing of
     use, as the motion is imposed.
-    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring.
+    hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring; rounded:
+    units bend before they yield, as those of Bouc and Wen; without, they are elastoplastic.
     other_inputs: number k of channels e after s and ṡ, (T, 2 E + k). Each has a law at up to so
     many `nodes` in its range, over which hinges, tanhs and units are spread, and in which so many
     `rates` are forces that saturate with the rate. The units then begin at rest, and the first
@@ -56,6 +57,7 @@ class HystereticElement(Composite):
         rates: int = 2,
         priors: Mapping[str, Any] | None = None,
         ties: Sequence[Sequence[str]] | None = None,
+        rounded: bool = True,
     ) -> None:
         super().__init__(dofs, inputs, dt, 1, prior, from_accelerations=True)
         others = other_inputs or 0
@@ -76,7 +78,7 @@ class HystereticElement(Composite):
                 "model.priors and model.ties are of elements with one law; under other inputs an "
                 "element has several: leave them out"
             )
-        self.laws = ElementLaws(dofs * self.parallel, *counts, cubic)
+        self.laws = ElementLaws(dofs * self.parallel, *counts, cubic, rounded=rounded)
         self.hold_to(priors, ties, self.laws)
         self.linear: tuple[Tensor, Tensor, Tensor] | None = None
 

@@ -46,6 +46,7 @@ BY_HAND: Mapping[str, tuple[str, Mapping[Path, str]]] = {  # pattern: what draws
     "published.md": ("python -m benchmarks.published --page docs/published.md", {}),
     "zoo.md": ("python -m models.zoo page", {}),
     "fine_tuning.md": ("python -m benchmarks.fine_tuning --page docs/fine_tuning.md", {}),
+    "which_law.md": ("python -m benchmarks.which_law --page docs/which_law.md", {}),
     "unplanted.md": ("python -m benchmarks.unplanted.suite --page docs/unplanted.md", {}),
     "figures/unplanted_*.png": (
         "python -m benchmarks.unplanted.suite --page docs/unplanted.md",

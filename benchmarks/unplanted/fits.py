@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import torch
 from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
 
 from data.record import Record
 from data.sample import Sensors
@@ -21,8 +23,7 @@ Facts = dict[str, Any]
 
 def fitted(words: Sequence[str], batch: Record) -> tuple[Estimator, Facts]:
     """The model of a command line, fitted to a batch of records; what its identification tells."""
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("train", list(words))
+    cfg = _composed(tuple(words))
     inputs = batch.excitation.shape[-1]
     estimator = estimator_from(cfg.model, Sensors(batch.dt, batch.dofs, inputs))
     facts = estimator.identify([batch])
@@ -44,6 +45,12 @@ def fitted(words: Sequence[str], batch: Record) -> tuple[Estimator, Facts]:
     restore(trainable, min(ends, key=lambda end: end[0])[1])
     objective.refine(trainable, [batch], lambda losses: None)
     return estimator, facts
+
+
+@cache
+def _composed(words: tuple[str, ...]) -> DictConfig:
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("train", list(words))
 
 
 @torch.no_grad()

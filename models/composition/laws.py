@@ -52,7 +52,8 @@ class ElementLaws(nn.Module):
 
     hinges, tanhs, units: numbers of them in each law. cubic, quadratic: stiffness k₃, k₂ is
     learned; absolute_damping, square_damping: damping |y| ẏ, y² ẏ is learned; springs: linear
-    stiffness is learned, beside that of a core.
+    stiffness is learned, beside that of a core. rounded: b₊ and b₋ are learned; without, units are
+    elastoplastic.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class ElementLaws(nn.Module):
         absolute_damping: bool = False,
         square_damping: bool = False,
         springs: bool = True,
+        rounded: bool = True,
     ) -> None:
         super().__init__()
         if not all(isinstance(count, int) and count >= 0 for count in (hinges, tanhs, units)):
@@ -94,8 +96,8 @@ class ElementLaws(nn.Module):
         self.tanh_place = Coefficients(elements, tanhs, positive=True)
         self.unit_stiffness = Coefficients(elements, units)
         self.unit_limit = Coefficients(elements, units, positive=True)
-        self.unit_rising = Coefficients(elements, units)  # b₊
-        self.unit_falling = Coefficients(elements, units)  # b₋
+        self.unit_rising = Coefficients(elements, units, learned=rounded)  # b₊
+        self.unit_falling = Coefficients(elements, units, learned=rounded)  # b₋
 
     @property
     def beyond(self) -> list[Coefficients]:

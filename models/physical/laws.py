@@ -12,6 +12,7 @@ from torch import Tensor
 
 from models.composition.branch_law import LEAST_DAMPER, TAIL, branch_forces, ramp
 from models.composition.branch_run import Branches
+from models.composition.coefficients import Coefficients
 from models.composition.laws import GROUPS, NAMED, ElementLaws
 from models.named_laws.fit import Fit
 
@@ -50,10 +51,10 @@ def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[
     """
     for attribute, name, unit in NAMED:
         coefficients = getattr(laws, attribute)
-        value = float(coefficients()[e])
-        if coefficients.learned or value != 0.0:
-            yield f"{part}.{name}", value, unit, about, False
-    for group, columns in GROUPS:
+        if _acts(coefficients, e):
+            yield f"{part}.{name}", float(coefficients()[e]), unit, about, False
+    for group, all_columns in GROUPS:
+        columns = [c for c in all_columns if _acts(getattr(laws, c[0]), e)]
         table = [getattr(laws, attribute)()[e].tolist() for attribute, *_ in columns]
         rows = sorted(zip(*table, strict=True))
         for i, row in enumerate(rows, start=1):
@@ -72,6 +73,10 @@ def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[
         if place := _main(laws.unit_stiffness()[e], laws.unit_limit()[e], k):
             yield f"{part}.yield_displacement", place, "m", about, True
             yield f"{part}.yield_force", k * place, "N", about, True
+
+
+def _acts(coefficients: Coefficients, e: int) -> bool:
+    return coefficients.learned or bool(coefficients()[e].any())
 
 
 def _main(stiffness: Tensor, place: Tensor, k: float) -> float | None:

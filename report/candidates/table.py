@@ -26,56 +26,76 @@ from runner.scores.spread import percent
 
 WIDTH = 80
 AS_GOOD = 1.05  # times the least error of unseen motion: the fewest parameters are taken of these
-VARY = ("elements", "masses", "hinges", "tanhs", "units", "cubic")
+OTHER, NO_CLASS = "any_other", 1.25  # class that is none of the others: its error is so much less
+VARY = ("elements", "masses", "hinges", "tanhs", "units", "cubic", "rounded")
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A fit: what it may do, and how it does. error [%]: free run of unseen records."""
+    """A fit: what it may do, and how it does. error [%]: free run of unseen records.
+
+    kind: class of laws that it stands for, perhaps with others; "" where it is one of its own.
+    """
 
     words: str
     parameters: float
     bic: float
     error: float
     why_not: str = ""
+    kind: str = ""
 
 
-def candidates_of(folder: Path) -> list[Candidate]:
-    """The finished runs of a sweep. Raises ValueError where no two of them can be compared."""
+def candidates_of(folder: Path, classes: bool = False) -> list[Candidate]:
+    """The finished runs of a sweep. classes: each grid of the sweep is a class of laws.
+
+    Raises ValueError where no two of them can be compared.
+    """
     runs = [run for run in read_runs(folder) if run.finished]
-    settings = [{k: v for k, v in run.choices.items() if k.startswith("model.")} for run in runs]
-    varied = [
-        key
-        for key in dict.fromkeys(k for own in settings for k in own)
-        if key.partition(".")[2].partition(".")[0] in VARY
-        and len({str(own.get(key)) for own in settings}) > 1
-    ]
+    if len(runs) < 2:
+        raise ValueError(f"{folder} holds {len(runs)} finished fits; two at least are compared")
     found = []
-    for run, own in zip(runs, settings, strict=True):
-        words = ", ".join(f"{k.partition('.')[2]}={own.get(k)}" for k in varied)
-        found.append(_candidate(words, run.metrics))
-    if len(found) < 2:
-        raise ValueError(f"{folder} holds {len(found)} finished fits; two at least are compared")
+    for run in runs:
+        kind = (run.grid or "") if classes else ""
+        of_kind = [r.choices for r in runs if not kind or r.grid == run.grid]
+        words = [f"{key.partition('.')[2]}={run.choices.get(key)}" for key in _varied(of_kind)]
+        found.append(_candidate(", ".join([*filter(None, [kind]), *words]), kind, run.metrics))
     return found
 
 
-def _candidate(words: str, metrics: Mapping[str, Any]) -> Candidate:
+def _varied(choices: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What models may do that differs between some runs."""
+    keys = dict.fromkeys(key for own in choices for key in own if key.startswith("model."))
+    return [
+        key
+        for key in keys
+        if key.split(".")[1] in VARY and len({str(own.get(key)) for own in choices}) > 1
+    ]
+
+
+def _candidate(words: str, kind: str, metrics: Mapping[str, Any]) -> Candidate:
     sure = metrics.get("uncertainty", {})
     error = metrics[FREE_RUNS["test"]].get("relative_rms_percent")
     verdict = metrics.get("verdict", {})
     why = "" if verdict.get("identified") is not False else "not identified"
     if "log_likelihood" not in sure:
-        return Candidate(words, math.nan, math.inf, error or math.inf, why or "diverged")
+        return Candidate(words, math.nan, math.inf, error or math.inf, why or "diverged", kind)
     p, samples = sure["determined"], sure["samples"]
     bic = -2.0 * sure["log_likelihood"] + p * math.log(samples)
-    return Candidate(words, p, bic, math.inf if error is None else error, why)
+    return Candidate(words, p, bic, math.inf if error is None else error, why, kind)
 
 
 def recommended(found: Sequence[Candidate]) -> Candidate | None:
-    """Of those nearly as good as the best on unseen motion, the one with the fewest parameters."""
+    """Of those nearly as good as the best on unseen motion, the one with the fewest parameters.
+
+    A law of no class is taken only where every class errs by far more.
+    """
     sound = [c for c in found if not c.why_not and math.isfinite(c.error)]
     if not sound:
         return None
+    classes = [c for c in sound if c.kind != OTHER]
+    least = min((c.error for c in classes), default=math.inf)
+    if least <= NO_CLASS * min(c.error for c in sound):
+        sound = classes
     least = min(c.error for c in sound)
     return min((c for c in sound if c.error <= AS_GOOD * least), key=lambda c: c.parameters)
 
@@ -89,9 +109,17 @@ def odds_of(found: Sequence[Candidate]) -> list[float]:
     return [weight / sum(weights) for weight in weights]
 
 
-def print_candidates(console: Console, found: Sequence[Candidate]) -> None:
+def odds_of_kind(choice: Candidate, found: Sequence[Candidate]) -> float:
+    """The odds of all candidates of the same class."""
+    pairs = zip(found, odds_of(found), strict=True)
+    return sum(odds for c, odds in pairs if c is choice or (c.kind and c.kind == choice.kind))
+
+
+def print_candidates(
+    console: Console, found: Sequence[Candidate], title: str = "which elements, which law"
+) -> None:
     """The table, the likeliest first, and the recommendation."""
-    table = Table(title="which elements, which law", title_justify="left")
+    table = Table(title=title, title_justify="left")
     table.add_column("candidate")
     for head in ("parameters", "BIC more", "odds [%]", "unseen [%]"):
         table.add_column(head, justify="right", no_wrap=True)
@@ -107,15 +135,23 @@ def print_candidates(console: Console, found: Sequence[Candidate]) -> None:
     if choice is None:
         console.print("none of them is a model of these records")
         return
-    odds = odds_of(found)[list(found).index(choice)]
+    odds, of = odds_of_kind(choice, found), " of its class" if choice.kind else ""
     console.print(
         f"recommended: {choice.words} (fewest parameters within {100.0 * (AS_GOOD - 1.0):.0f} % of "
-        f"the least error of unseen motion; odds by BIC {100.0 * odds:.0f} %)"
+        f"the least error of unseen motion; odds{of} by BIC {100.0 * odds:.0f} %)"
     )
+    better = min((c.error for c in found if c.kind == OTHER), default=math.inf)
+    if choice.kind and choice.kind != OTHER and choice.error > AS_GOOD * better:
+        less = 100.0 * (1.0 - better / choice.error)
+        console.print(f"no class is exact: a law of none of them errs by {less:.0f} % less")
 
 
 class PrintCandidates(Callback):
-    """At the end of a sweep: its table."""
+    """At the end of a sweep: its table. classes: each grid of the sweep is a class of laws."""
+
+    def __init__(self, title: str = "which elements, which law", classes: bool = False) -> None:
+        self.title, self.classes = title, classes
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
-        print_candidates(terminal(WIDTH), candidates_of(Path(config.hydra.sweep.dir)))
+        found = candidates_of(Path(config.hydra.sweep.dir), self.classes)
+        print_candidates(terminal(WIDTH), found, self.title)

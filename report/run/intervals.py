@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from models.training.metrics import FREE_RUNS
+from runner.scores.spread import percent
 from runner.scores.uncertainty import HEADLINE, headline
 
 LARGEST_PLAIN = 1e6  # number that is written without an exponent
@@ -53,7 +55,7 @@ def print_intervals(
         last = name
     table.caption = _caption(rows)
     console.print(table)
-    for line in (*contradictions(uncertainty), which_to_believe(rows), unequal(uncertainty)):
+    for line in (*contradictions(uncertainty), which_to_believe(rows, both), unequal(uncertainty)):
         if line:
             console.print(Text(line, style="yellow"))
 
@@ -132,8 +134,23 @@ def unequal(uncertainty: Mapping[str, Any]) -> str:
     )
 
 
-def which_to_believe(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A line where the residual is more than noise; "" where intervals of noise are enough."""
+def beyond_training(metrics: Mapping[str, Any], uncertainty: Mapping[str, Any]) -> str:
+    """A line where a residual that is no noise is far larger on motion that was not trained on."""
+    errors = [metrics.get(FREE_RUNS[p], {}).get("relative_rms_percent") for p in ("train", "test")]
+    if None in errors or not uncertainty.get("coloured") or errors[1] < TIMES * errors[0]:
+        return ""
+    return (
+        f"believe neither for other motions: the free run errs by {percent(errors[1])} % on the "
+        f"test motion and by {percent(errors[0])} % in training, and the residual is not white; "
+        "these parameters do best on the training motion"
+    )
+
+
+def which_to_believe(rows: Sequence[Mapping[str, Any]], both: bool = False) -> str:
+    """A line where the residual is more than noise; "" where intervals of noise are enough.
+
+    both: the reader has intervals of both kinds before him.
+    """
     ratios = sorted(
         row["model_error"] / row["half"]
         for row in rows
@@ -141,6 +158,12 @@ def which_to_believe(rows: Sequence[Mapping[str, Any]]) -> str:
     )
     if not ratios or (middle := ratios[len(ratios) // 2]) < TIMES:
         return ""
+    if both:
+        return (
+            f"believe ± model error, {middle:.2g} times as wide in the median: parts of the "
+            "records ask for parameters that differ more than noise explains, so the structure is "
+            "not of the model's kind, and ± noise tells only how well its best fit is known"
+        )
     return (
         f"parts of the records ask for parameters that differ more than noise explains: believe "
         f"intervals {middle:.2g} times as wide (model_error in metrics.json)"

@@ -10,6 +10,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
+from rich.text import Text
 
 from data.datamodule import Data
 from data.terminal import terminal
@@ -22,7 +23,8 @@ from models.uncertainty.intervals import Interval, intervals_of
 from models.uncertainty.laplace import Laplace, laplace
 from models.uncertainty.parameters import free_vector
 from report.output import save_figure
-from report.run.intervals import print_intervals, which_to_believe
+from report.run.criticism import print_criticism
+from report.run.intervals import beyond_training, print_intervals, which_to_believe
 from report.run.rescore import record_gone
 from report.run.table import WIDTH, print_verdict
 from report.uncertainty.profiles import print_profiles, profile_figure, profiles_of
@@ -125,17 +127,21 @@ def _require_known(names: Sequence[str], model: Trainable) -> None:
 def _laplace(
     cfg: DictConfig, run: Finished, names: Sequence[str], console: Console, output: Path
 ) -> dict[str, Any]:
-    """Both kinds of intervals side by side, and which is to be believed."""
+    """Both kinds of intervals side by side, which is to be believed, what the residual asks for."""
     if names:
         raise ValueError("parameter= is for uncertainty=profile and smc; laplace tells all of them")
     content = uncertainty_of(run.model, run.found, run.data, [])
     print_intervals(console, content, both=True)
+    beyond = beyond_training(run.metrics, content)
     if not which_to_believe(headline(content)):
+        believe = "" if beyond else ": believe those of noise alone"
         console.print(
-            "both kinds agree within a factor of 2 where parameters are determined: believe those "
-            "of noise alone",
+            f"both kinds agree within a factor of 2 where parameters are determined{believe}",
             markup=False,
         )
+    if beyond:
+        console.print(Text(beyond, style="yellow"))
+    print_criticism(console, content)
     return content
 
 

@@ -54,6 +54,13 @@ def network(dofs=2, **more):
     return model
 
 
+def test_elastoplastic_units_have_no_shape_to_learn():
+    rounded, sharp = network(), network(rounded=False)
+    gone = {name for name in named(rounded) if name not in named(sharp)}
+    assert gone == {f"r{e}.unit_1.{shape}" for e in (1, 2) for shape in ("rising", "falling")}
+    assert rounded.identified_parameters - sharp.identified_parameters == len(gone)
+
+
 @pytest.mark.parametrize("dofs", [1, 3, 10, 30])
 def test_an_element_network_has_masses_and_laws_in_words(dofs):
     found = named(network(dofs))

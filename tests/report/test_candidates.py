@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from models.training.metrics import FREE_RUNS
 from models.uncertainty.laplace import about
-from report.candidates.table import Candidate, odds_of, print_candidates, recommended
+from report.candidates import table
+from report.candidates.table import (
+    Candidate,
+    candidates_of,
+    odds_of,
+    odds_of_kind,
+    print_candidates,
+    recommended,
+)
 
 CHAIN = Candidate("elements=chain", 10.0, 100.0, 30.0)
 ALL = Candidate("elements=all", 20.0, 90.0, 5.0)
@@ -27,6 +38,43 @@ def test_odds_are_those_of_bic():
     assert sum(odds) == pytest.approx(1.0)
     assert odds[1] / odds[2] == pytest.approx(math.exp(2.0))
     assert odds[3] == 0.0
+
+
+def test_grids_are_classes_and_what_varies_in_them_is_told(monkeypatch):
+    def run(grid: str, units: int, cubic: bool) -> SimpleNamespace:
+        choices = {"model.units": units, "model.cubic": cubic, "model.prior": 0.1 * units}
+        metrics = {FREE_RUNS["test"]: {"relative_rms_percent": 2.0}}
+        return SimpleNamespace(finished=True, grid=grid, choices=choices, metrics=metrics)
+
+    runs = [run("cubic", 0, True), run("bouc_wen", 1, False), run("bouc_wen", 2, False)]
+    monkeypatch.setattr(table, "read_runs", lambda folder: runs)
+    found = candidates_of(Path(), classes=True)
+    assert [c.words for c in found] == ["cubic", "bouc_wen, units=1", "bouc_wen, units=2"]
+    assert [c.kind for c in found] == ["cubic", "bouc_wen", "bouc_wen"]
+    assert candidates_of(Path())[0].words == "units=0, cubic=True"
+
+
+def test_the_odds_of_a_class_are_those_of_all_its_candidates():
+    found = [
+        Candidate("bouc_wen, units=1", 6.0, 0.0, 2.0, kind="bouc_wen"),
+        Candidate("bouc_wen, units=2", 9.0, 0.0, 2.0, kind="bouc_wen"),
+        Candidate("linear", 2.0, 0.0, 9.0, kind="linear"),
+    ]
+    assert odds_of_kind(found[0], found) == pytest.approx(2.0 / 3.0)
+    assert odds_of_kind(CHAIN, [CHAIN, ALL]) < 0.01  # no classes: each is its own
+
+
+def test_a_law_of_no_class_is_taken_where_every_class_errs_by_far_more():
+    smooth, slip = (Candidate(k, 6.0, 0.0, 2.4, kind=k) for k in ("bouc_wen", "slip"))
+    other = Candidate("any_other", 18.0, 0.0, 2.1, kind="any_other")
+    assert recommended([smooth, slip, other]) is smooth
+    console = Console(width=80)
+    with console.capture() as capture:
+        print_candidates(console, [smooth, slip, other])
+    assert "no class is exact: a law of none of them errs by 12 % less" in capture.get()
+    far = Candidate("any_other", 18.0, 0.0, 1.0, kind="any_other")
+    assert recommended([smooth, slip, far]) is far
+    assert recommended([other]) is other
 
 
 def test_the_table_fits_80_columns():

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from rich.console import Console
 
+from models.training.metrics import FREE_RUNS
 from report.run.criticism import sentences
-from report.run.intervals import print_intervals, told, which_to_believe
+from report.run.intervals import beyond_training, print_intervals, told, which_to_believe
 
 
 @pytest.mark.parametrize(
@@ -61,7 +62,25 @@ def test_the_table_fits_80_columns_and_tells_what_is_not_told():
 
 def test_a_wrong_model_is_told_by_what_parts_of_the_records_ask_for():
     assert not which_to_believe([parameter("r1.stiffness", model_error=1.2)])
-    assert "3 times as wide" in which_to_believe([parameter("r1.stiffness", model_error=3.0)])
+    wrong = [parameter("r1.stiffness", model_error=3.0)]
+    assert "3 times as wide" in which_to_believe(wrong)
+    console = Console(width=80)
+    with console.capture() as capture:
+        print_intervals(console, {"parameters": wrong}, both=True)
+    assert "± model error" in capture.get()
+    assert "believe ± model error, 3 times as wide" in capture.get()
+
+
+@pytest.mark.parametrize(
+    ("unseen", "coloured", "told"), [(60.0, [1], True), (60.0, [], False), (12.0, [1], False)]
+)
+def test_intervals_of_one_motion_are_not_those_of_another(unseen, coloured, told):
+    """A residual that repeats with the motion is alike in all blocks: they cannot tell it."""
+    errors = {"train": 10.0, "test": unseen}
+    metrics = {FREE_RUNS[part]: {"relative_rms_percent": e} for part, e in errors.items()}
+    line = beyond_training(metrics, {"coloured": coloured})
+    assert bool(line) == told
+    assert not told or "errs by 60" in line
 
 
 def finding(kind: str, name: str, gain: float, significant: bool = True) -> dict:
