@@ -85,6 +85,10 @@ def joined(network: ElementNetwork, model: Exported) -> list[Joined]:
             most = None if largest is None else float(largest[e])
             materials = material_of(laws[e], composition.counts, most)
         found.append(Joined(name, *_ends(network, e), materials))
+    if isinstance(network, ElementNetworkNamed):
+        for name, damper in network.mass_dampers().items():
+            foot, mass = damper.between
+            found.append(Joined(name, foot, mass, named_materials(damper, name)))
     return found
 
 

@@ -2,11 +2,11 @@
 
 M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law_e(y_e, ẏ_e; q_e)          (models/named_laws)
 
-Accelerations and masses give the forces of a chain: each element gets the law whose own free run
-under what was measured suits a motion held back (models/named_laws/storey.py). Elsewhere forces by
-equilibrium (models/starts/equilibrium.py) make a test of every element. Then all laws and unknown
-masses are fitted together to the motion from rest, simulated by the integrator of data/simulation,
-which finds the instants of yielding. No solver is needed.
+Where a chain's accelerations alone are known, each element gets the law whose own free run under
+what was measured suits best (models/named_laws/storey.py). Elsewhere forces by equilibrium
+(models/starts/equilibrium.py) make a test of every element. Then all laws, unknown masses and a
+damping that goes with the masses are fitted together to the motion from rest, simulated by the
+integrator of data/simulation, which finds the instants of yielding. No solver is needed.
 B records, T samples, n DOFs, E elements, m excitations.
 """
 
@@ -24,6 +24,7 @@ import torch
 from torch import Tensor
 
 from data.record import Drive, Record, Response
+from data.simulation.elements import Element
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.composition.stated import typed
@@ -32,15 +33,7 @@ from models.element_network import ElementNetwork
 from models.estimator import Estimator
 from models.named_laws.fit import Fit, chosen, units_of
 from models.named_laws.fit import Motion as ElementTest
-from models.named_laws.free_run import (
-    ITERATIONS,
-    PULL,
-    FreeRuns,
-    Laws,
-    Shaking,
-    linear,
-    mass_dampers,
-)
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.learned import LearnedLaws, require_laws, told
 from models.named_laws.storey import Beginning, Storey
 from models.named_laws.storey import chosen as chosen_storey
@@ -91,11 +84,12 @@ class ElementNetworkNamed(ElementNetwork):
 
     @property
     def identified_parameters(self) -> int:
-        return self.named.count + (self.dofs if self.known_masses is None else 0)
+        masses = self.dofs if self.known_masses is None else 0
+        return self.named.count + masses + int(self.mass_damping > 0.0)
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
-        """Start at a linear structure, then give every element the law of its forces."""
+        """Start at a linear structure, then give every element its law, then fit all together."""
         records = self.admitted(batches)
         facts = super().identify(records)
         assert self.linear is not None
@@ -105,33 +99,36 @@ class ElementNetworkNamed(ElementNetwork):
             [_motion(test, e, self.dt) for test in tests] for e in range(len(self.elements))
         ]
         units = [units_of(motions) for motions in of_element]
-        rng = np.random.default_rng(self.seed)
-        masses = self.mass().detach().cpu().numpy()
-        learned = self.known_masses is None
+        masses, learned = self.mass().detach().cpu().numpy(), self.known_masses is None
         laws = linear(stiffness.numpy(), masses, units, self.elements, learned, self.foot)
+        rng = np.random.default_rng(self.seed)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = FreeRuns(self._shakings(records), self._output, pool.map)
-            if self._suits_storeys(records):
+            if apart := self._suits_storeys(records):
                 laws = runs.beginning(laws)
                 of_storey = partial(self._of_storey, laws, runs)
                 found = list(pool.map(of_storey, range(len(units)), rng.spawn(len(units))))
             else:
-                found = [
-                    _alone(*chosen(motions, self.candidates, int(rng.integers(2**31))))
-                    for motions in of_element
-                ]
+                found = [self._of_test(motions, rng) for motions in of_element]
             fits, errors = zip(*found, strict=True)
             laws = runs.fitted(replace(laws, fits=[best for best, *_ in fits]))
-            exchanged = runs.exchanged(laws, [rivals for _, *rivals in fits])
-            if exchanged is not laws:
-                laws = runs.followed(exchanged, 1.0, ITERATIONS[-1], PULL)
+            laws = runs.exchanged(laws, [rivals for _, *rivals in fits])
+        self._take(laws)
+        return {**facts, **told(laws.fits, errors, "apart" if apart else "held_back")}
+
+    def _take(self, laws: Laws) -> None:
         for e, fit in enumerate(laws.fits):
             self.named.take(e, fit)
         self.mass_damping.fill_(laws.mass_damping)
         if laws.learned:
             self.mass.start(torch.from_numpy(laws.masses))
-        of = "apart" if self._suits_storeys(records) else "held_back"
-        return {**facts, **told(laws.fits, errors, of)}
+
+    def _of_test(
+        self, motions: Sequence[ElementTest], rng: np.random.Generator
+    ) -> tuple[list[Fit], dict[str, float]]:
+        """The law of an element by its forces in equilibrium; errors on motion held back."""
+        fit, errors = chosen(motions, self.candidates, int(rng.integers(2**31)))
+        return [fit], errors
 
     def _suits_storeys(self, records: Sequence[Record]) -> bool:
         """Whether the elements are a chain from the ground up, and accelerations alone known."""
@@ -181,9 +178,11 @@ class ElementNetworkNamed(ElementNetwork):
             for e, pair in enumerate(self.elements)
             for i, element in enumerate(self.named.elements(e, pair))
         }
-        masses = self.mass().detach().cpu()
-        dampers = mass_dampers(float(self.mass_damping), masses.numpy(), self.foot)
-        return Structure(masses.tolist(), {**parts, **dampers})
+        return Structure(self.mass().detach().cpu().tolist(), {**parts, **self.mass_dampers()})
+
+    def mass_dampers(self) -> dict[str, Element]:
+        """Dampers between the masses and the support by names, none for α = 0."""
+        return mass_dampers(float(self.mass_damping), self.mass().detach().cpu().numpy(), self.foot)
 
     def forward(self, record: Record) -> Tensor:
         return self.run_of(record).a
@@ -233,7 +232,3 @@ class ElementNetworkNamed(ElementNetwork):
 def _motion(test: tuple[Tensor, Tensor, Tensor], e: int, dt: float) -> ElementTest:
     y, rate, r = (u[:, e].numpy().copy() for u in test)
     return ElementTest(dt, y, rate, r)
-
-
-def _alone(fit: Fit, errors: dict[str, float]) -> tuple[list[Fit], dict[str, float]]:
-    return [fit], errors

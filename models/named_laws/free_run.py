@@ -173,13 +173,15 @@ class FreeRuns:
 
     def exchanged(self, laws: Laws, rivals: Sequence[Sequence[Fit]]) -> Laws:
         """The laws, but for rivals of an element that suit the whole motion better."""
+        begin = laws
         for e, others in enumerate(rivals):
             for other in others:
-                trial = self.followed(_with(laws, e, other), 1.0, RIVAL_ITERATIONS, PULL)
+                fits = [*laws.fits[:e], other, *laws.fits[e + 1 :]]
+                trial = self.followed(replace(laws, fits=fits), 1.0, RIVAL_ITERATIONS, PULL)
                 fewer = other.q.size < laws.fits[e].q.size
                 if trial.error < (AS_GOOD if fewer else BETTER) * laws.error:
                     laws = trial
-        return laws
+        return laws if laws is begin else self.followed(laws, 1.0, ITERATIONS[-1], PULL)
 
     def fitted(self, laws: Laws) -> Laws:
         """All laws together, over a growing part of the motions."""
@@ -189,10 +191,6 @@ class FreeRuns:
             pull = PULL if share == 1.0 else EARLY_PULL
             found = self.followed(found, share, iterations, pull)
         return found if found.error < begin.error else begin
-
-
-def _with(laws: Laws, e: int, fit: Fit) -> Laws:
-    return replace(laws, fits=[*laws.fits[:e], fit, *laws.fits[e + 1 :]])
 
 
 def linear(

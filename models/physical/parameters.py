@@ -103,6 +103,8 @@ def _composite(model: Composite) -> Iterator[Values]:
         for i, mass in enumerate(model.mass().tolist(), start=1):
             yield f"x{i}.mass", mass, "kg", "", False
         pairs = ["–".join(pair) for pair in model.elements]
+        if isinstance(model, ElementNetworkNamed) and float(model.mass_damping) > 0.0:
+            yield "mass_damping", float(model.mass_damping), "1/s", "of Rayleigh's", False
         for e, pair in enumerate(pairs):
             name = f"r{e + 1}"
             if isinstance(model, ElementNetworkBranch):
