@@ -118,8 +118,7 @@ def fit_of(
     except ValueError as error_of_fit:
         return Candidate(name, math.nan, math.inf, math.inf, str(error_of_fit), law)
     assert found is not None
-    likely = found.noise.log_likelihood + found.samples * math.log(found.weight)
-    bic = -2.0 * likely + found.determined * math.log(found.samples)
+    bic = -2.0 * found.log_likelihood + found.determined * math.log(found.samples)
     return Candidate(name, found.determined, bic, error(model, unseen), kind=law)
 
 

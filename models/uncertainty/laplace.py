@@ -74,6 +74,12 @@ class Laplace:
     residuals: list[np.ndarray]
     jacobians: list[np.ndarray]
 
+    @property
+    def log_likelihood(self) -> float:
+        """Of the residual in the units of the record, under noise with its spectrum."""
+        each = self.samples / len(self.weight)
+        return self.noise.log_likelihood + each * float(np.log(self.weight).sum())
+
 
 @torch.no_grad()
 def laplace(

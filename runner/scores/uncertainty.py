@@ -115,9 +115,7 @@ def _residual(found: Laplace, dt: float) -> dict[str, Any]:
             frequency = (int(own.argmax()) + 0.5) * 0.5 / bands / dt
             coloured.append({"channel": i, "times": times, "frequency_hz": frequency})
     deviation = (found.noise.deviation / found.weight).tolist()
-    each = found.samples / len(found.weight)
-    likely = found.noise.log_likelihood + each * float(np.log(found.weight).sum())
-    fit = {"log_likelihood": likely, "determined": found.determined, "samples": found.samples}
+    fit = {name: getattr(found, name) for name in ("log_likelihood", "determined", "samples")}
     counted = {"noise": deviation, "coloured": coloured, **fit}
     if (found.weight != found.weight[0]).any():
         counted["counts"] = (found.weight / found.weight.max()).tolist()

@@ -34,6 +34,9 @@ UNITS = {  # of length, force and time
     "lengths and times larger, forces smaller": (MORE, 1.0 / MORE, MORE),
     "lengths and times smaller, forces larger": (1.0 / MORE, MORE, 1.0 / MORE),
 }
+SEARCHED = (
+    1e-3  # networks of named laws follow the integrator, whose first step has a floor in metres
+)
 ROUNDING = 1e-7  # the named laws' search (SciPy's) sums in an order that depends on memory
 RATES = (  # whose filters are stated in rad/s or s, for all records
     "filtered_extrapolation",
@@ -57,6 +60,7 @@ SHORTER = {
         "force_memory": False,
         "prior": 1e-6,
     },
+    "models.ElementNetworkNamed": {"laws": ["Linear", "SelfCentering"]},
     "models.BranchElement": {"ramps": 2, "bends": 1, "law_starts": 1},
 }
 MODELS = [path.stem for path in sorted((CONF / "model").glob("*.yaml")) if path.stem not in STATED]
@@ -158,4 +162,5 @@ def test_other_units_change_no_error(name, unit, records, before, tmp_path):
     length, force, time = UNITS[unit]
     record = record_for(name, records)
     record = in_units(record, length, force, 1.0 if name in RATES else time)
-    assert errors(name, record, tmp_path) == pytest.approx(before(name), rel=ROUNDING, nan_ok=True)
+    most = SEARCHED if name == "element_network_named" else ROUNDING
+    assert errors(name, record, tmp_path) == pytest.approx(before(name), rel=most, nan_ok=True)
