@@ -29,6 +29,7 @@ STILL_LINEAR = 1.2  # times the error of the share before
 SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together
 LINEAR_ITERATIONS = 8
 RIVAL_ITERATIONS = 8  # of all laws, one of them exchanged
+NEAR, SOME = 10.0, 0.1  # times the error, and beyond: rivals that begin farther away are not tried
 BETTER, AS_GOOD = 0.998, 1.001  # times the error: a rival is taken, or one of fewer parameters
 EARLY_PULL, PULL = 1e-6, 1e-8  # of the numbers towards their start, beside the squared error
 DAMPING, MASS_DAMPING = 0.03, 0.01  # share of critical at first; of the slowest rate α
@@ -172,12 +173,17 @@ class FreeRuns:
         return found
 
     def exchanged(self, laws: Laws, rivals: Sequence[Sequence[Fit]]) -> Laws:
-        """The laws, but for rivals of an element that suit the whole motion better."""
+        """The laws, but for rivals of an element that suit the whole motion better.
+
+        An element that never yields is as well a spring and a damper, which are a rival of any law.
+        """
         begin = laws
         for e, others in enumerate(rivals):
-            for other in others:
-                fits = [*laws.fits[:e], other, *laws.fits[e + 1 :]]
-                trial = self.followed(replace(laws, fits=fits), 1.0, RIVAL_ITERATIONS, PULL)
+            for other in [*others, *elastic(laws.fits[e])]:
+                trial = replace(laws, fits=[*laws.fits[:e], other, *laws.fits[e + 1 :]])
+                if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
+                    continue
+                trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL)
                 fewer = other.q.size < laws.fits[e].q.size
                 if trial.error < (AS_GOOD if fewer else BETTER) * laws.error:
                     laws = trial
@@ -191,6 +197,15 @@ class FreeRuns:
             pull = PULL if share == 1.0 else EARLY_PULL
             found = self.followed(found, share, iterations, pull)
         return found if found.error < begin.error else begin
+
+
+def elastic(fit: Fit) -> list[Fit]:
+    """The spring and damper of a law that does not yield; none of one that is no more than that."""
+    values, line = fit.candidate.values(fit.q, fit.units), CANDIDATES["Linear"]
+    if fit.candidate is line or "stiffness" not in values:
+        return []
+    q = [math.log(values[key] / p.unit(fit.units)) for key, p in line.parameters.items()]
+    return [Fit(line, fit.units, np.array(q))]
 
 
 def linear(

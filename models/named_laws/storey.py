@@ -139,7 +139,8 @@ class Beginning:
         elif name == "SlackBrace":  # the brace is slack at first
             sizes |= {"spring": self.stiffness, "stiffness": self.stiffness * math.exp(brace)}
         if not self.sure:
-            sizes = {key: size for key, size in sizes.items() if key in BENDING}
+            bends = () if name == "FrictionPendulum" else BENDING
+            sizes = {key: size for key, size in sizes.items() if key in bends}
         for key in sizes.keys() & q.keys():
             q[key] = math.log(sizes[key] / candidate.parameters[key].unit(self.units))
         return bend, Fit(candidate, self.units, np.array(list(q.values())))

@@ -60,7 +60,7 @@ SHORTER = {
         "force_memory": False,
         "prior": 1e-6,
     },
-    "models.ElementNetworkNamed": {"laws": ["Linear", "SelfCentering"]},
+    "models.ElementNetworkNamed": {"laws": ["Linear"]},
     "models.BranchElement": {"ramps": 2, "bends": 1, "law_starts": 1},
 }
 MODELS = [path.stem for path in sorted((CONF / "model").glob("*.yaml")) if path.stem not in STATED]
