@@ -30,7 +30,8 @@ SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together
 LINEAR_ITERATIONS = 8
 RIVAL_ITERATIONS = 8  # of all laws, one of them exchanged
 NEAR, SOME = 10.0, 0.1  # times the error, and beyond: rivals that begin farther away are not tried
-BETTER, AS_GOOD = 0.998, 1.001  # times the error: a rival is taken, or one of fewer parameters
+BETTER = 0.998  # times the error, for each parameter more: a rival is taken
+AS_GOOD = 1.001  # times the error: one with fewer is
 EARLY_PULL, PULL = 1e-6, 1e-8  # of the numbers towards their start, beside the squared error
 DAMPING, MASS_DAMPING = 0.03, 0.01  # share of critical at first; of the slowest rate α
 
@@ -184,8 +185,8 @@ class FreeRuns:
                 if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
                     continue
                 trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL)
-                fewer = other.q.size < laws.fits[e].q.size
-                if trial.error < (AS_GOOD if fewer else BETTER) * laws.error:
+                more = other.q.size - laws.fits[e].q.size
+                if trial.error < (BETTER**more if more >= 0 else AS_GOOD) * laws.error:
                     laws = trial
         return laws if laws is begin else self.followed(laws, 1.0, ITERATIONS[-1], PULL)
 
