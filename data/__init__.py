@@ -37,6 +37,7 @@ PUBLIC = {  # class → the module that defines it
     "MenegottoPinto": "data.simulation.elements.menegotto_pinto",
     "Multisine": "data.simulation.excitation",
     "Noisy": "data.simulation.scenario",
+    "Pinching4": "data.simulation.elements.pinching4",
     "Polynomial": "data.simulation.elements.polynomial",
     "RecordedEarthquake": "data.simulation.earthquake",
     "SelfCentering": "data.simulation.elements.self_centering",

@@ -6,6 +6,7 @@ SelfCentering     SelfCentering
 SlackBrace        two ElasticPPGap with damage
 FrictionPendulum  Elastic, ElasticPP, where friction does not depend on speed
 BaberNoori        BoucWen, where it neither pinches nor is unsymmetric
+Pinching4         Pinching4
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ from data.simulation.elements import (
     Element,
     FrictionPendulum,
     MenegottoPinto,
+    Pinching4,
     Polynomial,
     SelfCentering,
     SlackBrace,
 )
+from data.simulation.elements.pinching4 import LOSSES
 from export.opensees_laws import Material
 
 SAME = 1e-6  # share of a friction or stiffness that makes no difference
@@ -92,6 +95,17 @@ def _bouc_wen(e: BaberNoori) -> list[Command]:
     return [("BoucWen", *smooth, 0.0, e.nu_rate, e.eta_rate)]
 
 
+def _four_points(e: Pinching4) -> list[Command]:
+    places = (e.yield_displacement, e.displacement_2, e.displacement_3, e.displacement_4)
+    strengths = (1.0, e.strength_2, e.strength_3, e.strength_4)
+    force = e.stiffness * e.yield_displacement
+    points = [n for y, s in zip(places, strengths, strict=True) for n in (force * s, y)]
+    shares = (e.reloading_place, e.reloading_force, e.unloading_force)
+    losses = [getattr(e, name) for name in LOSSES]
+    wall = ("Pinching4", *points, *shares, *losses, e.energy_capacity, "energy")
+    return [wall, *_damper(e.damping)]
+
+
 MADE: dict[type[Element], Callable[..., list[Command]]] = {
     Polynomial: _polynomial,
     MenegottoPinto: _steel,
@@ -99,4 +113,5 @@ MADE: dict[type[Element], Callable[..., list[Command]]] = {
     SlackBrace: _slack,
     FrictionPendulum: _pendulum,
     BaberNoori: _bouc_wen,
+    Pinching4: _four_points,
 }

@@ -18,6 +18,7 @@ from data.simulation.elements import (
     Element,
     FrictionPendulum,
     MenegottoPinto,
+    Pinching4,
     Polynomial,
     SelfCentering,
     SlackBrace,
@@ -94,6 +95,13 @@ PINCHING = {
     "pinching_place": _share(0.05, 0.3),
     "pinching_width": Parameter(0.03, 1.0, lambda units: units.elastic),
     "pinching_lambda": Parameter(0.05, 0.5),
+}
+LOSS = {
+    "by_excursion": Parameter(0.01, 0.5),
+    "by_energy": Parameter(0.01, 0.5),
+    "excursion_power": Parameter(0.2, 1.5),
+    "energy_power": Parameter(0.2, 1.5),
+    "limit": _share(0.3, 0.9),
 }
 Values = Mapping[str, float]
 
@@ -185,6 +193,24 @@ def _bouc_wen(values: Values, between: Sequence[str]) -> list[Element]:
     return [law, Polynomial(between=between, stiffness=0.0, damping=values["damping"])]
 
 
+def _four_points(values: Values, between: Sequence[str]) -> list[Element]:
+    """Points by how much farther and stronger each is than the one before."""
+    own = {name: v for name, v in values.items() if name in _FOUR_POINTS}
+    place, strength = own["yield_displacement"], 1.0
+    for i in (2, 3, 4):
+        place *= 1.0 + values[f"farther_{i}"]
+        strength *= values[f"stronger_{i}"]
+        own |= {f"displacement_{i}": place, f"strength_{i}": strength}
+    unloading = 2.0 * values["unloading"] - 1.0
+    least = max(unloading, 0.0)
+    own |= {
+        "unloading_force": unloading,
+        "reloading_force": least + (1.0 - least) * values["reloading"],
+    }
+    return [Pinching4(between=between, **own)]
+
+
+_FOUR_POINTS = {field.name for field in fields(Pinching4)} - {"between"}
 _SMOOTH = {
     "stiffness": STIFFNESS,
     "post_yield_ratio": _share(0.02, 0.3),
@@ -266,6 +292,27 @@ CANDIDATES = {
                 **PINCHING,
             },
             _bouc_wen,
+        ),
+        Candidate(
+            "Pinching4",
+            {
+                "stiffness": STIFFNESS,
+                "yield_displacement": YIELD,
+                **{f"farther_{i}": Parameter(0.5, 4.0) for i in (2, 3, 4)},
+                "stronger_2": Parameter(1.05, 2.0),
+                "stronger_3": Parameter(0.9, 1.4),
+                "stronger_4": Parameter(0.4, 1.2),
+                "unloading": _share(0.4, 0.6),
+                "reloading_place": _share(0.1, 0.8),
+                "reloading": _share(0.1, 0.6),
+                **{
+                    f"{loss}_{part}": parameter
+                    for loss in ("softening", "lengthening", "weakening")
+                    for part, parameter in LOSS.items()
+                },
+                "damping": DAMPING,
+            },
+            _four_points,
         ),
         Candidate(
             "Linear", {"stiffness": STIFFNESS, "damping": DAMPING}, _plain(Polynomial)

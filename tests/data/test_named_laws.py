@@ -22,6 +22,7 @@ from data.simulation.elements import (
     SelfCentering,
     SlackBrace,
 )
+from data.simulation.elements.pinching4 import LOSSES
 from tests.data.named_laws import BETWEEN, DT, HISTORY, LAWS, K, Y, _with_dt
 from tests.data.test_elements import eased
 
@@ -197,6 +198,26 @@ def test_steady_clough_loop_is_a_parallelogram():
     x, f = corners.T
     area = 0.5 * abs(x @ np.roll(f, -1) - f @ np.roll(x, -1)) * K * Y
     assert_allclose(work[500] - work[300], area, rtol=1e-6)
+
+
+# --- four points that pinch
+
+
+def test_four_points_are_the_envelope_and_go_on_level_where_it_falls():
+    e = LAWS["wall"]
+    r = force(e, *_with_dt(eased(Y, 0.02, 0.03, 0.04, 0.07, 0.09))) / (K * Y)
+    assert_allclose(r[100::100], [1.0, 1.6, 1.7, 1.8, 1.1, 1.1], atol=1e-6)
+
+
+def test_without_losses_a_path_is_three_lines():
+    lossless = {name: 0.0 for name in LOSSES if "_by_" in name}
+    e = replace(LAWS["wall"], **lossless)
+    y, _ = eased(0.04, -0.04, samples=1000)
+    unloaded = 0.04 - (1.8 - 0.18) * Y  # u < 0: a tenth of the strength above zero
+    places, forces = [-0.04, -0.4 * 0.04, unloaded, 0.04], [-1.8, -0.3 * 1.8, 0.18, 1.8]
+    by_hand = K * Y * np.interp(y[1000:], places, forces)
+    earlier = force(e, *_with_dt(eased(0.04, -0.04, 0.04, -0.04, samples=1000)))
+    assert_allclose(earlier[3000:], by_hand, atol=1e-6 * K * Y)
 
 
 # --- generalised Bouc–Wen

@@ -12,9 +12,10 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.unplanted.opensees import opensees
 from data.simulation.element_test import force
-from data.simulation.elements import MenegottoPinto, SelfCentering, SlackBrace
+from data.simulation.elements import MenegottoPinto, Pinching4, SelfCentering, SlackBrace
 
 K, FY, Y = 1e6, 1e4, 0.01
+LOSS_PARTS = ("by_excursion", "by_energy", "excursion_power", "energy_power", "limit")
 BETWEEN = ("s1", "x1")
 
 
@@ -81,3 +82,31 @@ def test_two_elastoplastic_gaps(b):
     pull = ("ElasticPPGap", K, FY, 0.003, b, "damage")
     push = ("ElasticPPGap", K, -FY, -0.003, b, "damage")
     assert difference(element, 0.002, pull, push) < 1e-4
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pinching4(seed):
+    """Points, shares and losses drawn at random."""
+    draw = np.random.default_rng(seed).uniform
+    places = Y * np.cumprod([0.5, draw(1.5, 4.0), draw(1.5, 3.0), draw(1.5, 3.0)])
+    strengths = np.cumprod([1.0, draw(1.1, 2.0), draw(0.9, 1.3), draw(0.5, 1.1)])
+    unloading = draw(-0.2, 0.2)
+    shares = [draw(0.1, 0.8), max(unloading, 0.0) + draw(0.1, 0.5), unloading]
+    losses = [
+        [draw(0.0, 0.5), draw(0.0, 0.4), draw(0.2, 1.5), draw(0.2, 1.5), draw(0.3, 0.9)]
+        for _ in range(3)
+    ]
+    points = [n for pair in zip(K * Y * strengths, places, strict=True) for n in pair]
+    words = ["Pinching4", *points, *shares, *losses[0], *losses[1], *losses[2], 10.0, "energy"]
+    named = {
+        f"{loss}_{part}": number
+        for loss, numbers in zip(("softening", "lengthening", "weakening"), losses, strict=True)
+        for part, number in zip(LOSS_PARTS, numbers, strict=True)
+    }
+    own = {f"displacement_{i + 1}": places[i] for i in (1, 2, 3)}
+    own |= {f"strength_{i + 1}": strengths[i] for i in (1, 2, 3)}
+    element = Pinching4(
+        between=BETWEEN, stiffness=K * Y / places[0], yield_displacement=places[0], **own, **named,
+        reloading_place=shares[0], reloading_force=shares[1], unloading_force=shares[2],
+    )  # fmt: skip
+    assert difference(element, 0.0005, tuple(words)) < 2e-3

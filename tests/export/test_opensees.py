@@ -219,7 +219,9 @@ def candidate(name: str) -> list:
 
 
 @needs_opensees
-@pytest.mark.parametrize("name", ["SelfCentering", "SlackBrace", "MenegottoPinto", "BoucWen"])
+@pytest.mark.parametrize(
+    "name", ["SelfCentering", "SlackBrace", "MenegottoPinto", "BoucWen", "Pinching4"]
+)
 def test_named_laws_have_their_stock_materials(name, tmp_path):
     elements, y = [replace(e, damping=0.0) if hasattr(e, "damping") else e
                    for e in candidate(name)], imposed(20000)  # fmt: skip

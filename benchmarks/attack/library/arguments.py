@@ -65,6 +65,11 @@ ELEMENTS: dict[str, dict[str, Any]] = {
         **{"yield_displacement": 0.02, "stiffness": 40.0, "hardening_ratio": 0.03},
         **{"unloading_exponent": 0.4, "damping": 0.1},
     },
+    "Pinching4": {
+        **{"stiffness": 40.0, "yield_displacement": 0.02, "displacement_2": 0.04},
+        **{"displacement_3": 0.08, "displacement_4": 0.2, "strength_2": 1.5, "strength_3": 1.6},
+        **{"strength_4": 1.2, "softening_by_energy": 0.1, "weakening_by_excursion": 0.1},
+    },
     "BaberNoori": {
         **{"stiffness": 40.0, "post_yield_ratio": 0.05, "beta": 13.0, "gamma": 10.0},
         **{"asymmetry": 1.0, "exponent": 1.0, "eta_rate": 0.1, "nu_rate": 0.1, "pinching": 0.8},

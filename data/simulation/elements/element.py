@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-PARAMETERS = 14  # numbers that a law may have, at most
-MEMORY = 6  # numbers that a law may remember of its past, besides its state z
+PARAMETERS = 28  # numbers that a law may have, at most
+MEMORY = 12  # numbers that a law may remember of its past, besides its state z
 
 
 @dataclass(frozen=True, kw_only=True)

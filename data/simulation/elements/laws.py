@@ -23,6 +23,7 @@ from data.simulation.elements import (
     friction_pendulum,
     limited_slip,
     menegotto_pinto,
+    pinching4,
     polynomial,
     self_centering,
     slack_brace,
@@ -36,6 +37,7 @@ from data.simulation.elements.element import MEMORY
 from data.simulation.elements.friction_pendulum import FRICTION_PENDULUM
 from data.simulation.elements.limited_slip import LIMITED_SLIP
 from data.simulation.elements.menegotto_pinto import MENEGOTTO_PINTO
+from data.simulation.elements.pinching4 import PINCHING4
 from data.simulation.elements.polynomial import POLYNOMIAL
 from data.simulation.elements.self_centering import SELF_CENTERING
 from data.simulation.elements.slack_brace import SLACK_BRACE
@@ -99,12 +101,15 @@ def next_branch(law, p, m, e, branch, y, ydot, z):
 @inlined
 def _parameters(p, e):
     return (p[e, 0], p[e, 1], p[e, 2], p[e, 3], p[e, 4], p[e, 5], p[e, 6],
-            p[e, 7], p[e, 8], p[e, 9], p[e, 10], p[e, 11], p[e, 12], p[e, 13])  # fmt: skip
+            p[e, 7], p[e, 8], p[e, 9], p[e, 10], p[e, 11], p[e, 12], p[e, 13],
+            p[e, 14], p[e, 15], p[e, 16], p[e, 17], p[e, 18], p[e, 19], p[e, 20],
+            p[e, 21], p[e, 22], p[e, 23], p[e, 24], p[e, 25], p[e, 26], p[e, 27])  # fmt: skip
 
 
 @inlined
 def _memory(m, e):
-    return m[e, 0], m[e, 1], m[e, 2], m[e, 3], m[e, 4], m[e, 5]
+    return (m[e, 0], m[e, 1], m[e, 2], m[e, 3], m[e, 4], m[e, 5],
+            m[e, 6], m[e, 7], m[e, 8], m[e, 9], m[e, 10], m[e, 11])  # fmt: skip
 
 
 @compiled
@@ -119,6 +124,8 @@ def _force(law, p, m, branch, y, ydot, z, work):
         return friction_pendulum.force(p, branch, y, ydot, z)
     if law == BABER_NOORI:
         return baber_noori.force(p, branch, y, ydot, z, work)
+    if law == PINCHING4:
+        return pinching4.force(p, m, branch, y, ydot)
     return takeda.force(p, m, branch, y, ydot)
 
 
@@ -134,6 +141,8 @@ def _margin(law, p, m, branch, y, ydot, z):
         return friction_pendulum.margin(p, branch, ydot, z)
     if law == BABER_NOORI:
         return baber_noori.margin(branch, ydot, z)
+    if law == PINCHING4:
+        return pinching4.margin(p, m, branch, y, ydot)
     return takeda.margin(p, m, branch, y, ydot)
 
 
@@ -146,10 +155,15 @@ def _next(law, p, m, branch, y, ydot, z):
         branch, z = friction_pendulum.next_branch(p, branch, ydot, z)
     elif law == BABER_NOORI:
         branch = baber_noori.next_branch(ydot, z)
-    elif law == MENEGOTTO_PINTO:
-        branch, m = menegotto_pinto.next_branch(p, m, branch, y)
-    elif law == SLACK_BRACE:
-        branch, m = slack_brace.next_branch(p, m, branch, y)
+    elif law == PINCHING4:
+        branch, m = pinching4.next_branch(p, m, branch, y, z)
     else:
-        branch, m = takeda.next_branch(p, m, branch, y)
+        few = m[0], m[1], m[2], m[3], m[4], m[5]
+        if law == MENEGOTTO_PINTO:
+            branch, few = menegotto_pinto.next_branch(p, few, branch, y)
+        elif law == SLACK_BRACE:
+            branch, few = slack_brace.next_branch(p, few, branch, y)
+        else:
+            branch, few = takeda.next_branch(p, few, branch, y)
+        m = few[0], few[1], few[2], few[3], few[4], few[5], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     return branch, z, m
