@@ -287,14 +287,19 @@ class ElementNetwork(Composite):
 
     def element_tests(
         self, record: Record, stiffness: Tensor
-    ) -> Iterable[tuple[Tensor, Tensor, Tensor]]:
-        """y, ẏ and r by equilibrium (T, E) of every motion of a record; stiffness (E,)."""
+    ) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
+        """y, ẏ, r and drag (T, E) by equilibrium of every motion of a record; stiffness (E,).
+
+        drag [N s]: what dampers m_j between the masses and the support would carry in the elements.
+        """
         inputs = self.composition().inputs.value.detach().cpu()
         B, B_s, mass = self.B.cpu(), self.B_s.cpu(), self.mass().detach().cpu()
         for x, v, a, u in self.states_of_elements(record):
             s, s_dot = u[:, self.forces :].chunk(2, dim=1)
             y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
-            yield y, rate, forces_of(B, mass * (u @ inputs.T - a), y, stiffness)
+            against = v - s_dot[:, :1] if self.supports else v
+            drag = forces_of(B, mass * against, torch.zeros_like(y), stiffness)
+            yield y, rate, forces_of(B, mass * (u @ inputs.T - a), y, stiffness), drag
 
     def restart(self, generator: torch.Generator) -> None:
         """Go back to the identified springs and dampers; spread hinges and limits anew."""

@@ -106,7 +106,8 @@ class ElementNetworkBranch(ElementNetwork):
         if self.linear is None:
             raise ValueError("the records gave no linear structure to begin with")
         stiffness = self.linear[0].clamp_min(1e-3 * self.linear[0].max())
-        self.tests = [m for record in self.records for m in self.element_tests(record, stiffness)]
+        tests = [m for record in self.records for m in self.element_tests(record, stiffness)]
+        self.tests = [(y, rate, r) for y, rate, r, _ in tests]
         return {**facts, **self._fit(self.choice.seed)}
 
     @torch.no_grad()

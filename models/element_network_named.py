@@ -31,7 +31,7 @@ from models.composition.stated import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator
-from models.named_laws.fit import Fit, chosen, units_of
+from models.named_laws.fit import Fit, chosen, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.learned import LearnedLaws, require_laws, told
@@ -110,6 +110,8 @@ class ElementNetworkNamed(ElementNetwork):
                 found = list(pool.map(of_storey, range(len(units)), rng.spawn(len(units))))
             else:
                 found = [self._of_test(motions, rng) for motions in of_element]
+                drag = _mass_damping([best for (best, *_), _ in found], of_element)
+                laws = replace(laws, mass_damping=max(drag, laws.mass_damping))
             fits, errors = zip(*found, strict=True)
             laws = runs.fitted(replace(laws, fits=[best for best, *_ in fits]))
             laws = runs.exchanged(laws, [rivals for _, *rivals in fits])
@@ -229,6 +231,13 @@ class ElementNetworkNamed(ElementNetwork):
         return Trace(Response(x, v, self.composition().output(x, v, a)), r, y, none, none)
 
 
-def _motion(test: tuple[Tensor, Tensor, Tensor], e: int, dt: float) -> ElementTest:
-    y, rate, r = (u[:, e].numpy().copy() for u in test)
-    return ElementTest(dt, y, rate, r)
+def _motion(test: Sequence[Tensor], e: int, dt: float) -> ElementTest:
+    y, rate, r, drag = (u[:, e].numpy().copy() for u in test)
+    return ElementTest(dt, y, rate, r, drag)
+
+
+def _mass_damping(fits: Sequence[Fit], of_element: Sequence[Sequence[ElementTest]]) -> float:
+    """α [1/s] by the drag in the tests of all elements, weighted by how much there is."""
+    weights = [float(np.sum(joined(motions, "drag") ** 2)) for motions in of_element]
+    found = [fit.drag_on(motions) for fit, motions in zip(fits, of_element, strict=True)]
+    return float(np.average(found, weights=weights))

@@ -87,6 +87,6 @@ def _motions(u: Tensor, r: Tensor, dt: float, first: int) -> list[Motion]:
     T = u.shape[-2]
     rows, forces = u.reshape(-1, T, 2).cpu().numpy(), r.reshape(-1, T).cpu().numpy()
     return [
-        Motion(dt, row[:, 0].copy(), row[:, 1].copy(), force.copy(), first)
+        Motion(dt, row[:, 0].copy(), row[:, 1].copy(), force.copy(), 0.0 * force, first)
         for row, force in zip(rows, forces, strict=True)
     ]

@@ -7,6 +7,7 @@ stands for its acceleration, H(f) = −(2πf)².  Slope, sign and size of H tell
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -76,7 +77,9 @@ def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | No
     if good.sum() < LINES:
         return None
     first = float(f[good][np.abs(h[good]).argmax()])
-    steady = good & (f < BELOW * first)
+    lost = f[(coherence <= COHERENT) & (s_uu > FAINT * s_uu.max()) & (f > f[good][0])]
+    hidden = float(lost.min()) if lost.size else math.inf  # a resonance that yields may be there
+    steady = good & (f < min(BELOW * first, hidden))
     if steady.sum() < LINES or f[steady].max() < WIDE * f[steady].min():
         return None
     at, size = f[steady], h[steady]

@@ -33,13 +33,21 @@ PULL = 1e-4  # of q towards its start, beside the relative error
 
 @dataclass(frozen=True)
 class Motion:
-    """Deformation, rate and force (T,) of an element, dt [s] apart; from rest."""
+    """Deformation, rate and force (T,) of an element, dt [s] apart; from rest.
+
+    drag (T,): a part of the force but for a factor that is not negative, as dampers of the masses
+    above have in it; none: zero.
+    """
 
     dt: float
     y: np.ndarray
     rate: np.ndarray
     r: np.ndarray
+    drag: np.ndarray
     first: int = 0  # sample that counts
+
+    def until(self, T: int) -> Motion:
+        return replace(self, y=self.y[:T], rate=self.rate[:T], r=self.r[:T], drag=self.drag[:T])
 
 
 @dataclass
@@ -67,8 +75,29 @@ class Fit:
         return float(np.linalg.norm(left)) if np.isfinite(left).all() else math.inf
 
     def residuals(self, motions: Sequence[Motion]) -> np.ndarray:
-        size = math.sqrt(sum(float((m.r[m.first :] ** 2).sum()) for m in motions))
-        return np.concatenate([(self.force(m) - m.r)[m.first :] / size for m in motions])
+        """Over the root of the squared force, with as much drag as leaves least of them."""
+        left, drag = self._left(motions), joined(motions, "drag")
+        left = left + _factor(left, drag) * drag
+        return left / float(np.linalg.norm(joined(motions, "r")))
+
+    def drag_on(self, motions: Sequence[Motion]) -> float:
+        """How many times the drag of the motions there is in them."""
+        return _factor(self._left(motions), joined(motions, "drag"))
+
+    def _left(self, motions: Sequence[Motion]) -> np.ndarray:
+        return np.concatenate([(self.force(m) - m.r)[m.first :] for m in motions])
+
+
+def joined(motions: Sequence[Motion], name: str) -> np.ndarray:
+    """A signal of all motions, one after the other, where it counts."""
+    return np.concatenate([getattr(m, name)[m.first :] for m in motions])
+
+
+def _factor(left: np.ndarray, drag: np.ndarray) -> float:
+    size = float(drag @ drag)
+    if size == 0.0 or not np.isfinite(left).all():
+        return 0.0
+    return max(-float(drag @ left) / size, 0.0)
 
 
 def units_of(motions: Sequence[Motion]) -> Units:
@@ -122,6 +151,8 @@ def sized(fit: Fit, motion: Motion) -> Fit:
         if name in values:
             parts[""] = parts[""] - values[name] * signal
             parts[name] = signal
+    if motion.drag.any():
+        parts["drag"] = motion.drag
     columns = np.stack([part[motion.first :] for part in parts.values()], axis=1)
     lengths = np.linalg.norm(columns, axis=0)
     if not (np.isfinite(lengths).all() and (lengths > 0.0).all()):
@@ -130,7 +161,7 @@ def sized(fit: Fit, motion: Motion) -> Fit:
     if not solved[0] > 0.0:
         return fit
     sizes = dict(zip(parts, solved.tolist(), strict=True))
-    sizes |= {name: max(size, LEAST * values[name]) for name, size in sizes.items() if name}
+    sizes |= {n: max(size, LEAST * values[n]) for n, size in sizes.items() if n in values}
     return Fit(fit.candidate, fit.units, fit.candidate.sized_anew(fit.q, fit.units, sizes))
 
 
@@ -203,5 +234,4 @@ def parted(motions: Sequence[Motion]) -> tuple[list[Motion], Motion]:
         return [m for i, m in enumerate(motions) if i != farthest], motions[farthest]
     (whole,) = motions
     first = int(0.7 * len(whole.y))
-    cut = Motion(whole.dt, whole.y[:first], whole.rate[:first], whole.r[:first], whole.first)
-    return [cut], Motion(whole.dt, whole.y, whole.rate, whole.r, first)
+    return [whole.until(first)], replace(whole, first=first)

@@ -108,10 +108,13 @@ def test_derivatives_by_the_beginning_are_those_of_differences(model):
 def test_forces_by_equilibrium_are_those_of_the_elements(model):
     record = shaken(3)
     motion = simulate(structure(), np.zeros((600, 2)), DT, record.s.numpy(), record.s_dot.numpy())
-    ((y, rate, r),) = model.element_tests(record, torch.ones(2).double())
+    ((y, rate, r, drag),) = model.element_tests(record, torch.ones(2).double())
     assert np.abs(y.numpy() - motion.y).max() < 1e-12
     assert np.abs(r.numpy() - motion.r).max() < 1e-6 * np.abs(motion.r).max()
     assert rate.shape == y.shape
+    v = torch.from_numpy(motion.v) - record.s_dot
+    above = (model.mass() * v).flip(1).cumsum(dim=1).flip(1)  # a chain carries all above
+    torch.testing.assert_close(drag, above.detach())
 
 
 def test_forces_that_equilibrium_leaves_open_are_near_springs_and_balance():
