@@ -19,7 +19,7 @@ TURNING = 1e-6  # kg and kg m² of a joint across and around: none
 
 @dataclass(frozen=True)
 class Frame:
-    """Masses of floors [kg], bays, heights, widths [m], sections, largest ground acceleration [m/s²].
+    """Masses of floors [kg], bays, heights, widths [m], sections, peak of the ground [m/s²].
 
     Sections (depth, width, flange, web) [m].
     """
