@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import errno
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -55,6 +56,8 @@ def one_line_errors(config: str) -> Iterator[None]:
         fail(_explain(error, config))
     except RecursionError:
         fail("a word of the command line, or a config, is nested too deeply; give a file instead")
+    except BrokenPipeError:  # nobody reads on, as after `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except EXPECTED as error:
         fail(reason_of(error))
     except KeyboardInterrupt:

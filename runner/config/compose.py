@@ -6,6 +6,8 @@ import hashlib
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from shutil import get_terminal_size
+from textwrap import TextWrapper
 
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
@@ -38,52 +40,71 @@ NAMED = (  # mappings whose keys are the user's
 EXAMPLES = {
     "train": """Identify a structure: simulate it, fit a model, score it on unseen motion.
 
-    python train.py model=vwnn system=bilinear
-    python train.py model=vwnn system=polynomial scenario=noisy scenario.level=0.2 seed=4
-    python train.py -m model=vwnn,linear system=bilinear,polynomial,bouc_wen seed=0,1
+  python train.py model=vwnn system=bilinear
+  python train.py model=vwnn system=polynomial scenario=noisy seed=4
+  python train.py -m model=vwnn,linear system=bilinear,bouc_wen seed=0,1
+  python train.py -m hydra/launcher=joblib seed=0,1,2,3       on all cores
+  python train.py data=measured data.path=record.csv         your own record
 
-Common keys: seed, data.dt [s], data.duration [s], data.train_records, data.test_records,
-model.cutoff [rad/s], trainer.accelerator, hydra.run.dir. All of them: python train.py --cfg job""",
+Common keys: seed, data.dt [s], data.duration [s], data.train_records,
+data.test_records, model.cutoff [rad/s], trainer.accelerator, hydra.run.dir.
+All of them: python train.py --cfg job""",
     "evaluate": """One finished run scored again; or many runs compared.
 
-    python evaluate.py run=FOLDER                   one run, from its own config and checkpoint
-    python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
-    python evaluate.py run=FOLDER data.duration=100
-    python evaluate.py run=FOLDER data.path=other.csv data.units.a=g   on a new record
-    python evaluate.py run=FOLDER uncertainty=laplace     how sure its parameters are
-    python evaluate.py run=FOLDER uncertainty=profile parameter=[r1.stiffness,x1.mass]
-    python evaluate.py run=FOLDER uncertainty=smc particles=1000
-    python evaluate.py runs=FOLDER output=FOLDER    all numbers: results.parquet, results.csv
-    python evaluate.py runs=[a,b] by=model.cutoff   of several folders, compared by a choice
+  python evaluate.py run=FOLDER                  from its config and checkpoint
+  python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
+  python evaluate.py run=FOLDER data.duration=100
+  python evaluate.py run=FOLDER data.path=other.csv data.units.a=g
+  python evaluate.py run=FOLDER uncertainty=laplace   its parameters: how sure
+  python evaluate.py run=FOLDER uncertainty=profile parameter=[r1.stiffness]
+  python evaluate.py run=FOLDER uncertainty=smc particles=1000
+  python evaluate.py runs=FOLDER output=FOLDER   results.parquet, results.csv
+  python evaluate.py runs=[a,b] by=model.cutoff  compared by a choice
 
-The paper's tables and the leaderboard of free runs: python -m report.paper --help,
-python -m report.free_run --help""",
+The paper's tables and the leaderboard of free runs:
+python -m report.paper --help, python -m report.free_run --help""",
     "predict": """A finished run's model under another motion: what the structure would do.
 
-    python predict.py run=FOLDER excitation.path=other.csv
-    python predict.py run=FOLDER excitation.path=quake.AT2 excitation.scale=1.5
-    python predict.py run=FOLDER excitation.path=quake.csv excitation.units.s_ddot=g
-    python predict.py run=FOLDER excitation.events=7a             of FEMA P695
-    python predict.py run=FOLDER excitation.events=all excitation.scale=[0.5,1,2]
-    python predict.py run=FOLDER excitation.seed=5 excitation.duration=60
+  python predict.py run=FOLDER excitation.path=other.csv
+  python predict.py run=FOLDER excitation.path=quake.AT2 excitation.scale=1.5
+  python predict.py run=FOLDER excitation.path=quake.csv
+                    excitation.units.s_ddot=g
+  python predict.py run=FOLDER excitation.events=7a           of FEMA P695
+  python predict.py run=FOLDER excitation.events=all excitation.scale=[0.5,1]
+  python predict.py run=FOLDER excitation.seed=5 excitation.duration=60
 
-Common keys: output, format, excitation.units.s_ddot=g, excitation.channels.s_ddot1=COLUMN,
-excitation.scale, excitation.peak [g]. All of them: python predict.py --cfg job""",
+Common keys: output, format, excitation.units.s_ddot=g, excitation.scale,
+excitation.channels.s_ddot1=COLUMN, excitation.peak [g].
+All of them: python predict.py --cfg job""",
 }
+OTHERS = """Other commands, each with --help: train.py, evaluate.py, predict.py, and
+python -m data.inspect | export | models.zoo | report.describe | report.paper
+Completion in bash: eval "`python train.py -sc install=bash`\""""
 
 
 def help_text(program: str) -> str:
-    """Examples, then each group with its choices, a line each (the config's first comment)."""
+    """Examples, then each group with its choices (the config's first comment), as wide as shown."""
     groups = {"train": GROUPS, "evaluate": ("scenario",)}.get(program, ())
-    lines = [EXAMPLES[program], ""]
+    columns = min(max(get_terminal_size((80, 24)).columns, 60), 120)
+    beside = TextWrapper(columns, subsequent_indent=" " * 28, break_on_hyphens=False)
+    beside.break_long_words = False
+    lines, usual = [EXAMPLES[program], ""], _defaults(program)
     for group in groups:
         lines.append(f"{group}=")
         paths = experiments() if group == "experiment" else (CONF / group).glob("*.yaml")
         for path in sorted(paths, key=lambda path: path.stem):
             comments = [s for s in path.read_text(encoding="utf-8").splitlines() if s[:1] == "#"]
-            described = [s[1:].strip() for s in comments if "@package" not in s]
-            lines.append(f"    {path.stem:<30}{described[0] if described else ''}".rstrip())
-    return "\n".join(lines)
+            described = [s[1:].strip() for s in comments if "@package" not in s][:1]
+            mark = ["(default)"] if usual.get(group) == path.stem else []
+            lines.extend(beside.wrap(f"    {path.stem:<23} {' '.join([*mark, *described])}"))
+    return "\n".join([*lines, "", OTHERS])
+
+
+def _defaults(program: str) -> dict[str, str]:
+    """What each group is where nothing is said."""
+    listed = OmegaConf.load(CONF / f"{program}.yaml").get("defaults", [])
+    chosen = [item for item in listed if isinstance(item, DictConfig)]
+    return {str(group): str(choice) for item in chosen for group, choice in item.items()}
 
 
 def experiments() -> list[Path]:

@@ -205,8 +205,14 @@ def test_name_of_a_config_is_its_file_name():
         assert {group: cfg[group].name for group in chosen} == chosen
 
 
-def test_help_describes_every_choice_in_a_line():
+@pytest.mark.parametrize("columns", [80, 120])
+def test_help_describes_every_choice_and_is_as_wide_as_the_terminal(columns, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    for program in ("evaluate", "predict"):
+        assert max(map(len, help_text(program).splitlines())) <= columns
     lines = help_text("train").splitlines()
+    assert max(map(len, lines)) <= columns
+    assert "    vwnn                    (default)" in "\n".join(lines)
     for group in GROUPS:
         assert f"{group}=" in lines
         for choice in choices(group):
