@@ -29,6 +29,7 @@ from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import ELEMENT, LAW, criticism_of
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import laplace
+from models.uncertainty.unmeasured import DISPLACEMENT, FORCE, unmeasured
 
 DT, DURATION, TRAINING = 0.01, 15.0, 2  # [s], [s], records
 LEVEL = 0.05  # of the noise, over the standard deviation of a channel
@@ -41,6 +42,7 @@ WORDS = (  # of train.py, as small as the structures are
     *("objective.starts=6", "objective.finalists=2", "objective.start_iterations=10"),
     "objective.horizons=[300,null]",
 )
+BANDS = ("motion", "measured", "displacement", "force")
 KINDS = {  # number of cases, what of them
     "white": "white noise",
     "coloured": "coloured noise",
@@ -143,16 +145,25 @@ def noisy(record: Record, rng: np.random.Generator, coloured: bool) -> Record:
 
 
 def bands(model: Any, found: Any, measured: list[Record], clean: list[Record]) -> Mapping[str, Any]:
-    """Shares [%] of samples of the tests within 95 % bands: of the motion, of its measurement."""
-    held = np.zeros(2)
+    """Shares [%] of samples of the tests within 95 % bands.
+
+    Of the motion, of its measurement, and of what no sensor measures: displacements, and forces of
+    the elements, where the model has those of the structure.
+    """
+    held = np.zeros(4)
     for record, true in zip(measured, clean, strict=True):
         of_motion, of_sensors = half_widths(model, found, record)
         with torch.no_grad():
             run = model.free_run(record.drive()).a
         held[0] += float(((true.a - run).abs() <= of_motion).double().mean())
         held[1] += float(((record.a - run).abs() <= of_sensors).double().mean())
-    share = 100.0 * held / len(measured)
-    return {"motion_percent": float(share[0]), "measured_percent": float(share[1])}
+        truth = true.truth
+        assert truth is not None
+        unseen = unmeasured(model, found, record)
+        held[2] += unseen[DISPLACEMENT].held(truth.x)
+        held[3] += unseen[FORCE].held(truth.r[:, : len(model.elements)])
+    shares = (100.0 * held / len(measured)).tolist()
+    return {f"{name}_percent": share for name, share in zip(BANDS, shares, strict=True)}
 
 
 def _brace(structure: Structure) -> str | None:

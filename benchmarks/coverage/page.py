@@ -9,6 +9,7 @@ from statistics import median
 from string import Template
 from typing import Any
 
+from benchmarks.coverage.cases import BANDS
 from models.uncertainty.intervals import COMBINATION, DETERMINED, UNEXCITED
 from runner.folder.run_folder import write_text
 
@@ -84,12 +85,12 @@ def _holds(p: Result, width: str) -> bool:
 
 def of_bands(results: Sequence[Result]) -> Iterator[str]:
     """Median share of the samples of unseen motion within 95 % bands, and quartiles over cases."""
-    yield "| noise | of the true motion | of the measured motion |"
-    yield "| --- | ---: | ---: |"
+    yield "| noise | true acceleration | measured | displacement | force of an element |"
+    yield "| --- | ---: | ---: | ---: | ---: |"
     for kind in dict.fromkeys(r["kind"] for r in results):
         cells = []
-        for key in ("motion_percent", "measured_percent"):
-            values = sorted(r["bands"][key] for r in results if r["kind"] == kind)
+        for name in BANDS:
+            values = sorted(r["bands"][f"{name}_percent"] for r in results if r["kind"] == kind)
             n, mean = len(values), sum(values) / len(values)
             cells.append(f"{mean:.1f} % ({values[n // 4]:.1f} to {values[(3 * n) // 4]:.1f})")
         yield f"| {kind} | {' | '.join(cells)} |"

@@ -28,21 +28,27 @@ DISPLACEMENT, FORCE, DEFORMATION = "displacement", "force", "deformation"
 
 @dataclass(frozen=True)
 class Signal:
-    """A signal (T, c) of the free run, and the half width (T, c) of its 95 % band."""
+    """A signal (T, c) of the free run, the half width (T, c) of its 95 % band, the truth if known.
+
+    Samples that are not scored are NaN in all three.
+    """
 
     run: Tensor
     half: Tensor
+    truth: Tensor | None = None
 
     def held(self, truth: Tensor) -> float:
-        """Share of the true samples (T, c) within the band."""
-        return float(((truth - self.run).abs() <= self.half).double().mean())
+        """Share of the true samples (T, c) within the band, of those that are scored."""
+        scored = ~self.half.isnan()
+        inside = (truth - self.run).abs() <= self.half
+        return float(inside[scored].double().mean())
 
 
 @torch.no_grad()
 def unmeasured(
     estimator: Composite, found: Laplace, record: Record, forces: bool = True
 ) -> Mapping[str, Signal]:
-    """Displacements [m], forces [N] and deformations [m] of the elements, over the scored samples.
+    """Displacements [m], forces [N] and deformations [m] of the elements of one record.
 
     forces: False leaves out those of elements. {} where the record begins in a motion that is not
     known: its beginning, searched for, has an error that these bands would not show.
@@ -57,7 +63,7 @@ def unmeasured(
         signals = {DISPLACEMENT: trace.response.x}
         if forces:
             signals |= {FORCE: trace.forces, DEFORMATION: trace.deformations}
-        return {name: signal[problem.counted].cpu() for name, signal in signals.items()}
+        return {name: signal[-record.samples :].cpu() for name, signal in signals.items()}
 
     own = run()
     variance = _variance(estimator, found, run)
@@ -67,10 +73,13 @@ def unmeasured(
         finer = run()
     finally:
         estimator.substeps = substeps
-    return {
-        name: Signal(signal, NORMAL * variance[name].sqrt() + (finer[name] - signal).abs())
-        for name, signal in own.items()
-    }
+    bands = {}
+    for name, signal in own.items():
+        half = NORMAL * variance[name].sqrt() + (finer[name] - signal).abs()
+        for each in (signal, half):
+            each[: record.warmup] = torch.nan
+        bands[name] = Signal(signal, half)
+    return bands
 
 
 def _variance(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,12 @@ from data.record import Record
 from data.simulation.datamodule import SimulatedData
 from models.branch_element import BranchElement
 from models.composition.composite import Composite
+from models.composition.measured_states import MEASURES
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, NoFreeRunError
 from models.physical.parameters import parameters_of
-from models.physical.truth import truth_of
+from models.physical.truth import forces_of, truth_of
 from models.training.free_run import simulate
 from models.training.trainable import Trainable
 from models.uncertainty.bands import half_widths
@@ -28,6 +29,7 @@ from models.uncertainty.criticism import Finding, criticism_of
 from models.uncertainty.intervals import UNEXCITED, intervals_of
 from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace, singles
 from models.uncertainty.parameters import free_vector
+from models.uncertainty.unmeasured import DISPLACEMENT, FORCE, Signal, unmeasured
 
 HEADLINE = (  # quantities of masses and elements that tables tell
     "mass",
@@ -83,6 +85,28 @@ def band_of(estimator: Estimator, found: Laplace | None, record: Record) -> Tens
     width = half_widths(estimator, found, one)[1]
     before = width.new_full((one.samples - len(width), width.shape[1]), torch.nan)
     return torch.cat([before, width])
+
+
+def unmeasured_of(
+    estimator: Estimator, found: Laplace | None, record: Record, data: Data
+) -> Mapping[str, Signal]:
+    """Signals of a record that no sensor measured, with 95 % bands; the truth where it is known.
+
+    {} of models without a compiled run. A batch stands for its first record.
+    """
+    if found is None or not isinstance(estimator, Composite):
+        return {}
+    one = next(singles([record.to("cpu")]))
+    if one.quantity not in MEASURES:
+        return {}
+    signals = dict(unmeasured(estimator, found, one))
+    if one.truth is None or not signals:
+        return signals
+    signals[DISPLACEMENT] = replace(signals[DISPLACEMENT], truth=one.truth.x)
+    if isinstance(data, SimulatedData) and isinstance(estimator, ElementNetwork):
+        forces = forces_of(data.simulation.structure, estimator, one.truth)
+        signals[FORCE] = replace(signals[FORCE], truth=forces)
+    return signals
 
 
 def _parameters(estimator: Trainable, found: Laplace, data: Data) -> dict[str, Any]:
