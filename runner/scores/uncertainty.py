@@ -25,7 +25,7 @@ from models.physical.truth import forces_of, truth_of
 from models.training.free_run import simulate
 from models.training.trainable import Trainable
 from models.uncertainty.bands import half_widths
-from models.uncertainty.criticism import Finding, criticism_of
+from models.uncertainty.criticism import Finding, asks_for_more, criticism_of
 from models.uncertainty.intervals import UNEXCITED, intervals_of
 from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace, singles
 from models.uncertainty.parameters import free_vector
@@ -66,11 +66,14 @@ def uncertainty_of(
     tested: records that were not seen, one by one.
     """
     assert isinstance(estimator, Trainable)
-    content = _parameters(estimator, found, data) | _residual(found, data.dt)
-    content |= _priors(estimator, found)
+    findings: list[Finding] = []
     if type(estimator) is ElementNetwork:
-        batches = list(data.loader("train"))
-        content["criticism"] = _told(criticism_of(estimator, found, batches))
+        findings = criticism_of(estimator, found, list(data.loader("train")))
+    lacking = asks_for_more(findings)
+    content = _parameters(estimator, found, data, lacking) | _residual(found, data.dt)
+    content |= _priors(estimator, found)
+    if findings:
+        content |= {"criticism": _told(findings), "lacking": lacking}
     return content | {"bands": _bands(estimator, found, tested)}
 
 
@@ -109,8 +112,11 @@ def unmeasured_of(
     return signals
 
 
-def _parameters(estimator: Trainable, found: Laplace, data: Data) -> dict[str, Any]:
-    """Value and interval of each, the truth where it is known; what is not finite is null."""
+def _parameters(estimator: Trainable, found: Laplace, data: Data, lacking: bool) -> dict[str, Any]:
+    """Value and interval of each, the truth where it is known; what is not finite is null.
+
+    believed: the half width that tables show, by noise alone unless the model lacks something.
+    """
     known = (
         truth_of(data.simulation.structure, estimator) if isinstance(data, SimulatedData) else {}
     )
@@ -118,6 +124,7 @@ def _parameters(estimator: Trainable, found: Laplace, data: Data) -> dict[str, A
     listed = []
     for interval in intervals_of(estimator, found):
         own = {key: _plain(value) for key, value in asdict(interval).items()}
+        own["believed"] = own["model_error" if lacking else "half"]
         own |= {"unit": about[interval.name].unit, "about": about[interval.name].about}
         if interval.name in known:
             own["truth"] = known[interval.name]
@@ -223,6 +230,12 @@ def headline(uncertainty: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
+def believed(interval: Mapping[str, Any]) -> float | None:
+    """The half width that tables show; of runs by older code that of noise alone."""
+    half: float | None = interval.get("believed", interval["half"])
+    return half
+
+
 def part_of(parameter: Mapping[str, Any]) -> str:
     """The mass or element that a parameter is of."""
     return str(parameter["name"]).partition(".")[0]
@@ -232,4 +245,4 @@ def interval_in(interval: Mapping[str, Any] | None) -> dict[str, Any]:
     """What files tell of a parameter's interval; {} where there is none."""
     if interval is None:
         return {}
-    return {"half_width_95": interval["half"], "told": interval["status"]}
+    return {"half_width_95": believed(interval), "told": interval["status"]}
