@@ -123,7 +123,12 @@ def drawn(
         for i in range(dofs):
             y = motion[:, i] - (motion[:, i - 1] if i else 0.0)
             cubic = stiffness[i] * rng.uniform(*HARDENS) / float(y.abs().max()) ** 2
-            elements[f"r{i + 1}"] = replace(elements[f"r{i + 1}"], cubic_stiffness=float(cubic))
+            elements[f"r{i + 1}"] = Polynomial(
+                between=pairs[i],
+                stiffness=stiffness[i],
+                damping=damping[i],
+                cubic_stiffness=float(cubic),
+            )
         return Structure(masses.tolist(), elements), []
     resting = [int(rng.integers(dofs))] if not braced and rng.uniform() < 0.5 else []
     for i in range(dofs):

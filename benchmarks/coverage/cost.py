@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -70,7 +70,7 @@ def _timed(spent: dict[str, float]) -> Iterator[None]:
 
     def timed(*given: Any) -> Any:
         first = time.process_time()
-        found: Callable[..., Any] = intervals(*given)
+        found = intervals(*given)
         spent["intervals"] = time.process_time() - first
         return found
 
