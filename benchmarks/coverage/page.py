@@ -9,11 +9,13 @@ from statistics import median
 from string import Template
 from typing import Any
 
+from benchmarks.coverage.cases import BANDS
 from models.uncertainty.intervals import COMBINATION, DETERMINED, UNEXCITED
 from runner.folder.run_folder import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
-WIDTHS = ("half", "white", "model_error")
+SHOWN = "shown"
+WIDTHS = (SHOWN, "half", "white", "model_error")
 NOTHING, STATUSES = "nothing", (UNEXCITED, COMBINATION, DETERMINED)
 YIELD = "yield_displacement"
 Result = dict[str, Any]
@@ -37,7 +39,7 @@ def facts_of(results: Sequence[Result]) -> dict[str, str]:
         "failed": ", ".join(f"{n} of {k}" for k, n in failed.items()) or "none",
         "coverage": "\n".join(coverage(chains)),
         "bands": "\n".join(of_bands(chains)),
-        "excited": "\n".join(excited(chains)),
+        "excited": "\n".join(excited([r for r in chains if r["kind"] != "hardening"])),
         "missing": "\n".join(missing(fine)),
         "seconds": f"{median(s['fit'] for s in seconds):.1f} s of the processor a fit, "
         f"{median(s['after'] for s in seconds):.2f} s all of the above",
@@ -46,8 +48,11 @@ def facts_of(results: Sequence[Result]) -> dict[str, str]:
 
 def coverage(results: Sequence[Result]) -> Iterator[str]:
     """Share of 95 % intervals that hold the truth, by kind of noise and of parameter."""
-    yield "| noise | parameter | intervals | noise alone | as if white | model error | half width |"
-    yield "| --- | --- | ---: | ---: | ---: | ---: | ---: |"
+    yield (
+        "| noise | parameter | intervals | shown | noise alone | as if white | model error "
+        "| half width |"
+    )
+    yield "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |"
     for kind in dict.fromkeys(r["kind"] for r in results):
         told = [p for r in results if r["kind"] == kind for p in scored(r)]
         sound = [r for r in results if r["kind"] == kind and not asks_for_more(r)]
@@ -60,7 +65,7 @@ def coverage(results: Sequence[Result]) -> Iterator[str]:
 
 def _row(kind: str, name: str, some: Sequence[Result]) -> str:
     shares = [_percent(_holds(p, width) for p in some) for width in WIDTHS]
-    size = median(100.0 * p["half"] / abs(p["value"]) for p in some) if some else 0.0
+    size = median(100.0 * p[SHOWN] / abs(p["value"]) for p in some) if some else 0.0
     return f"| {kind} | {name} | {len(some)} | {' | '.join(shares)} | {size:.2g} % |"
 
 
@@ -71,7 +76,9 @@ def asks_for_more(result: Result) -> bool:
 
 def scored(result: Result) -> list[Result]:
     """Determined parameters; of what comes after yielding, where the element was seen to yield."""
-    told = [p for p in result["parameters"] if p["status"] == DETERMINED and p["truth"]]
+    half = "model_error" if asks_for_more(result) else "half"  # as in runner/scores/uncertainty.py
+    listed = [p | {SHOWN: p[half]} for p in result["parameters"]]
+    told = [p for p in listed if p["status"] == DETERMINED and p["truth"]]
     yields = {p["name"].partition(".")[0] for p in told if p["name"].endswith(f".{YIELD}")}
     return [
         p for p in told if "post_yield" not in p["name"] or p["name"].partition(".")[0] in yields
@@ -83,16 +90,25 @@ def _holds(p: Result, width: str) -> bool:
 
 
 def of_bands(results: Sequence[Result]) -> Iterator[str]:
-    """Median share of the samples of unseen motion within 95 % bands, and quartiles over cases."""
-    yield "| noise | of the true motion | of the measured motion |"
-    yield "| --- | ---: | ---: |"
+    """Mean share of the samples of unseen motion within 95 % bands, and quartiles over cases."""
+    yield "| noise | fits | true acceleration | measured | displacement | force of an element |"
+    yield "| --- | ---: | ---: | ---: | ---: | ---: |"
     for kind in dict.fromkeys(r["kind"] for r in results):
-        cells = []
-        for key in ("motion_percent", "measured_percent"):
-            values = sorted(r["bands"][key] for r in results if r["kind"] == kind)
-            n, mean = len(values), sum(values) / len(values)
-            cells.append(f"{mean:.1f} % ({values[n // 4]:.1f} to {values[(3 * n) // 4]:.1f})")
-        yield f"| {kind} | {' | '.join(cells)} |"
+        own = [r for r in results if r["kind"] == kind]
+        sound = [r for r in own if not asks_for_more(r)]
+        for words, some in (("", own), (", residual asks for nothing", sound)):
+            cells = [_quartiles(some, name) for name in BANDS]
+            yield f"| {kind}{words} | {len(some)} | {' | '.join(cells)} |"
+
+
+def _quartiles(results: Sequence[Result], band: str) -> str:
+    """Of results by older code, which have no such band, none."""
+    key = f"{band}_percent"
+    values = sorted(r["bands"][key] for r in results if key in r["bands"])
+    if not values:
+        return "–"
+    n, mean = len(values), sum(values) / len(values)
+    return f"{mean:.1f} % ({values[n // 4]:.1f} to {values[(3 * n) // 4]:.1f})"
 
 
 def excited(results: Sequence[Result]) -> Iterator[str]:

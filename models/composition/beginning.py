@@ -28,10 +28,18 @@ PARTS = (8, 2, 1)  # of the samples: an eighth first, where a wrong state has no
 Run = Callable[[Tensor, int], Trace]  # the first samples of runs from (B, S), with ∂/∂(B, S)
 
 
-def beginning(run: Run, measured: Tensor, starts: Sequence[Tensor], most: Tensor, n: int) -> Tensor:
+def beginning(
+    run: Run,
+    measured: Tensor,
+    starts: Sequence[Tensor],
+    most: Tensor,
+    n: int,
+    parts: Sequence[int] = PARTS,
+) -> Tensor:
     """q₀, q̇₀, z₀ (B, S) of the least error against the `measured` (B, T, o) first samples.
 
-    most: the largest magnitude of each (S,), which is the limit of a memory.
+    most: the largest magnitude of each (S,), which is the limit of a memory. parts: of the samples,
+    one part in so many; (1,) of a start that is known to be near.
 
     The best that is reached from some `starts` (B, S), first for a part of the samples; where that
     part led away from the next one, the search goes on from the start itself. A record whose run
@@ -41,7 +49,7 @@ def beginning(run: Run, measured: Tensor, starts: Sequence[Tensor], most: Tensor
     best, least = starts[0], measured.new_full((len(measured),), torch.inf)
     for start in starts:
         state = start
-        for part in PARTS:
+        for part in parts:
             seen = measured[:, : max(T // part, min(T, FEWEST))]
             if state is not start:
                 state = _nearer(run, seen, start, state)

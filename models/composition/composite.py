@@ -86,6 +86,7 @@ class Composite(Trainable):
         self.substeps = substeps
         self.first: dict[int, tuple[Tensor, Tensor, Tensor]] = {}  # states of records in training
         self.motions: dict[int, tuple[Tensor, Tensor]] = {}  # x and v of such records
+        self.begun: Tensor | None = None  # the unknown beginning of the last run in training
 
     def hold_to(
         self,
@@ -247,10 +248,11 @@ class Composite(Trainable):
         return self.trace(record.drive(), begin=self.beginning(seen))
 
     @torch.no_grad()
-    def beginning(self, record: Record) -> Tensor:
+    def beginning(self, record: Record, near: Tensor | None = None) -> Tensor:
         """q, q̇ and the units' memory (…, 2n + E·units) at the first sample of a record.
 
         All its samples are simulated as well as can be; it begins where x and v are measured.
+        near: where the search begins instead, of the beginning in coarser steps, say.
         """
         self.require_identified(self.identified)
         drive, composition = record.drive(), self.composition()
@@ -272,6 +274,9 @@ class Composite(Trainable):
 
         limit, most = composition.limits().flatten(), start.new_full((2 * n + memory,), torch.inf)
         most[2 * n :] = limit
+        if near is not None:
+            found_near = beginning(run, measured, [near.reshape(len(start), -1)], most, n, (1,))
+            return found_near.reshape(*lead, -1)
         starts = [start.clone() for _ in SHARES]
         for state, share in zip(starts, SHARES, strict=True):
             state[:, 2 * n :] = share * limit
@@ -328,12 +333,28 @@ class Composite(Trainable):
         trace = self._restarted(record, horizon, True)
         return trace.response.a, trace.jacobian
 
-    def _restarted(self, record: Record, horizon: int | None, derivatives: bool) -> Trace:
+    @torch.no_grad()
+    def finer_run(self, record: Record, times: int) -> Tensor:
+        """The run (…, T, n) in so many times as many steps, right after that in the usual ones.
+
+        An unknown beginning is searched for about that of the run before, which was of this record.
+        """
+        substeps = self.substeps
+        try:
+            self.substeps = min(times * substeps, MOST_SUBSTEPS)
+            return self._restarted(record, None, False, self.begun).response.a
+        finally:
+            self.substeps = substeps
+
+    def _restarted(
+        self, record: Record, horizon: int | None, derivatives: bool, near: Tensor | None = None
+    ) -> Trace:
         """A run of a record in training, all of whose samples tell how it begins."""
         anchors = self._anchors(record, horizon)
         if anchors is not None or not self._begins_unknown(record):
             return self.trace(record.drive(), anchors, horizon or 0, derivatives)
-        begin = self.beginning(record)
+        begin = self.beginning(record, near)
+        self.begun = begin
         trace = self.trace(record.drive(), None, 0, derivatives, begin)
         if not derivatives:
             return trace

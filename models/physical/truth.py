@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from torch import Tensor
+
+from data.record import Truth
 from data.simulation.structure import SUPPORT, Structure
 from models.element_network import ElementNetwork
 from models.estimator import Estimator
@@ -41,11 +44,29 @@ def truth_of(structure: Structure, estimator: Estimator) -> dict[str, float]:
     return known
 
 
+def forces_of(structure: Structure, estimator: ElementNetwork, truth: Truth) -> Tensor | None:
+    """True forces (…, T, E) [N] in the elements of a model; None where the pairs are others."""
+    names, supports = list(structure.elements.values()), estimator.supports
+    total = truth.r.new_zeros(*truth.r.shape[:-1], len(estimator.elements))
+    places = {_pair(pair, supports): e for e, pair in enumerate(estimator.elements)}
+    for i, element in enumerate(names):
+        e = places.get(_pair(element.between, supports))
+        if e is None:
+            return None
+        same = _ends(element.between, supports) == _ends(estimator.elements[e], supports)
+        total[..., e] += truth.r[..., i] if same else -truth.r[..., i]
+    return total
+
+
 def _pair(nodes: Sequence[str], supports: int) -> frozenset[str]:
     """The two nodes; supports that do not move are ground."""
+    return frozenset(_ends(nodes, supports))
+
+
+def _ends(nodes: Sequence[str], supports: int) -> tuple[str, ...]:
     fixed = "s1" if supports else "ground"
     found = ((fixed if not supports and re.fullmatch(SUPPORT, n) else n) for n in nodes)
-    return frozenset(fixed if n == "ground" and supports == 1 else n for n in found)
+    return tuple(fixed if n == "ground" and supports == 1 else n for n in found)
 
 
 def _of_element(element: object, part: str) -> dict[str, float]:

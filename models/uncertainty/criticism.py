@@ -10,7 +10,7 @@ P free parameters, T samples, n channels, k columns of a term.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,6 +98,15 @@ def criticism_of(
         for f in findings
     ]
     return sorted(findings, key=lambda f: -f.gain)
+
+
+def asks_for_more(findings: Iterable[Finding]) -> bool:
+    """Whether an element or a part of a law is missing: intervals of noise alone are of no worth.
+
+    They are those of a model that is right. Where it lacks something, or its fit ended in a poor
+    minimum, which shows in the same way, those by parts of the records are to be believed.
+    """
+    return any(f.significant and f.kind in (ELEMENT, LAW) for f in findings)
 
 
 Terms = dict[str, list[np.ndarray]]

@@ -27,7 +27,7 @@ from torch import Tensor
 
 from data.memory import require_memory
 from data.record import Record
-from models.composition.composite import MOST_SUBSTEPS, Composite
+from models.composition.composite import Composite
 from models.training.problem import FreeRunProblem
 from models.training.trainable import Trainable
 from models.uncertainty.noise import Noise, noise_of
@@ -242,15 +242,13 @@ def _scores(residuals: list[np.ndarray], jacobians: list[np.ndarray]) -> np.ndar
 
 @torch.no_grad()
 def finer_run(estimator: Trainable, problem: FreeRunProblem) -> Tensor:
-    """The run of a problem (T, n) in FINER times as many steps, where an estimator has steps."""
-    steps = estimator.substeps if isinstance(estimator, Composite) else 0
-    try:
-        if isinstance(estimator, Composite):
-            estimator.substeps = min(FINER * steps, MOST_SUBSTEPS)
-        return estimator.restarted_run(problem.record, None)
-    finally:
-        if isinstance(estimator, Composite):
-            estimator.substeps = steps
+    """The run of a problem (T, n) in FINER times as many steps, where an estimator has steps.
+
+    It follows the Jacobian of the same problem at once, whose unknown beginning it starts from.
+    """
+    if isinstance(estimator, Composite):
+        return estimator.finer_run(problem.record, FINER)
+    return estimator.restarted_run(problem.record, None)
 
 
 def singles(batches: Iterable[Record]) -> Iterator[Record]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from runner.config.schema import SPLITS
 from runner.scores.conformal import FREE_RUN, ONE_STEP
-from runner.scores.uncertainty import headline
+from runner.scores.uncertainty import believed, headline
 
 OF_THE_RUN = ("fit_seconds", "parameters", "simulation_error")
 
@@ -79,9 +79,9 @@ def _online(online: Mapping[str, Any]) -> Iterator[Score]:
 def _parameters(uncertainty: Mapping[str, Any]) -> Iterator[Score]:
     """Masses and elements, with half widths of 95 % intervals; none of what was given."""
     for p in headline(uncertainty):
-        for metric, key in (("value", "value"), ("half_95", "half")):
-            if p[key] is not None:
-                yield Score("", p["name"], metric, None, float(p[key]))
+        for metric, number in (("value", p["value"]), ("half_95", believed(p))):
+            if number is not None:
+                yield Score("", p["name"], metric, None, float(number))
 
 
 def _bands(uncertainty: Mapping[str, Any]) -> Iterator[Score]:

@@ -6,7 +6,7 @@ Signals are drawn over the part of a record in which most happens.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from torch import Tensor
 
 from data.record import QUANTITIES, Record, Response
 from models.training.metrics import displacement_of
+from models.uncertainty.unmeasured import DISPLACEMENT, FORCE, Signal
 from report.style import ESTIMATED, MEASURED
 
 SHORTEST, LONGEST = 10.0, 20.0  # of the strong motion that is drawn [s]
@@ -51,14 +52,29 @@ def _label(record: Record) -> str:
 
 
 def free_run_displacement(
-    record: Record, response: Response, seconds: float | None = None
+    record: Record, response: Response, seconds: float | None = None, band: Tensor | None = None
 ) -> Figure:
-    """Draw the displacement of each DOF against that of the free run."""
+    """Draw the displacement of each DOF against that of the free run, with a band (T, n)."""
     displacement = displacement_of(record)
     assert displacement is not None
     known = "measured" if record.truth is None else "true"
     signals = {known: displacement, "free run": response.x}
-    return _compared(record, signals, "x{} [m]", seconds)
+    return _compared(record, signals, "x{} [m]", seconds, band)
+
+
+def element_forces(record: Record, forces: Signal, names: list[str]) -> Figure:
+    """Draw the force of each element in the free run with its band, the true one if known.
+
+    Of many elements those with the largest forces. names: of all elements, or none.
+    """
+    largest = forces.run.nan_to_num().abs().amax(dim=0)
+    chosen = sorted(largest.argsort(descending=True)[:MOST_LOOPS].tolist())
+    signals = {} if forces.truth is None else {"true": forces.truth[:, chosen]}
+    own = {**signals, "free run": forces.run[:, chosen]}
+    figure = _compared(record, own, "r{} [N]", None, forces.half[:, chosen])
+    for axes, i in zip(figure.axes, chosen, strict=True):
+        axes.set_ylabel(f"{names[i] if names else f'element {i + 1}'} [N]")
+    return figure
 
 
 def strong_motion(a: np.ndarray, dt: float, seconds: float | None = None) -> slice:
@@ -96,8 +112,9 @@ def _compared(
         start = max(0, leaves - count // 2)
         span = slice(start, start + count)
     t = record.dt * np.arange(record.samples)[span]
-    figure = Figure(figsize=(9.0, 1.9 * record.dofs + 0.8), layout="constrained")
-    for i, axes in enumerate(_rows(figure, record.dofs)):
+    rows = len(largest)
+    figure = Figure(figsize=(9.0, 1.9 * rows + 0.8), layout="constrained")
+    for i, axes in enumerate(_rows(figure, rows)):
         for (name, curve), color, width in zip(
             curves.items(), (MEASURED, ESTIMATED)[-len(curves) :], (1.6, 1.0), strict=True
         ):
@@ -206,13 +223,17 @@ def run_figures(
     title: str = "",
     band: Tensor | None = None,
     one_step_band: Tensor | None = None,
+    unmeasured: Mapping[str, Signal] | None = None,
+    joined: list[str] | None = None,
 ) -> dict[str, Figure]:
     """Pictures of a run by name, from a batch of records, its estimate and its free run.
 
     elements: names; loops: deformations and forces of a model's elements, drawn where the true ones
     are not known. title: of the pictures in which the model is compared with the record. band: half
-    widths (T, n) about the free run; one_step_band: about the estimate.
+    widths (T, n) about the free run; one_step_band: about the estimate. unmeasured: signals that no
+    sensor measured, with bands; joined: names of the model's elements.
     """
+    known = unmeasured or {}
     figures = {
         "acceleration": acceleration(record, estimate, band=one_step_band),
         "error_over_time": error_over_time(errors, record.dt, record.warmup),
@@ -224,7 +245,10 @@ def run_figures(
         figures["free_run_acceleration"] = free_run_acceleration(record, free_run, band=band)
     moved = record.quantity == "acceleration" and displacement_of(record) is not None
     if free_run is not None and moved:
-        figures["free_run_displacement"] = free_run_displacement(record, free_run)
+        moved_by = known[DISPLACEMENT].half if DISPLACEMENT in known else None
+        figures["free_run_displacement"] = free_run_displacement(record, free_run, band=moved_by)
+    if FORCE in known and torch.isfinite(known[FORCE].half[record.warmup :]).all():
+        figures["free_run_element_forces"] = element_forces(record, known[FORCE], joined or [])
     if record.truth is not None:
         figures["element_loops"] = element_loops(record, elements)
     elif loops is not None and "element_loops" not in figures and torch.isfinite(loops[1]).all():

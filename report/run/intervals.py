@@ -12,11 +12,16 @@ from rich.text import Text
 
 from models.training.metrics import FREE_RUNS
 from runner.scores.spread import percent
-from runner.scores.uncertainty import HEADLINE, headline
+from runner.scores.uncertainty import HEADLINE, believed, headline
 
 LARGEST_PLAIN = 1e6  # number that is written without an exponent
 MOST = 40  # rows; metrics.json has all
 TIMES = 2.0  # an interval with a term for the model's error, over that of noise alone: it is told
+
+WIDER = (
+    "the residual asks for more than the model has, so ± is by what parts of the records ask for; "
+    "by noise alone it would be narrower (half in metrics.json)"
+)
 
 
 def print_intervals(
@@ -43,11 +48,11 @@ def print_intervals(
     for row in rows[:MOST]:
         part, _, quantity = row["name"].partition(".")
         name = f"{part} {row['about']}" if "–" in row["about"] else part
-        value, *half = told(row["value"], row["half"])
+        value, *half = told(row["value"], row["half"] if both else believed(row))
         half += (
             [f"{row['model_error']:.2g}" if row["model_error"] is not None else ""] if both else []
         )
-        truth = (rounded(row["truth"], row["half"]) if "truth" in row else "–",) if known else ()
+        truth = (rounded(row["truth"], believed(row)) if "truth" in row else "–",) if known else ()
         words = f"{quantity.replace('_displacement', 's at').replace('_', ' ')} {_unit(row)}"
         table.add_row(
             name if name != last else "", words.strip(), value, *half, *truth, _words(row)
@@ -55,7 +60,8 @@ def print_intervals(
         last = name
     table.caption = _caption(rows)
     console.print(table)
-    for line in (*contradictions(uncertainty), which_to_believe(rows, both), unequal(uncertainty)):
+    which = WIDER if uncertainty.get("lacking") and not both else which_to_believe(rows, both)
+    for line in (*contradictions(uncertainty), which, unequal(uncertainty)):
         if line:
             console.print(Text(line, style="yellow"))
 

@@ -22,6 +22,7 @@ from models.estimator import Estimator
 from models.training.assemble import changed, data_from
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.training.trained_range import loops_of, names_of
+from models.uncertainty.unmeasured import Signal
 from report.output import save_figure
 from report.run.figures import run_figures
 from report.run.online_figures import online_figures
@@ -37,7 +38,7 @@ from report.run.table import (
 from runner.scores.conformal import FREE_RUN, ONE_STEP, covered, half_widths_of
 from runner.scores.outcome import each_record
 from runner.scores.spread import DIVERGED, Spread, percent
-from runner.scores.uncertainty import band_of, minimum_of
+from runner.scores.uncertainty import band_of, minimum_of, unmeasured_of
 
 SPLITS = ("train", "test")
 ROUNDING = 1e-9  # by which other code, libraries or machines may differ
@@ -203,23 +204,25 @@ def draw_figures(
         trained = data_from(run)
         trained.setup()
     name, record = next(iter(each_record(data, "test").items()))
-    band = _band(estimator, trained, record, prior)
+    band, unmeasured = _bands(estimator, trained, record, prior)
     names = list(data.elements)
     drawn = draw_record(
-        estimator, record, run.model.name, name, "", names, band, uncertainty=uncertainty
+        estimator, record, run.model.name, name, "", names, band, uncertainty, unmeasured
     )
     for title, figure in drawn.items():
         save_figure(figure, folder, title)
 
 
-def _band(
+def _bands(
     estimator: Estimator, trained: Data, record: Record, prior: float | None
-) -> Tensor | None:
-    """Half widths (T, n) of the band about the free run, where there is one."""
+) -> tuple[Tensor | None, Mapping[str, Signal]]:
+    """Half widths (T, n) of the band about the free run, where there is one; unmeasured signals."""
     try:
-        return band_of(estimator, minimum_of(estimator, trained, prior), record)
+        found = minimum_of(estimator, trained, prior)
+        band = band_of(estimator, found, record)
+        return band, unmeasured_of(estimator, found, record, trained)
     except (ValueError, MemoryError):
-        return None
+        return None, {}
 
 
 def draw_record(
@@ -231,12 +234,13 @@ def draw_record(
     elements: Sequence[str] = (),
     band: Tensor | None = None,
     uncertainty: Mapping[str, Any] | None = None,
+    unmeasured: Mapping[str, Signal] | None = None,
 ) -> dict[str, Figure]:
     """Pictures of a model on one record, by name; they say which, and how far it errs.
 
     remark: what else the title says. elements: names of the structure's, where they are known.
     band: half widths (T, n) of the 95 % band about the free run; None: that of `uncertainty`, as
-    `metrics.json` has it, where it has one.
+    `metrics.json` has it, where it has one. unmeasured: signals without a sensor, with bands.
     """
     score, free_run = Scores(), FreeRunScore()
     estimate = score.update(estimator, record)[""]
@@ -252,7 +256,10 @@ def draw_record(
     about = half_widths_of(known, ONE_STEP, estimate, record.dt)
     if band is None and own is not None:
         band = half_widths_of(known, FREE_RUN, own.a, record.dt)
-    drawn = run_figures(record, estimate, errors, names, own, loops, title, band, about)
+    joined = names_of(estimator)
+    drawn = run_figures(
+        record, estimate, errors, names, own, loops, title, band, about, unmeasured, joined
+    )
     return drawn | online_figures(estimator, record)
 
 

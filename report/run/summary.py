@@ -34,7 +34,7 @@ from report.run.table import (
 from report.style import words_as_they_stand
 from runner.scores.outcome import each_record
 from runner.scores.public_scores import benchmark_lines
-from runner.scores.uncertainty import band_of
+from runner.scores.uncertainty import band_of, unmeasured_of
 
 
 def log_run(
@@ -63,6 +63,7 @@ def log_run(
             list(data.elements),
             band_of(module.estimator, module.minimum, record),
             metrics["uncertainty"],
+            unmeasured_of(module.estimator, module.minimum, record, data),
         )
         for name, figure in drawn.items():
             words_as_they_stand(figure)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -16,18 +16,20 @@ from data.record import Record
 from data.simulation.datamodule import SimulatedData
 from models.branch_element import BranchElement
 from models.composition.composite import Composite
+from models.composition.measured_states import MEASURES
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, NoFreeRunError
 from models.physical.parameters import parameters_of
-from models.physical.truth import truth_of
+from models.physical.truth import forces_of, truth_of
 from models.training.free_run import simulate
 from models.training.trainable import Trainable
 from models.uncertainty.bands import half_widths
-from models.uncertainty.criticism import Finding, criticism_of
+from models.uncertainty.criticism import Finding, asks_for_more, criticism_of
 from models.uncertainty.intervals import UNEXCITED, intervals_of
 from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace, singles
 from models.uncertainty.parameters import free_vector
+from models.uncertainty.unmeasured import DISPLACEMENT, FORCE, Signal, unmeasured
 
 HEADLINE = (  # quantities of masses and elements that tables tell
     "mass",
@@ -64,11 +66,14 @@ def uncertainty_of(
     tested: records that were not seen, one by one.
     """
     assert isinstance(estimator, Trainable)
-    content = _parameters(estimator, found, data) | _residual(found, data.dt)
-    content |= _priors(estimator, found)
+    findings: list[Finding] = []
     if type(estimator) is ElementNetwork:
-        batches = list(data.loader("train"))
-        content["criticism"] = _told(criticism_of(estimator, found, batches))
+        findings = criticism_of(estimator, found, list(data.loader("train")))
+    lacking = asks_for_more(findings)
+    content = _parameters(estimator, found, data, lacking) | _residual(found, data.dt)
+    content |= _priors(estimator, found)
+    if findings:
+        content |= {"criticism": _told(findings), "lacking": lacking}
     return content | {"bands": _bands(estimator, found, tested)}
 
 
@@ -85,8 +90,33 @@ def band_of(estimator: Estimator, found: Laplace | None, record: Record) -> Tens
     return torch.cat([before, width])
 
 
-def _parameters(estimator: Trainable, found: Laplace, data: Data) -> dict[str, Any]:
-    """Value and interval of each, the truth where it is known; what is not finite is null."""
+def unmeasured_of(
+    estimator: Estimator, found: Laplace | None, record: Record, data: Data
+) -> Mapping[str, Signal]:
+    """Signals of a record that no sensor measured, with 95 % bands; the truth where it is known.
+
+    {} of models without a compiled run. A batch stands for its first record.
+    """
+    if found is None or not isinstance(estimator, Composite):
+        return {}
+    one = next(singles([record.to("cpu")]))
+    if one.quantity not in MEASURES:
+        return {}
+    signals = dict(unmeasured(estimator, found, one))
+    if one.truth is None or not signals:
+        return signals
+    signals[DISPLACEMENT] = replace(signals[DISPLACEMENT], truth=one.truth.x)
+    if isinstance(data, SimulatedData) and isinstance(estimator, ElementNetwork):
+        forces = forces_of(data.simulation.structure, estimator, one.truth)
+        signals[FORCE] = replace(signals[FORCE], truth=forces)
+    return signals
+
+
+def _parameters(estimator: Trainable, found: Laplace, data: Data, lacking: bool) -> dict[str, Any]:
+    """Value and interval of each, the truth where it is known; what is not finite is null.
+
+    believed: the half width that tables show, by noise alone unless the model lacks something.
+    """
     known = (
         truth_of(data.simulation.structure, estimator) if isinstance(data, SimulatedData) else {}
     )
@@ -94,6 +124,7 @@ def _parameters(estimator: Trainable, found: Laplace, data: Data) -> dict[str, A
     listed = []
     for interval in intervals_of(estimator, found):
         own = {key: _plain(value) for key, value in asdict(interval).items()}
+        own["believed"] = own["model_error" if lacking else "half"]
         own |= {"unit": about[interval.name].unit, "about": about[interval.name].about}
         if interval.name in known:
             own["truth"] = known[interval.name]
@@ -199,6 +230,12 @@ def headline(uncertainty: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
+def believed(interval: Mapping[str, Any]) -> float | None:
+    """The half width that tables show; of runs by older code that of noise alone."""
+    half: float | None = interval.get("believed", interval["half"])
+    return half
+
+
 def part_of(parameter: Mapping[str, Any]) -> str:
     """The mass or element that a parameter is of."""
     return str(parameter["name"]).partition(".")[0]
@@ -208,4 +245,4 @@ def interval_in(interval: Mapping[str, Any] | None) -> dict[str, Any]:
     """What files tell of a parameter's interval; {} where there is none."""
     if interval is None:
         return {}
-    return {"half_width_95": interval["half"], "told": interval["status"]}
+    return {"half_width_95": believed(interval), "told": interval["status"]}

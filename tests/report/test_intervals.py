@@ -31,6 +31,15 @@ def parameter(name: str, **more) -> dict:
     return {"name": name, "unit": "N/m", "about": "ground–x1", "combined_with": [], **base, **more}
 
 
+def test_where_the_model_lacks_something_the_wider_interval_is_shown():
+    wide = parameter("r1.stiffness", model_error=3.0, believed=3.0)
+    console = Console(record=True, width=80)
+    with console.capture() as capture:
+        print_intervals(console, {"parameters": [wide], "lacking": True})
+    assert "3.0" in capture.get()
+    assert "asks for more than the model has" in " ".join(capture.get().split())
+
+
 def test_the_table_fits_80_columns_and_tells_what_is_not_told():
     console = Console(record=True, width=80)
     with console.capture() as capture:

@@ -1,0 +1,81 @@
+"""Bands of signals that no sensor measured: exact slopes, true signals inside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Record, Truth
+from data.simulation.elements import Polynomial
+from data.simulation.structure import Structure
+from models.composition.measured_states import MEASURES
+from models.physical.truth import forces_of
+from models.uncertainty.bands import half_widths
+from models.uncertainty.laplace import laplace
+from models.uncertainty.parameters import free_vector, set_free_vector
+from models.uncertainty.unmeasured import DEFORMATION, DISPLACEMENT, FORCE, Signal, unmeasured
+from report.run.figures import element_forces
+from tests.models.test_uncertainty import noisy, planted
+
+
+def test_the_band_of_a_displacement_is_that_of_the_exact_jacobian():
+    model, record = planted()
+    found = laplace(model, [noisy(record, 0.03)])
+    band = unmeasured(model, found, record)[DISPLACEMENT]
+    model.measures.fill_(MEASURES["displacement"])  # now the Jacobian is of the displacements
+    exact, _ = half_widths(model, found, replace(record, a=record.x, quantity="displacement"))
+    assert torch.allclose(band.half, exact, rtol=1e-3, atol=1e-3 * float(exact.max()))
+
+
+def test_true_displacements_and_forces_lie_in_the_bands():
+    model, record = planted()
+    truth, hits = free_vector(model), []
+    with torch.no_grad():
+        deformation, force = model.element_loops(record)
+    known = {DISPLACEMENT: record.x, FORCE: force, DEFORMATION: deformation}
+    for seed in range(12):
+        set_free_vector(model, truth)
+        measured = noisy(record, 0.03, seed)
+        for _ in range(3):  # to the minimum, which is near
+            step = laplace(model, [measured]).step
+            set_free_vector(model, free_vector(model) + torch.from_numpy(step))
+        bands = unmeasured(model, laplace(model, [measured]), record)
+        hits.append([bands[name].held(signal) for name, signal in known.items()])
+    assert np.mean(hits, axis=0) == pytest.approx(0.95, abs=0.05)
+
+
+def test_parameters_stay_and_an_unknown_beginning_has_no_such_bands():
+    model, record = planted()
+    found, theta = laplace(model, [noisy(record, 0.03)]), free_vector(model)
+    assert set(unmeasured(model, found, record, forces=False)) == {DISPLACEMENT}
+    assert torch.equal(free_vector(model), theta)
+    assert unmeasured(model, found, replace(record, initial_state="unknown")) == {}
+
+
+def test_true_forces_have_the_order_and_the_direction_of_the_models_elements():
+    model, record = planted()
+    linear = {"stiffness": 80.0, "damping": 0.1}
+    elements = {
+        "top": Polynomial(between=("x2", "x1"), **linear),  # the model has x1–x2
+        "foot": Polynomial(between=("ground", "x1"), **linear),
+    }
+    r = torch.randn(record.samples, 2, dtype=torch.float64)
+    truth = Truth(record.x, record.v, record.a, y=r, r=r)
+    forces = forces_of(Structure([1.0, 1.5], elements), model, truth)
+    assert torch.equal(forces, torch.stack([r[:, 1], -r[:, 0]], dim=1))
+
+
+def test_forces_are_drawn_with_their_bands():
+    run = torch.sin(torch.arange(2000, dtype=torch.float64) / 50.0)[:, None].repeat(1, 3)
+    record = Record(dt=0.01, a=run[:, :2], f=run[:, :1])
+    signal = Signal(run, 0.1 * torch.ones_like(run), truth=run)
+    figure = element_forces(record, signal, ["ground–x1", "x1–x2", "x2–x3"])
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "ground–x1 [N]",
+        "x1–x2 [N]",
+        "x2–x3 [N]",
+    ]
+    assert all(axes.collections for axes in figure.axes)  # the bands
