@@ -299,8 +299,12 @@ def _tensors(record: Record) -> list[Tensor]:
 
 @dataclass(frozen=True)
 class Escape:
-    """A motion that escaped: which record of which split, and when [s]."""
+    """A motion that escaped: which record of which split, and when [s].
+
+    redrawn: motions that were drawn instead until one stayed; 0: the record was left out.
+    """
 
     split: str
     record: int
     time: float
+    redrawn: int = 0

@@ -22,6 +22,7 @@ class SimulatedData(Data):
 
     `damage` befalls the test motions; training motions are of the sound structure, and so are the
     `calibration_records`, further motions from streams of their own that bands are made from.
+    `escape`: what a motion that escapes is, an `error` (or left out of several) or a `redraw`.
     `tolerance` is the integrator's (data/simulation/motion.py). Other arguments: `Data`.
     """
 
@@ -44,10 +45,11 @@ class SimulatedData(Data):
         validation: float = 0.0,
         damage: Damage | None = None,
         calibration_records: int = 5,
+        escape: str = "error",
     ) -> None:
         super().__init__(window, stride, warmup, batch, validation)
         self.simulation = Simulation(
-            structure, excitation, scenario, dt, duration, name, tolerance, damage
+            structure, excitation, scenario, dt, duration, name, tolerance, damage, escape
         )
         if seed < 0:
             raise ValueError(f"seed={seed} must not be negative")
@@ -95,7 +97,15 @@ class SimulatedData(Data):
             records[split], escapes = self.simulation.records(
                 split, counts[split], self.seed, first
             )
-            self.escapes += escapes
+            self.escapes += [one for one in escapes if not one.redrawn]
+            self.notes |= {
+                f"{split}: record {one.record + 1}": [
+                    f"escaped at t = {one.time:.2f} s; the motion drawn after it "
+                    f"({one.redrawn} of this seed) stands in its place (data.escape=redraw)"
+                ]
+                for one in escapes
+                if one.redrawn
+            }
         return records
 
     def make_calibration(self) -> list[Record]:

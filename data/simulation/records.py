@@ -30,13 +30,16 @@ from data.simulation.structure import Structure
 
 SPLITS = {"train": 0, "test": 1, "calibration": 2}
 EXCITATION, SENSORS = 0, 1  # purposes of random streams
+MOST_REDRAWN = 20  # motions in a record's place
 
 
-def stream(seed: int, split: str, record: int, purpose: int) -> np.random.Generator:
-    """The generator of one purpose of one record."""
+def stream(
+    seed: int, split: str, record: int, purpose: int, redrawn: int = 0
+) -> np.random.Generator:
+    """The generator of one purpose of one record, and of the motions drawn in its place."""
     if seed < 0:
         raise ValueError(f"seed={seed} must not be negative")
-    key = (SPLITS[split], record, purpose)
+    key = (SPLITS[split], record, purpose, *([redrawn] if redrawn else []))
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
@@ -53,8 +56,11 @@ class Simulation:
     name: str = "structure"  # as the user knows it, for messages
     tolerance: float = 1e-7  # of the integrator, see data/simulation/motion.py
     damage: Damage | None = None  # of the test motions; training motions are of the sound structure
+    escape: str = "error"  # redraw: another motion takes the place of one that escapes
 
     def __post_init__(self) -> None:
+        if self.escape not in ("error", "redraw"):
+            raise ValueError(f"data.escape={self.escape!r} must be error or redraw")
         if not 0.0 < self.dt < np.inf:
             raise ValueError(f"data.dt={self.dt} s must be positive")
         if not 0.0 < self.duration < np.inf:
@@ -98,7 +104,8 @@ class Simulation:
         """`count` records of a split and the motions among them that escaped.
 
         `first` is the number of records drawn before this split (given histories are cut in
-        order). Raises EscapedMotionError where one record was asked for, or all escaped.
+        order). With escape="redraw" others take their place, of streams of their own. Raises
+        EscapedMotionError where one record was asked for, or all escaped.
         """
         if count < 1:
             raise ValueError(f"data.{split}_records={count} must be at least 1")
@@ -111,19 +118,40 @@ class Simulation:
         )
         records, escapes = [], []
         for i, motion in enumerate(motions):
+            taken, stays, redrawn = drawn[i], motion, 0
+            if motion.escape_time is not None and self.escape == "redraw":
+                taken, stays, redrawn = self._redrawn(split, seed, i, first)
             if motion.escape_time is not None:
-                escapes.append(Escape(split, i, motion.escape_time))
+                escapes.append(Escape(split, i, motion.escape_time, redrawn))
+            if stays.escape_time is not None:
                 continue
-            record = self._record(motion, *drawn[i], self._kept(split, motion))
-            records.append(self.scenario(record, stream(seed, split, i, SENSORS)))
+            record = self._record(stays, *taken, self._kept(split, stays))
+            records.append(self.scenario(record, stream(seed, split, i, SENSORS, redrawn)))
         if not records:
+            others = "" if count == 1 else f", and so did all {count}"
+            remedy = "data.escape=redraw (another motion of this seed), "
+            if self.escape == "redraw":
+                others, remedy = f", and so did {MOST_REDRAWN} drawn in its place", ""
             raise EscapedMotionError(
                 f"{self.name}, seed {seed}: the {split} motion escaped at "
-                f"t = {escapes[0].time:.2f} s{'' if count == 1 else f', and so did all {count}'}; "
-                "take another seed or a smaller excitation",
+                f"t = {escapes[0].time:.2f} s{others}; take {remedy}another seed or a smaller "
+                "excitation",
                 escapes[0].time,
             )
         return records, escapes
+
+    def _redrawn(
+        self, split: str, seed: int, record: int, first: int
+    ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], Motion, int]:
+        """The first motion in a record's place that stays, or the last that was tried."""
+        structure, changes = self._damaged(split)
+        for redrawn in range(1, MOST_REDRAWN + 1):
+            drawn = self._draw(split, seed, record, first, redrawn)
+            force, *supports = drawn
+            motion = simulate(structure, force, self.dt, *supports, self.tolerance, changes)
+            if motion.escape_time is None:
+                break
+        return drawn, motion, redrawn
 
     def drawable(self, split: str, count: int, seed: int, first: int) -> int:
         """How many of `count` records of a split the excitation has: given histories end.
@@ -148,6 +176,9 @@ class Simulation:
         drawn, tolerance = self._draw(split, seed, 0, first), self.tolerance
         if coarse is None:
             coarse = self._acceleration(split, *drawn, tolerance)
+        if self.escape == "redraw" and not np.isfinite(coarse).all():
+            drawn, motion, _ = self._redrawn(split, seed, 0, first)
+            coarse = motion.a
         fine = self._acceleration(split, *drawn, 0.01 * tolerance)
         return float(np.linalg.norm(coarse - fine) / np.linalg.norm(fine))
 
@@ -163,9 +194,9 @@ class Simulation:
         return simulate(structure, force, self.dt, support, velocity, tolerance, changes).a
 
     def _draw(
-        self, split: str, seed: int, record: int, first: int
+        self, split: str, seed: int, record: int, first: int, redrawn: int = 0
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        rng = stream(seed, split, record, EXCITATION)
+        rng = stream(seed, split, record, EXCITATION, redrawn)
         return self.excitation.draw(self.structure, self.samples, self.dt, first + record, rng)
 
     def _damaged(self, split: str) -> tuple[Structure, Changes | None]:

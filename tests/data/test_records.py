@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -170,6 +171,28 @@ def test_a_single_escaped_motion_is_reported_with_seed_and_time(escaping):
     with pytest.raises(EscapedMotionError, match="and so did all 3") as caught:
         wild.records("test", 3, seed=4)
     assert 0.0 < caught.value.time < 10.0
+
+
+def test_a_motion_that_escapes_is_drawn_anew_where_asked_for(escaping):
+    left, out = escaping.records("train", 8, seed=0)
+    asked = replace(escaping, escape="redraw")
+    records, escapes = asked.records("train", 8, seed=0)
+    assert len(records) == 8 > len(left)
+    assert [one.record for one in escapes] == [one.record for one in out]
+    assert all(one.redrawn > 0 for one in escapes)
+    kept = [r for i, r in enumerate(records) if i not in {one.record for one in escapes}]
+    assert all(torch.equal(mine.a, theirs.a) for mine, theirs in zip(kept, left, strict=True))
+    again, _ = asked.records("train", 8, seed=0)
+    assert all(torch.equal(one.a, other.a) for one, other in zip(records, again, strict=True))
+    tests, _ = asked.records("test", 8, seed=0)
+    drawn = [r.f for r in (*records, *tests)]
+    assert all(abs(correlation(a, b)) < 0.8 for a, b in combinations(drawn, 2))
+
+
+def test_where_no_motion_stays_the_redraws_end(escaping):
+    wild = replace(escaping, excitation=Excitation(force=BandLimitedGaussian(90.0, (0.0, 2.0))))
+    with pytest.raises(EscapedMotionError, match="and so did 20 drawn in its place; take another"):
+        replace(wild, escape="redraw").records("test", 1, seed=4)
 
 
 def test_the_error_of_the_simulation_falls_with_its_tolerance(simulation):
