@@ -36,7 +36,7 @@ def _read_mat(place: Path, variables: Sequence[str]) -> dict[str, Any]:
 
 def _read_hdf5(place: Path, variables: Sequence[str]) -> dict[str, Any]:
     """A MAT file of version 7.3, which is HDF5 with rows and columns exchanged."""
-    import h5py
+    import h5py  # type: ignore[import-untyped]  # slow to import
 
     from data.measured.files.apart import require_survival
     from data.measured.files.columns import Request
