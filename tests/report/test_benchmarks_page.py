@@ -87,7 +87,7 @@ def test_the_page_is_written(runs, tmp_path):
     write_benchmarks_page(tmp_path / "page.md", tmp_path / "none", folder / "runs")
     assert "tank_cascade" in (tmp_path / "page.md").read_text()
     with pytest.raises(ValueError, match="no runs in"):
-        write_benchmarks_page(tmp_path / "page.md", tmp_path / "none", tmp_path / "neither")
+        write_benchmarks_page(tmp_path / "other.md", tmp_path / "none", tmp_path / "neither")
 
 
 def test_what_was_not_run_again_stays_on_the_page(runs, tmp_path):
