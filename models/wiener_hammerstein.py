@@ -183,7 +183,7 @@ def _state_sizes(chain: Chain, motions: list[Motion]) -> np.ndarray:
     for motion, begin in zip(motions, chain.begins, strict=True):
         one, two = chain.layout.states_of(begin)
         s = filters.states(p["a1"], motion.u, one)
-        x = filters.output(p["d1"][0], p["c1"], motion.u, s, one)
+        x = run(chain.layout, chain.values, motion.u, begin)[1]
         after = filters.states(p["a2"], curve.value(x, p["beta"][0], p["laws"]), two)
         squares = np.concatenate([(s**2).sum(axis=1), (after**2).sum(axis=1)])
         sizes, samples = sizes + np.repeat(squares, 2), samples + len(motion.u)

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from data.public.variables import read_variables
+
 CACHES = {  # of the package, by platform; where none is given
     "darwin": "~/Library/Application Support/nonlinear_benchmarks",
     "win32": "%LOCALAPPDATA%/nonlinear_benchmarks",
@@ -34,24 +36,28 @@ class Files:
         self.folder = folder
 
     def find(self, path: str) -> Path | None:
-        """A file named by its path in the package's cache, or None; outer folders may be absent."""
+        """A file named by its path in the package's cache, or None; outer folders may be absent.
+
+        Where there is no such file, one whose name differs by its case, or ends in .csv instead.
+        """
         parts = Path(path).parts
-        places = (self.folder.joinpath(*parts[k:]) for k in range(len(parts)))
-        return next((place for place in places if place.is_file()), None)
+        places = [self.folder.joinpath(*parts[k:]) for k in range(len(parts))]
+        there = next((place for place in places if place.is_file()), None)
+        return there or next((like for like in map(_alike, places) if like is not None), None)
 
     def missing(self, paths: Sequence[str]) -> list[str]:
         """Those of `paths` that are not in the folder."""
         return [path for path in paths if self.find(path) is None]
 
     def load(self, path: str, *variables: str) -> list[np.ndarray]:
-        """Variables of a MAT file as float64 arrays, shaped as there (rows, columns).
+        """Variables of a file as float64 arrays, shaped as there (rows, columns).
 
         Nothing in a file is executed: whatever is no array of numbers is refused. Raises
         ValueError for a damaged file and a missing variable.
         """
         place = self.find(path)
         assert place is not None, f"{path} was not looked for"
-        stored = _read_mat(place, variables)
+        stored = read_variables(place, variables)
         for name in variables:
             if name not in stored:
                 raise ValueError(f"{place} has no variable {name!r}; is it the benchmark's own?")
@@ -67,16 +73,12 @@ class Files:
         return [np.asarray(stored[name], dtype=np.float64) for name in variables]
 
 
-def _read_mat(place: Path, variables: Sequence[str]) -> dict[str, Any]:
-    from scipy.io import loadmat  # slow to import
-
-    try:
-        return loadmat(str(place), variable_names=list(variables), appendmat=False)
-    except Exception as error:  # SciPy raises whatever a damaged byte leads to
-        what = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise ValueError(
-            f"{place} is damaged or no MAT file of version 4 to 7.2 ({what}); fetch it again"
-        ) from None
+def _alike(place: Path) -> Path | None:
+    """A file of the same name but for its case; else the .csv of that name."""
+    names = [place.name.lower(), f"{place.stem.lower()}.csv"]
+    beside = sorted(place.parent.iterdir()) if place.parent.is_dir() else []
+    found = [one for one in beside if one.name.lower() in names and one.is_file()]
+    return min(found, key=lambda one: names.index(one.name.lower()), default=None)
 
 
 def download(loader: str, folder: Path) -> None:

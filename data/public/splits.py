@@ -109,7 +109,8 @@ def f16(files: Files) -> Splits:
     for path in F16:
         u, y, rate = files.load(path, "Force", "Acceleration", "Fs")
         name = path.rpartition("F16Data_")[2].removesuffix(".mat").removesuffix("_Validation")
-        series = Series(name, 1.0 / _positive("Fs", rate), _column(u[0]), y.T, 50, "unknown")
+        y = y if len(y) == u.size else y.T  # a table has its samples in rows
+        series = Series(name, 1.0 / _positive("Fs", rate), _column(u), y, 50, "unknown")
         (test if "Validation" in path else train).append(series)
     return train, test
 

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from models.block_structured import curve, filters
+from models.block_structured.chain_compiled import chain_run
 from models.layers.named_parts import NamedParts
 
 
@@ -115,43 +115,18 @@ def learned(chain: Chain, linear: bool = False) -> np.ndarray:
 
 
 def run(
-    layout: Layout,
-    values: np.ndarray,
-    u: np.ndarray,
-    begin: np.ndarray,
-    mask: np.ndarray | None = None,
-    own: bool = False,
+    layout: Layout, values: np.ndarray, u: np.ndarray, begin: np.ndarray, derived: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """y (T,), x and derivatives of y (P + S, T): by the parameters in `mask`, by `begin`.
+    """y (T,), x, and where `derived` the derivatives of y (T, size + S): by all, then by `begin`.
 
     u and x have R (T − 1) + 1 numbers.
     """
-    p = layout.split(values)
-    one, two = layout.states_of(begin)
-    s = filters.states(p["a1"], u, one)
-    x = filters.output(p["d1"][0], p["c1"], u, s, one)
-    w = curve.value(x, p["beta"][0], p["laws"])
-    after = filters.states(p["a2"], w, two)
-    y = filters.output(p["d2"][0], p["c2"], w, after, two) + p["o0"][0]
-    if mask is None and not own:
-        return y[:: layout.rate], x, np.empty((0, len(u)))
-    wanted = np.zeros(layout.size, dtype=bool) if mask is None else mask
-    last = sum(int(np.prod(layout.shapes[name])) for name in ("d2", "c2", "a2")) + 1
-    first = sum(int(np.prod(layout.shapes[name])) for name in ("d1", "c1", "a1"))
-    moved = []
-    steep = curve.slope(x, p["beta"][0], p["laws"])
-    if wanted[:first].any():
-        rows = filters.by_coefficients(p["a1"], p["c1"], u, s, one)
-        moved.append(steep * rows[wanted[:first]])
-    moved.append(curve.by_coefficients(x, p["laws"])[wanted[first:-last]])
-    if own:
-        moved.append(steep * filters.by_first_state(p["a1"], p["c1"], len(u)))
-    through = filters.driven(p["d2"][0], p["a2"], p["c2"], np.concatenate(moved))
-    count = len(through) - (2 * layout.before if own else 0)
-    static = [np.empty((0, len(u)))]
-    if wanted[-last:].any():
-        rows = filters.by_coefficients(p["a2"], p["c2"], w, after, two)
-        static = [np.concatenate([rows, np.ones((1, len(u)))])[wanted[-last:]]]
-    decays = [filters.by_first_state(p["a2"], p["c2"], len(u))] if own else []
-    rows = np.concatenate([through[:count], *static, through[count:], *decays])
-    return y[:: layout.rate], x, rows[:, :: layout.rate]
+    p = layout.split(np.ascontiguousarray(values, dtype=np.float64))
+    laws = p["laws"].copy()
+    laws[:, 2] = np.exp(laws[:, 2])
+    one = p["d1"][0], p["c1"], p["a1"]
+    two = p["d2"][0], p["c2"], p["a2"], p["o0"][0]
+    found: tuple[np.ndarray, np.ndarray, np.ndarray] = chain_run(
+        np.ascontiguousarray(u), layout.rate, one, (p["beta"][0], laws), two, begin, derived
+    )
+    return found

@@ -7,7 +7,6 @@ T samples, K ramps.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit
 
 NARROWEST = 0.5  # of the distance of two ramps, as they begin
 
@@ -25,24 +24,11 @@ def value(x: np.ndarray, beta: float, laws: np.ndarray) -> np.ndarray:
     return f
 
 
-def slope(x: np.ndarray, beta: float, laws: np.ndarray) -> np.ndarray:
-    """f′(x) (T,)."""
-    f = np.full_like(x, beta)
-    for w, kappa, log_s in laws:
-        f += w * expit((x - kappa) / np.exp(log_s))
-    return f
-
-
-def by_coefficients(x: np.ndarray, laws: np.ndarray) -> np.ndarray:
-    """∂f (1 + 3K, T) by β, then by w, κ and ln s of each ramp."""
-    rows, nothing = [x], np.zeros(1)
-    for w, kappa, log_s in laws:
-        s = np.exp(log_s)
-        here, there = expit((x - kappa) / s), expit((nothing - kappa) / s)
-        rise, rest = ramp(x, kappa, s), ramp(nothing, kappa, s)
-        widened = (rise - (x - kappa) * here) - (rest - (nothing - kappa) * there)
-        rows += [rise - rest, -w * (here - there), w * widened]
-    return np.stack(rows)
+def columns(x: np.ndarray, laws: np.ndarray) -> np.ndarray:
+    """∂f (1 + K, T) by β and by the weight w of each ramp."""
+    nothing = np.zeros(1)
+    ramps = [ramp(x, k, np.exp(s)) - ramp(nothing, k, np.exp(s)) for _, k, s in laws]
+    return np.stack([x, *ramps])
 
 
 def begun(x: np.ndarray, ramps: int) -> np.ndarray:

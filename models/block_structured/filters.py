@@ -1,4 +1,4 @@
-"""A rational filter as a sum of sections, with its derivatives by coefficients and first state.
+"""A rational filter as a sum of sections: its states, poles, zeros, response.
 
 x[t] = d u[t] + Σᵢ c₀ᵢ sᵢ[t] + c₁ᵢ sᵢ[t−1],   sᵢ[t] = u[t] − a₁ᵢ sᵢ[t−1] − a₂ᵢ sᵢ[t−2]
 
@@ -7,8 +7,6 @@ sum is well conditioned where a polynomial of high order is not.   T samples, p 
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from scipy.signal import lfilter
@@ -24,25 +22,11 @@ def _section(a: np.ndarray, u: np.ndarray, before: np.ndarray | None = None) -> 
     return np.asarray(lfilter([1.0], polynomial, u, zi=state)[0])
 
 
-def _delayed(s: np.ndarray, before: Sequence[float] | np.ndarray) -> np.ndarray:
-    """s (T,) some samples later, which begins with what was `before`: s[−1], s[−2], …"""
-    lag = len(before)
-    return np.concatenate([np.asarray(before)[::-1], s[:-lag]])
-
-
 def states(a: np.ndarray, u: np.ndarray, begin: np.ndarray) -> np.ndarray:
     """s (p, T) of all sections with a (p, 2), from begin (p, 2)."""
     if not len(a):
         return np.empty((0, len(u)))
     return np.stack([_section(one, u, first) for one, first in zip(a, begin, strict=True)])
-
-
-def output(d: float, c: np.ndarray, u: np.ndarray, s: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """x (T,) of the filter whose sections are in the states s (p, T)."""
-    x = d * u
-    for one, now, first in zip(c, s, begin, strict=True):
-        x = x + one[0] * now + one[1] * _delayed(now, first[:1])
-    return x
 
 
 def driven(d: float, a: np.ndarray, c: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -51,29 +35,6 @@ def driven(d: float, a: np.ndarray, c: np.ndarray, u: np.ndarray) -> np.ndarray:
     for poles, weights in zip(a, c, strict=True):
         x += lfilter(weights, np.r_[1.0, poles], u, axis=-1)
     return x
-
-
-def by_coefficients(
-    a: np.ndarray, c: np.ndarray, u: np.ndarray, s: np.ndarray, begin: np.ndarray
-) -> np.ndarray:
-    """∂x (1 + 4p, T) by d, then by c₀, c₁ of each section, then by a₁, a₂ of each."""
-    linear, bent = [u], []
-    for poles, weights, now, first in zip(a, c, s, begin, strict=True):
-        once, twice = _delayed(now, first[:1]), _delayed(now, first)
-        linear += [now, once]
-        for lagged in (once, twice):
-            bent.append(-lfilter(weights, np.r_[1.0, poles], lagged))
-    return np.stack(linear + bent)
-
-
-def by_first_state(a: np.ndarray, c: np.ndarray, samples: int) -> np.ndarray:
-    """∂x (2p, T) by s[−1] and s[−2] of each section."""
-    rows, silence = [], np.zeros(samples)
-    for poles, weights in zip(a, c, strict=True):
-        for first in np.eye(2):
-            s = _section(poles, silence, first)
-            rows.append(weights[0] * s + weights[1] * _delayed(s, first[:1]))
-    return np.stack(rows) if rows else np.empty((0, samples))
 
 
 def sections_of(poles: np.ndarray) -> np.ndarray:

@@ -60,15 +60,15 @@ class ChainProblem:
         for number, (motion, begin) in enumerate(zip(self.motions, chain.begins, strict=True)):
             u, y = motion.drive(motion.stop), motion.y[: motion.stop]
             with np.errstate(all="ignore"):
-                out, _, rows = run(
-                    chain.layout, chain.values, u, begin, self.learned, motion.unknown
-                )
-                place = np.arange(P)
-                if motion.unknown:
-                    start = P + self.unknown.index(number) * S
-                    place = np.r_[place, start : start + S]
-                matrix[np.ix_(place, place)] += rows @ rows.T
-                vector[place] += rows @ (out - y)
+                out, _, rows = run(chain.layout, chain.values, u, begin, derived=True)
+                square, side = rows.T @ rows, rows.T @ (out - y)
+            kept, place = np.flatnonzero(self.learned), np.arange(P)
+            if motion.unknown:
+                start = P + self.unknown.index(number) * S
+                place = np.r_[place, start : start + S]
+                kept = np.r_[kept, chain.layout.size : chain.layout.size + S]
+            matrix[np.ix_(place, place)] += square[np.ix_(kept, kept)]
+            vector[place] += side[kept]
         pull = len(self.y) * self.prior
         matrix[np.arange(P), np.arange(P)] += pull
         vector[:P] += pull * chain.values[self.learned]
@@ -126,12 +126,13 @@ def _descended(
     best, kept, damping = np.inf, state, 1e-2
     matrix, side = np.eye(len(state)), np.zeros(len(state))
     for _ in range(STEPS):
-        out, _, rows = run(chain.layout, chain.values, u, state, None, True)
+        out, _, rows = run(chain.layout, chain.values, u, state, derived=True)
+        rows = rows[:, chain.layout.size :]
         loss = float((out - y) @ (out - y) + pull @ state**2)
         if loss < best:
             settled = best - loss < 1e-6 * loss
             best, kept, damping = loss, state, 0.2 * damping
-            matrix, side = rows @ rows.T + np.diag(pull), rows @ (out - y) + pull * state
+            matrix, side = rows.T @ rows + np.diag(pull), rows.T @ (out - y) + pull * state
             if settled:
                 break
         else:

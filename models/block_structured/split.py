@@ -220,8 +220,8 @@ def with_curve(chain: Chain, motions: Sequence[Motion]) -> Chain:
     for motion in motions:
         u = motion.drive(motion.stop)
         x = filters.driven(p["d1"][0], p["a1"], p["c1"], u)
-        parts = curve.by_coefficients(x, p["laws"])[[0, *range(1, 3 * len(p["laws"]) + 1, 3)]]
-        through = filters.driven(p["d2"][0], p["a2"], p["c2"], parts)
+        columns = curve.columns(x, p["laws"])
+        through = filters.driven(p["d2"][0], p["a2"], p["c2"], columns)
         through = through[:, :: chain.layout.rate]
         first = int(SETTLED * motion.stop) if motion.unknown else 0
         rows.append(np.concatenate([through, np.ones((1, motion.stop))])[:, first:])

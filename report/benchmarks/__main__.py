@@ -10,6 +10,7 @@ from pathlib import Path
 
 from data.arguments import Parser
 from report.benchmarks.page import official_table, stand_ins_table, write_benchmarks_page
+from report.benchmarks.rows import rows_of
 from report.collection.runs import has_runs, read_runs
 from report.usual import BENCHMARKED, STAND_INS
 from runner.config.command_line import command_errors
@@ -26,11 +27,12 @@ def main() -> None:
             write_benchmarks_page(options.page, options.official, options.stand_ins)
             print(f"page in {options.page}")
             return
-        for folder, table in (
-            (options.official, official_table),
-            (options.stand_ins, stand_ins_table),
-        ):
-            print(table(read_runs(folder) if has_runs(folder) else []), end="\n\n")
+        official, stand_ins = (
+            read_runs(folder) if has_runs(folder) else []
+            for folder in (options.official, options.stand_ins)
+        )
+        print(official_table(rows_of(official), official), end="\n\n")
+        print(stand_ins_table(rows_of(stand_ins)), end="\n\n")
 
 
 if __name__ == "__main__":

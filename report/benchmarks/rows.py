@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -69,10 +69,13 @@ def rows_of(runs: Sequence[Result]) -> list[Row]:
             row.percents.append(percent)
             row.seconds.append(run.metrics["fit_seconds"])
             row.parameters.append(run.metrics["parameters"])
+    return in_order(rows.values())
+
+
+def in_order(rows: Iterable[Row]) -> list[Row]:
+    """Rows by benchmark, by series, the least error first."""
     order = list(BENCHMARKS)
-    return sorted(
-        rows.values(), key=lambda row: (order.index(row.benchmark), row.series, row.median)
-    )
+    return sorted(rows, key=lambda row: (order.index(row.benchmark), row.series, row.median))
 
 
 def _noise(run: Result, benchmark: str) -> float | None:
@@ -87,9 +90,9 @@ def _noise(run: Result, benchmark: str) -> float | None:
     return math.sqrt(sum(value**2 for value in by_output) / len(by_output))
 
 
-def without_runs(runs: Sequence[Result]) -> dict[str, str]:
-    """Benchmarks without a finished run, and why."""
-    finished = {run.choices["data.name"] for run in runs if run.finished}
+def without_rows(rows: Sequence[Row], runs: Sequence[Result]) -> dict[str, str]:
+    """Benchmarks without a row, and why."""
+    finished = {row.benchmark for row in rows}
     reasons = {}
     for run in runs:
         name = str(run.choices.get("data.name"))

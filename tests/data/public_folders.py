@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 from scipy.io import savemat
 
@@ -59,6 +60,26 @@ def prepare(folder: Path, files: dict[str, dict[str, np.ndarray]]) -> None:
     for path, variables in files.items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         savemat(folder / path, variables, do_compression=False)
+
+
+def as_version_7_3(place: Path, variables: dict[str, np.ndarray]) -> None:
+    """A MAT file of version 7.3: HDF5 behind a block of 512 bytes, rows and columns exchanged."""
+    with h5py.File(place, "w", userblock_size=512) as file:
+        for name, value in variables.items():
+            file[name] = value.T
+
+
+def as_table(place: Path, variables: dict[str, np.ndarray]) -> None:
+    """The CSV of an archive: numbered columns, a sampling rate in the first row alone."""
+    columns = {}
+    for name, value in variables.items():
+        value = value if len(value) >= value.shape[1] else value.T
+        width = value.shape[1]
+        columns |= {f"{name}{i + 1}" if width > 1 else name: value[:, i] for i in range(width)}
+    rows = max(map(len, columns.values()))
+    cells = [[repr(float(x)) for x in c] + [""] * (rows - len(c)) for c in columns.values()]
+    lines = [",".join(columns), *(",".join(row) for row in zip(*cells, strict=True))]
+    place.with_suffix(".csv").write_text("\n".join(lines) + "\n")
 
 
 def loaded(name: str, folder: Path, **more: object) -> BenchmarkData:

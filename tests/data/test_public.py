@@ -26,6 +26,8 @@ from tests.data.public_folders import (
     NOISE,
     PERIOD,
     SHARED,
+    as_table,
+    as_version_7_3,
     contents,
     loaded,
     ours,
@@ -117,6 +119,37 @@ def test_files_may_lie_without_the_outer_folders(name, folder, tmp_path):
     for split in ("train", "test"):
         for one, other in zip(ours(flat, split), ours(nested, split), strict=True):
             np.testing.assert_array_equal(one[1], other[1])
+
+
+@pytest.mark.parametrize("layout", ["7.3", "csv"])
+@pytest.mark.parametrize("name", sorted(set(BENCHMARKS) - {"bouc_wen"}))
+def test_other_layouts_hold_the_same_series(name, layout, folder, tmp_path):
+    write = as_version_7_3 if layout == "7.3" else as_table
+    for path, variables in contents(name).items():
+        write(tmp_path / Path(path).name, variables)
+    other, known = loaded(name, tmp_path), loaded(name, folder)
+    for split in ("train", "test"):
+        for one, two in zip(ours(other, split), ours(known, split), strict=True):
+            np.testing.assert_array_equal(one[0], two[0])
+            np.testing.assert_array_equal(one[1], two[1])
+    assert other.dt == pytest.approx(known.dt, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("u11,z11\n1,2\n", "has no variable 'u12'|has no variable 'z12'"),
+        ("u11,u12,z11,z12\n1,2,3\n", "damaged"),
+        ("u11,u12,z11,z12\n", "damaged|empty"),
+        ("u11,u12,z11,z12\n1,2,x,4\n2,3,4,5\n", "empty or not finite"),
+    ],
+)
+def test_a_wrong_table_is_one_line(text, match, tmp_path):
+    (tmp_path / "DATAUNIF.csv").write_text(text)
+    with pytest.raises(ValueError, match=match) as error:
+        loaded("ced", tmp_path)
+    assert "\n" not in str(error.value)
+    assert "DATAUNIF.csv" in str(error.value)
 
 
 def test_a_missing_file_is_named_with_its_place_and_its_page(tmp_path):

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from data.record import Record
 from models import WienerHammerstein
-from models.block_structured import filters
+from models.block_structured import curve, filters
 from models.block_structured.chain import Motion, chain_of, run
 from models.block_structured.split import Allocations, linear
 
@@ -62,15 +62,32 @@ def test_derivatives_are_those_of_differences():
     }  # fmt: skip
     chain = chain_of({name: np.array(part, dtype=float) for name, part in parts.items()}, 1)
     layout, u, begin = chain.layout, rng.normal(size=200), rng.normal(size=6)
-    _, _, rows = run(layout, chain.values, u, begin, np.ones(layout.size, dtype=bool), True)
-    assert len(rows) == layout.size + layout.states
-    for i, row in enumerate(rows):
+    _, _, columns = run(layout, chain.values, u, begin, derived=True)
+    assert columns.shape == (200, layout.size + layout.states)
+    for i, column in enumerate(columns.T):
         sides = []
         for e in (1e-6, -1e-6):
             both = np.r_[chain.values, begin]
             both[i] += e
             sides.append(run(layout, both[: layout.size], u, both[layout.size :])[0])
-        np.testing.assert_allclose(row, (sides[0] - sides[1]) / 2e-6, atol=1e-7)
+        np.testing.assert_allclose(column, (sides[0] - sides[1]) / 2e-6, atol=1e-7)
+
+
+def test_a_run_from_rest_is_that_of_scipys_filters():
+    rng = np.random.default_rng(1)
+    p = {
+        "d1": [0.3], "c1": rng.normal(size=(2, 2)), "a1": [[-1.2, 0.5], [-0.6, 0.0]],
+        "beta": [0.8], "laws": [[0.5, -0.4, -0.5]],
+        "d2": [0.7], "c2": rng.normal(size=(2, 2)), "a2": [[-1.0, 0.4], [0.3, 0.1]], "o0": [0.2],
+    }  # fmt: skip
+    p = {name: np.array(part, dtype=float) for name, part in p.items()}
+    p["c1"][1, 1] = 0.0
+    chain, u = chain_of(p, 1, rate=2), rng.normal(size=201)
+    x = filters.driven(0.3, p["a1"], p["c1"], u)
+    y = filters.driven(0.7, p["a2"], p["c2"], curve.value(x, 0.8, p["laws"])) + 0.2
+    found = run(chain.layout, chain.values, u, np.zeros(8))
+    np.testing.assert_allclose(found[0], y[::2], atol=1e-12)
+    np.testing.assert_allclose(found[1], x, atol=1e-12)
 
 
 def test_sections_are_the_filter_of_scipy():

@@ -13,7 +13,8 @@ from data.public.datamodule import BenchmarkData
 from data.public.measures import official_rmse
 from data.simulation.scenario import FullState
 from report.benchmarks.page import official_table, stand_ins_table, write_benchmarks_page
-from report.benchmarks.rows import NOISE, errors_of, rows_of, without_runs
+from report.benchmarks.rows import NOISE, Row, errors_of, rows_of, without_rows
+from report.benchmarks.stored import store
 from report.collection.runs import collect
 from runner.folder.run import restore
 from runner.job import identify
@@ -63,8 +64,8 @@ def test_rows_are_sorted_and_set_beside_the_noise_and_the_published(runs):
     best, other = rows_of(results)
     assert (best.model, other.model) == ("tank_cascade", "linear_modes")
     assert best.noise == pytest.approx(0.02)
-    assert f"{best.median / 0.02:.2f}" in stand_ins_table(results)
-    table = official_table(results)
+    assert f"{best.median / 0.02:.2f}" in stand_ins_table(rows_of(results))
+    table = official_table(rows_of(results), results)
     assert "0.396 V" in table
     assert table.index("0.396 V") < table.index("tank_cascade") < table.index("linear_modes")
     assert "| silverbox |" in table
@@ -76,8 +77,9 @@ def test_a_diverged_run_is_infinite_and_a_missing_benchmark_says_why(runs):
     lost = next(run for run in results if run.model == "linear_modes")
     lost.metrics["free_run"] |= {"per_dof_rms": [None], "relative_rms_percent": None}
     assert math.isinf(errors_of(lost)["test"][0])
-    assert "cascaded_tanks" not in without_runs(results)
-    assert without_runs(results)["emps"] == "not run"
+    absent = without_rows(rows_of(results), results)
+    assert "cascaded_tanks" not in absent
+    assert absent["emps"] == "not run"
 
 
 def test_the_page_is_written(runs, tmp_path):
@@ -85,4 +87,23 @@ def test_the_page_is_written(runs, tmp_path):
     write_benchmarks_page(tmp_path / "page.md", tmp_path / "none", folder / "runs")
     assert "tank_cascade" in (tmp_path / "page.md").read_text()
     with pytest.raises(ValueError, match="no runs in"):
-        write_benchmarks_page(tmp_path / "page.md", tmp_path / "none", tmp_path / "neither")
+        write_benchmarks_page(tmp_path / "other.md", tmp_path / "none", tmp_path / "neither")
+
+
+def test_what_was_not_run_again_stays_on_the_page(runs, tmp_path):
+    folder, _ = runs
+    page = tmp_path / "page.md"
+    kept = Row("emps", "test", "sliding_mass", [1e-4], [0.1], [60.0], [51.0], 1e-4)
+    old = Row("cascaded_tanks", "test", "tank_cascade", [0.777], [9.0], [1.0], [1.0], 0.02)
+    store(page, {"official": [], "stand_ins": [kept, old]})
+    write_benchmarks_page(page, tmp_path / "none", folder / "runs")
+    text = page.read_text()
+    assert "`sliding_mass`" in text
+    assert "earlier runs and code: `sliding_mass` on emps (stand-ins)" in text
+    assert "0.777" not in text
+    write_benchmarks_page(page, tmp_path / "none", tmp_path / "neither")
+    again = page.read_text()
+    assert again.count("`tank_cascade` |") == text.count("`tank_cascade` |") == 1
+    page.with_suffix(".json").write_text('{"official": [{"x": 1}]}')
+    with pytest.raises(ValueError, match=r"page\.json holds no rows of benchmarks"):
+        write_benchmarks_page(page, tmp_path / "none", tmp_path / "neither")
