@@ -60,7 +60,7 @@ def suggest(
     kinds = [s for s in signals.values() if s]
     if _is_element_test(kinds, f"{title} {' '.join(said.values())}".lower(), signals, values):
         signals = {c: _of_element(c, said[c], s, units.get(c)) for c, s in signals.items()}
-    return _numbered(_driven(signals, integrals=("x", "v") if places else ()))
+    return _numbered(_driven(signals, places or {}))
 
 
 def _numbered(signals: Mapping[str, str | None]) -> dict[str, str]:
@@ -75,18 +75,21 @@ def _numbered(signals: Mapping[str, str | None]) -> dict[str, str]:
     return guesses
 
 
-def _driven(signals: dict[str, str | None], integrals: Sequence[str]) -> dict[str, str | None]:
+def _driven(signals: dict[str, str | None], places: Mapping[str, str]) -> dict[str, str | None]:
     """Where the base's acceleration was measured, its velocity and displacement say no more.
 
-    Nor do velocities and displacements of agencies, which are `integrals`.
+    Nor do velocities and displacements of the very sensor that measured an acceleration, which are
+    integrals of it: those of agencies.
     """
     if "s_ddot" not in signals.values() or "a" not in signals.values():
         return signals
     seen, kept = False, {}
+    sensors = {places.get(column) for column, signal in signals.items() if signal == "a"} - {None}
     for column, signal in signals.items():
         again = signal == "s_ddot" and seen
         seen = seen or signal == "s_ddot"
-        kept[column] = None if again or signal in ("s", "s_dot", *integrals) else signal
+        integral = signal in ("x", "v") and places.get(column) in sensors
+        kept[column] = None if again or integral or signal in ("s", "s_dot") else signal
     return kept
 
 

@@ -48,6 +48,39 @@ def test_records_of_unequal_length_are_trained_on_whole(tmp_path):
         assert not padded[: 2000 - record.samples].any()
 
 
+def events_of_one_file(folder, *, lacks=()):
+    """Folders of events, each with a file of one and the same name."""
+    for event in ("first", "second", "third"):
+        (folder / event).mkdir(parents=True)
+        base, roof = shaken()
+        columns = {"t": clock(), "base": base, "top": roof}
+        columns = {c: u for c, u in columns.items() if event not in lacks or c != "top"}
+        table(folder / event / "acc.csv", columns)
+    return {"time": "t", "s_ddot1": "base", "a1": "top"}
+
+
+def test_files_of_one_name_in_folders_of_events_are_records_by_their_folders(tmp_path):
+    where = events_of_one_file(tmp_path / "events")
+    data = measured(tmp_path / "events", channels=where, test="third_acc")
+    assert data.names["train"] == ["first_acc", "second_acc"]
+
+
+def test_a_record_that_lacks_a_channel_is_left_out_and_named(tmp_path):
+    where = events_of_one_file(tmp_path / "events", lacks=("second",))
+    data = measured(tmp_path / "events", channels=where, test="third_acc")
+    assert data.names["train"] == ["first_acc"]
+    (said,) = (notes for name, notes in data.notes.items() if name.startswith("left out"))
+    assert "'top'" in said[0]
+    with pytest.raises(ValueError, match="names second_acc, which lacks a channel"):
+        measured(tmp_path / "events", channels=where, test="second_acc")
+
+
+def test_where_every_record_lacks_a_channel_nothing_is_left_out(tmp_path):
+    where = events_of_one_file(tmp_path / "events")
+    with pytest.raises(ValueError, match="no column 'roof'"):
+        measured(tmp_path / "events", channels={**where, "a1": "roof"}, test="third_acc")
+
+
 def test_rest_before_a_record_changes_no_motion(tmp_path):
     """The response of a linear system to f, begun later, is its response, later."""
     write(tmp_path / "r.csv", 1200)
