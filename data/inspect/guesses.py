@@ -14,7 +14,10 @@ BASE = (  # in a column's name or its sensor's place: what stands below the stru
     r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
     r"(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|input.?(acc|motion)"
 )
-PLACE = r"roof|floor|store?y|level|top|mass[ _-]?\d|dof[ _-]?\d|deck|pier|girder|mid.?span"
+PLACE = (
+    r"roof|floor|store?y|level|top|mass[ _-]?\d|dof[ _-]?\d|deck|pier|girder|mid.?span|"
+    r"\b(l|lvl|m)[ _-]?\d+\b"
+)
 KINDS = (  # in a column's name → signal
     (r"acc|^a[_ ]?[xyz]?\d*$", "a"),
     (r"disp|lvdt|stroke|laser|deflection|position", "x"),
@@ -49,7 +52,8 @@ def suggest(
     """{column: channel} by units, names and places; columns that say nothing are left out.
 
     places: of sensors, as agencies say them; values (T,) by column tell an element test from a
-    structure under a force, and so does the title, such as a file's name.
+    structure under a force, and so does the title, such as a file's name. A stuck sensor is
+    no channel.
     """
     said = {c: f"{c} {(places or {}).get(c, '')}".lower() for c in columns}
     signals = {c: _signal(c, said[c], units.get(c)) for c in columns}
@@ -57,6 +61,8 @@ def suggest(
         for column in columns:
             if signals[column] is None and units.get(column) is None:
                 signals[column] = "a" if re.search(PLACE, said[column]) else None
+    stuck = {c for c, u in (values or {}).items() if np.isfinite(u).all() and np.ptp(u) == 0.0}
+    signals = {c: None if c in stuck else signal for c, signal in signals.items()}
     kinds = [s for s in signals.values() if s]
     if _is_element_test(kinds, f"{title} {' '.join(said.values())}".lower(), signals, values):
         signals = {c: _of_element(c, said[c], s, units.get(c)) for c, s in signals.items()}

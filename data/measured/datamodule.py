@@ -179,11 +179,14 @@ class MeasuredData(Data):
             return records
         if self.initial_state is None and all(r.x is not None and r.v is not None for r in records):
             return [replace(r, initial_state="given") for r in records]  # by a scenario
+        if split == "train":  # windows of one batch begin alike; rest is one of the unknown states
+            records = [replace(r, initial_state="unknown") for r in records]
+            unknown = records
         length = min(r.samples for r in unknown)
         if split == "train" and self.cut["length"]:
             length = min(length, self.cut["length"])
         count = stated or max(1, round(TELLING * length))
-        if split == "train" and len(unknown) == len(records):
+        if split == "train":
             self.cut["warmup"] = count  # of every window of them
         told = f"its state is not known where it begins: the first {count * unknown[0].dt:.4g} s"
         self.notes[f"{split}: each record"] = [f"{told} tell of it, and are not scored"]

@@ -81,6 +81,16 @@ def test_where_every_record_lacks_a_channel_nothing_is_left_out(tmp_path):
         measured(tmp_path / "events", channels={**where, "a1": "roof"}, test="third_acc")
 
 
+def test_where_one_training_record_begins_in_motion_all_begin_in_an_unknown_state(tmp_path):
+    for name, first in (("rest", 0), ("cut", 900), ("other", 0)):
+        base, roof = (u[first:] for u in shaken(samples=2400))
+        table(tmp_path / f"{name}.csv", {"time": clock(len(base)), "s_ddot1": base, "a1": roof})
+    data = measured(tmp_path, test="other", onset=False)
+    (batch,) = data.train_dataloader()
+    assert (batch.initial_state, batch.warmup, len(batch.a)) == ("unknown", 150, 2)
+    assert data.records["test"][0].initial_state == "rest"
+
+
 def test_rest_before_a_record_changes_no_motion(tmp_path):
     """The response of a linear system to f, begun later, is its response, later."""
     write(tmp_path / "r.csv", 1200)
@@ -275,6 +285,11 @@ def test_base_and_response_fit_together_in_any_unit(factor):
     assert plausibility({"s_ddot1": factor * base, "a1": factor * roof}, DT) == []
     (fault,) = plausibility({"s_ddot1": factor * base, "a1": factor * roof / 9.81}, DT)
     assert fault.what == "units that do not fit"
+    assert (
+        "9.807 times apart, as g and m/s^2 are" in fault.message or "m/s^2 and g" in fault.message
+    )
+    (fault,) = plausibility({"s_ddot1": factor * base, "a1": 980.665 * factor * roof}, DT)
+    assert "980.7 times apart, as cm/s^2 and g are" in fault.message
 
 
 def test_the_rate_of_an_imposed_motion_is_found_from_it(tmp_path):
