@@ -87,7 +87,7 @@ def test_where_one_training_record_begins_in_motion_all_begin_in_an_unknown_stat
         table(tmp_path / f"{name}.csv", {"time": clock(len(base)), "s_ddot1": base, "a1": roof})
     data = measured(tmp_path, test="other", onset=False)
     (batch,) = data.train_dataloader()
-    assert (batch.initial_state, batch.warmup, len(batch.a)) == ("unknown", 150, 2)
+    assert (batch.initial_state, batch.warmup, len(batch.a)) == ("unknown", 150, 3)
     assert data.records["test"][0].initial_state == "rest"
 
 
