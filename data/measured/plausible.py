@@ -128,4 +128,5 @@ def _units(name: str, gain: float) -> str:
     check = f"check data.units.{name} and data.units.s_ddot"
     if abs(np.log(gain / ratio)) > NEAR:
         return check
-    return f"their units seem {ratio:.4g} times apart, as {own} and {base} are; {check}"
+    apart = max(ratio, 1.0 / ratio)
+    return f"their units seem {apart:.4g} times apart, as {own} and {base} are; {check}"

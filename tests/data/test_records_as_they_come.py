@@ -285,9 +285,7 @@ def test_base_and_response_fit_together_in_any_unit(factor):
     assert plausibility({"s_ddot1": factor * base, "a1": factor * roof}, DT) == []
     (fault,) = plausibility({"s_ddot1": factor * base, "a1": factor * roof / 9.81}, DT)
     assert fault.what == "units that do not fit"
-    assert (
-        "9.807 times apart, as g and m/s^2 are" in fault.message or "m/s^2 and g" in fault.message
-    )
+    assert "9.807 times apart, as g and m/s^2 are" in fault.message
     (fault,) = plausibility({"s_ddot1": factor * base, "a1": 980.665 * factor * roof}, DT)
     assert "980.7 times apart, as cm/s^2 and g are" in fault.message
 
