@@ -14,7 +14,10 @@ BASE = (  # in a column's name or its sensor's place: what stands below the stru
     r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
     r"(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|input.?(acc|motion)"
 )
-PLACE = r"roof|floor|store?y|level|top|mass[ _-]?\d|dof[ _-]?\d|deck|pier|girder|mid.?span"
+PLACE = (
+    r"roof|floor|store?y|level|top|mass[ _-]?\d|dof[ _-]?\d|deck|pier|girder|mid.?span|"
+    r"\b(l|lvl|m)[ _-]?\d+\b"
+)
 KINDS = (  # in a column's name → signal
     (r"acc|^a[_ ]?[xyz]?\d*$", "a"),
     (r"disp|lvdt|stroke|laser|deflection|position", "x"),
@@ -49,7 +52,8 @@ def suggest(
     """{column: channel} by units, names and places; columns that say nothing are left out.
 
     places: of sensors, as agencies say them; values (T,) by column tell an element test from a
-    structure under a force, and so does the title, such as a file's name.
+    structure under a force, and so does the title, such as a file's name. A stuck sensor is
+    no channel.
     """
     said = {c: f"{c} {(places or {}).get(c, '')}".lower() for c in columns}
     signals = {c: _signal(c, said[c], units.get(c)) for c in columns}
@@ -57,10 +61,12 @@ def suggest(
         for column in columns:
             if signals[column] is None and units.get(column) is None:
                 signals[column] = "a" if re.search(PLACE, said[column]) else None
+    stuck = {c for c, u in (values or {}).items() if np.isfinite(u).all() and np.ptp(u) == 0.0}
+    signals = {c: None if c in stuck else signal for c, signal in signals.items()}
     kinds = [s for s in signals.values() if s]
     if _is_element_test(kinds, f"{title} {' '.join(said.values())}".lower(), signals, values):
         signals = {c: _of_element(c, said[c], s, units.get(c)) for c, s in signals.items()}
-    return _numbered(_driven(signals, integrals=("x", "v") if places else ()))
+    return _numbered(_driven(signals, places or {}))
 
 
 def _numbered(signals: Mapping[str, str | None]) -> dict[str, str]:
@@ -75,18 +81,21 @@ def _numbered(signals: Mapping[str, str | None]) -> dict[str, str]:
     return guesses
 
 
-def _driven(signals: dict[str, str | None], integrals: Sequence[str]) -> dict[str, str | None]:
+def _driven(signals: dict[str, str | None], places: Mapping[str, str]) -> dict[str, str | None]:
     """Where the base's acceleration was measured, its velocity and displacement say no more.
 
-    Nor do velocities and displacements of agencies, which are `integrals`.
+    Nor do velocities and displacements of the very sensor that measured an acceleration, which are
+    integrals of it: those of agencies.
     """
     if "s_ddot" not in signals.values() or "a" not in signals.values():
         return signals
     seen, kept = False, {}
+    sensors = {places.get(column) for column, signal in signals.items() if signal == "a"} - {None}
     for column, signal in signals.items():
         again = signal == "s_ddot" and seen
         seen = seen or signal == "s_ddot"
-        kept[column] = None if again or signal in ("s", "s_dot", *integrals) else signal
+        integral = signal in ("x", "v") and places.get(column) in sensors
+        kept[column] = None if again or integral or signal in ("s", "s_dot") else signal
     return kept
 
 

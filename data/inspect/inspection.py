@@ -14,8 +14,7 @@ from data.inspect.guesses import suggest
 from data.inspect.picture import Spectrum, spectrum
 from data.measured.channels import CHANNEL, signal_of
 from data.measured.files.columns import FileError
-from data.measured.files.format import suffixes_of
-from data.measured.files.table import FORMATS, Table, read_table
+from data.measured.files.table import Table, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.finding import Finding
 from data.measured.named_units import unit_in_name
@@ -24,6 +23,7 @@ from data.measured.plausible import plausibility
 from data.measured.raw_record import RawRecord
 from data.measured.reading import (
     by_name,
+    files_in,
     files_of,
     is_archive,
     read_records,
@@ -35,7 +35,6 @@ from data.measured.statistics import Statistics, statistics
 from data.measured.time_step import time_step
 from data.measured.units import DIMENSIONS, to_si
 
-SUFFIXES = suffixes_of(FORMATS)
 FORWARD = 0.9  # of the steps of what is called a clock
 
 
@@ -203,10 +202,7 @@ def places(wanted: Sequence[str], channels: Mapping[str, str]) -> list[tuple[Pat
         hits = [pattern] if Path(pattern).exists() else sorted(glob(pattern)) or [pattern]
         for place in map(Path, hits):
             if place.is_dir() and not in_folder:
-                files = sorted(p for p in place.iterdir() if p.suffix.lower() in SUFFIXES)
-                if not files:
-                    raise ValueError(f"{place} holds no file of {', '.join(SUFFIXES)}")
-                records += [(file, False) for file in files]
+                records += [(file, False) for file in files_in(place)]
             else:
                 records.append((place, True))
     return records

@@ -25,10 +25,10 @@ from data.measured.clock_faults import require_common_time
 from data.measured.common_time import ALIGNMENTS
 from data.measured.mend import Mending
 from data.measured.onset import without_quiet_start
+from data.measured.places import named_records, require_read
 from data.measured.plausible import doubts
 from data.measured.raw_record import RawRecord, between
-from data.measured.reading import read_records
-from data.measured.splits import held_back, record_places, split_records
+from data.measured.splits import held_back, split_records
 from data.measured.units import DIMENSIONS
 from data.record import Record, same_step
 from data.simulation.scenario import Scenario
@@ -118,14 +118,13 @@ class MeasuredData(Data):
         self.accelerations, self.stated_units = accelerations, dict(units or {})
         text = {"skip_rows": skip_rows, "delimiter": delimiter, "decimal": decimal}
         reader = {**text, "group": group, "header": header}
-        raws = {}
-        for place in record_places(path, channels):
-            for name_of, raw in read_records(place, channels, units, align, **reader).items():
-                require_common_time(raw)
-                part = between(self._with_clock(raw), start, stop)
-                if onset and start == 0.0:
-                    part = without_quiet_start(part)
-                raws[str(place) if name_of in raws else name_of] = part
+        raws, left_out = named_records(path, channels, units, align, **reader)
+        for name_of, raw in raws.items():
+            require_common_time(raw)
+            part = between(self._with_clock(raw), start, stop)
+            raws[name_of] = without_quiet_start(part) if onset and start == 0.0 else part
+        require_read(left_out, {"train": train, "test": test, "calibration": calibration})
+        self.notes = {f"left out {record}": [why] for record, why in left_out.items()}
         self.parts = self._parts(raws, train, test, split, calibration)
         del raws
         self.setup()
@@ -180,11 +179,14 @@ class MeasuredData(Data):
             return records
         if self.initial_state is None and all(r.x is not None and r.v is not None for r in records):
             return [replace(r, initial_state="given") for r in records]  # by a scenario
+        if split == "train":  # windows of one batch begin alike; rest is one of the unknown states
+            records = [replace(r, initial_state="unknown") for r in records]
+            unknown = records
         length = min(r.samples for r in unknown)
         if split == "train" and self.cut["length"]:
             length = min(length, self.cut["length"])
         count = stated or max(1, round(TELLING * length))
-        if split == "train" and len(unknown) == len(records):
+        if split == "train":
             self.cut["warmup"] = count  # of every window of them
         told = f"its state is not known where it begins: the first {count * unknown[0].dt:.4g} s"
         self.notes[f"{split}: each record"] = [f"{told} tell of it, and are not scored"]

@@ -1,4 +1,4 @@
-"""Units at the end of a column's name: cm of disp_cm, kN of force_kN, ms of t_ms.
+"""Units at the end of a column's name: cm of disp_cm, kN of force_kN and force_kN2, ms of t_ms.
 
 Only words that are hardly anything else: the g of acc_g may stand for the ground, the in of
 force_in for what goes in.
@@ -10,9 +10,11 @@ import re
 
 from data.measured.units import has_dimension
 
-WORDS = r"ms|us|mm|cm|um|inch|ft|kN|MN|lbf|kips?|kgf|mg|gal|Gal"
+TIMES = r"ms|us"  # ms2 is m/s²
+WORDS = r"mm|cm|um|inch|ft|kN|MN|lbf|kips?|kgf|mg|gal|Gal"
 RATES = r"(?P<length>mm|cm|in)[_/]?(per_)?s(?P<twice>\^?2|²)?"  # cm/s2, cms2, in_s2
-ENDS = re.compile(rf".*[A-Za-z0-9][_ ](?P<unit>{WORDS}|{RATES})")
+UNIT = rf"({TIMES})$|({WORDS})(?=\d{{0,3}}$)|{RATES}"
+ENDS = re.compile(rf".*[A-Za-z0-9][_ ](?P<unit>{UNIT})\d{{0,3}}")
 GRAVITY = re.compile(r".*\d[_ ]g")  # of a sensor with a number
 
 

@@ -22,6 +22,8 @@ COHERENT = 0.8  # least coherence of base and response
 BELOW = 0.6  # of the frequency of the largest amplification: H of a single mode is below 1.6
 LINES = 4  # frequencies at least
 WIDE = 2.0  # highest over lowest of them
+UNITS = {"m/s^2": 1.0, "g": 9.80665, "cm/s^2": 0.01, "mg": 9.80665e-3, "in/s^2": 0.0254}  # of a
+NEAR = 0.25  # of a ratio of two units, of which the transfer function well below resonance errs
 FAINT = 1e-5  # of the base's largest power density: below it there is noise
 
 
@@ -117,6 +119,17 @@ def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
         text = f"{where}, where both should move alike: one of the sensors points the other way"
         return [Finding("reversed sensor", name, text)]
     if h.along > 0.8 and not 0.33 < h.gain < 3.0:
-        text = f"{where}, where both should move alike; check data.units.a and data.units.s_ddot"
+        text = f"{where}, where both should move alike; {_units(name, h.gain)}"
         return [Finding("units that do not fit", name, text)]
     return []
+
+
+def _units(name: str, gain: float) -> str:
+    """What to check where a response is `gain` times what it should be, and which units do that."""
+    pairs = {(a, b): UNITS[b] / UNITS[a] for a in UNITS for b in UNITS if a != b}
+    (own, base), ratio = min(pairs.items(), key=lambda pair: abs(np.log(gain / pair[1])))
+    check = f"check data.units.{name} and data.units.s_ddot"
+    if abs(np.log(gain / ratio)) > NEAR:
+        return check
+    apart = max(ratio, 1.0 / ratio)
+    return f"their units seem {apart:.4g} times apart, as {own} and {base} are; {check}"

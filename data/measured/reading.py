@@ -11,7 +11,7 @@ import numpy as np
 
 from data.measured.channels import CHANNEL, CLOCKS, SIGNALS, signal_of
 from data.measured.common_time import aligned, on_common_grid
-from data.measured.files.columns import shorten
+from data.measured.files.columns import NoColumnError, shorten
 from data.measured.files.format import suffixes_of
 from data.measured.files.table import FORMATS, Table, read_table
 from data.measured.files.zipped import unpacked
@@ -20,6 +20,7 @@ from data.measured.raw_record import RawRecord
 from data.measured.units import to_si
 
 SUFFIXES = suffixes_of(FORMATS)
+PLACES = (*SUFFIXES, ".zip")
 SAME = 1e-3  # of dt: clocks that agree to this are one
 
 
@@ -125,6 +126,25 @@ def files_of(archive: Path, folder: Path) -> list[Path]:
     return files
 
 
+def files_in(folder: Path) -> list[Path]:
+    """Files of a folder that can hold records, else those of its folders of events.
+
+    Raises ValueError for a folder without any.
+    """
+    for inside in (folder.iterdir(), (p for sub in _folders(folder) for p in sub.iterdir())):
+        files = sorted(p for p in inside if p.is_file() and p.suffix.lower() in PLACES)
+        if files:
+            return files
+    raise ValueError(
+        f"{shorten(str(folder), 300, bare=True)} and its folders hold no file of "
+        f"{', '.join(PLACES)}"
+    )
+
+
+def _folders(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
+
+
 def record_of(
     path: Path, table: Table, channels: Mapping[str, str], units: Mapping[str, str]
 ) -> RawRecord:
@@ -204,7 +224,7 @@ def assembled(
         table = tables[file]
         if column not in table.columns:
             has = ", ".join(shorten(name, bare=True) for name in list(table.columns)[:12])
-            raise ValueError(
+            raise NoColumnError(
                 f"data.channels: {channel}: {table.path} has no column {shorten(column)}; it has "
                 f"{has}"
             )

@@ -1,58 +1,12 @@
-"""Which files are a record, and which records train and test: never a sample in both."""
+"""Which records train and which test: never a sample in both."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatch
-from glob import glob
-from pathlib import Path
 
-from data.measured.files.columns import shorten
 from data.measured.raw_record import RawRecord, between
-
-
-def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None) -> list[Path]:
-    """Files and folders that are one record each. Raises ValueError for a path without a file."""
-    patterns = [path] if isinstance(path, str) else list(path)
-    paths: list[Path] = []
-    for pattern in patterns:
-        hits = [pattern] if _exists(pattern) else sorted(glob(pattern))
-        if not hits:
-            raise ValueError(
-                f"data.path={shorten(pattern, 300, bare=True)}: there is no such file or folder "
-                f"(seen from {Path.cwd()})"
-            )
-        paths += [Path(hit) for hit in hits]
-    one_each = any(":" in where for where in (channels or {}).values())
-    places: list[Path] = []
-    for place in paths:
-        whole = not place.is_dir() or one_each
-        events = _events(place, channels or {}) if place.is_dir() and one_each else []
-        files = events or [place]
-        if not whole:
-            files = sorted(p for p in place.iterdir() if p.is_file())
-        if not files:
-            raise ValueError(f"data.path={place} is an empty folder; expected files of records")
-        places += files
-    return places
-
-
-def _events(place: Path, channels: Mapping[str, str]) -> list[Path]:
-    """Folders of a folder that hold the files of the channels, which the folder itself lacks."""
-    named = {where.rpartition(":")[0] for where in channels.values()} - {""}
-    if any((place / file).exists() for file in named):
-        return []
-    folders = sorted(p for p in place.iterdir() if p.is_dir())
-    return [p for p in folders if any((p / file).exists() for file in named)]
-
-
-def _exists(path: str) -> bool:
-    """Whether there is such a file or folder; a loop of links or a name too long is none."""
-    try:
-        return Path(path).exists()
-    except (OSError, ValueError, RuntimeError):
-        return False
 
 
 def split_records(

@@ -19,9 +19,9 @@ from omegaconf import DictConfig
 from data.measured.assembly import with_rates
 from data.measured.clock_faults import require_common_time
 from data.measured.mend import Mending
+from data.measured.places import record_places
 from data.measured.raw_record import RawRecord, between
 from data.measured.reading import read_records
-from data.measured.splits import record_places
 from data.memory import require_memory
 from data.simulation.accelerograms import EARTHQUAKES, FAR_FIELD, read_event
 from data.simulation.earthquake import GRAVITY

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.attack.record_files.agencies import cosmos, csmip_v1, csmip_v2, peer, uff58
+from data.inspect.guesses import suggest
 from data.measured.datamodule import MeasuredData
 from data.measured.files.table import FileError, read_table
 from data.measured.files.zipped import unpacked
@@ -184,6 +185,17 @@ def test_universal_files_are_read(tmp_path, motion, binary):
     assert np.abs(table.columns["acc_2X"] - 2.0 * a).max() < 1e-5
     assert table.facts["dt"] == pytest.approx(DT)
     assert table.units["acc_1X"] == "m/s^2"
+    assert table.labels == {}  # the title of the test, which both bear, is no place
+
+
+def test_what_a_universal_file_calls_a_response_says_what_it_is(tmp_path, motion):
+    a = motion[1][1]
+    pytest.importorskip("pyuff")
+    names = {1: "Table", 2: "Floor 1", 3: "Floor 2"}
+    (tmp_path / "a.uff").write_bytes(uff58({n: n * a for n in names}, DT, False, names))
+    table = read_table(tmp_path / "a.uff")
+    guesses = suggest(list(table.columns), table.units, table.labels)
+    assert guesses == {"acc_1X": "s_ddot1", "acc_2X": "a1", "acc_3X": "a2"}
 
 
 def test_without_pyuff_the_command_is_told(tmp_path, monkeypatch):

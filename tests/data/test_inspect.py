@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 from data.inspect import __main__ as command_line
 from data.inspect.config import config_path
 from data.inspect.guesses import suggest
-from data.inspect.inspection import inspection
+from data.inspect.inspection import inspection, places
 from data.inspect.picture import COLUMNS, dominant, envelope, spectrum
 from data.measured.reading import read_records
 from runner.config.compose import CONF, prepare_hydra
@@ -280,6 +280,24 @@ def test_columns_are_guessed_by_unit_and_name():
         "Time": "time", "ch1": "a1", "ch2": "f1", "LVDT": "x1", "Ground acc": "s_ddot1",
         "Acc_X": "a2",
     }  # fmt: skip
+
+
+def test_levels_are_places_and_a_stuck_sensor_is_no_channel():
+    base = np.random.default_rng(0).standard_normal(50)
+    values = {"Table": base, "L1": 2.0 * base, "L2": np.full(50, 0.012), "Roof": 3.0 * base}
+    guesses = suggest(list(values), {}, values=values)
+    assert guesses == {"Table": "s_ddot1", "L1": "a1", "Roof": "a2"}
+
+
+def test_a_folder_of_folders_and_archives_is_inspected(tmp_path):
+    for event in ("one", "two"):
+        (tmp_path / event).mkdir()
+        with zipfile.ZipFile(tmp_path / event / "motion.zip", "w") as archive:
+            archive.writestr("motion.csv", "time,a1\n0.0,1.0\n0.1,2.0\n")
+    assert [p.parent.name for p, _ in places([str(tmp_path)], {})] == ["one", "two"]
+    (empty := tmp_path / "none").mkdir()
+    with pytest.raises(ValueError, match="and its folders hold no file"):
+        places([str(empty)], {})
 
 
 def test_dominant_frequencies_are_those_of_the_signal():

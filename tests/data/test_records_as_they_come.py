@@ -48,6 +48,49 @@ def test_records_of_unequal_length_are_trained_on_whole(tmp_path):
         assert not padded[: 2000 - record.samples].any()
 
 
+def events_of_one_file(folder, *, lacks=()):
+    """Folders of events, each with a file of one and the same name."""
+    for event in ("first", "second", "third"):
+        (folder / event).mkdir(parents=True)
+        base, roof = shaken()
+        columns = {"t": clock(), "base": base, "top": roof}
+        columns = {c: u for c, u in columns.items() if event not in lacks or c != "top"}
+        table(folder / event / "acc.csv", columns)
+    return {"time": "t", "s_ddot1": "base", "a1": "top"}
+
+
+def test_files_of_one_name_in_folders_of_events_are_records_by_their_folders(tmp_path):
+    where = events_of_one_file(tmp_path / "events")
+    data = measured(tmp_path / "events", channels=where, test="third_acc")
+    assert data.names["train"] == ["first_acc", "second_acc"]
+
+
+def test_a_record_that_lacks_a_channel_is_left_out_and_named(tmp_path):
+    where = events_of_one_file(tmp_path / "events", lacks=("second",))
+    data = measured(tmp_path / "events", channels=where, test="third_acc")
+    assert data.names["train"] == ["first_acc"]
+    (said,) = (notes for name, notes in data.notes.items() if name.startswith("left out"))
+    assert "'top'" in said[0]
+    with pytest.raises(ValueError, match="names second_acc, which lacks a channel"):
+        measured(tmp_path / "events", channels=where, test="second_acc")
+
+
+def test_where_every_record_lacks_a_channel_nothing_is_left_out(tmp_path):
+    where = events_of_one_file(tmp_path / "events")
+    with pytest.raises(ValueError, match="no column 'roof'"):
+        measured(tmp_path / "events", channels={**where, "a1": "roof"}, test="third_acc")
+
+
+def test_where_one_training_record_begins_in_motion_all_begin_in_an_unknown_state(tmp_path):
+    for name, first in (("rest", 0), ("cut", 900), ("other", 0)):
+        base, roof = (u[first:] for u in shaken(samples=2400))
+        table(tmp_path / f"{name}.csv", {"time": clock(len(base)), "s_ddot1": base, "a1": roof})
+    data = measured(tmp_path, test="other", onset=False)
+    (batch,) = data.train_dataloader()
+    assert (batch.initial_state, batch.warmup, len(batch.a)) == ("unknown", 150, 3)
+    assert data.records["test"][0].initial_state == "rest"
+
+
 def test_rest_before_a_record_changes_no_motion(tmp_path):
     """The response of a linear system to f, begun later, is its response, later."""
     write(tmp_path / "r.csv", 1200)
@@ -242,6 +285,9 @@ def test_base_and_response_fit_together_in_any_unit(factor):
     assert plausibility({"s_ddot1": factor * base, "a1": factor * roof}, DT) == []
     (fault,) = plausibility({"s_ddot1": factor * base, "a1": factor * roof / 9.81}, DT)
     assert fault.what == "units that do not fit"
+    assert "9.807 times apart, as g and m/s^2 are" in fault.message
+    (fault,) = plausibility({"s_ddot1": factor * base, "a1": 386.0886 * factor * roof}, DT)
+    assert "386.1 times apart, as in/s^2 and g are" in fault.message
 
 
 def test_the_rate_of_an_imposed_motion_is_found_from_it(tmp_path):

@@ -76,11 +76,13 @@ NAMED = [
     ("disp_cm", "x", "cm"), ("x1_mm", "x", "mm"), ("force_kN", "r", "kN"), ("t_ms", "time", "ms"),
     ("Load kips", "f", "kips"), ("acc_cm_s2", "a", "cm/s^2"), ("acc1_cms2", "s_ddot", "cm/s^2"),
     ("v_mm/s", "v", "mm/s"), ("a1_g", "a", "g"), ("stroke_inch", "s", "inch"),
+    ("force_kN2", "f", "kN"), ("disp_mm12", "x", "mm"),
 ]  # fmt: skip
 UNNAMED = [
     ("acc_g", "s_ddot"), ("a_g", "a"), ("deck_m", "a"), ("roof_N", "a"), ("force_in", "f"),
     ("deck_mm", "a"), ("acc_kN", "a"), ("mm", "x"), ("_mm", "x"), ("programme", "x"),
     ("drums", "time"), ("x2_mm_filtered", "x"), ("acc_3", "a"),
+    ("acc_ms2", "a"),
 ]  # fmt: skip
 
 

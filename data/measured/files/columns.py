@@ -25,6 +25,10 @@ class FileError(ValueError):
     """Raised for a file that is no table; one line with file, value, expectation and remedy."""
 
 
+class NoColumnError(FileError):
+    """Raised for a column that was asked for and is not there."""
+
+
 @dataclass(frozen=True)
 class Request:
     """Settings of the reading of a file, see `data.measured.files.table.read_table`."""
@@ -120,7 +124,7 @@ def choose(path: Path, names: Sequence[str], wanted: Sequence[str] | None) -> li
             guess = f", did you mean {near[0]!r}?" if near else ";"
             has = ", ".join(shorten(known, bare=True) for known in names[:12])
             has += ", …" if len(names) > 12 else ""
-            raise FileError(
+            raise NoColumnError(
                 f"{path.name}: no column {shorten(name)}{guess} data.columns may name {has}"
             )
     return list(dict.fromkeys(wanted))

@@ -77,6 +77,10 @@ def read_here(path: Path, request: Request) -> Contents:
         kind = KINDS.get(int(series[name].get("ordinate_spec_data_type", 0)))
         if unit.lower() not in BARE or kind:
             contents.units[name] = unit if unit.lower() not in BARE or not kind else kind[1]
+    places = {name: _place(series[name]) for name in contents.columns}
+    if len(set(places.values())) == len(places):  # else they are titles of the whole test
+        contents.labels = {name: place for name, place in places.items() if place}
+        contents.notes += [f"{name}: {place}" for name, place in contents.labels.items()]
     return _even(path, series, contents)
 
 
@@ -95,6 +99,12 @@ def _name(data: dict[str, Any], taken: dict[str, Any]) -> str:
     name = f"{kind}_{int(data.get('rsp_node', 0))}{axis}"
     same = sum(other == name or other.startswith(f"{name}_") for other in taken)
     return f"{name}_{same + 1}" if same else name
+
+
+def _place(data: dict[str, Any]) -> str:
+    """What the file calls a response: the name of its entity and its first line of text."""
+    texts = [" ".join(str(data.get(key) or "").split()) for key in ("rsp_ent_name", "id1")]
+    return ", ".join(dict.fromkeys(text for text in texts if text.lower() not in BARE))
 
 
 def _values(path: Path, name: str, data: dict[str, Any]) -> np.ndarray:
