@@ -52,7 +52,7 @@ BY_HAND: Mapping[str, tuple[str, Mapping[Path, str]]] = {  # pattern: what draws
         "python -m benchmarks.unplanted.suite --page docs/unplanted.md",
         {},
     ),
-    "figures/acceleration.png": ("python evaluate.py run=FOLDER, of README's first run", {}),
+    "figures/identified.png": ("python evaluate.py run=zoo:element_network/bilinear", {}),
     "figures/comparing.png": (
         "python evaluate.py runs=runs/cutoffs by=model.cutoff",
         {CUTOFFS: f"python train.py -m {SWEEP} hydra.sweep.dir={CUTOFFS}"},

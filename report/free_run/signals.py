@@ -5,7 +5,6 @@ T samples, n DOFs, E elements.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -25,7 +24,8 @@ from models.training.free_run import simulate
 from models.training.metrics import displacement_of
 from report.about import colour_of
 from report.paper.signals import behaviour
-from report.style import MEASURED
+from report.run.figures import strong_motion
+from report.run.identified import NARROW, TRUE, WIDE, matched
 from runner.folder.run import restore
 from runner.folder.run_folder import read_run
 from runner.scores.result import Result
@@ -138,23 +138,22 @@ def loops_of_model(run: Result) -> Figure | None:
         return None
     with torch.inference_mode():
         y, r = (signal.numpy() for signal in simulated.element_loops(record))
-    found = {_nodes(pair): i for i, pair in enumerate(simulated.elements)}
     assert isinstance(data, SimulatedData)  # only those know the truth
     elements = data.simulation.structure.elements
+    places = matched(elements, simulated.elements)
+    span = strong_motion(record.truth.a.numpy(), record.dt)
+    y, r = y[span], r[span]
     columns = min(3, len(elements))
     rows = -(-len(elements) // columns)
     figure = Figure(figsize=(3.2 * columns, 2.6 * rows + 0.4), layout="constrained")
     for i, (name, element) in enumerate(elements.items()):
         axes = figure.add_subplot(rows, columns, i + 1)
-        true = (signal[:, i].numpy() for signal in (record.truth.y, record.truth.r))
-        axes.plot(*true, color=MEASURED, linewidth=1.4, label="true")
-        start, end = _nodes(element.between)
-        for pair, sign in (((start, end), 1.0), ((end, start), -1.0)):
-            if pair in found:
-                loop = (sign * signal[:, found[pair]] for signal in (y, r))
-                colour = colour_of(str(run.model))
-                axes.plot(*loop, color=colour, linewidth=0.6, label=run.model)
-                break
+        true = (signal[span, i].numpy() for signal in (record.truth.y, record.truth.r))
+        axes.plot(*true, color=TRUE, linewidth=WIDE, label="true")
+        if name in places:
+            e, sign = places[name]
+            loop, colour = (sign * y[:, e], sign * r[:, e]), colour_of(str(run.model))
+            axes.plot(*loop, color=colour, linewidth=NARROW, label=run.model)
         else:
             _note(axes, "not in the model")
         axes.set_title(f"{name}: {behaviour(element)}", fontsize="medium")
@@ -177,9 +176,3 @@ def _true_range(axes: Axes, record: Record, i: int) -> None:
     for limits, signal in ((axes.set_xlim, record.truth.y), (axes.set_ylim, record.truth.r)):
         low, high = float(signal[:, i].min()), float(signal[:, i].max())
         limits(low - 0.25 * (high - low), high + 0.25 * (high - low))
-
-
-def _nodes(pair: Sequence[str]) -> tuple[str, str]:
-    """Supports that stand still are ground."""
-    first, second = ("ground" if re.fullmatch(r"s\d+", node) else node for node in pair)
-    return first, second

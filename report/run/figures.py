@@ -103,8 +103,8 @@ def _compared(
     band: half widths (T, n) of the 95 % band about the model's, shaded.
     A model that leaves the range before that part is drawn around the time when it leaves.
     """
-    curves = {name: _first(signal) for name, signal in signals.items()}
-    span = strong_motion(_first(record.a), record.dt, seconds)
+    curves = {name: first_of(signal) for name, signal in signals.items()}
+    span = strong_motion(first_of(record.a), record.dt, seconds)
     largest = 3.0 * np.abs(next(iter(curves.values()))).max(axis=0)
     outside = ~(np.abs(list(curves.values())[-1]) <= largest).all(axis=1)
     leaves, count = int(outside.argmax()), span.stop - span.start
@@ -160,7 +160,7 @@ def error_over_time(errors: dict[str, Tensor], dt: float, warmup: int = 0) -> Fi
 def element_loops(record: Record, names: list[str]) -> Figure:
     """Restoring force against deformation of each element, true signals (Figs. 6–8)."""
     assert record.truth is not None
-    y, r = _first(record.truth.y), _first(record.truth.r)
+    y, r = first_of(record.truth.y), first_of(record.truth.r)
     columns = min(3, len(names))
     rows = -(-len(names) // columns)
     figure = Figure(figsize=(3.0 * columns, 2.5 * rows), layout="constrained")
@@ -180,7 +180,7 @@ def identified_loops(deformations: Tensor, forces: Tensor, names: list[str]) -> 
 
     Of many elements those with the largest forces. names: of all elements, or none.
     """
-    y, r = _first(deformations), _first(forces)
+    y, r = first_of(deformations), first_of(forces)
     chosen = np.sort(np.argsort(-np.abs(r).max(axis=0), kind="stable")[:MOST_LOOPS])
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
@@ -200,7 +200,9 @@ def identified_loops(deformations: Tensor, forces: Tensor, names: list[str]) -> 
 def imposed_loops(record: Record, estimate: Tensor) -> Figure:
     """Force against imposed deformation of an element test, measured and by the model."""
     assert record.s is not None
-    s, measured, own = (_first(u[..., record.warmup :, :]) for u in (record.s, record.a, estimate))
+    s, measured, own = (
+        first_of(u[..., record.warmup :, :]) for u in (record.s, record.a, estimate)
+    )
     figure = Figure(figsize=(4.6 * record.dofs, 3.8), layout="constrained")
     for i in range(record.dofs):
         axes = figure.add_subplot(1, record.dofs, i + 1)
@@ -265,7 +267,7 @@ def _wrapped(title: str, figure: Figure) -> str:
     return "\n".join(textwrap.wrap(title, max(20, int(LETTERS * free))))
 
 
-def _first(signal: Tensor) -> np.ndarray:
+def first_of(signal: Tensor) -> np.ndarray:
     """The first record of a batch (T, c)."""
     return signal.reshape(-1, *signal.shape[-2:])[0].detach().cpu().numpy()
 

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from data.datamodule import Data
 from data.record import Record
+from data.simulation.datamodule import SimulatedData
 from data.simulation.motion import EscapedMotionError
 from data.terminal import terminal
 from models.composition.composite import Composite
@@ -25,6 +26,7 @@ from models.training.trained_range import loops_of, names_of
 from models.uncertainty.unmeasured import Signal
 from report.output import save_figure
 from report.run.figures import run_figures
+from report.run.identified import picture
 from report.run.online_figures import online_figures
 from report.run.table import (
     WIDTH,
@@ -209,8 +211,23 @@ def draw_figures(
     drawn = draw_record(
         estimator, record, run.model.name, name, "", names, band, uncertainty, unmeasured
     )
+    drawn |= _identified(estimator, data, record, f"{run.model.name} on {run.system.name}")
     for title, figure in drawn.items():
         save_figure(figure, folder, title)
+
+
+def _identified(estimator: Estimator, data: Data, record: Record, on: str) -> dict[str, Figure]:
+    """A network's free run and loops over the true ones, where these are known."""
+    if not (isinstance(estimator, Composite) and isinstance(data, SimulatedData)):
+        return {}
+    score = FreeRunScore()
+    score.update(estimator, record)
+    loops, pairs = loops_of(estimator, record), getattr(estimator, "elements", None)
+    if score.example is None or loops is None or not isinstance(pairs, Sequence):
+        return {}
+    title = f"{on}, unseen motion: free run {score.percent()['relative_rms_percent']:.2f} %"
+    elements = data.simulation.structure.elements
+    return picture(record, score.example[1], loops, elements, pairs, title)
 
 
 def _bands(
