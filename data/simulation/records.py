@@ -147,8 +147,10 @@ class Simulation:
         structure, changes = self._damaged(split)
         for redrawn in range(1, MOST_REDRAWN + 1):
             drawn = self._draw(split, seed, record, first, redrawn)
-            force, *supports = drawn
-            motion = simulate(structure, force, self.dt, *supports, self.tolerance, changes)
+            force, support, velocity = drawn
+            motion = simulate(
+                structure, force, self.dt, support, velocity, self.tolerance, changes
+            )
             if motion.escape_time is None:
                 break
         return drawn, motion, redrawn

@@ -102,7 +102,7 @@ def help_text(program: str) -> str:
 
 def _defaults(program: str) -> dict[str, str]:
     """What each group is where nothing is said."""
-    listed = OmegaConf.load(CONF / f"{program}.yaml").get("defaults", [])
+    listed = DictConfig(OmegaConf.load(CONF / f"{program}.yaml")).get("defaults", [])
     chosen = [item for item in listed if isinstance(item, DictConfig)]
     return {str(group): str(choice) for item in chosen for group, choice in item.items()}
 
