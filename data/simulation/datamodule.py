@@ -78,6 +78,7 @@ class SimulatedData(Data):
         self.seed, self.train_records, self.test_records = seed, train_records, test_records
         self.name, self.dt, self.dofs = name, dt, structure.dofs
         self._own_error: float | None = None
+        self._redrawn = 0  # motions drawn in the place of the first test motion
         self.elements = tuple(structure.elements)
         self.forced = [column + 1 for column in excitation.driven(structure)]
         # forces, then displacements and velocities of the supports where they move
@@ -87,7 +88,7 @@ class SimulatedData(Data):
         """These data with the motions of another seed."""
         other = copy(self)
         other.seed, other.records, other.escapes, other.notes = seed, {}, [], {}
-        other._own_error = None
+        other._own_error, other._redrawn = None, 0
         return other
 
     def make_records(self) -> dict[str, list[Record]]:
@@ -98,6 +99,8 @@ class SimulatedData(Data):
                 split, counts[split], self.seed, first
             )
             self.escapes += [one for one in escapes if not one.redrawn]
+            if split == "test":
+                self._redrawn = sum(one.redrawn for one in escapes if one.record == 0)
             self.notes |= {
                 f"{split}: record {one.record + 1}": [
                     f"escaped at t = {one.time:.2f} s; the motion drawn after it "
@@ -129,5 +132,6 @@ class SimulatedData(Data):
             truth = at_hand[0].truth if at_hand else None
             coarse = None if truth is None else truth.a.numpy()
             first = self.train_records
-            self._own_error = self.simulation.error("test", self.seed, first, coarse)
+            redrawn = self._redrawn if at_hand else 0
+            self._own_error = self.simulation.error("test", self.seed, first, coarse, redrawn)
         return self._own_error

@@ -148,9 +148,7 @@ class Simulation:
         for redrawn in range(1, MOST_REDRAWN + 1):
             drawn = self._draw(split, seed, record, first, redrawn)
             force, support, velocity = drawn
-            motion = simulate(
-                structure, force, self.dt, support, velocity, self.tolerance, changes
-            )
+            motion = simulate(structure, force, self.dt, support, velocity, self.tolerance, changes)
             if motion.escape_time is None:
                 break
         return drawn, motion, redrawn
@@ -168,14 +166,20 @@ class Simulation:
         return count
 
     def error(
-        self, split: str, seed: int, first: int = 0, coarse: np.ndarray | None = None
+        self,
+        split: str,
+        seed: int,
+        first: int = 0,
+        coarse: np.ndarray | None = None,
+        redrawn: int = 0,
     ) -> float:
         """Relative error of the simulation itself, on the first record of a split.
 
         RMS change of its acceleration (T, n) when the tolerance is a hundred times tighter.
-        `coarse` is that acceleration at the usual tolerance, where it was computed before.
+        `coarse` is that acceleration at the usual tolerance, where it was computed before, of the
+        motion that was drawn `redrawn` times.
         """
-        drawn, tolerance = self._draw(split, seed, 0, first), self.tolerance
+        drawn, tolerance = self._draw(split, seed, 0, first, redrawn), self.tolerance
         if coarse is None:
             coarse = self._acceleration(split, *drawn, tolerance)
         if self.escape == "redraw" and not np.isfinite(coarse).all():

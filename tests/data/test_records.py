@@ -189,6 +189,19 @@ def test_a_motion_that_escapes_is_drawn_anew_where_asked_for(escaping):
     assert all(abs(correlation(a, b)) < 0.8 for a, b in combinations(drawn, 2))
 
 
+def test_the_error_of_the_simulation_is_that_of_the_motion_drawn_anew(escaping):
+    of = replace(escaping, escape="redraw")
+    for seed in range(40):
+        data = SimulatedData(
+            of.structure, of.excitation, of.scenario, seed, duration=10.0, escape="redraw"
+        )
+        data.setup()
+        if data._redrawn:
+            break
+    assert data._redrawn > 0
+    assert 0.0 < data.own_error() < 1e-4
+
+
 def test_where_no_motion_stays_the_redraws_end(escaping):
     wild = replace(escaping, excitation=Excitation(force=BandLimitedGaussian(90.0, (0.0, 2.0))))
     with pytest.raises(EscapedMotionError, match="and so did 20 drawn in its place; take another"):
