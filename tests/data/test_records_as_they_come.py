@@ -11,6 +11,7 @@ from data.measured.common_time import aligned, on_common_grid
 from data.measured.datamodule import MeasuredData
 from data.measured.mend import Mending
 from data.measured.onset import onset_of
+from data.measured.places import record_places
 from data.measured.plausible import plausibility
 from data.measured.raw_record import RawRecord
 from data.measured.reading import read_record, read_records
@@ -326,3 +327,10 @@ def test_integration_is_offered_only_where_it_is_a_remedy(tmp_path):
     with pytest.raises(ValueError, match="a force alone can train") as error:
         model.identify(data.records["train"])
     assert "integrated" not in str(error.value)
+
+
+def test_notes_beside_the_records_of_a_folder_are_no_record(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.txt").write_text("time f1 a1\n0.0 1 2\n0.1 3 4\n0.2 5 6\n")
+    (tmp_path / "README.txt").write_text("Tests of the frame, March 2021.\n3 accelerometers.\n")
+    assert [place.stem for place in record_places(str(tmp_path), None)] == ["one", "two"]
