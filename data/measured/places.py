@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from glob import glob
@@ -11,6 +12,9 @@ from typing import Any
 from data.measured.files.columns import NoColumnError, shorten
 from data.measured.raw_record import RawRecord
 from data.measured.reading import files_in, read_records
+
+PROSE = 100_000  # bytes of a text that are looked at
+ROW = re.compile(r"[-+.\d][-+.,;:\d\seEdDnNaAiIfF|/]*")  # a line of numbers, clocks and gaps
 
 
 def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None) -> list[Path]:
@@ -35,8 +39,22 @@ def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None)
             elif not any(place.iterdir()):
                 raise ValueError(f"data.path={place} is an empty folder; expected files of records")
             else:
-                places += _events(place, named) if named else files_in(place)
+                places += _events(place, named) if named else _records_in(place)
     return places
+
+
+def _records_in(folder: Path) -> list[Path]:
+    files = files_in(folder)
+    return [file for file in files if not _is_prose(file)] or files
+
+
+def _is_prose(path: Path) -> bool:
+    """Whether a text has no line of numbers in its beginning, as a README has none."""
+    if path.suffix.lower() != ".txt":
+        return False
+    with path.open("rb") as file:
+        text = file.read(PROSE).decode("utf-8", errors="replace")
+    return not any(ROW.fullmatch(line.strip()) for line in text.splitlines())
 
 
 def _events(place: Path, named: set[str]) -> list[Path]:

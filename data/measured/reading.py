@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -22,8 +21,6 @@ from data.measured.units import to_si
 
 SUFFIXES = suffixes_of(FORMATS)
 PLACES = (*SUFFIXES, ".zip")
-PROSE = 100_000  # bytes of a text that are looked at
-ROW = re.compile(r"[-+.\d][-+.,;:\d\seEdDnNaAiIfF|/]*")  # a line of numbers, clocks and gaps
 SAME = 1e-3  # of dt: clocks that agree to this are one
 
 
@@ -137,20 +134,11 @@ def files_in(folder: Path) -> list[Path]:
     for inside in (folder.iterdir(), (p for sub in _folders(folder) for p in sub.iterdir())):
         files = sorted(p for p in inside if p.is_file() and p.suffix.lower() in PLACES)
         if files:
-            return [p for p in files if not _is_prose(p)] or files
+            return files
     raise ValueError(
         f"{shorten(str(folder), 300, bare=True)} and its folders hold no file of "
         f"{', '.join(PLACES)}"
     )
-
-
-def _is_prose(path: Path) -> bool:
-    """Whether a text has no line of numbers in its beginning, as a README has none."""
-    if path.suffix.lower() != ".txt":
-        return False
-    with path.open("rb") as file:
-        text = file.read(PROSE).decode("utf-8", errors="replace")
-    return not any(ROW.fullmatch(line.strip()) for line in text.splitlines())
 
 
 def _folders(folder: Path) -> list[Path]:

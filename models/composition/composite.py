@@ -86,7 +86,7 @@ class Composite(Trainable):
         self.substeps = substeps
         self.first: dict[int, tuple[Tensor, Tensor, Tensor]] = {}  # states of records in training
         self.motions: dict[int, tuple[Tensor, Tensor]] = {}  # x and v of such records
-        self.begun: Tensor | None = None  # the unknown beginning of the last run in training
+        self.last_beginning: Tensor | None = None  # unknown, of the last training run
 
     def hold_to(
         self,
@@ -342,7 +342,7 @@ class Composite(Trainable):
         substeps = self.substeps
         try:
             self.substeps = min(times * substeps, MOST_SUBSTEPS)
-            return self._restarted(record, None, False, self.begun).response.a
+            return self._restarted(record, None, False, self.last_beginning).response.a
         finally:
             self.substeps = substeps
 
@@ -354,7 +354,7 @@ class Composite(Trainable):
         if anchors is not None or not self._begins_unknown(record):
             return self.trace(record.drive(), anchors, horizon or 0, derivatives)
         begin = self.beginning(record, near)
-        self.begun = begin
+        self.last_beginning = begin
         trace = self.trace(record.drive(), None, 0, derivatives, begin)
         if not derivatives:
             return trace
