@@ -22,6 +22,7 @@ from threadpoolctl import threadpool_limits
 from torch import nn
 
 from data.datamodule import Data
+from data.parallel import take_threads
 from data.simulation.motion import EscapedMotionError
 from models.training.assemble import assembled
 from models.training.identification import Identification
@@ -83,8 +84,8 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
         run.withdraw()
         raise
 
-    torch.set_num_threads(cfg.threads)
-    threadpool_limits(cfg.threads)
+    take_threads(cfg.threads)
+    threadpool_limits(cfg.threads or 1)
     logger = TensorBoardLogger(folder, name="", version="tensorboard")
     shared = {
         "plugins": LightningEnvironment(),  # a run is one process, in a Slurm job too

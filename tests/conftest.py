@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from data.inspect import __main__ as inspect_command
+from data.parallel import take_threads
 from data.record import Record
 from data.simulation.elements import Bilinear, BoucWen, Element, LimitedSlip, Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation
@@ -91,7 +91,7 @@ def _linear_chain(dofs: int) -> Structure:
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread() -> None:
     """Matrices are small here: a second thread only waits, for seconds where cores are shared."""
-    torch.set_num_threads(1)
+    take_threads(1)
 
 
 @pytest.fixture(params=["bilinear", "polynomial", "bouc_wen"])

@@ -6,8 +6,7 @@ B records, T samples, n coordinates, E elements, o outputs, P free parameters.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -17,11 +16,14 @@ from torch import Tensor
 
 from data.interruptible import interruptible
 from data.memory import require_memory
+from data.parallel import in_threads, threads
 from data.record import Drive, Response
 from models.composition.coefficients import PART, Part
 from models.composition.simulate import Composition
 from models.composition.simulate_compiled import run
 from models.layers.integrate import between
+
+SMALLEST_BLOCK = 24  # derivatives that are worth a run of their own
 
 
 @dataclass(frozen=True)
@@ -68,35 +70,53 @@ def traced(
         "take shorter records, fewer elements or fewer of their units",
     )
     fine = between(u, drive.hold, substeps)
-    shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P + S)]
+    shapes = [(o,)] * 3 + [(E,)] * 2
     out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
-    arrays = _arrays(composition, derivatives)
+    blocks = _blocks(P, S, -(-threads() // max(1, len(u))))
+    slopes = [
+        torch.empty(len(u), drive.samples, o, hi - lo + own, dtype=torch.float64)
+        for lo, hi, own in blocks
+    ]
+    arrays = [_arrays(composition, derivatives, lo, hi) for lo, hi, _ in blocks]
     supports = np.ascontiguousarray(composition.supports.cpu().numpy())
     measures = composition.measures.cpu().numpy()
     ends = np.full(o, np.inf) if bound is None else bound.cpu().numpy()
-    back = np.ascontiguousarray(np.linalg.pinv(arrays["outputs"][0]))
+    back = np.ascontiguousarray(np.linalg.pinv(arrays[0]["outputs"][0]))
 
-    def one(i: int) -> None:
+    def one(place: tuple[int, int]) -> None:
+        i, block = place
+        (lo, hi, own), parts = blocks[block], arrays[block]
         run(
             *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
             drive.dt, every, np.ascontiguousarray(measured[i].numpy()),
             np.ascontiguousarray(begins[i].numpy()), back,
-            *arrays["core"], *arrays["inputs"], *arrays["G"], *arrays["D"],
-            supports, *arrays["laws"], composition.counts, *arrays["outputs"], measures, ends,
-            P, S,
-            *(signal[i].numpy() for signal in out),
+            *parts["core"], *parts["inputs"], *parts["G"], *parts["D"],
+            supports, *parts["laws"], composition.counts, *parts["outputs"], measures, ends,
+            hi - lo, own,
+            *(signal[i].numpy() for signal in (*out, slopes[block])),  # blocks agree but for these
         )  # fmt: skip
 
-    if len(u) > 1 and torch.get_num_threads() > 1:
-        with ThreadPoolExecutor(torch.get_num_threads()) as pool:
-            list(pool.map(one, range(len(u))))
+    places = [(i, block) for i in range(len(u)) for block in range(len(blocks))]
+    steps = drive.samples * substeps * max(1, o) * (1 + P + S) // len(blocks)
+    if len(places) > 1 and threads() > 1:
+        in_threads(one, places)
     else:
-        steps = drive.samples * substeps * max(1, o) * (1 + P + S)
-        for i in range(len(u)):
-            interruptible(partial(one, i), steps)
-    x, v, a, *rest, slopes = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
+        for place in places:
+            interruptible(partial(one, place), steps)
+    out.append(slopes[0] if len(slopes) == 1 else torch.cat(slopes, dim=-1))
+    x, v, a, *rest, jacobian = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
     motion = Response(x, v, composition.output(x, v, a))
-    return Trace(motion, *rest, *slopes.split([P, S], dim=-1))
+    return Trace(motion, *rest, *jacobian.split([P, S], dim=-1))
+
+
+def _blocks(P: int, S: int, wanted: int) -> list[tuple[int, int, int]]:
+    """Parameters first to last of each run of a record, and how many of a beginning go along.
+
+    A run with some of the derivatives repeats the motion, which is a small part of the work.
+    """
+    count = max(1, min(wanted, (P + S) // SMALLEST_BLOCK))
+    ends = [round(P * k / count) for k in range(count + 1)]
+    return [(ends[k], ends[k + 1], S if k + 1 == count else 0) for k in range(count)]
 
 
 def on_processor(drive: Drive) -> Drive:
@@ -112,20 +132,30 @@ def anchors_of(drive: Drive, anchors: Tensor | None) -> Tensor:
     return starts.reshape(lead.numel(), 2, -1)[:, :, None, :]
 
 
-def _arrays(composition: Composition, derivatives: bool) -> dict[str, tuple[np.ndarray, ...]]:
+def _arrays(
+    composition: Composition, derivatives: bool, lo: int, hi: int
+) -> dict[str, tuple[np.ndarray, ...]]:
     """Values, numbers and slopes of every part, as arguments of the compiled run.
 
-    Without derivatives nothing depends on a parameter.
+    Parameters lo to hi are numbered from 0 on; without derivatives nothing depends on any.
     """
     parts: dict[str, Part] = {
         name: getattr(composition, name) for name in ("core", "inputs", "G", "D", "laws", "outputs")
     }
     if not derivatives:
         parts = {name: Part.fixed(part.value) for name, part in parts.items()}
+    elif hi - lo < composition.parameters:
+        parts = {
+            name: replace(part, index=_within(part.index, lo, hi)) for name, part in parts.items()
+        }
     return {
         name: tuple(np.ascontiguousarray(getattr(p, key).cpu().numpy()) for key in PART)
         for name, p in parts.items()
     }
+
+
+def _within(index: Tensor, lo: int, hi: int) -> Tensor:
+    return torch.where((index >= lo) & (index < hi), index - lo, -1)
 
 
 class DifferentiatedRun(torch.autograd.Function):

@@ -6,15 +6,14 @@ T samples, o outputs, P learned parameters, S numbers of a first state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from data.parallel import in_threads
 from models.modal.layout import Layout
 from models.modal.run import BLOCK, Excited, blocks
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
@@ -113,7 +112,7 @@ class ModalProblem:
             return sum(parts)
 
         theta = state.values[self.learned]
-        total = sum(_in_threads(squares, range(len(self.motions))))
+        total = sum(in_threads(squares, range(len(self.motions))))
         return torch.tensor(total / len(self.y) + self.prior * float(theta @ theta))
 
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
@@ -130,7 +129,7 @@ class ModalProblem:
 
         whole = P + len(self.unknown) * S
         matrix, vector = np.zeros((whole, whole)), np.zeros(whole)
-        for number, (part, side) in enumerate(_in_threads(sums, range(len(self.motions)))):
+        for number, (part, side) in enumerate(in_threads(sums, range(len(self.motions)))):
             place = np.arange(P)
             if self.motions[number].unknown:
                 start = P + self.unknown.index(number) * S
@@ -152,12 +151,3 @@ def minimised(problem: ModalProblem, iterations: int, change: float, patience: i
     while not solver.finished:
         solver.solve(problem)
     return problem.now()
-
-
-def _in_threads(work: Callable[[int], Any], numbers: Sequence[int]) -> list[Any]:
-    """Results in order, by as many threads as PyTorch takes: compiled runs hold no lock."""
-    workers = min(torch.get_num_threads(), len(numbers))
-    if workers < 2:
-        return [work(number) for number in numbers]
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(work, numbers))

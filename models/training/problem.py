@@ -15,8 +15,10 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, jacrev, jvp, vmap
 
+from data.parallel import in_threads
 from data.record import Record
 from models.training.trainable import Trainable
+from models.uncertainty.parameters import free_vector
 
 MOST_DERIVATIVES = 1 << 26  # of all records together, half a gigabyte
 BLOCK_ELEMENTS = 1 << 22  # of derivatives that are computed at a time (32 MiB)
@@ -141,9 +143,14 @@ class FreeRunProblem:
         self.y = record.a[..., self.counted, :]
         self.weight = _weights(record, estimator.weights_of_channels())
         self.noise: float | None = None  # variance of e where it was first asked for, over N
+        self.known: tuple[Tensor, Tensor] | None = None  # θ, e of the last normal equations
 
     def errors(self) -> Tensor:
         """e (N,) at the present parameters."""
+        if self.known is not None and not torch.is_grad_enabled():
+            theta, errors = self.known
+            if torch.equal(theta, free_vector(self.estimator)):
+                return errors
         return self._errors(self.estimator.restarted_run(self.record, self.horizon, self.warmup))
 
     def loss(self) -> Tensor:
@@ -160,12 +167,13 @@ class FreeRunProblem:
         JᵀJ is summed over every `every`-th sample and scaled up; Jᵀe is exact.
         """
         with torch.no_grad():
-            prior, deviation = self._pull()
-            parts = self._parts(deviation.numel())
+            parts = self._parts(self.estimator.pull(self.last, self.prior, 0.0)[1].numel())
             sums = [self._normal_equations(record, y, every) for record, y in parts]
-            matrix, vector = sums[0]
-            for more, other in sums[1:]:
+            matrix, vector, _ = sums[0]
+            for more, other, _ in sums[1:]:
                 matrix, vector = matrix + more, vector + other
+            self.known = free_vector(self.estimator), torch.cat([errors for *_, errors in sums])
+            prior, deviation = self._pull()
             pull = self.y.numel() * prior
             if deviation.numel():
                 matrix.diagonal().add_(pull)
@@ -178,18 +186,33 @@ class FreeRunProblem:
             return [(self.record, self.y)]
         return [(self.record.map(partial(_only, i)), y) for i, y in enumerate(self.y.split(1))]
 
-    def _normal_equations(self, record: Record, y: Tensor, every: int) -> tuple[Tensor, Tensor]:
+    def _normal_equations(
+        self, record: Record, y: Tensor, every: int
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """JᵀJ, Jᵀe and e of some of the records."""
         both = self.estimator.restarted_jacobian(record, self.horizon, self.warmup)
         if both is None:
-            errors = self.errors()
-            rows = self._differentiated(errors.numel())
+            errors, weight = self.errors(), torch.ones_like(self.weight)
+            jacobian = self._differentiated(errors.numel()).view(*y.shape, -1)
         else:
             run, jacobian = both
-            errors = ((run[..., self.counted, :] - y) * self.weight).reshape(-1)
-            rows = (self.weight[:, None] * jacobian[..., self.counted, :, :]).flatten(0, -2)
-        samples = rows.view(*y.shape, -1)  # (…, T, n, P)
-        some = samples[..., ::every, :, :].flatten(0, -2)
-        return len(rows) / len(some) * _gram(some), rows.T @ errors
+            errors, weight = (
+                ((run[..., self.counted, :] - y) * self.weight).reshape(-1),
+                self.weight,
+            )
+            jacobian = jacobian[..., self.counted, :, :]
+        each = jacobian.reshape(-1, *jacobian.shape[-3:])  # (B, T, n, P)
+        sides = (weight * errors.view(-1, len(weight))).view(len(each), -1)
+
+        def sums(i: int) -> tuple[Tensor, Tensor]:
+            some = each[i, ::every]
+            share = len(each[i]) / len(some)
+            return share * _gram((weight[:, None] * some).flatten(0, 1)), sides[i] @ each[
+                i
+            ].flatten(0, 1)
+
+        matrices, vectors = zip(*in_threads(sums, range(len(each))), strict=True)
+        return torch.stack(matrices).sum(dim=0), torch.stack(vectors).sum(dim=0), errors
 
     def _pull(self) -> tuple[float | Tensor, Tensor]:
         if self.noise is None:

@@ -101,7 +101,7 @@ CONFIG_KIND: dict[Any, Any] = {
     **dict.fromkeys(("adaptation", "solver", "objective"), (BUILT, None)),
     **dict.fromkeys(("excitation", "damage", "baselines"), (BLOCK, None)),
     "seed": int,
-    "threads": int,
+    "threads": (int, None),
     ...: ANYTHING,
 }
 WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or false"}

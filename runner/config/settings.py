@@ -41,11 +41,14 @@ def _is_name(value: str) -> bool:
 
 
 NAME = Setting(str, _is_name, "a name: text that can stand in a folder's name, without / or \\")
+THREADS = Setting(
+    int | None, lambda n: n is None or 1 <= n <= MOST_THREADS, f"1 to {MOST_THREADS}, or null"
+)
 TRAIN = {
     **dict.fromkeys(("system", "scenario", "data", "model", "solver", "objective"), Setting(Group)),
     **dict.fromkeys(("adaptation", "baselines", "trainer"), Setting(Group)),
     **dict.fromkeys(("excitation", "damage"), Setting(Group | None)),
-    "threads": Setting(int, lambda n: 1 <= n <= MOST_THREADS, f"between 1 and {MOST_THREADS}"),
+    "threads": THREADS,
     "figures": Setting(bool),
     "checkpoint_seconds": Setting(float, lambda s: s >= 0.0, "0 or more, .inf to save none"),
     "max_fail": Setting(int, lambda n: n >= 1, "1 or more"),
@@ -71,9 +74,7 @@ EVALUATE = {
     "begin": Setting(Literal["fit", "prior"]),
     "particles": Setting(int, lambda n: 50 <= n <= 100_000, "between 50 and 100000"),
     "seed": Setting(int, lambda n: 0 <= n <= LARGEST_SEED, f"between 0 and {LARGEST_SEED}"),
-    "threads": Setting(
-        int | None, lambda n: n is None or 1 <= n <= MOST_THREADS, f"1 to {MOST_THREADS}, or null"
-    ),
+    "threads": THREADS,
 }
 NUMBER = float | None
 PREDICT = {
@@ -82,9 +83,7 @@ PREDICT = {
     "figures": Setting(bool),
     "anyway": Setting(bool),
     "histories": Setting(bool | None),
-    "threads": Setting(
-        int | None, lambda n: n is None or 1 <= n <= MOST_THREADS, f"1 to {MOST_THREADS}, or null"
-    ),
+    "threads": THREADS,
     "excitation": Setting(Group),
 }
 EXCITATION = {

@@ -10,9 +10,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import torch
 from omegaconf import DictConfig
 
+from data.parallel import take_threads
 from data.sample import Sensors
 from models.checkpoint import digest_of, load_estimator, save_estimator
 from models.estimator import Estimator
@@ -130,7 +130,7 @@ def restore(cfg: DictConfig, folder: Path) -> Estimator:
     Its records are not looked at: they may be gone. Raises ValueError where the file is not the one
     that the run wrote.
     """
-    torch.set_num_threads(cfg.threads)  # the same threads, the same bits
+    take_threads(cfg.threads)  # the same threads, the same bits
     try:
         estimator = estimator_from(cfg.model, sensors_of(cfg, folder))
     except (MemoryError, RuntimeError) as error:  # PyTorch's, for sizes that nobody has

@@ -36,7 +36,7 @@ class Worker:
         self.singletons = Singleton.get_state()
         self.folder = Path.cwd()
         # libraries read these when they are loaded, before a run can say threads=
-        self.environment = dict.fromkeys(THREADS, str(config.threads))
+        self.environment = dict.fromkeys(THREADS, str(config.threads or 1))
         paths = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
         self.environment["PYTHONPATH"] = os.pathsep.join(dict.fromkeys(filter(None, paths)))
 

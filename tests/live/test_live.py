@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -236,7 +237,8 @@ def test_ctrl_c_ends_with_a_summary(run, lines):
 def test_a_signal_ends_the_program_while_it_waits(lines):
     command = [sys.executable, "-m", "live", "-", "--rate", "100", "--every", "1"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, cwd=ROOT, text=True, **pipes) as program:
+    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # what runs behind is deaf to it
+    with subprocess.Popen(command, cwd=ROOT, text=True, preexec_fn=heard, **pipes) as program:
         program.stdin.write(lines)
         program.stdin.flush()
         first = program.stdout.readline()

@@ -9,9 +9,11 @@ import torch
 from torch import nn
 from torch.func import functional_call, jvp
 
+from data.parallel import take_threads
 from data.record import Drive, Record, stack
 from models.composition.composite import Composite
 from models.composition.simulate import simulate
+from models.composition.trace import SMALLEST_BLOCK
 from tests.models.composites import DT, Everything, assert_close, begun_in_motion, excited, spread
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
@@ -72,6 +74,27 @@ def test_a_batch_runs_record_by_record():
         assert torch.equal(together.response.a[i], alone.response.a)
         assert torch.equal(together.jacobian[i], alone.jacobian)
         assert torch.equal(together.forces[i], alone.forces)
+
+
+@pytest.mark.parametrize("records", [1, 3])
+def test_a_run_is_the_same_to_the_bit_on_any_number_of_threads(records):
+    """Derivatives of one record are shared among threads too, those by its beginning with them."""
+    model, drive = Everything(), excited(60)
+    drive = replace(drive, u=torch.stack([excited(60, seed).u for seed in range(records)]))
+    state = 2 * 2 + model.composition().laws.value.shape[0] * model.composition().counts[2]
+    begin = torch.full((records, state), 0.01, dtype=torch.float64)
+    runs = []
+    try:
+        for threads in (1, 4):
+            take_threads(threads)
+            runs.append(model.trace(drive, derivatives=True, begin=begin))
+    finally:
+        take_threads(1)
+    one, several = runs
+    assert one.jacobian.shape[-1] > 2 * SMALLEST_BLOCK
+    assert torch.equal(one.response.a, several.response.a)
+    assert torch.equal(one.jacobian, several.jacobian)
+    assert torch.equal(one.by_begin, several.by_begin)
 
 
 def test_a_run_that_diverges_is_not_finite_from_there_on():

@@ -54,7 +54,7 @@ def test_an_honest_text_with_braces_reaches_its_argument():
 @pytest.mark.parametrize(
     ("words", "key", "asked"),
     [
-        (["threads=null"], "threads=null", "a whole number"),
+        (["threads=0.5"], "threads=0.5", "a whole number"),
         (["threads=1000000"], "threads=1000000", "between 1 and"),
         (["figures=perhaps"], "figures=perhaps", "true or false"),
         (["+foo=1"], "foo", "no setting"),
@@ -152,7 +152,7 @@ def test_an_option_that_unpickles_is_refused(monkeypatch):
     [
         ["train.py", "model=vwn"],
         ["train.py", "data.durations=3"],
-        ["train.py", "threads=null"],
+        ["train.py", "threads=0.5"],
         ["train.py", "data=measured", "data.path=nothing.csv"],
         ["train.py", "-x"],
         ["evaluate.py", "seeds=[]"],

@@ -85,10 +85,10 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     def solve(self, problem: Minimised) -> list[float]:
         """One iteration."""
         free = [p for group in self.param_groups for p in group["params"]] + list(problem.own)
-        here, loss = parameters_to_vector(free), float(problem.loss())
+        here, (matrix, vector) = parameters_to_vector(free), problem.normal_equations(self.every)
+        loss = float(problem.loss())  # after the normal equations, which may know it
         if not math.isfinite(loss):
             return self._finish("the loss is not finite at the start")
-        matrix, vector = problem.normal_equations(self.every)
         if not (torch.isfinite(matrix).all() and torch.isfinite(vector).all()):
             return self._finish("the derivatives are not finite")
         if 2.0 * float(torch.linalg.vector_norm(vector)) / problem.y.numel() < self.gradient:
