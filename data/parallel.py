@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from threading import Thread
 from typing import TypeVar
 
 import torch
@@ -40,9 +40,29 @@ def threads() -> int:
 
 
 def in_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Results of compiled `work` on every item, in their order."""
-    workers = min(threads(), len(items))
-    if workers < 2:
+    """Results of compiled `work` on every item, in their order. Ctrl-C is heard meanwhile.
+
+    The threads of a call that was broken off end with their work, or with the program.
+    """
+    if min(threads(), len(items)) < 2:
         return [work(item) for item in items]
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(work, items))
+    results: dict[int, Result] = {}
+    failed: list[BaseException] = []
+    left = iter(range(len(items)))
+
+    def some() -> None:
+        try:
+            for number in left:
+                results[number] = work(items[number])
+        except BaseException as error:  # handed to the caller
+            failed.append(error)
+
+    taken = [Thread(target=some, daemon=True) for _ in range(min(threads(), len(items)))]
+    for thread in taken:
+        thread.start()
+    for thread in taken:
+        while thread.is_alive():
+            thread.join(0.1)
+    if failed:
+        raise failed[0]
+    return [results[number] for number in range(len(items))]

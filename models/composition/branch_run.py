@@ -6,20 +6,18 @@ E elements, T samples, n coordinates, which are the outputs too; θ (E, L).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from data.interruptible import interruptible
 from data.memory import require_memory
 from data.record import Drive, Response
 from models.composition.branch_law import Branch
 from models.composition.branch_law_compiled import extreme_at, hermite
 from models.composition.branch_run_compiled import run
 from models.composition.simulate import Composition
-from models.composition.trace import Trace, _arrays, anchors_of, on_processor
+from models.composition.trace import Trace, anchors_of, arrays_of, do_all, on_processor
 from models.layers.integrate import between
 
 
@@ -62,7 +60,7 @@ def traced_branches(
     fine = between(u, drive.hold, substeps)
     shapes = [(n,)] * 3 + [(E,)] * 2 + [(n, P + S)]
     out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
-    arrays = _arrays(composition, P > 0)
+    arrays = arrays_of(composition, P > 0)
     supports = np.ascontiguousarray(composition.supports.cpu().numpy())
     ends = np.full(n, np.inf) if bound is None else bound.cpu().numpy()
     theta = np.ascontiguousarray(branches.theta.detach().cpu().numpy()).reshape(-1)
@@ -78,9 +76,7 @@ def traced_branches(
             *(signal[i].numpy() for signal in out),
         )  # fmt: skip
 
-    steps = drive.samples * substeps * max(1, n) * (1 + P + S)
-    for i in range(len(u)):
-        interruptible(partial(one, i), steps)
+    do_all(one, range(len(u)), drive.samples * substeps * max(1, n) * (1 + P + S))
     x, v, a, forces, deformations, slopes = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
     by_theta, by_first = slopes.split([P, S], dim=-1)
     motion = Response(x, v, composition.output(x, v, a))

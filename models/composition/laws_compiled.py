@@ -19,6 +19,7 @@ _, inlined = compilers(HERE, contract=True)
 LINEAR = 6  # columns before those of hinges, tanhs and units
 SMALL = 0.1  # b y below which the laws of units are summed as series,
 TERMS, TERMS_OF_LOGARITHM = 12, 18  # of so many terms
+LAST = 1.0 / math.factorial(TERMS)
 LARGEST = 100.0  # b y of a step: a unit that grows beyond eᵇʸ is on its limit
 
 
@@ -35,10 +36,13 @@ def growth(q):
         q = min(q, LARGEST)
         phi = math.expm1(q) / q
         return phi, (1.0 + q * phi - phi) / q
-    phi, slope = 1.0, 0.0
-    for n in range(TERMS, 1, -1):  # 1 + q/2 (1 + q/3 (1 + … and its derivative
-        slope = (phi + q * slope) / n
-        phi = 1.0 + q * phi / n
+    phi, slope, share = LAST, 0.0, LAST
+    for n in range(TERMS, 2, -1):  # 1/2 + q/6 + q²/24 + … and its derivative, by Horner
+        share *= n
+        slope = phi + q * slope
+        phi = share + q * phi
+    slope = phi + q * slope
+    phi = 1.0 + q * phi
     return phi, slope
 
 

@@ -58,21 +58,28 @@ def _forces(q, rate, dq, drate, moved, u_at, D, iD, sD, supports, laws, ilaws, s
         first = LINEAR + 2 * hinges + 3 * tanhs
         for unit in range(units):
             j = first + 4 * unit
-            weight = laws[e, j]
+            weight, side = laws[e, j], 0.0
             if moved:
                 z[e, unit], side, by_z, by_delta, by_up, by_down = unit_step(
                     z[e, unit], ye - y[e], laws[e, j + 1], laws[e, j + 2], laws[e, j + 3]
                 )
-                for p in range(P):
-                    dz[e, unit, p] = by_z * dz[e, unit, p] + by_delta * (dnow[p] - dy[e, p])
-                if P > 0:
-                    add(dz[e, unit], ilaws[e, j + 1], side * slaws[e, j + 1])
-                    add(dz[e, unit], ilaws[e, j + 2], by_up * slaws[e, j + 2])
-                    add(dz[e, unit], ilaws[e, j + 3], by_down * slaws[e, j + 3])
+                if side == 0.0:
+                    for p in range(P):
+                        dz[e, unit, p] = by_z * dz[e, unit, p] + by_delta * (dnow[p] - dy[e, p])
+                    if P > 0:
+                        add(dz[e, unit], ilaws[e, j + 2], by_up * slaws[e, j + 2])
+                        add(dz[e, unit], ilaws[e, j + 3], by_down * slaws[e, j + 3])
             r[e] += weight * (z[e, unit] - ye)
             by_y -= weight
-            for p in range(P):
-                dr[e, p] += weight * dz[e, unit, p]
+            if side == 0.0:
+                for p in range(P):
+                    dr[e, p] += weight * dz[e, unit, p]
+            else:  # on its limit, which alone its memory depends on
+                for p in range(P):
+                    dz[e, unit, p] = 0.0
+                if P > 0:
+                    add(dz[e, unit], ilaws[e, j + 1], side * slaws[e, j + 1])
+                    add(dr[e], ilaws[e, j + 1], weight * side * slaws[e, j + 1])
             if P > 0:
                 add(dr[e], ilaws[e, j], slaws[e, j] * (z[e, unit] - ye))
         y[e] = ye

@@ -5,10 +5,10 @@ B records, T samples, n coordinates, E elements, o outputs, P free parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -23,6 +23,7 @@ from models.composition.simulate import Composition
 from models.composition.simulate_compiled import run
 from models.layers.integrate import between
 
+Place = TypeVar("Place")
 SMALLEST_BLOCK = 24  # derivatives that are worth a run of their own
 
 
@@ -77,7 +78,7 @@ def traced(
         torch.empty(len(u), drive.samples, o, hi - lo + own, dtype=torch.float64)
         for lo, hi, own in blocks
     ]
-    arrays = [_arrays(composition, derivatives, lo, hi) for lo, hi, _ in blocks]
+    arrays = [arrays_of(composition, derivatives, lo, hi) for lo, hi, _ in blocks]
     supports = np.ascontiguousarray(composition.supports.cpu().numpy())
     measures = composition.measures.cpu().numpy()
     ends = np.full(o, np.inf) if bound is None else bound.cpu().numpy()
@@ -96,17 +97,21 @@ def traced(
             *(signal[i].numpy() for signal in (*out, slopes[block])),  # blocks agree but for these
         )  # fmt: skip
 
-    places = [(i, block) for i in range(len(u)) for block in range(len(blocks))]
     steps = drive.samples * substeps * max(1, o) * (1 + P + S) // len(blocks)
-    if len(places) > 1 and threads() > 1:
-        in_threads(one, places)
-    else:
-        for place in places:
-            interruptible(partial(one, place), steps)
+    do_all(one, [(i, block) for i in range(len(u)) for block in range(len(blocks))], steps)
     out.append(slopes[0] if len(slopes) == 1 else torch.cat(slopes, dim=-1))
     x, v, a, *rest, jacobian = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
     motion = Response(x, v, composition.output(x, v, a))
     return Trace(motion, *rest, *jacobian.split([P, S], dim=-1))
+
+
+def do_all(one: Callable[[Place], None], places: Sequence[Place], steps: int) -> None:
+    """Compiled work, so many inner steps each, on every place: side by side where that may be."""
+    if len(places) > 1 and threads() > 1:
+        in_threads(one, places)
+        return
+    for place in places:
+        interruptible(partial(one, place), steps)
 
 
 def _blocks(P: int, S: int, wanted: int) -> list[tuple[int, int, int]]:
@@ -132,8 +137,8 @@ def anchors_of(drive: Drive, anchors: Tensor | None) -> Tensor:
     return starts.reshape(lead.numel(), 2, -1)[:, :, None, :]
 
 
-def _arrays(
-    composition: Composition, derivatives: bool, lo: int, hi: int
+def arrays_of(
+    composition: Composition, derivatives: bool, lo: int = 0, hi: int | None = None
 ) -> dict[str, tuple[np.ndarray, ...]]:
     """Values, numbers and slopes of every part, as arguments of the compiled run.
 
@@ -144,7 +149,7 @@ def _arrays(
     }
     if not derivatives:
         parts = {name: Part.fixed(part.value) for name, part in parts.items()}
-    elif hi - lo < composition.parameters:
+    elif hi is not None:
         parts = {
             name: replace(part, index=_within(part.index, lo, hi)) for name, part in parts.items()
         }

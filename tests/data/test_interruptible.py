@@ -11,12 +11,14 @@ from pathlib import Path
 import pytest
 
 from data.interruptible import BLINK, interruptible
+from data.parallel import in_threads, take_threads
 
 ROOT = Path(__file__).parents[2]
 LONG = """
 import signal
 import numba
 from data.interruptible import BLINK, interruptible
+from data.parallel import in_threads, take_threads
 
 @numba.njit(nogil=True)
 def spin(n):
@@ -28,12 +30,16 @@ def spin(n):
 spin(1)
 signal.signal(signal.SIGINT, signal.default_int_handler)  # where tests run in the background
 print("ready", flush=True)
-interruptible(lambda: spin(10**12), BLINK + 1)
 """
+CALLS = (
+    "interruptible(lambda: spin(10**12), BLINK + 1)",
+    "take_threads(2); in_threads(spin, [10**12] * 3)",
+)
 
 
-def test_a_long_compiled_call_ends_at_ctrl_c():
-    words = [sys.executable, "-c", LONG]
+@pytest.mark.parametrize("call", CALLS)
+def test_a_long_compiled_call_ends_at_ctrl_c(call):
+    words = [sys.executable, "-c", LONG + call]
     process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdout is not None
     assert process.stdout.readline() == b"ready\n"
@@ -48,3 +54,14 @@ def test_a_long_compiled_call_ends_at_ctrl_c():
 def test_an_error_in_the_work_is_that_of_the_call(steps):
     with pytest.raises(ZeroDivisionError):
         interruptible(lambda: 1 / 0, steps)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_results_are_in_the_order_of_the_items_and_errors_arrive(threads):
+    try:
+        take_threads(threads)
+        assert in_threads(lambda n: n * n, range(50)) == [n * n for n in range(50)]
+        with pytest.raises(ZeroDivisionError):
+            in_threads(lambda n: 1 / n, [2, 1, 0])
+    finally:
+        take_threads(1)

@@ -55,7 +55,7 @@ def test_an_honest_text_with_braces_reaches_its_argument():
     ("words", "key", "asked"),
     [
         (["threads=0.5"], "threads=0.5", "a whole number"),
-        (["threads=1000000"], "threads=1000000", "between 1 and"),
+        (["threads=1000000"], "threads=1000000", "1 to 1024, or null"),
         (["figures=perhaps"], "figures=perhaps", "true or false"),
         (["+foo=1"], "foo", "no setting"),
         (["model.name=null"], "model.name=null", "text"),
