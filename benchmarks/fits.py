@@ -1,0 +1,91 @@
+"""How much sooner do fits of networks of elements end than in an earlier checkout, at what error?
+
+    python -m benchmarks.fits OLD_TREE                          # beside this checkout
+    python -m benchmarks.fits OLD_TREE NEW_TREE --quick
+    python -m benchmarks.fits OLD_TREE --python-old OLD_TREE/.venv/bin/python
+
+Both trees do each fit by turns, on the cores that they take by default, after a short one that
+compiles. Prints seconds and free-run errors of each, and the median of their ratios. Results lie in
+--output, where a fit that has one is not repeated: the command goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+
+from benchmarks.same_numbers import ROOT, run_in
+
+ROWS = [  # of the leaderboard
+    *((system, records) for system in ("bilinear", "polynomial", "bouc_wen") for records in (1, 8))
+]
+ALIKE = ("model=element_network", "figures=false", "baselines=none")
+HEAD = "| system | records | seed | before [s] | now [s] | ratio | error before [%] | now [%] |"
+
+
+def fitted(tree: Path, python: Path, words: Sequence[str], folder: Path) -> tuple[float, float]:
+    """Seconds of a fit and its error in free run [%]. Raises RuntimeError where it fails."""
+    path = folder / "metrics.json"
+    if not path.is_file():
+        reason = run_in(tree, python, [*ALIKE, *words], folder)
+        if reason is not None:
+            raise RuntimeError(f"{tree}: {' '.join(words)}: {reason}")
+    metrics = json.loads(path.read_text("utf-8"))
+    return metrics["fit_seconds"], metrics["free_run"]["relative_rms_percent"]
+
+
+def compare(trees: dict[Path, Path], seeds: int, output: Path, shorter: Sequence[str]) -> None:
+    """Print a row for each fit in both trees {tree: its interpreter}, the old tree first."""
+    ratios: dict[tuple[str, int], list[float]] = {row: [] for row in ROWS}
+    for side, (tree, python) in zip(("old", "new"), trees.items(), strict=True):
+        fitted(tree, python, ["data.duration=5"], output / f"{side}-compiles")
+    print(HEAD)
+    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
+    for seed in range(seeds):
+        for system, records in ROWS:
+            words = [f"system={system}", f"data.train_records={records}", f"seed={seed}", *shorter]
+            name = f"{system}-{records}-{seed}"
+            (before, error), (now, error_now) = (
+                fitted(tree, python, words, output / f"{side}-{name}")
+                for side, (tree, python) in zip(("old", "new"), trees.items(), strict=True)
+            )
+            ratios[system, records].append(before / now)
+            print(
+                f"| {system} | {records} | {seed} | {before:.1f} | {now:.1f} | {before / now:.2f} "
+                f"| {error:.3g} | {error_now:.3g} |",
+                flush=True,
+            )
+    for (system, records), several in ratios.items():
+        print(f"{system}, {records}: {median(several):.2f} (median)")
+    print(f"all: {median(r for several in ratios.values() for r in several):.2f} (median)")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("old", type=Path, metavar="OLD_TREE")
+    parser.add_argument("new", type=Path, metavar="NEW_TREE", nargs="?", default=ROOT)
+    for side in ("old", "new"):
+        parser.add_argument(f"--python-{side}", type=Path, default=Path(sys.executable))
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--output", type=Path, default=Path("runs/fits"))
+    parser.add_argument("--quick", action="store_true", help="a seed, records of 10 s")
+    options = parser.parse_args()
+    trees = [tree.resolve() for tree in (options.old, options.new)]
+    if trees[0] == trees[1] or not all((tree / "train.py").is_file() for tree in trees):
+        parser.error(f"{trees[0]} and {trees[1]} must be two checkouts of the project")
+    pythons = [options.python_old.absolute(), options.python_new.absolute()]
+    shorter = ["data.duration=10"] if options.quick else []
+    compare(
+        dict(zip(trees, pythons, strict=True)),
+        1 if options.quick else options.seeds,
+        options.output.resolve(),
+        shorter,
+    )
+
+
+if __name__ == "__main__":
+    main()
