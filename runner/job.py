@@ -15,7 +15,6 @@ from typing import Any
 import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch import Callback, Trainer
-from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.plugins.environments import LightningEnvironment
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
@@ -38,6 +37,7 @@ from runner.folder.run_folder import write_failure
 from runner.rival import preferred, with_other_topology
 from runner.scores.outcome import compare_baselines, metrics_of
 from runner.scores.verdict import judged_by_free_run
+from runner.tensorboard import RunLogger
 
 EXPECTED = (*command_line.EXPECTED, MisconfigurationException)
 
@@ -62,7 +62,7 @@ def _thread_failed(failed: threading.ExceptHookArgs) -> None:
         _others_failed(failed)
 
 
-Log = Callable[[TensorBoardLogger, dict[str, Any], Identification, Data, dict[str, Any]], None]
+Log = Callable[[RunLogger, dict[str, Any], Identification, Data, dict[str, Any]], None]
 
 
 def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str, Any]:
@@ -86,7 +86,7 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
 
     take_threads(cfg.threads)
     threadpool_limits(cfg.threads or 1)
-    logger = TensorBoardLogger(folder, name="", version="tensorboard")
+    logger = RunLogger(folder)
     shared = {
         "plugins": LightningEnvironment(),  # a run is one process, in a Slurm job too
         "default_root_dir": folder,

@@ -13,6 +13,7 @@ from report.collection.scores import scores_of
 from runner.config.choices import dotted, typed
 
 GROUPS = ("scenario", "excitation", "data", "model", "solver", "objective")
+FIRST = ("free_run/relative_rms_percent", "test/relative_rms_percent")
 FILES = ("path", "folder")  # where things lie is no choice that changes a number
 
 
@@ -30,5 +31,6 @@ def swept(content: Mapping[str, Any]) -> dict[str, int | float | bool | str]:
 
 
 def numbers(metrics: Mapping[str, Any]) -> dict[str, float]:
-    """The numbers by name; without what diverged, which `diverged` counts."""
-    return {s.name: s.value for s in scores_of(metrics) if math.isfinite(s.value)}
+    """The numbers by name, the errors of test motion first; what diverged is in `diverged`."""
+    found = {s.name: s.value for s in scores_of(metrics) if math.isfinite(s.value)}
+    return {name: found[name] for name in FIRST if name in found} | found

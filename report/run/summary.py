@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from lightning.pytorch.loggers import TensorBoardLogger
 from torch import Tensor
 
 from data.datamodule import Data
@@ -35,10 +34,11 @@ from report.style import words_as_they_stand
 from runner.scores.outcome import each_record
 from runner.scores.public_scores import benchmark_lines
 from runner.scores.uncertainty import band_of, unmeasured_of
+from runner.tensorboard import RunLogger
 
 
 def log_run(
-    logger: TensorBoardLogger,
+    logger: RunLogger,
     choices: dict[str, Any],
     module: Identification,
     data: Data,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -24,6 +23,7 @@ from runner.folder.lock import hold, release
 from runner.folder.run_files import (
     CHECKPOINT,
     CONFIG,
+    EVENTS,
     FAILED,
     METRICS,
     PROGRESS,
@@ -78,7 +78,8 @@ class Run:
             if os.path.lexists(self.progress):
                 print(f"{self.progress} {fault}; training begins anew", file=sys.stderr)
             self.progress.unlink(missing_ok=True)
-            shutil.rmtree(self.folder / "tensorboard", ignore_errors=True)
+            for events in self.folder.glob(EVENTS):
+                events.unlink(missing_ok=True)
         write_json(self.folder / SENSORS, asdict(sensors))
         write_text(self.folder / CONFIG, config)
 

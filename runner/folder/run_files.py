@@ -10,6 +10,7 @@ from hydra.utils import to_absolute_path
 
 from models.zoo import index as zoo
 
+EVENTS = "events.out.tfevents.*"  # TensorBoard's
 CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
 SENSORS = "sensors.json"
 FAILED = "failed.json"  # why a run of a sweep has no metrics.json

@@ -117,7 +117,7 @@ def test_a_run_tells_when_it_settled_and_what_it_learnt(finished):
     frozen = metrics["test"]["frozen"]["relative_rms_percent"]
     assert online["learnt_percent"]["20"] == pytest.approx(frozen, rel=1e-6)
     assert json.loads((finished / "batch" / "metrics.json").read_text())["online"] == {}
-    tags = EventAccumulator(str(finished / "online" / "tensorboard")).Reload().Tags()
+    tags = EventAccumulator(str(finished / "online")).Reload().Tags()
     assert {"running_error", "weights_over_time"} <= set(tags["images"])
 
 

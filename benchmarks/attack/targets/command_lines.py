@@ -12,6 +12,7 @@ import report.run.summary  # noqa: F401  loaded here, so that the forks need not
 import train
 from benchmarks.attack.attempt import Attempt, WronglyAcceptedError
 from runner.config.compose import CONF, GROUPS, experiments, keys_of
+from runner.folder.run_files import EVENTS
 
 QUICK = ["data.duration=2", "figures=false", "trainer.enable_progress_bar=false", "max_fail=1"]
 NUMBERS = [
@@ -103,7 +104,7 @@ def run(words: list[str]) -> None:
 
 def _began(folder: Path) -> bool:
     """Whether training began: a fit that fails leaves an unfinished run."""
-    return (folder / "tensorboard").exists()
+    return any(folder.glob(EVENTS))
 
 
 def check(folder: Path) -> None:

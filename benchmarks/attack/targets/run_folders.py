@@ -29,6 +29,7 @@ from report.tuning.cases import read_cases
 from runner.config.command_line import one_line_errors
 from runner.config.identity import EVERY_CLASS, code_version
 from runner.folder.run import restore
+from runner.folder.run_files import EVENTS
 from runner.folder.run_folder import read_run
 from runner.job import job_errors
 from runner.progress import is_finished, would_fail_again
@@ -63,7 +64,8 @@ class Target:
             sys.argv += [*words, f"hydra.run.dir={folder / name}"]
             with contextlib.redirect_stdout(io.StringIO()):
                 train.cli()
-            shutil.rmtree(folder / name / "tensorboard")
+            for events in (folder / name).glob(EVENTS):
+                events.unlink()
         reason = {
             "reason": "the fit failed",
             "own": True,
