@@ -277,7 +277,7 @@ def draw_record(
     drawn = run_figures(
         record, estimate, errors, names, own, loops, title, band, about, unmeasured, joined
     )
-    return drawn | online_figures(estimator, record)
+    return drawn | online_figures(estimator, record, f"{model} on {name}")
 
 
 def titled_picture(

@@ -9,7 +9,8 @@ from rich.console import Console
 
 from data.record import Record
 from models.hysteretic_element import HystereticElement
-from report.run.figures import LONGEST, SHORTEST, identified_loops, run_figures, strong_motion
+from report.run.compared import LONGEST, SHORTEST, strong_motion
+from report.run.figures import identified_loops, run_figures
 from report.run.rescore import draw_record, titled_picture
 from report.run.table import error_table, rows_of
 
