@@ -77,7 +77,8 @@ def identified(
     left.plot(t, own - true, color=ESTIMATED, linewidth=NARROW)
     left.set_ylabel("its error [m/s²]")
     left.set_xlabel("time [s]")
-    left.margins(x=0.0)
+    for axes in (motion, left):
+        axes.margins(x=0.0)
     near = few_cycles(first_of(truth.y), span, LOOPS)
     y, r, true_y, true_r = (first_of(u)[near] for u in (*loops, truth.y, truth.r))
     for row, name in enumerate(_shown(true_r, elements, places)):
