@@ -76,8 +76,8 @@ def colour_of(method: str) -> str:
 def unit_of(key: str) -> str:
     """The unit of a setting such as model.cutoff; "" where conf/ names none, or several."""
     group, *_, name = key.split(".") if "." in key else ("", key)
-    found = set()
+    found, line = set(), re.compile(rf"^ *{re.escape(name)}:[^#\n]*#(.*)$", re.MULTILINE)
     for path in (CONF / group).glob("*.yaml") if group else ():
-        for comment in re.findall(rf"^ *{re.escape(name)}:[^#\n]*#(.*)$", path.read_text("utf-8"), re.M):
+        for comment in line.findall(path.read_text("utf-8")):
             found |= {part.strip() for part in re.split("[,;]", comment)}.intersection(UNITS)
     return found.pop() if len(found) == 1 else ""

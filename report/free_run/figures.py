@@ -17,14 +17,22 @@ from report.free_run.rows import RECORDS, SYSTEMS, Row, rank, row_of, rows_apart
 from report.free_run.signals import loops_of_model, motions
 from report.free_run.tables import case, records_of
 from report.output import save_figure
-from report.style import DASHES, MARKERS, mark_lost, one_legend, percent_ticks, plain_decades
+from report.style import (
+    DASHES,
+    MARKERS,
+    mark_lost,
+    one_legend,
+    percent_ticks,
+    plain_decades,
+    titled,
+)
 from runner.scores.result import Result, spread_of
 from runner.scores.spread import Spread, quantile
 
 BEST = 3  # models drawn against truth, and the linear system
 AXIS = {  # label of the setting that is varied, and its unit in that of the config
     RECORDS: ("training records", 1.0),
-    "scenario.level": ("standard deviation of the noise over the signal's [%]", 100.0),
+    "scenario.level": ("noise over the signal, standard deviations [%]", 100.0),
 }
 NAMES = {RECORDS: "training_records", "scenario.level": "noise_level"}
 
@@ -112,8 +120,7 @@ def errors_over_seeds(runs: Sequence[Result]) -> Figure:
             _spread(axes, place, label.split()[0], errors.get((label, system), Spread()))
         axes.set_title(system, fontsize="medium")
         _finish_errors(axes, labels)
-    setting = f"{records_of(runs[0].train_records)}{runs[0].setting}"
-    figure.suptitle(setting, fontsize="medium")
+    titled(figure, f"Free runs: {records_of(runs[0].train_records)}{runs[0].setting}")
     figure.supxlabel("free-run test error [%]  (▶: seeds diverged or failed)", fontsize="medium")
     return figure
 
@@ -188,9 +195,12 @@ def error_curves(curves: dict[tuple[str, str], Answers], varied: str) -> Figure:
         plain_decades(axes.yaxis, [1.0, 2.0, 5.0])
         axes.grid(alpha=0.3, axis="y")
         axes.set_title(system, fontsize="medium")
+        axes.set_xlabel(label, fontsize="small")
     panels[0].set_ylabel("free-run test error [%]")
-    figure.supxlabel(label, fontsize="medium")
-    one_legend(figure, panels, loc="outside upper center", ncols=4)
+    one_legend(figure, panels, loc="outside lower center", ncols=4)
+    titled(
+        figure, f"Free runs against {label.partition(' [')[0]}: median and quartiles of the seeds"
+    )
     return figure
 
 

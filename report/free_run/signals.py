@@ -91,7 +91,7 @@ def motions(runs: Sequence[Result], seconds: float = 6.0) -> Figure:
     draw_running_errors(error, replace(record, a=a), accelerations, colours)
     error.axvspan(t[0], t[-1], color=TRUE, alpha=0.3, linewidth=0.0)
     error.set_xlabel(f"time [s]; shaded: what is drawn above; the error is that of {symbol}")
-    one_legend(figure, figure.axes[:1], loc="outside upper center", ncols=3)
+    one_legend(figure, figure.axes[:1], loc="outside lower center", ncols=3)
     errors = ", ".join(f"{run.model} {_percent(run)}" for run in runs)
     on = f"Free runs of {runs[0].system}, unseen motion of seed {runs[0].seed}"
     return titled(figure, f"{on}: {errors}")

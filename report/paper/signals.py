@@ -202,7 +202,7 @@ def accelerations(runs: Sequence[Result], seconds: float = 3.0, room: float = 0.
     draw_running_errors(below, record, whole, colours)
     below.axvspan(t[0], t[-1], color=TRUE, alpha=0.3, linewidth=0.0)
     below.set_xlabel("time [s]; shaded: what is drawn above")
-    one_legend(figure, rows[:1], loc="outside upper center", ncols=3, fontsize="small")
+    one_legend(figure, rows[:1], loc="outside lower center", ncols=3, fontsize="small")
     case = f"{runs[0].system}, {runs[0].setting}: test motion of seed {runs[0].seed}"
     return titled(figure, f"{case}, one step ahead")
 
