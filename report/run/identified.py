@@ -117,7 +117,7 @@ def loops_over_truth(
         _loop(axes, (true_y[:, i], true_r[:, i]), own, "free run", colour)
         axes.set_title(f"{name}: {behaviour(element)}", fontsize="medium")
     one_legend(figure, figure.axes, loc="outside upper right", ncols=2)
-    times = f"{record.dt * span.start:.3g} – {record.dt * span.stop:.3g} s"
+    times = f"{record.dt * span.start:.3g}–{record.dt * span.stop:.3g} s"
     return titled(figure, f"{title}; {times}", 2.5)
 
 
