@@ -77,7 +77,9 @@ def weights_over_time(model: Online, record: Record) -> Figure:
     t = record.dt * np.linspace(longest, record.samples, len(history))
     figure = Figure(figsize=(9.0, 1.9 * len(outputs) + 0.8), layout="constrained")
     symbol, unit = QUANTITIES[record.quantity]
-    unit = unit if len(heads) == 1 else "a modal force"
+    what = f"{record.quantity} {symbol}"
+    if len(heads) > 1:
+        what, unit = "modal force h", "of its mode"
     for row, (j, i) in enumerate(outputs):
         axes = figure.add_subplot(len(outputs), 1, row + 1)
         curves = torch.stack([weights[j][:, i] for weights in history]) * sizes[j]  # (K, P)
@@ -89,7 +91,7 @@ def weights_over_time(model: Online, record: Record) -> Figure:
         late = curves[len(curves) // 5 :]
         reach = 1.3 * float(late[torch.isfinite(late)].abs().max()) if late.numel() else 0.0
         axes.set_ylim(-(reach or 1.0), reach or 1.0)
-        axes.set_ylabel(f"share in\n{symbol if len(heads) == 1 else 'h'}{row + 1} [{unit}]")
+        axes.set_ylabel(f"share in the\n{what}{row + 1} [{unit}]", fontsize="small")
         axes.margins(x=0.0)
         axes.tick_params(labelbottom=row == len(outputs) - 1)
         axes.grid(alpha=0.25)
