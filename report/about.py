@@ -7,11 +7,13 @@
       colour: "#D55E00"
       own_residual_colour: "#CC79A7"   of another way in which the model is scored
 
-All of it is optional. Statements, no results: what a small error shows depends on them.
+All of it is optional. Statements, no results: what a small error shows depends on them. And the
+unit of a setting, as its comment in conf/ has it.
 """
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections.abc import Mapping
 from functools import cache
@@ -23,6 +25,7 @@ from runner.config.compose import CONF
 
 OTHERS = ("#DDCC77", "#661100", "#6699CC", "#888888")  # of models that name none
 COLOUR = "colour"
+UNITS = ("s", "Hz", "rad/s", "m", "N", "kg", "samples", "seconds")  # as comments of conf/ say them
 
 
 def models() -> list[str]:
@@ -67,3 +70,14 @@ def colours() -> dict[str, str]:
 def colour_of(method: str) -> str:
     """The same in every picture."""
     return colours().get(method) or OTHERS[zlib.crc32(method.encode()) % len(OTHERS)]
+
+
+@cache
+def unit_of(key: str) -> str:
+    """The unit of a setting such as model.cutoff; "" where conf/ names none, or several."""
+    group, *_, name = key.split(".") if "." in key else ("", key)
+    found, line = set(), re.compile(rf"^ *{re.escape(name)}:[^#\n]*#(.*)$", re.MULTILINE)
+    for path in (CONF / group).glob("*.yaml") if group else ():
+        for comment in line.findall(path.read_text("utf-8")):
+            found |= {part.strip() for part in re.split("[,;]", comment)}.intersection(UNITS)
+    return found.pop() if len(found) == 1 else ""

@@ -1,23 +1,55 @@
-"""How pictures look: colours of signals, marks of lost runs, ticks.
+"""How pictures look: colours of signals, dashes and marks of lines, marks of lost runs, ticks.
 
-A model's colour stands in conf/model (report/about.py). Colours are distinct to the colour-blind:
-Okabe & Ito (2008), and of Tol (2021) what they lack.
+What a model is compared with is drawn wide and pale beneath it, so that both show where they
+coincide. Lines differ in dash or mark too, for pictures are printed in grey. A model's colour
+stands in conf/model (report/about.py). Colours are distinct to the colour-blind: Okabe & Ito
+(2008), and of Tol (2021) what they lack.
 """
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Iterable, Sequence
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from data.arguments import plain
 
 MEASURED, ESTIMATED = "#222222", "#d1495b"
+TRUE = "#b8b8b8"
+WIDE, NARROW = 4.0, 0.9
+DASHES: tuple[Any, ...] = (
+    *("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (9, 3))),
+    *((0, (3, 1, 1, 1, 1, 1)), (0, (2.5, 2.5)), (0, (9, 1.5, 3, 1.5))),
+)
+MARKERS = "osD^vP*X"
+TITLE = 11.0  # letters of a title in an inch
+MANY = 5.0  # decades, of which every second has a tick
 SERIES = (  # of what is no model
     *("#D55E00", "#E69F00", "#56B4E9", "#0072B2", "#009E73", "#CC79A7", "#882255"),
     *("#777777", "#999933", "#663311", "#44AA99", "#BBBBBB", "#332288"),
 )
+
+
+def titled(figure: Figure, title: str, legend: float = 0.0) -> Figure:
+    """Write at the upper left what a figure shows, in lines that end before a legend [inches]."""
+    letters = max(20, int(TITLE * (figure.get_figwidth() - legend)))
+    text = "\n".join(textwrap.wrap(title, letters))
+    figure.suptitle(text, fontsize="medium", x=0.01, ha="left")
+    return figure
+
+
+def one_legend(figure: Figure, panels: Iterable[Axes], **how: Any) -> None:
+    """A legend of a figure with every label of its panels once."""
+    handles: dict[Any, Any] = {}
+    for axes in panels:
+        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    figure.legend(handles.values(), handles.keys(), frameon=False, **how)
 
 
 def words_as_they_stand(figure: Figure) -> None:
@@ -48,6 +80,11 @@ def percent_ticks(axes: Axes) -> None:
     multiples = [1.0] if decades > 2.0 else [1.0, 2.0, 5.0]
     if decades < 1.0:
         multiples = [1.0, 2.0, 3.0, 4.0, 6.0]
-    axes.xaxis.set_major_locator(LogLocator(subs=multiples))
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    plain_decades(axes.xaxis, multiples, 100.0 if decades > MANY else 10.0)
+
+
+def plain_decades(axis: Axis, multiples: Sequence[float], base: float = 10.0) -> None:
+    """Ticks of a logarithmic axis written out, 0.1 and not a power of ten."""
+    axis.set_major_locator(LogLocator(base=base, subs=multiples))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
-from report.style import ESTIMATED, MEASURED
+from report.run.compared import LOOPS, few_cycles
+from report.style import ESTIMATED, NARROW, TRUE, WIDE, one_legend, titled
 
 MODEL, SEED = "element_network_branch", 0
 MOST, WIDTH = 4, 3.0  # storeys that are shown; inches of one
@@ -28,24 +29,31 @@ def draw_loops(folder: Path, stored: Path, results: Sequence[dict[str, Any]]) ->
             pictures[result["structure"]] = folder / f"unplanted_{name}.png"
             with np.load(loops) as stored_loops:
                 signals = stored_loops["signals"]
-            _draw(pictures[result["structure"]], signals)
+            error = result["unseen"]
+            gone = "diverged" if error is None else f"{error:.2f} %"
+            title = f"{result['structure']}: {MODEL}, seed {SEED}, unseen motions: {gone}"
+            _draw(pictures[result["structure"]], signals, title)
     return pictures
 
 
-def _draw(picture: Path, signals: np.ndarray) -> None:
+def _draw(picture: Path, signals: np.ndarray, title: str) -> None:
     """signals (4, T, storeys): drifts and forces, true and simulated."""
     storeys = min(signals.shape[2], MOST)
-    figure, axes = plt.subplots(
-        1, storeys, figsize=(WIDTH * storeys, 2.6), layout="constrained", squeeze=False
-    )
-    for storey, place in enumerate(axes[0]):
-        for first, colour, label in ((0, MEASURED, "true"), (2, ESTIMATED, "free run")):
-            way, force = 1e3 * signals[first, :, storey], 1e-3 * signals[first + 1, :, storey]
-            place.plot(way, force, color=colour, linewidth=0.6, label=label)
+    drifts = signals[0]
+    part = few_cycles(drifts, slice(0, len(drifts)), LOOPS)
+    figure = Figure(figsize=(WIDTH * storeys, 3.1), layout="constrained")
+    for storey, place in enumerate(figure.subplots(1, storeys, squeeze=False)[0]):
+        true, own = (
+            (1e3 * signals[first, part, storey], 1e-3 * signals[first + 1, part, storey])
+            for first in (0, 2)
+        )
+        place.plot(*true, color=TRUE, linewidth=WIDE, label="true")
+        place.plot(*own, color=ESTIMATED, linewidth=NARROW, label="free run")
         place.set_xlabel("drift [mm]")
         place.set_title(f"storey {storey + 1}", fontsize=9)
-        place.tick_params(labelsize=7)
-    axes[0, 0].set_ylabel("force [kN]")
-    axes[0, 0].legend(fontsize=7)
-    figure.savefig(picture, dpi=90, metadata={"Software": None})
-    plt.close(figure)
+        place.tick_params(labelsize=8)
+        place.grid(alpha=0.25)
+    figure.axes[0].set_ylabel("force [kN]")
+    one_legend(figure, figure.axes[:1], loc="outside lower center", ncols=2, fontsize=9)
+    titled(figure, title)
+    figure.savefig(picture, dpi=110, metadata={"Software": None})

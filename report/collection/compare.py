@@ -86,6 +86,13 @@ def labels_of(runs: Sequence[Result]) -> dict[str, list[Any]]:
     return {name: [getattr(run, name) for run in runs] for name in names} | chosen(runs)
 
 
+def in_common(runs: Sequence[Result]) -> str:
+    """Model, system and scenario, where all runs have the same."""
+    labels = labels_of(runs)
+    shared = {key: set(map(str, labels[key])) for key in ("model", "system", "scenario")}
+    return ", ".join(values.pop() for values in shared.values() if len(values) == 1)
+
+
 def _key(key: str, labels: dict[str, list[Any]], runs: Sequence[Result]) -> str:
     name = key.removesuffix(".name")
     if name in labels:

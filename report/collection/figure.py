@@ -15,14 +15,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
-from report.about import colours
+from report.about import colours, unit_of
 from report.collection.compare import LOST, Comparison, Group, is_number
-from report.style import SERIES
+from report.style import DASHES, MARKERS, SERIES, plain_decades
 
 WORDS = {"relative_rms_percent": "relative RMS error [%]", "fit_seconds": "time of the fit [s]"}
-MARKERS = "osD^vP*X"
 DECADES = 1.0  # of values: from here on the axis is logarithmic
 BEYOND = 10.0  # times the largest median: the end of the axis
 DRAWN = 15  # values that a line joins; more were drawn at random, and other choices with them
@@ -112,8 +110,9 @@ def _draw_lines(
         middle = [_finite(group.spread.median) for group in of_name]
         low = [min(group.spread.finite, default=math.nan) for group in of_name]
         high = [max(group.spread.finite, default=math.nan) for group in of_name]
-        colour, marker = names[name], MARKERS[list(names).index(name) % len(MARKERS)]
-        joined = "-" if len(places) <= DRAWN else "none"
+        line = list(names).index(name)
+        colour, marker = names[name], MARKERS[line % len(MARKERS)]
+        joined = DASHES[line % len(DASHES)] if len(places) <= DRAWN else "none"
         style: dict[str, Any] = {
             "marker": marker,
             "markersize": 4,
@@ -137,7 +136,8 @@ def _draw_lines(
     if len(values) <= TICKS:
         axes.set_xticks(values, [f"{value:g}" for value in values])
         axes.set_xticks([], minor=True)
-    axes.set_xlabel(comparison.keys[x])
+    unit = unit_of(comparison.keys[x])
+    axes.set_xlabel(f"{comparison.keys[x]} [{unit}]" if unit else comparison.keys[x])
     if axes.get_subplotspec().is_first_col():  # type: ignore[union-attr]
         axes.set_ylabel(f"{_words(comparison.number)}\nmedian, smallest and largest")
     axes.grid(alpha=0.3)
@@ -189,9 +189,7 @@ def scale(axes: Axes, which: str, values: Sequence[float]) -> None:
     axis = axes.yaxis if which == "y" else axes.xaxis
     (axes.set_yscale if which == "y" else axes.set_xscale)("log")
     decades = math.log10(max(finite) / min(finite))
-    axis.set_major_locator(LogLocator(subs=[1.0] if decades > 2.5 else [1.0, 2.0, 5.0]))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())
+    plain_decades(axis, [1.0] if decades > 2.5 else [1.0, 2.0, 5.0])
 
 
 def _limit(axes: Axes, groups: Sequence[Group]) -> None:

@@ -9,11 +9,12 @@ from pathlib import Path
 from rich.console import Console
 
 from data.terminal import terminal
-from report.collection.compare import as_table, compare
+from report.collection.compare import as_table, compare, in_common
 from report.collection.figure import draw_comparison
 from report.collection.long_table import counted, long_table, write_long
 from report.collection.runs import collect, results_folder
 from report.output import save_figure
+from report.style import titled
 from runner.progress import is_finished, print_not_identified, reasons
 from runner.scores.result import Result
 
@@ -40,7 +41,7 @@ def report_by(
     console.print(counted(runs), *comparison.notes, sep="\n", soft_wrap=True, markup=False)
     print_not_identified(console, runs)
     name = f"{comparison.number} by {' '.join(comparison.by)}"
-    figure = draw_comparison(comparison)
+    figure = titled(draw_comparison(comparison), in_common(runs))
     folder = output or results_folder(folders)
     path = save_figure(figure, folder, re.sub(r"[ /]+", "_", name))[0]
     console.print(f"picture in {path}", soft_wrap=True)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from export.modes import Modes
-from report.style import ESTIMATED, MEASURED
+from report.style import ESTIMATED, MEASURED, one_legend
 
 MOST = 12  # modes that are drawn, the slowest
 
@@ -24,8 +24,10 @@ def draw_modes(modes: Modes, title: str) -> Figure:
         shape = np.concatenate([[0.0], modes.shapes[:, i]])
         ax.axvline(0.0, color="#bbbbbb", linewidth=0.8)
         if np.abs(shape.imag).max() > 0.02:
-            ax.plot(shape.imag, place, ":", color=ESTIMATED, linewidth=1.0)
-        ax.plot(shape.real, place, ".-", color=MEASURED, linewidth=1.2, markersize=6)
+            ax.plot(shape.imag, place, ":", color=ESTIMATED, linewidth=1.0, label="out of phase")
+        ax.plot(
+            shape.real, place, ".-", color=MEASURED, linewidth=1.2, markersize=6, label="in phase"
+        )
         hertz, share = modes.frequencies[i], 100.0 * modes.damping[i]
         ax.set_title(f"{hertz:.3g} Hz, {share:.2g} %", fontsize=8)
         ax.set_xlim(-1.15, 1.15)
@@ -40,4 +42,8 @@ def draw_modes(modes: Modes, title: str) -> Figure:
         else ""
     )
     figure.suptitle(f"{title}{more}", fontsize=9)
+    for ax in axes[max(0, count - columns) : count]:
+        ax.set_xlabel("shape [–]", fontsize=8)
+        ax.tick_params(labelbottom=True)
+    one_legend(figure, axes[:count], loc="outside lower center", ncols=2, fontsize=8)
     return figure

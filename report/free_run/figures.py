@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from report.about import colour_of
 from report.free_run.questions import Answers, answers
@@ -18,14 +17,22 @@ from report.free_run.rows import RECORDS, SYSTEMS, Row, rank, row_of, rows_apart
 from report.free_run.signals import loops_of_model, motions
 from report.free_run.tables import case, records_of
 from report.output import save_figure
-from report.style import mark_lost, percent_ticks
+from report.style import (
+    DASHES,
+    MARKERS,
+    mark_lost,
+    one_legend,
+    percent_ticks,
+    plain_decades,
+    titled,
+)
 from runner.scores.result import Result, spread_of
 from runner.scores.spread import Spread, quantile
 
 BEST = 3  # models drawn against truth, and the linear system
 AXIS = {  # label of the setting that is varied, and its unit in that of the config
     RECORDS: ("training records", 1.0),
-    "scenario.level": ("standard deviation of the noise over the signal's [%]", 100.0),
+    "scenario.level": ("noise over the signal, standard deviations [%]", 100.0),
 }
 NAMES = {RECORDS: "training_records", "scenario.level": "noise_level"}
 
@@ -113,8 +120,7 @@ def errors_over_seeds(runs: Sequence[Result]) -> Figure:
             _spread(axes, place, label.split()[0], errors.get((label, system), Spread()))
         axes.set_title(system, fontsize="medium")
         _finish_errors(axes, labels)
-    setting = f"{records_of(runs[0].train_records)}{runs[0].setting}"
-    figure.suptitle(setting, fontsize="medium")
+    titled(figure, f"Free runs: {records_of(runs[0].train_records)}{runs[0].setting}")
     figure.supxlabel("free-run test error [%]  (▶: seeds diverged or failed)", fontsize="medium")
     return figure
 
@@ -175,33 +181,30 @@ def error_curves(curves: dict[tuple[str, str], Answers], varied: str) -> Figure:
     figure = Figure(figsize=(0.8 + 3.1 * len(systems), 3.9), layout="constrained")
     panels = figure.subplots(1, len(systems), sharey=True, squeeze=False)[0]
     label, unit = AXIS[varied]
+    models = list(dict.fromkeys(model for _, model in curves))
     for axes, system in zip(panels, systems, strict=True):
         values: set[float] = set()
         for (of_system, model), curve in curves.items():
             if of_system == system:
                 values |= {unit * float(value) for value in curve}
-                _curve(axes, model, curve, unit)
+                _curve(axes, models.index(model), model, curve, unit)
         axes.set_xscale("log")
         axes.set_xticks(sorted(values), [f"{value:g}" for value in sorted(values)])
         axes.set_xticks([], minor=True)
         axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=[1.0, 2.0, 5.0]))
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        plain_decades(axes.yaxis, [1.0, 2.0, 5.0])
         axes.grid(alpha=0.3, axis="y")
         axes.set_title(system, fontsize="medium")
+        axes.set_xlabel(label, fontsize="small")
     panels[0].set_ylabel("free-run test error [%]")
-    figure.supxlabel(label, fontsize="medium")
-    handles = dict(zip(*reversed(panels[0].get_legend_handles_labels()), strict=True))
-    for axes in panels[1:]:
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(
-        handles.values(), handles.keys(), loc="outside upper center", ncols=4, frameon=False
+    one_legend(figure, panels, loc="outside lower center", ncols=4)
+    titled(
+        figure, f"Free runs against {label.partition(' [')[0]}: median and quartiles of the seeds"
     )
     return figure
 
 
-def _curve(axes: Axes, model: str, curve: Answers, unit: float) -> None:
+def _curve(axes: Axes, place: int, model: str, curve: Answers, unit: float) -> None:
     x = [unit * float(value) for value in curve]
     errors = [_of_free_runs(same).values for same in curve.values()]
     low, middle, high = (
@@ -209,7 +212,8 @@ def _curve(axes: Axes, model: str, curve: Answers, unit: float) -> None:
     )
     finite, colour = np.isfinite(middle), colour_of(model)
     drawn = np.where(finite, middle, np.nan)
-    axes.plot(x, drawn, color=colour, marker="o", markersize=4, label=model)
+    style = {"linestyle": DASHES[place % len(DASHES)], "marker": MARKERS[place % len(MARKERS)]}
+    axes.plot(x, drawn, color=colour, markersize=4, label=model, **style)
     low, high = (np.where(np.isfinite(high), side, np.nan) for side in (low, high))
     axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0.0)
     gone = [value for value, known in zip(x, finite, strict=True) if not known]

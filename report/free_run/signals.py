@@ -5,7 +5,9 @@ T samples, n DOFs, E elements.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,12 +25,13 @@ from models.training.assemble import data_from
 from models.training.free_run import simulate
 from models.training.metrics import displacement_of
 from report.about import colour_of
-from report.paper.signals import behaviour
-from report.run.figures import strong_motion
-from report.run.identified import NARROW, TRUE, WIDE, matched
+from report.run.compared import draw_running_errors
+from report.run.identified import loops_over_truth, matched
+from report.style import DASHES, TRUE, WIDE, one_legend, titled
 from runner.folder.run import restore
 from runner.folder.run_folder import read_run
 from runner.scores.result import Result
+from runner.scores.spread import percent
 
 ROOM = 0.5  # of the true range, above and below; a motion beyond is cut off
 
@@ -46,11 +49,11 @@ def _motions(folder: Path) -> Data:
     return data
 
 
-def motions(runs: Sequence[Result], seconds: float = 10.0) -> Figure:
+def motions(runs: Sequence[Result], seconds: float = 6.0) -> Figure:
     """Acceleration and displacement of free runs against truth, `seconds` before the end.
 
-    There a drift shows; a measured motion is shown about its peak, for it may end at rest.
-    `runs`: one run of each model, all of one system and seed.
+    There a drift shows; a measured motion is shown about its peak, for it may end at rest. Beneath,
+    the error of each over the whole motion. `runs`: one of each model, of one system and seed.
     """
     record, responses = _simulated(runs)
     count = min(record.samples, max(2, round(seconds / record.dt)))
@@ -60,26 +63,38 @@ def motions(runs: Sequence[Result], seconds: float = 10.0) -> Figure:
         last = min(last, max(count, peak + count // 2))
     span = slice(last - count, last)
     t = record.dt * np.arange(record.samples)[span]
-    true = {"a": record.a if record.truth is None else record.truth.a, "x": displacement_of(record)}
+    a = record.a if record.truth is None else record.truth.a
+    true = {"a": a, "x": displacement_of(record)}
     symbol, unit = QUANTITIES[record.quantity]
     shown = [("a", f"{symbol}{{}} [{unit}]"), ("x", "x{} [m]")]
     shown = shown if record.quantity == "acceleration" and true["x"] is not None else shown[:1]
-    figure = Figure(figsize=(12.0, 1.9 * record.dofs + 1.2), layout="constrained")
-    panels = figure.subplots(record.dofs, len(shown), sharex=True, squeeze=False)
+    figure = Figure(figsize=(10.0, 1.6 * record.dofs + 3.4), layout="constrained")
+    grid = figure.add_gridspec(
+        record.dofs + 1, len(shown), height_ratios=(*[1.0] * record.dofs, 1.4)
+    )
+    known = "measured" if record.truth is None else "true"
     for column, (name, label) in enumerate(shown):
         reference = true[name]
-        for i, axes in enumerate(panels[:, column]):
+        for i in range(record.dofs):
+            axes = figure.add_subplot(grid[i, column])
             curves = {
                 model: getattr(response, name)[span, i].numpy()
                 for model, response in responses.items()
             }
-            known = None if reference is None else reference[span, i].numpy()
-            _motion(axes, t, known, curves, "measured" if record.truth is None else "true")
+            here = None if reference is None else reference[span, i].numpy()
+            _motion(axes, t, here, curves, known)
             axes.set_ylabel(label.format(i + 1))
-        panels[-1, column].set_xlabel(f"time [s] of the test motion, seed {runs[0].seed}")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
-    return figure
+            axes.tick_params(labelbottom=i == record.dofs - 1)
+    error = figure.add_subplot(grid[-1, :])
+    accelerations = {model: response.a for model, response in responses.items()}
+    colours = {model: colour_of(model) for model in responses}
+    draw_running_errors(error, replace(record, a=a), accelerations, colours)
+    error.axvspan(t[0], t[-1], color=TRUE, alpha=0.3, linewidth=0.0)
+    error.set_xlabel(f"time [s]; shaded: what is drawn above; the error is that of {symbol}")
+    one_legend(figure, figure.axes[:1], loc="outside lower center", ncols=3)
+    errors = ", ".join(f"{run.model} {_percent(run)}" for run in runs)
+    on = f"Free runs of {runs[0].system}, unseen motion of seed {runs[0].seed}"
+    return titled(figure, f"{on}: {errors}")
 
 
 def _simulated(runs: Sequence[Result]) -> tuple[Record, dict[str, Response]]:
@@ -102,10 +117,11 @@ def _motion(
 ) -> None:
     """Truth (T,) and what each model makes of it; a curve that leaves the picture is named."""
     if true is not None:
-        axes.plot(t, true, color="black", linewidth=3.0, label=label)
+        axes.plot(t, true, color=TRUE, linewidth=WIDE, label=label)
     for place, (model, curve) in enumerate(curves.items()):  # the first, the best, on top
-        colour, above = colour_of(model), 3.0 - 0.01 * place
-        axes.plot(t, curve, color=colour, linewidth=1.1, label=model, zorder=above)
+        dash, above = DASHES[place % len(DASHES)], 3.0 - 0.01 * place
+        style: dict[str, Any] = {"color": colour_of(model), "linestyle": dash, "zorder": above}
+        axes.plot(t, curve, linewidth=1.1, label=model, **style)
     if true is not None:
         beyond = ROOM * (true.max() - true.min())
         low, high = true.min() - beyond, true.max() + beyond
@@ -137,42 +153,19 @@ def loops_of_model(run: Result) -> Figure | None:
     if record.truth is None:
         return None
     with torch.inference_mode():
-        y, r = (signal.numpy() for signal in simulated.element_loops(record))
+        loops = simulated.element_loops(record)
     assert isinstance(data, SimulatedData)  # only those know the truth
     elements = data.simulation.structure.elements
     places = matched(elements, simulated.elements)
-    span = strong_motion(record.truth.a.numpy(), record.dt)
-    y, r = y[span], r[span]
-    columns = min(3, len(elements))
-    rows = -(-len(elements) // columns)
-    figure = Figure(figsize=(3.2 * columns, 2.6 * rows + 0.4), layout="constrained")
-    for i, (name, element) in enumerate(elements.items()):
-        axes = figure.add_subplot(rows, columns, i + 1)
-        true = (signal[span, i].numpy() for signal in (record.truth.y, record.truth.r))
-        axes.plot(*true, color=TRUE, linewidth=WIDE, label="true")
-        if name in places:
-            e, sign = places[name]
-            loop, colour = (sign * y[:, e], sign * r[:, e]), colour_of(str(run.model))
-            axes.plot(*loop, color=colour, linewidth=NARROW, label=run.model)
-        else:
-            _note(axes, "not in the model")
-        axes.set_title(f"{name}: {behaviour(element)}", fontsize="medium")
-        axes.set_xlabel("y [m]")
-        axes.set_ylabel("r [N]")
-        axes.grid(alpha=0.25)
-        _true_range(axes, record, i)
-    handles: dict[Any, Any] = {}
-    for axes in figure.axes:
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(
-        handles.values(), handles.keys(), loc="outside upper right", ncols=2, frameon=False
-    )
-    return figure
+    return loops_over_truth(record, loops, elements, places, named(run), colour_of(str(run.model)))
 
 
-def _true_range(axes: Axes, record: Record, i: int) -> None:
-    """A quarter more than the truth's: a loop that runs away does not hide it."""
-    assert record.truth is not None
-    for limits, signal in ((axes.set_xlim, record.truth.y), (axes.set_ylim, record.truth.r)):
-        low, high = float(signal[:, i].min()), float(signal[:, i].max())
-        limits(low - 0.25 * (high - low), high + 0.25 * (high - low))
+def named(run: Result) -> str:
+    """Model, system, seed and error of the free run that a picture shows."""
+    on = f"{run.model} on {run.system}, unseen motion of seed {run.seed}"
+    return f"{on}: free run {_percent(run)}"
+
+
+def _percent(run: Result) -> str:
+    error = run.free_run
+    return "diverged" if error is None or not math.isfinite(error) else f"{percent(error)} %"

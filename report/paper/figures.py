@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,7 +23,7 @@ from report.paper.signals import (
     sample_loops,
     without_second_basis,
 )
-from report.style import mark_lost, percent_ticks
+from report.style import MARKERS, mark_lost, one_legend, percent_ticks, plain_decades, titled
 from runner.config.compose import CONF
 from runner.scores.paper_values import paper_values
 from runner.scores.result import Result, spread_of
@@ -132,17 +131,13 @@ def _spread(axes: Axes, place: int, method: str, errors: Spread) -> None:
 
 def _finish_methods(figure: Figure, panels: Sequence[Axes]) -> None:
     """Methods down the shared axis, a line between the paper's and the rest; one legend."""
-    handles: dict[Any, Any] = {}
     for axes in panels:
         axes.axhline(len(SIX) - 0.5, color="#888888", linewidth=0.8)
         axes.grid(axis="x", alpha=0.3)
         axes.set_ylim(len(METHODS) - 0.5, -0.5)
         axes.set_yticks(range(len(METHODS)), METHODS, fontsize="small")
         percent_ticks(axes)
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(
-        handles.values(), handles.keys(), loc="outside upper right", ncols=2, frameon=False
-    )
+    one_legend(figure, panels, loc="outside upper right", ncols=2)
 
 
 def errors_against(
@@ -171,18 +166,21 @@ def error_curves(
     axes = figure.add_subplot()
     if setting == "cutoff":
         axes.set_xscale("log")
-    for method, curve in without_second_basis(curves).items():
+    for place, (method, curve) in enumerate(without_second_basis(curves).items()):
         x = UNIT[setting] * np.array(list(curve))
         low, middle, high = np.array([_quartiles(errors) for errors in curve.values()]).T
         color, seeds = colour_of(method), max(map(len, curve.values()))
-        dashed = "-" if method in SIX else "--"
+        style = {"linestyle": "-" if method in SIX else "--", "marker": MARKERS[place]}
         label = LABELS.get(method, method)
-        axes.plot(x, middle, color=color, linestyle=dashed, marker="o", markersize=4, label=label)
+        axes.plot(x, middle, color=color, markersize=5, label=label, **style)
         axes.fill_between(x, low, high, color=color, alpha=0.18, linewidth=0.0)
     axes.set_xticks(x, [f"{value:g}" for value in x])
     axes.set_xticks([], minor=True)
     axes.set_ylabel(f"test error [%], median and quartiles of {seeds} seeds")
     _finish_curves(axes, scenario, setting)
+    titled(
+        figure, f"{SWEPT} system, {scenario}: one step ahead on the test motion; dashed: baselines"
+    )
     figure.legend(loc="outside right upper", frameon=False, fontsize="small")
     return figure
 
@@ -203,5 +201,5 @@ def _finish_curves(axes: Axes, scenario: str, setting: str) -> None:
     axes.text(value, 1.01, "default", transform=top, ha="center", va="bottom", fontsize="small")
     axes.set_xlabel(AXIS[setting])
     axes.set_yscale("log")
-    axes.yaxis.set_major_formatter("{x:g}")
+    plain_decades(axes.yaxis, [1.0])
     axes.grid(alpha=0.3, axis="y")

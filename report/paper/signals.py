@@ -25,8 +25,9 @@ from models.training.assemble import simulated_from
 from models.training.build import build
 from report.about import colour_of
 from report.paper.cells import METHODS, OWN_RESIDUAL, of
+from report.run.compared import draw_running_errors
 from report.run.figures import element_loops
-from report.style import MEASURED
+from report.style import DASHES, MEASURED, TRUE, WIDE, one_legend, titled
 from runner.config.compose import CONF
 from runner.folder.run import restore
 from runner.folder.run_folder import read_run
@@ -133,6 +134,7 @@ def phase_planes(run: Result, identical_scales: bool) -> Figure:
     record = data.records["train"][0]
     titles = [f"{name}: {behaviour(element)}" for name, element in elements.items()]
     figure = element_loops(record, titles)
+    titled(figure, f"{run.system} system, training motion of seed {run.seed}: true forces")
     if identical_scales:
         assert record.truth is not None
         for axes in figure.axes:
@@ -186,35 +188,39 @@ def accelerations(runs: Sequence[Result], seconds: float = 3.0, room: float = 0.
     count = min(record.samples, round(seconds / record.dt))
     span = slice((record.samples - count) // 2, (record.samples + count) // 2)
     t, measured = record.dt * np.arange(record.samples)[span], record.a.numpy()[span]
-    lines = {method: a[span] for method, a in without_second_basis(estimates(runs, record)).items()}
-    figure = Figure(figsize=(9.0, 2.0 * record.dofs + 1.5), layout="constrained")
-    rows = figure.subplots(record.dofs, 1, sharex=True, squeeze=False)[:, 0]
+    found = without_second_basis(estimates(runs, record))
+    lines = {method: a[span] for method, a in found.items()}
+    figure = Figure(figsize=(9.0, 2.0 * record.dofs + 4.0), layout="constrained")
+    *rows, below = figure.subplots(record.dofs + 1, 1)
     for i, (axes, letter) in enumerate(zip(rows, ascii_lowercase, strict=False)):
         columns = {method: a[:, i] for method, a in lines.items()}
         _acceleration(axes, t, measured[:, i], columns, room)
         axes.set_ylabel(f"({letter})  ẍ{i + 1} [m/s²]")
-    axes.set_xlabel(f"time [s] of the test motion, seed {runs[0].seed}")
-    figure.legend(
-        *axes.get_legend_handles_labels(),
-        loc="outside upper center",
-        ncols=3,
-        frameon=False,
-        fontsize="small",
-    )
-    return figure
+        axes.tick_params(labelbottom=i == len(rows) - 1)
+    colours = {method: colour_of(method) for method in found}
+    whole = {method: torch.from_numpy(a) for method, a in found.items()}
+    draw_running_errors(below, record, whole, colours)
+    below.axvspan(t[0], t[-1], color=TRUE, alpha=0.3, linewidth=0.0)
+    below.set_xlabel("time [s]; shaded: what is drawn above")
+    one_legend(figure, rows[:1], loc="outside lower center", ncols=3, fontsize="small")
+    case = f"{runs[0].system}, {runs[0].setting}: test motion of seed {runs[0].seed}"
+    return titled(figure, f"{case}, one step ahead")
 
 
 def _acceleration(
     axes: Axes, t: np.ndarray, measured: np.ndarray, lines: dict[str, np.ndarray], room: float
 ) -> None:
     """One DOF: its measured acceleration (T,), and what each method says of it."""
-    axes.plot(t, measured, color="black", linewidth=3.0, label="measured")
-    for method, a in lines.items():
-        label = LABELS.get(method, method)
-        axes.plot(t, a, color=colour_of(method), linewidth=1.0, label=label)
+    axes.plot(t, measured, color=TRUE, linewidth=WIDE, label="measured")
+    for place, (method, a) in enumerate(lines.items()):
+        style: dict[str, Any] = {
+            "color": colour_of(method),
+            "linestyle": DASHES[place % len(DASHES)],
+        }
+        axes.plot(t, a, linewidth=1.0, label=LABELS.get(method, method), **style)
     beyond = room * (measured.max() - measured.min())
     low, high = measured.min() - beyond, measured.max() + beyond
-    cut = [method for method, a in lines.items() if a.min() < low or a.max() > high]
+    cut = [LABELS.get(m, m) for m, a in lines.items() if a.min() < low or a.max() > high]
     if cut:
         axes.set_ylim(low, high)
         axes.text(

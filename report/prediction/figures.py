@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from models.estimator import Estimator
 from report.prediction.peaks import largest, leading
 from report.prediction.runs import Prediction, Signal, parts_of
-from report.style import ESTIMATED, MEASURED, SERIES
+from report.style import DASHES, ESTIMATED, MEASURED, SERIES
 
 MOST_ROWS, MOST_LOOPS = 8, 12  # that are drawn, those with the largest peaks
 OUTPUTS = ("displacement", "velocity", "acceleration", "force", "output")
@@ -56,7 +56,8 @@ def _history(ax: Axes, t: np.ndarray, signal: Signal, names: Sequence[str]) -> N
     shown = sorted(np.argsort(-sizes, kind="stable")[:MOST_ROWS].tolist())
     for place, i in enumerate(shown):
         colour = MEASURED if signal.kind == "input" and len(shown) == 1 else _colour(place, shown)
-        ax.plot(t, signal.values[:, i], color=colour, linewidth=0.8, label=names[i])
+        dash = DASHES[place % len(DASHES)]
+        ax.plot(t, signal.values[:, i], color=colour, linestyle=dash, linewidth=0.8, label=names[i])
         if signal.half is not None:
             low, high = (signal.values[:, i] + way * signal.half[:, i] for way in (-1.0, 1.0))
             ax.fill_between(t, low, high, color=colour, alpha=0.2, linewidth=0.0)
@@ -145,12 +146,15 @@ def _bars(
     """One scale: a bar for each motion."""
     figure.set_size_inches(6.4, max(2.0, 0.9 + 0.19 * len(peaks)))
     colours = [ESTIMATED if p.outside else "#0072B2" for p in predictions]
-    ax.barh(range(len(peaks)), np.nan_to_num(peaks), color=colours)
+    bars = ax.barh(range(len(peaks)), np.nan_to_num(peaks), color=colours, edgecolor="white")
+    for bar, prediction in zip(bars, predictions, strict=True):
+        bar.set_hatch("///" if prediction.outside else "")
     ax.set_yticks(range(len(peaks)), [p.name for p in predictions], fontsize=7)
     ax.invert_yaxis()
     ax.set_xlabel(label)
     ax.set_title(title, fontsize=10, loc="left")
-    for name, colour in (("inside the trained range", "#0072B2"), ("outside it", ESTIMATED)):
-        ax.bar(0, 0, color=colour, label=name)
+    kinds = (("inside the trained range", "#0072B2", ""), ("outside it", ESTIMATED, "///"))
+    for name, colour, hatch in kinds:
+        ax.bar(0, 0, color=colour, hatch=hatch, edgecolor="white", label=name)
     ax.legend(fontsize=7)
     return figure

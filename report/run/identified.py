@@ -1,4 +1,4 @@
-"""What a network of elements found, in one picture: its free run, and its loops over the true ones.
+"""What a network of elements found: its free run and loops in one picture, and all of its loops.
 
 For simulated structures, whose motion and forces are known. T samples, E elements.
 """
@@ -17,12 +17,11 @@ from torch import Tensor
 from data.record import Record, Response
 from data.simulation.elements.element import Element
 from report.paper.signals import behaviour
-from report.run.figures import first_of, strong_motion
-from report.style import ESTIMATED
+from report.run.compared import LOOPS, few_cycles, first_of, strong_motion
+from report.style import ESTIMATED, NARROW, TRUE, WIDE, one_legend, titled
 
-TRUE = "#b8b8b8"  # wide and pale, so that a line upon it shows both
-WIDE, NARROW = 4.0, 0.9
-LOOPS = 2  # of the widest, each of another behaviour where there are any
+SHOWN = 2  # elements beside the motion, those of the largest forces, of two behaviours if there are
+ROOM = 0.25  # times the true range, beyond it: a loop that runs away does not hide the true one
 
 
 def matched(
@@ -65,28 +64,81 @@ def identified(
     assert truth is not None
     last, span = record.dofs - 1, strong_motion(first_of(truth.a), record.dt)
     t = record.dt * np.arange(record.samples)[span]
-    figure = Figure(figsize=(10.5, 4.6), layout="constrained")
-    figure.suptitle(title, fontsize="medium", x=0.01, ha="left")
-    grid = figure.add_gridspec(2, 3, height_ratios=(1.6, 1.0))
-    motion, left = figure.add_subplot(grid[0, :2]), figure.add_subplot(grid[1, :2])
+    figure = titled(Figure(figsize=(10.5, 4.8), layout="constrained"), title)
+    grid = figure.add_gridspec(2, 3, height_ratios=(1.0, 1.0))
+    motion = figure.add_subplot(grid[0, :2])
+    left = figure.add_subplot(grid[1, :2], sharex=motion)
     true, own = (first_of(a)[span, last] for a in (truth.a, response.a))
     motion.plot(t, true, color=TRUE, linewidth=WIDE, label="true")
     motion.plot(t, own, color=ESTIMATED, linewidth=NARROW, label="free run")
     motion.set_ylabel(f"ẍ{last + 1} [m/s²]")
     motion.legend(frameon=False, ncols=2, loc="upper right", fontsize="small")
+    motion.set_ylim(top=1.35 * max(true.max(), own.max()))  # room for the legend
     left.plot(t, own - true, color=ESTIMATED, linewidth=NARROW)
-    left.set_ylabel("error [m/s²]")
+    left.set_ylabel("its error [m/s²]")
     left.set_xlabel("time [s]")
     for axes in (motion, left):
         axes.margins(x=0.0)
-    y, r, true_y, true_r = (first_of(u)[span] for u in (*loops, truth.y, truth.r))
+    near = few_cycles(first_of(truth.y), span, LOOPS)
+    y, r, true_y, true_r = (first_of(u)[near] for u in (*loops, truth.y, truth.r))
     for row, name in enumerate(_shown(true_r, elements, places)):
         axes, (e, sign) = figure.add_subplot(grid[row, 2]), places[name]
         i = list(elements).index(name)
-        axes.plot(true_y[:, i], true_r[:, i], color=TRUE, linewidth=WIDE)
-        axes.plot(sign * y[:, e], sign * r[:, e], color=ESTIMATED, linewidth=NARROW)
-        _named(axes, f"{name}: {behaviour(elements[name])}")
+        _loop(axes, (true_y[:, i], true_r[:, i]), (sign * y[:, e], sign * r[:, e]), "free run")
+        axes.set_title(f"{name}: {behaviour(elements[name])}", fontsize="small")
     return figure
+
+
+def loops_over_truth(
+    record: Record,
+    loops: tuple[Tensor, Tensor],
+    elements: Mapping[str, Element],
+    places: Mapping[str, tuple[int, float]],
+    title: str,
+    colour: str = ESTIMATED,
+) -> Figure:
+    """Figs. 6–8 from a model: the loops of its elements over the true ones, the largest of them."""
+    truth = record.truth
+    assert truth is not None
+    whole = first_of(truth.y)
+    span = few_cycles(whole, strong_motion(first_of(truth.a), record.dt), LOOPS)
+    y, r, true_y, true_r = (first_of(u)[span] for u in (*loops, truth.y, truth.r))
+    columns = min(3, len(elements))
+    rows = -(-len(elements) // columns)
+    figure = Figure(figsize=(3.2 * columns, 2.6 * rows + 0.6), layout="constrained")
+    for i, (name, element) in enumerate(elements.items()):
+        axes, own = figure.add_subplot(rows, columns, i + 1), None
+        if name in places:
+            e, sign = places[name]
+            own = (sign * y[:, e], sign * r[:, e])
+        else:
+            axes.text(0.97, 0.03, "not in the model", transform=axes.transAxes, ha="right",
+                      fontsize="x-small")  # fmt: skip
+        _loop(axes, (true_y[:, i], true_r[:, i]), own, "free run", colour)
+        axes.set_title(f"{name}: {behaviour(element)}", fontsize="medium")
+    one_legend(figure, figure.axes, loc="outside upper right", ncols=2)
+    times = f"{record.dt * span.start:.3g}–{record.dt * span.stop:.3g} s"
+    return titled(figure, f"{title}; {times}", 2.5)
+
+
+def _loop(
+    axes: Axes,
+    true: tuple[np.ndarray, np.ndarray],
+    own: tuple[np.ndarray, np.ndarray] | None,
+    label: str,
+    colour: str = ESTIMATED,
+) -> None:
+    """One element: its true loop (y, r), and that of a model."""
+    axes.plot(*true, color=TRUE, linewidth=WIDE, label="true")
+    if own is not None:
+        axes.plot(*own, color=colour, linewidth=NARROW, label=label)
+    for limits, signal in zip((axes.set_xlim, axes.set_ylim), true, strict=True):
+        low, high = float(signal.min()), float(signal.max())
+        limits(low - ROOM * (high - low), high + ROOM * (high - low))
+    axes.locator_params(axis="x", nbins=4)  # numbers such as −0.0025 are wide
+    axes.set_xlabel("y [m]")
+    axes.set_ylabel("r [N]")
+    axes.grid(alpha=0.25)
 
 
 def _shown(
@@ -97,14 +149,7 @@ def _shown(
     order = sorted(places, key=lambda name: -size[name])
     largest = {behaviour(elements[name]): name for name in reversed(order)}
     others = [name for name in order if name not in largest.values()]
-    return [*sorted(largest.values(), key=lambda name: -size[name]), *others][:LOOPS]
-
-
-def _named(axes: Axes, title: str) -> None:
-    axes.set_title(title, fontsize="small")
-    axes.set_xlabel("y [m]")
-    axes.set_ylabel("r [N]")
-    axes.grid(alpha=0.25)
+    return [*sorted(largest.values(), key=lambda name: -size[name]), *others][:SHOWN]
 
 
 def picture(
@@ -115,10 +160,13 @@ def picture(
     pairs: Sequence[Sequence[str]] | None,
     title: str,
 ) -> dict[str, Figure]:
-    """The picture by its name; none where there is nothing to compare with."""
+    """Pictures by name; none where there is nothing to compare with."""
     if record.truth is None or response is None or loops is None or pairs is None:
         return {}
     places = matched(elements, pairs)
     if not places or not torch.isfinite(response.a).all():
         return {}
-    return {"identified": identified(record, response, loops, elements, places, title)}
+    return {
+        "identified": identified(record, response, loops, elements, places, title),
+        "element_loops": loops_over_truth(record, loops, elements, places, title),
+    }

@@ -12,19 +12,28 @@ from models.estimator import Estimator
 from models.online.adaptive import Online, single
 from models.online.scores import WINDOW, running_error
 from models.online.stream import started
+from report.style import DASHES, SERIES, TRUE, plain_decades, titled
 
-COLORS = {"from nothing": "#d1495b", "adapting": "#2e6f95", "frozen": "#222222"}
+LINES = {  # colour and dash of each way of estimating
+    "from nothing": ("#d1495b", DASHES[1]),
+    "adapting": ("#2e6f95", DASHES[0]),
+    "frozen": ("#222222", DASHES[2]),
+}
+NAMED = 3  # weights of each DOF in colour, those with the largest share at the end
 STRETCHES = 250  # points of a curve of weights
 
 
-def online_figures(estimator: Estimator, batch: Record) -> dict[str, Figure]:
-    """Figures of an on-line model by name, on the first record of a batch; {} for other models."""
+def online_figures(estimator: Estimator, batch: Record, on: str = "") -> dict[str, Figure]:
+    """Figures of an on-line model by name, on the first record of a batch; {} for other models.
+
+    on: the model's and the record's name.
+    """
     if not isinstance(estimator, Online):
         return {}
     record = next(single(batch.measured()))
     return {
-        "running_error": running_errors(estimator, record),
-        "weights_over_time": weights_over_time(estimator, record),
+        "running_error": titled(running_errors(estimator, record), f"{on}, one step ahead"),
+        "weights_over_time": titled(weights_over_time(estimator, record), f"{on}, from nothing"),
     }
 
 
@@ -38,8 +47,11 @@ def running_errors(model: Online, record: Record) -> Figure:
     for way, estimate in estimates.items():
         name = way.replace("_", " ") or "adapting"
         error = running_error(estimate, record).cpu().numpy()
-        axes.plot(t, np.where(np.isfinite(error), error, np.nan), COLORS[name], label=name)
+        colour, dash = LINES[name]
+        error = np.where(np.isfinite(error), error, np.nan)
+        axes.plot(t, error, color=colour, linestyle=dash, linewidth=1.2, label=name)
     axes.set_yscale("log")
+    plain_decades(axes.yaxis, [1.0, 2.0, 5.0])
     axes.set_xlabel("time [s]")
     axes.set_ylabel(f"error of the last {WINDOW:g} s [%]")
     axes.margins(x=0.0)
@@ -51,7 +63,8 @@ def running_errors(model: Online, record: Record) -> Figure:
 def weights_over_time(model: Online, record: Record) -> Figure:
     """Draw every weight, from zero on, times its feature's RMS; a row for each DOF.
 
-    The product is the weight's share in the estimate.
+    The product is the weight's share in the estimated acceleration, and has its unit. Those with
+    the largest share at the end are named by the places of their features.
     """
     heads, sizes = model.estimator.heads(), feature_sizes(model, record)
     outputs = [(j, i) for j, head in enumerate(heads) for i in range(head.shape[1])]
@@ -63,18 +76,27 @@ def weights_over_time(model: Online, record: Record) -> Figure:
     ]
     t = record.dt * np.linspace(longest, record.samples, len(history))
     figure = Figure(figsize=(9.0, 1.9 * len(outputs) + 0.8), layout="constrained")
-    unit = QUANTITIES[record.quantity][1] if len(heads) == 1 else "a modal force"
+    symbol, unit = QUANTITIES[record.quantity]
+    what = f"{record.quantity} {symbol}"
+    if len(heads) > 1:
+        what, unit = "modal force h", "of its mode"
     for row, (j, i) in enumerate(outputs):
         axes = figure.add_subplot(len(outputs), 1, row + 1)
         curves = torch.stack([weights[j][:, i] for weights in history]) * sizes[j]  # (K, P)
-        axes.plot(t, curves.cpu().numpy(), linewidth=0.6)
+        axes.plot(t, curves.cpu().numpy(), color=TRUE, linewidth=0.6)
+        largest = curves[-1].abs().nan_to_num().argsort(descending=True)[:NAMED].tolist()
+        for place, feature in enumerate(largest):
+            curve, colour, dash = curves[:, feature].cpu().numpy(), SERIES[3 * place], DASHES[place]
+            axes.plot(t, curve, color=colour, linestyle=dash, label=f"feature {feature + 1}")
         late = curves[len(curves) // 5 :]
         reach = 1.3 * float(late[torch.isfinite(late)].abs().max()) if late.numel() else 0.0
         axes.set_ylim(-(reach or 1.0), reach or 1.0)
-        axes.set_ylabel(f"{'ẍ' if len(heads) == 1 else 'h'}{row + 1} [{unit}]")
+        axes.set_ylabel(f"share in the\n{what}{row + 1} [{unit}]", fontsize="small")
         axes.margins(x=0.0)
+        axes.tick_params(labelbottom=row == len(outputs) - 1)
         axes.grid(alpha=0.25)
-    axes.set_xlabel("time [s]")
+        axes.legend(frameon=False, fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.set_xlabel("time [s]; grey: all other weights, each times the RMS of its feature")
     return figure
 
 

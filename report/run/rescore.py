@@ -206,6 +206,7 @@ def draw_figures(
         trained = data_from(run)
         trained.setup()
     name, record = next(iter(each_record(data, "test").items()))
+    name = motion_of(data, run.system.name, name)
     band, unmeasured = _bands(estimator, trained, record, prior)
     names = list(data.elements)
     drawn = draw_record(
@@ -214,6 +215,11 @@ def draw_figures(
     drawn |= _identified(estimator, data, record, f"{run.model.name} on {run.system.name}")
     for title, figure in drawn.items():
         save_figure(figure, folder, title)
+
+
+def motion_of(data: Data, system: str, name: str) -> str:
+    """What a title calls a record: a file says of what it is, a simulated motion does not."""
+    return f"{system}, {name}" if isinstance(data, SimulatedData) else name
 
 
 def _identified(estimator: Estimator, data: Data, record: Record, on: str) -> dict[str, Figure]:
@@ -277,7 +283,7 @@ def draw_record(
     drawn = run_figures(
         record, estimate, errors, names, own, loops, title, band, about, unmeasured, joined
     )
-    return drawn | online_figures(estimator, record)
+    return drawn | online_figures(estimator, record, f"{model} on {name}")
 
 
 def titled_picture(

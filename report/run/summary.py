@@ -18,7 +18,7 @@ from report.run.bands import print_bands
 from report.run.criticism import print_criticism
 from report.run.hparams import numbers, swept
 from report.run.intervals import print_intervals
-from report.run.rescore import draw_record
+from report.run.rescore import draw_record, motion_of
 from report.run.table import (
     WIDTH,
     error_table,
@@ -58,7 +58,7 @@ def log_run(
             module.estimator,
             record.to(module.device),
             metrics["model"],
-            name,
+            motion_of(data, metrics["system"], name),
             worst_of(metrics["outside_trained_range"]),
             list(data.elements),
             band_of(module.estimator, module.minimum, record),

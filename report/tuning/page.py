@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from string import Template
+from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from report.about import colour_of
 from report.collection.figure import scale
@@ -26,6 +29,10 @@ from report.tuning.tables import (
 from report.usual import SEARCHES
 from runner.folder.run_folder import write_text
 
+MARKS: dict[str, dict[str, Any]] = {  # of a seed
+    "configured": {"color": "#888888", "marker": "|", "linestyle": "", "markersize": 9},
+    "tuned": {"marker": "o", "linestyle": "", "markersize": 4, "markerfacecolor": "none"},
+}
 TEMPLATE = Path(__file__).with_name("page.md")
 WARMUP = Path("runs/tune_warmup")  # runs of experiment=tune_warmup
 NEEDS = {  # of the page: what makes it
@@ -81,7 +88,7 @@ def _trials(cases: Sequence[Case]) -> Iterator[str]:
 
 
 def draw(cases: Sequence[Case]) -> Figure:
-    """Test error of every seed, as configured in grey above, tuned in colour below."""
+    """Test error of every seed: as configured above, in grey; tuned below, in colour."""
     models = list(dict.fromkeys(case.model for case in cases))
     systems = [s for s in SYSTEMS if any(case.system == s for case in cases)]
     size = (2.2 + 2.9 * len(systems), 1.2 + 0.75 * len(models))
@@ -94,8 +101,8 @@ def draw(cases: Sequence[Case]) -> Figure:
             place = models.index(case.model)
             for offset, way in zip((-0.2, 0.2), WAYS, strict=True):
                 errors = list(case.errors(way).values())
-                colour = colour_of(case.model) if way == "tuned" else "#999999"
-                axes.plot(errors, [place + offset] * len(errors), "|", color=colour, markersize=9)
+                style = MARKS[way] | ({"color": colour_of(case.model)} if way == "tuned" else {})
+                axes.plot(errors, [place + offset] * len(errors), **style)
                 values += errors
         scale(axes, "x", values)
         axes.set_title(PRINTED.get(system, system), fontsize="medium")
@@ -103,4 +110,9 @@ def draw(cases: Sequence[Case]) -> Figure:
         axes.grid(axis="x", alpha=0.3)
         axes.set_yticks(range(len(models)), models, fontsize="small")
         axes.set_ylim(len(models) - 0.5, -0.5)
+        for line in np.arange(1, len(models)) - 0.5:
+            axes.axhline(line, color="#dddddd", linewidth=0.8)
+    marks = [Line2D([], [], **({"color": "#222222"} | MARKS[way])) for way in WAYS]
+    words = ["as configured, a seed each", "tuned, a seed each"]
+    figure.legend(marks, words, loc="outside upper right", ncols=2, frameon=False)
     return figure

@@ -18,7 +18,7 @@ from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood
 from models.uncertainty.profile import THRESHOLD, Profile, most_likely, profile_of
 from report.output import Section, printed
-from report.style import ESTIMATED, MEASURED
+from report.style import ESTIMATED, MEASURED, one_legend
 
 OPEN = "–"
 
@@ -69,22 +69,23 @@ def profile_figure(profiles: Sequence[Profile], intervals: Sequence[Interval]) -
     figure = Figure(figsize=(3.4 * columns, 2.7 * rows + 0.3), layout="constrained")
     for place, p in enumerate(profiles, start=1):
         axes = figure.add_subplot(rows, columns, place)
-        axes.axhline(THRESHOLD, color="#777777", linewidth=0.8, linestyle=":")
-        axes.plot(p.values, p.deviance, "o", color=MEASURED, markersize=3)
+        axes.axhline(THRESHOLD, color="#777777", linewidth=0.8, linestyle=":", label="95 %")
+        axes.plot(p.values, p.deviance, "o", color=MEASURED, markersize=3, label="fitted anew")
         own = fitted[p.name]
         grid = np.linspace(p.values.min(), p.values.max(), 200)
         root = np.sqrt(p.deviance) * np.sign(p.values - p.best)  # straight where D is a parabola
         axes.plot(grid, np.interp(grid, p.values, root) ** 2, color=MEASURED, linewidth=1.0)
         if own.half > 0.0:
             parabola = (1.96 * (grid - own.value) / own.half) ** 2
-            axes.plot(grid, parabola, "--", color=ESTIMATED, linewidth=0.9)
+            axes.plot(grid, parabola, "--", color=ESTIMATED, linewidth=0.9, label="by the fit")
         ends = [e if math.isfinite(e) else edge for e, edge in
                 ((p.low, p.values.min()), (p.high, p.values.max()))]  # fmt: skip
-        axes.axvspan(*ends, color="#56B4E9", alpha=0.15, linewidth=0)
+        axes.axvspan(*ends, color="#56B4E9", alpha=0.15, linewidth=0, label="interval")
         axes.set_ylim(0.0, max(2.0 * THRESHOLD, 1.0))
         axes.set_xlabel(f"{p.name} [{p.unit}]" if p.unit else p.name)
         axes.set_title(p.told, fontsize="medium")
         axes.locator_params(axis="x", nbins=4)
         if (place - 1) % columns == 0:
             axes.set_ylabel("2 × loss of log-likelihood")
+    one_legend(figure, figure.axes, loc="outside lower center", ncols=4, fontsize="small")
     return figure

@@ -27,7 +27,7 @@ from models.uncertainty.posterior import Likelihood, Posterior, Prior
 from models.uncertainty.profile import most_likely, support_of
 from models.uncertainty.smc import Agreement, Sampled, Stage, Wide, agreement_of, tempered
 from report.output import Section, printed
-from report.style import ESTIMATED, MEASURED
+from report.style import ESTIMATED, MEASURED, one_legend
 from runner.scores.uncertainty import HEADLINE
 
 MOST = 30  # parameters that particles can follow
@@ -315,12 +315,15 @@ def corner_figure(samples: Samples) -> Figure:
         for column, p in enumerate(own[: row + 1]):
             axes = figure.add_subplot(n, n, row * n + column + 1)
             if row == column:
-                axes.hist(samples.values[:, q], bins=30, density=True, color="#BBBBBB")
+                axes.hist(
+                    samples.values[:, q], bins=30, density=True, color="#BBBBBB", label="particles"
+                )
                 low, high = np.nanmin(samples.values[:, q]), np.nanmax(samples.values[:, q])
                 grid = np.linspace(low, high, 200)
                 away = (grid - samples.mode[q]) / samples.deviation[q]
                 peak = 1.0 / (samples.deviation[q] * math.sqrt(2.0 * math.pi))
-                axes.plot(grid, peak * np.exp(-0.5 * away**2), color=ESTIMATED, linewidth=1.0)
+                density = peak * np.exp(-0.5 * away**2)
+                axes.plot(grid, density, color=ESTIMATED, linewidth=1.0, label="Laplace's Normal")
                 axes.set_yticks([])
             else:
                 axes.plot(
@@ -335,6 +338,7 @@ def corner_figure(samples: Samples) -> Figure:
                 axes.set_ylabel(_label(samples, q), fontsize=7)
             elif row != column or row == 0:
                 axes.tick_params(labelleft=row > 0 and column == 0)
+    one_legend(figure, figure.axes[:1], loc="upper right", fontsize="small")
     return figure
 
 

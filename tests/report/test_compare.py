@@ -128,7 +128,7 @@ def test_a_number_is_drawn_as_a_line_with_its_range(cutoffs):
     assert line.get_ydata()[:2].tolist() == [10.0, 11.0]
     assert math.isnan(line.get_ydata()[2])  # the median diverged
     assert edge.get_xdata().tolist() == [100.0]
-    assert axes.get_xlabel() == "model.cutoff"
+    assert axes.get_xlabel() == "model.cutoff [rad/s]"
 
 
 def test_values_drawn_at_random_are_not_joined_by_a_line(tmp_path):

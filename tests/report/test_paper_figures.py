@@ -132,10 +132,16 @@ def test_methods_are_compared_at_the_lowest_seed_that_all_have(small_study):
 
 def test_accelerations_show_both_ways_of_feeding_the_residual_back(small_study):
     figure = accelerations(of_one_seed(small_study, "bilinear", "full_state"), seconds=4.0)
-    assert len(figure.axes) == 3
-    for axes in figure.axes:
+    *rows, errors = figure.axes
+    assert len(rows) == 3
+    for axes in rows:
         assert len(axes.lines) == 1 + 3  # measured; restoring force; measured and own residual
         assert {len(line.get_xdata()) for line in axes.lines} == {400}
+        assert axes.lines[0].get_linewidth() > 2.0 * axes.lines[1].get_linewidth()
+        assert len({line.get_linestyle() for line in axes.lines[1:]}) > 1
+    assert len(errors.lines) == 3  # of the whole motion, where lines above hide each other
+    assert "[%]" in errors.get_ylabel()
+    assert "bilinear, full_state" in figure.get_suptitle()
 
 
 def test_an_estimate_that_runs_away_is_cut_off_and_named(small_study):

@@ -9,7 +9,8 @@ from rich.console import Console
 
 from data.record import Record
 from models.hysteretic_element import HystereticElement
-from report.run.figures import LONGEST, SHORTEST, identified_loops, run_figures, strong_motion
+from report.run.compared import CYCLES, LONGEST, SHORTEST, few_cycles, strong_motion
+from report.run.figures import acceleration, identified_loops, run_figures
 from report.run.rescore import draw_record, titled_picture
 from report.run.table import error_table, rows_of
 
@@ -74,3 +75,31 @@ def test_loops_of_a_model_are_drawn_where_the_true_ones_are_unknown(linear_recor
     gone[1, -1] = torch.nan
     drawn = run_figures(measured, measured.a, errors, [], loops=(gone[0], gone[1]))
     assert "element_loops" not in drawn
+
+
+def test_what_should_be_lies_wide_beneath_and_the_error_stands_beside(linear_record):
+    record = linear_record
+    figure = acceleration(record, 1.01 * record.a)
+    assert len(figure.axes) == 2 * record.dofs
+    (labels,) = [[text.get_text() for text in legend.get_texts()] for legend in figure.legends]
+    assert labels == ["measured", "estimated"]
+    for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
+        beneath, own = left.get_lines()
+        assert beneath.get_linewidth() > 2.0 * own.get_linewidth()
+        assert left.get_ylabel().endswith("[m/s²]")
+        assert right.get_ylabel() == "error [m/s²]"
+        seen = np.ptp(right.get_lines()[-1].get_ydata()) / np.ptp(own.get_ydata())
+        assert seen < 0.02  # of the size of the motion, on an axis of its own
+
+
+def test_so_few_cycles_are_drawn_that_an_eye_can_follow_them():
+    t = 0.01 * np.arange(4000)
+    fast = np.sin(2.0 * np.pi * 10.0 * t) * np.exp(-(((t - 20.0) / 5.0) ** 2))
+    signals = np.stack([fast, np.sin(t)], axis=1)
+    part = few_cycles(signals, slice(1000, 3000))
+    assert part.start >= 1000
+    assert part.stop <= 3000
+    rises = ((fast[part][:-1] < 0.0) & (fast[part][1:] >= 0.0)).sum()
+    assert CYCLES - 2 <= rises <= CYCLES + 2
+    assert part.start < 2000 < part.stop  # where it is strongest
+    assert few_cycles(signals[:, 1:], slice(1000, 3000)) == slice(1000, 3000)
