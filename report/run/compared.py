@@ -7,6 +7,7 @@ over each other, that an eye can follow them.   T samples, n channels.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -102,9 +103,9 @@ def compared(
     return figure
 
 
-def _styles(count: int) -> list[dict[str, str | float]]:
+def _styles(count: int) -> list[dict[str, Any]]:
     """Of what should be, beneath, and of the model's."""
-    beneath: dict[str, str | float] = {"color": TRUE, "linewidth": WIDE}
+    beneath: dict[str, Any] = {"color": TRUE, "linewidth": WIDE}
     return [beneath, {"color": ESTIMATED, "linewidth": NARROW}][-count:]
 
 

@@ -132,9 +132,9 @@ def _loop(
     axes.plot(*true, color=TRUE, linewidth=WIDE, label="true")
     if own is not None:
         axes.plot(*own, color=colour, linewidth=NARROW, label=label)
-    for limits, signal in zip((axes.set_xlim, axes.set_ylim), true, strict=True):
-        low, high = float(signal.min()), float(signal.max())
-        limits(low - ROOM * (high - low), high + ROOM * (high - low))
+    (left, right), (low, high) = ((float(u.min()), float(u.max())) for u in true)
+    axes.set_xlim(left - ROOM * (right - left), right + ROOM * (right - left))
+    axes.set_ylim(low - ROOM * (high - low), high + ROOM * (high - low))
     axes.locator_params(axis="x", nbins=4)  # numbers such as −0.0025 are wide
     axes.set_xlabel("y [m]")
     axes.set_ylabel("r [N]")
