@@ -133,7 +133,7 @@ class FreeRunProblem:
     ) -> None:
         record = record.measured()
         if record.initial_state == "periodic":
-            record = _in_steady_state(record)
+            record = in_steady_state(record)
         self.record = record
         self.estimator, self.horizon, self.warmup = estimator, horizon, warmup
         self.last, self.prior = last, prior
@@ -233,7 +233,7 @@ def _only(i: int, signal: Tensor) -> Tensor:
     return signal[i : i + 1]
 
 
-def _in_steady_state(record: Record) -> Record:
+def in_steady_state(record: Record) -> Record:
     """The record from its measured state, or, without one, from rest a period before it counts."""
     if record.x is not None and record.v is not None:
         return replace(record, initial_state="given")

@@ -115,9 +115,8 @@ def _compared(
     rows = len(largest)
     figure = Figure(figsize=(9.0, 1.9 * rows + 0.8), layout="constrained")
     for i, axes in enumerate(_rows(figure, rows)):
-        for (name, curve), color, width in zip(
-            curves.items(), (MEASURED, ESTIMATED)[-len(curves) :], (1.6, 1.0), strict=True
-        ):
+        lines = ((MEASURED, 1.6), (ESTIMATED, 1.0))[-len(curves) :]
+        for (name, curve), (color, width) in zip(curves.items(), lines, strict=True):
             axes.plot(
                 t, _within(curve[span, i], largest[i]), color=color, linewidth=width, label=name
             )
