@@ -129,7 +129,7 @@ def motion_of(system: EquivalentLinear, drive: Drive) -> Response:
     poles, vectors = np.linalg.eig(step.numpy().T)
     start = torch.cat([drive.x0, drive.v0], dim=-1).expand(*driven.shape[:-2], -1)
     inputs = torch.cat([start[..., None, :], driven], dim=-2).numpy()
-    modal = np.linalg.solve(vectors, np.moveaxis(inputs, -1, 0).reshape(2 * dofs, -1))
+    modal = np.linalg.inv(vectors) @ np.moveaxis(inputs, -1, 0).reshape(2 * dofs, -1)
     modal = modal.reshape(-1, *inputs.shape[:-1])
     for pole, signal in zip(poles, modal, strict=True):
         signal[...] = lfilter([1.0], [1.0, -pole], signal, axis=-1)

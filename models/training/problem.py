@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from torch.func import functional_call, jacrev, jvp, vmap
 
 from data.record import Record
+from models.training.levels import weights_of_samples
 from models.training.trainable import Trainable
 
 MOST_DERIVATIVES = 1 << 26  # of all records together, half a gigabyte
@@ -139,7 +140,7 @@ class FreeRunProblem:
         self.last, self.prior = last, prior
         self.counted = slice(record.warmup, None)
         self.y = record.a[..., self.counted, :]
-        self.weight = _weights(record, estimator.weights_of_channels())
+        self.weight = _weights(record, estimator)
         self.noise: float | None = None  # variance of e where it was first asked for, over N
 
     def errors(self) -> Tensor:
@@ -162,7 +163,7 @@ class FreeRunProblem:
         with torch.no_grad():
             prior, deviation = self._pull()
             parts = self._parts(deviation.numel())
-            sums = [self._normal_equations(record, y, every) for record, y in parts]
+            sums = [self._normal_equations(*part, every) for part in parts]
             matrix, vector = sums[0]
             for more, other in sums[1:]:
                 matrix, vector = matrix + more, vector + other
@@ -172,21 +173,24 @@ class FreeRunProblem:
                 vector = vector + pull * deviation
             return matrix, vector
 
-    def _parts(self, parameters: int) -> list[tuple[Record, Tensor]]:
+    def _parts(self, parameters: int) -> list[tuple[Record, Tensor, Tensor]]:
         """All records together, or one after the other where their derivatives are too many."""
         if self.record.a.ndim < 3 or self.y.numel() * parameters < MOST_DERIVATIVES:
-            return [(self.record, self.y)]
-        return [(self.record.map(partial(_only, i)), y) for i, y in enumerate(self.y.split(1))]
+            return [(self.record, self.y, self.weight)]
+        pairs = zip(self.y.split(1), self.weight.expand_as(self.y).split(1), strict=True)
+        return [(self.record.map(partial(_only, i)), *pair) for i, pair in enumerate(pairs)]
 
-    def _normal_equations(self, record: Record, y: Tensor, every: int) -> tuple[Tensor, Tensor]:
+    def _normal_equations(
+        self, record: Record, y: Tensor, weight: Tensor, every: int
+    ) -> tuple[Tensor, Tensor]:
         both = self.estimator.restarted_jacobian(record, self.horizon, self.warmup)
         if both is None:
             errors = self.errors()
             rows = self._differentiated(errors.numel())
         else:
             run, jacobian = both
-            errors = ((run[..., self.counted, :] - y) * self.weight).reshape(-1)
-            rows = (self.weight[:, None] * jacobian[..., self.counted, :, :]).flatten(0, -2)
+            errors = ((run[..., self.counted, :] - y) * weight).reshape(-1)
+            rows = (weight[..., None] * jacobian[..., self.counted, :, :]).flatten(0, -2)
         samples = rows.view(*y.shape, -1)  # (…, T, n, P)
         some = samples[..., ::every, :, :].flatten(0, -2)
         return len(rows) / len(some) * _gram(some), rows.T @ errors
@@ -246,12 +250,18 @@ def _weight(record: Record) -> float:
     return _relative(record.a[..., record.warmup :, :])
 
 
-def _weights(record: Record, channels: Tensor | None) -> Tensor:
-    """√N w/‖w ẍ‖ (n,) over the counted samples, of channels that count by w."""
+def _weights(record: Record, estimator: Trainable) -> Tensor:
+    """√N w/‖w ẍ‖ (n,) over the counted samples, of channels that count by w.
+
+    (…, T, n) where an estimator counts the quiet parts of a motion, too.
+    """
     measured = record.a[..., record.warmup :, :]
-    if channels is None:
-        channels = measured.new_ones(measured.shape[-1])
-    return _relative(channels * measured) * channels
+    weights = estimator.weights_of_channels()
+    if weights is None:
+        weights = measured.new_ones(measured.shape[-1])
+    if estimator.counts_quiet:
+        weights = weights * weights_of_samples(record.a)[..., record.warmup :, :]
+    return _relative(weights * measured) * weights
 
 
 def _relative(measured: Tensor) -> float:
