@@ -16,15 +16,13 @@ from torch.nn.functional import pad
 PERIODS = 4.0  # of the median frequency, over which a level is taken
 FULL = 0.5  # of the level of the whole: what is above counts as it is
 LEAST = 0.05  # of the level of the whole: what is below counts no more
-NOISE = 3.0  # times the deviation of noise: likewise
 
 
 def weights_of_samples(a: Tensor) -> Tensor:
     """Weights (…, T, 1), 1 or more, of samples of a motion (…, T, n)."""
     size = a.square().sum(dim=-1)  # (…, T)
     whole = size.mean(dim=-1, keepdim=True).sqrt()
-    floor = torch.maximum(LEAST * whole, NOISE * _noise(a))
-    level = _local(size, _width(a)).sqrt().clamp(min=floor)
+    level = _local(size, _width(a)).sqrt().clamp(min=LEAST * whole)
     return (FULL * whole / level).clamp_min(1.0)[..., None]
 
 
@@ -47,10 +45,3 @@ def _local(size: Tensor, width: int) -> Tensor:
     first, last = (at - width // 2).clamp_min(0), (at + width - width // 2).clamp_max(T)
     mean = (sums[..., last] - sums[..., first]) / (last - first)
     return mean.clamp_min(0.0)
-
-
-def _noise(a: Tensor) -> Tensor:
-    """Deviation (…, 1) of white noise of all channels, by the upper half of the spectrum."""
-    power = torch.fft.rfft(a, dim=-2, norm="ortho").abs().square().sum(dim=-1)
-    upper = power[..., power.shape[-1] // 2 :]
-    return upper.median(dim=-1, keepdim=True).values.sqrt()

@@ -36,14 +36,6 @@ def test_a_quiet_part_counts_as_half_the_level_and_silence_by_no_more_than_its_b
     assert torch.allclose(weights[1700:], torch.full((300,), 10.0).double())
 
 
-def test_noise_is_not_raised():
-    generator = torch.Generator().manual_seed(0)
-    level = torch.ones(T, dtype=torch.float64)
-    level[1000:] = 0.0
-    noise = torch.randn(T, 2, generator=generator, dtype=torch.float64)
-    assert float(weights_of_samples(motion(level) + 0.1 * noise).max()) < 1.3
-
-
 def test_the_normal_equations_are_those_of_the_weighted_errors():
     model, drive = Everything(), excited(400)
     a = model.free_run(drive).a.detach().clone()
