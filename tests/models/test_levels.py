@@ -10,6 +10,12 @@ from models.training.levels import weights_of_samples
 from models.training.problem import FreeRunProblem
 from tests.models.composites import DT, Everything, excited
 
+# PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),
+    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
+]
+
 T = 2000
 
 
