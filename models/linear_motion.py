@@ -22,6 +22,7 @@ from models.layers.integrate import between
 from models.layers.least_squares import LeastSquares
 from models.layers.state_variables import corner_frequency, state_variables
 from models.linear import EquivalentLinear
+from models.starts.output_error import fitted_by_free_run, poles_of
 from models.training.metrics import free_run_score
 
 CORNERS = (0.3, 1.0, 3.0, 10.0)  # times the usual corner of the filters; the best of them is kept
@@ -35,7 +36,8 @@ class LinearMotion(Estimator):
     """Every estimate is a free run. The motion sets the excitation's effect: no mass is needed.
 
     Of some ways of filtering the signals, that one is kept whose free run of the records that it is
-    identified from is best. Poles that would grow are made to decay.
+    identified from is best; poles that would grow are made to decay. From there the weights are
+    fitted by the free run itself (starts/output_error.py).
     """
 
     reads: ClassVar[tuple[str, ...]] = ("f",)
@@ -59,7 +61,7 @@ class LinearMotion(Estimator):
                 best = error, self.system.weights.data
         if best[1] is None:
             raise ValueError("no linear system follows the motion; look for outliers in the record")
-        self.system.weights.data = best[1]
+        self.system.weights.data = fitted_by_free_run(best[1], records, run_of_weights, self._seen)
         return {}
 
     def _static(self, records: list[Record]) -> dict[str, float]:
@@ -106,31 +108,43 @@ class LinearMotion(Estimator):
             self.require_identified(self.weights)
             r = drive.u @ self.weights
             return Response(torch.zeros_like(r), torch.zeros_like(r), r)
-        run = self._motion(drive)
-        seen = {"displacement": run.x, "velocity": run.v, "acceleration": run.a}[self.quantity]
-        return Response(run.x, run.v, seen)
+        run = motion_of(self.system, drive)
+        return Response(run.x, run.v, self._seen(run))
 
-    def _motion(self, drive: Drive) -> Response:
-        """The system's free run, mode by mode: a record of 10⁵ samples takes no second."""
-        parts = SUBSTEPS if drive.hold == "band_limited" else 1
-        system, hold, u = self.system, drive.hold, drive.u
-        if parts > 1:  # as if it were linear between finer samples
-            system = EquivalentLinear(self.dofs, self.inputs, self.dt / parts)
-            system.weights, hold = self.system.weights, "linear"
-            u = torch.cat([u[..., :1, :], between(u, drive.hold, parts).flatten(-3, -2)], dim=-2)
-        step, first, last = system._exact_step(hold)
-        driven = u[..., :-1, :] @ first + u[..., 1:, :] @ last
-        poles, vectors = np.linalg.eig(step.numpy().T)
-        start = torch.cat([drive.x0, drive.v0], dim=-1).expand(*driven.shape[:-2], -1)
-        inputs = torch.cat([start[..., None, :], driven], dim=-2).numpy()
-        modal = np.linalg.solve(vectors, np.moveaxis(inputs, -1, 0).reshape(2 * self.dofs, -1))
-        modal = modal.reshape(-1, *inputs.shape[:-1])
-        for pole, signal in zip(poles, modal, strict=True):
-            signal[...] = lfilter([1.0], [1.0, -pole], signal, axis=-1)
-        states = np.moveaxis(np.tensordot(vectors, modal, axes=1).real, 0, -1)
-        states = np.ascontiguousarray(states[..., ::parts, :])
-        x, v = torch.from_numpy(states).chunk(2, dim=-1)
-        return Response(x, v, self.system.acceleration(x, v, drive.u))
+    def _seen(self, run: Response) -> Tensor:
+        return {"displacement": run.x, "velocity": run.v, "acceleration": run.a}[self.quantity]
+
+
+def motion_of(system: EquivalentLinear, drive: Drive) -> Response:
+    """The system's free run, mode by mode: a record of 10⁵ samples takes no second."""
+    dofs = system.dofs
+    parts = SUBSTEPS if drive.hold == "band_limited" else 1
+    exact, hold, u = system, drive.hold, drive.u
+    if parts > 1:  # as if it were linear between finer samples
+        exact = EquivalentLinear(dofs, system.inputs, system.dt / parts)
+        exact.weights, hold = system.weights, "linear"
+        u = torch.cat([u[..., :1, :], between(u, drive.hold, parts).flatten(-3, -2)], dim=-2)
+    step, first, last = exact._exact_step(hold)
+    driven = u[..., :-1, :] @ first + u[..., 1:, :] @ last
+    poles, vectors = np.linalg.eig(step.numpy().T)
+    start = torch.cat([drive.x0, drive.v0], dim=-1).expand(*driven.shape[:-2], -1)
+    inputs = torch.cat([start[..., None, :], driven], dim=-2).numpy()
+    modal = np.linalg.inv(vectors) @ np.moveaxis(inputs, -1, 0).reshape(2 * dofs, -1)
+    modal = modal.reshape(-1, *inputs.shape[:-1])
+    for pole, signal in zip(poles, modal, strict=True):
+        signal[...] = lfilter([1.0], [1.0, -pole], signal, axis=-1)
+    states = np.moveaxis(np.tensordot(vectors, modal, axes=1).real, 0, -1)
+    states = np.ascontiguousarray(states[..., ::parts, :])
+    x, v = torch.from_numpy(states).chunk(2, dim=-1)
+    return Response(x, v, system.acceleration(x, v, drive.u))
+
+
+def run_of_weights(weights: Tensor, drive: Drive) -> Response:
+    """The free run of a system with weights (2n + m, n)."""
+    n = weights.shape[1]
+    system = EquivalentLinear(n, len(weights) - 2 * n, drive.dt)
+    system.weights.data = weights
+    return motion_of(system, drive)
 
 
 def stable(weights: Tensor, dofs: int) -> Tensor:
@@ -139,10 +153,7 @@ def stable(weights: Tensor, dofs: int) -> Tensor:
     A pole with a positive real part is given its mirror image, or a little damping.
     """
     n = dofs
-    A = weights.new_zeros(2 * n, 2 * n)
-    A[:n, n:] = torch.eye(n, dtype=A.dtype)
-    A[n:, :n], A[n:, n:] = weights[n : 2 * n].T, weights[:n].T
-    poles, vectors = torch.linalg.eig(A)
+    poles, vectors = poles_of(weights, n)
     least = LEAST_DAMPING * poles.abs()
     if bool((poles.real <= 0.0).all()):
         return weights

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from data.arguments import Pairs, Parser, plain, reason
 from data.inspect.config import command, config_path, write_config
-from data.inspect.folder import show_folders
+from data.inspect.folder import show_folders, show_siblings
 from data.inspect.inspection import Inspection, inspections, places, step_of
 from data.inspect.picture import draw
 from data.inspect.summary import show
@@ -74,6 +74,7 @@ def inspect(words: Sequence[str] | None = None) -> None:
             _save(console, record, args)
     if not args.channels:
         show_folders(console, args.record, seen)
+    show_siblings(console, seen)
     if not seen:
         raise ValueError("none of these files could be read")
 

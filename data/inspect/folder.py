@@ -13,8 +13,11 @@ from rich.text import Text
 
 from data.arguments import plain
 from data.inspect.guesses import BASE, KINDS
-from data.inspect.inspection import Inspection
+from data.inspect.inspection import Inspection, step_of
 from data.measured.channels import signal_of
+from data.record import same_step
+
+APART = 30.0  # times: motions of one structure differ by less, most units by more
 
 
 def show_folders(console: Console, wanted: Sequence[str], records: Sequence[Inspection]) -> None:
@@ -28,6 +31,37 @@ def show_folders(console: Console, wanted: Sequence[str], records: Sequence[Insp
             text = f"{folder}: one record of these files, perhaps; you decide:"
             console.print(Text(plain(text), style="cyan"), soft_wrap=True)
             console.print(Text(plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
+
+
+def show_siblings(console: Console, records: Sequence[Inspection]) -> None:
+    """Print, in a line for each, records of a folder that differ in rate or size from the first.
+
+    Only such as have the same channels, and by more than motions of one structure do.
+    """
+    first: dict[tuple[Path, frozenset[str]], Inspection] = {}
+    for record in records:
+        one = first.setdefault((record.path.parent, frozenset(record.raw.channels)), record)
+        if found := unlike(one, record):
+            text = f"{record.path.name} beside {one.path.name}: {'; '.join(found)}"
+            console.print(Text(plain(text), style="yellow"), soft_wrap=True)
+
+
+def unlike(one: Inspection, other: Inspection) -> list[str]:
+    """What another record of the same channels has otherwise: its rate, a size beyond reason."""
+    found = []
+    steps = [step_of(r.raw, next(iter(r.raw.channels))) for r in (one, other)]
+    if not same_step(*steps):
+        rates = " and ".join(f"{1.0 / step:.5g} Hz" for step in reversed(steps))
+        found.append(f"other rates, {rates}; data.mend.resample makes them one")
+    sizes = {}
+    for channel in one.raw.channels:
+        before, now = one.statistics[channel].std, other.statistics[channel].std
+        if before > 0.0 and now > 0.0 and not 1.0 / APART < now / before < APART:
+            sizes[channel] = now / before
+    if sizes:
+        listed = ", ".join(f"{channel} {times:.3g}" for channel, times in sizes.items())
+        found.append(f"times as large: {listed}; in another unit?")
+    return found
 
 
 def of_folder(records: Sequence[Inspection]) -> dict[str, str]:

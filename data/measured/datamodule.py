@@ -42,7 +42,8 @@ class MeasuredData(Data):
 
     path: files, or folders, or patterns of both. A folder is one record where channels name files
     (file.csv:column), else each of its files is one. train, test: names of the records, or patterns
-    of names; one of both may be left out. A single record is cut at `split` of its time.
+    of names; one of both may be left out. Of neither, the last fifth of several records is tested
+    on, one at least, and the run says so; a single record is cut at `split` of its time.
     calibration: likewise, whole records that nothing but bands is made from.
     channels, units, skip_rows, delimiter, decimal, group, header: see data/measured/channels.py and
     data/measured/files/table.py. dt [s]: where the files have no clock. start, stop [s]: of every
@@ -143,6 +144,9 @@ class MeasuredData(Data):
     ) -> dict[str, dict[str, RawRecord]]:
         held, others = held_back(raws, calibration, {"train": train, "test": test})
         parts = split_records(others, train, test, split)
+        if train is None and test is None and len(others) > 1:
+            told = "the last of them, as nobody said which; data.test=[…] does"
+            self.notes[f"tested on {_few(list(parts['test']))} of {len(others)} records"] = [told]
         return parts | {"calibration": held} if held else parts
 
     def make_records(self) -> dict[str, list[Record]]:

@@ -127,9 +127,13 @@ def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
 def _units(name: str, gain: float) -> str:
     """What to check where a response is `gain` times what it should be, and which units do that."""
     pairs = {(a, b): UNITS[b] / UNITS[a] for a in UNITS for b in UNITS if a != b}
-    (own, base), ratio = min(pairs.items(), key=lambda pair: abs(np.log(gain / pair[1])))
+    far = {pair: abs(float(np.log(gain / ratio))) for pair, ratio in pairs.items()}
+    fitting = sorted((pair for pair in pairs if far[pair] <= NEAR), key=lambda pair: far[pair])
     check = f"check data.units.{name} and data.units.s_ddot"
-    if abs(np.log(gain / ratio)) > NEAR:
+    if not fitting:
         return check
-    apart = max(ratio, 1.0 / ratio)
-    return f"their units seem {apart:.4g} times apart, as {own} and {base} are; {check}"
+    units = ", or ".join(
+        f"{max(pairs[pair], 1.0 / pairs[pair]):.4g} times apart, as {pair[0]} and {pair[1]} are"
+        for pair in fitting
+    )
+    return f"their units seem {units}; {check}"

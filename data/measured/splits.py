@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatch
+from glob import escape
 
 from data.measured.raw_record import RawRecord, between
+
+LAST = 0.2  # of several records, one at least: what is tested on where nobody says
+
+
+def tested_last(names: Sequence[str]) -> list[str]:
+    """The last of some records, as patterns of their names."""
+    return [escape(name) for name in names[-max(1, round(LAST * len(names))) :]]
 
 
 def split_records(
@@ -15,14 +23,14 @@ def split_records(
     test: str | Sequence[str] | None,
     split: float,
 ) -> dict[str, dict[str, RawRecord]]:
-    """Records of both splits by name, no sample in both. Raises ValueError for other choices."""
+    """Records of both splits by name, no sample in both. Raises ValueError for other choices.
+
+    Where nothing is said, the last of several records are tested on, LAST of them.
+    """
     names = list(raws)
+    if train is None and test is None and len(raws) > 1:
+        test = tested_last(names)
     if train is None and test is None:
-        if len(raws) > 1:
-            raise ValueError(
-                f"there are {len(raws)} records, {', '.join(names[:6])}: say which to test on, "
-                f"for example data.test=[{names[-1]}]"
-            )
         ((name, raw),) = raws.items()
         first, last = raw.span
         middle = first + split * (last - first)

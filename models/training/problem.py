@@ -17,6 +17,7 @@ from torch.func import functional_call, jacrev, jvp, vmap
 
 from data.parallel import in_threads
 from data.record import Record
+from models.training.levels import weights_of_samples
 from models.training.trainable import Trainable
 from models.uncertainty.parameters import free_vector
 
@@ -135,13 +136,13 @@ class FreeRunProblem:
     ) -> None:
         record = record.measured()
         if record.initial_state == "periodic":
-            record = _in_steady_state(record)
+            record = in_steady_state(record)
         self.record = record
         self.estimator, self.horizon, self.warmup = estimator, horizon, warmup
         self.last, self.prior = last, prior
         self.counted = slice(record.warmup, None)
         self.y = record.a[..., self.counted, :]
-        self.weight = _weights(record, estimator.weights_of_channels())
+        self.weight = _weights(record, estimator)
         self.noise: float | None = None  # variance of e where it was first asked for, over N
         self.known: tuple[Tensor, Tensor] | None = None  # θ, e of the last normal equations
 
@@ -168,7 +169,7 @@ class FreeRunProblem:
         """
         with torch.no_grad():
             parts = self._parts(self.estimator.pull(self.last, self.prior, 0.0)[1].numel())
-            sums = [self._normal_equations(record, y, every) for record, y in parts]
+            sums = [self._normal_equations(*part, every) for part in parts]
             matrix, vector, _ = sums[0]
             for more, other, _ in sums[1:]:
                 matrix, vector = matrix + more, vector + other
@@ -180,36 +181,33 @@ class FreeRunProblem:
                 vector = vector + pull * deviation
             return matrix, vector
 
-    def _parts(self, parameters: int) -> list[tuple[Record, Tensor]]:
+    def _parts(self, parameters: int) -> list[tuple[Record, Tensor, Tensor]]:
         """All records together, or one after the other where their derivatives are too many."""
         if self.record.a.ndim < 3 or self.y.numel() * parameters < MOST_DERIVATIVES:
-            return [(self.record, self.y)]
-        return [(self.record.map(partial(_only, i)), y) for i, y in enumerate(self.y.split(1))]
+            return [(self.record, self.y, self.weight)]
+        pairs = zip(self.y.split(1), self.weight.expand_as(self.y).split(1), strict=True)
+        return [(self.record.map(partial(_only, i)), *pair) for i, pair in enumerate(pairs)]
 
     def _normal_equations(
-        self, record: Record, y: Tensor, every: int
+        self, record: Record, y: Tensor, weight: Tensor, every: int
     ) -> tuple[Tensor, Tensor, Tensor]:
         """JᵀJ, Jᵀe and e of some of the records."""
         both = self.estimator.restarted_jacobian(record, self.horizon, self.warmup)
         if both is None:
-            errors, weight = self.errors(), torch.ones_like(self.weight)
+            errors, weight = self.errors(), torch.ones_like(weight)
             jacobian = self._differentiated(errors.numel()).view(*y.shape, -1)
         else:
             run, jacobian = both
-            errors, weight = (
-                ((run[..., self.counted, :] - y) * self.weight).reshape(-1),
-                self.weight,
-            )
+            errors = ((run[..., self.counted, :] - y) * weight).reshape(-1)
             jacobian = jacobian[..., self.counted, :, :]
         each = jacobian.reshape(-1, *jacobian.shape[-3:])  # (B, T, n, P)
-        sides = (weight * errors.view(-1, len(weight))).view(len(each), -1)
+        weights = weight.expand_as(y).reshape(each.shape[:-1])
+        sides = weights * errors.view_as(weights)
 
         def sums(i: int) -> tuple[Tensor, Tensor]:
-            some = each[i, ::every]
-            share = len(each[i]) / len(some)
-            return share * _gram((weight[:, None] * some).flatten(0, 1)), sides[i] @ each[
-                i
-            ].flatten(0, 1)
+            some = weights[i, ::every, :, None] * each[i, ::every]
+            matrix = len(each[i]) / len(some) * _gram(some.flatten(0, 1))
+            return matrix, sides[i].flatten() @ each[i].flatten(0, 1)
 
         matrices, vectors = zip(*in_threads(sums, range(len(each))), strict=True)
         return torch.stack(matrices).sum(dim=0), torch.stack(vectors).sum(dim=0), errors
@@ -256,7 +254,7 @@ def _only(i: int, signal: Tensor) -> Tensor:
     return signal[i : i + 1]
 
 
-def _in_steady_state(record: Record) -> Record:
+def in_steady_state(record: Record) -> Record:
     """The record from its measured state, or, without one, from rest a period before it counts."""
     if record.x is not None and record.v is not None:
         return replace(record, initial_state="given")
@@ -269,12 +267,18 @@ def _weight(record: Record) -> float:
     return _relative(record.a[..., record.warmup :, :])
 
 
-def _weights(record: Record, channels: Tensor | None) -> Tensor:
-    """√N w/‖w ẍ‖ (n,) over the counted samples, of channels that count by w."""
+def _weights(record: Record, estimator: Trainable) -> Tensor:
+    """√N w/‖w ẍ‖ (n,) over the counted samples, of channels that count by w.
+
+    (…, T, n) where an estimator counts the quiet parts of a motion, too.
+    """
     measured = record.a[..., record.warmup :, :]
-    if channels is None:
-        channels = measured.new_ones(measured.shape[-1])
-    return _relative(channels * measured) * channels
+    weights = estimator.weights_of_channels()
+    if weights is None:
+        weights = measured.new_ones(measured.shape[-1])
+    if estimator.counts_quiet:
+        weights = weights * weights_of_samples(record.a)[..., record.warmup :, :]
+    return _relative(weights * measured) * weights
 
 
 def _relative(measured: Tensor) -> float:

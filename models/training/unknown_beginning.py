@@ -49,8 +49,8 @@ class UnknownBeginningProblem(FreeRunProblem):
         run, by_theta, by_state = self.estimator.run_from(self.record, self.own[0], True)
         B, P, S = self.own[0].numel() // by_state.shape[-1], by_theta.shape[-1], by_state.shape[-1]
         errors = self._errors(run).reshape(B, -1)
-        J = (self.weight[:, None] * by_theta).reshape(B, -1, P)
-        J0 = (self.weight[:, None] * by_state).reshape(B, -1, S)
+        J = (self.weight[..., None] * by_theta).reshape(B, -1, P)
+        J0 = (self.weight[..., None] * by_state).reshape(B, -1, S)
         matrix, vector = J.new_zeros(P + B * S, P + B * S), J.new_zeros(P + B * S)
         prior, deviation = self._pull()
         pull = errors.numel() * prior

@@ -135,6 +135,22 @@ def test_a_folder_is_every_file_in_it(run, vibration, strange):
     assert run("vib*.csv")[1].count("vibration.csv") == 1
 
 
+def test_records_of_a_folder_that_differ_in_rate_or_unit_are_told_in_a_line(run, tmp_path):
+    t = 0.01 * np.arange(1000)
+    for name, step, size in (
+        ("one", 1, 1.0),
+        ("slow", 2, 1.0),
+        ("twice", 1, 2.0),
+        ("x_g", 1, 981.0),
+    ):
+        rows = np.column_stack((t, np.cos(3.0 * t), size * np.sin(3.0 * t)))[::step]
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="time,f1,a1", comments="")
+    lines = [line for line in run(".")[1].splitlines() if " beside " in line]
+    assert len(lines) == 2
+    assert "slow.csv beside one.csv: other rates, 50 Hz and 100 Hz" in lines[0]
+    assert "x_g.csv beside one.csv: times as large: a1 981" in lines[1]
+
+
 def test_nothing_moves_the_cursor(run, tmp_path):
     (tmp_path / "odd.csv").write_text("\x1b[31mtime,[bold]a\n0.0,1.0\n0.1,2.0\n0.2,4.0\n")
     status, out, err = run("odd.csv")

@@ -174,11 +174,12 @@ def test_a_path_that_is_not_there_is_named(tmp_path):
         measured(tmp_path / "absent.csv")
 
 
-def test_of_several_records_the_tested_ones_must_be_said(tmp_path):
+def test_of_several_records_the_last_is_tested_on_unless_others_are_named(tmp_path):
     for name in ("one", "two", "three"):
         (tmp_path / f"{name}.csv").write_text(TEN_LINES)
-    with pytest.raises(ValueError, match=r"data\.test"):
-        measured(tmp_path / "*.csv")
+    data = measured(tmp_path / "*.csv")
+    assert [data.names[s] for s in ("train", "test")] == [["one", "three"], ["two"]]
+    assert "tested on two of 3 records" in data.notes
     data = measured(tmp_path, test=["t*"])
     assert [len(data.records[s]) for s in ("train", "test")] == [1, 2]
     assert data.records["train"][0].samples == 9

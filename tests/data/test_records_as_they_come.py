@@ -289,6 +289,8 @@ def test_base_and_response_fit_together_in_any_unit(factor):
     assert "9.807 times apart, as g and m/s^2 are" in fault.message
     (fault,) = plausibility({"s_ddot1": factor * base, "a1": 386.0886 * factor * roof}, DT)
     assert "386.1 times apart, as in/s^2 and g are" in fault.message
+    (fault,) = plausibility({"s_ddot1": factor * base, "a1": 980.665 * factor * roof}, DT)
+    assert all(f"apart, as {unit} and g are" in fault.message for unit in ("cm/s^2", "mg"))
 
 
 def test_the_rate_of_an_imposed_motion_is_found_from_it(tmp_path):

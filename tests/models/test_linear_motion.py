@@ -9,7 +9,8 @@ import torch
 
 from data.record import Record
 from models.linear import EquivalentLinear
-from models.linear_motion import LinearMotion, stable
+from models.linear_motion import LinearMotion, run_of_weights, stable
+from models.starts.output_error import OutputError
 from models.training.metrics import free_run_score
 
 
@@ -30,6 +31,30 @@ def test_accelerations_and_forces_alone_are_enough(linear_record):
 def test_displacements_alone_are_enough(linear_record):
     record = Record(linear_record.dt, linear_record.x, linear_record.f, quantity="displacement")
     assert error(record) < 5.0
+
+
+def test_its_free_run_is_fitted_from_noisy_accelerations(linear_record):
+    noise = torch.randn(linear_record.a.shape, generator=torch.Generator().manual_seed(0))
+    level = 0.3 * float(linear_record.a.std())
+    noisy = replace(linear_record, a=linear_record.a + level * noise.to(linear_record.a))
+    noisy = replace(noisy.measured(), x=None, v=None)
+    model = LinearMotion(noisy.dofs, noisy.f.shape[-1], noisy.dt)
+    model.identify([noisy])
+    assert free_run_score(model, [linear_record])["relative_rms_percent"] < 3.0
+
+
+def test_derivatives_of_the_free_run_are_those_of_small_steps(linear_record):
+    model = LinearMotion(linear_record.dofs, linear_record.f.shape[-1], linear_record.dt)
+    model.identify([linear_record])
+    weights = 1.05 * model.system.weights.data
+    problem = OutputError(weights, [linear_record], run_of_weights, lambda motion: motion.a)
+    _, slope = problem.normal_equations()
+    place, here = (3, 1), problem.loss()
+    step = 1e-5 * float(problem.theta.data[place])
+    problem.theta.data[place] += step
+    measured = float(problem.loss() - here) / step
+    expected = 2.0 / problem.y.numel() * float(slope[place[0] * weights.shape[1] + place[1]])
+    assert measured == pytest.approx(expected, rel=1e-2)
 
 
 @pytest.mark.parametrize("size", [1e-6, 1e6])

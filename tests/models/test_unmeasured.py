@@ -68,10 +68,11 @@ def test_true_forces_have_the_order_and_the_direction_of_the_models_elements():
     assert torch.equal(forces, torch.stack([r[:, 1], -r[:, 0]], dim=1))
 
 
-def test_forces_are_drawn_with_their_bands():
+@pytest.mark.parametrize("known", [True, False])  # what is true; of a measured record it is not
+def test_forces_are_drawn_with_their_bands(known):
     run = torch.sin(torch.arange(2000, dtype=torch.float64) / 50.0)[:, None].repeat(1, 3)
     record = Record(dt=0.01, a=run[:, :2], f=run[:, :1])
-    signal = Signal(run, 0.1 * torch.ones_like(run), truth=run)
+    signal = Signal(run, 0.1 * torch.ones_like(run), truth=run if known else None)
     figure = element_forces(record, signal, ["ground–x1", "x1–x2", "x2–x3"])
     assert [axes.get_ylabel() for axes in figure.axes] == [
         "ground–x1 [N]",
