@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.func import functional_call, jacrev, jvp, vmap
@@ -292,5 +293,6 @@ def _gram(jacobian: Tensor) -> Tensor:
     """JᵀJ; on the processor by NumPy, whose BLAS computes one triangle only."""
     if jacobian.device.type == "cpu":
         rows = jacobian.numpy()
-        return torch.from_numpy(rows.T @ rows)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a run that diverges
+            return torch.from_numpy(rows.T @ rows)
     return jacobian.T @ jacobian

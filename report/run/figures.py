@@ -112,13 +112,13 @@ def element_loops(record: Record, names: list[str]) -> Figure:
 def identified_loops(deformations: Tensor, forces: Tensor, names: list[str]) -> Figure:
     """Force against deformation (…, T, E) of a model's elements in its free run.
 
-    Of many elements those with the largest forces, in the cycles in which these are. names: of all
+    Of many elements those with the largest forces, in the cycles in which most happens. names: of all
     elements, or none.
     """
     y, r = first_of(deformations), first_of(forces)
+    chosen = np.sort(np.argsort(-np.abs(r).max(axis=0), kind="stable")[:MOST_LOOPS])
     part = few_cycles(y, slice(0, len(y)), LOOPS)
     y, r = y[part], r[part]
-    chosen = np.sort(np.argsort(-np.abs(r).max(axis=0), kind="stable")[:MOST_LOOPS])
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
     figure = Figure(figsize=(3.0 * columns, 2.5 * rows + 0.4), layout="constrained")
