@@ -112,8 +112,8 @@ def element_loops(record: Record, names: list[str]) -> Figure:
 def identified_loops(deformations: Tensor, forces: Tensor, names: list[str]) -> Figure:
     """Force against deformation (…, T, E) of a model's elements in its free run.
 
-    Of many elements those with the largest forces, in the cycles in which most happens. names: of all
-    elements, or none.
+    Of many elements those with the largest forces, in the cycles in which most happens.
+    names: of all elements, or none.
     """
     y, r = first_of(deformations), first_of(forces)
     chosen = np.sort(np.argsort(-np.abs(r).max(axis=0), kind="stable")[:MOST_LOOPS])
