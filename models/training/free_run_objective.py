@@ -69,7 +69,6 @@ class FreeRun(Objective):
     from runs of single samples; []: none. It takes the place of finalists.
     channels: "noise": once the fit is made, it goes on with errors in units of each channel's noise
     (by_noise.py). "equal": all count alike. None: "noise" only where a noisy sensor takes over.
-    quiet: quiet parts of a motion count more than by their energy (levels.py).
     """
 
     kept = ("ranked", "judged", "shorter", "raised", "present", "remarks")
@@ -87,7 +86,6 @@ class FreeRun(Objective):
         select: Sequence[float] | None = None,
         held_back: float = 0.2,
         channels: Literal["equal", "noise"] | None = None,
-        quiet: bool = False,
     ) -> None:
         lengths = [math.inf if h is None else h for h in horizons]
         whole = all(h is None or isinstance(h, int) for h in horizons)
@@ -116,7 +114,7 @@ class FreeRun(Objective):
         self.restart, self.records = restart, records
         self.starts, self.start_iterations, self.seed = starts, start_iterations, seed
         self.finalists, self.select, self.held_back = finalists, select, held_back
-        self.channels, self.quiet = channels, quiet
+        self.channels = channels
         self.priors: list[float] = []  # that are tried, the first `anew` of them from the starts
         self.anew = 0
         self.near: int | None = None  # number of the one whose first runs are of one sample
@@ -150,7 +148,6 @@ class FreeRun(Objective):
                 f"objective.channels=noise: {type(estimator).__name__} counts all channels alike; "
                 "leave it out, or choose a network of elements"
             )
-        estimator.counts_quiet = self.quiet
         if self.channels != "equal" and isinstance(estimator, Composite):
             weigh_at_first(estimator, records, self.channels)
         anew = all(estimator.begins_anew(record) for record in records)

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 import torch
 
 from data.record import Record
-from models.training.levels import median_line
 from models.training.objective import MakeSolver, Note
 from models.training.parts import SHORTEST
 from models.training.problem import FreeRunProblem
@@ -34,7 +33,9 @@ WORSE = 2.0  # times the least loss on held-back motion: the path does not go on
 
 def horizons_of(record: Record, periods: Sequence[float]) -> list[int | None]:
     """Samples between runs that begin anew: some periods of the median frequency, then none."""
-    median = median_line(record.a)
+    power = torch.fft.rfft(record.a, dim=-2).abs().square()
+    power = power.sum(dim=-1).reshape(-1, power.shape[-2]).sum(dim=0).cumsum(dim=0)
+    median = max(1, int(torch.searchsorted(power, 0.5 * power[-1:])))
     lengths = dict.fromkeys(max(2, round(p * record.samples / median)) for p in periods)
     return [*(length for length in lengths if length < record.samples), None]
 

@@ -18,7 +18,6 @@ from torch.func import functional_call, jacrev, jvp, vmap
 
 from data.parallel import in_threads
 from data.record import Record
-from models.training.levels import weights_of_samples
 from models.training.trainable import Trainable
 from models.uncertainty.parameters import free_vector
 
@@ -143,7 +142,7 @@ class FreeRunProblem:
         self.last, self.prior = last, prior
         self.counted = slice(record.warmup, None)
         self.y = record.a[..., self.counted, :]
-        self.weight = _weights(record, estimator)
+        self.weight = _weights(record, estimator.weights_of_channels())
         self.noise: float | None = None  # variance of e where it was first asked for, over N
         self.known: tuple[Tensor, Tensor] | None = None  # θ, e of the last normal equations
 
@@ -170,7 +169,7 @@ class FreeRunProblem:
         """
         with torch.no_grad():
             parts = self._parts(self.estimator.pull(self.last, self.prior, 0.0)[1].numel())
-            sums = [self._normal_equations(*part, every) for part in parts]
+            sums = [self._normal_equations(record, y, every) for record, y in parts]
             matrix, vector, _ = sums[0]
             for more, other, _ in sums[1:]:
                 matrix, vector = matrix + more, vector + other
@@ -182,31 +181,29 @@ class FreeRunProblem:
                 vector = vector + pull * deviation
             return matrix, vector
 
-    def _parts(self, parameters: int) -> list[tuple[Record, Tensor, Tensor]]:
+    def _parts(self, parameters: int) -> list[tuple[Record, Tensor]]:
         """All records together, or one after the other where their derivatives are too many."""
         if self.record.a.ndim < 3 or self.y.numel() * parameters < MOST_DERIVATIVES:
-            return [(self.record, self.y, self.weight)]
-        pairs = zip(self.y.split(1), self.weight.expand_as(self.y).split(1), strict=True)
-        return [(self.record.map(partial(_only, i)), *pair) for i, pair in enumerate(pairs)]
+            return [(self.record, self.y)]
+        return [(self.record.map(partial(_only, i)), y) for i, y in enumerate(self.y.split(1))]
 
     def _normal_equations(
-        self, record: Record, y: Tensor, weight: Tensor, every: int
+        self, record: Record, y: Tensor, every: int
     ) -> tuple[Tensor, Tensor, Tensor]:
         """JᵀJ, Jᵀe and e of some of the records."""
         both = self.estimator.restarted_jacobian(record, self.horizon, self.warmup)
         if both is None:
-            errors, weight = self.errors(), torch.ones_like(weight)
+            errors, weight = self.errors(), torch.ones_like(self.weight)
             jacobian = self._differentiated(errors.numel()).view(*y.shape, -1)
         else:
             run, jacobian = both
-            errors = ((run[..., self.counted, :] - y) * weight).reshape(-1)
-            jacobian = jacobian[..., self.counted, :, :]
+            errors = ((run[..., self.counted, :] - y) * self.weight).reshape(-1)
+            weight, jacobian = self.weight, jacobian[..., self.counted, :, :]
         each = jacobian.reshape(-1, *jacobian.shape[-3:])  # (B, T, n, P)
-        weights = weight.expand_as(y).reshape(each.shape[:-1])
-        sides = weights * errors.view_as(weights)
+        sides = weight * errors.view(each.shape[:-1])
 
         def sums(i: int) -> tuple[Tensor, Tensor]:
-            some = weights[i, ::every, :, None] * each[i, ::every]
+            some = weight[:, None] * each[i, ::every]
             matrix = len(each[i]) / len(some) * _gram(some.flatten(0, 1))
             return matrix, sides[i].flatten() @ each[i].flatten(0, 1)
 
@@ -268,18 +265,12 @@ def _weight(record: Record) -> float:
     return _relative(record.a[..., record.warmup :, :])
 
 
-def _weights(record: Record, estimator: Trainable) -> Tensor:
-    """√N w/‖w ẍ‖ (n,) over the counted samples, of channels that count by w.
-
-    (…, T, n) where an estimator counts the quiet parts of a motion, too.
-    """
+def _weights(record: Record, channels: Tensor | None) -> Tensor:
+    """√N w/‖w ẍ‖ (n,) over the counted samples, of channels that count by w."""
     measured = record.a[..., record.warmup :, :]
-    weights = estimator.weights_of_channels()
-    if weights is None:
-        weights = measured.new_ones(measured.shape[-1])
-    if estimator.counts_quiet:
-        weights = weights * weights_of_samples(record.a)[..., record.warmup :, :]
-    return _relative(weights * measured) * weights
+    if channels is None:
+        channels = measured.new_ones(measured.shape[-1])
+    return _relative(channels * measured) * channels
 
 
 def _relative(measured: Tensor) -> float:

@@ -19,7 +19,6 @@ from models.estimator import Estimator
 class Trainable(Estimator):
     """Base of estimators with free parameters: those that `identify` leaves to a solver."""
 
-    counts_quiet = False  # whether training counts quiet parts of a motion by levels.py
     estimates_beginning = False  # whether runs of a record begin in the state that suits it
 
     def regression(self, record: Record) -> tuple[nn.Module, Any, Tensor]:
