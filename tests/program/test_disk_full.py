@@ -42,7 +42,7 @@ def disk(tmp_path) -> Iterator[tuple[Path, Callable[[int], None]]]:
     ("words", "more"),
     [
         (["model=linear"], 4),
-        (["model=global_mlp", "solver.iterations=3", "checkpoint_seconds=0"], 12),
+        (["model=global_mlp", "solver.iterations=3", "checkpoint_seconds=0"], 8),
     ],
 )
 def test_a_run_ends_in_one_line_wherever_the_disk_is_full(
@@ -50,7 +50,7 @@ def test_a_run_ends_in_one_line_wherever_the_disk_is_full(
 ):
     """4 kB more at each attempt, so every file that a run writes is the one that does not fit.
 
-    Of a run that trains, 12 kB: less than its checkpoints take, and its other files are the same.
+    Of a run that trains, 8 kB: less than its checkpoints take, and its other files are the same.
     """
     folder, resize = disk
     assert run(train, monkeypatch, *QUICK, *words, f"hydra.run.dir={tmp_path / 'other'}") == 0
