@@ -21,6 +21,7 @@ from models.training.metrics import FREE_RUNS, free_run_score
 
 STILL = 100.0  # percent, of no motion
 WORSE = 1.05  # times the linear system's error: a model that contains it may miss it by rounding
+CLOSE = 0.1  # percent: below it no model is worse for a linear one that is exact
 ERROR = "relative_rms_percent"
 CANNOT = (ValueError, RuntimeError, MemoryError)  # of a baseline that cannot run
 
@@ -73,7 +74,7 @@ def _fault(way: str, scores: Mapping[str, Any], on_base: bool, linear: float | N
     if error >= STILL:
         still = "moving rigidly with the base" if on_base else "no motion at all"
         return f"{what} errs by {error:.4g} %, {still} by 100 %"
-    if linear is not None and error > WORSE * linear:
+    if linear is not None and error > max(WORSE * linear, CLOSE):
         return f"{what} errs by {error:.4g} %, that of the equivalent linear system by {linear:.4g}"
     return ""
 

@@ -28,7 +28,7 @@ def test_the_true_loop_lies_under_that_of_the_model(bilinear_record):
     own = Response(truth.x, truth.v, 1.1 * truth.a)
     found = picture(bilinear_record, own, (-truth.y, -truth.r), elements, pairs, "0.04 %")
     axes = found["identified"].axes
-    assert [a.get_ylabel() for a in axes] == ["ẍ3 [m/s²]", "error [m/s²]", "r [N]", "r [N]"]
+    assert [a.get_ylabel() for a in axes] == ["ẍ3 [m/s²]", "its error [m/s²]", "r [N]", "r [N]"]
     for loop in axes[2:]:
         true, learned = loop.get_lines()
         assert true.get_linewidth() > learned.get_linewidth()

@@ -31,6 +31,7 @@ def scores(percent: float) -> dict:
         (scores(30.9), False, 30.0, ""),  # as good as linear, but for the ends of two fits
         (scores(40.0), False, None, ""),
         (scores(10.0), True, 37.5, ""),
+        (scores(0.04), False, 2e-13, ""),  # as close as anybody asks
     ],
 )
 def test_a_free_run_is_held_against_nothing_and_a_linear_system(of_run, on_base, linear, said):
