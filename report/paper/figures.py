@@ -170,9 +170,8 @@ def error_curves(
         x = UNIT[setting] * np.array(list(curve))
         low, middle, high = np.array([_quartiles(errors) for errors in curve.values()]).T
         color, seeds = colour_of(method), max(map(len, curve.values()))
-        style = {"linestyle": "-" if method in SIX else "--", "marker": MARKERS[place]}
-        label = LABELS.get(method, method)
-        axes.plot(x, middle, color=color, markersize=5, label=label, **style)
+        line, label = "-" if method in SIX else "--", LABELS.get(method, method)
+        axes.plot(x, middle, line, c=color, marker=MARKERS[place], markersize=5, label=label)
         axes.fill_between(x, low, high, color=color, alpha=0.18, linewidth=0.0)
     axes.set_xticks(x, [f"{value:g}" for value in x])
     axes.set_xticks([], minor=True)
