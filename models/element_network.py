@@ -23,7 +23,7 @@ from data.record import Record
 from data.topology import incidence, node_numbers
 from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
-from models.composition.laws import ElementLaws
+from models.composition.laws import SOFTEST, ElementLaws
 from models.composition.simulate import Composition
 from models.composition.stated import typed
 from models.starts.equilibrium import forces_of, integrated_states
@@ -32,7 +32,6 @@ from models.starts.spectra import Layout, LinearStructure, Spectra
 from models.starts.topology import MOST_PAIRED
 
 MOST_NODES = 300  # all of whose pairs are elements
-SOFTEST = 0.05  # of the median stiffness: what an element starts with at least
 
 
 class ElementNetwork(Composite):
@@ -48,12 +47,15 @@ class ElementNetwork(Composite):
     hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring; rounded:
     units bend before they yield, as those of Bouc and Wen; without, they are elastoplastic.
     from_accelerations: measured x and v are not used.
+    Where a base moves and no mass is known, springs between nodes that are no neighbours in a chain
+    may be of either sign: columns that bend over several storeys look like negative ones.
     priors: {name of a parameter: [value in its unit, relative standard deviation]}.  ties: groups
     of elements, or of parameters of one kind, that are one (composition/stated.py).
     Raises ValueError for channels, masses, pairs of nodes, priors or ties that do not fit.
     """
 
     takes_other_inputs = False
+    takes_either_sign = True
 
     mass_known: bool
 
@@ -128,7 +130,10 @@ class ElementNetwork(Composite):
         self.mass = Coefficients(dofs, positive=True, learned=bool(open_masses.any()))
         if self.mass.learned and not open_masses.all():
             self.mass.share(torch.where(open_masses, open_masses.cumsum(0) - 1, -1))
-        self.laws = ElementLaws(len(self.elements), hinges, tanhs, units, cubic, rounded=rounded)
+        self.laws = ElementLaws(
+            len(self.elements), hinges, tanhs, units, cubic, rounded=rounded,
+            either=self._either() if self.base and masses is None else (),
+        )  # fmt: skip
         self.hold_to(priors, ties, self.laws, self.mass)
 
     B: Tensor
@@ -188,6 +193,7 @@ class ElementNetwork(Composite):
             self.forced,
             self.base,
             None if known is None else known.cpu().numpy(),
+            np.array(self.laws.either) if self.laws.either else None,
         )
         found = linear_start(
             Equations(unknown, target, self._names()),
@@ -210,8 +216,9 @@ class ElementNetwork(Composite):
         mass, stiffness, damping = (torch.from_numpy(part) for part in vars(structure).values())
         typical = stiffness[stiffness > 0.0].median()
         self.mass.start(mass)
-        if raised or not (stiffness > 0.0).all() or not (damping > 0.0).all():
-            stiffness = stiffness.clamp_min(SOFTEST * typical)
+        either = torch.tensor(self.laws.either or [False] * len(stiffness))
+        if raised or not (either | (stiffness > 0.0)).all() or not (damping > 0.0).all():
+            stiffness = torch.where(either, stiffness, stiffness.clamp_min(SOFTEST * typical))
             damping = damping.clamp_min(0.1 * damping.abs().median())
         self.linear = (stiffness, damping, largest)
         self.laws.start(*self.linear, (0.5, 0.5))
@@ -339,6 +346,12 @@ class ElementNetwork(Composite):
         fixed = [f"s{j + 1}" for j in range(self.supports)] or ["ground"]
         pairs = [[node, name] for name in names for node in fixed]
         return pairs + [list(pair) for pair in combinations(names, 2)]
+
+    def _either(self) -> list[bool]:
+        """Which springs may be of either sign; () where that is none."""
+        order = self._named("chain")
+        either = [pair not in order for pair in self.elements]
+        return either if self.takes_either_sign and any(either) else []
 
     def _incidence(self) -> tuple[Tensor, Tensor]:
         """B (E, n) and B_s (E, p) of y = B x + B_s s."""

@@ -80,6 +80,7 @@ class ElementNetworkNamed(ElementNetwork):
 
     mass_damping: Tensor  # α [1/s]: dampers α m between the masses and the support
     later = ("mass_damping",)
+    takes_either_sign = False
     estimates_beginning = False
 
     @property

@@ -44,8 +44,8 @@ class ModalNetwork(Estimator):
     hinges, units: of laws that have some. substeps: of a sample interval; None: by the fastest
     mode. ahead: samples that the interpolation of a band-limited excitation may look ahead, 0: it
     is causal; None: as many as it likes. iterations: of the last fit. held_back: share of each
-    record, its end, on which modes and laws are chosen. directions, draws: that are tried for an
-    element. prior: weight of Σ θ² beside the squared relative error.
+    record's motion, its last part by power, on which modes and laws are chosen. directions, draws:
+    that are tried for an element. prior: weight of Σ θ² beside the squared relative error.
 
     A record of unknown beginning tells its first state by its warm-up samples; of those that are
     trained on, all samples tell.

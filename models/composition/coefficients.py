@@ -19,7 +19,8 @@ PART = ("value", "index", "slope")
 class Coefficients(nn.Module):
     """Physical coefficients of a given shape: unit·θ, or unit·exp θ where they are `positive`.
 
-    A unit is set by `start` from the data, so that every θ is of the order of one.
+    A unit is set by `start` from the data, so that every θ is of the order of one. A negative unit
+    says that a `positive` coefficient may have either sign all the same, and is −unit·θ.
     Rows that `share` a θ have one value.
     """
 
@@ -60,13 +61,21 @@ class Coefficients(nn.Module):
             return theta
         return torch.cat([theta, torch.full_like(theta[:1], without)])[self.rows]
 
+    @property
+    def exponential(self) -> Tensor:
+        """Which coefficients are unit·exp θ."""
+        return self.unit >= 0.0 if self.positive else torch.zeros_like(self.unit, dtype=torch.bool)
+
     @torch.no_grad()
     def start(self, unit: Tensor, theta: Tensor | float = 0.0) -> None:
         """Set units and θ of every coefficient; those that share a θ start at a mean of theirs."""
         unit, theta = (torch.as_tensor(t).expand_as(self.unit) for t in (unit, theta))
-        if self.rows is not None:  # a unit is positive
+        if self.rows is not None:
             alone = (self.rows < 0).view(-1, *[1] * (unit.ndim - 1))
-            unit = torch.where(alone, unit, self.spread(self.pooled(unit.log())).exp())
+            size = self.spread(self.pooled(unit.abs().log())).exp()
+            either = self.spread(self.pooled((unit < 0.0).to(unit))) > 0.0
+            theta = torch.where(either & (unit >= 0.0), unit / size, theta)
+            unit = torch.where(alone, unit, torch.where(either, -size, size))
         self.unit.copy_(unit)
         self.theta.copy_(self.pooled(theta))
         self.begin.copy_(self.theta)
@@ -78,13 +87,16 @@ class Coefficients(nn.Module):
 
     def forward(self) -> Tensor:
         theta = self.spread(self.theta, 0.0 if self.positive else 1.0)
-        if self.positive:
-            return self.unit * theta.clamp(-LARGEST_EXPONENT, LARGEST_EXPONENT).exp()
-        return self.unit * theta
+        if not self.positive:
+            return self.unit * theta
+        grown = theta.clamp(-LARGEST_EXPONENT, LARGEST_EXPONENT).exp()
+        return self.unit.abs() * torch.where(self.exponential, grown, theta)
 
     def slope(self) -> Tensor:
         """Derivative of each value by its θ."""
-        return self().detach() if self.positive else self.unit
+        if not self.positive:
+            return self.unit
+        return torch.where(self.exponential, self().detach(), self.unit.abs())
 
 
 @dataclass(frozen=True)

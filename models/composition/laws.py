@@ -29,6 +29,7 @@ LINEAR = 6  # columns k, c, k₃, k₂, c₁, c₂ before those of hinges, tanhs
 GAPS = (0.05, 0.8)  # of the largest deformation: between these the hinges start
 STEEPNESS = 2.0  # s b of a tanh at the start
 LIMITS = (0.05, 0.8)  # of the largest deformation: between these the units' limits start
+SOFTEST = 0.05  # of the median stiffness: what an element is measured by, or starts with, at least
 FAR = 10.0  # times the largest deformation: the end of limits that no motion has reached
 NAMED = (  # attribute of ElementLaws, name of the parameter, unit
     ("stiffness", "stiffness", "N/m"),
@@ -53,7 +54,7 @@ class ElementLaws(nn.Module):
     hinges, tanhs, units: numbers of them in each law. cubic, quadratic: stiffness k₃, k₂ is
     learned; absolute_damping, square_damping: damping |y| ẏ, y² ẏ is learned; springs: linear
     stiffness is learned, beside that of a core. rounded: b₊ and b₋ are learned; without, units are
-    elastoplastic.
+    elastoplastic. either: elements whose linear stiffness may be of either sign; none: ().
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class ElementLaws(nn.Module):
         square_damping: bool = False,
         springs: bool = True,
         rounded: bool = True,
+        either: Sequence[bool] = (),
     ) -> None:
         super().__init__()
         if not all(isinstance(count, int) and count >= 0 for count in (hinges, tanhs, units)):
@@ -82,7 +84,7 @@ class ElementLaws(nn.Module):
                 f"of a law, {elements * columns} of {elements} elements; {MOST_COLUMNS} and "
                 f"{MOST_COEFFICIENTS} are possible: take fewer"
             )
-        self.counts = (hinges, tanhs, units)
+        self.counts, self.either = (hinges, tanhs, units), list(either)
         self.stiffness = Coefficients(elements, positive=True, learned=springs)
         self.damping = Coefficients(elements, positive=True)
         self.cubic = Coefficients(elements, learned=cubic)
@@ -115,7 +117,14 @@ class ElementLaws(nn.Module):
         logarithmic scale; `places` in [0, 1] say where in its share each gap and each limit lies.
         """
         hinges, tanhs, units = self.counts
-        self.stiffness.start(stiffness)
+        start, stiffness = stiffness, stiffness.abs()
+        if self.either:
+            either = torch.tensor(self.either)
+            stiffness = stiffness.clamp_min(SOFTEST * stiffness.median())
+            unit = torch.where(either, -stiffness, start)
+            self.stiffness.start(unit, torch.where(either, start / stiffness, 0.0))
+        else:
+            self.stiffness.start(stiffness)
         self.damping.start(damping)
         self.cubic.start(stiffness / largest**2)
         self.quadratic.start(stiffness / largest)

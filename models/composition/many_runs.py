@@ -142,7 +142,8 @@ def positive_of(model: torch.nn.Module) -> np.ndarray:
     for c in model.modules():
         if isinstance(c, Coefficients) and id(c.theta) in numbering.first:
             first = numbering.first[id(c.theta)]
-            positive[first : first + c.theta.numel()] = c.positive
+            exponential = c.pooled(c.exponential.to(c.unit)) > 0.5
+            positive[first : first + c.theta.numel()] = exponential.reshape(-1).cpu().numpy()
     return positive
 
 

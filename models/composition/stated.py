@@ -45,22 +45,30 @@ class Stated:
         return first * (self.coefficients.unit.shape[1] if column else 1) + sum(column)
 
     @property
+    def exponential(self) -> bool:
+        return bool(self.coefficients.exponential[self.place])
+
+    @property
+    def unit(self) -> float:
+        unit = float(self.coefficients.unit[self.place])
+        return abs(unit) if self.coefficients.positive else unit
+
+    @property
     def mean(self) -> float:
         """θ at the value."""
-        ratio = self.value / float(self.coefficients.unit[self.place])
-        return math.log(ratio) if self.coefficients.positive else ratio
+        ratio = self.value / self.unit
+        return math.log(ratio) if self.exponential else ratio
 
     @property
     def width(self) -> float:
         """Standard deviation of θ."""
-        return self.share * (1.0 if self.coefficients.positive else abs(self.mean))
+        return self.share * (1.0 if self.exponential else abs(self.mean))
 
     def value_at(self, theta: float) -> float:
         """In the parameter's unit."""
-        unit = float(self.coefficients.unit[self.place])
-        if not self.coefficients.positive:
-            return unit * theta
-        return unit * math.exp(min(theta, LARGEST_EXPONENT))
+        if not self.exponential:
+            return self.unit * theta
+        return self.unit * math.exp(min(theta, LARGEST_EXPONENT))
 
     @torch.no_grad()
     def start(self) -> None:

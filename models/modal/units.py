@@ -17,6 +17,7 @@ from models.modal.problem import Motion
 from models.modal.run import Excited
 
 FAINT = 0.1  # of the outputs' RMS: a record with less weighs no more for it
+STOPS = (0.5, 0.95)  # of a record: what is held back begins between these
 FINEST = 0.25  # of a radian of the fastest mode, in a substep
 MOST_SUBSTEPS = 8
 
@@ -97,7 +98,12 @@ class Scale:
     ) -> Motion:
         y = (one.y - self.mean) / self.y
         rms = np.sqrt((y * y).mean(axis=0))
-        stop = max(2, round((1.0 - held_back) * len(y)))
+        stop = len(y)
+        if held_back:  # by power: a quiet tail shows but one mode
+            power = (y * y).sum(axis=1).cumsum()
+            place = int(np.searchsorted(power, (1.0 - held_back) * power[-1]))
+            first, last = (int(share * len(y)) for share in STOPS)
+            stop = max(2, min(max(place, first), last))
         weight = 1.0 / np.sqrt(rms**2 + FAINT**2)
         excited, first = self.excited(one, substeps, ahead), len(y) if one.periodic else 0
         return Motion(excited, y, weight, one.unknown and not one.periodic, stop, first)

@@ -83,7 +83,7 @@ def _main(stiffness: Tensor, place: Tensor, k: float) -> float | None:
     """Where the stiffest of several terms acts; None where it is a small part of the element."""
     size = stiffness.abs()
     strongest = int(size.argmax())
-    return float(place[strongest]) if float(size[strongest]) > SMALL * k > 0.0 else None
+    return float(place[strongest]) if float(size[strongest]) > SMALL * abs(k) > 0.0 else None
 
 
 def branch_law(branches: Branches, e: int, part: str, about: str) -> Iterator[Values]:

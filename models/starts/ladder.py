@@ -30,6 +30,7 @@ from models.starts.spectra import (
 
 STEEPEST = 2.0  # ω h beyond which substeps h of the integration run away
 DOUBTFUL, MARKED = 0.5, 0.6  # error beyond which other ways, or signs, are tried; a sign's gain
+UNSURE = 0.05  # the same where springs may be of either sign, which least squares of noise mistakes
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def linear_start(
     first = structure(least_squares(unknown, target))
     fault = fault_of(first, layout, substep)
     off = spectra.error(first, layout) if filtered and not fault else 0.0
-    if not fault and off < DOUBTFUL:
+    if not fault and off < (DOUBTFUL if layout.either is None else UNSURE):
         return Start(first, "least squares", [], rank, open_names)
     told = [f"not least squares: {fault}"] if fault else []
     found = {"spectra": nearest(spectra, layout)}

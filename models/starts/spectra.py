@@ -1,6 +1,7 @@
 """A linear structure from the spectra of its motion: positive masses, springs and dampers.
 
-(−ω² M + iω C + K) X = F,   K = Bᵀ k B,   C = Bᵀ c B        k, c, M > 0: logarithms are searched
+(−ω² M + iω C + K) X = F,   K = Bᵀ k B,   C = Bᵀ c B        k, c, M > 0: logarithms are searched,
+but for springs that may be of either sign.
 A typical structure is moved through the frequencies of the motion; the best places are polished by
 damped least squares on the error of the output, which noise does not bias as it does the equation.
 F frequencies, n DOFs, E elements, m channels of excitation.
@@ -36,6 +37,7 @@ class Layout:
     forced: list[int]
     base: bool = False
     masses: np.ndarray | None = None  # (n,) [kg], NaN where one is unknown
+    either: np.ndarray | None = None  # (E,): springs that may be of either sign
 
     def shapes(self) -> list[np.ndarray]:
         """Relative stiffnesses (E,) to begin with: all alike, and mostly a chain if it is there."""
@@ -138,9 +140,12 @@ def _of_one(
 
 
 def respond(
-    structure: LinearStructure, layout: Layout, spectra: Spectra, slopes: bool = False
+    structure: LinearStructure,
+    layout: Layout,
+    spectra: Spectra,
+    units: LinearStructure | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (F, n), and their derivatives by log masses, springs and dampers (F, n, n + 2E)."""
+    """Outputs (F, n), and their derivatives by masses, springs, dampers in units (F, n, n + 2E)."""
     m, k, c = structure.mass, structure.stiffness, structure.damping
     w, U, B = spectra.omega[:, None], spectra.inputs, layout.B
     iw = 1j * w
@@ -156,8 +161,9 @@ def respond(
     G = np.linalg.inv(dynamic)
     X = np.einsum("fij,fj->fi", G, F - (k * support + c * support_rate) @ B)
     rate = iw**spectra.measured
-    if not slopes:
+    if units is None:
         return rate * X, np.empty(0)
+    m, k, c = units.mass, units.stiffness, units.damping
     driven = m * (w**2 * X + (U[:, :1] if layout.base else 0.0))  # (F, n)
     springs, dampers = k * (X @ B.T + support), c * (iw * (X @ B.T) + support_rate)
     through = G @ B.T  # (F, n, E)
@@ -202,33 +208,51 @@ def places(spectra: Spectra, layout: Layout) -> list[LinearStructure]:
 
 
 def polished(spectra: Spectra, layout: Layout, start: LinearStructure) -> LinearStructure:
-    """The structure near `start` whose response has the least error."""
+    """The structure near `start` whose response has the least error.
+
+    Springs that may be of either sign are positive until all has been polished once.
+    """
+    near = _polished(spectra, layout, start, np.zeros(len(layout.B), dtype=bool))
+    return near if layout.either is None else _polished(spectra, layout, near, layout.either)
+
+
+def _polished(
+    spectra: Spectra, layout: Layout, start: LinearStructure, either: np.ndarray
+) -> LinearStructure:
+    """Masses, springs and dampers are u exp θ, the springs of `either` sign (E,) are u θ."""
     E, n = layout.B.shape
     learned = np.ones(n + 2 * E, dtype=bool)
     learned[:n] = layout.open_masses
     if layout.open_scale:
         learned[0] = False
-    begin = np.log(np.concatenate([start.mass, start.stiffness, start.damping]))
+    straight = np.concatenate([np.zeros(n, dtype=bool), either, np.zeros(E, dtype=bool)])
+    values = np.concatenate([start.mass, start.stiffness, start.damping])
+    units = np.where(straight, np.median(start.stiffness), values)
+    begin = np.where(straight, values / units, 0.0)
     pull = np.sqrt(np.concatenate([np.full(n, PULL_MASS), np.full(2 * E, PULL)]))
-    level = np.zeros(n + 2 * E)  # a change of all masses, springs and dampers alike costs nothing
 
-    def structure(theta: np.ndarray) -> LinearStructure:
+    def at(theta: np.ndarray) -> tuple[LinearStructure, LinearStructure]:
+        """The structure, and what a change of each θ is multiplied by."""
         whole = begin.copy()
         whole[learned] = theta
-        return LinearStructure(*np.split(np.exp(np.clip(whole, -300, 300)), [n, n + E]))
+        grown = units * np.exp(np.clip(np.where(straight, 0.0, whole), -300, 300))
+        both = np.where(straight, units * whole, grown), grown
+        structure, slope = (LinearStructure(*np.split(one, [n, n + E])) for one in both)
+        return structure, slope
 
     def away(theta: np.ndarray) -> np.ndarray:
-        whole = np.zeros_like(begin)
+        whole = np.zeros_like(begin)  # a change of all masses, springs and dampers costs nothing
         whole[learned] = theta - begin[learned]
         free = whole[:n] - (whole[:n].mean() if learned[:n].all() else 0.0)
-        return np.asarray(pull * np.concatenate([free, whole[n:] - level[n:]]))
+        return np.asarray(pull * np.concatenate([free, whole[n:]]))
 
     def residuals(theta: np.ndarray) -> np.ndarray:
-        e = (respond(structure(theta), layout, spectra)[0] - spectra.outputs).ravel()
+        e = (respond(at(theta)[0], layout, spectra)[0] - spectra.outputs).ravel()
         return np.concatenate([e.real / spectra.size, e.imag / spectra.size, away(theta)])
 
     def jacobian(theta: np.ndarray) -> np.ndarray:
-        slopes = respond(structure(theta), layout, spectra, slopes=True)[1]
+        structure, slope = at(theta)
+        slopes = respond(structure, layout, spectra, slope)[1]
         rows = slopes.reshape(-1, n + 2 * E)[:, learned] / spectra.size
         moved = np.stack([away(begin[learned] + e) for e in np.eye(learned.sum())], axis=1)
         return np.concatenate([rows.real, rows.imag, moved])
@@ -238,4 +262,4 @@ def polished(spectra: Spectra, layout: Layout, start: LinearStructure) -> Linear
     found = least_squares(
         residuals, begin[learned], jacobian, method="trf", max_nfev=EVALUATIONS, xtol=1e-6
     )
-    return structure(found.x)
+    return at(found.x)[0]

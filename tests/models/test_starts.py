@@ -88,7 +88,7 @@ def test_derivatives_of_a_response_are_those_of_differences(base):
     model = planted(base)
     spectra, layout = Spectra.of([motion(model, 500)]), layout_of(model)
     structure = typical(spectra, layout, 50.0, np.array([1.0, 0.8, 0.6]))
-    slopes = respond(structure, layout, spectra, slopes=True)[1]
+    slopes = respond(structure, layout, spectra, structure)[1]
     theta = np.concatenate(list(vars(structure).values()))
     for i in range(len(theta)):
         ends = []
@@ -98,6 +98,59 @@ def test_derivatives_of_a_response_are_those_of_differences(base):
             ends.append(respond(LinearStructure(*np.split(moved, 3)), layout, spectra)[0])
         difference = (ends[0] - ends[1]) / 2e-6
         assert np.abs(slopes[..., i] - difference).max() < 1e-5 * np.abs(slopes).max()
+
+
+# Springs of either sign
+
+BENT = [900.0, -100.0, -40.0, 700.0, -80.0, 500.0]  # N/m; all but a chain's are below zero
+
+
+class Positive(ElementNetwork):
+    takes_either_sign = False
+
+
+def bent_frame(kind: type[ElementNetwork] = ElementNetwork) -> ElementNetwork:
+    """All pairs of three masses on a shaken base, whose columns bend over several storeys."""
+    model = kind(3, 1, DT, "all", forced="base", hinges=0, units=0, from_accelerations=True)
+    k = torch.tensor(BENT, dtype=torch.float64)
+    model.mass.start(torch.tensor(MASSES, dtype=torch.float64))
+    model.laws.start(k, 0.002 * k.abs(), torch.full_like(k, 0.1), (0.5, 0.5))
+    model.identified.fill_(1.0)
+    return model
+
+
+def test_a_frame_whose_columns_bend_over_storeys_is_found_by_negative_springs():
+    model = bent_frame()
+    spectra, layout = Spectra.of([motion(model, 1500, noise=0.02)]), layout_of(model)
+    either = replace(layout, either=np.array(model.laws.either))
+    found = nearest(spectra, either, 1)
+    errors = [spectra.error(one, layout) for one in (found, nearest(spectra, layout, 1))]
+    assert errors[0] < 0.75 * errors[1]  # both have what is cut off while it rings down
+    assert [k > 0.0 for k in found.stiffness] == [k > 0.0 for k in BENT]
+
+
+def test_springs_of_either_sign_pass_through_zero():
+    model = bent_frame()
+    stiffness = model.laws.stiffness
+    assert stiffness().detach() == pytest.approx(torch.tensor(BENT))
+    assert stiffness.exponential.tolist() == [k > 0.0 for k in BENT]
+    slope, theta = stiffness.slope(), stiffness.theta.data
+    for step in (0.3, -2.0, 2.0):
+        before = stiffness().tolist()
+        theta[1] += step
+        assert stiffness().tolist()[1] - before[1] == pytest.approx(step * float(slope[1]))
+    assert Positive(3, 1, DT, "all", forced="base").laws.either == []
+    assert ElementNetwork(3, 1, DT, "chain", forced="base").laws.either == []
+    assert ElementNetwork(3, 3, DT, "all").laws.either == []
+
+
+def test_a_tie_of_springs_of_which_one_may_be_negative():
+    model = ElementNetwork(
+        3, 1, DT, "all", forced="base", ties=[["r2.stiffness", "r5.stiffness", "r6.stiffness"]]
+    )
+    k = torch.tensor([900.0, 200.0, -40.0, 700.0, 200.0, 200.0], dtype=torch.float64)
+    model.laws.start(k, 0.002 * k.abs(), torch.full_like(k, 0.1), (0.5, 0.5))
+    assert model.laws.stiffness().detach() == pytest.approx(k)
 
 
 # Least squares with bounds
