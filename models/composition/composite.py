@@ -31,7 +31,7 @@ MOST_STEPS = 20_000  # under autograd, at some milliseconds each
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
 LOOSE = 1e-6  # weight of a prior on a linear structure, where the prior holds the rest harder
-AGAINST = 1e-2  # weight that is added for units and cubic springs of negative stiffness
+AGAINST = 1e-2  # weight that is added for units and cubic springs of negative stiffness, b > 0
 
 
 class Composite(Trainable):
@@ -122,9 +122,9 @@ class Composite(Trainable):
         """Weights and deviation (P,) of the free parameters from where they stay without data.
 
         A prior that is given holds what goes beyond a linear structure, which itself is nearly
-        free; units of negative stiffness, which make energy, and cubic springs that let go of
-        what goes far are held harder. A stated prior counts as its variance asks for, beside
-        errors with that of the `noise`.
+        free; units that may make energy, of negative stiffness or b > 0, and cubic springs that
+        let go of what goes far are held harder. A stated prior counts as its variance asks for,
+        beside errors with that of the `noise`.
         """
         weights, deviation = self._own_pull(last, prior)
         if not self.stated:
@@ -150,7 +150,9 @@ class Composite(Trainable):
         weights = []
         for c in learned:
             weight = torch.full_like(c.theta, prior if c in beyond else min(prior, LOOSE))
-            weights.append(weight + AGAINST * (c.theta < 0.0) if c in unsound else weight)
+            if c in unsound:
+                weight = weight + AGAINST * (unsound[c] * c.theta < 0.0)
+            weights.append(weight)
         return torch.cat([w.detach().reshape(-1) for w in weights]), deviation
 
     def _coefficients(self) -> list[Coefficients]:
@@ -160,9 +162,11 @@ class Composite(Trainable):
         """Those of laws beyond springs and dampers."""
         return [c for m in self.modules() if isinstance(m, ElementLaws) for c in m.beyond]
 
-    def _unsound(self) -> set[Coefficients]:
+    def _unsound(self) -> dict[Coefficients, float]:
+        """The coefficients that are held harder on one side, and the sign of the other."""
         laws = [m for m in self.modules() if isinstance(m, ElementLaws)]
-        return {c for m in laws for c in (m.unit_stiffness, m.cubic)}
+        positive = {c: 1.0 for m in laws for c in (m.unit_stiffness, m.cubic)}
+        return positive | {c: -1.0 for m in laws for c in (m.unit_rising, m.unit_falling)}
 
     @property
     def begins_linear(self) -> bool:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Any, Literal
 
 import torch
@@ -27,7 +26,7 @@ from models.training.objective import (
     restore,
     state_of,
 )
-from models.training.parts import SHORTEST, held_back_from, onset
+from models.training.parts import SHORTEST, grows, held_back, onset, without_held_back
 from models.training.prior_path import (
     FEW,
     LONGER,
@@ -65,8 +64,10 @@ class FreeRun(Objective):
     number of starts, those with the lowest training losses, that go through all stages.
     select: weights of the prior that are tried on all but the last `held_back` of the motion, and
     after them the path from the linear structure; the one with the least error of the free run on
-    what is held back goes on, on the whole. None: some where records were measured, the first also
-    from runs of single samples; []: none. It takes the place of finalists.
+    what is held back goes on, on the whole. The first part is held back in place of the last where
+    that holds the strongest motion and runs can begin anew. None: some where records were
+    measured, the first also from runs of single samples; []: none. It takes the place of
+    finalists.
     channels: "noise": once the fit is made, it goes on with errors in units of each channel's noise
     (by_noise.py). "equal": all count alike. None: "noise" only where a noisy sensor takes over.
     """
@@ -119,6 +120,7 @@ class FreeRun(Objective):
         self.anew = 0
         self.near: int | None = None  # number of the one whose first runs are of one sample
         self.linear: list[int | None] = []  # horizons of the linear fit before it
+        self.judged_first = False  # on the first part of the motion
         self.ranked: list[list[torch.Tensor]] = []  # states of the finalists, the best first
         self.judged: list[list[float]] = []  # number of a prior, loss on held-back motion
         self.present = -1  # the stage, −1 before the first
@@ -169,6 +171,11 @@ class FreeRun(Objective):
             self.anew = len(self.priors)
             if estimator.begins_linear:
                 self.priors += PATH
+            known = all(record.initial_state != "unknown" for record in records)
+            self.judged_first = anew and known and grows(records, self.held_back)
+            if self.judged_first:
+                told = "the strongest motion comes last: the first part is held back"
+                self.remarks = [*self.remarks, told]
         self._name_stages()
 
     def _grow(self, samples: int) -> None:
@@ -231,7 +238,7 @@ class FreeRun(Objective):
             own = estimator.pull(True)[0] if prior is None else prior
             prior = self.raised * max(LEAST_RAISED, float(own))
         if self.priors and stage + 1 < len(self.stages):
-            record = self._before(record)
+            record = without_held_back(record, self.held_back, self.judged_first)
         if not self.priors or stage < self.anew * len(self.horizons):
             number, place = divmod(stage, len(self.horizons))
             last = place + 1 == len(self.horizons)
@@ -249,10 +256,6 @@ class FreeRun(Objective):
             length = horizon + (quiet if 2 * quiet > horizon else 0)
             record, horizon = record.window(0, min(length, record.samples), record.warmup), None
         return run_problem(estimator, record, horizon, self.warmup, last, prior)
-
-    def _before(self, record: Record) -> Record:
-        """The part of a record that is not held back."""
-        return record.window(0, held_back_from(record, self.held_back), record.warmup)
 
     def begin(
         self, estimator: Trainable, batches: Iterable[Record], make_solver: MakeSolver, note: Note
@@ -337,12 +340,13 @@ class FreeRun(Objective):
         """Mean loss of the plain free run, without restarts; on held-back motion along a path."""
         if not self.priors:
             return mean_loss([FreeRunProblem(estimator, record, None) for record in batches])
-        problems = []
+        problems, stood = [], True
         for record in batches:
+            judged = record
             if self.judges:
-                record = replace(record, warmup=held_back_from(record, self.held_back))
-            problems.append(FreeRunProblem(estimator, record, None, prior=0.0))
-        stood = all(stands(estimator, problem.record) for problem in problems)
+                judged = held_back(record, self.held_back, self.judged_first)
+            problems.append(FreeRunProblem(estimator, judged, None, prior=0.0))
+            stood = stood and stands(estimator, record.measured())
         loss = mean_loss(problems) + (0.0 if stood else RUNAWAY)
         if self.judges:
             self.judged = [*self.judged, [self._tried(self.present), loss]]

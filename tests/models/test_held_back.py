@@ -26,6 +26,12 @@ def record() -> Record:
     return shaken(planted(True, 0.7), 1000, 0.02)
 
 
+@pytest.fixture(scope="module")
+def growing(record: Record) -> Record:
+    """The part of the motion in which it swells."""
+    return record.window(0, 500)
+
+
 def prepared(model: ElementNetwork, record: Record) -> FreeRun:
     objective = FreeRun([50, None], select=[1e-6])
     objective.prepare(model, [record], measured=True)
@@ -61,3 +67,25 @@ def test_what_is_held_back_alone_judges(model, record):
     loss = objective.final_loss(model, [record])
     assert objective.final_loss(model, [turned(record, slice(0, k))]) == pytest.approx(loss)
     assert objective.final_loss(model, [turned(record, slice(k, None))]) > 2.0 * loss
+
+
+@torch.no_grad()
+def test_the_first_part_is_held_back_where_the_strongest_motion_comes_last(model, record, growing):
+    assert not prepared(model, record).judged_first
+    objective, k = prepared(model, growing), held_back_from(growing, 0.8)
+    assert objective.judged_first
+    assert "the first part is held back" in objective.remarks[-1]
+    other, later = turned(growing, slice(0, k)), turned(growing, slice(k, None))
+    objective.present = 0
+    loss = objective.final_loss(model, [growing])
+    assert objective.final_loss(model, [later]) == pytest.approx(loss)
+    assert objective.final_loss(model, [other]) > 2.0 * loss
+    last = len(objective.horizons) - 1  # begins at rest, others at states that take in all before
+    whole = [float(objective.problem(model, r, last).loss()) for r in (growing, other, later)]
+    assert whole[0] == pytest.approx(whole[1])
+    assert whole[2] > 1.5 * whole[0]
+
+
+def test_a_record_of_unknown_beginning_is_judged_on_its_end(model, growing):
+    cut = replace(growing.window(100, 400), initial_state="unknown", warmup=40)
+    assert not prepared(model, cut).judged_first
