@@ -77,7 +77,7 @@ def test_a_linear_structure_follows_one_matrix_exponential_and_then_the_other(
 def test_a_damaged_motion_equals_the_event_located_reference(
     structure, excitation, system, element
 ):
-    force, kept, k = forces(structure, excitation, 300), 0.7, 120
+    force, kept, k = forces(structure, excitation, 200), 0.7, 80
     masses, laws = paper_structure(system)
     after, factors = [dict(law) for law in laws], np.ones(6)
     weak = after[list(structure.elements).index(element)]

@@ -69,7 +69,7 @@ def test_below_yield_and_gap_the_bilinear_structure_is_linear(bilinear_structure
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_motion_equals_the_event_located_reference(structure, excitation, system, seed):
-    force = forces(structure, excitation, seed=seed)
+    force = forces(structure, excitation, 300, seed=seed)
     motion = simulate(structure, force, DT)
     reference = reference_response(*paper_structure(system), DT, force)
     assert motion.escape_time is None
@@ -80,7 +80,7 @@ def test_motion_equals_the_event_located_reference(structure, excitation, system
 
 def test_motion_on_moving_supports_equals_the_reference(structure, excitation, system):
     shaken = Excitation(excitation.force, BandLimitedGaussian(SUPPORT_STD[system], (0.0, 2.0)))
-    drive = shaken.draw(structure, 500, DT, 0, np.random.default_rng(2))
+    drive = shaken.draw(structure, 300, DT, 0, np.random.default_rng(2))
     motion = simulate(structure, drive[0], DT, *drive[1:])
     reference = reference_response(*paper_structure(system), DT, *drive)
     allowed = 1e-5 if system == "bilinear" else 1e-6

@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 import torch
 from torch import Tensor, nn
-from torch.nn.utils import parameters_to_vector
 
 from data.record import Drive
 from models.estimator import Estimator, NoFreeRunError
@@ -119,13 +118,12 @@ def _gradient(value: Tensor, free: list[nn.Parameter]) -> Tensor:
 
 
 def _jacobian(problem: FreeRunProblem, free: list[nn.Parameter]) -> Tensor:
-    rows = []
     errors = problem.errors()
-    for e in errors:
-        slopes = torch.autograd.grad(e, free, retain_graph=True, allow_unused=True)
-        parts = [torch.zeros_like(p) if g is None else g for g, p in zip(slopes, free, strict=True)]
-        rows.append(parameters_to_vector(parts))
-    return torch.stack(rows)
+    each = torch.eye(len(errors), dtype=errors.dtype)
+    slopes = torch.autograd.grad(errors, free, each, allow_unused=True, is_grads_batched=True)
+    none = [errors.new_zeros(len(errors), p.numel()) for p in free]
+    parts = [o if s is None else s.flatten(1) for s, o in zip(slopes, none, strict=True)]
+    return torch.cat(parts, dim=1)
 
 
 def test_the_normal_equations_do_not_depend_on_the_size_of_a_block(monkeypatch):

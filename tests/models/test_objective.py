@@ -127,7 +127,7 @@ def test_training_on_the_free_run_simulates_better(solver, linear_chain, tmp_pat
     """From the same start; one step ahead it may be worse."""
     make = {
         "adam": lambda p: Adam(p, iterations=60, rate=0.01),
-        "levenberg_marquardt": lambda p: LevenbergMarquardt(p, iterations=8),
+        "levenberg_marquardt": lambda p: LevenbergMarquardt(p, iterations=4),
         "lbfgs": lambda p: LBFGS(p, iterations=25),
     }[solver]
     cut = {"window": 40, "warmup": 5, "batch": 4} if solver == "adam" else {}

@@ -104,7 +104,7 @@ def test_training_counts_every_measured_signal_alike(cell):
 def test_adam_trains_it(cell):
     record = stack([motion(begins="given"), motion(seed=1, begins="given")])
     estimator = identified(cell, record)
-    solver, losses = Adam(estimator.parameters(), iterations=300, rate=0.02), []
+    solver, losses = Adam(estimator.parameters(), iterations=100, rate=0.05), []
     while not solver.finished:
         losses += solver.solve(Problem(estimator, record))
     assert losses[-1] < 0.25 * losses[0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-from itertools import zip_longest
 from pathlib import Path
 
 import pytest
@@ -70,6 +69,8 @@ def composed(*overrides: str, config: str = "train") -> DictConfig:
 def fits(*overrides: str) -> dict:
     """Errors of a short run with these choices, of the stages the last, for a few iterations."""
     cfg = composed("data.duration=40", *overrides)
+    for group, choice in (word.split("=") for word in overrides):
+        assert group not in ("system", "scenario", "model") or cfg[group].name == choice
     cfg = changed(cfg, {"solver": {"iterations": 3}})
     if "horizons" in cfg.objective:
         cfg = changed(cfg, {"objective": {"horizons": [None], "finalists": 1}})
@@ -96,6 +97,15 @@ def fits(*overrides: str) -> dict:
 
 
 SMALL = {"vwnn_forward": ["data.duration=10"]}  # it simulates
+FOLLOWED = {"element_network_branch": "bilinear"}  # equilibrium leaves others open: unplanted.md
+
+
+def pairs() -> list[tuple[str, str]]:
+    """Every model on one mass, and on one system of several, which take turns."""
+    models = sorted(set(choices("model")) - ELEMENT_TESTS - ONE_CHANNEL)
+    turns = ["bilinear", "bouc_wen", "polynomial", "shear_frame"]
+    second = [(m, FOLLOWED.get(m, turns[k % len(turns)])) for k, m in enumerate(models)]
+    return [*((model, "single_oscillator") for model in models), *second]
 
 
 def small(model: str, system: str) -> list[str]:
@@ -103,19 +113,20 @@ def small(model: str, system: str) -> list[str]:
     if model == "element_network_named":
         law = "MenegottoPinto" if system == "single_oscillator" else "Linear"
         return [f"model.laws=[{law}]"]
-    if model == "element_network_branch" and system in ("shear_frame", "single_oscillator"):
-        return ["model.law_starts=1"]  # of a chain, one is enough
+    if model == "element_network_branch" and system == "single_oscillator":
+        return ["model.law_starts=1"]
     return SMALL.get(model, [])
 
 
-@pytest.mark.parametrize("system", sorted(PAPER))
-@pytest.mark.parametrize("model", sorted(set(choices("model")) - ELEMENT_TESTS - ONE_CHANNEL))
-def test_every_model_on_every_system(model, system):
-    if model == "element_network_branch" and system in ("bouc_wen", "polynomial"):
-        pytest.skip("equilibrium leaves six elements open, the run diverges: docs/unplanted.md")
+@pytest.mark.parametrize(("model", "system"), pairs())
+def test_every_model_on_one_mass_and_on_several(model, system):
     errors = fits(f"model={model}", f"system={system}", *small(model, system))
     assert 0.0 < errors["relative_rms_percent"] < 200.0
     assert len(errors["per_dof_percent"]) == MASSES.get(system, 3)
+
+
+def test_every_system_of_the_paper_has_a_model_in_those_pairs():
+    assert {system for _, system in pairs()} == PAPER
 
 
 @pytest.mark.parametrize("system", sorted(set(choices("system")) - PAPER - {"measured"}))
@@ -171,16 +182,13 @@ def test_given_forces_drive_the_structure(tmp_path):
 
 
 @pytest.mark.parametrize("experiment", choices("experiment"))
-def test_every_experiment_is_of_settings_that_are_known(experiment):
+def test_every_experiment_is_of_settings_that_are_known_and_has_data(experiment):
     """Those on records name their folder, which need not be there."""
     of_records = experiment in ("shake_table", "friction_damper")
-    check_settings(composed(f"experiment={experiment}", *(["records=somewhere"] * of_records)))
-
-
-@pytest.mark.parametrize("experiment", sorted(set(choices("experiment")) - NEED_RECORDS))
-def test_every_experiment_composes(experiment):
-    cfg = composed(f"experiment={experiment}")
-    data_from(cfg)
+    cfg = composed(f"experiment={experiment}", *(["records=somewhere"] * of_records))
+    check_settings(cfg)
+    if experiment not in NEED_RECORDS:
+        data_from(cfg)
 
 
 @pytest.mark.parametrize("trainer", choices("trainer"))
@@ -196,13 +204,11 @@ def test_every_set_of_baselines_builds(baselines):
         estimator_from(node, data)
 
 
-def test_name_of_a_config_is_its_file_name():
-    """Of the three groups together: composing is what takes time."""
-    names = {group: choices(group) for group in ("system", "scenario", "model")}
-    for together in zip_longest(*names.values()):
-        chosen = {g: c for g, c in zip(names, together, strict=True) if c is not None}
-        cfg = composed(*(f"{group}={choice}" for group, choice in chosen.items()))
-        assert {group: cfg[group].name for group in chosen} == chosen
+@pytest.mark.parametrize("model", sorted(ELEMENT_TESTS | ONE_CHANNEL))
+def test_name_of_a_config_is_its_file_name(model):
+    """Of those that are not fitted here; `fits` looks at the others'."""
+    cfg = composed(f"model={model}", "system=measured")
+    assert (cfg.model.name, cfg.system.name) == (model, "measured")
 
 
 @pytest.mark.parametrize("columns", [80, 120])
