@@ -75,7 +75,7 @@ def error(model: NamedElement | ElementNetworkNamed, records: list[Record]) -> f
 def test_a_planted_law_is_found_by_its_name_and_holds_beyond_what_it_saw(name):
     law, other = PLANTED[name], "Takeda" if name != "Takeda" else "SelfCentering"
     model = NamedElement(1, 2, DT, laws=[other, name])
-    facts = model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.03, 0.02))])
+    facts = model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025))])
     assert facts["laws"] == name
     assert error(model, [element_test(law, 7, 0.035), element_test(law, 8, 0.06)]) < 1.0
 
@@ -83,7 +83,7 @@ def test_a_planted_law_is_found_by_its_name_and_holds_beyond_what_it_saw(name):
 def test_noise_of_the_force_leaves_the_law_as_it_is():
     law = PLANTED["SelfCentering"]
     model = NamedElement(1, 2, DT, laws=["SelfCentering", "Takeda"])
-    model.identify([element_test(law, i, noise=0.05) for i in range(3)])
+    model.identify([element_test(law, i, noise=0.05) for i in range(2)])
     assert error(model, [element_test(law, 7)]) < 2.0
 
 
@@ -98,7 +98,7 @@ def test_of_laws_that_are_nearly_as_good_the_smallest_is_taken():
 def test_an_element_that_stays_elastic_is_called_linear():
     spring = Polynomial(between=("ground", "x1"), stiffness=3e6, damping=2e4)
     model = NamedElement(1, 2, DT)
-    facts = model.identify([element_test(spring, i) for i in range(2)])
+    facts = model.identify([element_test(spring, 0)])
     assert facts["laws"] == "Linear"
     assert error(model, [element_test(spring, 7, 0.2)]) < 0.01
 
@@ -153,7 +153,7 @@ def test_a_chain_of_named_laws_is_found_by_equilibrium_and_simulated_from_rest()
     model = ElementNetworkNamed(
         2, 2, DT, "chain", [3e4, 3e4], [], laws=["MenegottoPinto", "SelfCentering"]
     )
-    facts = model.identify([shaken(structure, i, s) for i, s in enumerate((0.3, 0.25, 0.2))])
+    facts = model.identify([shaken(structure, i, s) for i, s in enumerate((0.3, 0.22))])
     assert facts["laws"] == "MenegottoPinto, SelfCentering"
     assert error(model, [shaken(structure, 7, 0.28)]) < 5.0
     given = replace(shaken(structure, 0, 0.05), initial_state="given")

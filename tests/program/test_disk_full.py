@@ -79,12 +79,13 @@ def undisturbed(tmp_path_factory) -> dict[str, dict]:
     return results(folder)
 
 
-@pytest.mark.parametrize("launcher", ["basic", "joblib"])
+@pytest.mark.parametrize("launcher", [["basic"], ["joblib", "hydra.launcher.n_jobs=1"]])
 def test_a_sweep_tells_it_and_goes_on_where_there_is_room(
     launcher, disk, undisturbed, monkeypatch, capfd
 ):
+    """Of the launchers with processes, one process: each costs seconds to start."""
     folder, resize = disk
-    words = [*SWEEP, f"hydra/launcher={launcher}"]
+    words = [*SWEEP, f"hydra/launcher={launcher[0]}", *launcher[1:]]
     resize(200)
     capfd.readouterr()
     assert run(train, monkeypatch, *words, f"hydra.sweep.dir={folder / 'sweep'}") == 1

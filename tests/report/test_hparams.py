@@ -49,7 +49,7 @@ def test_the_plugin_has_the_choices_by_their_dotted_names(finished):
     assert found["model"].string_value == "residual_mlp"
     assert found["model.hidden"].string_value == "[15]"
     assert found["solver.iterations"].number_value == 3
-    assert found["data.duration"].number_value == 20
+    assert found["data.duration"].number_value == 10
     assert found["model.ridge"].number_value == 0.0
     assert found["seed"].number_value == 0
     assert found["system"].string_value == "bilinear"

@@ -99,7 +99,7 @@ def test_other_models_have_no_such_figures(bilinear_record):
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """A run of an on-line model and one of its batch fit, in one folder."""
-    folder, same = tmp_path_factory.mktemp("online"), ["baselines=none", *QUICK]
+    folder, same = tmp_path_factory.mktemp("online"), ["baselines=none", *QUICK, "data.duration=20"]
     with pytest.MonkeyPatch.context() as patch:
         words = ["model=online_linear", "adaptation.forgetting=0.999", *same]
         assert run(train, patch, *words, f"hydra.run.dir={folder / 'online'}") == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +13,7 @@ from report.paper.cells import METHODS, SETTINGS, study_cells
 from report.paper.page import CLAIMS, write_page
 from runner.config.choices import plain
 from runner.folder.run_folder import settings_of
+from runner.scores.result import Result
 from tests.program.test_every_config import composed
 from tests.report.test_paper_cells import add_run
 
@@ -22,10 +24,10 @@ FEEDTHROUGH = {
 }
 
 
-@pytest.fixture
-def study(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> Path:
     """Runs of every method on every setting, two seeds; errors that tell them apart."""
-    folder = tmp_path / "study"
+    folder = tmp_path_factory.mktemp("paper") / "study"
     folder.mkdir()
     models = [m for m in METHODS if m != "residual_mlp_own_residual"]
     for system, scenario in SETTINGS.values():
@@ -35,17 +37,25 @@ def study(tmp_path, monkeypatch):
                 case = {"model": model, "system": system, "scenario": scenario, "seed": seed}
                 error = 1.0 + i + 0.1 * seed
                 add_run(folder, error, scenario_settings=settings, extra=TRAINING, **case)
-    (tmp_path / "feedthrough.json").write_text(json.dumps(FEEDTHROUGH))
-    monkeypatch.setattr(page_module, "rows_of", lambda runs: [])
+    (folder.parent / "feedthrough.json").write_text(json.dumps(FEEDTHROUGH))
     return folder
 
 
-def test_the_page_has_no_placeholder_left_and_its_figures_beside_it(study, tmp_path):
+@pytest.fixture(scope="module")
+def runs(study) -> list[Result]:
+    return read_runs(study)
+
+
+@pytest.fixture(autouse=True)
+def _no_free_runs(monkeypatch) -> None:
+    monkeypatch.setattr(page_module, "rows_of", lambda runs: [])
+
+
+def test_the_page_has_no_placeholder_left_and_its_figures_beside_it(study, runs, tmp_path):
     (tmp_path / "drawn").mkdir()
     (tmp_path / "drawn" / "fig.png").write_bytes(b"picture")
-    runs = read_runs(study)
     page = tmp_path / "docs" / "results.md"
-    of_filters = tmp_path / "feedthrough.json"
+    of_filters = study.parent / "feedthrough.json"
     write_page(page, runs, study_cells(runs), tmp_path / "drawn", study, study, of_filters)
     text = page.read_text("utf-8")
     assert "$" not in text
@@ -54,15 +64,14 @@ def test_the_page_has_no_placeholder_left_and_its_figures_beside_it(study, tmp_p
     assert (tmp_path / "docs" / "figures" / "fig.png").read_bytes() == b"picture"
 
 
-def test_a_study_of_one_table_makes_no_page_and_says_what_is_missing(study, tmp_path):
-    runs = [run for run in read_runs(study) if run.system == "bilinear"]
+def test_a_study_of_one_table_makes_no_page_and_says_what_is_missing(study, runs, tmp_path):
+    runs = [run for run in runs if run.system == "bilinear"]
     with pytest.raises(ValueError, match=r"make them: python train\.py -m experiment=paper"):
         write_page(tmp_path / "results.md", runs, study_cells(runs), tmp_path, study, study)
     assert not (tmp_path / "results.md").exists()
 
 
-def test_a_page_without_the_study_of_the_filters_says_how_to_make_it(study, tmp_path):
-    runs = read_runs(study)
+def test_a_page_without_the_study_of_the_filters_says_how_to_make_it(study, runs, tmp_path):
     places = (tmp_path / "drawn", study, study, tmp_path / "nothing.json")
     with pytest.raises(ValueError, match=r"make it: python -m studies\.feedthrough"):
         write_page(tmp_path / "results.md", runs, study_cells(runs), *places)
