@@ -23,7 +23,16 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from data.annotations import shown
 from data.arguments import Parser, plain, reason
-from runner.config.compose import GROUPS, composed, experiments, keys_of, placed
+from runner.config.compose import (
+    EXAMPLES,
+    GROUPS,
+    composed,
+    experiments,
+    help_text,
+    keys_of,
+    placed,
+)
+from runner.config.settings import check_files
 
 
 def fail(message: str) -> None:
@@ -73,6 +82,10 @@ def read_words() -> None:
     sys.argv[1:] = placed(sys.argv[1:])
     parser = get_args_parser()
     parser.__class__ = Parser  # raises where argparse prints its usage
+    program = Path(sys.argv[0]).stem
+    if parser.parse_args().help and program in EXAMPLES:
+        print(help_text(program))  # Hydra would list every folder of the configs before
+        sys.exit(0)
     if parser.parse_args().experimental_rerun:
         raise ValueError(
             "--experimental-rerun reads a pickle, which can run any code; give the words again"
@@ -87,7 +100,7 @@ def read_words() -> None:
             raise ValueError(f"{override.input_line}: a choice must be a word; see --help")
     if parser.parse_args().multirun and not parser.parse_args().config_dir:
         words = map(_first, overrides)
-        composed(*filter(None, words))  # a sweep loads PyTorch before it composes a run
+        check_files(composed(*filter(None, words)))  # a sweep loads PyTorch before its first run
 
 
 def _first(override: Override) -> str | None:
