@@ -160,6 +160,10 @@ class HystereticElement(Composite):
     def _beyond(self) -> list[Coefficients]:
         return super()._beyond() + (self.others.beyond if self.others else [])
 
+    def _unsound(self) -> dict[Coefficients, float]:
+        # b > 0 is free: what makes energy cannot run away under an imposed motion
+        return {c: sign for c, sign in super()._unsound().items() if sign > 0.0}
+
     def traced(
         self,
         composition: Composition,
