@@ -47,7 +47,7 @@ def print_elements(
     table.add_column("element", no_wrap=True)
     heads = list(dict.fromkeys(HEADS[q] for q in HEADS if any(q in e for e in elements.values())))
     for head in heads:
-        table.add_column(head, justify="right")
+        table.add_column(head, justify="right", no_wrap=True)
     for name, own in list(elements.items())[:MOST]:
         about = next(iter(own.values())).about.partition(",")[0]
         pair = f" {about}" if "–" in about else ""
@@ -83,7 +83,12 @@ def _beyond(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
 
 
 def _cell(quantity: str, value: float) -> str:
-    return f"{value:.3f}" if quantity.endswith("_ratio") else number(value)
+    """Of seven characters, or eight below zero, so that six columns fit: 2.71e-5."""
+    if quantity.endswith("_ratio") and abs(value) < 1000.0:
+        return f"{value:.3f}"
+    if value == 0.0 or 1e-3 <= abs(value) < 1e4:
+        return number(value, 4 if abs(value) >= 0.01 else 3)
+    return f"{value:.2e}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def _elements(parameters: Sequence[Parameter]) -> dict[str, dict[str, Parameter]]:

@@ -16,6 +16,7 @@ from models.named_laws.candidates import CANDIDATES, Units
 from models.named_laws.fit import Fit
 from models.training.assemble import estimator_from
 from report.describe.__main__ import main
+from report.describe.tables import _cell
 from runner.config.compose import composed
 from tests.program.planted_runs import DT, K, carried, chain, forced, plant, shaken
 
@@ -99,6 +100,16 @@ def test_mistakes_end_in_one_line(words, told, capsys):
         main(words)
     (line,) = capsys.readouterr().err.splitlines()
     assert told in line
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(2.7139e-5, "2.71e-5"), (-46.3412, "-46.34"), (3.79123e5, "3.79e5"), (1e-12, "1.00e-12"),
+     (0.00085123, "8.51e-4"), (0.0017612, "0.00176"), (2998.4, "2998")],
+)  # fmt: skip
+def test_numbers_of_elements_fit_their_column(value, shown):
+    assert _cell("stiffness", value) == shown
+    assert _cell("post_yield_ratio", -0.362) == "-0.362"
 
 
 def test_elements_of_a_named_network_balance_its_motion():
