@@ -19,7 +19,11 @@ from hydra.errors import (
     OverrideParseException,
 )
 from hydra.utils import to_absolute_path
-from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+from omegaconf.errors import (
+    InterpolationToMissingValueError,
+    MissingMandatoryValue,
+    OmegaConfBaseException,
+)
 
 from data.annotations import shown
 from data.arguments import Parser, plain, reason
@@ -50,6 +54,9 @@ def reason_of(error: BaseException) -> str:
         return f"{error.strerror or error}: {error.filename or ''}{hint}"
     if isinstance(error, MissingMandatoryValue):
         return f"{error.full_key} must be given: {error.full_key}=…; see --help"
+    if isinstance(error, InterpolationToMissingValueError):
+        missing = str(error).splitlines()[0].rpartition(": ")[2]
+        return f"{missing} must be given, {error.full_key} needs it: {missing}=…; see --help"
     if isinstance(error, OmegaConfBaseException):
         first = (str(error).splitlines() or ["an interpolation cannot be resolved"])[0]
         return f"{error.full_key}: {first}; see --help" if error.full_key else first

@@ -154,6 +154,7 @@ def test_an_option_that_unpickles_is_refused(monkeypatch):
         ["train.py", "data.durations=3"],
         ["train.py", "threads=0.5"],
         ["train.py", "data=measured", "data.path=nothing.csv"],
+        ["train.py", "experiment=shake_table"],
         ["train.py", "-m", "model=vwn,linear"],
         ["train.py", "-m", "data=measured", "data.path=nothing.csv", "seed=0,1"],
         ["train.py", "-x"],
