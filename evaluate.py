@@ -25,6 +25,7 @@ from runner.config.command_line import absolute, one_line_errors, read_words, re
 from runner.config.compose import CONF, prepare_hydra
 from runner.config.settings import EVALUATE, check_settings
 from runner.folder.run_files import require_finished, require_folders, run_folder
+from runner.loading import loading
 
 prepare_hydra()
 
@@ -36,9 +37,9 @@ def main(cfg: DictConfig) -> None:
         if cfg.run is not None:
             require_finished(absolute(run_folder(cfg.run)))
         require_folders(cfg.runs)
-    # PyTorch takes seconds to load: a mistyped word is told before
-    from report.run.evaluation import evaluate, report_runs
-    from runner.job import job_errors
+    with loading():  # takes seconds: a mistyped word is told before
+        from report.run.evaluation import evaluate, report_runs
+        from runner.job import job_errors
 
     with job_errors():
         if cfg.run is None:

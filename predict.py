@@ -23,6 +23,7 @@ from runner.config.command_line import absolute, one_line_errors, read_words, re
 from runner.config.compose import CONF, prepare_hydra
 from runner.config.settings import PREDICT, check_excitation, check_settings
 from runner.folder.run_files import require_finished, results_folder, run_folder
+from runner.loading import loading
 
 prepare_hydra()
 
@@ -36,9 +37,9 @@ def main(cfg: DictConfig) -> None:
         check_excitation(cfg.excitation)
         folder = absolute(run_folder(cfg.run))
         require_finished(folder)
-    # PyTorch takes seconds to load: a mistyped word is told before
-    from report.prediction.predict import label_of, predict
-    from runner.job import job_errors
+    with loading():  # takes seconds: a mistyped word is told before
+        from report.prediction.predict import label_of, predict
+        from runner.job import job_errors
 
     with job_errors():
         own = results_folder(folder) / "prediction" / label_of(cfg.excitation)

@@ -20,6 +20,7 @@ from omegaconf import DictConfig
 from runner.config.command_line import one_line_errors, read_words, refusals
 from runner.config.compose import CONF, prepare_hydra
 from runner.config.settings import check_files, check_settings
+from runner.loading import loading
 
 prepare_hydra()
 
@@ -33,10 +34,10 @@ def main(cfg: DictConfig) -> float | None:
         with refusals():
             check_settings(cfg)
             check_files(cfg)
-    # PyTorch takes seconds to load: a mistyped word is told before
-    from report.run.summary import log_run, print_run
-    from runner.job import identify, job_errors
-    from runner.scores.outcome import require_identified, validation_error
+    with loading():  # takes seconds: a mistyped word is told before
+        from report.run.summary import log_run, print_run
+        from runner.job import identify, job_errors
+        from runner.scores.outcome import require_identified, validation_error
 
     error: float | None = math.inf  # of a run that fails
     with job_errors(folder if in_sweep else None, cfg):

@@ -30,6 +30,7 @@ from export.targets import TARGETS
 from runner.config.command_line import command_errors
 from runner.folder.run_files import FAILED, METRICS, require_finished, results_folder, run_folder
 from runner.folder.run_folder import read_failure
+from runner.loading import loading
 
 KEYS = {"run": "FOLDER", "to": "c,fmu,…", "output": "FOLDER"}
 
@@ -93,8 +94,8 @@ def main(words: Sequence[str]) -> None:
     require_run(asked.run)
     if asked.output.exists() and not asked.output.is_dir():
         raise ValueError(f"output={asked.output} is a file; give a folder")
-    # PyTorch takes seconds to load: a mistyped word is told before
-    write = importlib.import_module("export.write")
+    with loading():  # takes seconds: a mistyped word is told before
+        write = importlib.import_module("export.write")
     write.show(write.export(asked.run, asked.targets, asked.output))
 
 

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from data.arguments import Parser
 from live.command_line import add_lines, add_source, config_of, split_words
 from runner.config.command_line import command_errors
+from runner.loading import loading
 
 
 def parser() -> Parser:
@@ -41,8 +42,8 @@ def main(words: Sequence[str] | None = None) -> None:
         args = parser().parse_intermixed_args(words)
         kind, settings = split_words(args)
         cfg = config_of(kind, args, settings)
-        # PyTorch takes seconds to load: a mistyped word is told before
-        from live.live import live
+        with loading():  # takes seconds: a mistyped word is told before
+            from live.live import live
 
         status = live(args, kind, settings, cfg)
     sys.exit(status)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from data.arguments import Parser
 from live.command_line import RECORDED, add_source, config_of, split_words
 from runner.config.command_line import command_errors
+from runner.loading import loading
 
 
 def samples(words: Sequence[str] | None = None) -> None:
@@ -23,9 +24,9 @@ def samples(words: Sequence[str] | None = None) -> None:
     if kind not in (*RECORDED, "replay"):
         raise ValueError(f"{kind} is no record; choose simulation, test or --replay PATH")
     cfg = config_of(kind, args, settings)
-    # PyTorch takes seconds to load: a mistyped word is told before
-    from live.lines import lines_of
-    from live.source import recorded
+    with loading():  # takes seconds: a mistyped word is told before
+        from live.lines import lines_of
+        from live.source import recorded
 
     record, sensors = recorded(kind, args, cfg)
     for line in lines_of(record, sensors.forced == "base", args.speed):

@@ -34,6 +34,7 @@ from runner.fit_progress import FitProgress
 from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
 from runner.folder.run_folder import write_failure
+from runner.loading import without_compiler
 from runner.rival import preferred, with_other_topology
 from runner.scores.outcome import compare_baselines, metrics_of
 from runner.scores.verdict import judged_by_free_run
@@ -75,7 +76,8 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
     check_settings(cfg)
     _check_device(cfg.trainer.get("accelerator"))
     cfg = prepared(cfg)
-    data, module, baselines = assembled(cfg)
+    with without_compiler():
+        data, module, baselines = assembled(cfg)
     begin_at_start(module, cfg)
     run = Run.begin(folder, cfg, data.sensors)
     try:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from runner.config.command_line import command_errors
 from runner.folder.run_files import require_finished, run_folder
+from runner.loading import loading
 
 KEYS = ("run", "output")
 
@@ -45,8 +46,8 @@ def main(words: Sequence[str] | None = None) -> None:
         asked = read_words(words)
         folder = run_folder(asked["run"])
         require_finished(folder)
-        # PyTorch takes seconds to load: a mistyped word is told before
-        from report.describe.description import describe
+        with loading():  # takes seconds: a mistyped word is told before
+            from report.describe.description import describe
 
         describe(folder, Path(asked["output"]) if "output" in asked else None)
 

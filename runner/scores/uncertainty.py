@@ -204,7 +204,8 @@ def _bands(estimator: Trainable, found: Laplace, tested: Iterable[Record]) -> di
         count += error.numel()
     if not count:
         return {}
-    return {"covered_percent": 100.0 * inside / count, "mean_half_width": wide / count}
+    covered = 100.0 * inside / count
+    return {"covered_percent": covered, "mean_half_width": _plain(wide / count)}
 
 
 def _plain(value: Any) -> Any:

@@ -1,0 +1,103 @@
+"""How long does a command take to answer, and which imports take how much of it?
+
+    python -m benchmarks.start_up               # commands, then packages
+    python -m benchmarks.start_up OLD_TREE      # by turns with an earlier checkout, and the ratio
+    python -m benchmarks.start_up --quick       # each once
+
+Median seconds of processor time of fresh processes, whose code is compiled and cached: by the clock
+a machine at rest takes about as long, for next to nothing runs side by side. Packages are those
+that `python -X importtime` names in a VWNN's run, by what they load themselves and for the first.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+
+ROOT = Path(__file__).parents[1]
+COMMANDS = {  # goal [s]: words
+    "help": (1.5, ["--help"]),
+    "a mistyped choice": (1.5, ["model=vwn"]),
+    "a mistyped setting": (1.5, ["modle=vwnn"]),
+    "the same in a sweep": (1.5, ["-m", "modle=vwnn"]),
+    "a missing file": (1.5, ["data=measured", "data.path=none.csv"]),
+    "the same in a sweep of models": (
+        1.5, ["-m", "model=vwnn,linear", "data=measured", "data.path=none.csv"],
+    ),
+    "a VWNN, all of its run": (4.0, ["model=vwnn", "system=bilinear"]),
+    "without pictures": (4.0, ["model=vwnn", "system=bilinear", "figures=false"]),
+}  # fmt: skip
+IMPORTED = re.compile(r"import time:\s+(\d+) \|\s+\d+ \|\s+(\w+)")
+LEAST = 0.05  # seconds of a package that is listed
+
+
+def run(tree: Path, words: Sequence[str], folder: Path, *options: str) -> tuple[float, str]:
+    """Seconds of processor time of `train.py` in a tree, and what it says on standard error."""
+    out = [f"hydra.run.dir={folder}", f"hydra.sweep.dir={folder}"]
+    line = [sys.executable, *options, "train.py", *words, *([] if "--help" in words else out)]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    one = {**os.environ, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(line, cwd=tree, env=one, capture_output=True, text=True, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    took = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return took, done.stderr
+
+
+def commands(trees: Sequence[Path], turns: int) -> None:
+    """Print a row for each command: seconds in every tree, the ratio of the first to the last."""
+    old = len(trees) > 1
+    print("| answer | goal [s] |" + (" before [s] |" if old else "") + " now [s] |", end="")
+    print(" ratio |" if old else "")
+    print("|---|" + "---:|" * (len(trees) + 1 + old))
+    for name, (goal, words) in COMMANDS.items():
+        times: dict[Path, list[float]] = {tree: [] for tree in trees}
+        for _ in range(turns):
+            for tree in trees:
+                with tempfile.TemporaryDirectory() as folder:
+                    times[tree].append(run(tree, words, Path(folder) / "run")[0])
+        middles = [median(taken) for taken in times.values()]
+        cells = [f"{seconds:.1f}" for seconds in middles]
+        if old:
+            cells.append(f"{middles[0] / middles[-1]:.1f}")
+        print(f"| {name} | {goal:g} | " + " | ".join(cells) + " |", flush=True)
+
+
+def packages(tree: Path) -> None:
+    """Print the packages that a VWNN's run imports, those that take longest first."""
+    with tempfile.TemporaryDirectory() as folder:
+        words = COMMANDS["a VWNN, all of its run"][1]
+        _, said = run(tree, words, Path(folder) / "run", "-X", "importtime")
+    own: dict[str, list[float]] = {}
+    for microseconds, package in IMPORTED.findall(said):
+        own.setdefault(package, []).append(1e-6 * float(microseconds))
+    print("\n| package | modules | seconds |\n|---|---:|---:|")
+    for package, times in sorted(own.items(), key=lambda item: -sum(item[1])):
+        if sum(times) >= LEAST:
+            print(f"| {package} | {len(times)} | {sum(times):.2f} |")
+    every = [seconds for times in own.values() for seconds in times]
+    print(f"| all {len(own)} | {len(every)} | {sum(every):.2f} |")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("old", nargs="?", type=Path, help="an earlier checkout")
+    parser.add_argument("--quick", action="store_true", help="each command once")
+    args = parser.parse_args()
+    trees = [ROOT] if args.old is None else [args.old.resolve(), ROOT]
+    for tree in trees:  # compiles and caches
+        with tempfile.TemporaryDirectory() as folder:
+            run(tree, COMMANDS["a VWNN, all of its run"][1], Path(folder) / "run")
+    commands(trees, 1 if args.quick else 3)
+    packages(ROOT)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,35 @@
+"""Commands load Lightning without PyTorch's compiler, which is there when it is asked for."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PROGRAM = """
+import gc, sys
+from runner.loading import loading, without_compiler
+with loading():
+    from lightning.pytorch import Trainer
+assert gc.isenabled()
+import torch
+assert "sympy" not in sys.modules, "the compiler was loaded"
+with without_compiler():
+    torch.optim.LBFGS([torch.nn.Parameter(torch.zeros(1))])
+assert "torch._dynamo" not in sys.modules, "the stand-in was left"
+compiled = torch.compile(torch.nn.Linear(2, 2), backend="eager")
+assert compiled(torch.ones(2)).shape == (2,)
+from torch._dynamo import OptimizedModule
+assert isinstance(compiled, OptimizedModule)
+with without_compiler():
+    from torch._dynamo import OptimizedModule as still
+assert still is OptimizedModule, "a compiler that is there was hidden"
+"""
+
+
+def test_the_compiler_is_loaded_when_it_is_used():
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
