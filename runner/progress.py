@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -23,6 +24,8 @@ from runner.scores.result import Result, read_result, spread_of
 from runner.scores.spread import DIVERGED, NOT_IDENTIFIED, percent
 
 OWN = ("model", "system", "scenario", "seed", "grid")  # have columns of their own, or need none
+WIDE = 130  # columns of a terminal
+LONGEST = 20  # of a line of a model's name
 
 
 def is_finished(folder: Path) -> bool:
@@ -129,7 +132,10 @@ def print_summary(jobs: Mapping[Path, Sequence[str]], skipped: int, hopeless: in
     failed = [run for run in runs if run.ended and not run.finished]
     if done:
         told = told_apart(jobs)
-        console.print(sweep_table([(told[run.folder], run) for run in runs if run.ended]))
+        ended = [(told[run.folder], run) for run in runs if run.ended]
+        for table in sweep_tables(ended, console.width):
+            console.print(table)
+        console.print("median (min – max) over the runs of a row")
     for line in reasons({run.folder.name: run.reason for run in failed}):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     print_not_identified(console, runs)
@@ -195,23 +201,44 @@ def _parted(word: str) -> tuple[str, str]:
     return name, value
 
 
-def sweep_table(runs: Sequence[tuple[str, Result]]) -> Table:
-    """Median and range over the seeds of each case: (varied settings, run) of every run."""
-    table = Table(title="relative RMS error in %: median (min – max)", title_justify="left")
-    varied = any(settings for settings, _ in runs)
-    for name in ("model", "system", "scenario", *(["varied"] if varied else [])):
-        table.add_column(name, overflow="fold")
-    for name in ("runs", "train", "test", "free run"):
-        table.add_column(name, justify="right", no_wrap=True)
-    cases: dict[tuple[str, ...], list[Result]] = {}
+def sweep_tables(runs: Sequence[tuple[str, Result]], width: int) -> Iterator[Table]:
+    """Median (min – max) over the seeds of each case: (varied settings, run) of every run.
+
+    A table for each system and scenario. In less than `WIDE` columns ranges stand below medians,
+    and what was varied or lost below the model.
+    """
+    cases: dict[tuple[str, str], dict[tuple[str, str], list[Result]]] = {}
     for settings, run in runs:
-        case = (str(run.system), str(run.scenario), settings, str(run.model))
-        cases.setdefault(case, []).append(run)
-    for (system, scenario, settings, model), group in sorted(cases.items()):
-        train = spread_of(group, lambda run: run.error("train"))
-        test = spread_of(group, lambda run: run.error("test"))
-        free = spread_of(group, lambda run: run.free_run)
-        head = (Text(t) for t in (model, system, scenario, *([settings] if varied else [])))
-        style = "red" if test.unidentified else None
-        table.add_row(*head, test.counted(), train.text(), test.text(), free.text(), style=style)
-    return table
+        of_place = cases.setdefault((str(run.system), str(run.scenario)), {})
+        of_place.setdefault((settings, str(run.model)), []).append(run)
+    for place, groups in sorted(cases.items()):
+        title = f"{', '.join(place)}: relative RMS error in %"
+        table = Table(title=title, title_justify="left", collapse_padding=True)
+        varied = any(settings for settings, _ in groups)
+        for name in ("model", *(["varied"] if varied and width >= WIDE else []), "runs"):
+            table.add_column(name, overflow="fold")
+        for name in ("train", "test", "free run"):
+            table.add_column(name, justify="right")
+        for (settings, model), group in sorted(groups.items()):
+            train = spread_of(group, lambda run: run.error("train"))
+            test = spread_of(group, lambda run: run.error("test"))
+            free = spread_of(group, lambda run: run.free_run)
+            cells = [model, *([settings] if varied else []), test.counted()]
+            errors = [spread.text() for spread in (train, test, free)]
+            if width < WIDE:
+                count, *lost = test.counted().split(", ")
+                cells = ["\n  ".join((_parts(model), *settings.split(), *lost)), count]
+                errors = [text.replace(" (", "\n(") for text in errors]
+            style = "red" if test.unidentified else None
+            table.add_row(*map(Text, cells), *errors, style=style)
+        yield table
+
+
+def _parts(name: str) -> str:
+    """A name in lines that a narrow column holds, which end at an underscore."""
+    lines = [""]
+    for word in re.findall(r"[^_]*_?", name):
+        if lines[-1] and len(lines[-1] + word) > LONGEST:
+            lines.append("")
+        lines[-1] += word
+    return "\n".join(lines)

@@ -26,7 +26,7 @@ from report.free_run.figures import best_of
 from report.free_run.signals import loops_of_model
 from report.paper import __main__ as paper
 from runner.config.compose import CONF, placed, prepare_hydra
-from runner.progress import sweep_table
+from runner.progress import sweep_tables
 from runner.scores.result import read_result
 from tests.program.test_train import run
 from tests.report.free_run_runs import LOST, NO_FREE_RUN, QUICK, add_run
@@ -56,9 +56,12 @@ def test_a_sweep_ends_with_its_free_runs(tmp_path):
     for seed, error in enumerate((9.0, 10.0, LOST)):
         add_run(tmp_path, error, seed=seed)
     add_run(tmp_path, NO_FREE_RUN, model="two_point")
-    table = sweep_table([("", read_result(path)) for path in sorted(tmp_path.iterdir())])
+    runs = [("", read_result(path)) for path in sorted(tmp_path.iterdir())]
+    (table,) = sweep_tables(runs, 160)
     assert table.columns[-1].header == "free run"
     assert list(table.columns[-1].cells) == ["10.00 (9.00 – diverged)", "–"]
+    (table,) = sweep_tables(runs, 80)
+    assert list(table.columns[-1].cells) == ["10.00\n(9.00 – diverged)", "–"]
 
 
 def test_the_leaderboard_of_a_real_sweep(small_sweep, tmp_path, capsys):

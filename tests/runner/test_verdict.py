@@ -9,7 +9,7 @@ import pytest
 from data.terminal import terminal
 from report.collection.compare import as_table, compare
 from report.collection.long_table import counted, long_table
-from runner.progress import sweep_table
+from runner.progress import sweep_tables
 from runner.scores.outcome import require_identified
 from runner.scores.result import read_result, spread_of
 from runner.scores.verdict import NotIdentifiedError, judged, lost_on
@@ -86,8 +86,10 @@ def test_tables_count_what_is_no_result_and_keep_its_numbers(runs, capsys):
     assert [run.status for run in runs] == ["finished"] * 3
     spread = spread_of(runs, lambda run: run.error("test"))
     assert (spread.values, spread.counted()) == ((10.0, 15.0, 20.0), "3, 1 not identified")
-    terminal(160).print(sweep_table([("", run) for run in runs]))
-    assert "3, 1 not identified" in capsys.readouterr().out
+    for width in (80, 160):
+        (table,) = sweep_tables([("", run) for run in runs], width)
+        terminal(width).print(table)
+        assert "1 not identified" in capsys.readouterr().out
     rows = long_table(runs).to_pylist()
     found = {row["run"][-3]: (row["status"], row["reason"]) for row in rows}
     assert found["0"] == found["2"] == ("finished", "")
