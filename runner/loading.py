@@ -6,22 +6,27 @@ import gc
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-COMPILER = "torch._dynamo"
+LIGHTNING, COMPILER = "lightning.pytorch", "torch._dynamo"
 
 
 @contextmanager
 def loading() -> Iterator[None]:
     """For imports that take seconds: what they load is never searched for garbage.
 
-    Lightning is among them, without PyTorch's compiler.
+    Lightning is among them, without PyTorch's compiler. Once in a process: garbage of earlier runs
+    must not be kept with what was loaded.
     """
+    if LIGHTNING in sys.modules:
+        yield
+        return
     gc.disable()
     try:
         with without_compiler():
-            import lightning.pytorch  # noqa: F401
+            import_module(LIGHTNING)
         yield
     finally:
         gc.freeze()

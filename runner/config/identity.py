@@ -128,9 +128,10 @@ def _imported(modules: Iterable[str], root: Path) -> set[str]:
 def _read(module: str, root: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What the statements of a module do, and which modules of data and models it imports."""
     tree = ast.parse(_file_of(module, root).read_bytes())
-    ours = {name for node in ast.walk(tree) for name in _own_imports(node, root)}
-    bare = (_Bare().visit(node) for node in tree.body)
-    return tuple(ast.unparse(node) for node in bare if node is not None), tuple(sorted(ours))
+    bare = _Bare()
+    kept = [statement for node in tree.body if (statement := bare.visit(node)) is not None]
+    ours = {name for node in bare.imports for name in _own_imports(node, root)}
+    return tuple(map(ast.unparse, kept)), tuple(sorted(ours))
 
 
 def _file_of(module: str, root: Path) -> Path:
@@ -139,9 +140,9 @@ def _file_of(module: str, root: Path) -> Path:
     return place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
 
 
-def _own_imports(node: ast.AST, root: Path) -> Iterator[str]:
+def _own_imports(node: ast.ImportFrom, root: Path) -> Iterator[str]:
     """Modules that an import statement loads, of those that make numbers."""
-    if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in FRONTS:
+    if (node.module or "").split(".")[0] in FRONTS:
         for name in node.names:  # a module of a package, or what a module defines
             inside = f"{node.module}.{name.name}"
             place = inside if _file_of(inside, root).is_file() else str(node.module)
@@ -150,9 +151,13 @@ def _own_imports(node: ast.AST, root: Path) -> Iterator[str]:
 
 
 class _Bare(ast.NodeTransformer):
-    """Statements without what changes no number."""
+    """Statements without what changes no number; `imports` are those that it met."""
+
+    def __init__(self) -> None:
+        self.imports: list[ast.ImportFrom] = []
 
     def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.AST | None:
+        self.imports.append(node)
         return None if (node.module or "").split(".")[0] in (*FRONTS, "runner") else node
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST | None:

@@ -13,6 +13,10 @@ from runner.loading import loading, without_compiler
 with loading():
     from lightning.pytorch import Trainer
 assert gc.isenabled()
+kept = gc.get_freeze_count()
+with loading():
+    assert gc.isenabled()
+assert 0 < gc.get_freeze_count() <= kept, "garbage of a run would be kept by the next"
 import torch
 assert "sympy" not in sys.modules, "the compiler was loaded"
 with without_compiler():
