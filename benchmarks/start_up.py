@@ -5,8 +5,9 @@
     python -m benchmarks.start_up --quick       # each once
 
 Median seconds of processor time of fresh processes, whose code is compiled and cached: by the clock
-a machine at rest takes about as long, for next to nothing runs side by side. Packages are those
-that `python -X importtime` names in a VWNN's run, by what they load themselves and for the first.
+a machine at rest takes about as long, for next to nothing runs side by side. A command that ends
+with another status than it should stops the benchmark. Packages are those that `python -X
+importtime` names in a VWNN's run, less what they import of others.
 """
 
 from __future__ import annotations
@@ -23,32 +24,37 @@ from pathlib import Path
 from statistics import median
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = {  # goal [s]: words
-    "help": (1.5, ["--help"]),
-    "a mistyped choice": (1.5, ["model=vwn"]),
-    "a mistyped setting": (1.5, ["modle=vwnn"]),
-    "the same in a sweep": (1.5, ["-m", "modle=vwnn"]),
-    "a missing file": (1.5, ["data=measured", "data.path=none.csv"]),
-    "the same in a sweep of models": (
-        1.5, ["-m", "model=vwnn,linear", "data=measured", "data.path=none.csv"],
-    ),
-    "a VWNN, all of its run": (4.0, ["model=vwnn", "system=bilinear"]),
-    "without pictures": (4.0, ["model=vwnn", "system=bilinear", "figures=false"]),
-}  # fmt: skip
+VWNN = ["model=vwnn", "system=bilinear"]
+MISSING = ["data=measured", "data.path=none.csv"]
+COMMANDS = {  # goal [s], exit status, words
+    "help": (1.5, 0, ["--help"]),
+    "a mistyped choice": (1.5, 1, ["model=vwn"]),
+    "a mistyped setting": (1.5, 1, ["modle=vwnn"]),
+    "the same in a sweep": (1.5, 1, ["-m", "modle=vwnn"]),
+    "a missing file": (1.5, 1, MISSING),
+    "the same in a sweep of models": (1.5, 1, ["-m", "model=vwnn,linear", *MISSING]),
+    "a VWNN, all of its run": (4.0, 0, VWNN),
+    "without pictures": (4.0, 0, [*VWNN, "figures=false"]),
+}
 IMPORTED = re.compile(r"import time:\s+(\d+) \|\s+\d+ \|\s+(\w+)")
 LEAST = 0.05  # seconds of a package that is listed
 
 
-def run(tree: Path, words: Sequence[str], folder: Path, *options: str) -> tuple[float, str]:
-    """Seconds of processor time of `train.py` in a tree, and what it says on standard error."""
-    out = [f"hydra.run.dir={folder}", f"hydra.sweep.dir={folder}"]
-    line = [sys.executable, *options, "train.py", *words, *([] if "--help" in words else out)]
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+def run(tree: Path, words: Sequence[str], status: int = 0, *options: str) -> tuple[float, str]:
+    """Seconds of processor time of `train.py` in a tree, and what it says on standard error.
+
+    Raises RuntimeError where it ends with another status: what failed early is no measurement.
+    """
     one = {**os.environ, "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(line, cwd=tree, env=one, capture_output=True, text=True, check=False)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    took = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return took, done.stderr
+    with tempfile.TemporaryDirectory() as folder:
+        out = [] if "--help" in words else [f"hydra.{k}.dir={folder}/run" for k in ("run", "sweep")]
+        line = [sys.executable, *options, "train.py", *words, *out]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        done = subprocess.run(line, cwd=tree, env=one, capture_output=True, text=True, check=False)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode != status:
+        raise RuntimeError(f"{' '.join(words)}: status {done.returncode}\n{done.stderr}")
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, done.stderr
 
 
 def commands(trees: Sequence[Path], turns: int) -> None:
@@ -57,12 +63,11 @@ def commands(trees: Sequence[Path], turns: int) -> None:
     print("| answer | goal [s] |" + (" before [s] |" if old else "") + " now [s] |", end="")
     print(" ratio |" if old else "")
     print("|---|" + "---:|" * (len(trees) + 1 + old))
-    for name, (goal, words) in COMMANDS.items():
+    for name, (goal, status, words) in COMMANDS.items():
         times: dict[Path, list[float]] = {tree: [] for tree in trees}
         for _ in range(turns):
             for tree in trees:
-                with tempfile.TemporaryDirectory() as folder:
-                    times[tree].append(run(tree, words, Path(folder) / "run")[0])
+                times[tree].append(run(tree, words, status)[0])
         middles = [median(taken) for taken in times.values()]
         cells = [f"{seconds:.1f}" for seconds in middles]
         if old:
@@ -72,9 +77,7 @@ def commands(trees: Sequence[Path], turns: int) -> None:
 
 def packages(tree: Path) -> None:
     """Print the packages that a VWNN's run imports, those that take longest first."""
-    with tempfile.TemporaryDirectory() as folder:
-        words = COMMANDS["a VWNN, all of its run"][1]
-        _, said = run(tree, words, Path(folder) / "run", "-X", "importtime")
+    _, said = run(tree, VWNN, 0, "-X", "importtime")
     own: dict[str, list[float]] = {}
     for microseconds, package in IMPORTED.findall(said):
         own.setdefault(package, []).append(1e-6 * float(microseconds))
@@ -93,8 +96,7 @@ def main() -> None:
     args = parser.parse_args()
     trees = [ROOT] if args.old is None else [args.old.resolve(), ROOT]
     for tree in trees:  # compiles and caches
-        with tempfile.TemporaryDirectory() as folder:
-            run(tree, COMMANDS["a VWNN, all of its run"][1], Path(folder) / "run")
+        run(tree, VWNN)
     commands(trees, 1 if args.quick else 3)
     packages(ROOT)
 

@@ -36,7 +36,7 @@ class GridSweeper(BasicSweeper):
         self,
         max_batch_size: int | None = None,
         params: Mapping[str, str] | None = None,
-        grids: Mapping[str, Mapping[str, str]] | None = None,
+        grids: Mapping[str, Mapping[str, str] | None] | None = None,
         retry_failed: bool = False,
     ) -> None:
         super().__init__(max_batch_size, dict(params or {}))
@@ -68,6 +68,13 @@ class GridSweeper(BasicSweeper):
         parser = OverridesParser.create(config_loader=self.loader)
         folders: dict[Path, list[str]] = {}
         for name, grid in self.grids.items():
+            if grid is None:  # left out
+                continue
+            if not isinstance(grid, Mapping):
+                raise ValueError(
+                    f"hydra.sweeper.grids.{name}={grid}: expected settings, or null, which leaves "
+                    "the grid out"
+                )
             named = {"grid": name} if name else {}  # the run keeps it
             words = [f"{key}={value}" for key, value in {**self.params, **grid, **named}.items()]
             overrides = parser.parse_overrides([*words, *arguments])

@@ -5,6 +5,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from runner.loading import loading
+
 
 class LoadedLate:
     """Hands over to the class of the same name in `module`, which `setup` loads.
@@ -19,5 +21,7 @@ class LoadedLate:
         self.settings = settings
 
     def setup(self, **context: Any) -> None:
-        self.loaded = getattr(import_module(self.module), type(self).__name__)(**self.settings)
+        with loading():
+            module = import_module(self.module)
+        self.loaded = getattr(module, type(self).__name__)(**self.settings)
         self.loaded.setup(**context)

@@ -25,7 +25,7 @@ from runner.scores.spread import DIVERGED, NOT_IDENTIFIED, percent
 
 OWN = ("model", "system", "scenario", "seed", "grid")  # have columns of their own, or need none
 WIDE = 130  # columns of a terminal
-LONGEST = 20  # of a line of a model's name
+LONGEST = 20  # of a line in the first column of a narrow table
 
 
 def is_finished(folder: Path) -> bool:
@@ -215,9 +215,9 @@ def sweep_tables(runs: Sequence[tuple[str, Result]], width: int) -> Iterator[Tab
         title = f"{', '.join(place)}: relative RMS error in %"
         table = Table(title=title, title_justify="left", collapse_padding=True)
         varied = any(settings for settings, _ in groups)
-        for name in ("model", *(["varied"] if varied and width >= WIDE else []), "runs"):
+        for name in ("model", *(["varied"] if varied and width >= WIDE else [])):
             table.add_column(name, overflow="fold")
-        for name in ("train", "test", "free run"):
+        for name in ("runs", "train", "test", "free run"):
             table.add_column(name, justify="right")
         for (settings, model), group in sorted(groups.items()):
             train = spread_of(group, lambda run: run.error("train"))
@@ -227,18 +227,19 @@ def sweep_tables(runs: Sequence[tuple[str, Result]], width: int) -> Iterator[Tab
             errors = [spread.text() for spread in (train, test, free)]
             if width < WIDE:
                 count, *lost = test.counted().split(", ")
-                cells = ["\n  ".join((_parts(model), *settings.split(), *lost)), count]
+                below = (_in_lines(text, "  ") for text in (*settings.split(), *lost))
+                cells = ["\n".join((_in_lines(model), *below)), count]
                 errors = [text.replace(" (", "\n(") for text in errors]
             style = "red" if test.unidentified else None
             table.add_row(*map(Text, cells), *errors, style=style)
         yield table
 
 
-def _parts(name: str) -> str:
-    """A name in lines that a narrow column holds, which end at an underscore."""
-    lines = [""]
-    for word in re.findall(r"[^_]*_?", name):
-        if lines[-1] and len(lines[-1] + word) > LONGEST:
-            lines.append("")
+def _in_lines(name: str, indent: str = "") -> str:
+    """A name or setting in lines that a narrow column holds, which end at _ or =."""
+    lines = [indent]
+    for word in re.findall(r"[^_=]*[_=]?", name):
+        if lines[-1].strip() and len(lines[-1] + word) > LONGEST:
+            lines.append(indent)
         lines[-1] += word
     return "\n".join(lines)
