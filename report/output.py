@@ -157,6 +157,14 @@ def write_texts(folder: Path, name: str, texts: Mapping[str, str]) -> list[Path]
     return [folder / f"{name}.{kind}" for kind in texts]
 
 
+def _laid_out(figure: Figure) -> None:
+    """Find the places of all parts once: savefig would for every file, which takes longest."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+
+
 def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write a figure as PNG and PDF."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -164,6 +172,7 @@ def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
     paths = [folder / f"{name}.{kind}" for kind in ("png", "pdf")]
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # drawn as a box
+        _laid_out(figure)
         for path in paths:
             figure.savefig(path, dpi=150)
     return paths

@@ -57,9 +57,11 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict[str, Any]:
     print_bands(terminal(WIDTH), metrics, over_seeds(sure, results))
     output = results_folder(folder) / "evaluation" / label
     prior = metrics.get("training", {}).get("prior")
-    draw_figures(estimator, run, seeds[0], output, prior, sure)
+    output.mkdir(parents=True, exist_ok=True)
+    if cfg.figures:
+        draw_figures(estimator, run, seeds[0], output, prior, sure)
     write_json(output / "scores.json", results)
-    print(f"figures and scores in {output}")
+    print(f"{'figures and ' if cfg.figures else ''}scores in {output}")
     return results
 
 
@@ -86,8 +88,8 @@ def _on_new_records(
     stems = "+".join(Path(file).stem for file in files).replace("*", "all")
     label = stems[:80] if "data.path=" in label else label
     output = results_folder(folder) / "evaluation" / label
-    results = evaluate_records(estimator, run, metrics, folder, changes, output)
-    print(f"figures and scores in {output}")
+    results = evaluate_records(estimator, run, metrics, folder, changes, output, cfg.figures)
+    print(f"{'figures and ' if cfg.figures else ''}scores in {output}")
     return results
 
 

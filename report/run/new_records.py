@@ -59,8 +59,9 @@ def evaluate_records(
     folder: Path,
     typed: Mapping[str, Any],
     output: Path,
+    figures: bool = True,
 ) -> dict[str, Any]:
-    """Scores of a run's model on new records, printed and saved in `output` with pictures.
+    """Scores of a run's model on new records, printed and saved in `output`, with pictures or not.
 
     typed: what was said of the records. Raises ValueError for records that do not fit the model.
     """
@@ -83,7 +84,7 @@ def evaluate_records(
     write_json(output / "scores.json", scores)
     unit = QUANTITIES[data.sensors.quantity][1]
     write_text(output / "scores.csv", as_csv(table_of(scores["records"], unit)))
-    for name, record in records.items():
+    for name, record in records.items() if figures else ():
         words = metrics["model"], name, worst_of(left[name])
         drawn = draw_record(estimator, record, *words, uncertainty=sure)
         place = output if len(records) == 1 else output / spreadsheet(name).replace("/", "_")

@@ -74,7 +74,16 @@ def test_a_voltage_beyond_the_trained_ones_is_told(trained, folder, monkeypatch,
 
 
 def test_the_same_record_again_has_the_same_error(trained, folder, monkeypatch):
-    assert run(evaluate, monkeypatch, f"run={trained}", f"data.path={folder / 'd.csv'}") == 0
+    assert (
+        run(
+            evaluate,
+            monkeypatch,
+            f"run={trained}",
+            f"data.path={folder / 'd.csv'}",
+            "figures=false",
+        )
+        == 0
+    )
     own = json.loads((trained / "metrics.json").read_text())["free_run"]
     found = json.loads((trained / "evaluation" / "d" / "scores.json").read_text())
     again = found["records"]["d"]["free_run"]["relative_rms_percent"]

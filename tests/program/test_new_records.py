@@ -119,7 +119,10 @@ def test_other_units_and_columns_change_nothing(network, records, tmp_path, monk
         {"t": 1e3 * named["time"], "Load": 1e-3 * named["f1"], "Acc": named["a1"] / 9.80665},
     )
     words = ["data.channels={time: t, f1: Load, a1: Acc}", "data.units={time: ms, f: kN, a: g}"]
-    assert run(evaluate, monkeypatch, f"run={network}", f"data.path={path}", *words) == 0
+    assert (
+        run(evaluate, monkeypatch, f"run={network}", f"data.path={path}", *words, "figures=false")
+        == 0
+    )
     found, own = scores(network, "cgs")["records"]["cgs"], numbers(network)["per_record"]["c"]
     for way in ("test", "free_run"):
         assert found[way]["per_dof_rms"] == pytest.approx(own[way]["per_dof_rms"], rel=1e-6)
@@ -130,7 +133,17 @@ def test_a_warning_at_twice_the_stroke_and_none_below_it(
     size, warned, network, tmp_path, monkeypatch, capsys
 ):
     path = write(tmp_path / f"scaled{size:g}.csv", moved(0, size))
-    assert run(evaluate, monkeypatch, f"run={network}", f"data.path={path}", "label=scaled") == 0
+    assert (
+        run(
+            evaluate,
+            monkeypatch,
+            f"run={network}",
+            f"data.path={path}",
+            "label=scaled",
+            "figures=false",
+        )
+        == 0
+    )
     printed = " ".join(capsys.readouterr().out.split())
     assert ("outside the trained range: 2 × the largest deformation" in printed) == warned
     (found,) = scores(network, "scaled")["outside_trained_range"].values()
@@ -141,7 +154,8 @@ def test_a_warning_at_twice_the_stroke_and_none_below_it(
 
 def test_several_records_are_told_apart_and_taken_together(network, records, monkeypatch, capsys):
     words = [f"run={network}", f"data.path=[{records}/b.csv,{records}/c.csv]"]
-    assert run(evaluate, monkeypatch, *words) == 0
+    assert run(evaluate, monkeypatch, *words, "figures=false") == 0
+    assert not list((network / "evaluation/b+c").rglob("*.png"))
     found, own = scores(network, "b+c"), numbers(network)
     assert found["together"]["free_run"] == own["free_run"]
     assert found["records"] == own["per_record"]
@@ -153,7 +167,7 @@ def test_a_run_on_simulated_motions_is_scored_on_a_file(tmp_path, monkeypatch):
     words = ["model=last_value", "system=single_oscillator", "data.duration=20", *QUIET]
     assert run(train, monkeypatch, *words, "baselines=none", f"hydra.run.dir={folder}") == 0
     path = write(tmp_path / "new.csv", moved(0))
-    assert run(evaluate, monkeypatch, f"run={folder}", f"data.path={path}") == 0
+    assert run(evaluate, monkeypatch, f"run={folder}", f"data.path={path}", "figures=false") == 0
     assert 0.0 < scores(folder, "new")["records"]["new"]["test"]["relative_rms_percent"] < 100.0
 
 
@@ -198,7 +212,16 @@ def test_a_network_that_diverges_is_no_result_and_says_so(records, tmp_path, mon
     verdict = numbers(folder)["verdict"]
     assert verdict["identified"] is False
     assert (folder / "model.safetensors").is_file()  # to look at
-    assert run(evaluate, monkeypatch, f"run={folder}", f"data.path={records / 'b.csv'}") == 0
+    assert (
+        run(
+            evaluate,
+            monkeypatch,
+            f"run={folder}",
+            f"data.path={records / 'b.csv'}",
+            "figures=false",
+        )
+        == 0
+    )
     assert "not identified" in capsys.readouterr().out
     sweep = tmp_path / "sweep"
     assert run(train, monkeypatch, "-m", *words, f"hydra.sweep.dir={sweep}") == 0

@@ -128,7 +128,7 @@ def test_a_run_on_a_damaged_structure_is_scored_again_as_it_was(tmp_path, monkey
     assert run(train, monkeypatch, *linear, *words) == 0
     sound = tmp_path / "sound"
     assert run(train, monkeypatch, *linear, f"hydra.run.dir={sound}") == 0
-    assert run(evaluate, monkeypatch, f"run={tmp_path}") == 0
+    assert run(evaluate, monkeypatch, f"run={tmp_path}", "figures=false") == 0
     assert "equal to metrics.json to the last digit" in capsys.readouterr().out
     assert numbers(tmp_path)["train"] == numbers(sound)["train"]
     assert numbers(tmp_path)["test"] != numbers(sound)["test"]
@@ -161,17 +161,18 @@ def test_evaluate_sees_a_free_run_that_has_changed(copy, monkeypatch, capsys):
     metrics = json.loads((copy / "metrics.json").read_text())
     metrics["free_run"] = {"none": "of another code"}
     (copy / "metrics.json").write_text(json.dumps(metrics))
-    assert run(evaluate, monkeypatch, f"run={copy}") == 1
+    assert run(evaluate, monkeypatch, f"run={copy}", "figures=false") == 1
     assert "the scores differ from metrics.json" in capsys.readouterr().err
     for key in ("free_run", "free_run_train"):
         metrics.pop(key)
     (copy / "metrics.json").write_text(json.dumps(metrics))
-    assert run(evaluate, monkeypatch, f"run={copy}") == 0
+    assert run(evaluate, monkeypatch, f"run={copy}", "figures=false") == 0
     assert "no free run to compare with" in capsys.readouterr().out
 
 
 def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
     words = [f"run={finished}", "scenario=noisy", "seeds=[5,6]", "data.duration=25", "label=noise"]
+    words += ["figures=false"]
     assert run(evaluate, monkeypatch, *words) == 0
     scores = json.loads((finished / "evaluation/noise/scores.json").read_text())
     assert list(scores) == ["5", "6"]
@@ -187,7 +188,17 @@ def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
 
 
 def test_a_longer_record_is_no_training_motion(finished, monkeypatch, capsys):
-    assert run(evaluate, monkeypatch, f"run={finished}", "data.duration=30", "label=long") == 0
+    assert (
+        run(
+            evaluate,
+            monkeypatch,
+            f"run={finished}",
+            "data.duration=30",
+            "label=long",
+            "figures=false",
+        )
+        == 0
+    )
     scores = json.loads((finished / "evaluation/long/scores.json").read_text())
     assert list(scores["0"]) == ["test", "free_run", "uncertainty"]
 

@@ -69,7 +69,7 @@ def test_a_measured_run_is_rebuilt_and_read_without_its_record(measured, monkeyp
     assert sensors.channels == ("f1", "a1")
     assert restore(cfg, folder).dofs == 1
     capsys.readouterr()
-    assert run(evaluate, monkeypatch, f"run={folder}") == 0
+    assert run(evaluate, monkeypatch, f"run={folder}", "figures=false") == 0
     out = " ".join(capsys.readouterr().out.split())
     assert f"{metrics['test']['relative_rms_percent']:.2f}" in out
     assert f"{record} is gone" in out
@@ -78,7 +78,10 @@ def test_a_measured_run_is_rebuilt_and_read_without_its_record(measured, monkeyp
     head, *rows = kept.splitlines()
     other.write_text("\n".join([head, *rows[150:]]))  # what it was tested on, in a file of its own
     moving = "data.initial_state=unknown"  # as a part that was cut in motion: its tenth tells
-    assert run(evaluate, monkeypatch, f"run={folder}", f"data.path={other}", moving) == 0
+    assert (
+        run(evaluate, monkeypatch, f"run={folder}", f"data.path={other}", moving, "figures=false")
+        == 0
+    )
     scores = json.loads((folder / "evaluation/other/scores.json").read_text())
     assert close(scores["records"]["other"]["test"], metrics["test"], 1e-9)
 

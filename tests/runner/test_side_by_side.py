@@ -81,7 +81,10 @@ def test_a_batched_run_is_evaluated_as_any_other(tmp_path, monkeypatch, capsys):
     words = ["-m", *QUICK, "model=vwnn", "seed=5,6", "baselines=none", "hydra/launcher=batched"]
     assert run(train, monkeypatch, *words, f"hydra.sweep.dir={tmp_path}") == 0
     folder = next(tmp_path.glob("*seed5*"))
-    assert run(evaluate, monkeypatch, f"run={folder}", f"hydra.run.dir={tmp_path}") == 0
+    assert (
+        run(evaluate, monkeypatch, f"run={folder}", f"hydra.run.dir={tmp_path}", "figures=false")
+        == 0
+    )
     scores = json.loads((folder / "evaluation" / "as_trained" / "scores.json").read_text())
     expected = json.loads((folder / "metrics.json").read_text())["test"]
     assert "relative_rms_percent" in expected
