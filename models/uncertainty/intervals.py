@@ -18,7 +18,6 @@ from models.training.trainable import Trainable
 from models.uncertainty.laplace import CONTRADICTED, Laplace
 from models.uncertainty.parameters import slopes
 
-NORMAL = 1.96  # standard deviations, 95 %
 ONE_SIDED, FAR = 1.645, 6.0  # the same of one side, where an error is so far off that it counts
 MOST_OPEN = 0.25  # standard deviation of a determined parameter, in units of θ
 ALIKE = 0.5  # correlation of parameters that are told together
