@@ -49,7 +49,7 @@ def samples_of(record: Record) -> Iterator[Sample]:
         raise ValueError(
             f"the record holds a batch {tuple(record.a.shape)}; give its records one by one"
         )
-    signals = {name: u.contiguous().unbind(dim=0) for name, u in record.signals().items()}
+    signals = {name: u.unbind(dim=0) for name, u in record.signals().items()}
     for k in range(record.samples):
         at_k = {name: u[k] for name, u in signals.items()}
         yield Sample(**at_k, time=k * record.dt)

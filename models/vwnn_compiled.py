@@ -65,12 +65,18 @@ def learn(xi, a, f, decay, sound, law, settings, phi, prediction, W, memory, err
 
 
 @compiled
-def step(f, a, xi, unfiltered, decay, sigmoid_weights, factors, W, h, phi, prediction, law,
-         settings, memory, error, work, limits, inputs, outputs):  # fmt: skip
+def step(forces, measured, prediction, law, f, a, xi, unfiltered, decay, sigmoid_weights, factors,
+         W, h, phi, settings, memory, error, work, limits, inputs, outputs):  # fmt: skip
     """Estimate a sample and learn from it, if it is as it should be; else False, and no change.
 
-    The estimate is made before the acceleration is looked at. limits, inputs, outputs: the guard's.
+    The estimate is made before the acceleration is looked at. forces (m,), measured (n,): tuples,
+    which come over from Python faster than arrays; f, a: room for them. limits, inputs, outputs:
+    the guard's.
     """
+    for j in range(f.size):
+        f[j] = forces[j]
+    for j in range(a.size):
+        a[j] = measured[j]
     if not guard.input_is_ordinary(f, inputs, limits):
         return False
     estimate(xi, f, unfiltered, sigmoid_weights, factors, W, h, phi, prediction)

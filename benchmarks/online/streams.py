@@ -22,7 +22,7 @@ def motion(duration: float) -> tuple[torch.Tensor, torch.Tensor]:
     data = data_from(cfg)
     data.setup()
     record = data.records["train"][0]
-    return record.a.contiguous(), record.f.contiguous()
+    return record.a, record.f
 
 
 def samples_from(a: torch.Tensor, f: torch.Tensor) -> list[Sample]:

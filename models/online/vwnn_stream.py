@@ -52,7 +52,13 @@ class VWNNStream(Stream):
         self._learn(nothing, self._estimate(nothing), sound=False)  # compiles
         self._ordinary = Ordinary(self.watch, estimator.inputs)
         self._shapes = nothing.f.shape, self.newest.shape
-        self._stepped(nothing.f.numpy(), np.full(n, np.nan))  # compiles, and is refused
+        guard = self._ordinary.limits, self._ordinary.numbers["f"], self._ordinary.numbers["a"]
+        self._room = (
+            *(np.zeros(estimator.inputs), np.zeros(n), self._xi, self._unfiltered, self._decay),
+            *(self._sigmoid_weights, self._factors, self._weights, self._sigmoids, self._phi_now),
+            *(self._settings, self._memory, self._error, self._work, *guard),
+        )
+        self._stepped(nothing.f.tolist(), [np.nan] * n)  # compiles, and is refused
         self._rest()
 
     def step(self, sample: Sample) -> Tensor:
@@ -61,7 +67,7 @@ class VWNNStream(Stream):
         if time is None or not self._fits(sample):
             return super().step(sample)
         assert sample.a is not None
-        if not self._stepped(sample.f.contiguous().numpy(), sample.a.contiguous().numpy()):
+        if not self._stepped(sample.f.tolist(), sample.a.tolist()):
             return super().step(sample)
         self.watch.sample, self.watch.time, self.watch.sound = self.watch.sample + 1, time, sample
         self.previous, self.newest = sample, torch.from_numpy(self._prediction)
@@ -87,18 +93,11 @@ class VWNNStream(Stream):
         self._came_twice = False
         return self._ordinary.take(self.watch)
 
-    def _stepped(self, f: np.ndarray, a: np.ndarray) -> bool:
+    def _stepped(self, f: list[float], a: list[float]) -> bool:
         """Whether a sample was as it should be; its estimate is then the prediction."""
         self._prediction = np.empty(self._error.size)
-        guard = self._ordinary
-        return bool(
-            vwnn_compiled.step(
-                *(f, a, self._xi, self._unfiltered, self._decay, self._sigmoid_weights),
-                *(self._factors, self._weights, self._sigmoids, self._phi_now, self._prediction),
-                *(self.law.number, self._settings, self._memory, self._error, self._work),
-                *(guard.limits, guard.numbers["f"], guard.numbers["a"]),
-            )
-        )
+        number = self.law.number
+        return bool(vwnn_compiled.step(tuple(f), tuple(a), self._prediction, number, *self._room))
 
     def estimate(self, sample: Sample) -> Tensor:
         self._end_ordinary()
