@@ -52,11 +52,12 @@ class VWNNStream(Stream):
         self._learn(nothing, self._estimate(nothing), sound=False)  # compiles
         self._ordinary = Ordinary(self.watch, estimator.inputs)
         self._shapes = nothing.f.shape, self.newest.shape
-        guard = self._ordinary.limits, self._ordinary.numbers["f"], self._ordinary.numbers["a"]
+        numbers = self._ordinary.numbers
         self._room = (
             *(np.zeros(estimator.inputs), np.zeros(n), self._xi, self._unfiltered, self._decay),
             *(self._sigmoid_weights, self._factors, self._weights, self._sigmoids, self._phi_now),
-            *(self._settings, self._memory, self._error, self._work, *guard),
+            *(self._settings, self._memory, self._error, self._work),
+            *(self._ordinary.limits, numbers["f"], numbers["a"]),
         )
         self._stepped(nothing.f.tolist(), [np.nan] * n)  # compiles, and is refused
         self._rest()
