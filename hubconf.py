@@ -17,7 +17,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-dependencies = ["torch", "numpy", "numba", "omegaconf", "safetensors", "lightning", "torchmetrics"]
+dependencies = ["torch", "numpy", "numba", "omegaconf", "safetensors", "lightning"]
 
 _CLONE = Path(__file__).resolve().parent
 _OURS = ("data", "models")

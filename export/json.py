@@ -11,7 +11,7 @@ from typing import Any
 from export.run import Exported
 from models.estimator import Estimator
 from models.physical.parameters import parameters_of
-from runner.scores.uncertainty import interval_in
+from runner.scores.headline import interval_in
 
 
 def write(model: Exported, folder: Path) -> list[Path]:

@@ -9,7 +9,6 @@ records of hours, see models/detection/detector.py.
 from __future__ import annotations
 
 import torch
-from scipy.optimize import brentq
 from torch import Tensor
 
 from models.detection.cumulative_sum import CumulativeSum, siegmund
@@ -58,6 +57,8 @@ class ResidualAlarm:
         return None if self.monitor is None else self.monitor.level
 
     def _learn(self, residual: Tensor) -> None:
+        from scipy.optimize import brentq  # slow to import
+
         self.residuals.append(residual)
         if len(self.residuals) < self.wanted * self.every:
             return

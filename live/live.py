@@ -97,8 +97,7 @@ def follow(
     stream, watch = monitor.stream, monitor.stream.watch
     for due, sample in source.samples:
         begin, before = perf_counter(), watch.sample
-        estimate = stream.estimate(sample)
-        stream.update(sample.a)
+        estimate = stream.step(sample)
         if watch.sample == before:  # the sample came twice
             continue
         values = estimate.numpy()

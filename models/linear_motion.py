@@ -13,7 +13,6 @@ from typing import ClassVar
 
 import numpy as np
 import torch
-from scipy.signal import lfilter
 from torch import Tensor
 
 from data.record import Drive, Record, Response
@@ -117,6 +116,8 @@ class LinearMotion(Estimator):
 
 def motion_of(system: EquivalentLinear, drive: Drive) -> Response:
     """The system's free run, mode by mode: a record of 10⁵ samples takes no second."""
+    from scipy.signal import lfilter  # slow to import
+
     dofs = system.dofs
     parts = SUBSTEPS if drive.hold == "band_limited" else 1
     exact, hold, u = system, drive.hold, drive.u

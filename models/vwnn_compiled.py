@@ -1,4 +1,4 @@
-"""The VWNN compiled: the free run; estimate, filters and the weights' update of one sample.
+"""The VWNN compiled: the free run; guard, estimate, filters and the weights' update of a sample.
 
 The production twin of vwnn.py and its law on the processor; tests hold both together. A sample
 allocates nothing.
@@ -12,9 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from data.numba_cache import compilers
-from models.online.laws.laws_compiled import HERE, adapt
+from models.online import guard_compiled as guard
+from models.online.laws import laws_compiled
+from models.online.laws.laws_compiled import adapt
 
-compiled, inlined = compilers(Path(__file__), HERE, contract=True, reassociate=True)
+SOURCES = Path(__file__), laws_compiled.HERE, guard.HERE
+compiled, inlined = compilers(*SOURCES, contract=True, reassociate=True)
 
 
 @compiled
@@ -59,6 +62,33 @@ def learn(xi, a, f, decay, sound, law, settings, phi, prediction, W, memory, err
             error[j] = a[j] - prediction[j]
         adapt(law, settings, W, memory, phi, error, work)
     _advance(xi, a, f, decay)
+
+
+@compiled
+def step(forces, measured, prediction, law, f, a, xi, unfiltered, decay, sigmoid_weights, factors,
+         W, h, phi, settings, memory, error, work, limits, inputs, outputs):  # fmt: skip
+    """Estimate a sample and learn from it, if it is as it should be; else False, and no change.
+
+    The estimate is made before the acceleration is looked at. forces (m,), measured (n,): tuples,
+    which come over from Python faster than arrays; f, a: room for them. limits, inputs, outputs:
+    the guard's.
+    """
+    for j in range(f.size):
+        f[j] = forces[j]
+    for j in range(a.size):
+        a[j] = measured[j]
+    if not guard.input_is_ordinary(f, inputs, limits):
+        return False
+    estimate(xi, f, unfiltered, sigmoid_weights, factors, W, h, phi, prediction)
+    moving = False
+    for j in range(f.size):
+        moving = moving or f[j] != 0.0
+    if not guard.output_is_ordinary(a, prediction, moving, outputs, limits):
+        return False
+    guard.take_input(f, inputs)
+    guard.take_output(a, prediction, moving, outputs)
+    learn(xi, a, f, decay, True, law, settings, phi, prediction, W, memory, error, work)
+    return True
 
 
 @compiled

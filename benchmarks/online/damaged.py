@@ -84,8 +84,7 @@ def followed(rows: list[str], truth: np.ndarray) -> tuple[float, int]:
     stream = VWNNStream(VWNN(3, 3, DT), RecursiveLeastSquares(FORGETTING))
     error = size = 0.0
     for _, sample in lines:
-        estimate = stream.estimate(sample).numpy()
-        stream.update(sample.a)
+        estimate = stream.step(sample).numpy()
         k = round(stream.watch.time / DT)
         if k >= (1.0 - TAIL) * len(truth):
             error += float(((estimate - truth[k]) ** 2).sum())

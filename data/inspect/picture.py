@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import median_filter
-from scipy.signal import find_peaks, welch
 
 from data.arguments import label
 
@@ -26,6 +24,8 @@ Spectrum = tuple[np.ndarray, np.ndarray]  # frequencies [Hz] and power density [
 
 def spectrum(signal: np.ndarray, dt: float) -> Spectrum | None:
     """Welch's estimate of at most `SEEN` samples; None where fewer than 16, or half, are finite."""
+    from scipy.signal import welch  # slow to import
+
     first = max(0, (len(signal) - SEEN) // 2)
     piece = signal[first : first + SEEN]
     known = np.isfinite(piece)
@@ -40,6 +40,9 @@ def spectrum(signal: np.ndarray, dt: float) -> Spectrum | None:
 
 def dominant(spectrum: Spectrum | None, count: int = 3) -> list[float]:
     """Frequencies [Hz] of the highest peaks that stand 10 dB above their surroundings' median."""
+    from scipy.ndimage import median_filter  # slow to import
+    from scipy.signal import find_peaks  # slow to import
+
     if spectrum is None or not spectrum[1].max() > 0.0:
         return []
     frequency, power = spectrum

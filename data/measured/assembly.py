@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from scipy.signal import savgol_filter
 from torch import Tensor
 
 from data.measured.beginning import begins_in_motion
@@ -37,6 +36,8 @@ def with_rates(
     channels: Mapping[str, np.ndarray], dt: float, done: list[str]
 ) -> dict[str, np.ndarray]:
     """The channels, and the velocities of supports whose displacements alone were measured."""
+    from scipy.signal import savgol_filter  # slow to import
+
     whole = dict(channels)
     for number in numbered(channels, "s"):
         if f"s_dot{number}" not in channels:

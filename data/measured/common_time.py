@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import correlate
 
 from data.measured.raw_record import RawRecord
 from data.measured.time_step import time_step
@@ -93,6 +92,8 @@ def aligned(raw: RawRecord, how: str) -> RawRecord:
 
 def _lag(raw: RawRecord, first: str, channel: str, clocks: dict[str, np.ndarray]) -> float:
     """Time [s] by which a channel comes later than the first, a whole number of samples."""
+    from scipy.signal import correlate  # slow to import
+
     dt = max(time_step(clocks[c])[0] for c in (first, channel))
     signals = []
     for c in (first, channel):

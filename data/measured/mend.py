@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scipy.signal import detrend as without_trend
-
 from data.measured.finding import Finding
 from data.measured.raw_record import RawRecord
 from data.measured.resample import (
@@ -110,6 +108,8 @@ class Mending:
                 )
 
     def _filtered(self, name: str, channels: Channels, dt: float, done: list[str]) -> Channels:
+        from scipy.signal import detrend as without_trend  # slow to import
+
         if self.detrend is not None:
             kind = {"mean": "constant", "linear": "linear"}[self.detrend]
             channels = {c: without_trend(x, type=kind) for c, x in channels.items()}

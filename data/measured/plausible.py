@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import csd, welch
 
 from data.measured.channels import numbered
 from data.measured.finding import Finding
@@ -66,6 +65,8 @@ def doubts(channels: Mapping[str, np.ndarray], dt: float, accelerations: str) ->
 
 def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | None:
     """H(f) below the first resonance; None where too little is coherent there."""
+    from scipy.signal import csd, welch  # slow to import
+
     both = np.isfinite(base).all() and np.isfinite(response).all()
     if len(base) < SHORTEST or len(base) != len(response) or not both:
         return None

@@ -10,8 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator, make_interp_spline
-from scipy.signal import butter, sosfiltfilt
 
 from data.measured.raw_record import RawRecord
 from data.measured.statistics import runs
@@ -115,6 +113,8 @@ def _missing(signal: Sampled) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _interpolated(signal: Sampled, place: np.ndarray, missing: np.ndarray) -> Sampled:
+    from scipy.interpolate import PchipInterpolator  # slow to import
+
     if "uneven time steps" in signal.troubles:
         time = np.interp(np.arange(len(missing)), place, signal.time)
     else:
@@ -164,6 +164,8 @@ def resampled(name: str, channels: dict[str, Sampled], rate: float, done: list[s
 
 
 def _spline(grid: np.ndarray, signal: Sampled) -> np.ndarray:
+    from scipy.interpolate import make_interp_spline  # slow to import
+
     degree = 5 if len(signal.time) > 5 else 1
     return make_interp_spline(signal.time, signal.values, k=degree)(grid)
 
@@ -172,6 +174,8 @@ def butterworth(
     name: str, channels: Channels, cutoff: float, dt: float, order: int, kind: str
 ) -> Channels:
     """All channels through one filter there and back. Raises ValueError for short records."""
+    from scipy.signal import butter, sosfiltfilt  # slow to import
+
     sos = butter(order, cutoff, kind, fs=1.0 / dt, output="sos")
     least = 3 * (2 * len(sos) + 1)  # what sosfiltfilt extends a record by
     samples = min(len(x) for x in channels.values())

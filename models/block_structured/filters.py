@@ -9,11 +9,12 @@ sum is well conditioned where a polynomial of high order is not.   T samples, p 
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
 
 def _section(a: np.ndarray, u: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
     """s (…, T) of one section under u (…, T), from before (2,) = s[−1], s[−2]."""
+    from scipy.signal import lfilter  # slow to import
+
     polynomial = np.r_[1.0, a]
     if before is None:
         s: np.ndarray = lfilter([1.0], polynomial, u, axis=-1)
@@ -31,6 +32,8 @@ def states(a: np.ndarray, u: np.ndarray, begin: np.ndarray) -> np.ndarray:
 
 def driven(d: float, a: np.ndarray, c: np.ndarray, u: np.ndarray) -> np.ndarray:
     """x (…, T) of the filter under u (…, T), from rest."""
+    from scipy.signal import lfilter  # slow to import
+
     x = d * u
     for poles, weights in zip(a, c, strict=True):
         x += lfilter(weights, np.r_[1.0, poles], u, axis=-1)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.signal import lfilter
 
 from models.block_structured import curve, filters
 from models.block_structured.chain import Chain, Motion, chain_of
@@ -43,6 +42,8 @@ def targets(y: np.ndarray) -> list[np.ndarray]:
 
 def _signals(a: np.ndarray, u: np.ndarray) -> np.ndarray:
     """φ (2p, T): the sections' states now and a sample before, which is nil of a single pole."""
+    from scipy.signal import lfilter  # slow to import
+
     rows = []
     for one in a:
         s = lfilter([1.0], np.r_[1.0, one], u)

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from models.block_structured import curve, filters
 from models.block_structured.chain import Chain, Motion, chain_of
@@ -94,6 +93,8 @@ class Allocations:
         return self.seen[key]
 
     def _error(self, way: np.ndarray) -> float:
+        from scipy.signal import lfilter  # slow to import
+
         (b1, a1), (b2, a2) = self.filters(way)
         x = lfilter(b1, a1, self.u)
         laws = curve.begun(x[self.first :], RAMPS)

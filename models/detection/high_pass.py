@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.signal import butter, sosfilt
 from torch import Tensor
 
 from data.checked import checked
@@ -30,6 +29,8 @@ class HighPass:
     """
 
     def __init__(self, cutoff: float, dt: float, order: int = 2) -> None:
+        from scipy.signal import butter  # slow to import
+
         if not (dt > 0.0 and 1 <= order <= HIGHEST_ORDER):
             raise ValueError(
                 f"dt={dt} s, order={order}: expected more than 0, and 1 to {HIGHEST_ORDER}"
@@ -54,10 +55,14 @@ class HighPass:
         return replace(sample, **filtered)
 
     def _from_rest(self, signal: Tensor) -> Tensor:
+        from scipy.signal import sosfilt  # slow to import
+
         filtered = sosfilt(self.sos, signal.numpy(), axis=-2)
         return torch.from_numpy(np.ascontiguousarray(filtered))
 
     def _next(self, name: str, signal: Tensor) -> Tensor:
+        from scipy.signal import sosfilt  # slow to import
+
         if name not in self.states:
             self.states[name] = np.zeros((len(self.sos), 2, signal.numel()))
         filtered, self.states[name] = sosfilt(

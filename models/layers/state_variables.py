@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from scipy.signal import lfilter
 from torch import Tensor
 
 SHARE = 0.3  # of the median frequency of the motion
@@ -27,6 +26,8 @@ def state_variables(a: Tensor, corner: float, dt: float) -> tuple[Tensor, Tensor
 
     The filters are those of the trapezoidal rule.
     """
+    from scipy.signal import lfilter  # slow to import
+
     rise, decay = [dt, dt], [2.0 + corner * dt, corner * dt - 2.0]
     signal = a.cpu().numpy()
     once = lfilter(rise, decay, signal, axis=0)

@@ -8,7 +8,6 @@ those of the exponential at a complex argument (Squire & Trapp 1998), to roundin
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import expm
 
 STEP = 1e-30  # into the complex plane
 NUMBERS = 14  # E (4), P₀, P₁, Q₀, Q½, Q₁ (2 each)
@@ -16,6 +15,8 @@ NUMBERS = 14  # E (4), P₀, P₁, Q₀, Q½, Q₁ (2 each)
 
 def _numbers(k: np.ndarray, c: np.ndarray, h: float) -> np.ndarray:
     """E, P₀, P₁, Q₀, Q½, Q₁ (N, 14) of oscillators k, c (N,) and a step h."""
+    from scipy.linalg import expm  # slow to import
+
     M = np.zeros((len(k), 5, 5), dtype=complex)
     M[:, 0, 1], M[:, 1, 0], M[:, 1, 1] = h, -k * h, -c * h
     M[:, 1, 2] = h  # the force

@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares, nnls
 
 from data.simulation.element_test import imposed
 from models.named_laws.candidates import CANDIDATES, Candidate, Units
@@ -126,6 +125,8 @@ def _slopes(motion: Motion, far: float) -> np.ndarray:
 
 def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
     """The law after so many iterations of damped least squares."""
+    from scipy.optimize import least_squares  # slow to import
+
     begin = fit.q.copy()
 
     def residuals(q: np.ndarray) -> np.ndarray:
@@ -146,6 +147,8 @@ def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
 
 def sized(fit: Fit, motion: Motion) -> Fit:
     """The law with the size, damper and spring that suit a motion best: these are linear."""
+    from scipy.optimize import nnls  # slow to import
+
     values, parts = fit.candidate.values(fit.q, fit.units), {"": fit.force(motion)}
     for name, signal in (("damping", motion.rate), ("spring", motion.y)):
         if name in values:

@@ -146,6 +146,12 @@ class Watch:
         self.sample, self.time = came + max(missed, 0), time
         return self.guard.longest + 1 if anew else missed
 
+    def next_time(self, time: float | None) -> float | None:
+        """The time of a sample that comes right after the newest one; None of all others."""
+        if time is None or not isfinite(time):
+            return self.time + self.dt
+        return time if round((time - self.time) / self.dt) == 1 else None
+
     @property
     def repeats(self) -> bool:
         """Whether the samples of an event are gone through again."""

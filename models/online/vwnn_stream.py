@@ -13,14 +13,17 @@ from data.sample import Sample
 from models import vwnn_compiled
 from models.online.guard import Guard
 from models.online.laws.law import Adapted, Law, work_for
+from models.online.ordinary import Ordinary
 from models.online.stream import Stream
 from models.vwnn import VWNN
 
 
 class VWNNStream(Stream):
-    """`Stream` of a VWNN, two compiled calls a sample. Arguments: those of `Stream`.
+    """`Stream` of a VWNN, one compiled call a sample. Arguments: those of `Stream`.
 
-    Compiles when built, so that the first sample is not late. `states` are changed in place.
+    Compiles when built, so that the first sample is not late. `states` are changed in place. A
+    sample that is not as it should be is gone through as in `Stream`, with two compiled calls, and
+    so are those in which that still counts.
     """
 
     def __init__(
@@ -47,7 +50,67 @@ class VWNNStream(Stream):
         self._sigmoids = np.ones(estimator.activation.channels + 1)
         nothing = Sample(f=torch.zeros(estimator.inputs, dtype=torch.float64))
         self._learn(nothing, self._estimate(nothing), sound=False)  # compiles
+        self._ordinary = Ordinary(self.watch, estimator.inputs)
+        self._shapes = nothing.f.shape, self.newest.shape
+        numbers = self._ordinary.numbers
+        self._room = (
+            *(np.zeros(estimator.inputs), np.zeros(n), self._xi, self._unfiltered, self._decay),
+            *(self._sigmoid_weights, self._factors, self._weights, self._sigmoids, self._phi_now),
+            *(self._settings, self._memory, self._error, self._work),
+            *(self._ordinary.limits, numbers["f"], numbers["a"]),
+        )
+        self._stepped(nothing.f.tolist(), [np.nan] * n)  # compiles, and is refused
         self._rest()
+
+    def step(self, sample: Sample) -> Tensor:
+        """As in `Stream`, in one compiled call where a sample is as it should be."""
+        time = self.watch.next_time(sample.time)
+        if time is None or not self._fits(sample):
+            return super().step(sample)
+        assert sample.a is not None
+        if not self._stepped(sample.f.tolist(), sample.a.tolist()):
+            return super().step(sample)
+        self.watch.sample, self.watch.time, self.watch.sound = self.watch.sample + 1, time, sample
+        self.previous, self.newest = sample, torch.from_numpy(self._prediction)
+        return self.newest
+
+    def _fits(self, sample: Sample) -> bool:
+        """Whether a sample may be as it should be, as far as can be said before its values."""
+        f, a = sample.f, sample.a
+        if a is None or f.dtype != torch.float64 or a.dtype != torch.float64:
+            return False
+        if (f.shape, a.shape) != self._shapes:
+            return False
+        if sample.x is not None or sample.v is not None or sample.e is not None:
+            return False
+        if sample.s is not None or sample.s_dot is not None:
+            return False
+        return self._ordinary.taken or self._begin_ordinary()
+
+    def _begin_ordinary(self) -> bool:
+        """Whether nothing is being waited for; the guard's numbers are then in arrays."""
+        if self.sample is not None or self._hold is not None:
+            return False
+        self._came_twice = False
+        return self._ordinary.take(self.watch)
+
+    def _stepped(self, f: list[float], a: list[float]) -> bool:
+        """Whether a sample was as it should be; its estimate is then the prediction."""
+        self._prediction = np.empty(self._error.size)
+        number = self.law.number
+        return bool(vwnn_compiled.step(tuple(f), tuple(a), self._prediction, number, *self._room))
+
+    def estimate(self, sample: Sample) -> Tensor:
+        self._end_ordinary()
+        return super().estimate(sample)
+
+    def update(self, a: Tensor | None) -> None:
+        self._end_ordinary()
+        super().update(a)
+
+    def _end_ordinary(self) -> None:
+        if self._ordinary.taken:
+            self._ordinary.hand_back(self.watch)
 
     @property
     def weights(self) -> list[Tensor]:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from models.sliding.problem import Motion, bends
 from models.sliding.run_compiled import SHARED
@@ -33,6 +32,8 @@ class Smoothed:
     @staticmethod
     def of(motion: Motion, samples: int) -> Smoothed:
         """By cubic parabolas over so many samples, an odd number."""
+        from scipy.signal import savgol_filter  # slow to import
+
         dt = motion.h * motion.u.shape[1]
         u = motion.u.mean(axis=1)
         # what acts about a sample is the mean of the inputs before it and after it

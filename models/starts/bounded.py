@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from scipy.optimize import nnls
 from torch import Tensor
 
 RANK = 1e-7  # of the largest singular value, of scaled columns
@@ -35,6 +34,8 @@ def triangle(unknown: Tensor, target: Tensor) -> np.ndarray:
 
 def not_negative(factor: np.ndarray) -> np.ndarray:
     """The solution (P,) with no unknown below zero."""
+    from scipy.optimize import nnls  # slow to import
+
     lengths = _lengths(factor)
     solution, _ = nnls(factor[:, :-1] / lengths, factor[:, -1], maxiter=100 * len(lengths))
     return np.asarray(solution / lengths)

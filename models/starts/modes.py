@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from models.starts.spectra import Layout, Spectra, typical
 
@@ -81,6 +80,8 @@ def _missing(theta: np.ndarray, spectra: Spectra) -> np.ndarray:
 
 
 def _polished(theta: np.ndarray, spectra: Spectra, low: float, high: float) -> np.ndarray:
+    from scipy.optimize import least_squares  # slow to import
+
     n = len(theta) // 2
     lowest = np.log(np.concatenate([np.full(n, low), np.full(n, LEAST)]))
     highest = np.log(np.concatenate([np.full(n, 2.0 * high), np.full(n, MOST)]))

@@ -13,8 +13,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.signal.windows import tukey
 
 from data.record import Record
 
@@ -120,6 +118,8 @@ class Spectra:
 def _of_one(
     a: np.ndarray, u: np.ndarray, dt: float, cut: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    from scipy.signal.windows import tukey  # slow to import
+
     T = len(a)
     fade = tukey(T, TAPER)
     if not cut:
@@ -220,6 +220,8 @@ def _polished(
     spectra: Spectra, layout: Layout, start: LinearStructure, either: np.ndarray
 ) -> LinearStructure:
     """Masses, springs and dampers are u exp θ, the springs of `either` sign (E,) are u θ."""
+    from scipy.optimize import least_squares  # slow to import
+
     E, n = layout.B.shape
     learned = np.ones(n + 2 * E, dtype=bool)
     learned[:n] = layout.open_masses

@@ -12,7 +12,6 @@ from typing import Any
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
-from torchmetrics import Metric
 
 from data.record import Record, Response
 from models.estimator import Estimator, NoFreeRunError
@@ -22,25 +21,19 @@ FREE_RUNS = {"train": "free_run_train", "test": "free_run"}  # where `metrics.js
 LEFT = 100.0  # times the largest measured |ẍ| of a record: a free run beyond that has diverged
 
 
-class RelativeRMSError(Metric):
+class RelativeRMSError:
     """Eq. 21 over any number of batches of windows, up to T counted samples × n DOFs each.
 
     `compute` gives fractions: `total` (), `per_dof` (n,), and `over_time` (T,), the total up to
     each sample of the windows; and `rms` (n,), the error itself in the unit of the signal.
     """
 
-    full_state_update = False
-    error: Tensor
-    size: Tensor
-    count: Tensor
+    def __init__(self, samples: int, dofs: int, device: torch.device | None = None) -> None:
+        self.error = torch.zeros(samples, dofs, dtype=torch.float64, device=device)  # squares
+        self.size = torch.zeros_like(self.error)
+        self.count = 0
 
-    def __init__(self, samples: int, dofs: int, **kwargs: Any) -> None:
-        super().__init__(**kwargs)
-        for name in ("error", "size"):
-            zeros = torch.zeros(samples, dofs, dtype=torch.float64)
-            self.add_state(name, zeros, dist_reduce_fx="sum")
-        self.add_state("count", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
-
+    @torch.no_grad()
     def update(self, estimate: Tensor, measured: Tensor) -> None:
         """Estimated and measured acceleration, both (…, T, n)."""
         if estimate.shape != measured.shape or estimate.shape[-1] != self.error.shape[-1]:
@@ -87,7 +80,7 @@ class Score:
         for name, reference in references.items():
             if name not in self.against:
                 samples = record.samples - record.warmup
-                self.against[name] = RelativeRMSError(samples, record.dofs).to(reference.device)
+                self.against[name] = RelativeRMSError(samples, record.dofs, reference.device)
             compared = true_estimate if name and true_estimate is not None else estimate
             self.against[name].update(compared[..., counted, :], reference[..., counted, :])
 
@@ -98,16 +91,15 @@ class Score:
         result: dict[str, Any] = {}
         for name, metric in self.against.items():
             errors = metric.compute()
-            per_dof = errors["per_dof"].reshape(-1)  # torchmetrics makes a scalar of one DOF
             result[f"relative_rms_percent{name}"] = _percent(float(errors["total"]))
-            result[f"per_dof_percent{name}"] = [_percent(e) for e in per_dof.tolist()]
-            rms = errors["rms"].reshape(-1).tolist()
+            result[f"per_dof_percent{name}"] = [_percent(e) for e in errors["per_dof"].tolist()]
+            rms = errors["rms"].tolist()
             result[f"per_dof_rms{name}"] = [e if math.isfinite(e) else None for e in rms]
         return result
 
     def over_time(self) -> Tensor:
         """Eq. 21 up to each sample, against the measured signal, as a fraction (T,)."""
-        return self.against[""].compute()["over_time"].reshape(-1)
+        return self.against[""].compute()["over_time"]
 
 
 def _percent(error: float) -> float | None:
@@ -186,7 +178,7 @@ class FreeRunScore:
             counted = slice(record.warmup, None)
             if self.displacement is None:
                 samples = record.samples - record.warmup
-                self.displacement = RelativeRMSError(samples, record.dofs).to(displacement.device)
+                self.displacement = RelativeRMSError(samples, record.dofs, displacement.device)
             self.displacement.update(true.x[..., counted, :], displacement[..., counted, :])
         self.example = self.example or (record, response)
 

@@ -14,8 +14,7 @@ from torch import Tensor
 from data.record import Record
 from models.training.problem import FreeRunProblem
 from models.training.trainable import Trainable
-from models.uncertainty.intervals import NORMAL
-from models.uncertainty.laplace import Laplace, finer_run
+from models.uncertainty.laplace import NORMAL, Laplace, finer_run
 
 
 @torch.no_grad()

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from scipy.stats import chi2
 from torch import Tensor
 
 from data.record import Record
@@ -51,6 +50,8 @@ class Finding:
 
 def score_test(found: Laplace, term: Sequence[np.ndarray]) -> tuple[float, float]:
     """p and gain of a term with derivatives (T, n, k) in each record, weighted as the residual."""
+    from scipy.stats import chi2  # slow to import
+
     pairs = list(zip(term, found.jacobians, strict=True))
     size = np.sqrt(sum((D**2).sum(axis=(0, 1)) for D in term))
     if not (size > 0.0).all() or not np.isfinite(size).all():

@@ -12,15 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import ncx2
-from scipy.stats import t as student
 
 from models.physical.parameters import Parameter, parameters_of, scale_is_open
 from models.training.trainable import Trainable
 from models.uncertainty.laplace import CONTRADICTED, Laplace
 from models.uncertainty.parameters import slopes
 
-NORMAL = 1.96  # standard deviations, 95 %
 ONE_SIDED, FAR = 1.645, 6.0  # the same of one side, where an error is so far off that it counts
 MOST_OPEN = 0.25  # standard deviation of a determined parameter, in units of θ
 ALIKE = 0.5  # correlation of parameters that are told together
@@ -108,6 +105,8 @@ def _deviations(gradients: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 def off_centre(deviation: float, bias: float) -> float:
     """Half width that holds 95 % of a normal error whose mean is off by a known amount."""
+    from scipy.stats import ncx2  # slow to import
+
     if bias > FAR * deviation:
         return bias + ONE_SIDED * deviation
     return float(deviation * ncx2.ppf(0.95, 1, (bias / deviation) ** 2) ** 0.5)
@@ -115,6 +114,8 @@ def off_centre(deviation: float, bias: float) -> float:
 
 def between_blocks(steps: np.ndarray) -> np.ndarray:
     """Half widths (Q,) of a sum of contributions (m, Q) of m blocks, by their spread."""
+    from scipy.stats import t as student  # slow to import
+
     m = len(steps)
     spread = np.sqrt(m / (m - 1.0) * ((steps - steps.mean(axis=0)) ** 2).sum(axis=0))
     return np.asarray(student.ppf(0.975, m - 1) * spread)

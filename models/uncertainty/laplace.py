@@ -33,6 +33,7 @@ from models.training.trainable import Trainable
 from models.uncertainty.noise import Noise, noise_of
 
 OPEN = 3.0  # standard deviation of a parameter without data, in units of θ
+NORMAL = 1.96  # standard deviations, 95 %
 CONTRADICTED = 3.0  # standard deviations between records and a stated prior
 FEWEST_BLOCKS = 8
 FINER = 4  # times as many steps: the error of a method of second order falls to a sixteenth

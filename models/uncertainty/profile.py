@@ -17,14 +17,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.stats import chi2
 
 from models.physical.parameters import parameters_of
 from models.training.trainable import Trainable
 from models.uncertainty.parameters import STEP, free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood, Point, Posterior
 
-THRESHOLD = float(chi2.ppf(0.95, 1))
+THRESHOLD = 3.841458820694124  # 95 % of χ² of one degree of freedom
 ENOUGH = 2.0  # times the threshold: the profile is followed no further
 MOST_POINTS = 18  # on a side
 FURTHEST = 6.0  # in units of θ, or deviations with all else known: so far a side is followed

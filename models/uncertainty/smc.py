@@ -21,7 +21,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
 
 from models.uncertainty.posterior import Prior
 
@@ -85,6 +84,8 @@ class Wide:
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Of θ (N, p)."""
+        from scipy.special import gammaln  # slow to import
+
         p = len(self.centre)
         own = np.linalg.solve(self.root, (theta - self.centre).T)
         size = gammaln(0.5 * (FREEDOM + p)) - gammaln(0.5 * FREEDOM)
@@ -185,6 +186,8 @@ def tempered(
     from; None: the prior. note: called at every temperature. Raises ValueError where these hardly
     ever have a finite run, and where the temperature does not reach 1.
     """
+    from scipy.special import logsumexp  # slow to import
+
     cloud = _Cloud(likelihood, prior, rng, begin or prior)
     evidence, beta = np.full(2, cloud.draw(particles)), 0.0
     stages: list[Stage] = []
@@ -211,6 +214,7 @@ def tempered(
 
 def _next(level: np.ndarray, beta: float) -> float:
     """The next temperature: that at which a share COUNT of the particles counts."""
+    from scipy.special import logsumexp  # slow to import
 
     def counting(after: float) -> float:
         logs = (after - beta) * (level - level.max())

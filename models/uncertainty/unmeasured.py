@@ -18,8 +18,7 @@ from torch import Tensor
 from data.record import Record
 from models.composition.composite import MOST_SUBSTEPS, Composite
 from models.training.problem import FreeRunProblem
-from models.uncertainty.intervals import NORMAL
-from models.uncertainty.laplace import FINER, Laplace
+from models.uncertainty.laplace import FINER, NORMAL, Laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
 
 STEP = 1e-5  # along a direction of unit length in θ, which is of the order of one

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from runner.config.schema import SPLITS
 from runner.scores.conformal import FREE_RUN, ONE_STEP
-from runner.scores.uncertainty import believed, headline
+from runner.scores.headline import believed, headline
 
 OF_THE_RUN = ("fit_seconds", "parameters", "simulation_error")
 

@@ -26,7 +26,7 @@ from report.prediction.interface import Interface
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_files import results_folder
 from runner.folder.run_folder import read_run, write_json
-from runner.scores.uncertainty import interval_in
+from runner.scores.headline import interval_in
 
 
 def describe(folder: Path, output: Path | None) -> dict[str, Any]:

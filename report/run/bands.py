@@ -13,7 +13,6 @@ from data.record import QUANTITIES
 from models.estimator import Estimator
 from models.training.assemble import changed, data_from
 from runner.scores.conformal import FREE_RUN, METHOD, ONE_STEP, conformal_bands
-from runner.scores.uncertainty import minimum_of
 from runner.scores.verdict import CANNOT
 
 ALIKE = 0.8  # of a held-back record in the band of the others, where records are alike
@@ -35,6 +34,8 @@ def bands_of_run(
     if records is not None:
         run = changed(run, {"data": {"calibration_records": records}})
     data = data_from(run)
+    from runner.scores.uncertainty import minimum_of  # loads every model that has intervals
+
     try:
         data.setup()
         prior = metrics.get("training", {}).get("prior")

@@ -11,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from models.training.metrics import FREE_RUNS
+from runner.scores.headline import HEADLINE, believed, headline
 from runner.scores.spread import percent
-from runner.scores.uncertainty import HEADLINE, believed, headline
 
 LARGEST_PLAIN = 1e6  # number that is written without an exponent
 MOST = 40  # rows; metrics.json has all

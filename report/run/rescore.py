@@ -40,7 +40,6 @@ from report.run.table import (
 from runner.scores.conformal import FREE_RUN, ONE_STEP, covered, half_widths_of
 from runner.scores.outcome import each_record
 from runner.scores.spread import DIVERGED, Spread, percent
-from runner.scores.uncertainty import band_of, minimum_of, unmeasured_of
 
 SPLITS = ("train", "test")
 ROUNDING = 1e-9  # by which other code, libraries or machines may differ
@@ -240,6 +239,8 @@ def _bands(
     estimator: Estimator, trained: Data, record: Record, prior: float | None
 ) -> tuple[Tensor | None, Mapping[str, Signal]]:
     """Half widths (T, n) of the band about the free run, where there is one; unmeasured signals."""
+    from runner.scores.uncertainty import band_of, minimum_of, unmeasured_of  # loads every model
+
     try:
         found = minimum_of(estimator, trained, prior)
         band = band_of(estimator, found, record)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
 from data.datamodule import Data
-from data.record import QUANTITIES
+from data.record import QUANTITIES, Record
 from data.terminal import terminal
 from models.training.identification import Identification
 from models.training.metrics import FREE_RUNS
@@ -18,7 +19,6 @@ from report.run.bands import print_bands
 from report.run.criticism import print_criticism
 from report.run.hparams import numbers, swept
 from report.run.intervals import print_intervals
-from report.run.rescore import draw_record, motion_of
 from report.run.table import (
     WIDTH,
     error_table,
@@ -30,11 +30,14 @@ from report.run.table import (
     titled,
     why_no_free_run,
 )
-from report.style import words_as_they_stand
 from runner.scores.outcome import each_record
 from runner.scores.public_scores import benchmark_lines
-from runner.scores.uncertainty import band_of, unmeasured_of
 from runner.tensorboard import RunLogger
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
+
+    from models.uncertainty.unmeasured import Signal
 
 
 def log_run(
@@ -53,22 +56,45 @@ def log_run(
             if torch.isfinite(error[step]):
                 board.add_scalar(f"{key}/relative_rms_percent_over_time", 100.0 * error[step], step)
     if choices["figures"]:
-        name, record = next(iter(each_record(data, "test").items()))
-        drawn = draw_record(
-            module.estimator,
-            record.to(module.device),
-            metrics["model"],
-            motion_of(data, metrics["system"], name),
-            worst_of(metrics["outside_trained_range"]),
-            list(data.elements),
-            band_of(module.estimator, module.minimum, record),
-            metrics["uncertainty"],
-            unmeasured_of(module.estimator, module.minimum, record, data),
-        )
-        for name, figure in drawn.items():
-            words_as_they_stand(figure)
-            board.add_figure(name, figure, close=False)
+        _draw(board, module, data, metrics)
     logger.save()
+
+
+def _draw(
+    board: SummaryWriter, module: Identification, data: Data, metrics: dict[str, Any]
+) -> None:
+    """Log pictures of the model on the first test motion."""
+    from report.run.rescore import draw_record, motion_of  # matplotlib, which takes half a second
+    from report.style import words_as_they_stand
+
+    name, record = next(iter(each_record(data, "test").items()))
+    band, unmeasured = _bands(module, data, record)
+    drawn = draw_record(
+        module.estimator,
+        record.to(module.device),
+        metrics["model"],
+        motion_of(data, metrics["system"], name),
+        worst_of(metrics["outside_trained_range"]),
+        list(data.elements),
+        band,
+        metrics["uncertainty"],
+        unmeasured,
+    )
+    for name, figure in drawn.items():
+        words_as_they_stand(figure)
+        board.add_figure(name, figure, close=False)
+
+
+def _bands(
+    module: Identification, data: Data, record: Record
+) -> tuple[Tensor | None, Mapping[str, Signal]]:
+    """Half widths (T, n) about the free run, and unmeasured signals, of models with intervals."""
+    if module.minimum is None:
+        return None, {}
+    from runner.scores.uncertainty import band_of, unmeasured_of  # loads every such model
+
+    band = band_of(module.estimator, module.minimum, record)
+    return band, unmeasured_of(module.estimator, module.minimum, record, data)
 
 
 def errors_over_time(module: Identification) -> dict[str, Tensor]:

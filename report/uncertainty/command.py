@@ -31,7 +31,8 @@ from report.uncertainty.profiles import print_profiles, profile_figure, profiles
 from report.uncertainty.samples import corner_figure, print_samples, sampled
 from runner.folder.run import restore
 from runner.folder.run_folder import read_run, write_json
-from runner.scores.uncertainty import headline, uncertainty_of
+from runner.scores.headline import headline
+from runner.scores.uncertainty import uncertainty_of
 
 MOST_PROFILED = 40  # free parameters of a model
 PROFILED = 4  # parameters, where none is named

@@ -28,7 +28,7 @@ from models.uncertainty.profile import most_likely, support_of
 from models.uncertainty.smc import Agreement, Sampled, Stage, Wide, agreement_of, tempered
 from report.output import Section, printed
 from report.style import ESTIMATED, MEASURED, one_legend
-from runner.scores.uncertainty import HEADLINE
+from runner.scores.headline import HEADLINE
 
 MOST = 30  # parameters that particles can follow
 FEWEST = 10  # samples for each of them

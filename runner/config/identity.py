@@ -7,7 +7,6 @@ a mended sentence leave it as it is; an estimator that this run does not use doe
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import json
 import re
@@ -22,6 +21,7 @@ import data
 import models
 from runner.config.choices import plain
 from runner.config.plain_data import read_text
+from runner.config.statements import keep_parsed, parsed_file
 
 ROOT = Path(__file__).parents[2]
 FRONTS = {"data": data.PUBLIC, "models": models.PUBLIC}
@@ -109,6 +109,7 @@ def _code_of(targets: frozenset[str], root: Path) -> str:
     named = (target.partition(".") for target in targets)
     roots = [FRONTS[room][name] for room, _, name in named if name in FRONTS.get(room, {})]
     statements = {s for module in _imported([*roots, *CORE], root) for s in _read(module, root)[0]}
+    keep_parsed()
     return digest("\n".join(sorted(statements)))
 
 
@@ -127,11 +128,9 @@ def _imported(modules: Iterable[str], root: Path) -> set[str]:
 @cache
 def _read(module: str, root: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What the statements of a module do, and which modules of data and models it imports."""
-    tree = ast.parse(_file_of(module, root).read_bytes())
-    bare = _Bare()
-    kept = [statement for node in tree.body if (statement := bare.visit(node)) is not None]
-    ours = {name for node in bare.imports for name in _own_imports(node, root)}
-    return tuple(map(ast.unparse, kept)), tuple(sorted(ours))
+    parsed = parsed_file(_file_of(module, root))
+    ours = {name for place, names in parsed.imports for name in _own_imports(place, names, root)}
+    return tuple(parsed.statements), tuple(sorted(ours))
 
 
 def _file_of(module: str, root: Path) -> Path:
@@ -140,31 +139,11 @@ def _file_of(module: str, root: Path) -> Path:
     return place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
 
 
-def _own_imports(node: ast.ImportFrom, root: Path) -> Iterator[str]:
-    """Modules that an import statement loads, of those that make numbers."""
-    if (node.module or "").split(".")[0] in FRONTS:
-        for name in node.names:  # a module of a package, or what a module defines
-            inside = f"{node.module}.{name.name}"
-            place = inside if _file_of(inside, root).is_file() else str(node.module)
+def _own_imports(module: str, names: Iterable[str], root: Path) -> Iterator[str]:
+    """Modules that `from module import names` loads, of those that make numbers."""
+    if module.split(".")[0] in FRONTS:
+        for name in names:  # a module of a package, or what a module defines
+            inside = f"{module}.{name}"
+            place = inside if _file_of(inside, root).is_file() else module
             if place not in FRONTS:
                 yield place
-
-
-class _Bare(ast.NodeTransformer):
-    """Statements without what changes no number; `imports` are those that it met."""
-
-    def __init__(self) -> None:
-        self.imports: list[ast.ImportFrom] = []
-
-    def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.AST | None:
-        self.imports.append(node)
-        return None if (node.module or "").split(".")[0] in (*FRONTS, "runner") else node
-
-    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
-        is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-        return None if is_text else self.generic_visit(node)
-
-    def visit_Raise(self, node: ast.Raise) -> ast.AST:
-        if isinstance(node.exc, ast.Call):
-            node.exc = node.exc.func
-        return node

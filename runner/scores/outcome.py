@@ -20,13 +20,13 @@ from models.estimator import Estimator
 from models.online.scores import online_scores
 from models.training.identification import HELD_BACK, SPLITS, Identification
 from models.training.metrics import FREE_RUNS, free_run_score, score
+from models.training.trainable import Trainable
 from models.training.trained_range import outside, range_of
 from runner.folder.run import Run
 from runner.folder.run_folder import settings_of
 from runner.scores.conformal import conformal_bands
 from runner.scores.paper_values import paper_values
 from runner.scores.public_scores import benchmark_scores
-from runner.scores.uncertainty import minimum_of, uncertainty_of
 from runner.scores.verdict import (
     CANNOT,
     NotIdentifiedError,
@@ -155,6 +155,10 @@ def _uncertainty(module: Identification, data: Data, tested: Iterable[Record]) -
 
 def _intervals(module: Identification, data: Data, tested: Iterable[Record]) -> dict[str, Any]:
     """{} of models that have none. What they are made of stays with the module."""
+    if not isinstance(module.estimator, Trainable):
+        return {}
+    from runner.scores.uncertainty import minimum_of, uncertainty_of  # loads every such model
+
     begun = time.perf_counter()
     try:
         module.minimum = minimum_of(module.estimator, data, module.how_trained().get("prior"))

@@ -26,22 +26,10 @@ from models.training.free_run import simulate
 from models.training.trainable import Trainable
 from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import Finding, asks_for_more, criticism_of
-from models.uncertainty.intervals import UNEXCITED, intervals_of
+from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace, singles
 from models.uncertainty.parameters import free_vector
 from models.uncertainty.unmeasured import DISPLACEMENT, FORCE, Signal, unmeasured
-
-HEADLINE = (  # quantities of masses and elements that tables tell
-    "mass",
-    "stiffness",
-    "damping",
-    "yield_displacement",
-    "activation_displacement",
-    "post_yield_ratio",
-    "hardening_ratio",
-    "gap",
-)
-
 
 CURVES = (BranchElement, ElementNetworkBranch)
 COLOURED = 3.0  # times the median spectral density: the strongest band of noise that is not white
@@ -212,38 +200,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return list(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def headline(uncertainty: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Parameters of masses and elements as a whole, without those of their hinges and units.
-
-    Without what an element does after it yields, where nothing in training showed that it does.
-    """
-    listed = uncertainty.get("parameters", [])
-    told = (p for p in listed if p["status"] != UNEXCITED)
-    yields = {part_of(p) for p in told if p["name"].endswith(".yield_displacement")
-              and ".unit" not in p["name"]}  # fmt: skip
-    return [
-        p
-        for p in listed
-        if p["name"].partition(".")[2] in HEADLINE
-        and (not p["name"].endswith("post_yield_ratio") or part_of(p) in yields)
-    ]
-
-
-def believed(interval: Mapping[str, Any]) -> float | None:
-    """The half width that tables show; of runs by older code that of noise alone."""
-    half: float | None = interval.get("believed", interval["half"])
-    return half
-
-
-def part_of(parameter: Mapping[str, Any]) -> str:
-    """The mass or element that a parameter is of."""
-    return str(parameter["name"]).partition(".")[0]
-
-
-def interval_in(interval: Mapping[str, Any] | None) -> dict[str, Any]:
-    """What files tell of a parameter's interval; {} where there is none."""
-    if interval is None:
-        return {}
-    return {"half_width_95": believed(interval), "told": interval["status"]}

@@ -83,14 +83,6 @@ def test_the_order_of_batches_does_not_matter():
     assert one["total"].item() == pytest.approx(other["total"].item(), rel=1e-14)
 
 
-def test_reset_forgets_the_batches():
-    metric = RelativeRMSError(3, 2)
-    metric.update(2.0 * MEASURED, MEASURED)
-    metric.reset()
-    metric.update(MEASURED + ERROR, MEASURED)
-    assert metric.compute()["total"].item() == pytest.approx((2.17 / 50.0) ** 0.5, rel=1e-12)
-
-
 def test_a_silent_start_has_no_error_over_time():
     measured = torch.cat([torch.zeros(2, 2).double(), MEASURED])
     over_time = compute((measured, measured))["over_time"]

@@ -9,13 +9,14 @@ import pytest
 import torch
 
 from data.record import Record
-from data.sample import samples_of
+from data.sample import Sample, samples_of
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from models.linear import EquivalentLinear
 from models.linear_in_weights import LinearInWeights
 from models.online.guard import Guard
 from models.online.laws.frozen import Frozen
 from models.online.laws.recursive_least_squares import RecursiveLeastSquares
+from models.online.ordinary import RANGE
 from models.online.stream import Stream
 from models.online.vwnn_stream import VWNNStream
 from models.polynomial import ModalPolynomial
@@ -94,6 +95,42 @@ def test_the_compiled_stream_adapts_as_that_in_pytorch(identified, record, name)
     ours, compiled = (kind(identified[name], law) for kind in (Stream, VWNNStream))
     assert torch.allclose(run(compiled, record), run(ours, record), rtol=0, atol=1e-7)
     assert torch.allclose(compiled.weights[0], ours.weights[0], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", [name for name in ESTIMATORS if "vwnn" in name])
+@pytest.mark.parametrize("outlier", [4.0, None])
+def test_one_call_does_what_two_do_whatever_comes(identified, record, name, outlier, monkeypatch):
+    """Missing values, outliers, a stuck sensor, silence, an event, a gap, a sample twice."""
+    a, f = record.a.clone(), record.f.clone()
+    a[100, 1] = f[130, 0] = torch.nan
+    a[160, 0], f[190, 2] = 9.0 * a.abs().max(), -9.0 * f.abs().max()
+    a[220:226, 2] = a[220, 2]
+    a[250:253] = f[250:253] = a[280:290] = f[280:290] = 0.0
+    a[320:] *= 30.0
+    samples = [Sample(f=u, a=y, time=DT * k) for k, (u, y) in enumerate(zip(f, a, strict=True))]
+    samples = [*samples[:400], samples[399], *samples[405:]]
+    law, guard = RecursiveLeastSquares(0.995, variance=1e3), Guard(outlier=outlier)
+    one, two = (VWNNStream(identified[name], law, guard=guard) for _ in range(2))
+    slow, estimate = [], Stream.estimate
+    for sample in samples:
+        expected = two.estimate(sample)
+        two.update(sample.a)
+        with monkeypatch.context() as counted:
+            counted.setattr(Stream, "estimate", lambda *u: slow.append(1) or estimate(*u))
+            assert torch.allclose(one.step(sample), expected, rtol=1e-7, atol=1e-7)
+        assert (one.watch.sample, one.watch.time) == (two.watch.sample, two.watch.time)
+    assert 20 < len(slow) < 200
+    assert {event.kind for event in one.events} >= {"not_finite", "repeated", "dropped"}
+    assert one.events == two.events
+    assert torch.allclose(one.weights[0], two.weights[0], rtol=1e-6, atol=1e-6)
+    assert torch.equal(one.estimate(samples[-1]), one.newest)  # again: the guard has its numbers
+    for kept in ("before", "same", "largest", "unsettled", "blind"):
+        assert getattr(one.watch, kept) == getattr(two.watch, kept)
+    ranges = [
+        [getattr(u, row) for own in stream.watch.ranges.of.values() for u in own for row in RANGE]
+        for stream in (one, two)
+    ]
+    assert ranges[0] == pytest.approx(ranges[1], rel=1e-6)
 
 
 @pytest.mark.parametrize(("name", "kind"), STREAMS)

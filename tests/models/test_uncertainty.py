@@ -16,11 +16,10 @@ from models.uncertainty.intervals import (
     COMBINATION,
     DETERMINED,
     GIVEN,
-    NORMAL,
     UNEXCITED,
     intervals_of,
 )
-from models.uncertainty.laplace import about, laplace
+from models.uncertainty.laplace import NORMAL, about, laplace
 from models.uncertainty.noise import noise_of
 from models.uncertainty.parameters import free_vector, set_free_vector, slopes
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from runner.config import identity
+from runner.config import identity, statements
 from runner.config.identity import ROOT, code_version, front_name, targets_of, written_code_version
 
 TARGETS = frozenset({"models.VWNN", "data.Structure"})
@@ -37,6 +37,7 @@ def afresh():
 def afresh_now() -> None:
     identity._read.cache_clear()
     identity._code_of.cache_clear()
+    statements._kept.cache_clear()
 
 
 def of(tree: Path) -> str:
@@ -99,3 +100,18 @@ def test_a_config_names_its_code_in_any_layout(tmp_path):
     assert written_code_version(path) == code_version(TARGETS)
     assert written_code_version(tmp_path / "none.yaml") == ""
     assert front_name("os.path.Here") == "os.path.Here"
+
+
+def test_what_was_parsed_is_kept_on_disk_by_its_text(tree, tmp_path, monkeypatch):
+    file = tmp_path / "kept.json"
+    monkeypatch.setattr(statements, "_file", lambda: file)
+    monkeypatch.setattr(statements, "ROOT", tree)
+    before = of(tree)
+    with monkeypatch.context() as patched:
+        patched.delattr(statements, "_parsed")
+        assert of(tree) == before  # nothing is parsed
+    change(tree / "models" / "layers" / "filters.py", "math.exp(-", "math.exp(-2.0 * ")
+    changed = of(tree)
+    assert changed != before
+    file.write_text("damaged")
+    assert of(tree) == changed

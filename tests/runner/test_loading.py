@@ -1,4 +1,4 @@
-"""Commands load Lightning without PyTorch's compiler, which is there when it is asked for."""
+"""Commands load what they use: PyTorch's compiler, metrics and pictures when they are asked for."""
 
 from __future__ import annotations
 
@@ -9,9 +9,18 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
 import gc, sys
+from types import SimpleNamespace
 from runner.loading import loading, without_compiler
 with loading():
-    from lightning.pytorch import Trainer
+    from report.run.summary import log_run
+    from runner.job import identify
+late = {"torchmetrics", "matplotlib", "models.physical.parameters"}
+late |= {f"scipy.{part}" for part in ("signal", "stats", "optimize", "interpolate")}
+assert not late & set(sys.modules), "what a VWNN's run does not use was loaded"
+from lightning.pytorch.core.module import Metric
+assert not isinstance({}, Metric)
+sys.modules["torchmetrics"] = SimpleNamespace(Metric=dict)
+assert isinstance({}, Metric), "Lightning does not know a true metric"
 assert gc.isenabled()
 kept = gc.get_freeze_count()
 with loading():
@@ -32,7 +41,7 @@ assert still is OptimizedModule, "a compiler that is there was hidden"
 """
 
 
-def test_the_compiler_is_loaded_when_it_is_used():
+def test_what_takes_long_is_loaded_when_it_is_used():
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, check=False
     )

@@ -19,51 +19,70 @@ FROZEN, RECURSIVE_LEAST_SQUARES, NORMALISED_GRADIENT, RANDOM_WALK = range(4)
 
 
 @inlined
-def _measure(S, f, W, error, noise, forgetting, work):
-    """Potter's update of P = S Sᵀ by a measurement with f = Sᵀφ; the place of the largest P_ii.
-
-    `error` of no length leaves W as it is.
-    """
-    P, n = S.shape[0], error.size
-    size = 0.0
-    for j in range(P):
-        size += f[j] * f[j]
-    alpha = 1.0 / (noise + size)
-    beta = 1.0 / (1.0 + np.sqrt(noise * alpha))
-    scale = 1.0 / np.sqrt(forgetting)
-    largest, place = -1.0, 0
-    for i in range(P):
-        row = S[i]
-        gain = 0.0
-        for j in range(P):
-            gain += row[j] * f[j]
-        gain *= alpha
-        shift, variance = gain * beta, 0.0
-        for j in range(P):
-            new = scale * (row[j] - shift * f[j])
-            row[j] = new
-            variance += new * new
-        for j in range(n):
-            W[i, j] += gain * error[j]
-        if variance > largest:
-            largest, place = variance, i
-    return largest, place
-
-
-@inlined
 def _recursive_least_squares(W, S, phi, error, settings, work):
+    """Potter's update of P = S Sᵀ, S ← √(1/λ) (S − k fᵀ), and where the largest P_ii exceeds its
+    limit that weight's measurement, S ← S − m dᵀ with d its row of the new S.
+
+    P_ii of the new S follow from those of the old one, so that both are one pass over S.
+    """
     forgetting, limit = settings[0], settings[1]
-    P = S.shape[0]
-    f = work[0]
+    P, n = W.shape
+    f, k, squares = work[0], work[1], work[2]
     f[:] = 0.0
     for i in range(P):
         p, row = phi[i], S[i]
         for j in range(P):
             f[j] += row[j] * p
-    largest, place = _measure(S, f, W, error, forgetting, forgetting, work)
+    size = 0.0
+    for j in range(P):
+        size += f[j] * f[j]
+    for i in range(P):
+        row = S[i]
+        along, square = 0.0, 0.0
+        for j in range(P):
+            along += row[j] * f[j]
+            square += row[j] * row[j]
+        k[i], squares[i] = along, square
+    alpha = 1.0 / (forgetting + size)
+    beta = 1.0 / (1.0 + np.sqrt(forgetting * alpha))
+    scale = 1.0 / np.sqrt(forgetting)
+    largest, place = -1.0, 0
+    for i in range(P):
+        along, gain = k[i], alpha * k[i]
+        for j in range(n):
+            W[i, j] += gain * error[j]
+        k[i] = gain * beta
+        variance = (squares[i] - k[i] * (2.0 * along - k[i] * size)) / forgetting
+        if variance > largest:
+            largest, place = variance, i
     if largest > limit:
-        f[:] = S[place]
-        _measure(S, f, W, error[:0], limit * largest / (largest - limit), 1.0, work)
+        _pass_with_limit(S, f, k, scale, place, limit * largest / (largest - limit), work[2])
+        return
+    for i in range(P):
+        row, shift = S[i], k[i]
+        for j in range(P):
+            row[j] = scale * (row[j] - shift * f[j])
+
+
+@inlined
+def _pass_with_limit(S, f, k, scale, place, noise, d):
+    """S ← scale (S − k fᵀ), then its measurement along the row at `place`."""
+    P = f.size
+    size, across = 0.0, 0.0
+    for j in range(P):
+        d[j] = scale * (S[place, j] - k[place] * f[j])
+        size += d[j] * d[j]
+        across += d[j] * f[j]
+    alpha = 1.0 / (noise + size)
+    beta = 1.0 / (1.0 + np.sqrt(noise * alpha))
+    for i in range(P):
+        row, shift = S[i], k[i]
+        along = 0.0
+        for j in range(P):
+            along += row[j] * d[j]
+        m = alpha * beta * scale * (along - shift * across)
+        for j in range(P):
+            row[j] = scale * (row[j] - shift * f[j]) - m * d[j]
 
 
 @inlined
