@@ -23,8 +23,10 @@ from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
 from models.named_element import NamedElement
-from models.named_laws.candidates import CANDIDATES, Units
-from models.named_laws.fit import Fit, smallest
+from models.named_laws.candidate import Units
+from models.named_laws.candidates import CANDIDATES
+from models.named_laws.choice import smallest
+from models.named_laws.fit import Fit
 from models.named_laws.free_run import Shaking, linear, mass_dampers
 from models.named_laws.storey import Storey
 
