@@ -31,7 +31,8 @@ from models.composition.stated import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator
-from models.named_laws.fit import Fit, chosen, joined, units_of
+from models.named_laws.choice import chosen
+from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.learned import LearnedLaws, require_laws, told

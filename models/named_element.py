@@ -16,7 +16,8 @@ from torch import Tensor
 
 from data.record import Drive, Record, Response
 from models.estimator import Estimator
-from models.named_laws.fit import Motion, chosen
+from models.named_laws.choice import chosen
+from models.named_laws.fit import Motion
 from models.named_laws.learned import LearnedLaws, require_laws, told
 
 

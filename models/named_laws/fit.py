@@ -1,33 +1,25 @@
-"""A named law fitted to motions of an element, and the law that suits them best.
+"""A named law fitted to motions of an element: damped least squares, derivatives by differences.
 
-Starts are drawn, the likeliest are followed on the two largest motions, the best on all: damped
-least squares (scipy) with derivatives by differences. Which law it is shows on the largest motion,
-which is held back: of those whose error there is nearly the least, or next to none, the law of the
-fewest parameters is taken.
 T samples.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from data.simulation.element_test import imposed
-from models.named_laws.candidates import CANDIDATES, Candidate, Units
+from models.named_laws.candidate import Candidate, Units
 
-DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
-FOLLOWED, MOST_FOLLOWED = 72, 14  # over the parameters of a law: starts that are followed at first
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
-FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
-IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
-NEARLY = 1.1  # times the least error on the motion held back
 NEGLIGIBLE = 1e-3  # errors below are alike
 STEP = 1e-4  # of the differences
 FAR, STEEP = 0.05, 0.9  # of the largest deformation; share of slopes that are less steep
 PULL = 1e-4  # of q towards its start, beside the relative error
+STRIDES, SMOOTH = (4, 3, 2), 1e-3  # samples; of the range, an error of the deformation between
 
 
 @dataclass(frozen=True)
@@ -47,6 +39,25 @@ class Motion:
 
     def until(self, T: int) -> Motion:
         return replace(self, y=self.y[:T], rate=self.rate[:T], r=self.r[:T], drag=self.drag[:T])
+
+    def thinned(self) -> Motion:
+        """Every so-many-th sample, where the cubics between them tell the deformation as well."""
+        for stride in STRIDES:
+            if self._left_between(stride) <= SMOOTH * float(np.ptp(self.y)):
+                parts = {n: getattr(self, n)[::stride].copy() for n in ("y", "rate", "r", "drag")}
+                first = -(-self.first // stride)
+                return replace(self, dt=stride * self.dt, first=first, **parts)
+        return self
+
+    def _left_between(self, stride: int) -> float:
+        """Largest error of the cubics through every so-many-th deformation and rate."""
+        from scipy.interpolate import CubicHermiteSpline  # slow to import
+
+        t = self.dt * np.arange(len(self.y))
+        kept = slice(None, None, stride)
+        last = (len(t) - 1) // stride * stride
+        cubics = CubicHermiteSpline(t[kept], self.y[kept], self.rate[kept])
+        return float(np.abs(cubics(t[: last + 1]) - self.y[: last + 1]).max())
 
 
 @dataclass
@@ -124,23 +135,27 @@ def _slopes(motion: Motion, far: float) -> np.ndarray:
 
 
 def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
-    """The law after so many iterations of damped least squares."""
+    """The law after so many iterations of damped least squares.
+
+    Numbers count from their start: so the first step is no longer than one.
+    """
     from scipy.optimize import least_squares  # slow to import
 
-    begin = fit.q.copy()
+    begin = fit.q
 
-    def residuals(q: np.ndarray) -> np.ndarray:
-        left = Fit(fit.candidate, fit.units, q).residuals(motions)
+    def residuals(step: np.ndarray) -> np.ndarray:
+        left = Fit(fit.candidate, fit.units, begin + step).residuals(motions)
         left = np.where(np.isfinite(left), left, 1e3)
-        return np.concatenate([left, PULL * (q - begin)])
+        return np.concatenate([left, PULL * step])
 
-    def slopes(q: np.ndarray) -> np.ndarray:
-        here = residuals(q)
-        columns = [(residuals(q + STEP * e) - here) / STEP for e in np.eye(q.size)]
+    def slopes(step: np.ndarray) -> np.ndarray:
+        here = residuals(step)
+        columns = [(residuals(step + STEP * e) - here) / STEP for e in np.eye(step.size)]
         return np.array(columns).T
 
-    found = least_squares(residuals, begin, slopes, method="trf", max_nfev=iterations, ftol=1e-5)
-    end = Fit(fit.candidate, fit.units, found.x)
+    none = np.zeros_like(begin)
+    found = least_squares(residuals, none, slopes, method="trf", max_nfev=iterations, ftol=1e-5)
+    end = Fit(fit.candidate, fit.units, begin + found.x)
     end.error, begun_at = end.error_on(motions), fit.error_on(motions)
     return end if end.error < begun_at else replace(fit, error=begun_at)
 
@@ -166,75 +181,3 @@ def sized(fit: Fit, motion: Motion) -> Fit:
     sizes = dict(zip(parts, solved.tolist(), strict=True))
     sizes |= {n: max(size, LEAST * values[n]) for n, size in sizes.items() if n in values}
     return Fit(fit.candidate, fit.units, fit.candidate.sized_anew(fit.q, fit.units, sizes))
-
-
-def begun(
-    candidate: Candidate, motions: Sequence[Motion], units: Units, rng: np.random.Generator
-) -> list[Fit]:
-    """The best of some starts after a few iterations, the best first."""
-    drawn = [sized(Fit(candidate, units, candidate.drawn(rng)), motions[0]) for _ in range(DRAWS)]
-    for one in drawn:
-        one.error = one.error_on(motions[:1])
-    drawn.sort(key=lambda one: one.error)
-    count = min(max(2 * STAY, FOLLOWED // len(candidate.parameters)), MOST_FOLLOWED)
-    ends = [followed(one, motions, FIRST) for one in drawn[:count]]
-    return sorted(ends, key=lambda one: one.error)[:STAY]
-
-
-def tried(
-    names: Sequence[str], motions: Sequence[Motion], units: Units, rng: np.random.Generator
-) -> dict[str, list[Fit]]:
-    """The laws in the lead on some motions, each from its best starts, the best first."""
-    largest = sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
-    starts = {name: begun(CANDIDATES[name], largest, units, rng) for name in names}
-    lead = IN_THE_LEAD * min(one.error for ends in starts.values() for one in ends)
-    lead = max(lead, NEGLIGIBLE)
-    found = {}
-    for name, ends in starts.items():
-        near = [followed(e, motions, MIDDLE) for e in ends if e.error <= lead]
-        if near:
-            found[name] = sorted(near, key=lambda one: one.error)
-    return found
-
-
-def chosen(
-    motions: Sequence[Motion], names: Sequence[str], seed: int
-) -> tuple[Fit, dict[str, float]]:
-    """The law that suits the motions, fitted to all of them; errors on the motion held back.
-
-    Laws may be alike there because the largest motion alone shows what tells them apart; then that
-    motion is fitted, too, and the law is the smallest that suits all.
-    """
-    units, rng = units_of(motions), np.random.default_rng(seed)
-    rest, judged = parted(motions)
-    found = tried(names, rest, units, rng)
-    errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
-    near, best = alike(errors), smallest(errors)
-    if len(near) > 1 and min(errors.values()) > NEGLIGIBLE:
-        found = tried(near, motions, units, rng)
-        best = smallest({name: ends[0].error for name, ends in found.items()})
-    finals = [followed(one, motions, LAST) for one in found[best]]
-    return min(finals, key=lambda one: one.error), errors
-
-
-def alike(errors: Mapping[str, float]) -> list[str]:
-    """The laws whose error is nearly the least. Raises ValueError where none follows."""
-    least = min(errors.values())
-    if not math.isfinite(least):
-        raise ValueError("no named law follows the motions; look for outliers in the record")
-    return [name for name, e in errors.items() if e <= max(NEARLY * least, NEGLIGIBLE)]
-
-
-def smallest(errors: Mapping[str, float]) -> str:
-    """Of the laws whose error is nearly the least, that of the fewest parameters."""
-    return min(alike(errors), key=lambda name: len(CANDIDATES[name].parameters))
-
-
-def parted(motions: Sequence[Motion]) -> tuple[list[Motion], Motion]:
-    """Motions to fit, and the farthest, to judge by; of a single motion its first and last part."""
-    if len(motions) > 1:
-        farthest = max(range(len(motions)), key=lambda i: float(np.ptp(motions[i].y)))
-        return [m for i, m in enumerate(motions) if i != farthest], motions[farthest]
-    (whole,) = motions
-    first = int(0.7 * len(whole.y))
-    return [whole.until(first)], replace(whole, first=first)

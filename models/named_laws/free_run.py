@@ -18,7 +18,8 @@ from data.simulation.elements import Element, Polynomial
 from data.simulation.motion import Motion as Simulated
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.candidate import Units
+from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit
 

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from data.simulation.elements import Element
-from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.candidate import Units
+from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 
 MOST = max(len(candidate.parameters) for candidate in CANDIDATES.values())

@@ -21,9 +21,11 @@ import numpy as np
 
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.candidate import Units
+from models.named_laws.candidates import CANDIDATES
+from models.named_laws.choice import smallest
 from models.named_laws.differences import descended
-from models.named_laws.fit import NEGLIGIBLE, Fit, smallest
+from models.named_laws.fit import NEGLIGIBLE, Fit
 from models.named_laws.free_run import Laws, Shaking, samples_of
 
 SHARES = (0.06, 0.2, 0.5, 1.0)  # of the energy of every motion

@@ -11,7 +11,8 @@ import torch
 from data.record import Drive
 from export.steps import step_of
 from models.named_element import NamedElement
-from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.candidate import Units
+from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from tests.export import networks
 from tests.export.compiling import needs_gcc, run_in_c

@@ -24,7 +24,8 @@ from export.opensees_named import named_materials
 from models import VWNN, ElementNetwork, ElementNetworkNamed
 from models.composition.laws import law as law_of
 from models.composition.laws import units
-from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.candidate import Units
+from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from tests.export.conftest import DT, drive_of, exported, network
 

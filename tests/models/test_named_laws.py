@@ -23,16 +23,24 @@ from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
 from models.named_element import NamedElement
-from models.named_laws.candidates import CANDIDATES, Units
-from models.named_laws.fit import Fit, smallest
+from models.named_laws.candidate import Units
+from models.named_laws.candidates import CANDIDATES
+from models.named_laws.choice import smallest
+from models.named_laws.fit import Fit
 from models.named_laws.free_run import Shaking, linear, mass_dampers
 from models.named_laws.storey import Storey
 
 DT = 0.02
 TESTED = ("ground", "x1")
 PLANTED: dict[str, Element] = {
-    "MenegottoPinto": MenegottoPinto(
-        between=TESTED, yield_displacement=0.01, stiffness=2e7, hardening_ratio=0.03, damping=2e4
+    "MenegottoPinto": MenegottoPinto(  # it grows faster in compression
+        between=TESTED,
+        yield_displacement=0.01,
+        stiffness=2e7,
+        hardening_ratio=0.03,
+        a1=0.06,
+        a3=0.01,
+        damping=2e4,
     ),
     "SelfCentering": SelfCentering(
         between=TESTED, activation_displacement=0.008, stiffness=2e7, hardening_ratio=0.06, flag=0.7

@@ -21,7 +21,8 @@ from models import (
     ModalNetwork,
     NamedElement,
 )
-from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.candidate import Units
+from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from models.physical.parameters import parameters_of, scale_is_open
 from tests.models.zoo import DT, ESTIMATORS

@@ -12,7 +12,8 @@ from data.record import Drive
 from data.sample import Sensors
 from export.modes import modes_of
 from models import VWNN, ElementNetworkNamed, EquivalentLinear
-from models.named_laws.candidates import CANDIDATES, Units
+from models.named_laws.candidate import Units
+from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from models.training.assemble import estimator_from
 from report.describe.__main__ import main

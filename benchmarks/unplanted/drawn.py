@@ -1,0 +1,108 @@
+"""Materials of OpenSees whose numbers nobody chose: drawn at random, in any units.
+
+    python -m benchmarks.unplanted.drawn --materials Pinching4 --seeds 0 1 2 3 4 5
+    python -m benchmarks.unplanted.drawn --materials Steel02 --noise 0.05 --models branch_element
+
+Motions are those of `python -m benchmarks.unplanted`. A seed draws the numbers and the units of a
+material; a model is fitted to six motions and simulates four unseen ones, and the same 1.5 times as
+large: relative RMS errors of the force without noise [%]. Needs openseespy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from statistics import median
+
+import numpy as np
+import torch
+
+from benchmarks.unplanted.fits import error, fitted
+from benchmarks.unplanted.laws import Law
+from benchmarks.unplanted.motions import training, unseen
+from benchmarks.unplanted.opensees import material, opensees
+from data.record import stack
+from runner.config.command_line import command_errors
+from runner.config.compose import prepare_hydra
+
+FARTHER = 1.5  # times the unseen motions
+Words = list[object]  # of OpenSees' command
+Drawn = tuple[Words, float]  # and the largest deformation of the training motions
+
+
+def pinching4(rng: np.random.Generator) -> Drawn:
+    """Every fourth law loses nothing; of the others' losses some are none."""
+    draw = rng.uniform
+    yielded, force = 10.0 ** draw(-3.0, 1.0), 10.0 ** draw(0.0, 7.0)
+    places = yielded * np.cumprod([1.0, draw(1.5, 5.0), draw(1.5, 4.0), draw(1.5, 4.0)])
+    strengths = force * np.cumprod([1.0, draw(1.1, 2.2), draw(0.95, 1.3), draw(0.4, 1.1)])
+    unloading = draw(-0.2, 0.3)
+    shares = [draw(0.1, 0.7), max(unloading, 0.0) + draw(0.1, 0.5), unloading]
+    losing = rng.random() < 0.75
+    losses: Words = []
+    for _ in range(3):
+        first, second = (losing and rng.random() < 0.7 for _ in range(2))
+        both = [first * draw(0.05, 0.5), second * draw(0.05, 0.5)]
+        losses += [*both, draw(0.2, 1.5), draw(0.2, 1.5), draw(0.3, 0.9)]
+    points = [float(n) for pair in zip(strengths, places, strict=True) for n in pair]
+    words: Words = ["Pinching4", 1, *points, *shares, *losses, draw(2.0, 15.0), "energy"]
+    return words, float(places[3] * draw(0.3, 1.0))
+
+
+MATERIALS: dict[str, Callable[[np.random.Generator], Drawn]] = {"Pinching4": pinching4}
+
+
+def drawn(name: str, seed: int) -> tuple[Law, float]:
+    """A material and the largest deformation of its training motions."""
+    words, size = MATERIALS[name](np.random.default_rng(seed))
+    return material(words), size
+
+
+def one_fit(words: list[str], law: tuple[Law, float], noise: float) -> tuple[list[float], str]:
+    """Errors in training, unseen, 1.5 times [%], seconds of the processor; the law's name."""
+    train = training(*law, noise)
+    begin = time.process_time()
+    estimator, facts = fitted(words, stack(train))
+    seconds = time.process_time() - begin
+    motions = training(*law), unseen(*law), unseen(*law, FARTHER)
+    return [*(error(estimator, those) for those in motions), seconds], str(facts.get("laws", ""))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        "python -m benchmarks.unplanted.drawn", description=(__doc__ or "").splitlines()[0]
+    )
+    add = parser.add_argument
+    add("--materials", nargs="+", default=list(MATERIALS), choices=list(MATERIALS))
+    add("--models", nargs="+", default=["named_element"])
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2, 3])
+    add("--noise", type=float, default=0.0, help="of the training force, a share")
+    add("--settings", nargs="*", default=[], help="of the model, as model.laws=[Pinching4]")
+    options = parser.parse_args()
+    if opensees() is None:
+        raise ValueError("openseespy is not installed: pip install openseespy")
+    torch.set_num_threads(1)
+    prepare_hydra()
+    print("| material | model | seed | training | unseen | 1.5 times | s | law |")
+    print("| --- | --- | ---: | ---: | ---: | ---: | ---: | --- |")
+    for name in options.materials:
+        for model in options.models:
+            rows = []
+            for seed in options.seeds:
+                words = [f"model={model}", f"seed={seed}", *options.settings]
+                numbers, law = one_fit(words, drawn(name, seed), options.noise)
+                rows.append(numbers)
+                _print(name, model, str(seed), numbers, law)
+            _print(name, model, "median", [median(of) for of in zip(*rows, strict=True)], "")
+
+
+def _print(name: str, model: str, seed: str, numbers: list[float], law: str) -> None:
+    *errors, seconds = numbers
+    columns = " | ".join(f"{e:.2f}" for e in errors)
+    print(f"| {name} | `{model}` | {seed} | {columns} | {seconds:.0f} | {law} |", flush=True)
+
+
+if __name__ == "__main__":
+    with command_errors():
+        main()

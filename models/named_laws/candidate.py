@@ -1,0 +1,130 @@
+"""A named law as a function of free numbers, and units that follow from the data.
+
+Every parameter is unit·exp(q), or a share 1/(1 + exp(−q)); units are those of the data, so that a
+change of units changes nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.simulation.elements import Element
+
+BETWEEN = ("ground", "x1")  # of an element that nobody has put into a structure yet
+SPAN = 12.0  # of q: e^±12 units
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Units:
+    """Of parameters: largest deformation [m], median rate [m/s], largest force [N], slope [N/m].
+
+    slope: that of the force where it is steep, as before it yields.
+    """
+
+    length: float
+    rate: float
+    force: float
+    slope: float
+
+    @property
+    def elastic(self) -> float:
+        """The deformation [m] at which the largest force would be reached without yielding."""
+        return self.force / self.slope
+
+    @property
+    def damping(self) -> float:
+        return self.force / self.rate
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of a law: its unit, whether it is a share of one, and where it begins."""
+
+    low: float
+    high: float
+    unit: Callable[[Units], float] = lambda units: 1.0
+    share: bool = False
+
+    def value(self, q: float, units: Units) -> float:
+        q = min(max(q, -SPAN), SPAN)
+        return 1.0 / (1.0 + math.exp(-q)) if self.share else self.unit(units) * math.exp(q)
+
+    def drawn(self, rng: np.random.Generator) -> float:
+        """q of a start between low and high, evenly in its logarithm (a share: in itself)."""
+        if self.share:
+            share = rng.uniform(self.low, self.high)
+            return math.log(share / (1.0 - share))
+        return rng.uniform(math.log(self.low), math.log(self.high))
+
+
+def share(low: float, high: float) -> Parameter:
+    return Parameter(low, high, share=True)
+
+
+STIFFNESS = Parameter(0.7, 2.0, lambda units: units.slope)
+YIELD = Parameter(0.1, 1.2, lambda units: units.elastic)
+DAMPING = Parameter(1e-3, 0.03, lambda units: units.damping)
+PER_ENERGY = {  # of the work that a law took up
+    "eta_rate": Parameter(1e-3, 0.1, lambda units: 1.0 / (units.force * units.length)),
+    "nu_rate": Parameter(1e-3, 0.1, lambda units: 1.0 / (units.force * units.length)),
+    "pinching_rate": Parameter(0.03, 1.0, lambda units: 1.0 / (units.force * units.length)),
+    "pinching_spread": Parameter(1e-4, 1e-2, lambda units: 1.0 / units.force),
+}
+Loops = Sequence[tuple[np.ndarray, np.ndarray]]  # deformation and force (T,) of every motion
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A law: its free parameters, and the elements in parallel that they make.
+
+    read: starts that are read off the motions, as values of some parameters. parts: parameters that
+    a search draws anew together, the others held. moved: values of others that mean nearly the
+    same.
+    """
+
+    name: str
+    parameters: Mapping[str, Parameter]
+    made: Callable[[Values, Sequence[str]], list[Element]]
+    sized: Sequence[str] = ("stiffness",)  # what multiplies the force of the law
+    read: Callable[[Loops, np.random.Generator], list[Values]] = lambda loops, rng: [{}]
+    parts: Sequence[Sequence[str]] = ()
+    moved: Callable[[Values, np.random.Generator], Values] | None = None
+
+    def values(self, q: np.ndarray, units: Units) -> dict[str, float]:
+        pairs = zip(self.parameters.items(), q.tolist(), strict=True)
+        return {name: parameter.value(number, units) for (name, parameter), number in pairs}
+
+    def elements(
+        self, q: np.ndarray, units: Units, between: Sequence[str] = BETWEEN
+    ) -> list[Element]:
+        return self.made(self.values(q, units), between)
+
+    def drawn(self, rng: np.random.Generator) -> np.ndarray:
+        return np.array([parameter.drawn(rng) for parameter in self.parameters.values()])
+
+    def with_values(self, q: np.ndarray, values: Values, units: Units) -> np.ndarray:
+        """q with positive values of some parameters, none of them a share."""
+        numbers = dict(zip(self.parameters, q.tolist(), strict=True))
+        for name, value in values.items():
+            numbers[name] = math.log(value / self.parameters[name].unit(units))
+        return np.array(list(numbers.values()))
+
+    def sized_anew(self, q: np.ndarray, units: Units, sizes: Values) -> np.ndarray:
+        """q of a law so many times as strong (""), with another damper and spring in parallel.
+
+        A rate per energy falls as the law grows, so that the law keeps its shape.
+        """
+        numbers = dict(zip(self.parameters, q.tolist(), strict=True))
+        for name, parameter in self.parameters.items():
+            if name in sizes:
+                numbers[name] = math.log(sizes[name] / parameter.unit(units))
+            elif name in self.sized:
+                numbers[name] += math.log(sizes[""])
+            elif name in PER_ENERGY:
+                numbers[name] -= math.log(sizes[""])
+        return np.array(list(numbers.values()))

@@ -1,0 +1,140 @@
+"""The named law that suits motions of an element best.
+
+Starts are drawn, the likeliest are followed on the two largest motions, the best on all. Laws of
+many parameters draw some of them anew, the others held, until that gains nothing. Which law it is
+shows on the largest motion, which is held back: of those whose error there is nearly the least, or
+next to none, the law of the fewest parameters is taken. But for the last fit, motions are thinned.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from models.named_laws.candidate import Candidate, Units
+from models.named_laws.candidates import CANDIDATES
+from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, units_of
+
+DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
+OF_A_START = 15  # draws of all else, for each start that was read off the motions
+FOLLOWED, MOST_FOLLOWED = 72, 14  # over the parameters of a law: starts that are followed at first
+FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
+ROUNDS, ANEW, TRIED, AGAIN = 4, 25, 3, 6  # draws of a part in a round; parts followed; iterations
+IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
+NEARLY = 1.1  # times the least error on the motion held back
+
+
+def begun(
+    candidate: Candidate, motions: Sequence[Motion], units: Units, rng: np.random.Generator
+) -> list[Fit]:
+    """The best of some starts after a few iterations, the best first."""
+    drawn = sorted(_drawn(candidate, motions, units, rng), key=lambda one: one.error)
+    count = min(max(2 * STAY, FOLLOWED // len(candidate.parameters)), MOST_FOLLOWED)
+    count = len(drawn) if candidate.parts else count
+    ends = [followed(one, motions, FIRST) for one in drawn[:count]]
+    return sorted(ends, key=lambda one: one.error)[:STAY]
+
+
+def _drawn(
+    candidate: Candidate, motions: Sequence[Motion], units: Units, rng: np.random.Generator
+) -> Iterator[Fit]:
+    """Draws, or the best of some draws for each start that the law reads off the motions."""
+    read = candidate.read([(m.y[m.first :], m.r[m.first :]) for m in motions], rng)
+    for values in read:
+        some = []
+        for _ in range(OF_A_START if values else DRAWS):
+            q = candidate.with_values(candidate.drawn(rng), values, units)
+            one = sized(Fit(candidate, units, q), motions[0])
+            some.append(replace(one, error=one.error_on(motions[:1])))
+        yield from [min(some, key=lambda one: one.error)] if values else some
+
+
+def improved(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Fit:
+    """The law after rounds in which parts of its numbers are drawn anew, the others held."""
+    for _ in range(ROUNDS if fit.candidate.parts else 0):
+        trials = sorted(_anew(fit, motions, rng), key=lambda one: one.error)[:TRIED]
+        ends = [followed(one, motions, AGAIN) for one in trials]
+        fit = min([fit, *ends], key=lambda one: one.error)
+        if fit.error < NEGLIGIBLE:
+            break
+    return fit
+
+
+def _anew(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Iterator[Fit]:
+    """The best draw of every part, and of numbers that mean nearly the same."""
+    candidate, units, names = fit.candidate, fit.units, list(fit.candidate.parameters)
+    for part in [*candidate.parts, []]:
+        some = []
+        for _ in range(ANEW):
+            q, places = fit.q.copy(), [names.index(name) for name in part]
+            q[places] = candidate.drawn(rng)[places]
+            if not part and candidate.moved is not None:
+                values = candidate.moved(candidate.values(q, units), rng)
+                q = candidate.with_values(q, values, units)
+            one = Fit(candidate, units, q)
+            some.append(replace(one, error=one.error_on(motions)))
+        yield min(some, key=lambda one: one.error)
+
+
+def tried(
+    names: Sequence[str], motions: Sequence[Motion], units: Units, rng: np.random.Generator
+) -> dict[str, list[Fit]]:
+    """The laws in the lead on some motions, each from its best starts, the best first."""
+    motions = [motion.thinned() for motion in motions]
+    largest = sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
+    starts = {name: begun(CANDIDATES[name], largest, units, rng) for name in names}
+    lead = IN_THE_LEAD * min(one.error for ends in starts.values() for one in ends)
+    lead = max(lead, NEGLIGIBLE)
+    found = {}
+    for name, ends in starts.items():
+        near = [improved(e, largest, rng) for e in ends if e.error <= lead]
+        near = [followed(e, motions, MIDDLE) for e in near]
+        if near:
+            found[name] = sorted(near, key=lambda one: one.error)
+    return found
+
+
+def chosen(
+    motions: Sequence[Motion], names: Sequence[str], seed: int
+) -> tuple[Fit, dict[str, float]]:
+    """The law that suits the motions, fitted to all of them; errors on the motion held back.
+
+    Laws may be alike there because the largest motion alone shows what tells them apart; then that
+    motion is fitted, too, and the law is the smallest that suits all.
+    """
+    units, rng = units_of(motions), np.random.default_rng(seed)
+    rest, judged = parted(motions)
+    found = tried(names, rest, units, rng)
+    errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
+    near, best = alike(errors), smallest(errors)
+    if len(near) > 1 and min(errors.values()) > NEGLIGIBLE:
+        found = tried(near, motions, units, rng)
+        best = smallest({name: ends[0].error for name, ends in found.items()})
+    finals = [followed(one, motions, LAST) for one in found[best]]
+    return min(finals, key=lambda one: one.error), errors
+
+
+def alike(errors: Mapping[str, float]) -> list[str]:
+    """The laws whose error is nearly the least. Raises ValueError where none follows."""
+    least = min(errors.values())
+    if not math.isfinite(least):
+        raise ValueError("no named law follows the motions; look for outliers in the record")
+    return [name for name, e in errors.items() if e <= max(NEARLY * least, NEGLIGIBLE)]
+
+
+def smallest(errors: Mapping[str, float]) -> str:
+    """Of the laws whose error is nearly the least, that of the fewest parameters."""
+    return min(alike(errors), key=lambda name: len(CANDIDATES[name].parameters))
+
+
+def parted(motions: Sequence[Motion]) -> tuple[list[Motion], Motion]:
+    """Motions to fit, and the farthest, to judge by; of a single motion its first and last part."""
+    if len(motions) > 1:
+        farthest = max(range(len(motions)), key=lambda i: float(np.ptp(motions[i].y)))
+        return [m for i, m in enumerate(motions) if i != farthest], motions[farthest]
+    (whole,) = motions
+    first = int(0.7 * len(whole.y))
+    return [whole.until(first)], replace(whole, first=first)
