@@ -4,7 +4,7 @@
     python -m benchmarks.unplanted.chains --cases "gaps, 2 storeys" --noise 0
     python -m benchmarks.unplanted.chains --cases "fibre frame, 3 floors" --model element_network
     python -m benchmarks.unplanted.chains --cases "fibre frame, 2 floors" \
-        --model element_network_branch --elements frame --noise 0
+        --model element_network_branch --elements frame --settings model.prior=1e-3 --noise 0
 
 Shear chains of OpenSees' own materials, and a frame of fibre elements, under a shaken base,
 Rayleigh damping, Newmark's method with some steps a sample. Models are given six records of 30 s
@@ -226,6 +226,7 @@ def main() -> None:
     add("--model", default="element_network_named")
     add("--noise", type=float, default=0.02, help="of the standard deviation of accelerations")
     add("--seed", type=int, default=0)
+    add("--settings", nargs="+", default=[], help="of the model, such as model.prior=1e-3")
     add("--elements", help="chain, all or frame, in place of what suits the case")
     options = parser.parse_args()
     if opensees() is None:
@@ -241,7 +242,7 @@ def main() -> None:
             [record(case, 400 + i, times * s) for i, s in enumerate(UNSEEN)]
             for times in (1.0, FARTHER)
         )
-        words = [f"model={options.model}", f"seed={options.seed}"]
+        words = [f"model={options.model}", f"seed={options.seed}", *options.settings]
         topology = options.elements or case.topology
         if options.model.startswith("element_network"):
             words += ["model.forced=base", f"model.elements={topology}"]

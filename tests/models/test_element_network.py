@@ -325,4 +325,4 @@ def test_nodes_that_no_element_can_join_are_refused(nodes):
 
 def test_a_named_law_does_not_bend():
     with pytest.raises(ValueError, match="joins two nodes"):
-        ElementNetworkNamed(2, 1, DT, "frame", MASSES, "base")
+        ElementNetworkNamed(2, 1, DT, [["ground", "x1"], ["ground", "x1", "x2"]], MASSES, "base")
