@@ -51,6 +51,11 @@ def script_of(model: Exported) -> str:
             "choose to=c or to=fmu"
         )
     assert isinstance(network, ElementNetwork)
+    if any(len(nodes) > 2 for nodes in network.elements):
+        raise ValueError(
+            "an element that bends joins three nodes, which no stock material does; choose to=c or "
+            "to=fmu"
+        )
     elements = joined(network, model)
     notes = [f"{e.name}: {note}" for e in elements for m in e.materials for note in m.notes]
     told = [*model.passport.lines(), "", *(notes or ["every term of every law is here"])]

@@ -11,7 +11,6 @@ B records, T samples, n DOFs, E elements, m excitations.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations, pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -20,9 +19,9 @@ from torch import Tensor
 
 from data.memory import require_memory
 from data.record import Record
-from data.topology import incidence, node_numbers
 from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
+from models.composition.joined import TOLD, incidence, nodes_of
 from models.composition.laws import SOFTEST, ElementLaws
 from models.composition.simulate import Composition
 from models.composition.stated import typed
@@ -31,16 +30,15 @@ from models.starts.ladder import Equations, linear_start
 from models.starts.spectra import Layout, LinearStructure, Spectra
 from models.starts.topology import MOST_PAIRED
 
-MOST_NODES = 300  # all of whose pairs are elements
-
 
 class ElementNetwork(Composite):
     """Masses and elements from the motion, or from accelerations and forces alone.
 
     elements: the pairs of nodes that are joined, such as [[ground, x1], [x1, x2]]; "chain" for
-    ground, x1, x2, … one after the other; "all" for all n(n + 1)/2 pairs; None for all where the
-    motion can tell them apart, else the chain: beyond four DOFs, and where a base moves and no
-    mass is known.  masses [kg]: None learns them, or one of them.  forced: numbers of the
+    ground, x1, x2, … one after the other; "all" for all n(n + 1)/2 pairs; "frame" for a chain that
+    bends: three nodes one after the other are joined, too (composition/joined.py); None for all
+    where the motion can tell them apart, else the chain: beyond four DOFs, and where a base moves
+    and no mass is known.  masses [kg]: None learns them, or one of them.  forced: numbers of the
     DOFs that carry the forces, None for all of them, "base" where f = −s̈ of a common support moves
     all of them by M ι f.  The channels beside the forces are displacements and velocities of moving
     supports; every DOF then has an element to each support instead of to ground.
@@ -64,7 +62,7 @@ class ElementNetwork(Composite):
         dofs: int,
         inputs: int,
         dt: float,
-        elements: Sequence[Sequence[str]] | Literal["chain", "all"] | None = None,
+        elements: Sequence[Sequence[str]] | Literal["chain", "all", "frame"] | None = None,
         masses: Sequence[float | None] | None = None,
         forced: Sequence[int] | str | None = None,
         hinges: int = 2,
@@ -108,17 +106,17 @@ class ElementNetwork(Composite):
             unclear = dofs > MOST_PAIRED or (self.base and masses is None)
             elements = self.topology = "chain" if unclear and supports <= 1 else "all"
         if isinstance(elements, str):
-            self.topology = {"chain": "chain", "all": "all pairs"}[elements]
-        self.elements = self._named(elements)
+            self.topology = TOLD.get(elements, elements)
+        self.elements = nodes_of(elements, dofs, supports)
         if not self.elements:
-            raise ValueError("model.elements is empty; give pairs of nodes, or chain, or all")
+            raise ValueError("model.elements is empty; give pairs of nodes, or chain, all, frame")
         self.linear: tuple[Tensor, Tensor, Tensor] | None = None
         require_memory(
             64.0 * len(self.elements) * (dofs + inputs),
             f"model.elements: {len(self.elements)} of {dofs} DOFs",
             "name the pairs that are joined",
         )
-        B, B_s = self._incidence()
+        B, B_s = incidence(self.elements, dofs, supports)
         self.register_buffer("B", B, persistent=False)  # (E, n)
         self.register_buffer("B_s", B_s, persistent=False)  # (E, p)
         self.known_masses: Tensor | None = None  # NaN where one is learned
@@ -318,51 +316,8 @@ class ElementNetwork(Composite):
         self.laws.start(*self.linear, places)
         self.start_as_stated()
 
-    def _named(
-        self, elements: Sequence[Sequence[str]] | Literal["chain", "all"]
-    ) -> list[list[str]]:
-        """The pairs of nodes that a topology names."""
-        if elements == "all":
-            return self._pairs()
-        if elements != "chain":
-            return [list(pair) for pair in elements]
-        if self.supports > 1:
-            raise ValueError(
-                f"model.elements=chain stands on one support, there are {self.supports}; name the "
-                "pairs that are joined"
-            )
-        fixed = "s1" if self.supports else "ground"
-        return [list(pair) for pair in pairwise([fixed, *(f"x{i + 1}" for i in range(self.dofs))])]
-
-    def _pairs(self) -> list[list[str]]:
-        """All pairs of nodes: every DOF with ground or each moving support, then every two DOFs."""
-        nodes = self.dofs + max(self.supports, 1)
-        if nodes > MOST_NODES:
-            raise ValueError(
-                f"{nodes} nodes make {self.dofs * (nodes - 1)} pairs; {MOST_NODES} nodes are "
-                "possible with model.elements=all: name the pairs that are joined"
-            )
-        names = [f"x{i + 1}" for i in range(self.dofs)]
-        fixed = [f"s{j + 1}" for j in range(self.supports)] or ["ground"]
-        pairs = [[node, name] for name in names for node in fixed]
-        return pairs + [list(pair) for pair in combinations(names, 2)]
-
     def _either(self) -> list[bool]:
         """Which springs may be of either sign; () where that is none."""
-        order = self._named("chain")
-        either = [pair not in order for pair in self.elements]
+        order = nodes_of("chain", self.dofs, self.supports)
+        either = [len(nodes) == 2 and nodes not in order for nodes in self.elements]
         return either if self.takes_either_sign and any(either) else []
-
-    def _incidence(self) -> tuple[Tensor, Tensor]:
-        """B (E, n) and B_s (E, p) of y = B x + B_s s."""
-        number = node_numbers(self.dofs, self.supports)
-        for pair in self.elements:
-            if len(pair) != 2 or pair[0] == pair[1] or not set(pair) <= set(number):
-                *moving, ground = number
-                raise ValueError(
-                    f"model.elements holds {list(pair)}: expected two different ones of "
-                    f"{', '.join(moving)} and {ground}"
-                )
-        ends = np.array([[number[node] for node in pair] for pair in self.elements])
-        B, B_s = incidence(ends, self.dofs, self.supports)
-        return torch.tensor(B), torch.tensor(B_s)

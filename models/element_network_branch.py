@@ -62,7 +62,7 @@ class ElementNetworkBranch(ElementNetwork):
         dofs: int,
         inputs: int,
         dt: float,
-        elements: Sequence[Sequence[str]] | Literal["chain", "all"] | None = None,
+        elements: Sequence[Sequence[str]] | Literal["chain", "all", "frame"] | None = None,
         masses: Sequence[float | None] | None = None,
         forced: Sequence[int] | str | None = None,
         ramps: int = 14,

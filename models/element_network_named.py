@@ -27,6 +27,7 @@ from data.record import Drive, Record, Response
 from data.simulation.elements import Element
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
+from models.composition.joined import nodes_of
 from models.composition.stated import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
@@ -73,6 +74,11 @@ class ElementNetworkNamed(ElementNetwork):
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False,
             from_accelerations=from_accelerations,
         )  # fmt: skip
+        if any(len(nodes) > 2 for nodes in self.elements):
+            raise ValueError(
+                "model.elements: a named law joins two nodes; give pairs, or choose "
+                "element_network_branch for a frame that bends"
+            )
         self.candidates, self.seed = require_laws(laws), seed
         self.named = LearnedLaws(len(self.elements))
         self.register_buffer("mass_damping", torch.zeros((), dtype=torch.float64))
@@ -136,7 +142,7 @@ class ElementNetworkNamed(ElementNetwork):
 
     def _suits_storeys(self, records: Sequence[Record]) -> bool:
         """Whether the elements are a chain from the ground up, and accelerations alone known."""
-        chain = self.supports <= 1 and self.elements == self._named("chain")
+        chain = self.supports <= 1 and self.elements == nodes_of("chain", self.dofs, self.supports)
         return chain and all(
             record.quantity == "acceleration" and not self.has_states(record) for record in records
         )

@@ -3,11 +3,14 @@
     python -m benchmarks.unplanted.chains                       # all, accelerations with 2 % noise
     python -m benchmarks.unplanted.chains --cases "gaps, 2 storeys" --noise 0
     python -m benchmarks.unplanted.chains --cases "fibre frame, 3 floors" --model element_network
+    python -m benchmarks.unplanted.chains --cases "fibre frame, 2 floors" \
+        --model element_network_branch --elements frame --settings model.prior=1e-3 --noise 0
 
 Shear chains of OpenSees' own materials, and a frame of fibre elements, under a shaken base,
 Rayleigh damping, Newmark's method with some steps a sample. Models are given six records of 30 s
 with accelerations against the base alone, with --noise 0 exact displacements and velocities too,
-and, if they ask, the masses and which floors are joined (a chain; in the frame all). They simulate
+and, if they ask, the masses and which floors are joined (a chain; in frames all, or what
+--elements says). They simulate
 four unseen motions from rest, and the same with 1.5 times the ground motion. Errors are
 relative to the absolute accelerations without noise [%]. The column `itself` is how far OpenSees
 is from these with steps twice as long: no model can be told from one that is as near as that.
@@ -116,6 +119,26 @@ CASES: dict[str, Chain | Frame] = {
     "Pinching4, 2 storeys": Chain([2.0e4, 1.5e4], [pinching(s) for s in (1.0, 0.8)], 2.6),
     "Hysteretic, 3 storeys": Chain([2.4e4] * 3, [degrading(s) for s in (1.0, 0.85, 0.7)], 2.2),
     "fibre frame, 3 floors": Frame([4.0e4, 4.0e4, 3.5e4], 4.0),
+    "fibre frame, 2 floors": Frame(
+        [3.0e4, 2.5e4],
+        4.5,
+        bays=1,
+        height=4.0,
+        width=7.0,
+        damping=0.03,
+        column=(0.28, 0.25, 0.014, 0.009),
+        beam=(0.30, 0.15, 0.011, 0.007),
+    ),
+    "fibre frame, 4 floors": Frame(
+        [5.0e4, 5.0e4, 4.5e4, 4.0e4],
+        4.0,
+        bays=3,
+        height=3.3,
+        width=5.0,
+        damping=0.025,
+        column=(0.36, 0.30, 0.020, 0.012),
+        beam=(0.30, 0.15, 0.011, 0.007),
+    ),
 }
 
 
@@ -203,6 +226,8 @@ def main() -> None:
     add("--model", default="element_network_named")
     add("--noise", type=float, default=0.02, help="of the standard deviation of accelerations")
     add("--seed", type=int, default=0)
+    add("--settings", nargs="+", default=[], help="of the model, such as model.prior=1e-3")
+    add("--elements", help="chain, all or frame, in place of what suits the case")
     options = parser.parse_args()
     if opensees() is None:
         raise ValueError("openseespy is not installed: pip install openseespy")
@@ -217,9 +242,10 @@ def main() -> None:
             [record(case, 400 + i, times * s) for i, s in enumerate(UNSEEN)]
             for times in (1.0, FARTHER)
         )
-        words = [f"model={options.model}", f"seed={options.seed}"]
+        words = [f"model={options.model}", f"seed={options.seed}", *options.settings]
+        topology = options.elements or case.topology
         if options.model.startswith("element_network"):
-            words += ["model.forced=base", f"model.elements={case.topology}"]
+            words += ["model.forced=base", f"model.elements={topology}"]
             words += [f"model.masses={list(map(float, case.masses))}"]
         begin = time.process_time()
         model, facts = fitted(words, stack(train))

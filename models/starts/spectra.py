@@ -44,8 +44,9 @@ class Layout:
 
     def chain(self) -> np.ndarray:
         """Which elements (E,) join a DOF to the one before, or the first to what is fixed."""
-        ends = [np.flatnonzero(row) for row in self.B]
-        return np.array([list(e) == [0] or (len(e) == 2 and e[1] == e[0] + 1) for e in ends])
+        n = self.B.shape[1]
+        chain = np.eye(n) - np.eye(n, k=-1)
+        return np.array([(np.abs(row) == np.abs(chain)).all(axis=1).any() for row in self.B])
 
     @property
     def open_scale(self) -> bool:

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from data.record import Record
 from models.composition.coefficients import Coefficients
+from models.composition.joined import all_pairs
 from models.element_network import ElementNetwork
 from models.training.problem import FreeRunProblem
 from models.uncertainty.laplace import Laplace, singles
@@ -116,7 +117,11 @@ Terms = dict[str, list[np.ndarray]]
 def missing_elements(estimator: ElementNetwork, records: Sequence[Record]) -> Terms:
     """Derivatives (T, n, 2) by spring and damper of every pair of nodes that is not joined."""
     joined = {frozenset(pair) for pair in estimator.elements}
-    pairs = [pair for pair in estimator._pairs() if frozenset(pair) not in joined]
+    pairs = [
+        pair
+        for pair in all_pairs(estimator.dofs, estimator.supports)
+        if frozenset(pair) not in joined
+    ]
     if len(pairs) > MOST_MISSING:
         pairs = [pair for pair in pairs if _apart(pair) == 2]
     if not pairs:

@@ -200,6 +200,11 @@ def test_a_weak_unit_is_left_out_and_said_to_be():
     assert "1 units are left out" in materials[0].notes[0]
 
 
+def test_an_element_that_bends_is_refused():
+    with pytest.raises(ValueError, match="joins three nodes"):
+        script_of(exported(network(2, 1, (), elements="frame")))
+
+
 def test_other_models_are_refused():
     with pytest.raises(ValueError, match="VWNN is no network of elements"):
         script_of(exported(VWNN(3, 3, DT)))

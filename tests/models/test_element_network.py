@@ -14,6 +14,8 @@ from data.simulation.structure import Structure
 from models.checkpoint import load_estimator, save_estimator
 from models.composition.composite import Composite
 from models.element_network import ElementNetwork
+from models.element_network_named import ElementNetworkNamed
+from models.starts.spectra import Layout
 from models.training.free_run_objective import FreeRun
 from models.training.problem import FreeRunProblem
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
@@ -302,3 +304,25 @@ def test_what_is_not_identified_says_so(record_of):
     model = ElementNetwork(2, 2, DT, CHAIN)
     with pytest.raises(ValueError, match="not identified yet"):
         model.free_run(record_of(linear(), FORCES, 10.0).drive())
+
+
+def test_a_chain_that_bends_has_the_stiffness_of_a_frame_without_negative_springs():
+    """K (2, 2) of a column whose joints turn couples x2 to the ground by a negative spring."""
+    model = ElementNetwork(2, 1, DT, "frame", MASSES, "base")
+    assert model.elements == [["ground", "x1"], ["x1", "x2"], ["ground", "x1", "x2"]]
+    x = torch.tensor([[0.5, 3.0]]).double()
+    assert (x @ model.B.T).tolist() == [[0.5, 2.5, 2.0]]  # the last: 0 − 2 x1 + x2
+    K = model.B.T @ torch.diag(torch.tensor([3.0, 1.0, 2.0]).double()) @ model.B
+    assert K.tolist() == [[12.0, -5.0], [-5.0, 3.0]]  # rows: a spring of −2 from x2 to the ground
+    assert Layout(model.B.numpy(), model.B_s.numpy(), [], True).chain().tolist() == [1, 1, 0]
+
+
+@pytest.mark.parametrize("nodes", [["x1", "x2", "x1"], ["x1"], ["ground", "x1", "x2", "x3"]])
+def test_nodes_that_no_element_can_join_are_refused(nodes):
+    with pytest.raises(ValueError, match="at whose middle one it bends"):
+        ElementNetwork(3, 1, DT, [["ground", "x1"], nodes], None, "base")
+
+
+def test_a_named_law_does_not_bend():
+    with pytest.raises(ValueError, match="joins two nodes"):
+        ElementNetworkNamed(2, 1, DT, [["ground", "x1"], ["ground", "x1", "x2"]], MASSES, "base")
