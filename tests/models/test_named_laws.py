@@ -8,12 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.interpolate import CubicSpline
 
 from data.record import Record, stack
 from data.simulation.element_test import force
 from data.simulation.elements import (
     Element,
     MenegottoPinto,
+    Pinching4,
     Polynomial,
     SelfCentering,
     SlackBrace,
@@ -26,7 +28,8 @@ from models.named_element import NamedElement
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import smallest
-from models.named_laws.fit import Fit
+from models.named_laws.fit import Fit, Motion
+from models.named_laws.four_points import envelopes, moved
 from models.named_laws.free_run import Shaking, linear, mass_dampers
 from models.named_laws.storey import Storey
 
@@ -244,3 +247,51 @@ def test_what_does_not_fit_is_refused():
         NamedElement(1, 2, DT).identify([replace(record, quantity="acceleration")])
     with pytest.raises(ValueError, match="not identified"):
         NamedElement(1, 2, DT).run_of(record)
+
+
+def test_points_of_an_envelope_are_read_off_motions_that_go_farther():
+    """A search by slopes does not move a point past another: the starts have them in place."""
+    law = Pinching4(
+        between=TESTED, stiffness=2e7, yield_displacement=0.004, displacement_2=0.012,
+        displacement_3=0.022, displacement_4=0.06, strength_2=2.0, strength_3=2.3, strength_4=1.4,
+        weakening_by_energy=0.05, lengthening_by_excursion=0.1,
+    )  # fmt: skip
+    tests = [element_test(law, i, size) for i, size in enumerate((0.04, 0.025, 0.03))]
+    loops = [(one.s.numpy()[:, 0], one.a.numpy()[:, 0]) for one in tests if one.s is not None]
+    found = envelopes(loops, np.random.default_rng(0))
+    far = [_off(values, (0.004, 0.012, 0.022)) for values in found]
+    assert min(far) < 0.35
+
+
+def _off(values, places: tuple[float, ...]) -> float:
+    steps = [1.0 + values[f"farther_{i}"] for i in (2, 3)]
+    own = values["yield_displacement"] * np.cumprod([1.0, *steps])
+    return float(np.abs(np.log(own / places)).max())
+
+
+def test_a_point_that_moves_leaves_the_envelope_of_the_others():
+    values = {"yield_displacement": 1.0, "stiffness": 3.0}
+    values |= {f"farther_{i}": 1.0 for i in (2, 3, 4)} | {f"stronger_{i}": 1.0 for i in (2, 3, 4)}
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        other = moved(values, rng)
+        steps = [1.0 + other[f"farther_{i}"] for i in (2, 3, 4)]
+        places = other["yield_displacement"] * np.cumprod([1.0, *steps])
+        heights = np.cumprod([1.0, *(other[f"stronger_{i}"] for i in (2, 3, 4))])
+        heights = heights * other["stiffness"] * places[0]
+        assert (np.diff(places) > 0.0).all()
+        assert abs(heights.max() - 3.0) < 1e-9
+        assert len(set(places.round(9)) & {1.0, 2.0, 4.0, 8.0}) == 3
+
+
+def test_a_smooth_motion_is_thinned_and_a_rough_one_is_not():
+    y, _ = motion(0, 0.04)
+    rate = CubicSpline(DT * np.arange(len(y)), y)(DT * np.arange(len(y)), 1)
+    smooth = Motion(DT, y, rate, y, y, first=10)
+    thin = smooth.thinned()
+    assert thin.dt > DT
+    stride = round(thin.dt / DT)
+    assert np.array_equal(thin.y, y[::stride])
+    assert (thin.first - 1) * stride < 10 <= thin.first * stride
+    rough = y + 0.01 * y.max() * np.random.default_rng(0).standard_normal(len(y))
+    assert replace(smooth, y=rough).thinned().dt == DT
