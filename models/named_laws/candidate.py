@@ -84,7 +84,7 @@ class Candidate:
 
     read: starts that are read off the motions, as values of some parameters. parts: parameters that
     a search draws anew together, the others held. moved: values of others that mean nearly the
-    same.
+    same. uneven: the same law where its sides may differ, with one more parameter that begins at 1.
     """
 
     name: str
@@ -94,6 +94,7 @@ class Candidate:
     read: Callable[[Loops, np.random.Generator], list[Values]] = lambda loops, rng: [{}]
     parts: Sequence[Sequence[str]] = ()
     moved: Callable[[Values, np.random.Generator], Values] | None = None
+    uneven: Candidate | None = None
 
     def values(self, q: np.ndarray, units: Units) -> dict[str, float]:
         pairs = zip(self.parameters.items(), q.tolist(), strict=True)

@@ -54,6 +54,14 @@ def _plain(law: type[Element]) -> Callable[[Values, Sequence[str]], list[Element
     return made
 
 
+def _steel(values: Values, between: Sequence[str]) -> list[Element]:
+    """uneven: how many times as much the yield line grows in compression as in tension."""
+    uneven = values.get("uneven", 1.0) ** 0.5
+    growth = {"a1": values["growth"] * uneven, "a3": values["growth"] / uneven}
+    own = {name: value for name, value in values.items() if name not in ("growth", "uneven")}
+    return [MenegottoPinto(between=between, **own, **growth)]
+
+
 def _pendulum(values: Values, between: Sequence[str]) -> list[Element]:
     """By forces: the weight is one, so that friction and curvature are what they do."""
     slow, fast = values["slow"], values["slow"] + values["faster"]
@@ -91,6 +99,20 @@ _SMOOTH = {
     "above_one": Parameter(0.05, 1.0),  # of the exponent
     "damping": DAMPING,
 }
+STEEL_PARAMETERS = {
+    "yield_displacement": YIELD,
+    "stiffness": STIFFNESS,
+    "hardening_ratio": share(0.01, 0.2),
+    "sharpness": Parameter(5.0, 25.0),
+    "sharpness_loss": share(0.8, 0.95),
+    "loss_excursion": Parameter(0.05, 0.3),
+    "growth": Parameter(0.003, 0.1),
+    "damping": DAMPING,
+}
+UNEVEN_STEEL = Candidate(
+    "UnevenMenegottoPinto", {**STEEL_PARAMETERS, "uneven": Parameter(0.9, 1.1)}, _steel
+)
+STEEL = Candidate("MenegottoPinto", STEEL_PARAMETERS, _steel, uneven=UNEVEN_STEEL)
 CANDIDATES = {
     candidate.name: candidate
     for candidate in (
@@ -142,20 +164,7 @@ CANDIDATES = {
             ("stiffness", "slow", "faster"),
         ),
         Candidate("BoucWen", _SMOOTH, _bouc_wen),
-        Candidate(
-            "MenegottoPinto",
-            {
-                "yield_displacement": YIELD,
-                "stiffness": STIFFNESS,
-                "hardening_ratio": share(0.01, 0.2),
-                "sharpness": Parameter(5.0, 25.0),
-                "sharpness_loss": share(0.8, 0.95),
-                "loss_excursion": Parameter(0.05, 0.3),
-                **dict.fromkeys(("a1", "a3"), Parameter(0.003, 0.1)),  # growth on either side
-                "damping": DAMPING,
-            },
-            _plain(MenegottoPinto),
-        ),
+        STEEL,
         Candidate(
             "BaberNoori",
             {
@@ -169,5 +178,6 @@ CANDIDATES = {
         Candidate(
             "Linear", {"stiffness": STIFFNESS, "damping": DAMPING}, _plain(Polynomial)
         ),  # a storey that stays elastic would show nothing of a law's yielding
+        UNEVEN_STEEL,
     )
 }

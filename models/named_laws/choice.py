@@ -110,11 +110,27 @@ def chosen(
     found = tried(names, rest, units, rng)
     errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
     near, best = alike(errors), smallest(errors)
+    wider = _uneven(found[best][0], rest) if errors[best] > NEGLIGIBLE else None
+    if wider is not None:
+        errors[wider.candidate.name] = wider.error_on([judged])
+        if smallest(errors) == wider.candidate.name:
+            return followed(wider, motions, LAST), errors
     if len(near) > 1 and min(errors.values()) > NEGLIGIBLE:
         found = tried(near, motions, units, rng)
         best = smallest({name: ends[0].error for name, ends in found.items()})
     finals = [followed(one, motions, LAST) for one in found[best]]
     return min(finals, key=lambda one: one.error), errors
+
+
+def _uneven(fit: Fit, motions: Sequence[Motion]) -> Fit | None:
+    """The same law with sides that may differ, from where they are alike; None where there is none.
+
+    Sides cost a parameter, so they are tried of the law alone that suits best without them.
+    """
+    if fit.candidate.uneven is None:
+        return None
+    begin = Fit(fit.candidate.uneven, fit.units, np.append(fit.q, 0.0))
+    return followed(begin, [motion.thinned() for motion in motions], LAST)
 
 
 def alike(errors: Mapping[str, float]) -> list[str]:

@@ -18,9 +18,13 @@ MOST = max(len(candidate.parameters) for candidate in CANDIDATES.values())
 
 
 def require_laws(laws: Sequence[str] | None) -> list[str]:
-    """Names of the laws to choose from, all of them for None. Raises ValueError for others."""
+    """Names of the laws to choose from. Raises ValueError for others.
+
+    None: all but those whose sides differ, which follow from a law whose sides are alike.
+    """
     if laws is None:
-        return list(CANDIDATES)
+        uneven = [law.uneven for law in CANDIDATES.values()]
+        return [name for name, law in CANDIDATES.items() if law not in uneven]
     unknown = [name for name in laws if name not in CANDIDATES]
     if unknown or not laws:
         raise ValueError(f"model.laws={list(laws)}: choose some of {', '.join(CANDIDATES)}")
