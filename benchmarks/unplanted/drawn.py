@@ -50,7 +50,20 @@ def pinching4(rng: np.random.Generator) -> Drawn:
     return words, float(places[3] * draw(0.3, 1.0))
 
 
-MATERIALS: dict[str, Callable[[np.random.Generator], Drawn]] = {"Pinching4": pinching4}
+def steel02(rng: np.random.Generator) -> Drawn:
+    """Its yield lines grow by an amount of their own on either side."""
+    draw = rng.uniform
+    yielded, force = 10.0 ** draw(-3.0, 1.0), 10.0 ** draw(0.0, 7.0)
+    shape = [draw(0.01, 0.1), draw(10.0, 20.0), draw(0.85, 0.93), draw(0.1, 0.2)]
+    growth = [draw(0.0, 0.06), 1.0, draw(0.0, 0.06), 1.0]
+    words: Words = ["Steel02", 1, force, force / yielded, *shape, *growth]
+    return words, float(yielded * draw(3.0, 9.0))
+
+
+MATERIALS: dict[str, Callable[[np.random.Generator], Drawn]] = {
+    "Pinching4": pinching4,
+    "Steel02": steel02,
+}
 
 
 def drawn(name: str, seed: int) -> tuple[Law, float]:

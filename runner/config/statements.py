@@ -62,7 +62,7 @@ def _on_disk() -> dict[str, Parsed]:
     try:
         content = {} if file is None else json.loads(file.read_text("utf-8"))
         return {path: Parsed(*one) for path, one in content.items()}
-    except (OSError, ValueError):
+    except (OSError, ValueError, TypeError, AttributeError):  # of a file that is something else
         return {}
 
 

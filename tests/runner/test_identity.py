@@ -115,3 +115,11 @@ def test_what_was_parsed_is_kept_on_disk_by_its_text(tree, tmp_path, monkeypatch
     assert changed != before
     file.write_text("damaged")
     assert of(tree) == changed
+
+
+@pytest.mark.parametrize("text", ["", "null", "[1]", '{"a": 3}', '{"a": [1]}'])
+def test_a_file_of_something_else_is_parsed_again(text, tmp_path, monkeypatch):
+    file = tmp_path / "kept.json"
+    file.write_text(text)
+    monkeypatch.setattr(statements, "_file", lambda: file)
+    assert statements._on_disk() == {}
