@@ -44,7 +44,8 @@ class BranchElement(Trainable):
     Every estimate is a free run: no measured force is read.
     ramps: of the envelope; bends: ramps of stiffness and of sharpness. force_memory: a branch knows
     its turning point, the force there and the energy too: it fits more and extrapolates less.
-    prior: weight of Σ (θ − θ₀)² beside the squared relative error. None for either: each is chosen
+    unsymmetric: pulled it may do otherwise than pushed.
+    prior: weight of Σ (θ − θ₀)² beside the squared relative error. None for any: it is chosen
     on a motion that is held back (models/starts/branch_choice.py), after `law_starts` draws from
     `seed`, and training goes on from there on all motions.
     Raises ValueError for other channels than an element test's.
@@ -68,6 +69,7 @@ class BranchElement(Trainable):
         prior: float | None = None,
         law_starts: int = 4,
         seed: int = 0,
+        unsymmetric: bool | None = False,
     ) -> None:
         super().__init__(dofs, inputs, dt)
         if inputs != 2 * dofs:
@@ -82,8 +84,8 @@ class BranchElement(Trainable):
         if prior is not None and not 0.0 <= prior < float("inf"):
             raise ValueError(f"model.prior={prior} must not be negative")
         require_starts(law_starts, seed)
-        self.choice = Choice(force_memory, prior, law_starts, seed)
-        self.sizes = sizes(force_memory is not False, ramps, bends)
+        self.choice = Choice(force_memory, prior, law_starts, seed, unsymmetric)
+        self.sizes = sizes(force_memory is not False, ramps, bends, unsymmetric is not False)
         self.ramps, self.bends = ramps, bends
         P = law_size(self.sizes)
         self.theta = nn.Parameter(torch.zeros(dofs, P, dtype=torch.float64))
@@ -99,8 +101,8 @@ class BranchElement(Trainable):
     def identify(self, batches: Iterable[Record]) -> dict[str, float | str]:
         """Set the units from the data and draw a start, its envelope by least squares.
 
-        Where memory or prior are to be chosen: the laws that were, and how far each was from the
-        motion held back.
+        Where memory, sides or prior are to be chosen: the laws that were, and how far each was
+        from the motion held back.
         """
         motions = [test for record in batches for test in self._tests(record)]
         self.measure(motions)
@@ -136,7 +138,7 @@ class BranchElement(Trainable):
             for s, rate, r in motions:
                 steps = self._steps(s[:, e].numpy(), rate[:, e].numpy(), e)
                 force = (r[:, e] / self.scale[2, e]).numpy()
-                parts.append(envelope_samples(steps, force, self.sizes[1]))
+                parts.append(envelope_samples(steps, force, self.sizes))
             x, forces, ways = (np.concatenate(p) for p in zip(*parts, strict=True))
             self.samples.append((x, forces, ways))
 
@@ -164,8 +166,10 @@ class BranchElement(Trainable):
             all_chosen.append(found)
         return all_chosen
 
-    def _single(self, larger: bool, prior: float) -> BranchElement:
-        return BranchElement(1, 2, self.dt, self.ramps, self.bends, larger, prior)
+    def _single(self, larger: bool, unsymmetric: bool, prior: float) -> BranchElement:
+        return BranchElement(
+            1, 2, self.dt, self.ramps, self.bends, larger, prior, unsymmetric=unsymmetric
+        )
 
     def take(self, e: int, law: BranchElement, weight: float) -> None:
         """Take the law of one element, of as much memory as this one's or less."""

@@ -43,11 +43,12 @@ class ElementNetworkBranch(ElementNetwork):
     """Masses and branch laws from the motion, or from accelerations and forces alone.
 
     elements, masses, forced, from_accelerations: as for `ElementNetwork`. ramps, bends,
-    force_memory, law_starts: of every law, as for `BranchElement`. prior: weight of Σ (θ − θ₀)²
-    beside the squared relative error; θ₀ is a law's start, and then the law by equilibrium. None:
-    chosen on motion held back, for each law and then for the free run, in which a strong prior
-    leaves the laws as equilibrium has them (models/starts/branch_polish.py). With more elements
-    than DOFs equilibrium leaves open the forces that would judge: more memory and 1e-6 are taken.
+    force_memory, law_starts, unsymmetric: of every law, as for `BranchElement`.
+    prior: weight of Σ (θ − θ₀)² beside the squared relative error; θ₀ is a law's start, and then
+    the law by equilibrium. None: chosen on motion held back, for each law and then for the free
+    run, in which a strong prior leaves the laws as equilibrium has them
+    (models/starts/branch_polish.py). With more elements than DOFs equilibrium leaves open the
+    forces that would judge: more memory, equal sides and 1e-6 are taken.
     Raises ValueError for channels, masses or pairs of nodes that do not fit.
     """
 
@@ -73,15 +74,16 @@ class ElementNetworkBranch(ElementNetwork):
         substeps: int = 2,
         from_accelerations: bool = False,
         prior: float | None = None,
+        unsymmetric: bool | None = False,
     ) -> None:
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False, substeps,
             from_accelerations, BY_DEFAULT if prior is None else prior,
         )  # fmt: skip
         require_starts(law_starts, seed)
-        self.choice = Choice(force_memory, prior, law_starts, seed)
+        self.choice = Choice(force_memory, prior, law_starts, seed, unsymmetric)
         self.ramps, self.bends = ramps, bends
-        self.sizes = sizes(force_memory is not False, ramps, bends)
+        self.sizes = sizes(force_memory is not False, ramps, bends, unsymmetric is not False)
         E, L = len(self.elements), law_size(self.sizes)
         self.laws.requires_grad_(False)  # the branch laws hold spring and damper
         self.theta = nn.Parameter(torch.zeros(E, L, dtype=torch.float64))
@@ -152,8 +154,10 @@ class ElementNetworkBranch(ElementNetwork):
             facts |= polished
         return found, facts
 
-    def _single(self, larger: bool, prior: float) -> BranchElement:
-        return BranchElement(1, 2, self.dt, self.ramps, self.bends, larger, prior)
+    def _single(self, larger: bool, unsymmetric: bool, prior: float) -> BranchElement:
+        return BranchElement(
+            1, 2, self.dt, self.ramps, self.bends, larger, prior, unsymmetric=unsymmetric
+        )
 
     def _take(self, e: int, law: BranchElement) -> None:
         self.theta.data[e] = of_sizes(law.theta.detach()[0], law.sizes, self.sizes)

@@ -5,7 +5,8 @@ On a branch in the direction s, begun at (y_r, h_r), with ŷ = s y, p = ŷ − �
     blend(a, T, R) = (a⁻ᴿ + T⁻ᴿ)^(−1/R),
     r = k₁ y + c ẏ + (1 + ρ g) h,   g = 1 − exp(−|ẏ|/v₀)
 as Menegotto & Pinto (1973) have it for steel, but with everything learned: E(ŷ, m, g), log k(m) and
-log R(m) are a few smooth ramps each. The memory m is frozen along a branch. The dots bring a
+log R(m) are a few smooth ramps each. The memory m is frozen along a branch; where sides may differ,
+it holds s. The dots bring a
 turning point beyond the envelope, T < 0, back to it. c ≥ 0; far beyond the data E is a line.
 
 `branch_forces` is the readable reference; runs use branch_law_compiled.py, which tests hold to it.
@@ -28,6 +29,8 @@ from models.composition.branch_law_compiled import (
     KEPT,
     LEAST_DAMPER,
     LEAST_SLOPE,
+    LESS,
+    MORE,
     SHARE,
     SHARPNESS,
     SPREAD_K,
@@ -35,26 +38,43 @@ from models.composition.branch_law_compiled import (
     TAIL,
 )
 
+Sizes = tuple[int, int, int, int]
 
-def sizes(larger: bool, ramps: int, bends: int) -> tuple[int, int, int, int]:
+
+def sizes(larger: bool, ramps: int, bends: int, unsymmetric: bool = False) -> Sizes:
     """Inputs of E and of k and R, ramps of E and of k and R: (ŷ, memory, g), memory."""
-    memories = 6 if larger else 3
+    memories = (MORE if larger else LESS) + unsymmetric
     return memories + 2, memories, ramps, bends
 
 
-def counts(of: tuple[int, int, int, int]) -> tuple[int, int]:
+def is_larger(of: Sizes) -> bool:
+    return of[1] >= MORE
+
+
+def is_unsymmetric(of: Sizes) -> bool:
+    return of[1] in (LESS + 1, MORE + 1)
+
+
+def counts(of: Sizes) -> tuple[int, int]:
     """Number of parameters of E, and of k as of R."""
     inputs, memories, ramps, bends = of
     return 1 + inputs + ramps * (inputs + 2), 1 + memories + bends * (memories + 2)
 
 
-def added(of: tuple[int, int, int, int]) -> Tensor:
-    """Which parameters (P,) stand for what a law with less memory does not know."""
-    _, memories, ramps, bends = of
-    more = torch.arange(memories) >= 3
-    of_x = torch.cat([torch.zeros(1), more, torch.zeros(1)]).bool()
-    parts = [_of_ramps(of_x, ramps), *2 * [_of_ramps(more, bends)], torch.zeros(TAIL)]
+def _of_memories(of: Sizes, some: Tensor) -> Tensor:
+    """Which parameters (P,) belong to some of the memories (M,)."""
+    _, _, ramps, bends = of
+    of_x = torch.cat([torch.zeros(1), some, torch.zeros(1)]).bool()
+    parts = [_of_ramps(of_x, ramps), *2 * [_of_ramps(some, bends)], torch.zeros(TAIL)]
     return torch.cat(parts).bool()
+
+
+def added(of: Sizes) -> list[Tensor]:
+    """Which parameters (P,) stand for what a law of less memory, or of equal sides, lacks."""
+    number = torch.arange(of[1])
+    more = [(number >= LESS) & (number < MORE)] if is_larger(of) else []
+    side = [number == of[1] - 1] if is_unsymmetric(of) else []
+    return [_of_memories(of, some) for some in more + side]
 
 
 def _of_ramps(inputs: Tensor, ramps: int) -> Tensor:
@@ -63,23 +83,26 @@ def _of_ramps(inputs: Tensor, ramps: int) -> Tensor:
     return torch.cat([none, inputs, torch.cat([none, inputs, none]).repeat(ramps)])
 
 
-def of_sizes(
-    theta: Tensor, own: tuple[int, int, int, int], of: tuple[int, int, int, int]
-) -> Tensor:
+def of_sizes(theta: Tensor, own: Sizes, of: Sizes) -> Tensor:
     """The same law (P',), of as much memory or less, among those of other sizes (P,)."""
-    if own == of:
-        return theta
-    more = added(of)
-    whole = theta.new_zeros(len(more))
-    whole[~more] = theta
+    number = torch.arange(of[1])
+    lacks = (number >= LESS) & (number < MORE) & (not is_larger(own))
+    if is_unsymmetric(of) and not is_unsymmetric(own):
+        lacks |= number == of[1] - 1
+    known = ~_of_memories(of, lacks)
+    whole = theta.new_zeros(len(known))
+    whole[known] = theta
     return whole
 
 
-def learned(theta: Tensor, of: tuple[int, int, int, int]) -> Tensor:
-    """Which of the parameters (…, P) change: a law of less memory stays one."""
-    more = added(of).to(theta.device)
-    larger = (theta.detach() != 0.0).logical_and(more).any(dim=-1, keepdim=True)
-    return larger | ~more
+def learned(theta: Tensor, of: Sizes) -> Tensor:
+    """Which of the parameters (…, P) change: a law of less memory, or of equal sides, stays one."""
+    changes = torch.ones_like(theta, dtype=torch.bool)
+    for more in added(of):
+        some = more.to(theta.device)
+        takes = (theta.detach() != 0.0).logical_and(some).any(dim=-1, keepdim=True)
+        changes &= takes | ~some
+    return changes
 
 
 def ramp(h: Tensor, corner: float = CORNER) -> Tensor:
@@ -97,17 +120,21 @@ def ramp_sum(theta: Tensor, ramps: int, x: Tensor) -> Tensor:
 def envelope(theta: Tensor, ramps: int, x: Tensor) -> Tensor:
     """E(x): beyond FARTHEST along ŷ lines on both sides that rise alike, so that loops stay wide.
 
-    Their slope is the mean of the secants at both ends.
+    Their slope is the mean of the secants at both ends, and in both directions.
     """
     if not bool(x[0].abs() > FARTHEST):
         return ramp_sum(theta, ramps, x)
+    over = torch.ones_like(x)
+    if len(x) in (LESS + 3, MORE + 3):  # the last memory is the direction
+        over[-2] = -1.0
 
-    def at(place: float) -> Tensor:
-        return ramp_sum(theta, ramps, torch.cat([x.new_tensor([place]), x[1:]]))
+    def at(place: float, others: Tensor) -> Tensor:
+        return ramp_sum(theta, ramps, torch.cat([x.new_tensor([place]), others[1:]]))
 
-    slope = torch.stack([weight * at(place) for place, weight in ENDS]).sum()
+    slopes = [w * at(place, others) for place, w in ENDS for others in (x, over * x)]
+    slope = 0.5 * torch.stack(slopes).sum()
     end = FARTHEST * float(x[0].detach().sign())
-    return at(end) + slope.clamp_min(LEAST_SLOPE) * (x[0] - end)
+    return at(end, x) + slope.clamp_min(LEAST_SLOPE) * (x[0] - end)
 
 
 def blend(a: Tensor, T: Tensor, R: Tensor) -> Tensor:
@@ -129,9 +156,8 @@ def on_branch(p: Tensor, E: Tensor, E_turn: Tensor, h_turn: Tensor, k: Tensor, R
 class Branch:
     """One element on its way: what it remembers, and its force."""
 
-    def __init__(
-        self, theta: Tensor, of: tuple[int, int, int, int], log_k0: float, y: Tensor
-    ) -> None:
+    def __init__(self, theta: Tensor, of: Sizes, log_k0: float, y: Tensor) -> None:
+        self.of = of
         _, self.memories, self.ramps, self.bends = of
         of_E, of_k = counts(of)
         self.E, self.k_theta, self.R_theta, self.tail = theta.split([of_E, of_k, of_k, TAIL])
@@ -174,9 +200,11 @@ class Branch:
         excursions = [self.highest, -self.lowest] if side > 0 else [-self.lowest, self.highest]
         rows = [ramp(size.clamp_max(KEPT) - least, EDGE) for size in excursions]
         rows.append(SHARE * torch.log1p(self.path))
-        if self.memories > 3:
+        if is_larger(self.of):
             grown = SHARE * self.energy.sign() * torch.log1p(self.energy.abs())
             rows += [side * y.clamp(-KEPT, KEPT), side * self.h, grown]
+        if is_unsymmetric(self.of):
+            rows.append(y.new_tensor(float(side)))
         self.memory = torch.stack(rows)
         raw_k, raw_R = (
             ramp_sum(part, self.bends, self.memory) for part in (self.k_theta, self.R_theta)
@@ -187,7 +215,7 @@ class Branch:
 
 def branch_forces(
     theta: Tensor,
-    of: tuple[int, int, int, int],
+    of: Sizes,
     y: Tensor,
     rate: Tensor,
     turns: Tensor,

@@ -39,9 +39,11 @@ BACK = 0.1  # of the largest deformation: the way in which the envelope pulls su
 # numbers of what an element remembers: direction of its branch, turning point and force there,
 # excursions, path, energy, the force of the last step, the branch's stiffness and sharpness, and
 # the inputs of E, k and R: the largest excursion in the direction of the branch and against it,
-# the path, and for a larger law the turning point, the force there and the energy
+# the path, for a larger law the turning point, the force there and the energy, and last, where
+# the sides differ, the direction
 SIDE, Y_TURN, H_TURN, HIGHEST, LOWEST, PATH, ENERGY, FORCE, STIFF, SHARP, MEMORY = range(11)
-STATES = MEMORY + 6
+LESS, MORE = 3, 6  # memories of a law that knows no direction
+STATES = MEMORY + MORE + 1
 
 
 @inlined
@@ -86,7 +88,7 @@ def add_slopes(theta, first, ramps, x, inputs, weight, gradient, by_x):
 def envelope(theta, first, ramps, x, inputs):
     """E(x): beyond FARTHEST along ŷ lines on both sides that rise alike, so that loops stay wide.
 
-    Their slope is the mean of the secants at both ends.
+    Their slope is the mean of the secants at both ends, and in both directions.
     """
     now = x[0]
     if abs(now) <= FARTHEST:
@@ -102,11 +104,26 @@ def envelope(theta, first, ramps, x, inputs):
 @inlined
 def _slope_beyond(theta, first, ramps, x, inputs):
     now, rise = x[0], 0.0
-    for at, weight in ENDS:
-        x[0] = at
-        rise += weight * ramp_sum(theta, first, ramps, x, inputs)
+    for _ in range(ways(inputs)):
+        for at, weight in ENDS:
+            x[0] = at
+            rise += weight * ramp_sum(theta, first, ramps, x, inputs) / ways(inputs)
+        turn_over(x, inputs)
     x[0] = now
     return rise
+
+
+@inlined
+def ways(inputs):
+    """Number of directions that the inputs tell apart."""
+    return 2 if inputs == LESS + 3 or inputs == MORE + 3 else 1
+
+
+@inlined
+def turn_over(x, inputs):
+    """The inputs of the other direction, where they tell them apart."""
+    if ways(inputs) == 2:
+        x[inputs - 2] = -x[inputs - 2]
 
 
 @inlined
@@ -121,10 +138,12 @@ def add_envelope_slopes(theta, first, ramps, x, inputs, weight, gradient, by_x):
     x[0] = end
     add_slopes(theta, first, ramps, x, inputs, weight, gradient, by_x)
     if slope > LEAST_SLOPE:
-        for at, share in ENDS:
-            x[0] = at
-            share *= weight * (now - end)
-            add_slopes(theta, first, ramps, x, inputs, share, gradient, by_x)
+        for _ in range(ways(inputs)):
+            for at, share in ENDS:
+                x[0] = at
+                share *= weight * (now - end) / ways(inputs)
+                add_slopes(theta, first, ramps, x, inputs, share, gradient, by_x)
+            turn_over(x, inputs)
     x[0] = now
     by_x[0] = before + weight * max(slope, LEAST_SLOPE)
 
@@ -335,7 +354,9 @@ def turn(theta, first, sizes, log_k0, side, y, dy, S, D, by_m, sensitive):
         D[MEMORY, of_least] += ahead_by_least * least
         D[MEMORY + 1, of_least] += behind_by_least * least
     S[SIDE], S[Y_TURN], S[H_TURN] = side, y, S[FORCE]
-    if memories > 3:
+    if memories == LESS + 1 or memories == MORE + 1:
+        S[MEMORY + memories - 1] = side
+    if memories >= MORE:
         inside = abs(y) < KEPT
         S[MEMORY + 3] = side * (y if inside else math.copysign(KEPT, y))
         S[MEMORY + 4] = side * S[H_TURN]

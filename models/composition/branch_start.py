@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from models.composition.branch_law import counts
+from models.composition.branch_law import Sizes, counts, is_larger, is_unsymmetric
 from models.composition.branch_law_compiled import CORNER, EDGE, SHARE, TAIL
 
 FAR = 0.2  # of the largest deformation: the way after which a force is near the envelope
@@ -22,13 +22,13 @@ Steps = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # of `with_turnin
 
 
 def envelope_samples(
-    steps: Steps, r: np.ndarray, memories: int
+    steps: Steps, r: np.ndarray, of: Sizes
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Inputs of E (S, memories + 2) by the measured forces, s r (S,) and the ways p (S,)."""
     y, rate, turns, place = steps
     rows, forces, ways = [], [], []
     highest, lowest, path, energy = max(y[0], 0.0), min(y[0], 0.0), 0.0, 0.0
-    y_turn, y_before, r_before, side, memory = y[0], y[0], 0.0, 0.0, np.zeros(memories)
+    y_turn, y_before, r_before, side, memory = y[0], y[0], 0.0, 0.0, np.zeros(of[1])
     for n in range(len(y)):
         highest, lowest = max(highest, y[n]), min(lowest, y[n])
         if place[n] >= 0:
@@ -44,14 +44,15 @@ def envelope_samples(
             side, path, y_turn = float(turns[n]), path + abs(y[n] - y_turn), y[n]
             excursions = (highest, -lowest) if side > 0.0 else (-lowest, highest)
             grown = SHARE * math.copysign(math.log1p(abs(energy)), energy)
-            kept = [*excursions, SHARE * math.log1p(path), side * y_turn, side * r_before, grown]
-            memory = np.array(kept[:memories])
+            kept = [*excursions, SHARE * math.log1p(path)]
+            kept += [side * y_turn, side * r_before, grown] if is_larger(of) else []
+            memory = np.array([*kept, side] if is_unsymmetric(of) else kept)
     return np.array(rows), np.array(forces), np.array(ways)
 
 
 def drawn_start(
     rng: np.random.Generator,
-    of: tuple[int, int, int, int],
+    of: Sizes,
     samples: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> np.ndarray:
     """Parameters θ (P,) of a start."""
@@ -66,7 +67,7 @@ def drawn_start(
     x = x[far].copy()
     h = x[:, 1:3] - math.exp(tail[0])
     x[:, 1:3] = 0.5 * (h + np.sqrt(h**2 + EDGE**2))
-    theta[:of_E] = _envelope(rng, ramps, x, r[far])
+    theta[:of_E] = _envelope(rng, ramps, x, r[far], is_unsymmetric(of))
     for first, (low, high) in ((of_E, STIFFER), (of_E + of_k, (-0.3, 1.0))):
         theta[first] = rng.uniform(low, high)
         rest = theta[first + 1 + memories : first + of_k].reshape(bends, memories + 2)
@@ -77,10 +78,14 @@ def drawn_start(
     return theta
 
 
-def _envelope(rng: np.random.Generator, ramps: int, x: np.ndarray, r: np.ndarray) -> np.ndarray:
+def _envelope(
+    rng: np.random.Generator, ramps: int, x: np.ndarray, r: np.ndarray, unsymmetric: bool
+) -> np.ndarray:
     """Parameters of E: a line and the ramps that explain most of what is left."""
-    inputs = x.shape[1]
-    arguments = np.array([_ramp_across(rng, i, x) for i in range(DRAWN)])  # (D, 1 + inputs)
+    inputs, drawn = x.shape[1], 2 * DRAWN if unsymmetric else DRAWN
+    arguments = np.array(  # (D, 1 + inputs)
+        [_ramp_across(rng, i, x, unsymmetric and i < DRAWN) for i in range(drawn)]
+    )
     steepness = np.abs(arguments[:, 1])
     h = arguments[:, :1] + arguments[:, 1:] @ x.T
     columns = (0.5 * (h + np.sqrt(h**2 + CORNER**2)) / steepness[:, None]).T  # (S, D)
@@ -101,13 +106,18 @@ def _envelope(rng: np.random.Generator, ramps: int, x: np.ndarray, r: np.ndarray
     return np.concatenate([weights[: 1 + inputs], *of_ramps])
 
 
-def _ramp_across(rng: np.random.Generator, number: int, x: np.ndarray) -> np.ndarray:
-    """b, a of a ramp along ±ŷ, its corner at a sample; half of the corners move with excursions."""
+def _ramp_across(rng: np.random.Generator, number: int, x: np.ndarray, one_way: bool) -> np.ndarray:
+    """b, a of a ramp along ±ŷ, its corner at a sample; half of the corners move with excursions.
+
+    one_way: the corner lies elsewhere in the other direction.
+    """
     tilt = 0.1 if rng.uniform() < 0.5 else 0.0
     a: np.ndarray = tilt * rng.standard_normal(int(x.shape[1]))
     share = 1.0 if rng.uniform() < 0.5 else rng.uniform()
     a[0] = 1.0 if number % 2 else -1.0  # of ŷ
     if number % 4 < 2:
         a[1 if number % 2 else 2] -= share
+    if one_way:
+        a[-2] = rng.uniform(-1.0, 1.0)
     a *= float(np.exp(rng.uniform(math.log(FLATTEST), math.log(STEEPEST))))
     return np.concatenate([[-a @ x[rng.integers(len(x))]], a])

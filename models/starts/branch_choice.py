@@ -1,9 +1,10 @@
-"""Which branch law an element gets: its memory and its prior, judged on a motion held back.
+"""Which branch law an element gets: memory, sides, prior, judged on a motion held back.
 
-A law of more memory, or of a weaker prior, fits more of the motions that it sees; whether it holds
-elsewhere shows on one that it has not seen. That is the largest where there are several, so that
-the choice looks beyond the range that was fitted, and else the last part of the only one. Laws are
-fitted by damped least squares; units are those of all motions, so that a fit can go on with all.
+A law of more memory, of sides that differ, or of a weaker prior, fits more of the motions that it
+sees; whether it holds elsewhere shows on one that it has not seen. That is the largest where there
+are several, so that the choice looks beyond the range that was fitted, and else the last part of
+the only one. Laws are fitted by damped least squares; units are those of all motions, so that a fit
+can go on with all.
 T samples.
 """
 
@@ -19,6 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Record
+from models.composition.branch_law import is_larger, is_unsymmetric
 from models.training.objective import restore, state_of
 from models.training.parts import held_back_from
 from models.training.problem import FreeRunProblem
@@ -26,9 +28,9 @@ from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 Law = Any  # a BranchElement, whose file imports this one
 Test = tuple[Tensor, Tensor, Tensor]  # deformations, rates and forces (T, E)
-Make = Callable[[bool, float], Law]  # by memory and prior, of one element
+Make = Callable[[bool, bool, float], Law]  # by memory, sides and prior, of one element
 WEIGHTS = (1e-5, 1e-6, 1e-7)  # of the prior, one after the other
-WORTH = 0.95  # of the error of a law of less memory: what one of more has to be below
+WORTH = 0.95  # of the error of a smaller law: what a larger one has to be below
 HARM = 1.2  # times the least error: what a weaker prior may have, for it will see that motion too
 HELD_BACK = 0.2  # of a single motion
 SOLVER = {"damping": 1e-2, "decrease": 0.2, "increase": 4.0, "scaled": True, "floor": 3e-3}
@@ -38,16 +40,17 @@ TRIED = 2e-2  # CHANGE of fits that are compared
 
 @dataclass(frozen=True)
 class Choice:
-    """What is given: memory and prior of a law, or None; starts, of which the best goes on."""
+    """What is given: memory, prior and sides of a law, or None; starts: the best goes on."""
 
     force_memory: bool | None
     prior: float | None
     starts: int = 4
     seed: int = 0
+    unsymmetric: bool | None = False
 
     @property
     def open(self) -> bool:
-        return self.force_memory is None or self.prior is None
+        return None in (self.force_memory, self.prior, self.unsymmetric)
 
     def settled(self, force_memory: bool, prior: float) -> Choice:
         """The choice with these in place of what is open."""
@@ -55,6 +58,7 @@ class Choice:
             self,
             force_memory=force_memory if self.force_memory is None else self.force_memory,
             prior=prior if self.prior is None else self.prior,
+            unsymmetric=bool(self.unsymmetric),
         )
 
     @property
@@ -98,20 +102,22 @@ def of_element(tests: Sequence[Test], e: int) -> list[Test]:
 def chosen(make: Make, tests: Sequence[Test], largest: int, choice: Choice) -> Chosen:
     """The law of an element (T, 1) with the least error on what is held back.
 
-    A law of more memory is taken where it gains by WORTH, with the strongest prior, by which both
-    are compared; then the prior weakens while that helps.
+    A law of more memory, then one whose sides differ, is taken where it gains by WORTH, with the
+    strongest prior, by which all are compared; then the prior weakens while that helps.
     """
-    best: Chosen | None = None
-    for larger in choice.memories:
-        law = make(larger, choice.weights[0])
+
+    def one(larger: bool, unsymmetric: bool) -> Chosen:
+        law = make(larger, unsymmetric, choice.weights[0])
         rest, judged = parted(records_of(tests, law.dt), largest)
         law.measure(tests)
         law.sample([(r.s, r.s_dot, r.a) for r in rest if r.s is not None and r.s_dot is not None])
         _best_start(law, rest, choice)
-        found = _tried(law, choice.weights[0], rest, judged)
-        if best is None or found.error < WORTH * best.error:
-            best = found
-    assert best is not None
+        return _tried(law, choice.weights[0], rest, judged)
+
+    best = _worth([one(larger, bool(choice.unsymmetric)) for larger in choice.memories])
+    if choice.unsymmetric is None:
+        best = _worth([best, one(is_larger(best.law.sizes), True)])
+    rest, judged = parted(records_of(tests, best.law.dt), largest)
     least = best.error
     for weight in choice.weights[1:]:
         kept = state_of(best.law)
@@ -121,6 +127,14 @@ def chosen(make: Make, tests: Sequence[Test], largest: int, choice: Choice) -> C
             restore(best.law, kept)
             break
         best = found
+    return best
+
+
+def _worth(found: Sequence[Chosen]) -> Chosen:
+    """The last law that gains on those before it."""
+    best, *larger = found
+    for one in larger:
+        best = one if one.error < WORTH * best.error else best
     return best
 
 
@@ -142,7 +156,7 @@ def fitted(
     if begin is None:
         assert choice.force_memory is not None
         assert choice.prior is not None
-        law = make(choice.force_memory, choice.prior)
+        law = make(choice.force_memory, bool(choice.unsymmetric), choice.prior)
         law.measure(tests)
         law.sample(tests)
         _best_start(law, records_of(tests, law.dt), choice)
@@ -173,9 +187,11 @@ def parted(records: Sequence[Record], largest: int) -> tuple[list[Record], Recor
 
 def told(all_chosen: Sequence[Chosen]) -> dict[str, float | str]:
     """What was chosen for every element, in words."""
-    memory = ["more" if found.law.sizes[1] > 3 else "less" for found in all_chosen]
+    memory = ["more" if is_larger(found.law.sizes) else "less" for found in all_chosen]
+    sides = ["differ" if is_unsymmetric(found.law.sizes) else "alike" for found in all_chosen]
     return {
         "memory": ", ".join(memory),
+        "sides": ", ".join(sides),
         "law_prior": ", ".join(f"{found.weight:g}" for found in all_chosen),
         "laws_off_held_back_percent": ", ".join(f"{100.0 * f.error:.2f}" for f in all_chosen),
     }

@@ -82,8 +82,8 @@ def test_of_several_motions_that_is_largest_which_is_so_for_most_elements():
 def test_the_choice_is_the_one_with_the_least_error_on_what_was_held_back(short):
     tests = [(r.s, r.s_dot, r.a) for r in (element_test(i, s) for i, s in enumerate(SIZES))]
 
-    def make(larger: bool, prior: float) -> BranchElement:
-        return element(force_memory=larger, prior=prior)
+    def make(larger: bool, unsymmetric: bool, prior: float) -> BranchElement:
+        return element(force_memory=larger, prior=prior, unsymmetric=unsymmetric)
 
     found = {
         (memory, prior): chosen(make, tests, 1, Choice(memory, prior, 1))
@@ -107,7 +107,7 @@ def test_a_weaker_prior_is_taken_until_it_harms(monkeypatch):
         branch_choice, "_tried", lambda law, weight, *rest: Chosen(law, weight, next(errors))
     )
     best = chosen(
-        lambda larger, prior: element(force_memory=larger, prior=prior),
+        lambda larger, sides, prior: element(force_memory=larger, prior=prior),
         tests,
         1,
         Choice(False, None, 1),
@@ -134,7 +134,7 @@ def test_a_law_that_is_never_finite_elsewhere_is_not_taken(short, monkeypatch):
         lambda *given, **more: Judged() if "prior" in more else problem(*given, **more),
     )
     best = chosen(
-        lambda larger, prior: element(force_memory=larger, prior=prior),
+        lambda larger, sides, prior: element(force_memory=larger, prior=prior),
         tests,
         1,
         Choice(None, 1e-4, 1),
@@ -157,9 +157,13 @@ def test_a_change_of_units_changes_no_choice(short, of, per):
         assert float((plain(record) - ours).norm() / ours.norm()) < 1e-4
 
 
-def test_a_law_of_less_memory_is_the_same_among_larger_ones_and_stays_one():
+@pytest.mark.parametrize("own", [(False, False), (True, False), (False, True)])
+def test_a_smaller_law_is_the_same_among_larger_ones_and_stays_one(own):
     record = element_test(0, 0.02)
-    small, large = (element(force_memory=memory, prior=0.0) for memory in (False, True))
+    small, large = (
+        element(force_memory=memory, unsymmetric=sides, prior=0.0)
+        for memory, sides in (own, (True, True))
+    )
     small.identify([record])
     large.scale.copy_(small.scale)
     large.theta.data[0] = of_sizes(small.theta.detach()[0], small.sizes, large.sizes)

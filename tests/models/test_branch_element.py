@@ -62,9 +62,13 @@ def fitted(model: BranchElement, record: Record, iterations: int) -> float:
 
 
 @pytest.mark.parametrize("force_memory", [False, True])
-def test_the_compiled_law_and_its_derivatives_are_those_of_pytorch(force_memory):
+@pytest.mark.parametrize("unsymmetric", [False, True])
+def test_the_compiled_law_and_its_derivatives_are_those_of_pytorch(force_memory, unsymmetric):
     record = element_test(samples=160)
-    model = identified([record], ramps=3, bends=2, force_memory=force_memory)
+    model = identified(
+        [record], ramps=3, bends=2, force_memory=force_memory, unsymmetric=unsymmetric
+    )
+    record = replace(record, s=1.3 * record.s, s_dot=1.3 * record.s_dot)  # beyond the data, too
     noise = torch.randn(model.theta.shape, generator=torch.Generator().manual_seed(3)).double()
     model.theta.data += 0.1 * noise
     ours, jacobian = model.restarted_jacobian(record, None)
