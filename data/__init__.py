@@ -48,6 +48,7 @@ PUBLIC = {  # class → the module that defines it
     "StiffnessLoss": "data.simulation.damage",
     "Structure": "data.simulation.structure",
     "Takeda": "data.simulation.elements.takeda",
+    "UnevenPinching4": "data.simulation.elements.pinching4",
     # measured records, public benchmarks, streams
     "BenchmarkData": "data.public.datamodule",
     "MeasuredData": "data.measured.datamodule",

@@ -6,12 +6,12 @@ SelfCentering     SelfCentering
 SlackBrace        two ElasticPPGap with damage
 FrictionPendulum  Elastic, ElasticPP, where friction does not depend on speed
 BaberNoori        BoucWen, where it neither pinches nor is unsymmetric
-Pinching4         Pinching4
+Pinching4         Pinching4, also where its sides differ
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from data.simulation.elements import (
     BaberNoori,
@@ -22,8 +22,9 @@ from data.simulation.elements import (
     Polynomial,
     SelfCentering,
     SlackBrace,
+    UnevenPinching4,
 )
-from data.simulation.elements.pinching4 import LOSSES
+from data.simulation.elements.pinching4 import LOSSES, PLACES
 from export.opensees_laws import Material
 
 SAME = 1e-6  # share of a friction or stiffness that makes no difference
@@ -96,14 +97,29 @@ def _bouc_wen(e: BaberNoori) -> list[Command]:
 
 
 def _four_points(e: Pinching4) -> list[Command]:
-    places = (e.yield_displacement, e.displacement_2, e.displacement_3, e.displacement_4)
-    strengths = (1.0, e.strength_2, e.strength_3, e.strength_4)
     force = e.stiffness * e.yield_displacement
-    points = [n for y, s in zip(places, strengths, strict=True) for n in (force * s, y)]
-    shares = (e.reloading_place, e.reloading_force, e.unloading_force)
+    ahead = [1.0, *(getattr(e, f"strength_{i}") for i in (2, 3, 4))]
+    points, shares = _points(e, "", 1.0, ahead, force), _pinching(e, "")
+    if isinstance(e, UnevenPinching4):
+        back = [getattr(e, f"back_strength_{i}") for i in (1, 2, 3, 4)]
+        points += _points(e, "back_", -1.0, back, force)
+        shares += _pinching(e, "back_")
     losses = [getattr(e, name) for name in LOSSES]
     wall = ("Pinching4", *points, *shares, *losses, e.energy_capacity, "energy")
     return [wall, *_damper(e.damping)]
+
+
+def _points(
+    e: Pinching4, back: str, side: float, strengths: Sequence[float], force: float
+) -> list[float]:
+    places = [getattr(e, f"{back}{name}") for name in PLACES]
+    both = zip(places, strengths, strict=True)
+    return [side * n for y, s in both for n in (force * s, y)]
+
+
+def _pinching(e: Pinching4, back: str) -> list[float]:
+    named = ("reloading_place", "reloading_force", "unloading_force")
+    return [getattr(e, f"{back}{name}") for name in named]
 
 
 MADE: dict[type[Element], Callable[..., list[Command]]] = {
@@ -114,4 +130,5 @@ MADE: dict[type[Element], Callable[..., list[Command]]] = {
     FrictionPendulum: _pendulum,
     BaberNoori: _bouc_wen,
     Pinching4: _four_points,
+    UnevenPinching4: _four_points,
 }

@@ -12,6 +12,7 @@ from data.simulation.elements import (
     SelfCentering,
     SlackBrace,
     Takeda,
+    UnevenPinching4,
 )
 
 DT, K, Y = 0.01, 2.0e6, 0.01  # s, N/m, m
@@ -45,11 +46,19 @@ LAWS = {
         weakening_by_excursion=0.1, weakening_by_energy=0.2,
     ),
 }  # fmt: skip
+LAWS["uneven wall"] = UnevenPinching4(
+    **vars(LAWS["wall"]), back_yield_displacement=0.7 * Y, back_displacement_2=0.03,
+    back_displacement_3=0.05, back_displacement_4=0.09, back_strength_1=0.6, back_strength_2=1.2,
+    back_strength_3=1.3, back_strength_4=0.8, back_unloading_force=0.05, back_reloading_place=0.3,
+    back_reloading_force=0.2,
+)  # fmt: skip
 LENGTHS = {  # power of the metre in each parameter, where there is one besides the stiffness
     "yield_displacement": 1, "activation_displacement": 1, "gap": 1, "radius": 1, "rate": -1,
     "beta": -1, "gamma": -1, "pinching_width": 1, "pinching_spread": 1, "stiffness": -1,
-    "displacement_2": 1, "displacement_3": 1, "displacement_4": 1,
+    "displacement_2": 1, "displacement_3": 1, "displacement_4": 1, "back_yield_displacement": 1,
+    "back_displacement_2": 1, "back_displacement_3": 1, "back_displacement_4": 1,
 }  # fmt: skip
+EVEN = {name: law for name, law in LAWS.items() if name != "uneven wall"}
 every_law = pytest.mark.parametrize("element", LAWS.values(), ids=LAWS)
 HISTORY = (0.004, -0.006, 0.018, 0.012, 0.03, -0.012, 0.008, -0.035, 0.05, -0.03, 0.0, -0.06, 0.02)
 

@@ -18,13 +18,24 @@ from data.simulation.elements import (
 )
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from tests.data.named_laws import BETWEEN, DT, HISTORY, LAWS, LENGTHS, K, Y, _with_dt, every_law
+from tests.data.named_laws import (
+    BETWEEN,
+    DT,
+    EVEN,
+    HISTORY,
+    LAWS,
+    LENGTHS,
+    K,
+    Y,
+    _with_dt,
+    every_law,
+)
 from tests.data.test_elements import eased
 
 # --- all of them
 
 
-@every_law
+@pytest.mark.parametrize("element", EVEN.values(), ids=EVEN)
 def test_a_mirrored_deformation_gives_the_mirrored_force(element):
     if isinstance(element, MenegottoPinto):
         element = replace(element, a3=element.a1)

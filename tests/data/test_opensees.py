@@ -12,7 +12,13 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.unplanted.opensees import opensees
 from data.simulation.element_test import force
-from data.simulation.elements import MenegottoPinto, Pinching4, SelfCentering, SlackBrace
+from data.simulation.elements import (
+    MenegottoPinto,
+    Pinching4,
+    SelfCentering,
+    SlackBrace,
+    UnevenPinching4,
+)
 
 K, FY, Y = 1e6, 1e4, 0.01
 LOSS_PARTS = ("by_excursion", "by_energy", "excursion_power", "energy_power", "limit")
@@ -84,20 +90,25 @@ def test_two_elastoplastic_gaps(b):
     assert difference(element, 0.002, pull, push) < 1e-4
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_pinching4(seed):
-    """Points, shares and losses drawn at random."""
-    draw = np.random.default_rng(seed).uniform
-    places = Y * np.cumprod([0.5, draw(1.5, 4.0), draw(1.5, 3.0), draw(1.5, 3.0)])
+def drawn_side(draw) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """Places [m], strengths and shares of one side."""
+    places = Y * np.cumprod([draw(0.4, 0.6), draw(1.5, 4.0), draw(1.5, 3.0), draw(1.5, 3.0)])
     strengths = np.cumprod([1.0, draw(1.1, 2.0), draw(0.9, 1.3), draw(0.5, 1.1)])
     unloading = draw(-0.2, 0.2)
-    shares = [draw(0.1, 0.8), max(unloading, 0.0) + draw(0.1, 0.5), unloading]
+    return places, strengths, [draw(0.1, 0.8), max(unloading, 0.0) + draw(0.1, 0.5), unloading]
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_pinching4(seed, uneven):
+    """Points, shares and losses drawn at random."""
+    draw = np.random.default_rng(seed).uniform
+    places, strengths, shares = drawn_side(draw)
     losses = [
         [draw(0.0, 0.5), draw(0.0, 0.4), draw(0.2, 1.5), draw(0.2, 1.5), draw(0.3, 0.9)]
         for _ in range(3)
     ]
     points = [n for pair in zip(K * Y * strengths, places, strict=True) for n in pair]
-    words = ["Pinching4", *points, *shares, *losses[0], *losses[1], *losses[2], 10.0, "energy"]
     named = {
         f"{loss}_{part}": number
         for loss, numbers in zip(("softening", "lengthening", "weakening"), losses, strict=True)
@@ -105,8 +116,18 @@ def test_pinching4(seed):
     }
     own = {f"displacement_{i + 1}": places[i] for i in (1, 2, 3)}
     own |= {f"strength_{i + 1}": strengths[i] for i in (1, 2, 3)}
-    element = Pinching4(
-        between=BETWEEN, stiffness=K * Y / places[0], yield_displacement=places[0], **own, **named,
-        reloading_place=shares[0], reloading_force=shares[1], unloading_force=shares[2],
-    )  # fmt: skip
-    assert difference(element, 0.0005, tuple(words)) < 2e-3
+    own |= dict(zip(("reloading_place", "reloading_force", "unloading_force"), shares, strict=True))
+    own |= {"between": BETWEEN, "stiffness": K * Y / places[0], "yield_displacement": places[0]}
+    element = Pinching4(**own, **named)
+    if uneven:
+        places, strengths, other = drawn_side(draw)
+        strengths *= draw(0.5, 1.5)
+        points += [-n for pair in zip(K * Y * strengths, places, strict=True) for n in pair]
+        shares += other
+        back = {f"strength_{i + 1}": strengths[i] for i in range(4)}
+        back |= {f"displacement_{i + 1}": places[i] for i in (1, 2, 3)}
+        back |= {"yield_displacement": places[0], "reloading_place": other[0]}
+        back |= {"reloading_force": other[1], "unloading_force": other[2]}
+        element = UnevenPinching4(**own, **named, **{f"back_{n}": v for n, v in back.items()})
+    words = ("Pinching4", *points, *shares, *losses[0], *losses[1], *losses[2], 10.0, "energy")
+    assert difference(element, 0.0005, words) < 2e-3

@@ -70,6 +70,14 @@ ELEMENTS: dict[str, dict[str, Any]] = {
         **{"displacement_3": 0.08, "displacement_4": 0.2, "strength_2": 1.5, "strength_3": 1.6},
         **{"strength_4": 1.2, "softening_by_energy": 0.1, "weakening_by_excursion": 0.1},
     },
+    "UnevenPinching4": {
+        **{"stiffness": 40.0, "yield_displacement": 0.02, "displacement_2": 0.04},
+        **{"displacement_3": 0.08, "displacement_4": 0.2, "strength_2": 1.5, "strength_3": 1.6},
+        **{"strength_4": 1.2, "softening_by_energy": 0.1, "back_yield_displacement": 0.03},
+        **{"back_displacement_2": 0.06, "back_displacement_3": 0.1, "back_displacement_4": 0.2},
+        **{"back_strength_1": 0.8, "back_strength_2": 1.1, "back_strength_3": 1.2},
+        **{"back_strength_4": 0.9},
+    },
     "BaberNoori": {
         **{"stiffness": 40.0, "post_yield_ratio": 0.05, "beta": 13.0, "gamma": 10.0},
         **{"asymmetry": 1.0, "exponent": 1.0, "eta_rate": 0.1, "nu_rate": 0.1, "pinching": 0.8},

@@ -7,7 +7,7 @@ from data.simulation.elements.element import Element
 from data.simulation.elements.friction_pendulum import FrictionPendulum
 from data.simulation.elements.limited_slip import LimitedSlip
 from data.simulation.elements.menegotto_pinto import MenegottoPinto
-from data.simulation.elements.pinching4 import Pinching4
+from data.simulation.elements.pinching4 import Pinching4, UnevenPinching4
 from data.simulation.elements.polynomial import Polynomial
 from data.simulation.elements.self_centering import SelfCentering
 from data.simulation.elements.slack_brace import SlackBrace
@@ -26,4 +26,5 @@ __all__ = [
     "SelfCentering",
     "SlackBrace",
     "Takeda",
+    "UnevenPinching4",
 ]

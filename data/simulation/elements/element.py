@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-PARAMETERS = 28  # numbers that a law may have, at most
+PARAMETERS = 39  # numbers that a law may have, at most
 MEMORY = 12  # numbers that a law may remember of its past, besides its state z
 
 
@@ -60,11 +60,9 @@ class Element:
 
         See data/simulation/damage.py.
         """
-        named = [f.name for f in fields(self) if f.name != "between"]
-        return tuple(
-            kept * value if name in self.fibres else value
-            for name, value in zip(named, self.parameters, strict=True)
-        )
+        p, named = self.parameters, [f.name for f in fields(self) if f.name != "between"]
+        sizes = [kept if name in self.fibres else 1.0 for name in named]
+        return (*(size * value for size, value in zip(sizes, p, strict=False)), *p[len(sizes) :])
 
     def tangent(self) -> tuple[float, float]:
         """Stiffness [N/m] and damping [N s/m] for small motions about rest."""

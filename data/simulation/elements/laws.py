@@ -103,7 +103,9 @@ def _parameters(p, e):
     return (p[e, 0], p[e, 1], p[e, 2], p[e, 3], p[e, 4], p[e, 5], p[e, 6],
             p[e, 7], p[e, 8], p[e, 9], p[e, 10], p[e, 11], p[e, 12], p[e, 13],
             p[e, 14], p[e, 15], p[e, 16], p[e, 17], p[e, 18], p[e, 19], p[e, 20],
-            p[e, 21], p[e, 22], p[e, 23], p[e, 24], p[e, 25], p[e, 26], p[e, 27])  # fmt: skip
+            p[e, 21], p[e, 22], p[e, 23], p[e, 24], p[e, 25], p[e, 26], p[e, 27],
+            p[e, 28], p[e, 29], p[e, 30], p[e, 31], p[e, 32], p[e, 33], p[e, 34],
+            p[e, 35], p[e, 36], p[e, 37], p[e, 38])  # fmt: skip
 
 
 @inlined

@@ -15,7 +15,8 @@ losses grow with the largest excursion and the energy that was lost, and are tak
     γ = min(γ₁ (y_max / Y₄)^γ₃ + γ₂ (E / E₄)^γ₄, γ_lim),   E₄ = γ_E ∫ envelope,
 
 with numbers of their own for K (unloading), D (reloading) and F (strength). The state z is the work
-[J]; E is that less what is elastic. The material Pinching4 of OpenSees, alike on both sides.
+[J]; E is that less what is elastic. The material Pinching4 of OpenSees. Sides are alike, or points
+and shares of the back are its own (Uneven…): Y₄ and E₄ of losses are then the larger of both.
 
 Lowes, Mitra & Altoontash (2003), PEER 2003/10; Mitra & Lowes (2007), J. Struct. Eng. ASCE 133,
 153–167. Memory m: largest excursions forward and backward; the points 0 to 3 of a path, in the
@@ -25,13 +26,14 @@ direction of its motion; γ_F and γ_K. Branch 0 is at rest; 1 to 10 are lines o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from data.checked import checked
 from data.simulation.elements.compiling import inlined
 from data.simulation.elements.element import Element
 
 PINCHING4 = 10
+BACK = 27  # p[BACK + 1] is the first of the back
 FIRST_PATH = 11  # branch
 AT_REST = 1e-4  # of Y₁: the element has no direction yet
 ENOUGH = 0.01  # of the force in the middle, between two points that would change places
@@ -43,36 +45,50 @@ def _side(branch):
 
 
 @inlined
-def _place(p, i):
-    """Y of a point of the envelope, i = 0 (the origin) to 4."""
-    return 0.0 if i == 0 else p[i]
+def _place(p, side, i):
+    """Y of a point of the envelope of a side, i = 0 (the origin) to 4."""
+    if i == 0:
+        return 0.0
+    return p[i] if side > 0.0 else p[BACK + i]
 
 
 @inlined
-def _height(p, i):
+def _height(p, side, i):
     """ρ there."""
     if i == 0:
         return 0.0
-    return p[1] if i == 1 else p[3 + i] * p[1]
+    if side > 0.0:
+        return p[1] if i == 1 else p[3 + i] * p[1]
+    return p[BACK + 4 + i] * p[1]
 
 
 @inlined
-def _line_at(p, u):
-    """The line of the envelope at u > 0, 0 to 4."""
-    if u < p[1]:
-        return 0
-    if u < p[2]:
-        return 1
-    if u < p[3]:
-        return 2
-    return 3 if u < p[4] else 4
+def _shares(p, side):
+    """u, d and f of a side."""
+    return (p[8], p[9], p[10]) if side > 0.0 else (p[BACK + 9], p[BACK + 10], p[BACK + 11])
 
 
 @inlined
-def _envelope(p, line, u):
-    """ρ of a line of the whole envelope at u."""
+def _steepness(p, side):
+    """Slope of ρ up to the first point."""
+    return _height(p, side, 1) / _place(p, side, 1)
+
+
+@inlined
+def _line_at(p, side, u):
+    """The line of the envelope of a side at u > 0, 0 to 4."""
+    for line in range(4):
+        if u < _place(p, side, line + 1):
+            return line
+    return 4
+
+
+@inlined
+def _envelope(p, side, line, u):
+    """ρ of a line of the whole envelope of a side at u."""
     first = min(line, 3)
-    y0, f0, y1, f1 = _place(p, first), _height(p, first), p[first + 1], _height(p, first + 1)
+    y0, f0 = _place(p, side, first), _height(p, side, first)
+    y1, f1 = _place(p, side, first + 1), _height(p, side, first + 1)
     slope = (f1 - f0) / (y1 - y0)
     if line == 4:
         return f1 + max(slope, 0.0) * (u - y1)
@@ -83,10 +99,10 @@ def _envelope(p, line, u):
 def _shape(p, m, branch, y):
     """ρ = r/k of the branch at y."""
     if branch == 0:
-        return y
+        return y * _steepness(p, y)
     side = _side(branch)
     if branch < FIRST_PATH:
-        return side * (1.0 - m[10]) * _envelope(p, (branch - 1) // 2, side * y)
+        return side * (1.0 - m[10]) * _envelope(p, side, (branch - 1) // 2, side * y)
     line = (branch - FIRST_PATH) // 2
     if line == 0:
         u0, f0, u1, f1 = m[2], m[3], m[4], m[5]
@@ -98,7 +114,7 @@ def _shape(p, m, branch, y):
 
 
 @inlined
-def force(p, m, branch, y, ydot):  # p: as the fields of Pinching4
+def force(p, m, branch, y, ydot):  # p: as the fields of UnevenPinching4
     r = p[0] * _shape(p, m, branch, y)
     return r + p[27] * ydot, r * ydot
 
@@ -112,7 +128,7 @@ def margin(p, m, branch, y, ydot):
         line = (branch - 1) // 2
         if line == 4:
             return side * ydot
-        return min(side * ydot, p[line + 1] - side * y)
+        return min(side * ydot, _place(p, side, line + 1) - side * y)
     line = (branch - FIRST_PATH) // 2
     return min(side * ydot, m[4 + 2 * line] - side * y)
 
@@ -132,18 +148,18 @@ def _straight(u0, f0, u3, f3, shares):
 
 
 @inlined
-def _bends(p, u0, f0, u3, f3, slope, strength):
-    """Points 1 and 2 of a path from (u0, f0) to (u3, f3), unloading with a slope."""
+def _bends(shares, u0, f0, u3, f3, unloading, reloading, strength):
+    """Points 1 and 2 of a path from (u0, f0) to (u3, f3), from a slope to another at most."""
     straight = _straight(u0, f0, u3, f3, (0.33, 0.67))
     if u0 * u3 >= 0.0:
         return straight
-    u2, f2 = p[9] * u3, p[10] * f3
-    if f3 - f2 > slope * (u3 - u2):
-        u2 = u3 - (f3 - f2) / slope
+    slope, u2, f2 = max(unloading, reloading), shares[1] * u3, shares[2] * f3
+    if f3 - f2 > reloading * (u3 - u2):
+        u2 = u3 - (f3 - f2) / reloading
     if u2 < u0:
         return straight
-    f1 = p[8] * strength
-    u1 = u0 + (f1 - f0) / slope
+    f1 = shares[0] * strength
+    u1 = u0 + (f1 - f0) / unloading
     if u1 < u0:
         u1, f1 = 0.5 * (u0 + u2), 0.5 * (f0 + f2)
     elif u2 > u1 and f2 - f1 > slope * (u2 - u1):
@@ -166,17 +182,26 @@ def _bends(p, u0, f0, u3, f3, slope, strength):
 
 
 @inlined
-def _secant(p, u):
-    """ρ/y of the whole envelope at u > 0."""
-    return _envelope(p, _line_at(p, u), u) / u
+def _secant(p, side, u):
+    """ρ/y of the whole envelope of a side at u > 0."""
+    return _envelope(p, side, _line_at(p, side, u), u) / u
+
+
+@inlined
+def _area(p, side):
+    """Of ρ under the envelope of a side, up to its last point."""
+    area = 0.0
+    for i in range(4):
+        rho = _height(p, side, i) + _height(p, side, i + 1)
+        area += 0.5 * rho * (_place(p, side, i + 1) - _place(p, side, i))
+    return area
 
 
 @inlined
 def _energies(p, rho, z, kept):
-    """Energy that was lost over that of the whole envelope, unloading with a slope `kept`."""
-    area = p[2] + p[5] * (p[3] - p[1]) + p[6] * (p[4] - p[2]) + p[7] * (p[4] - p[3])
-    elastic = 0.5 * p[0] * rho * rho / kept
-    return (z - elastic) / (p[26] * p[0] * 0.5 * p[1] * area)
+    """Energy that was lost over that of the whole envelope; a share of the stiffness is `kept`."""
+    elastic = 0.5 * p[0] * rho * rho / (kept * _steepness(p, rho))
+    return (z - elastic) / (p[26] * p[0] * max(_area(p, 1.0), _area(p, -1.0)))
 
 
 @inlined
@@ -184,23 +209,30 @@ def _turned(p, m, branch, y, rho, z):
     """The path to the other side, and what is remembered."""
     side = _side(branch)
     here, there = (m[0], m[1]) if side > 0.0 else (m[1], m[0])
-    here, there = max(here, p[1]), max(there, p[1])
-    energy, reach = _energies(p, rho, z, 1.0 - m[11]), max(here, there) / p[4]
+    here, there = max(here, _place(p, side, 1)), max(there, _place(p, -side, 1))
+    farthest = max(_place(p, side, 4), _place(p, -side, 4))
+    energy, reach = _energies(p, rho, z, 1.0 - m[11]), max(here, there) / farthest
+    steep, steep_there = _steepness(p, side), _steepness(p, -side)
+    secant = max(_secant(p, side, here) / steep, _secant(p, -side, there) / steep_there)
     K = _loss(p[11], p[12], p[13], p[14], p[15], reach, energy)
-    K = min(K, max(1.0 - (1.0 - m[10]) * max(_secant(p, here), _secant(p, there)), 0.0))
+    K = min(K, max(1.0 - (1.0 - m[10]) * secant, 0.0))
     D = _loss(p[16], p[17], p[18], p[19], p[20], reach, energy)
     F = _loss(p[21], p[22], p[23], p[24], p[25], reach, energy)
     if branch < FIRST_PATH:
         here = max((1.0 + D) * here, side * y)
     peaks = (here, there) if side > 0.0 else (there, here)
-    target, strength = (1.0 + D) * there, p[7] if there > p[3] else p[6]
+    target = (1.0 + D) * there
+    strength = _height(p, -side, 4 if there > _place(p, -side, 3) else 3)
     u0, f0 = -side * y, -side * rho
     if target <= u0:
-        return (2 if side > 0.0 else 1) + 2 * _line_at(p, u0), (
+        return (2 if side > 0.0 else 1) + 2 * _line_at(p, -side, u0), (
             peaks[0], peaks[1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, F, K
         )  # fmt: skip
-    f3 = (1.0 - F) * target * _secant(p, target)
-    u1, f1, u2, f2 = _bends(p, u0, f0, target, f3, 1.0 - K, (1.0 - F) * strength * p[1])
+    f3, left = (1.0 - F) * target * _secant(p, -side, target), 1.0 - K
+    u1, f1, u2, f2 = _bends(
+        _shares(p, -side), u0, f0, target, f3, left * steep, left * steep_there,
+        (1.0 - F) * strength,
+    )  # fmt: skip
     return FIRST_PATH + (1 if side > 0.0 else 0), (
         peaks[0], peaks[1], u0, f0, u1, f1, u2, f2, target, f3, F, K
     )  # fmt: skip
@@ -213,14 +245,14 @@ def next_branch(p, m, branch, y, z):
     side = _side(branch)
     if branch < FIRST_PATH:
         line = (branch - 1) // 2
-        if line < 4 and side * y > p[line + 1]:
+        if line < 4 and side * y > _place(p, side, line + 1):
             return branch + 2, m
     else:
         line = (branch - FIRST_PATH) // 2
         if side * y > m[4 + 2 * line]:
             if line < 2:
                 return branch + 2, m
-            return (1 if side > 0.0 else 2) + 2 * _line_at(p, side * y), m
+            return (1 if side > 0.0 else 2) + 2 * _line_at(p, side, side * y), m
     return _turned(p, m, branch, y, _shape(p, m, branch, y), z)
 
 
@@ -273,24 +305,72 @@ class Pinching4(Element):
         self._require("positive", "strength_2", "strength_3", "strength_4")
         self._require("not negative", "damping", *(n for n in LOSSES if not n.endswith("limit")))
         self._require_share("reloading_place", *(n for n in LOSSES if n.endswith("limit")))
-        places = [self.yield_displacement, self.displacement_2, self.displacement_3]
-        places.append(self.displacement_4)
+        self._require_side()
+
+    def _require_side(self, back: str = "") -> None:
+        """Check that the points of a side grow, and that its pinching is one."""
+        named = [f"{back}{name}" for name in PLACES]
+        places = [getattr(self, name) for name in named]
         if sorted(set(places)) != places:
             raise ValueError(
-                f"Pinching4: yield_displacement, displacement_2, displacement_3, displacement_4 = "
-                f"{places} m must grow from one to the next"
+                f"{type(self).__name__}: {', '.join(named)} = {places} m must grow from one to "
+                "the next"
             )
-        u, f = self.unloading_force, self.reloading_force
+        u, f = getattr(self, f"{back}unloading_force"), getattr(self, f"{back}reloading_force")
         if not (-1.0 < u < f < 1.0 and f >= 0.0):
             raise ValueError(
-                f"Pinching4.unloading_force={u}, reloading_force={f}: expected "
-                "−1 < unloading_force < reloading_force < 1, and reloading_force ≥ 0"
+                f"{type(self).__name__}.{back}unloading_force={u}, {back}reloading_force={f}: "
+                "expected −1 < unloading_force < reloading_force < 1, and reloading_force ≥ 0"
             )
+
+    @property
+    def parameters(self) -> tuple[float, ...]:
+        own = [f.name for f in fields(Pinching4) if f.name != "between"]
+        return (*(float(getattr(self, name)) for name in own), *self._back())
+
+    def _back(self) -> tuple[float, ...]:
+        strengths = (1.0, self.strength_2, self.strength_3, self.strength_4)
+        places, shares = ([getattr(self, n) for n in names] for names in (PLACES, SHARES))
+        return (*places, *strengths, *shares)
 
     def tangent(self) -> tuple[float, float]:
         return self.stiffness, self.damping
 
 
+@checked
+@dataclass(frozen=True, kw_only=True)
+class UnevenPinching4(Pinching4):
+    """The same with points and pinching of its own on the back, where y < 0; losses are common.
+
+    Forces of the back are over k Y₁ of the front. Raises ValueError for parameters out of range.
+    """
+
+    back_yield_displacement: float  # Y₁ of the back [m]
+    back_displacement_2: float  # [m]
+    back_displacement_3: float  # [m]
+    back_displacement_4: float  # [m]
+    back_strength_1: float  # force at Y₁ of the back
+    back_strength_2: float
+    back_strength_3: float
+    back_strength_4: float
+    back_unloading_force: float = 0.0
+    back_reloading_place: float = 0.5
+    back_reloading_force: float = 0.25
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require("positive", "back_yield_displacement")
+        self._require("positive", *(f"back_strength_{i}" for i in (1, 2, 3, 4)))
+        self._require_share("back_reloading_place")
+        self._require_side("back_")
+
+    def _back(self) -> tuple[float, ...]:
+        strengths = [f"strength_{i}" for i in (1, 2, 3, 4)]
+        return tuple(getattr(self, f"back_{name}") for name in (*PLACES, *strengths, *SHARES))
+
+
+PLACES = ("yield_displacement", "displacement_2", "displacement_3", "displacement_4")
+SHARES = ("unloading_force", "reloading_place", "reloading_force")
 LOSSES = tuple(
     f"{loss}_{part}"
     for loss in ("softening", "lengthening", "weakening")
