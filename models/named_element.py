@@ -78,7 +78,7 @@ class NamedElement(Estimator):
     def _forces(self, u: Tensor, dt: float) -> Tensor:
         self.require_identified(self.laws.numbers)
         fit, lead = self.laws[0], u.shape[:-1]
-        forces = [fit.force(motion) for motion in _motions(u, u[..., :1], dt, 0)]
+        forces = fit.forces(_motions(u, u[..., :1], dt, 0))
         r = torch.stack([torch.from_numpy(force) for force in forces])
         return r.reshape(*lead, 1).to(u.device)
 

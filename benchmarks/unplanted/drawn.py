@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 from statistics import median
 
 import numpy as np
@@ -31,23 +32,51 @@ Words = list[object]  # of OpenSees' command
 Drawn = tuple[Words, float]  # and the largest deformation of the training motions
 
 
-def pinching4(rng: np.random.Generator) -> Drawn:
+def pinching4(rng: np.random.Generator, uneven: bool = False) -> Drawn:
     """Every fourth law loses nothing; of the others' losses some are none."""
     draw = rng.uniform
     yielded, force = 10.0 ** draw(-3.0, 1.0), 10.0 ** draw(0.0, 7.0)
-    places = yielded * np.cumprod([1.0, draw(1.5, 5.0), draw(1.5, 4.0), draw(1.5, 4.0)])
-    strengths = force * np.cumprod([1.0, draw(1.1, 2.2), draw(0.95, 1.3), draw(0.4, 1.1)])
-    unloading = draw(-0.2, 0.3)
-    shares = [draw(0.1, 0.7), max(unloading, 0.0) + draw(0.1, 0.5), unloading]
+    points, shares = _side(rng, yielded, force)
+    size = points[-1]
+    if uneven:
+        more, other = _side(rng, yielded * draw(0.6, 1.6), force * draw(0.5, 1.5))
+        points, shares = points + [-n for n in more], shares + other
+        size = max(size, more[-1])
     losing = rng.random() < 0.75
     losses: Words = []
     for _ in range(3):
         first, second = (losing and rng.random() < 0.7 for _ in range(2))
         both = [first * draw(0.05, 0.5), second * draw(0.05, 0.5)]
         losses += [*both, draw(0.2, 1.5), draw(0.2, 1.5), draw(0.3, 0.9)]
-    points = [float(n) for pair in zip(strengths, places, strict=True) for n in pair]
     words: Words = ["Pinching4", 1, *points, *shares, *losses, draw(2.0, 15.0), "energy"]
-    return words, float(places[3] * draw(0.3, 1.0))
+    return words, float(size * draw(0.3, 1.0))
+
+
+def _side(
+    rng: np.random.Generator, yielded: float, force: float
+) -> tuple[list[float], list[float]]:
+    """Forces and places of four points, the last place last; shares of pinching."""
+    draw = rng.uniform
+    places = yielded * np.cumprod([1.0, draw(1.5, 5.0), draw(1.5, 4.0), draw(1.5, 4.0)])
+    strengths = force * np.cumprod([1.0, draw(1.1, 2.2), draw(0.95, 1.3), draw(0.4, 1.1)])
+    unloading = draw(-0.2, 0.3)
+    points = [float(n) for pair in zip(strengths, places, strict=True) for n in pair]
+    return points, [draw(0.1, 0.7), max(unloading, 0.0) + draw(0.1, 0.5), unloading]
+
+
+def hysteretic(rng: np.random.Generator) -> Drawn:
+    """Three lines on either side, pinching; every other law is damaged by ductility or energy."""
+    words: Words = ["Hysteretic", 1]
+    draw, places = rng.uniform, np.zeros(3)
+    yielded, force = 10.0 ** draw(-3.0, 1.0), 10.0 ** draw(0.0, 7.0)
+    for side in (1.0, -1.0):
+        first, size = yielded * draw(0.8, 1.3), force * draw(0.7, 1.3)
+        places = first * np.cumprod([1.0, draw(2.0, 5.0), draw(2.0, 4.0)])
+        strengths = size * np.cumprod([1.0, draw(1.1, 1.6), draw(0.8, 1.2)])
+        words += [side * float(n) for p in zip(strengths, places, strict=True) for n in p]
+    damage = [draw(0.0, 0.02), draw(0.0, 0.05)] if rng.random() < 0.5 else [0.0, 0.0]
+    words += [draw(0.3, 0.9), draw(0.2, 0.7), *damage, draw(0.0, 0.5)]
+    return words, float(places[-1] * draw(0.3, 0.9))
 
 
 def steel02(rng: np.random.Generator) -> Drawn:
@@ -62,6 +91,8 @@ def steel02(rng: np.random.Generator) -> Drawn:
 
 MATERIALS: dict[str, Callable[[np.random.Generator], Drawn]] = {
     "Pinching4": pinching4,
+    "UnevenPinching4": partial(pinching4, uneven=True),
+    "Hysteretic": hysteretic,
     "Steel02": steel02,
 }
 

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from data.simulation.elements.element import Element
+from data.simulation.elements.element import PARAMETERS, Element
 from data.simulation.elements.polynomial import Polynomial
 from data.simulation.motion import EscapedMotionError, Motion, simulate
+from data.simulation.path import follow
 from data.simulation.structure import Structure
 
 
@@ -23,7 +24,15 @@ def force(element: Element, y: np.ndarray, dt: float, rate: np.ndarray | None = 
     is the cubic through y and its rate. Raises ValueError for shapes that do not fit, values that
     are not finite, and dt ≤ 0.
     """
-    return imposed(element, y, dt, rate).r[:, 0]
+    if not element.by_path:
+        return imposed(element, y, dt, rate).r[:, 0]
+    y, rate = _motion(y, dt, rate)
+    p = np.zeros((1, PARAMETERS))
+    p[0, : len(element.parameters)] = element.parameters
+    r = np.zeros(y.size)
+    if not (follow(element.law, p, y, rate, dt, r) and np.isfinite(r).all()):
+        raise EscapedMotionError(f"{type(element).__name__} cannot be followed", dt * y.size)
+    return r
 
 
 def imposed(
@@ -37,12 +46,7 @@ def imposed(
 
     The element joins a support, which moves by y, to ground.
     """
-    y = np.asarray(y, dtype=float)
-    if y.ndim != 1 or y.size < 4:
-        raise ValueError(f"y has shape {y.shape}; expected (samples,), four at least")
-    rate = _rate(y, dt) if rate is None else np.asarray(rate, dtype=float)
-    if rate.shape != y.shape:
-        raise ValueError(f"rate has shape {rate.shape}; expected {y.shape}, that of y")
+    y, rate = _motion(y, dt, rate)
     bystander = Polynomial(between=("ground", "x1"), stiffness=1.0)  # a structure has a mass
     tested = replace(element, between=("ground", "s1"))
     structure = Structure([1.0], {"tested": tested, "bystander": bystander})
@@ -74,6 +78,16 @@ def growing_cycles(amplitude: float, cycles: int, dt: float, frequency: float) -
     """A deformation (T,) [m] of sinusoidal cycles that grow to `amplitude`, at `frequency` [Hz]."""
     t = dt * np.arange(round(cycles / (frequency * dt)) + 1)
     return amplitude * t / t[-1] * np.sin(2.0 * np.pi * frequency * t)
+
+
+def _motion(y: np.ndarray, dt: float, rate: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    y = np.ascontiguousarray(y, dtype=float)
+    if y.ndim != 1 or y.size < 4:
+        raise ValueError(f"y has shape {y.shape}; expected (samples,), four at least")
+    rate = _rate(y, dt) if rate is None else np.ascontiguousarray(rate, dtype=float)
+    if rate.shape != y.shape:
+        raise ValueError(f"rate has shape {rate.shape}; expected {y.shape}, that of y")
+    return y, rate
 
 
 def _rate(y: np.ndarray, dt: float) -> np.ndarray:

@@ -84,7 +84,8 @@ class Candidate:
 
     read: starts that are read off the motions, as values of some parameters. parts: parameters that
     a search draws anew together, the others held. moved: values of others that mean nearly the
-    same. uneven: the same law where its sides may differ, with one more parameter that begins at 1.
+    same. uneven: the same law where its sides may differ, with more parameters behind its own, each
+    one where the sides are alike.
     """
 
     name: str

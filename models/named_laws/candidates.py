@@ -29,7 +29,7 @@ from models.named_laws.candidate import (
     Values,
     share,
 )
-from models.named_laws.four_points import FOUR_POINTS
+from models.named_laws.four_points import FOUR_POINTS, UNEVEN_FOUR_POINTS
 
 SOFT = Parameter(0.02, 0.5, lambda units: units.force / units.length)
 PINCHING = {
@@ -179,5 +179,6 @@ CANDIDATES = {
             "Linear", {"stiffness": STIFFNESS, "damping": DAMPING}, _plain(Polynomial)
         ),  # a storey that stays elastic would show nothing of a law's yielding
         UNEVEN_STEEL,
+        UNEVEN_FOUR_POINTS,
     )
 }

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.named_laws.candidate import Candidate, Units
+from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, units_of
 
@@ -42,14 +42,19 @@ def _drawn(
     candidate: Candidate, motions: Sequence[Motion], units: Units, rng: np.random.Generator
 ) -> Iterator[Fit]:
     """Draws, or the best of some draws for each start that the law reads off the motions."""
-    read = candidate.read([(m.y[m.first :], m.r[m.first :]) for m in motions], rng)
-    for values in read:
+    for values in _read(candidate, motions, rng):
         some = []
         for _ in range(OF_A_START if values else DRAWS):
             q = candidate.with_values(candidate.drawn(rng), values, units)
             one = sized(Fit(candidate, units, q), motions[0])
             some.append(replace(one, error=one.error_on(motions[:1])))
         yield from [min(some, key=lambda one: one.error)] if values else some
+
+
+def _read(
+    candidate: Candidate, motions: Sequence[Motion], rng: np.random.Generator
+) -> list[Values]:
+    return candidate.read([(m.y[m.first :], m.r[m.first :]) for m in motions], rng)
 
 
 def improved(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Fit:
@@ -110,7 +115,7 @@ def chosen(
     found = tried(names, rest, units, rng)
     errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
     near, best = alike(errors), smallest(errors)
-    wider = _uneven(found[best][0], rest) if errors[best] > NEGLIGIBLE else None
+    wider = _uneven(found[best][0], rest, rng) if errors[best] > NEGLIGIBLE else None
     if wider is not None:
         errors[wider.candidate.name] = wider.error_on([judged])
         if smallest(errors) == wider.candidate.name:
@@ -122,15 +127,24 @@ def chosen(
     return min(finals, key=lambda one: one.error), errors
 
 
-def _uneven(fit: Fit, motions: Sequence[Motion]) -> Fit | None:
-    """The same law with sides that may differ, from where they are alike; None where there is none.
+def _uneven(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Fit | None:
+    """The same law with sides that may differ; None where there is none.
 
-    Sides cost a parameter, so they are tried of the law alone that suits best without them.
+    From where sides are alike, and from what is read off the motions for each. Sides cost
+    parameters, so they are tried of the law alone that suits best without them.
     """
-    if fit.candidate.uneven is None:
+    uneven = fit.candidate.uneven
+    if uneven is None:
         return None
-    begin = Fit(fit.candidate.uneven, fit.units, np.append(fit.q, 0.0))
-    return followed(begin, [motion.thinned() for motion in motions], LAST)
+    motions = [motion.thinned() for motion in motions]
+    largest = sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
+    more = np.zeros(len(uneven.parameters) - fit.q.size)
+    alike = Fit(uneven, fit.units, np.append(fit.q, more))
+    read = [values for values in _read(uneven, motions, rng) if values]
+    starts = [alike, *(replace(alike, q=uneven.with_values(alike.q, v, fit.units)) for v in read)]
+    ends = sorted((followed(one, largest, FIRST) for one in starts), key=lambda one: one.error)
+    near = [followed(improved(one, largest, rng), motions, MIDDLE) for one in ends[:STAY]]
+    return followed(min(near, key=lambda one: one.error), motions, LAST)
 
 
 def alike(errors: Mapping[str, float]) -> list[str]:

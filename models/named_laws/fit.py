@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data.simulation.element_test import imposed
+from data.simulation.element_test import force
+from data.simulation.elements import Element
 from models.named_laws.candidate import Candidate, Units
 
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
@@ -69,15 +70,13 @@ class Fit:
     q: np.ndarray
     error: float = math.inf
 
-    def force(self, motion: Motion) -> np.ndarray:
-        """r (T,) of a motion; not finite where the law cannot follow it."""
-        r = np.zeros_like(motion.y)
+    def forces(self, motions: Sequence[Motion]) -> list[np.ndarray]:
+        """r (T,) of every motion; not finite where the law cannot follow it."""
         try:
-            for element in self.candidate.elements(self.q, self.units):
-                r += imposed(element, motion.y, motion.dt, motion.rate).r[:, 0]
-        except (ValueError, ArithmeticError):
-            r[:] = np.inf
-        return r
+            elements = self.candidate.elements(self.q, self.units)
+        except (ValueError, ArithmeticError):  # numbers that are no law
+            return [np.full_like(motion.y, np.inf) for motion in motions]
+        return [_force(elements, motion) for motion in motions]
 
     def error_on(self, motions: Sequence[Motion]) -> float:
         """Relative RMS error over all motions."""
@@ -95,7 +94,18 @@ class Fit:
         return _factor(self._left(motions), joined(motions, "drag"))
 
     def _left(self, motions: Sequence[Motion]) -> np.ndarray:
-        return np.concatenate([(self.force(m) - m.r)[m.first :] for m in motions])
+        forces = zip(self.forces(motions), motions, strict=True)
+        return np.concatenate([(r - m.r)[m.first :] for r, m in forces])
+
+
+def _force(elements: Sequence[Element], motion: Motion) -> np.ndarray:
+    r = np.zeros_like(motion.y)
+    try:
+        for element in elements:
+            r += force(element, motion.y, motion.dt, motion.rate)
+    except (ValueError, ArithmeticError):
+        r[:] = np.inf
+    return r
 
 
 def joined(motions: Sequence[Motion], name: str) -> np.ndarray:
@@ -164,7 +174,7 @@ def sized(fit: Fit, motion: Motion) -> Fit:
     """The law with the size, damper and spring that suit a motion best: these are linear."""
     from scipy.optimize import nnls  # slow to import
 
-    values, parts = fit.candidate.values(fit.q, fit.units), {"": fit.force(motion)}
+    values, parts = fit.candidate.values(fit.q, fit.units), {"": fit.forces([motion])[0]}
     for name, signal in (("damping", motion.rate), ("spring", motion.y)):
         if name in values:
             parts[""] = parts[""] - values[name] * signal

@@ -13,7 +13,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from data.simulation.elements import Element, Pinching4
+from data.simulation.elements import Element, Pinching4, UnevenPinching4
 from models.named_laws.candidate import (
     DAMPING,
     STIFFNESS,
@@ -38,13 +38,34 @@ NEAREST, FARTHEST = 0.03, 1.5  # points, of the largest deformation
 APART = 1.15  # a point over the one before
 DRAWS, ENVELOPES = 3000, 12  # envelopes that are tried, and that are starts
 ALIKE = 0.35  # of logarithms of points: envelopes whose points are nearer are one start
+BOTH = (1.0, -1.0)  # sides
 LEVEL = 1e-3  # weight of level ends, which the data may not tell
 
 
 def _made(values: Values, between: Sequence[str]) -> list[Element]:
-    """Points by how much farther and stronger each is than the one before."""
     own = {name: v for name, v in values.items() if name in _OWN}
-    place, strength = own["yield_displacement"], 1.0
+    return [Pinching4(between=between, **(own | _side(values)))]
+
+
+def _uneven(values: Values, between: Sequence[str]) -> list[Element]:
+    """The back by what its numbers are times those of the front, its shares by their odds."""
+    own = {name: v for name, v in values.items() if name in _OWN}
+    back = {name: values[name] * values[f"back_{name}"] for name in _POINTS}
+    back |= {name: _odds(values[name], values[f"back_{name}"]) for name in SHAPE}
+    strength = values["back_stiffness"] * values["back_yield_displacement"]
+    ends = {f"back_{name}": v for name, v in _side(back, strength).items()}
+    return [UnevenPinching4(between=between, **(own | _side(values)), **ends)]
+
+
+def _side(values: Values, strength: float = 1.0) -> dict[str, float]:
+    """Points, by how much farther and stronger each is than the one before, and pinching.
+
+    strength: of the first point, over that of the front.
+    """
+    place = values["yield_displacement"]
+    own = {"yield_displacement": place, "reloading_place": values["reloading_place"]}
+    if "stiffness" not in values:
+        own["strength_1"] = strength
     for i in (2, 3, 4):
         place *= 1.0 + values[f"farther_{i}"]
         strength *= values[f"stronger_{i}"]
@@ -55,17 +76,22 @@ def _made(values: Values, between: Sequence[str]) -> list[Element]:
         "unloading_force": unloading,
         "reloading_force": least + (1.0 - least) * values["reloading"],
     }
-    return [Pinching4(between=between, **own)]
+    return own
 
 
-def farther(loops: Loops) -> tuple[np.ndarray, np.ndarray]:
+def _odds(share: float, times: float) -> float:
+    """The share of so many times the odds."""
+    return times * share / (1.0 - share + times * share)
+
+
+def farther(loops: Loops, sides: Sequence[float] = BOTH) -> tuple[np.ndarray, np.ndarray]:
     """Deformations |y| [m] where motions went farther than before, and the upper forces there [N].
 
-    y and r (T,) of every motion, both sides alike.
+    y and r (T,) of every motion; sides that are taken to be alike.
     """
     places, forces = [], []
     for y, r in loops:
-        for side in (1.0, -1.0):
+        for side in sides:
             reached = np.maximum.accumulate(np.maximum(side * y, 0.0))
             new = np.append(False, side * y[1:] > reached[:-1])
             places.append(side * y[new])
@@ -76,9 +102,11 @@ def farther(loops: Loops) -> tuple[np.ndarray, np.ndarray]:
     return np.array(found)[:, 0], np.array(found)[:, 1]
 
 
-def envelopes(loops: Loops, rng: np.random.Generator) -> list[Values]:
+def envelopes(
+    loops: Loops, rng: np.random.Generator, sides: Sequence[float] = BOTH
+) -> list[Values]:
     """Points that suit the force where a motion went farther than before, the best first."""
-    y, r = farther(loops)
+    y, r = farther(loops, sides)
     found = []
     for _ in range(DRAWS):
         places = y.max() * np.sort(np.exp(rng.uniform(math.log(NEAREST), math.log(FARTHEST), 4)))
@@ -96,6 +124,16 @@ def envelopes(loops: Loops, rng: np.random.Generator) -> list[Values]:
         if min(far, default=math.inf) > ALIKE and len(taken) < ENVELOPES:
             taken.append((places, heights))
     return [_points(*one) for one in taken] or [{}]
+
+
+def uneven_envelopes(loops: Loops, rng: np.random.Generator) -> list[Values]:
+    """Envelopes of either side for itself, the best with the best."""
+    front, back = (envelopes(loops, rng, [side]) for side in BOTH)
+    return [
+        {**one, **{f"back_{name}": v / one[name] for name, v in other.items()}}
+        for one, other in zip(front, back, strict=False)
+        if one and other
+    ]
 
 
 def _points(places: np.ndarray, heights: np.ndarray) -> dict[str, float]:
@@ -121,6 +159,10 @@ def moved(values: Values, rng: np.random.Generator) -> Values:
     )
 
 
+_POINTS = (
+    "yield_displacement",
+    *(f"{more}_{i}" for more in ("farther", "stronger") for i in (2, 3, 4)),
+)
 _OWN = {field.name for field in fields(Pinching4)} - {"between"}
 SHAPE = {
     "unloading": share(0.4, 0.6),
@@ -130,23 +172,34 @@ SHAPE = {
 OF_LOSS = {
     loss: {f"{loss}_{part}": parameter for part, parameter in LOSS.items()} for loss in LOSSES
 }
+PARAMETERS = {
+    "stiffness": STIFFNESS,
+    "yield_displacement": YIELD,
+    **{f"farther_{i}": Parameter(0.5, 4.0) for i in (2, 3, 4)},
+    "stronger_2": Parameter(1.05, 2.0),
+    "stronger_3": Parameter(0.9, 1.4),
+    "stronger_4": Parameter(0.4, 1.2),
+    **SHAPE,
+    **OF_LOSS["softening"],
+    **OF_LOSS["lengthening"],
+    **OF_LOSS["weakening"],
+    "damping": DAMPING,
+}
+OF_BACK = {f"back_{n}": Parameter(0.7, 1.4) for n in ("stiffness", *_POINTS, *SHAPE)}
+PARTS = [list(part) for part in (SHAPE, *OF_LOSS.values())]
+UNEVEN_FOUR_POINTS = Candidate(
+    "UnevenPinching4",
+    PARAMETERS | OF_BACK,
+    _uneven,
+    read=uneven_envelopes,
+    parts=[*PARTS, [f"back_{name}" for name in SHAPE]],
+)
 FOUR_POINTS = Candidate(
     "Pinching4",
-    {
-        "stiffness": STIFFNESS,
-        "yield_displacement": YIELD,
-        **{f"farther_{i}": Parameter(0.5, 4.0) for i in (2, 3, 4)},
-        "stronger_2": Parameter(1.05, 2.0),
-        "stronger_3": Parameter(0.9, 1.4),
-        "stronger_4": Parameter(0.4, 1.2),
-        **SHAPE,
-        **OF_LOSS["softening"],
-        **OF_LOSS["lengthening"],
-        **OF_LOSS["weakening"],
-        "damping": DAMPING,
-    },
+    PARAMETERS,
     _made,
     read=envelopes,
-    parts=[list(part) for part in (SHAPE, *OF_LOSS.values())],
+    parts=PARTS,
     moved=moved,
+    uneven=UNEVEN_FOUR_POINTS,
 )

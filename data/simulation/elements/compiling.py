@@ -10,5 +10,5 @@ from pathlib import Path
 from data.numba_cache import compilers
 
 ROOM = Path(__file__).parent
-CALLERS = (ROOM.with_name("corners.py"), ROOM.with_name("integrator.py"))
+CALLERS = tuple(ROOM.with_name(f"{n}.py") for n in ("corners", "integrator", "path"))
 compiled, inlined = compilers(*sorted(ROOM.glob("*.py")), *CALLERS)

@@ -24,6 +24,7 @@ class Element:
     between: Sequence[str]
     law: ClassVar[int]
     fibres: ClassVar[tuple[str, ...]]  # parameters that grow with the number of parallel fibres
+    by_path: ClassVar[bool] = False  # whether branches end at deformations and turns, at any rate
 
     def __post_init__(self) -> None:
         if len(self.between) != 2 or self.between[0] == self.between[1]:

@@ -88,6 +88,7 @@ class MenegottoPinto(Element):
     """
 
     law = MENEGOTTO_PINTO
+    by_path = True
     fibres = ("stiffness",)
     yield_displacement: float  # y_y [m]
     stiffness: float  # k [N/m]; it yields at k y_y

@@ -269,6 +269,7 @@ class Pinching4(Element):
     """
 
     law = PINCHING4
+    by_path = True
     fibres = ("stiffness",)
     stiffness: float  # k [N/m]
     yield_displacement: float  # Y₁ [m]; the force there is k Y₁

@@ -22,6 +22,7 @@ class Polynomial(Element):
     """Cubic spring and linear damper: r = p1 y + p2 ẏ + p3 y³ (Eq. 19)."""
 
     law = POLYNOMIAL
+    by_path = True
     fibres = ("stiffness", "cubic_stiffness")
     stiffness: float  # p1 [N/m]
     damping: float = 0.0  # p2 [N s/m]

@@ -78,6 +78,7 @@ class SelfCentering(Element):
     """
 
     law = SELF_CENTERING
+    by_path = True
     fibres = ("stiffness",)
     activation_displacement: float  # y_a [m]
     stiffness: float  # k [N/m]; it opens at k y_a

@@ -71,6 +71,7 @@ class SlackBrace(Element):
     """
 
     law = SLACK_BRACE
+    by_path = True
     fibres = ("stiffness",)
     yield_displacement: float  # y_y [m], from taut to yield
     stiffness: float  # k [N/m]; it yields at k y_y

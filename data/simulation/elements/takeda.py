@@ -111,6 +111,7 @@ class Takeda(Element):
     """
 
     law = TAKEDA
+    by_path = True
     fibres = ("stiffness",)
     yield_displacement: float  # y_y [m]
     stiffness: float  # k [N/m], cracked; it yields at k y_y
