@@ -19,10 +19,11 @@ from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, units_of
 
 DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
-OF_A_START = 15  # draws of all else, for each start that was read off the motions
+STAY_IN_PARTS = 6  # of a law whose parts are drawn anew
+OF_A_START = 60  # draws of all else, for each start that was read off the motions
 FOLLOWED, MOST_FOLLOWED = 72, 14  # over the parameters of a law: starts that are followed at first
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
-ROUNDS, ANEW, TRIED, AGAIN = 4, 25, 3, 6  # draws of a part in a round; parts followed; iterations
+ROUNDS, ANEW, TRIED, AGAIN = 4, 60, 3, 6  # draws of a part in a round; parts followed; iterations
 IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
 
@@ -35,7 +36,13 @@ def begun(
     count = min(max(2 * STAY, FOLLOWED // len(candidate.parameters)), MOST_FOLLOWED)
     count = len(drawn) if candidate.parts else count
     ends = [followed(one, motions, FIRST) for one in drawn[:count]]
-    return sorted(ends, key=lambda one: one.error)[:STAY]
+    return _best(ends)
+
+
+def _best(ends: Sequence[Fit]) -> list[Fit]:
+    """Those of a law that are followed to the end, the best first."""
+    stay = STAY_IN_PARTS if ends[0].candidate.parts else STAY
+    return sorted(ends, key=lambda one: one.error)[:stay]
 
 
 def _drawn(
@@ -95,11 +102,25 @@ def tried(
     lead = max(lead, NEGLIGIBLE)
     found = {}
     for name, ends in starts.items():
-        near = [improved(e, largest, rng) for e in ends if e.error <= lead]
-        near = [followed(e, motions, MIDDLE) for e in near]
+        near = [one for one in ends if one.error <= lead]
         if near:
-            found[name] = sorted(near, key=lambda one: one.error)
+            found[name] = _ended(near, motions, largest, rng)
     return found
+
+
+def _ended(
+    starts: Sequence[Fit],
+    motions: Sequence[Motion],
+    largest: Sequence[Motion],
+    rng: np.random.Generator,
+) -> list[Fit]:
+    """Starts followed on all motions, the best first; no more of them where one leaves nothing."""
+    ends: list[Fit] = []
+    for one in starts:
+        ends.append(followed(improved(one, largest, rng), motions, MIDDLE))
+        if ends[-1].error < NEGLIGIBLE:
+            break
+    return sorted(ends, key=lambda one: one.error)
 
 
 def chosen(
@@ -123,7 +144,7 @@ def chosen(
     if len(near) > 1 and min(errors.values()) > NEGLIGIBLE:
         found = tried(near, motions, units, rng)
         best = smallest({name: ends[0].error for name, ends in found.items()})
-    finals = [followed(one, motions, LAST) for one in found[best]]
+    finals = [followed(one, motions, LAST) for one in found[best][:STAY]]
     return min(finals, key=lambda one: one.error), errors
 
 
@@ -142,9 +163,8 @@ def _uneven(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Fi
     alike = Fit(uneven, fit.units, np.append(fit.q, more))
     read = [values for values in _read(uneven, motions, rng) if values]
     starts = [alike, *(replace(alike, q=uneven.with_values(alike.q, v, fit.units)) for v in read)]
-    ends = sorted((followed(one, largest, FIRST) for one in starts), key=lambda one: one.error)
-    near = [followed(improved(one, largest, rng), motions, MIDDLE) for one in ends[:STAY]]
-    return followed(min(near, key=lambda one: one.error), motions, LAST)
+    ends = _best([followed(one, largest, FIRST) for one in starts])
+    return followed(_ended(ends, motions, largest, rng)[0], motions, LAST)
 
 
 def alike(errors: Mapping[str, float]) -> list[str]:
