@@ -30,6 +30,15 @@ def _cache_folder(sources: Sequence[Path]) -> str | None:
     return None if folder is None else str(folder)
 
 
+def _for_any_number(compiled: Any) -> Any:
+    """Call f(0) and f(n) alike: numba would compile f anew for every number that a caller names."""
+    template = compiled.get_call_template
+    compiled.get_call_template = lambda args, kws: template(
+        tuple(numba.types.unliteral(arg) for arg in args), kws
+    )
+    return compiled
+
+
 def compilers(
     *sources: Path, contract: bool = False, reassociate: bool = False
 ) -> tuple[Compiler, Compiler]:
@@ -39,6 +48,9 @@ def compilers(
     compiles into its callers, for functions whose call costs more than they do. `contract` lets
     a product and a sum round once, `reassociate` lets a long sum be taken in parts. No other fast
     mathematics: the same inputs give the same bits in every process, and NaN is found.
+
+    Arrays are copied element by element: for `a[:] = b` numba compiles words about shapes, too,
+    which takes seconds. So do two layouts of an array in two calls.
     """
     folder = _cache_folder(sources)
     allowed = {name for name, on in (("contract", contract), ("reassoc", reassociate)) if on}
@@ -48,13 +60,14 @@ def compilers(
             before = numba.config.CACHE_DIR
             numba.config.CACHE_DIR = folder or before
             try:
-                return numba.njit(
+                made = numba.njit(
                     cache=folder is not None,
                     nogil=True,
                     error_model="numpy",
                     forceinline=inline,
                     fastmath=allowed or False,
                 )(function)
+                return _for_any_number(made)
             finally:
                 numba.config.CACHE_DIR = before
 

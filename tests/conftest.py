@@ -25,15 +25,29 @@ ENDS = {
     "r6": ("s2", "x2"),
 }
 FORCES = {"bilinear": (1.7, 4.5), "polynomial": (12.0, 3.4), "bouc_wen": (1.2, 3.0)}
-LONG = {  # files of a minute on one core; they start early, so that both end at about one time
-    "test_disk_full.py", "test_every_config.py", "test_every_estimator.py", "test_kills.py",
-    "test_launchers.py", "test_named_laws.py", "test_search.py", "test_sweep.py", "test_train.py",
+COMPILING = (  # in turns on two cores: integrator and branch law, then both called by others
+    "test_motion.py", "test_branch_element.py", "test_every_named_law.py", "test_modal_network.py",
+    "test_element_network_branch.py", "test_composition.py",
+)  # fmt: skip
+LONG = {  # files of half a minute on one core; they start early, so that both end at about one time
+    "test_c.py", "test_disk_full.py", "test_every_config.py", "test_every_estimator.py",
+    "test_graphs.py", "test_hostile_configs.py", "test_kills.py", "test_launchers.py",
+    "test_named_laws.py", "test_predict.py", "test_search.py", "test_stand_ins.py", "test_sweep.py",
+    "test_train.py", "test_units.py", "test_zoo_names.py",
 }  # fmt: skip
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The room `data` first, which compiles what others read from the cache; then long files."""
-    items.sort(key=lambda item: (item.path.parent.name != "data", item.path.name not in LONG))
+    """First what compiles, each core another part, which others read from the cache; then `data`,
+    and long files.
+    """
+
+    def place(item: pytest.Item) -> tuple[int, bool, bool]:
+        name = item.path.name
+        first = COMPILING.index(name) if name in COMPILING else len(COMPILING)
+        return first, item.path.parent.name != "data", name not in LONG
+
+    items.sort(key=place)
 
 
 def _bilinear(between: tuple[str, str], outer: bool) -> Element:

@@ -229,7 +229,8 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
                 q[i], k[0, i] = trial[i], k[6, i]
             changed = change_branches(q, branch, N, ends, law, p, m)
             if due and t == until:
-                p[element[change]] = changed_p[change]
+                for i in range(p.shape[1]):
+                    p[element[change], i] = changed_p[change, i]
                 q[2 * N + element[change]] *= changed_z[change]
                 change, changed = change + 1, True
             if changed:

@@ -134,9 +134,11 @@ def chain_run(u, rate, one, curve, two, begin, derived):
         _by_own(w, c2, a2, r, bent_after, row, first + middle, P + 2 * p)
         if t % rate == 0:
             out = rows[t // rate]
-            out[: first + middle] = through[: first + middle]
-            out[first + middle : P - 1] = row[first + middle : P - 1]
+            for j in range(first + middle):
+                out[j] = through[j]
+            for j in range(first + middle, out.size):
+                out[j] = row[j]
             out[P - 1] = 1.0
-            out[P : P + 2 * p] = through[first + middle :]
-            out[P + 2 * p :] = row[P + 2 * p :]
+            for j in range(2 * p):
+                out[P + j] = through[first + middle + j]
     return y, x, rows

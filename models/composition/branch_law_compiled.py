@@ -324,11 +324,13 @@ def go_on(y, y_before, h, dy, dy_before, dh, S, D, sensitive):
     if y > S[HIGHEST]:
         S[HIGHEST] = y
         if sensitive:
-            D[HIGHEST, :] = dy
+            for q in range(dy.size):
+                D[HIGHEST, q] = dy[q]
     if y < S[LOWEST]:
         S[LOWEST] = y
         if sensitive:
-            D[LOWEST, :] = dy
+            for q in range(dy.size):
+                D[LOWEST, q] = dy[q]
 
 
 @compiled
@@ -429,7 +431,7 @@ def imposed(theta, sizes, y, rate, turns, place, log_k0, r, jacobian):
             r[place[n]] = element_force(
                 theta, P - 1, y[n], rate[n], h, fast, none, none, dh, dr, sensitive
             )
-            if sensitive:
-                jacobian[place[n], :] = dr
+            for q in range(P if sensitive else 0):
+                jacobian[place[n], q] = dr[q]
         if turns[n] != 0:
             turn(theta, 0, sizes, log_k0, float(turns[n]), y[n], none, S, D, by_m, sensitive)

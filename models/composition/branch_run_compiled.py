@@ -152,15 +152,14 @@ def run(u, between, dt, every, measured, begin, core, icore, score, inputs, iinp
     T, substeps = len(u), between.shape[1]
     E, n = D.shape
     h, first, P = dt / substeps, P, P + S
-    _, memories, _, _ = sizes
-    q, rate, ahead, acc, new = np.zeros((5, n))
+    width, memories, _, _ = sizes
+    q, rate, ahead, acc, new = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     dq, drate, dahead = np.zeros((n, P)), np.zeros((n, P)), np.zeros((n, P))
     dacc, dnew = np.zeros((n, P)), np.zeros((n, P))
     y, speed, dy, dspeed = np.zeros(E), np.zeros(E), np.zeros((E, P)), np.zeros((E, P))
     r, dr, work = np.zeros(E), np.zeros((E, P)), np.zeros((5, P))
     past, dpast = np.zeros((E, STATES)), np.zeros((E, STATES, P))
-    w, w_turn, by_w, by_m = np.zeros((4, sizes[0]))
-    by_m = by_m[:memories]
+    w, w_turn, by_w, by_m = np.zeros(width), np.zeros(width), np.zeros(width), np.zeros(memories)
     back, none = np.eye(n), np.full((n, n), -1)
     for k in range(T):
         begins = k == 0 or (every > 0 and (k - 1) % every == 0)
@@ -179,9 +178,9 @@ def run(u, between, dt, every, measured, begin, core, icore, score, inputs, iinp
                     )  # fmt: skip
                     past[e, Y_TURN] = at
                     y[e], past[e, HIGHEST], past[e, LOWEST] = at, max(at, 0.0), min(at, 0.0)
-                    if P > 0:
-                        dpast[e, Y_TURN, :] = dy[e]
-                        dpast[e, HIGHEST if at > 0.0 else LOWEST, :] = dy[e]
+                    for p in range(P):
+                        dpast[e, Y_TURN, p] = dy[e, p]
+                        dpast[e, HIGHEST if at > 0.0 else LOWEST, p] = dy[e, p]
             _forces(q, rate, dq, drate, False, h, u[max(k - 1, 0)], D, supports, theta,
                     sizes, scale, y, speed, dy, dspeed, past, dpast, r, dr, work, w, w_turn, by_w,
                     by_m)  # fmt: skip

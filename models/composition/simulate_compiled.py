@@ -133,7 +133,7 @@ def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs
     T, substeps = len(u), between.shape[1]
     E, n = D.shape
     o, h, first, P = outputs.shape[0], dt / substeps, P, P + S
-    q, rate, ahead, acc, new = np.zeros((5, n))
+    q, rate, ahead, acc, new = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     dq, drate, dahead = np.zeros((n, P)), np.zeros((n, P)), np.zeros((n, P))
     dacc, dnew = np.zeros((n, P)), np.zeros((n, P))
     y, dy, r, dr = np.zeros(E), np.zeros((E, P)), np.zeros(E), np.zeros((E, P))

@@ -206,7 +206,7 @@ def run(u, fine, first, last, core, gamma, offset, G, D, laws, counts, Cq, Cv, D
     E, o = D.shape[0], o0.size
     hinges, units = counts
     P, S = dq.shape[1], (fine.shape[1] - 1) // 2
-    y, rate, new = np.zeros((3, E))
+    y, rate, new = np.zeros(E), np.zeros(E), np.zeros(E)
     dy, drate, dnew = np.zeros((E, P)), np.zeros((E, P)), np.zeros((E, P))
     before, r, dbefore, dr = memory[0], memory[1], dmemory[0], dmemory[1]
     phi, now = np.zeros((3, TERMS)), np.zeros((3, m))
@@ -244,8 +244,10 @@ def run(u, fine, first, last, core, gamma, offset, G, D, laws, counts, Cq, Cv, D
                 out[row:] = np.nan
                 return False
         if states.shape[0] > 0:
-            states[row, :J], states[row, J : 2 * J] = q, v
-            states[row, 2 * J : 2 * J + E], states[row, 2 * J + E :] = y, rate
+            for j in range(J):
+                states[row, j], states[row, J + j] = q[j], v[j]
+            for i in range(E):
+                states[row, 2 * J + i], states[row, 2 * J + E + i] = y[i], rate[i]
         if jacobian.shape[0] == 0:
             continue
         for c in range(o):

@@ -169,8 +169,8 @@ def run(u, h, theta, knots, begin, bound, x, v, jacobian):
             x[t:] = np.nan
             v[t:] = np.nan
             return False
-        if P > 0:
-            jacobian[t] = dx
+        for p in range(P):
+            jacobian[t, p] = dx[p]
         if t < T - 1:
             for s in range(u.shape[1]):
                 at, speed = _held(u[t, s], h, theta, knots, jump, at, speed, dx, dw, phi)

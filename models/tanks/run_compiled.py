@@ -116,7 +116,8 @@ def run(u, theta, begin, ramps, width, edge, bound, y, levels, jacobian):
         reading = x[n - 1] + theta[2]
         full = reading > theta[3]
         y[t] = theta[3] if full else reading
-        levels[t] = x
+        for i in range(n):
+            levels[t, i] = x[i]
         if not abs(reading) < bound:
             y[t:] = np.nan
             return False
@@ -128,11 +129,15 @@ def run(u, theta, begin, ramps, width, edge, bound, y, levels, jacobian):
         pump[0], pump[1] = b * value, -b * steep
         for _ in range(STEPS):
             _slopes(laws, pump, x, dx, ramps, width, rate, drate, q, dq)
-            end[:] = x + h * rate
-            dend[:] = dx + h * drate
+            for i in range(n):
+                end[i] = x[i] + h * rate[i]
+                for p in range(P):
+                    dend[i, p] = dx[i, p] + h * drate[i, p]
             _slopes(laws, pump, end, dend, ramps, width, later, dlater, q, dq)
-            x += 0.5 * h * (rate + later)
-            dx += 0.5 * h * (drate + dlater)
+            for i in range(n):
+                x[i] += 0.5 * h * (rate[i] + later[i])
+                for p in range(P):
+                    dx[i, p] += 0.5 * h * (drate[i, p] + dlater[i, p])
             for i in range(n):
                 at = SHARED + i * each
                 over = x[i] - theta[at + 2]
