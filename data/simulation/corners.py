@@ -9,6 +9,7 @@ from data.simulation.elements.compiling import inlined
 from data.simulation.elements.laws import margin, next_branch
 
 CORNER_RESOLUTION = 1e-7  # of a step
+NONE = 2.0  # beyond the end of a step, where an element may be just past a corner
 
 
 @inlined
@@ -61,8 +62,8 @@ def _crossing(e, high, at_end, q0, q1, k, h, branch, N, ends, law, p, m):
 
 @inlined
 def first_corner(q0, q1, k, h, branch, N, ends, law, p, m):
-    """Fraction of a step at which the first element leaves its branch; 1 where none does."""
-    cut = 1.0
+    """Fraction of a step at which the first element leaves its branch; NONE where none does."""
+    cut = NONE
     for e in range(law.size):
         start, end = ends[e, 0], ends[e, 1]
         before, after = q0[N + end] - q0[N + start], q1[N + end] - q1[N + start]

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from data.simulation.corners import change_branches, first_corner
+from data.simulation.corners import NONE, change_branches, first_corner
 from data.simulation.elements.compiling import compiled, inlined
 from data.simulation.elements.element import MEMORY
 from data.simulation.elements.laws import force as element_force
@@ -227,7 +227,8 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
             t = until if step == left else t + step
             for i in range(size):
                 q[i], k[0, i] = trial[i], k[6, i]
-            changed = change_branches(q, branch, N, ends, law, p, m)
+            # without a corner in the step no element is past the end of its branch
+            changed = cut < NONE and change_branches(q, branch, N, ends, law, p, m)
             if due and t == until:
                 p[element[change]] = changed_p[change]
                 q[2 * N + element[change]] *= changed_z[change]
