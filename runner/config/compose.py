@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import TextWrapper
+from typing import Any
 
 from hydra import compose, initialize_config_dir
 from hydra._internal.hydra import Hydra
 from hydra.core.global_hydra import GlobalHydra
-from hydra.types import RunMode
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from data.arguments import print_any_text
@@ -151,11 +151,10 @@ def prepare_hydra() -> None:
 _mode_of_config = Hydra.get_mode
 
 
-def _mode(hydra: Hydra, config_name: str | None, overrides: list[str]) -> RunMode | None:
+def _mode(self: Hydra, config_name: str | None, overrides: list[str]) -> Any:
     """hydra.mode, for which Hydra would compose every config once more; none of ours says it."""
     if any("hydra.mode" in word or word.startswith(("-c", "--c")) for word in sys.argv[1:]):
-        mode: RunMode | None = _mode_of_config(hydra, config_name, overrides)
-        return mode
+        return _mode_of_config(self, config_name, overrides)
     return None
 
 
