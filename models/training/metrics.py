@@ -52,7 +52,7 @@ class RelativeRMSError:
         error, size = self.error.sum(dim=0), self.size.sum(dim=0)
         _require_motion(size)
         return {
-            "total": torch.sqrt(error.sum() / size.sum()),
+            "total": torch.sqrt(self.error.sum() / self.size.sum()),
             "per_dof": torch.sqrt(error / size),
             "rms": torch.sqrt(error / self.count),
         }
