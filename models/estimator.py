@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from data.checked import checked
-from data.record import Drive, Record, Response, same_step
+from data.record import Drive, Record, Response, all_finite, same_step
 
 
 class NoFreeRunError(ValueError):
@@ -174,7 +174,7 @@ def _drive(estimator: Estimator, drive: Any) -> Drive:
         raise ValueError(f"{type(drive).__name__} is no Drive; record.drive() makes one")
     estimator.check(drive)
     for name, u in (("u", drive.u), ("x0", drive.x0), ("v0", drive.v0)):
-        if not torch.isfinite(u).all():
+        if not all_finite(u):
             raise ValueError(f"{name} of the free run is not finite; mend or cut the record")
     return drive
 

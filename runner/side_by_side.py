@@ -17,7 +17,9 @@ from typing import Any
 
 import torch
 from omegaconf import DictConfig
+from threadpoolctl import threadpool_limits
 
+from data.parallel import take_threads
 from data.record import Record, Response, stack
 from data.simulation.datamodule import SimulatedData
 from data.windows import WindowDataset
@@ -58,6 +60,7 @@ def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) ->
     """Do the runs of `seeds`; returns those that must be done alone, because something is amiss.
 
     Such are runs of which a motion escaped, and all of a batch whose closed form has no solution.
+    Every core has runs of its own, each on one thread: PyTorch would start as many for each.
     """
     shared, places = data_from(cfg), dict(zip(seeds, folders, strict=True))
     seeds_of = SeedsOf(cfg)
@@ -67,7 +70,12 @@ def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) ->
     def run_group(group: Sequence[int]) -> list[int]:
         return _run_group(cfg, seeds_of, {seed: shared.of_seed(seed) for seed in group}, places)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # most of the work releases the GIL
+    threads = cfg.threads or 1
+    with (
+        threadpool_limits(threads),
+        # most of the work releases the GIL
+        ThreadPoolExecutor(os.cpu_count(), initializer=take_threads, initargs=(threads,)) as pool,
+    ):
         return [seed for left in pool.map(run_group, groups) for seed in left]
 
 

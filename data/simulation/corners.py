@@ -5,10 +5,14 @@ Compiled into the integrator, whose names and shapes these are.
 
 from __future__ import annotations
 
+import numpy as np
+
 from data.simulation.elements.compiling import inlined
 from data.simulation.elements.laws import margin, next_branch
 
 CORNER_RESOLUTION = 1e-7  # of a step
+place = np.uintp  # an index without a sign: numba looks whether any other one is negative
+NONE = 2.0  # beyond the end of a step, where an element may be just past a corner
 
 
 @inlined
@@ -61,13 +65,14 @@ def _crossing(e, high, at_end, q0, q1, k, h, branch, N, ends, law, p, m):
 
 @inlined
 def first_corner(q0, q1, k, h, branch, N, ends, law, p, m):
-    """Fraction of a step at which the first element leaves its branch; 1 where none does."""
-    cut = 1.0
+    """Fraction of a step at which the first element leaves its branch; NONE where none does."""
+    cut = NONE
     for e in range(law.size):
         start, end = ends[e, 0], ends[e, 1]
-        before, after = q0[N + end] - q0[N + start], q1[N + end] - q1[N + start]
-        until = 1.0
-        beyond = margin(law[e], p, m, e, branch[e], q1[end] - q1[start], after, q1[2 * N + e])
+        to_start, to_end = place(N + start), place(N + end)
+        before, after = q0[to_end] - q0[to_start], q1[to_end] - q1[to_start]
+        until, y = 1.0, q1[place(end)] - q1[place(start)]
+        beyond = margin(law[e], p, m, e, branch[e], y, after, q1[place(2 * N + e)])
         if beyond >= 0.0 and before * after < 0.0:
             # an element that turned round may have been beyond its branch in between
             until = before / (before - after)

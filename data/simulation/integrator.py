@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from data.simulation.corners import change_branches, first_corner
+from data.simulation.corners import NONE, change_branches, first_corner, place
 from data.simulation.elements.compiling import compiled, inlined
 from data.simulation.elements.element import MEMORY
 from data.simulation.elements.laws import force as element_force
@@ -48,21 +48,23 @@ def _slope(q, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, row,
     n, E, before = f.shape[1], law.size, max(sample - 1, 0)
     N = n + s.shape[1] + 1
     for i in range(n):
-        k[row, i] = q[N + i]
-        k[row, N + i] = f[before, i] + tau * (f[sample, i] - f[before, i])
+        k[row, i] = q[place(N + i)]
+        k[row, place(N + i)] = f[before, i] + tau * (f[sample, i] - f[before, i])
     for j in range(s.shape[1]):
         q[n + j], q[N + n + j], _ = _support(j, s, w, sample, dt, tau)
     for e in range(E):
-        start, end, z, work = ends[e, 0], ends[e, 1], 2 * N + e, 2 * N + E + e
-        ydot = q[N + end] - q[N + start]
+        start, end = place(ends[e, 0]), place(ends[e, 1])
+        to_start, to_end = place(N + ends[e, 0]), place(N + ends[e, 1])
+        z, work = place(2 * N + e), place(2 * N + E + e)
+        ydot = q[to_end] - q[to_start]
         force, zdot = element_force(
             law[e], p, m, e, branch[e], q[end] - q[start], ydot, q[z], q[work]
         )
         r[e], k[row, z], k[row, work] = force, zdot, force * ydot
-        k[row, N + end] -= force
-        k[row, N + start] += force
+        k[row, to_end] -= force
+        k[row, to_start] += force
     for i in range(n):
-        k[row, N + i] /= masses[i]
+        k[row, place(N + i)] /= masses[i]
     for j in range(s.shape[1]):  # whatever pulls at them
         _, k[row, n + j], k[row, N + n + j] = _support(j, s, w, sample, dt, tau)
     k[row, 2 * N - 1] = 0.0  # and ground
@@ -227,7 +229,8 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
             t = until if step == left else t + step
             for i in range(size):
                 q[i], k[0, i] = trial[i], k[6, i]
-            changed = change_branches(q, branch, N, ends, law, p, m)
+            # without a corner in the step no element is past the end of its branch
+            changed = cut < NONE and change_branches(q, branch, N, ends, law, p, m)
             if due and t == until:
                 for i in range(p.shape[1]):
                     p[element[change], i] = changed_p[change, i]

@@ -100,12 +100,16 @@ def simulate(
         raise ValueError(f"tolerance={tolerance} must lie between 0 and 1e-3")
     x, v, a = (np.zeros((T, n)) for _ in range(3))
     y, r, work = (np.zeros((T, E)) for _ in range(3))
-    model = (structure.masses, structure.ends, structure.law, structure.parameters)
+    ends = structure.ends
+    if not (support.any() or support_velocity.any()):  # supports that stand still are ground
+        ends, support = np.minimum(ends, n), np.zeros((T, 0))
+        support_velocity = support
+    model = (structure.masses, ends, structure.law, structure.parameters)
     inputs = [np.ascontiguousarray(u, dtype=float) for u in (force, support, support_velocity)]
     changing = _arrays(changes, structure.parameters.shape[1])
     settings = float(dt), float(tolerance)
     memory = not np.isin(structure.law, INLINED).all()
-    progress = Progress(n, structure.supports, E, *settings, memory=memory)
+    progress = Progress(n, support.shape[1], E, *settings, memory=memory)
     fixed = (*model, *inputs, *settings, *changing, x, v, a, y, r, work, *progress.arrays())
     budget = most_steps(T)
     call = min(budget, max(1, STEPS_OF_A_CALL // (n + structure.supports + E)))

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from data.memory import require_memory
+from data.record import all_finite
 
 MOST_FEATURES = 10_000
 SQUARES = 4  # matrices (P, P) at a time
@@ -80,7 +81,7 @@ class LeastSquares:
         if phi.shape[:-1] != y.shape[:-1]:
             raise ValueError(f"{phi.shape[-2]} samples of features, {y.shape[-2]} of targets")
         rows = torch.cat([phi, y], dim=-1)
-        if not torch.isfinite(rows.sum()) and not torch.isfinite(rows).all():  # a sum is cheap
+        if not all_finite(rows):
             raise ValueError(
                 "the signals hold NaN or infinite values; mend the record before identification"
             )

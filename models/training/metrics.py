@@ -24,8 +24,8 @@ LEFT = 100.0  # times the largest measured |ẍ| of a record: a free run beyond 
 class RelativeRMSError:
     """Eq. 21 over any number of batches of windows, up to T counted samples × n DOFs each.
 
-    `compute` gives fractions: `total` (), `per_dof` (n,), and `over_time` (T,), the total up to
-    each sample of the windows; and `rms` (n,), the error itself in the unit of the signal.
+    `compute` gives fractions: `total` () and `per_dof` (n,); and `rms` (n,), the error itself in
+    the unit of the signal. `over_time` gives the total up to each sample of the windows.
     """
 
     def __init__(self, samples: int, dofs: int, device: torch.device | None = None) -> None:
@@ -49,17 +49,27 @@ class RelativeRMSError:
         self.count += estimate[..., 0].numel()
 
     def compute(self) -> dict[str, Tensor]:
-        if not (self.size.sum(dim=0) > 0.0).all():
-            raise ValueError(
-                "the measured acceleration of a DOF is zero; its relative error is undefined"
-            )
-        error, size = self.error.sum(dim=1).cumsum(dim=0), self.size.sum(dim=1).cumsum(dim=0)
+        error, size = self.error.sum(dim=0), self.size.sum(dim=0)
+        _require_motion(size)
         return {
             "total": torch.sqrt(self.error.sum() / self.size.sum()),
-            "per_dof": torch.sqrt(self.error.sum(dim=0) / self.size.sum(dim=0)),
-            "rms": torch.sqrt(self.error.sum(dim=0) / self.count),
-            "over_time": torch.sqrt(error / size.clamp_min(torch.finfo(size.dtype).tiny)),
+            "per_dof": torch.sqrt(error / size),
+            "rms": torch.sqrt(error / self.count),
         }
+
+    def over_time(self) -> Tensor:
+        """The total up to each sample (T,)."""
+        _require_motion(self.size.sum(dim=0))
+        error, size = self.error.sum(dim=1).cumsum(dim=0), self.size.sum(dim=1).cumsum(dim=0)
+        return torch.sqrt(error / size.clamp_min(torch.finfo(size.dtype).tiny))
+
+
+def _require_motion(size: Tensor) -> None:
+    """Raise ValueError where a DOF has no size (n,) that an error could be relative to."""
+    if not (size > 0.0).all():
+        raise ValueError(
+            "the measured acceleration of a DOF is zero; its relative error is undefined"
+        )
 
 
 class Score:
@@ -99,7 +109,7 @@ class Score:
 
     def over_time(self) -> Tensor:
         """Eq. 21 up to each sample, against the measured signal, as a fraction (T,)."""
-        return self.against[""].compute()["over_time"]
+        return self.against[""].over_time()
 
 
 def _percent(error: float) -> float | None:

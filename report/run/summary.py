@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import torch
 from torch import Tensor
 
 from data.datamodule import Data
@@ -52,9 +52,10 @@ def log_run(
     over_time = errors_over_time(module)
     logger.log_hyperparams(swept(choices), numbers(metrics))
     for key, error in over_time.items():
-        for step in range(0, len(error), max(1, len(error) // 200)):
-            if torch.isfinite(error[step]):
-                board.add_scalar(f"{key}/relative_rms_percent_over_time", 100.0 * error[step], step)
+        each = max(1, len(error) // 200)
+        for i, value in enumerate((100.0 * error[::each]).tolist()):
+            if math.isfinite(value):
+                board.add_scalar(f"{key}/relative_rms_percent_over_time", value, i * each)
     if choices["figures"]:
         _draw(board, module, data, metrics)
     logger.save()

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import TextWrapper
+from typing import Any
 
 from hydra import compose, initialize_config_dir
+from hydra._internal.hydra import Hydra
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
@@ -138,10 +141,21 @@ def prepare_hydra() -> None:
     """Let Hydra raise what it finds instead of printing it, and give it our help."""
     print_any_text()
     os.environ["HYDRA_FULL_ERROR"] = "1"
+    Hydra.get_mode = _mode  # type: ignore[method-assign]
     if not OmegaConf.has_resolver("help"):
         OmegaConf.register_new_resolver("help", help_text)
         OmegaConf.register_new_resolver("run_name", lambda _root_: run_name(_root_))
         OmegaConf.register_new_resolver("same_for", _same_for, use_cache=True)
+
+
+_mode_of_config = Hydra.get_mode
+
+
+def _mode(self: Hydra, config_name: str | None, overrides: list[str]) -> Any:
+    """hydra.mode, for which Hydra would compose every config once more; none of ours says it."""
+    if any("hydra.mode" in word or word.startswith(("-c", "--c")) for word in sys.argv[1:]):
+        return _mode_of_config(self, config_name, overrides)
+    return None
 
 
 def _same_for(words: ListConfig) -> str:

@@ -109,15 +109,17 @@ WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or f
 
 def require(value: Any, kind: Any, place: str = "") -> None:
     """Raise ValueError, with the place, where a value is not of its kind."""
-    if not fits_outside(value, kind):
+    for one in _kinds(kind):
+        if fits_outside(value, one):
+            break
+    else:
         raise ValueError(f"{place or 'it'} is {_short(value)}, expected {_words(kind)}")
-    kind = next((k for k in _kinds(kind) if fits_outside(value, k)), kind)
-    if isinstance(kind, Mapping):
+    if isinstance(one, Mapping):
         for key, inner in value.items():
-            require(inner, kind.get(key, kind.get(..., ANYTHING)), f"{place}.{key}".lstrip("."))
-    elif isinstance(kind, list):
+            require(inner, one.get(key, one.get(..., ANYTHING)), f"{place}.{key}".lstrip("."))
+    elif isinstance(one, list):
         for inner in value:
-            require(inner, kind[0], f"a value of {place}")
+            require(inner, one[0], f"a value of {place}")
 
 
 def _kinds(kind: Any) -> list[Any]:

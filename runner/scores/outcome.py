@@ -84,6 +84,7 @@ def metrics_of(
 ) -> dict[str, Any]:
     """What `metrics.json` holds; errors in percent, times in seconds."""
     names = {part: str(run.choices[part]["name"]) for part in ("model", "system", "scenario")}
+    results = module.results()
     tested = {n: r.to(module.device) for n, r in each_record(data, "test").items()}
     each = per_record(module.estimator, tested) if len(tested) > 1 else {}
     trained = range_of(module.estimator, (r.to(module.device) for r in data.records["train"]))
@@ -99,8 +100,9 @@ def metrics_of(
             for key, value in module.solution.items()
         },
         "training": module.how_trained(),
-        **module.results(),
-        "verdict": verdict_of(module, data, baselines) | _lost(module, each, tested, trained),
+        **results,
+        "verdict": verdict_of(module, results, data, baselines)
+        | _lost(module, results[FREE_RUNS["test"]], each, tested, trained),
         "per_record": each,
         "trained_range": trained,
         "outside_trained_range": outside(trained, range_of(module.estimator, tested.values())),
@@ -127,12 +129,15 @@ def metrics_of(
 
 def _lost(
     module: Identification,
+    together: Mapping[str, Any],
     each: Mapping[str, Mapping[str, Any]],
     tested: Mapping[str, Record],
     trained: Mapping[str, Any],
 ) -> dict[str, str]:
-    """Of a model that was trained on its free run: the test motions on which that run diverges."""
-    together = module.results()[FREE_RUNS["test"]]
+    """Of a model that was trained on its free run: the test motions on which that run diverges.
+
+    together: scores of its free runs of all test motions; each: those of one motion at a time.
+    """
     if not judged_by_free_run(module) or not together.get("left_after_s"):
         return {}
     runs = {name: scores[FREE_RUNS["test"]] for name, scores in each.items()}

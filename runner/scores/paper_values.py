@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +26,14 @@ class PaperCell:
         return self.table, self.method, self.split, self.dof
 
 
-def paper_cells() -> list[PaperCell]:
+@cache
+def paper_cells() -> tuple[PaperCell, ...]:
     with CELLS.open(newline="") as file:
         rows = [dict(row) for row in csv.DictReader(file)]
-    return [
+    return tuple(
         PaperCell(**{**row, "table": int(row["table"]), "percent": float(row["percent"])})
         for row in rows
-    ]
+    )
 
 
 def paper_values(model: str, system: str, scenario: str) -> dict[str, dict[str, Any]]:

@@ -31,13 +31,15 @@ class NotIdentifiedError(ValueError):
 
 
 def verdict_of(
-    module: Identification, data: Data, baselines: Mapping[str, Mapping[str, Any]]
+    module: Identification,
+    results: Mapping[str, Any],
+    data: Data,
+    baselines: Mapping[str, Mapping[str, Any]],
 ) -> dict[str, Any]:
     """For `metrics.json`: `identified` (null: nothing to judge), `reason`, and what was compared.
 
-    baselines: their errors, as `metrics.json` has them.
+    results, baselines: errors of the model and of the baselines, as `metrics.json` has them.
     """
-    results = module.results()
     if judged_by_free_run(module):
         scores = results[FREE_RUNS["train"]]
         linear = linear_percent(data, baselines)

@@ -11,6 +11,7 @@ from safetensors.torch import load_file
 
 import evaluate
 import train
+from data import parallel
 from data.record import Record
 from models.layers.least_squares import LeastSquares, RankDeficientError
 from runner import side_by_side as batch
@@ -131,6 +132,16 @@ def test_what_cannot_go_side_by_side_is_told_apart():
         ["model=vwnn", "scenario.level=${seed}", "scenario=noisy"],
     ):
         assert not can_be_batched(composed(*words)), words
+
+
+def test_runs_side_by_side_have_one_thread_each(tmp_path, monkeypatch):
+    seen, before = [], torch.get_num_threads()
+    monkeypatch.setattr(parallel, "_limit", None)
+    monkeypatch.setattr(batch, "_run_group", lambda *_: seen.append(torch.get_num_threads()) or [])
+    torch.set_num_threads(2)
+    assert batch.run_batch(composed("model=vwnn"), [0, 1], [tmp_path / "0", tmp_path / "1"]) == []
+    torch.set_num_threads(before)
+    assert seen == [1]
 
 
 def test_least_squares_side_by_side_are_those_alone():

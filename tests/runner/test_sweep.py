@@ -87,6 +87,13 @@ def test_folders_are_named_after_all_that_follows_from_the_seed(launcher, tmp_pa
     ]
 
 
+def test_a_sweep_is_asked_for_by_hydra_mode_too(tmp_path, monkeypatch):
+    words = ["hydra.mode=MULTIRUN", "model=linear", "seed=0,1", "baselines=none", "figures=false"]
+    words += ["data.duration=8", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    assert len(list(tmp_path.glob("*/metrics.json"))) == 2
+
+
 def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):
     words = ["-m", *QUICK, "model=linear", "seed=0,1", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 0
