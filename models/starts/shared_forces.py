@@ -70,18 +70,20 @@ class Balance:
     @torch.no_grad()
     def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
         """JᵀJ (P, P), summed over every `every`-th sample, and Jᵀe (P,), with the pull."""
-        forces, slopes = self._forces(True)  # (T, E), (T, E, L)
+        forces, slopes = self._forces(True)  # (T, E), (E, T, L)
         errors, composed = self._errors(forces), self.network.composition()
-        T, n = errors.shape
         by_law = -self.weight * composed.G.value.detach()  # (n, E)
-        J = errors.new_zeros(T, n, composed.parameters)
-        laws = torch.einsum("ne,tel->tnel", by_law, slopes).flatten(2)
-        J[..., : laws.shape[-1]] = laws
+        E, _, L = slopes.shape
+        thin = slopes[:, ::every]
+        some = errors.new_zeros(thin.shape[1], errors.shape[1], composed.parameters)
+        some[..., : E * L] = torch.einsum("ne,etl->tnel", by_law, thin).flatten(2)
+        vector = errors.new_zeros(composed.parameters)
+        vector[: E * L] = torch.einsum("te,etl->el", errors @ by_law, slopes).flatten()
         if self.network.drag is not None:
-            J[..., -1] = -self.weight * self.v * self.network.drag.slope()
-        some = J[::every].flatten(0, 1)
-        matrix = T / len(J[::every]) * (some.T @ some)
-        vector = errors.flatten() @ J.flatten(0, 1)
+            by_drag = -self.weight * self.v * self.network.drag.slope()
+            some[..., -1], vector[-1] = by_drag[::every], (errors * by_drag).sum()
+        some = some.flatten(0, 1)
+        matrix = errors.numel() / len(some) * (some.T @ some)
         _, deviation = self.network.pull(True, self.prior)
         pull = errors.numel() * self.prior
         matrix.diagonal().add_(pull)
@@ -94,7 +96,7 @@ class Balance:
         return self.weight * (self.driven - held - self.y).detach()
 
     def _forces(self, derivatives: bool) -> tuple[Tensor, Tensor]:
-        """Forces (T, E) and, asked for, their derivatives (T, E, L), else nothing."""
+        """Forces (T, E) and, asked for, their derivatives (E, T, L), else nothing."""
         network, T = self.network, len(self.y)
         E, L = network.theta.shape
         theta, free = network.theta.detach().numpy(), learned(network.theta, network.sizes)
@@ -102,5 +104,5 @@ class Balance:
         for e, steps in enumerate(self.steps):
             own = theta[e].copy()
             imposed(own, network.sizes, *steps, float(self.log_k0[e]), forces[e], slopes[e])
-        r = torch.from_numpy(forces).T * self.F
-        return r, (torch.from_numpy(slopes) * (self.F[:, None] * free)[:, None]).transpose(0, 1)
+        by_theta = torch.from_numpy(slopes) * (self.F[:, None] * free)[:, None]
+        return torch.from_numpy(forces).T * self.F, by_theta
