@@ -274,15 +274,6 @@ def test_of_forces_that_equilibrium_leaves_open_the_polish_alone_is_chosen(short
     assert float(model.weight) == told["prior"] == 1e-3
 
 
-def test_a_prior_that_is_given_is_not_judged(short, monkeypatch):
-    monkeypatch.setattr(shared_forces, "ITERATIONS", 1)
-    model = ElementNetworkBranch(
-        2, 2, DT, "all", [3e4, 2e4], [], ramps=3, bends=1, law_starts=1, prior=1e-2
-    )
-    assert "held_back_percent" not in model.identify([stack([shaken(0, 0.06), shaken(1, 0.12)])])
-    assert float(model.weight) == 1e-2
-
-
 def test_units_change_neither_the_laws_nor_the_polish_of_a_network(short, monkeypatch):
     monkeypatch.setattr(branch_polish, "STEPS", 1)
     models = []

@@ -8,7 +8,7 @@ import torch
 
 from data.record import Record, stack
 from models.element_network_branch import ElementNetworkBranch
-from models.starts import branch_choice
+from models.starts import branch_choice, shared_forces
 from models.starts.branch_polish import motions_of
 from models.starts.shared_forces import Balance, fit_together
 from models.training.objective import restore, state_of
@@ -98,3 +98,11 @@ def test_what_laws_of_shared_forces_hold_and_what_is_asked_for():
     assert network(ramps=None, bends=None, force_memory=True).sizes[1:] == (6, 6, 2)
     chain = ElementNetworkBranch(2, 1, DT, "chain", MASSES, "base")
     assert chain.sizes[1:] == (6, 14, 4)
+
+
+def test_a_prior_that_is_given_is_not_judged(monkeypatch):
+    monkeypatch.setattr(branch_choice, "FIRST", 2)
+    monkeypatch.setattr(shared_forces, "ITERATIONS", 1)
+    model = network(prior=1e-2)
+    assert "held_back_percent" not in model.identify([stack([shaken(0), shaken(1)])])
+    assert float(model.weight) == 1e-2
