@@ -36,7 +36,7 @@ class ElementNetwork(Composite):
 
     elements: the pairs of nodes that are joined, such as [[ground, x1], [x1, x2]]; "chain" for
     ground, x1, x2, … one after the other; "all" for all n(n + 1)/2 pairs; "frame" for a chain that
-    bends: three nodes one after the other are joined, too (composition/joined.py); None for all
+    bends: three and four nodes in a row are joined, too (composition/joined.py); None for all
     where the motion can tell them apart, else the chain: beyond four DOFs, and where a base moves
     and no mass is known.  masses [kg]: None learns them, or one of them.  forced: numbers of the
     DOFs that carry the forces, None for all of them, "base" where f = −s̈ of a common support moves

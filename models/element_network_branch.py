@@ -4,11 +4,15 @@ M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = F law(y_e/Y, ẏ_e/V; θ_e)    (c
 
 It starts by equilibrium (models/starts/equilibrium.py), where the law of every element is fitted as
 that of an element under an imposed motion, and is polished on its free run with exact derivatives.
+Where elements share forces, which equilibrium then leaves open, all laws are fitted together
+(models/starts/shared_forces.py). In a frame that bends on a shaken base the masses are damped too,
+by α m against the base: of Rayleigh's damping no element of it has that part.
 B records, T samples, n DOFs, E elements, m excitations, L parameters of a law.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Literal
@@ -21,6 +25,7 @@ from models.branch_element import BranchElement
 from models.composition.branch_law import learned, of_sizes, sizes
 from models.composition.branch_law_compiled import law_size
 from models.composition.branch_run import Branches, simulate_branches, traced_branches
+from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import MOST_STEPS
 from models.composition.simulate import Composition
 from models.composition.trace import Trace
@@ -29,14 +34,21 @@ from models.starts.branch_choice import (
     Choice,
     Chosen,
     Test,
+    begun,
     chosen,
     fitted,
     largest_motion,
     of_element,
+    parted,
     require_starts,
     told,
 )
-from models.starts.branch_polish import BY_DEFAULT, polish_weight
+from models.starts.branch_polish import BY_DEFAULT, motions_of, polish_weight
+from models.starts.equilibrium import dominant
+from models.starts.shared_forces import fit_together
+
+OWN, SHARED = (14, 4), (6, 2)  # ramps and bends of laws that have, or share, their forces
+DAMPED = 0.02  # of ω: α, where its search starts; half of it is of the first mode's 2 ζ ω
 
 
 class ElementNetworkBranch(ElementNetwork):
@@ -48,7 +60,9 @@ class ElementNetworkBranch(ElementNetwork):
     the law by equilibrium. None: chosen on motion held back, for each law and then for the free
     run, in which a strong prior leaves the laws as equilibrium has them
     (models/starts/branch_polish.py). With more elements than DOFs equilibrium leaves open the
-    forces that would judge: more memory, equal sides and 1e-6 are taken.
+    forces that would judge a law: the free run's is chosen, and laws have less memory and equal
+    sides unless more is asked for. ramps, bends: None: 14 and 4, or, of elements that share forces,
+    6 and 2, which go less astray in larger motions.
     Raises ValueError for channels, masses or pairs of nodes that do not fit.
     """
 
@@ -66,8 +80,8 @@ class ElementNetworkBranch(ElementNetwork):
         elements: Sequence[Sequence[str]] | Literal["chain", "all", "frame"] | None = None,
         masses: Sequence[float | None] | None = None,
         forced: Sequence[int] | str | None = None,
-        ramps: int = 14,
-        bends: int = 4,
+        ramps: int | None = None,
+        bends: int | None = None,
         force_memory: bool | None = None,
         law_starts: int = 4,
         seed: int = 0,
@@ -82,9 +96,18 @@ class ElementNetworkBranch(ElementNetwork):
         )  # fmt: skip
         require_starts(law_starts, seed)
         self.choice = Choice(force_memory, prior, law_starts, seed, unsymmetric)
-        self.ramps, self.bends = ramps, bends
-        self.sizes = sizes(force_memory is not False, ramps, bends, unsymmetric is not False)
-        E, L = len(self.elements), law_size(self.sizes)
+        E = len(self.elements)
+        self.shared = dofs < E  # forces, which equilibrium leaves open
+        usual = SHARED if self.shared else OWN
+        self.ramps, self.bends = (
+            u if given is None else given for given, u in zip((ramps, bends), usual, strict=True)
+        )
+        larger = bool(force_memory) if self.shared else force_memory is not False
+        sides = bool(unsymmetric) if self.shared else unsymmetric is not False
+        self.sizes = sizes(larger, self.ramps, self.bends, sides)
+        L = law_size(self.sizes)
+        bent = self.base and any(len(nodes) > 2 for nodes in self.elements)
+        self.drag = Coefficients(1, positive=True) if bent else None  # α [1/s]
         self.laws.requires_grad_(False)  # the branch laws hold spring and damper
         self.theta = nn.Parameter(torch.zeros(E, L, dtype=torch.float64))
         self.register_buffer("begun", torch.zeros(E, L, dtype=torch.float64))
@@ -96,6 +119,14 @@ class ElementNetworkBranch(ElementNetwork):
     @property
     def branches(self) -> Branches:
         return Branches(self.theta, self.sizes, self.scale)
+
+    def composition(self) -> Composition:
+        undamped = super().composition()
+        if self.drag is None:
+            return undamped
+        alpha = Numbering(self).part(self.drag).map(lambda u: u.expand(self.dofs))
+        core = Part.stack([Part.fixed(torch.zeros_like(alpha.value.detach())), alpha], dim=0)
+        return replace(undamped, core=core)
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, float | str]:
@@ -109,8 +140,12 @@ class ElementNetworkBranch(ElementNetwork):
         if self.linear is None:
             raise ValueError("the records gave no linear structure to begin with")
         stiffness = self.linear[0].clamp_min(1e-3 * self.linear[0].max())
+        if self.drag is not None:
+            fast = [2.0 * math.pi * dominant(m.a, m.dt) for m in motions_of(self.records)]
+            self.drag.start(torch.tensor(DAMPED * min(fast), dtype=torch.float64))
+        alpha = 0.0 if self.drag is None else float(self.drag())
         tests = [m for record in self.records for m in self.element_tests(record, stiffness)]
-        self.tests = [(y, rate, r) for y, rate, r, _ in tests]
+        self.tests = [(y, rate, r - alpha * drag) for y, rate, r, drag in tests]
         return {**facts, **self._fit(self.choice.seed)}
 
     @torch.no_grad()
@@ -125,8 +160,8 @@ class ElementNetworkBranch(ElementNetwork):
     def _fit(self, seed: int) -> dict[str, float | str]:
         """Choose every law and how the free run is polished; then fit the laws to all motions."""
         choice = replace(self.choice, seed=seed)
-        if len(self.elements) > self.dofs:  # forces that are left open judge nothing
-            choice = choice.settled(True, BY_DEFAULT)
+        if self.shared:
+            return self._fit_shared(choice)
         tests = [of_element(self.tests, e) for e in range(len(self.elements))]
         found, facts = self._choose(choice, tests) if choice.open else ([], {})
         errors, drawn = [], torch.Generator().manual_seed(seed)
@@ -137,6 +172,26 @@ class ElementNetworkBranch(ElementNetwork):
             errors.append(error)
         self.begun.copy_(self.theta)
         return {**facts, "laws_off_percent": ", ".join(f"{100.0 * e:.2f}" for e in errors)}
+
+    def _fit_shared(self, choice: Choice) -> dict[str, float | str]:
+        """Begin with laws that share forces as linear springs do; then fit them together.
+
+        How the free run is polished is chosen after a fit to all but the motion held back.
+        """
+        motions, place = motions_of(self.records), largest_motion([y for y, *_ in self.tests])
+        settled, facts = choice.settled(False, BY_DEFAULT), dict[str, float | str]()
+        drawn = torch.Generator().manual_seed(choice.seed)
+        for e in range(len(self.elements)):
+            own = replace(settled, seed=int(torch.randint(2**31, (1,), generator=drawn)))
+            self._take(e, begun(self._single, of_element(self.tests, e), own))
+        if choice.prior is None:
+            fit_together(self, parted(motions, place)[0])
+            self.begun.copy_(self.theta)
+            weight, facts = polish_weight(self, self.records, place)
+            self.weight.fill_(weight)
+        error = fit_together(self, motions)
+        self.begun.copy_(self.theta)
+        return {**facts, "forces_off_percent": f"{100.0 * error:.2f}"}
 
     def _choose(
         self, choice: Choice, tests: list[list[Test]]
@@ -167,8 +222,9 @@ class ElementNetworkBranch(ElementNetwork):
         self, last: bool, prior: float | None = None, noise: float = 0.0
     ) -> tuple[float | Tensor, Tensor]:
         parts = [(self.theta - self.begun).reshape(-1)]
-        if self.mass.theta.requires_grad:
-            parts.append(self.mass.deviation(last).reshape(-1))
+        for more in (self.mass, self.drag):
+            if more is not None and more.theta.requires_grad:
+                parts.append(more.deviation(last).reshape(-1))
         return self.weight if prior is None else prior, torch.cat(parts)
 
     def free_run(self, drive: Drive) -> Response:

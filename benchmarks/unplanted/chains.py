@@ -4,7 +4,7 @@
     python -m benchmarks.unplanted.chains --cases "gaps, 2 storeys" --noise 0
     python -m benchmarks.unplanted.chains --cases "fibre frame, 3 floors" --model element_network
     python -m benchmarks.unplanted.chains --cases "fibre frame, 2 floors" \
-        --model element_network_branch --elements frame --settings model.prior=1e-3 --noise 0
+        --model element_network_branch --elements frame --noise 0
 
 Shear chains of OpenSees' own materials, and a frame of fibre elements, under a shaken base,
 Rayleigh damping, Newmark's method with some steps a sample. Models are given six records of 30 s

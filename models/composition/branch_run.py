@@ -103,6 +103,7 @@ def simulate_branches(
         signals = (torch.stack([getattr(r, k) for r in runs]) for k in "xva")
         return Response(*(s.reshape(*lead, *s.shape[1:]) for s in signals))
     inputs, G, D = (getattr(composition, k).value for k in ("inputs", "G", "D"))
+    K, C = composition.core.value
     h = drive.dt / substeps
     u, fine = drive.u, between(drive.u, drive.hold, substeps)
     Y, V, F, _ = branches.scale
@@ -118,7 +119,7 @@ def simulate_branches(
         for e, theta in enumerate(branches.theta)
     ]
     r = torch.stack([law.go_on(*now) for law, *now in zip(laws, y, speed, strict=True)])
-    a = inputs @ u[0] - G @ (F * r)
+    a = inputs @ u[0] - K * q - C * rate - G @ (F * r)
     history = [(q, rate, a)]
     for k in range(1, drive.samples):
         for part in range(substeps):
@@ -130,7 +131,7 @@ def simulate_branches(
             for e, law in enumerate(laws):
                 turn_within(law, before[e], slow[e], y[e], speed[e], h * float(V[e] / Y[e]))
                 forces.append(law.go_on(y[e], speed[e]))
-            new = inputs @ now - G @ (F * torch.stack(forces))
+            new = inputs @ now - K * q - C * ahead - G @ (F * torch.stack(forces))
             rate, a = rate + 0.5 * h * (a + new), new
         a = a + inputs @ (u[k] - fine[k - 1, -1])  # a held excitation jumps
         history.append((q, rate, a))

@@ -1,15 +1,18 @@
 """Which nodes the elements of a network join, and the deformations that this makes.
 
 y = B x + B_s s: of two nodes (i, j) y = x_j − x_i, a spring between them; of three (i, j, k)
-y = x_i − 2 x_j + x_k, what bends at j.  n DOFs, E elements, p moving supports.
-Columns whose joints turn carry shear and bending: in a chain of two and three nodes each both are
-springs of positive stiffness, where pairs of nodes alone need negative ones (x_i to x_k).
+y = x_i − 2 x_j + x_k, what bends at j; of more the difference of so much higher an order, by which
+bending changes along the chain.  n DOFs, E elements, p moving supports.
+Columns whose joints turn carry shear and bending: in a chain both are springs of positive
+stiffness, where pairs of nodes alone need negative ones (x_i to x_k). Any symmetric stiffness is
+such springs in one way, if all nodes that follow on one another are joined, n(n + 1)/2 elements.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations, pairwise
+from math import comb
 
 import numpy as np
 import torch
@@ -18,8 +21,8 @@ from torch import Tensor
 from data.topology import node_numbers
 
 MOST_NODES = 300  # all of whose pairs are elements
+MOST_JOINED = 4  # nodes of an element of a frame: one of 6 storeys has its modes to some percent
 TOLD = {"chain": "chain", "all": "all pairs", "frame": "chain that bends"}
-SHARES = {2: (-1.0, 1.0), 3: (1.0, -2.0, 1.0)}  # of the motion of two, or three, nodes in y
 
 
 def nodes_of(elements: Sequence[Sequence[str]] | str, dofs: int, supports: int) -> list[list[str]]:
@@ -39,7 +42,8 @@ def nodes_of(elements: Sequence[Sequence[str]] | str, dofs: int, supports: int) 
     chain = [list(pair) for pair in pairwise(nodes)]
     if elements == "chain":
         return chain
-    return chain + [nodes[i : i + 3] for i in range(dofs - 1)]
+    bends = [nodes[i : i + k] for k in range(3, MOST_JOINED + 1) for i in range(dofs + 2 - k)]
+    return chain + bends
 
 
 def all_pairs(dofs: int, supports: int) -> list[list[str]]:
@@ -61,12 +65,14 @@ def incidence(elements: Sequence[Sequence[str]], dofs: int, supports: int) -> tu
     number = node_numbers(dofs, supports)
     full = np.zeros((len(elements), dofs + supports + 1))
     for row, nodes in zip(full, elements, strict=True):
-        shares = SHARES.get(len(nodes))
-        if shares is None or len(set(nodes)) < len(nodes) or not set(nodes) <= set(number):
+        if not 1 < len(set(nodes)) == len(nodes) or not set(nodes) <= set(number):
             *moving, ground = number
             raise ValueError(
                 f"model.elements holds {list(nodes)}: expected two different ones of "
-                f"{', '.join(moving)} and {ground}, or three, at whose middle one it bends"
+                f"{', '.join(moving)} and {ground}, or three, at whose middle one it bends, or more"
             )
-        row[[number[node] for node in nodes]] = shares
+        order = len(nodes) - 1
+        row[[number[node] for node in nodes]] = [
+            (-1.0) ** (order - i) * comb(order, i) for i in range(order + 1)
+        ]
     return torch.tensor(full[:, :dofs]), torch.tensor(full[:, dofs : dofs + supports])

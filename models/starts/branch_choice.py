@@ -154,12 +154,7 @@ def fitted(
     From the law that was chosen; without one, of some starts the best after FIRST iterations.
     """
     if begin is None:
-        assert choice.force_memory is not None
-        assert choice.prior is not None
-        law = make(choice.force_memory, bool(choice.unsymmetric), choice.prior)
-        law.measure(tests)
-        law.sample(tests)
-        _best_start(law, records_of(tests, law.dt), choice)
+        law = begun(make, tests, choice)
     else:
         law = begin.law
         law.weights.fill_(begin.weight)
@@ -167,6 +162,17 @@ def fitted(
     minimised(law, Joint.of(law, records), ITERATIONS)
     plain = [FreeRunProblem(law, record, None, prior=0.0) for record in records]
     return law, float(Joint(plain).loss()) ** 0.5
+
+
+def begun(make: Make, tests: Sequence[Test], choice: Choice) -> Law:
+    """The law of an element at the best of its starts on all tests."""
+    assert choice.force_memory is not None
+    assert choice.prior is not None
+    law = make(choice.force_memory, bool(choice.unsymmetric), choice.prior)
+    law.measure(tests)
+    law.sample(tests)
+    _best_start(law, records_of(tests, law.dt), choice)
+    return law
 
 
 def records_of(tests: Sequence[Test], dt: float) -> list[Record]:
@@ -209,12 +215,15 @@ def _best_start(law: Law, records: Sequence[Record], choice: Choice) -> None:
 
 
 class Joint:
-    """Problems of one model on records of unequal length, each weighted by its size."""
+    """Problems of one model on records of unequal length, each weighted by its size.
+
+    They are as `FreeRunProblem` is: y, loss() and normal_equations(every).
+    """
 
     steepest = 1.0
     own: Sequence[Tensor] = ()
 
-    def __init__(self, problems: Sequence[FreeRunProblem]) -> None:
+    def __init__(self, problems: Sequence[Any]) -> None:
         self.problems = problems
         sizes = np.array([float((p.y**2).sum()) for p in problems])
         self.shares = sizes / sizes.sum()

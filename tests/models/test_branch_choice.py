@@ -13,10 +13,11 @@ from data.record import Record, stack
 from data.simulation.elements import MenegottoPinto
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
+from models import element_network_branch
 from models.branch_element import BranchElement
 from models.composition.branch_law import learned, of_sizes
 from models.element_network_branch import ElementNetworkBranch
-from models.starts import branch_choice, branch_polish
+from models.starts import branch_choice, branch_polish, shared_forces
 from models.starts.branch_choice import (
     Choice,
     Chosen,
@@ -249,11 +250,32 @@ def test_where_no_polished_model_stands_the_free_run_has_its_way(monkeypatch):
     assert weight == branch_polish.BY_DEFAULT
 
 
-def test_forces_that_equilibrium_leaves_open_choose_nothing(short):
+def test_of_forces_that_equilibrium_leaves_open_the_polish_alone_is_chosen(short, monkeypatch):
+    monkeypatch.setattr(branch_polish, "STEPS", 1)
+    monkeypatch.setattr(shared_forces, "ITERATIONS", 2)
+    judged = []
+
+    def polished(model: ElementNetworkBranch, records: list[Record], place: int):
+        judged.append(place)
+        return 1e-3, {"prior": 1e-3}
+
+    monkeypatch.setattr(element_network_branch, "polish_weight", polished)
     model = ElementNetworkBranch(2, 2, DT, "all", [3e4, 2e4], [], ramps=3, bends=1, law_starts=1)
-    told = model.identify([stack([shaken(0, 0.06), shaken(1, 0.12)])])
+    fitted_to = []
+    together = shared_forces.fit_together
+
+    def fit(network: ElementNetworkBranch, motions: list[Record]) -> float:
+        fitted_to.append([float(m.a.abs().max()) for m in motions])
+        return together(network, motions)
+
+    monkeypatch.setattr(element_network_branch, "fit_together", fit)
+    records = [shaken(0, 0.06), shaken(1, 0.12)]
+    told = model.identify([stack(records)])
+    largest = [float(r.a.abs().max()) for r in records]
+    assert judged == [1]
+    assert fitted_to == [largest[:1], largest]  # the motion that judges is not seen before
     assert "memory" not in told
-    assert float(model.weight) == branch_polish.BY_DEFAULT
+    assert float(model.weight) == told["prior"] == 1e-3
 
 
 def test_units_change_neither_the_laws_nor_the_polish_of_a_network(short, monkeypatch):
