@@ -29,7 +29,7 @@ from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import smallest
 from models.named_laws.fit import Fit, Motion
-from models.named_laws.four_points import envelopes, moved
+from models.named_laws.four_points import envelopes, moved, uneven_envelopes
 from models.named_laws.free_run import Shaking, linear, mass_dampers
 from models.named_laws.storey import Storey
 
@@ -273,6 +273,27 @@ def _off(values, places: tuple[float, ...]) -> float:
     steps = [1.0 + values[f"farther_{i}"] for i in (2, 3)]
     own = values["yield_displacement"] * np.cumprod([1.0, *steps])
     return float(np.abs(np.log(own / places)).max())
+
+
+def test_sides_that_are_read_off_motions_for_themselves_are_those_of_the_law():
+    """Where both are alike, the uneven law is the even one; where not, the back has its own."""
+    even, uneven = CANDIDATES["Pinching4"], CANDIDATES["UnevenPinching4"]
+    units, rng = Units(0.02, 0.1, 1e5, 2e7), np.random.default_rng(0)
+    q = even.drawn(rng)
+    y, _ = motion(0, 0.04)
+    (one,), (other,) = (
+        [force(law, y, DT) for law in candidate.elements(numbers, units)]
+        for candidate, numbers in ((even, q), (uneven, np.append(q, np.zeros(11))))
+    )
+    assert np.allclose(one, other, rtol=1e-12)
+    pulled = np.abs(np.concatenate([np.linspace(0.0, 0.03, 300), np.linspace(0.03, 0.0, 300)]))
+    loops = [
+        (side * pulled, side * np.interp(pulled, (0.0, place, 0.03), (0.0, 1e5, 1.2e5)))
+        for side, place in ((1.0, 0.004), (-1.0, 0.008))
+    ]
+    best = uneven_envelopes(loops, rng)[0]
+    assert best["stiffness"] == pytest.approx(1e5 / 0.004, rel=0.1)
+    assert best["stiffness"] * best["back_stiffness"] == pytest.approx(1e5 / 0.008, rel=0.1)
 
 
 def test_a_point_that_moves_leaves_the_envelope_of_the_others():
