@@ -29,7 +29,7 @@ from runner.config.compose import prepare_hydra
 
 FARTHER = 1.5  # times the unseen motions
 Words = list[object]  # of OpenSees' command
-Drawn = tuple[Words, float]  # and the largest deformation of the training motions
+Drawn = tuple[list[Words], float]  # in parallel; largest deformation of the training motions
 
 
 def pinching4(rng: np.random.Generator, uneven: bool = False) -> Drawn:
@@ -49,7 +49,7 @@ def pinching4(rng: np.random.Generator, uneven: bool = False) -> Drawn:
         both = [first * draw(0.05, 0.5), second * draw(0.05, 0.5)]
         losses += [*both, draw(0.2, 1.5), draw(0.2, 1.5), draw(0.3, 0.9)]
     words: Words = ["Pinching4", 1, *points, *shares, *losses, draw(2.0, 15.0), "energy"]
-    return words, float(size * draw(0.3, 1.0))
+    return [words], float(size * draw(0.3, 1.0))
 
 
 def _side(
@@ -76,7 +76,7 @@ def hysteretic(rng: np.random.Generator) -> Drawn:
         words += [side * float(n) for p in zip(strengths, places, strict=True) for n in p]
     damage = [draw(0.0, 0.02), draw(0.0, 0.05)] if rng.random() < 0.5 else [0.0, 0.0]
     words += [draw(0.3, 0.9), draw(0.2, 0.7), *damage, draw(0.0, 0.5)]
-    return words, float(places[-1] * draw(0.3, 0.9))
+    return [words], float(places[-1] * draw(0.3, 0.9))
 
 
 def steel02(rng: np.random.Generator) -> Drawn:
@@ -86,7 +86,27 @@ def steel02(rng: np.random.Generator) -> Drawn:
     shape = [draw(0.01, 0.1), draw(10.0, 20.0), draw(0.85, 0.93), draw(0.1, 0.2)]
     growth = [draw(0.0, 0.06), 1.0, draw(0.0, 0.06), 1.0]
     words: Words = ["Steel02", 1, force, force / yielded, *shape, *growth]
-    return words, float(yielded * draw(3.0, 9.0))
+    return [words], float(yielded * draw(3.0, 9.0))
+
+
+def self_centering(rng: np.random.Generator) -> Drawn:
+    draw = rng.uniform
+    yielded, force = 10.0 ** draw(-3.0, 1.0), 10.0 ** draw(0.0, 7.0)
+    k = force / yielded
+    words: Words = ["SelfCentering", 1, k, k * draw(0.02, 0.2), force, draw(0.3, 0.95)]
+    return [words], float(yielded * draw(3.0, 9.0))
+
+
+def gaps(rng: np.random.Generator) -> Drawn:
+    """Two braces that grow slack, one pulled and one pushed, beside a spring."""
+    draw = rng.uniform
+    yielded, force = 10.0 ** draw(-3.0, 1.0), 10.0 ** draw(0.0, 7.0)
+    k, slack, hardening = force / yielded, yielded * draw(0.1, 0.5), draw(0.02, 0.1)
+    sides = (1.0, -1.0)
+    words: list[Words] = [
+        ["ElasticPPGap", 1, k, side * force, side * slack, hardening, "damage"] for side in sides
+    ]
+    return [*words, ["Elastic", 1, k * draw(0.1, 1.0)]], float(yielded * draw(3.0, 9.0))
 
 
 MATERIALS: dict[str, Callable[[np.random.Generator], Drawn]] = {
@@ -94,13 +114,20 @@ MATERIALS: dict[str, Callable[[np.random.Generator], Drawn]] = {
     "UnevenPinching4": partial(pinching4, uneven=True),
     "Hysteretic": hysteretic,
     "Steel02": steel02,
+    "SelfCentering": self_centering,
+    "ElasticPPGap": gaps,
 }
 
 
 def drawn(name: str, seed: int) -> tuple[Law, float]:
     """A material and the largest deformation of its training motions."""
-    words, size = MATERIALS[name](np.random.default_rng(seed))
-    return material(words), size
+    parts, size = MATERIALS[name](np.random.default_rng(seed))
+    laws = [material(words) for words in parts]
+
+    def law(y: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        return np.sum([one(y, rate) for one in laws], axis=0)
+
+    return law, size
 
 
 def one_fit(words: list[str], law: tuple[Law, float], noise: float) -> tuple[list[float], str]:

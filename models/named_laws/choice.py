@@ -17,6 +17,7 @@ import numpy as np
 from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, units_of
+from models.training.doing import doing
 
 DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
 STAY_IN_PARTS = 6  # of a law whose parts are drawn anew
@@ -32,6 +33,7 @@ def begun(
     candidate: Candidate, motions: Sequence[Motion], units: Units, rng: np.random.Generator
 ) -> list[Fit]:
     """The best of some starts after a few iterations, the best first."""
+    doing(f"starts of {candidate.name}")
     drawn = sorted(_drawn(candidate, motions, units, rng), key=lambda one: one.error)
     count = min(max(2 * STAY, FOLLOWED // len(candidate.parameters)), MOST_FOLLOWED)
     count = len(drawn) if candidate.parts else count
@@ -116,7 +118,10 @@ def _ended(
 ) -> list[Fit]:
     """Starts followed on all motions, the best first; no more of them where one leaves nothing."""
     ends: list[Fit] = []
-    for one in starts:
+    for number, one in enumerate(starts, start=1):
+        doing(
+            f"{one.candidate.name}, start {number} of {len(starts)}, error {100 * one.error:.3g} %"
+        )
         ends.append(followed(improved(one, largest, rng), motions, MIDDLE))
         if ends[-1].error < NEGLIGIBLE:
             break

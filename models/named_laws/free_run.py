@@ -22,6 +22,7 @@ from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit
+from models.training.doing import doing
 
 TOLERANCE = 1e-6  # of the simulation
 LOST = 1e3  # times what was measured, where a motion escapes
@@ -185,6 +186,7 @@ class FreeRuns:
                 trial = replace(laws, fits=[*laws.fits[:e], other, *laws.fits[e + 1 :]])
                 if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
                     continue
+                doing(f"element {e + 1}: {other.candidate.name} in place of its law")
                 trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL)
                 more = other.q.size - laws.fits[e].q.size
                 if trial.error < (BETTER**more if more >= 0 else AS_GOOD) * laws.error:
@@ -196,6 +198,7 @@ class FreeRuns:
         begin = replace(laws, error=float(np.linalg.norm(self.residuals(laws))))
         found = laws
         for share, iterations in zip(SHARES, ITERATIONS, strict=True):
+            doing(f"all laws together, {share:.0%} of the motions")
             pull = PULL if share == 1.0 else EARLY_PULL
             found = self.followed(found, share, iterations, pull)
         return found if found.error < begin.error else begin

@@ -27,6 +27,7 @@ from models.named_laws.choice import smallest
 from models.named_laws.differences import descended
 from models.named_laws.fit import NEGLIGIBLE, Fit
 from models.named_laws.free_run import Laws, Shaking, samples_of
+from models.training.doing import doing
 
 SHARES = (0.06, 0.2, 0.5, 1.0)  # of the energy of every motion
 DRAWS, FOLLOWED = (60, 30, 20, 20), (6, 4, 2, 2)  # of a law at each share; draws that are followed
@@ -189,6 +190,7 @@ def chosen(
             ends[name] = sorted(tracks, key=lambda one: one.fit.error)[: KEPT[stage]]
             logs[name].append(math.log(max(ends[name][0].fit.error, 1e-12)))
         running = {name: ends[name] for name in _leading(ends, LAWS[stage])}
+        doing(f"laws of a storey, {share:.0%} of the motions, {', '.join(running)} in the lead")
     errors = {name: math.exp(float(np.mean(logs[name][1:]))) for name in running}
     best = smallest(errors)
     near = [name for name, far in errors.items() if far <= RIVAL * min(errors.values())]

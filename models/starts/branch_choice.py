@@ -21,6 +21,7 @@ from torch import Tensor, nn
 
 from data.record import Record
 from models.composition.branch_law import is_larger, is_unsymmetric
+from models.training.doing import doing
 from models.training.objective import restore, state_of
 from models.training.parts import held_back_from
 from models.training.problem import FreeRunProblem
@@ -141,6 +142,7 @@ def _worth(found: Sequence[Chosen]) -> Chosen:
 def _tried(law: Law, weight: float, rest: Sequence[Record], judged: Record) -> Chosen:
     """The law, fitted further with a weight of its prior, and its error on what is held back."""
     law.weights.fill_(weight)
+    doing(f"a law by motion held back, prior {weight:g}")
     minimised(law, Joint.of(law, rest), ITERATIONS, change=TRIED)
     error = float(FreeRunProblem(law, judged, None, prior=0.0).loss().detach()) ** 0.5
     return Chosen(law, weight, error if math.isfinite(error) else math.inf)
@@ -159,6 +161,7 @@ def fitted(
         law = begin.law
         law.weights.fill_(begin.weight)
     records = records_of(tests, law.dt)
+    doing("a law on all motions")
     minimised(law, Joint.of(law, records), ITERATIONS)
     plain = [FreeRunProblem(law, record, None, prior=0.0) for record in records]
     return law, float(Joint(plain).loss()) ** 0.5

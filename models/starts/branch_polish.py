@@ -21,6 +21,7 @@ from data.record import Record
 from models.composition.composite import Composite
 from models.starts.branch_choice import HARM, Joint, minimised, parted
 from models.starts.judged import free_run_error
+from models.training.doing import doing
 from models.training.objective import restore, state_of
 from models.training.problem import FreeRunProblem
 from models.training.stands import stands
@@ -44,6 +45,7 @@ def polish_weight(
         return BY_DEFAULT, {}
     ends = []
     for weight in WEIGHTS:
+        doing(f"the free run of all laws, prior {weight:g}")
         problems = [FreeRunProblem(model, record, None, prior=weight) for record in rest]
         minimised(model, Joint(problems), STEPS, EVERY, CHANGE, PATIENCE)
         ends.append((*_judged(model, judged), weight))

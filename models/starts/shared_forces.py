@@ -21,6 +21,7 @@ from data.record import Record
 from models.composition.branch_law import learned
 from models.composition.branch_law_compiled import imposed, with_turning_points
 from models.starts.branch_choice import Joint, minimised
+from models.training.doing import doing
 
 PRIOR = 1e-5  # weight of Σ (θ − θ₀)²
 ITERATIONS, EVERY = 40, 4
@@ -30,6 +31,7 @@ Network = Any  # an ElementNetworkBranch, whose file imports this one
 
 def fit_together(network: Network, motions: Sequence[Record]) -> float:
     """Fit all laws to motions (T, n), from where they are; the relative error of accelerations."""
+    doing("laws that share forces, fitted together")
     network.begun.copy_(network.theta)
     minimised(network, Joint([Balance(network, m, PRIOR) for m in motions]), ITERATIONS, EVERY)
     return float(Joint([Balance(network, m, 0.0) for m in motions]).loss()) ** 0.5

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from models.linear import EquivalentLinear
+from models.training.doing import doing
 from models.training.identification import Identification
 from runner import fit_progress
 from runner.fit_progress import FitProgress, line_of
@@ -18,15 +19,18 @@ def module() -> Identification:
     fit = Identification(EquivalentLinear(1, 1, 0.01))
     fit.objective = SimpleNamespace(stages=["horizon 20", "horizon whole record"])
     fit.stage, fit.losses, fit.start = 1, [1.0, 4e-4], 0.0
+    fit.solver = SimpleNamespace(iterations=50, done=10)
     return fit
 
 
 def test_a_line_tells_stage_iterations_and_error(module):
-    line = line_of(module)
+    line = line_of(module, 3.0)
     assert line.startswith("stage 2 of 2 (horizon whole record), iteration 2, error 2 %, ")
     module.objective = SimpleNamespace(stages=["one step"])
-    module.stage, module.losses = 0, []
-    assert line_of(module).startswith("iteration 0, ")
+    assert line.endswith(", at most 12 s left in it")  # 0.3 s for each of 40 iterations
+    module.stage, module.losses, module.solver = 0, [], None
+    assert line_of(module, 3.0).startswith("iteration 0, ")
+    assert not line_of(module, 3.0).endswith("left")
 
 
 class Stream(io.StringIO):
@@ -42,9 +46,14 @@ def test_nothing_is_left_in_a_terminal_and_plain_lines_elsewhere(module, monkeyp
     monkeypatch.setattr(fit_progress, "EVERY", 0.0)
     monkeypatch.setattr(fit_progress, "EVERY_PLAIN", 0.0)
     progress = FitProgress()
+    progress.on_fit_start(None, module)
+    doing("starts of Takeda")
     progress.on_train_batch_end(None, module)
-    progress.on_train_end(None, module)
+    progress.on_fit_end(None, module)
+    doing("nothing that is heard")
     text = stream.getvalue()
+    assert "identifying: starts of Takeda, 0 s" in text
     assert "stage 2 of 2" in text
-    assert text.endswith("\r\x1b[K" if terminal else " s\n")
+    assert "heard" not in text
+    assert text.endswith("\r\x1b[K" if terminal else " s left in it\n")
     assert ("\x1b" in text) == terminal

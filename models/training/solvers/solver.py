@@ -28,6 +28,8 @@ class Solver(Protocol):
     """A torch.optim.Optimizer that is handed a problem, not a closure."""
 
     full_batch: bool  # needs all windows in one batch
+    iterations: int  # at most
+    done: int
     finished: bool  # converged, or out of iterations
     why: str  # in words, once finished
     kept: ClassVar[tuple[str, ...]]  # attributes that a checkpoint holds beside `state_dict`
