@@ -64,6 +64,7 @@ OF_NUMBERS = {  # of math and numpy, with the name that C has
     **{"abs": "fabs", "power": "pow", "arctan": "atan", "arctan2": "atan2"},
 }
 ROUNDED = ("floor", "ceil")  # whole numbers of math, doubles of numpy
+WITHOUT_SIGN = ("uint64", "uintp")  # indices that are not negative are plain ones in C
 TESTED = ("isfinite", "isnan", "isinf")
 HELPERS = {
     "squared": "static double squared(double x) { return x * x; }",
@@ -233,6 +234,8 @@ def extreme(largest: bool, a: Value, b: Value) -> tuple[Value, str]:
 
 def of_numbers(name: str, arguments: Sequence[Value], module: Any) -> Value:
     """math.name or np.name of numbers. Raises ValueError for one that C has not."""
+    if name in WITHOUT_SIGN and [a.kind for a in arguments] == [INT]:
+        return arguments[0]
     if all(a.fixed for a in arguments):
         return number(getattr(module, name)(*(a.known for a in arguments)))
     text = ", ".join(a.as_double().code for a in arguments)
