@@ -31,7 +31,11 @@ def force(element: Element, y: np.ndarray, dt: float, rate: np.ndarray | None = 
     p[0, : len(element.parameters)] = element.parameters
     r = np.zeros(y.size)
     if not (follow(element.law, p, y, rate, dt, r) and np.isfinite(r).all()):
-        raise EscapedMotionError(f"{type(element).__name__} cannot be followed", dt * y.size)
+        raise EscapedMotionError(
+            f"{type(element).__name__} cannot be followed along this deformation; impose a smaller "
+            "one",
+            dt * y.size,
+        )
     return r
 
 

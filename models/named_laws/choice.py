@@ -98,7 +98,7 @@ def tried(
 ) -> dict[str, list[Fit]]:
     """The laws in the lead on some motions, each from its best starts, the best first."""
     motions = [motion.thinned() for motion in motions]
-    largest = sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
+    largest = _two_largest(motions)
     starts = {name: begun(CANDIDATES[name], largest, units, rng) for name in names}
     lead = IN_THE_LEAD * min(one.error for ends in starts.values() for one in ends)
     lead = max(lead, NEGLIGIBLE)
@@ -108,6 +108,10 @@ def tried(
         if near:
             found[name] = _ended(near, motions, largest, rng)
     return found
+
+
+def _two_largest(motions: Sequence[Motion]) -> list[Motion]:
+    return sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
 
 
 def _ended(
@@ -163,7 +167,7 @@ def _uneven(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Fi
     if uneven is None:
         return None
     motions = [motion.thinned() for motion in motions]
-    largest = sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
+    largest = _two_largest(motions)
     more = np.zeros(len(uneven.parameters) - fit.q.size)
     alike = Fit(uneven, fit.units, np.append(fit.q, more))
     read = [values for values in _read(uneven, motions, rng) if values]

@@ -54,6 +54,7 @@ def _uneven(values: Values, between: Sequence[str]) -> list[Element]:
     back |= {name: _odds(values[name], values[f"back_{name}"]) for name in SHAPE}
     strength = values["back_stiffness"] * values["back_yield_displacement"]
     ends = {f"back_{name}": v for name, v in _side(back, strength).items()}
+    ends["back_strength_1"] = strength
     return [UnevenPinching4(between=between, **(own | _side(values)), **ends)]
 
 
@@ -64,8 +65,6 @@ def _side(values: Values, strength: float = 1.0) -> dict[str, float]:
     """
     place = values["yield_displacement"]
     own = {"yield_displacement": place, "reloading_place": values["reloading_place"]}
-    if "stiffness" not in values:
-        own["strength_1"] = strength
     for i in (2, 3, 4):
         place *= 1.0 + values[f"farther_{i}"]
         strength *= values[f"stronger_{i}"]
