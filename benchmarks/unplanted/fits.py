@@ -14,6 +14,7 @@ from data.record import Record
 from data.sample import Sensors
 from models.estimator import Estimator
 from models.training.assemble import estimator_from, objective_from, solver_from
+from models.training.identification import HURRY
 from models.training.objective import restore, state_of
 from models.training.trainable import require_trainable
 from runner.config.compose import CONF
@@ -38,7 +39,11 @@ def fitted(words: Sequence[str], batch: Record) -> tuple[Estimator, Facts]:
     for stage in range(len(objective.stages)):
         if stage > 0:
             objective.enter(trainable, stage)
+            if objective.goes_back:
+                restore(trainable, min(ends, key=lambda end: end[0])[1])
         solver = make_solver(free)
+        if objective.hurries:
+            solver.change *= HURRY
         while not solver.finished:
             solver.solve(objective.problem(trainable, batch, stage))
         ends.append((objective.final_loss(trainable, [batch]), state_of(trainable)))

@@ -19,6 +19,8 @@ from models.composition.laws_compiled import HERE, LINEAR, add, memoryless, unit
 
 compiled, inlined = compilers(Path(__file__), HERE, contract=True)
 
+VECTOR = 8  # numbers that a processor takes at once: rows of derivatives end with one
+
 
 @inlined
 def _forces(q, rate, dq, drate, moved, u_at, D, iD, sD, supports, laws, ilaws, slaws, counts,
@@ -65,16 +67,20 @@ def _forces(q, rate, dq, drate, moved, u_at, D, iD, sD, supports, laws, ilaws, s
                 )
                 if side == 0.0:
                     for p in range(P):
-                        dz[e, unit, p] = by_z * dz[e, unit, p] + by_delta * (dnow[p] - dy[e, p])
+                        new = by_z * dz[e, unit, p] + by_delta * (dnow[p] - dy[e, p])
+                        dz[e, unit, p] = new
+                        dr[e, p] += weight * new
                     if P > 0:
                         add(dz[e, unit], ilaws[e, j + 2], by_up * slaws[e, j + 2])
+                        add(dr[e], ilaws[e, j + 2], weight * by_up * slaws[e, j + 2])
                         add(dz[e, unit], ilaws[e, j + 3], by_down * slaws[e, j + 3])
-            r[e] += weight * (z[e, unit] - ye)
-            by_y -= weight
-            if side == 0.0:
+                        add(dr[e], ilaws[e, j + 3], weight * by_down * slaws[e, j + 3])
+            else:
                 for p in range(P):
                     dr[e, p] += weight * dz[e, unit, p]
-            else:  # on its limit, which alone its memory depends on
+            r[e] += weight * (z[e, unit] - ye)
+            by_y -= weight
+            if side != 0.0:  # on its limit, which alone its memory depends on
                 for p in range(P):
                     dz[e, unit, p] = 0.0
                 if P > 0:
@@ -134,10 +140,11 @@ def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs
     E, n = D.shape
     o, h, first, P = outputs.shape[0], dt / substeps, P, P + S
     q, rate, ahead, acc, new = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-    dq, drate, dahead = np.zeros((n, P)), np.zeros((n, P)), np.zeros((n, P))
-    dacc, dnew = np.zeros((n, P)), np.zeros((n, P))
-    y, dy, r, dr = np.zeros(E), np.zeros((E, P)), np.zeros(E), np.zeros((E, P))
-    z, dz, work = np.zeros((E, counts[2])), np.zeros((E, counts[2], P)), np.zeros((2, P))
+    W = -(-P // VECTOR) * VECTOR
+    dq, drate, dahead = np.zeros((n, W)), np.zeros((n, W)), np.zeros((n, W))
+    dacc, dnew = np.zeros((n, W)), np.zeros((n, W))
+    y, dy, r, dr = np.zeros(E), np.zeros((E, W)), np.zeros(E), np.zeros((E, W))
+    z, dz, work = np.zeros((E, counts[2])), np.zeros((E, counts[2], W)), np.zeros((2, W))
     for k in range(T):
         begins = k == 0 or (every > 0 and (k - 1) % every == 0)
         if begins:

@@ -40,6 +40,7 @@ from models.training.prior_path import (
 )
 from models.training.problem import FreeRunProblem
 from models.training.solvers.solver import Solver
+from models.training.stages import Stage, by_prior, usual
 from models.training.stands import stands
 from models.training.trainable import Trainable
 from models.training.unknown_beginning import run_problem
@@ -60,8 +61,9 @@ class FreeRun(Objective):
     such a horizon.
     records: number of records that the stages before the last are trained on, None for all.
     warmup: samples that each run takes before its samples count. starts: random starts, drawn from
-    `seed`, each trained for `start_iterations` calls of the solver on the first stage. finalists:
-    number of starts, those with the lowest training losses, that go through all stages.
+    `seed`, each trained for `start_iterations` calls of the solver on the first horizon. finalists:
+    number of starts, those with the lowest training losses, that go through the horizons after it,
+    hurried; the best of them goes on to the end, with all records.
     select: weights of the prior that are tried on all but the last `held_back` of the motion, and
     after them the path from the linear structure; the one with the least error of the free run on
     what is held back goes on, on the whole. The first part is held back in place of the last where
@@ -125,23 +127,17 @@ class FreeRun(Objective):
         self.judged: list[list[float]] = []  # number of a prior, loss on held-back motion
         self.present = -1  # the stage, −1 before the first
         self.remarks: list[str] = []
-        self._name_stages()
+        self._plan()
 
-    def _name_stages(self) -> None:
-        named = [f"horizon {'whole record' if h is None else h}" for h in self.horizons]
-        later = [f"{s}, start {n}" for n in range(2, self.finalists + 1) for s in named]
-        self.stages: Sequence[str] = named + later
+    def _plan(self, more: bool = False) -> None:
+        """more: there are more records than the stages before the last are trained on."""
         if self.priors:
-            anew = [f"{s}, prior {p:g}" for p in self.priors[: self.anew] for s in named]
-            if self.near is not None:
-                anew[self.near * len(named)] = f"horizon 1, prior {self.priors[self.near]:g}"
-            path = [f"from linear, prior {p:g}" for p in self.priors[self.anew :]]
-            self.stages = [*anew, *path, REFIT]
-
-    def _tried(self, stage: int) -> int:
-        """Number of the prior that a stage tries."""
-        first = self.anew * len(self.horizons)
-        return stage // len(self.horizons) if stage < first else self.anew + stage - first
+            self.plan = by_prior(self.horizons, self.priors, self.anew, self.near, REFIT)
+            self.first = self.plan[0]
+        else:
+            self.plan = usual(self.horizons, self.finalists, self.starts > 1, more)
+            self.first = usual(self.horizons, 1, False, more)[0]
+        self.stages: Sequence[str] = [stage.name for stage in self.plan]
 
     def prepare(self, estimator: Trainable, batches: Iterable[Record], measured: bool) -> None:
         records = list(batches)
@@ -176,7 +172,11 @@ class FreeRun(Objective):
             if self.judged_first:
                 told = "the strongest motion comes last: the first part is held back"
                 self.remarks = [*self.remarks, told]
-        self._name_stages()
+        self._plan(self._more(records))
+
+    def _more(self, records: Sequence[Record]) -> bool:
+        several = [len(record.a) for record in records if record.a.ndim == 3]
+        return self.records is not None and max(several, default=1) > self.records
 
     def _grow(self, samples: int) -> None:
         """Parts of a motion of so many samples, where runs cannot begin anew."""
@@ -192,8 +192,13 @@ class FreeRun(Objective):
 
     @property
     def goes_back(self) -> bool:
-        on_path = self._tried(self.present) > self.anew
-        return self.refits or (bool(self.priors) and on_path and self._led_astray())
+        stage = self.plan[self.present]
+        on_path = stage.prior is not None and stage.prior > self.anew
+        return stage.best or self.refits or (on_path and self._led_astray())
+
+    @property
+    def hurries(self) -> bool:
+        return self.plan[self.present].hurried
 
     def _led_astray(self) -> bool:
         """The last step of the path led away from the best of its steps."""
@@ -225,26 +230,24 @@ class FreeRun(Objective):
         """The present stage is judged on motion that was held back."""
         return bool(self.priors) and not self.refits
 
-    def _prior(self, stage: int) -> float | None:
+    def _prior(self, stage: Stage) -> float | None:
         """The weight of the prior in a stage; None for the model's own."""
         if not self.priors:
             return self.firm
-        last = stage + 1 == len(self.stages)
-        return self.priors[best_of(self.judged) if last else self._tried(stage)]
+        return self.priors[best_of(self.judged) if stage.prior is None else stage.prior]
 
     def problem(self, estimator: Trainable, record: Record, stage: int) -> FreeRunProblem:
-        prior, horizon, last = self._prior(stage), None, True
+        return self._problem(estimator, record, self.plan[stage])
+
+    def _problem(self, estimator: Trainable, record: Record, stage: Stage) -> FreeRunProblem:
+        prior, horizon, last = self._prior(stage), stage.horizon, stage.last
         if self.raised > 1.0:
             own = estimator.pull(True)[0] if prior is None else prior
             prior = self.raised * max(LEAST_RAISED, float(own))
-        if self.priors and stage + 1 < len(self.stages):
+        if stage.prior is not None:
             record = without_held_back(record, self.held_back, self.judged_first)
-        if not self.priors or stage < self.anew * len(self.horizons):
-            number, place = divmod(stage, len(self.horizons))
-            last = place + 1 == len(self.horizons)
-            horizon = 1 if number == self.near and place == 0 else self.horizons[place]
-            if not last and record.a.ndim == 3:
-                record = record.map(lambda u: u[: self.records])
+        if stage.some and record.a.ndim == 3:
+            record = record.map(lambda u: u[: self.records])
         quiet = 0 if self.restart else onset(record)
         if self.shorter:
             last = False
@@ -285,7 +288,7 @@ class FreeRun(Objective):
                 estimator.restart(generator)
                 estimator.forget()
             self._first_steps(estimator, batches, make_solver(free), note)
-            loss = mean_loss([self.problem(estimator, record, 0) for record in batches])
+            loss = mean_loss([self._problem(estimator, record, self.first) for record in batches])
             ends.append((loss, state_of(estimator)))
         ends.sort(key=lambda end: end[0])
         return [state for _, state in ends] + [identified]
@@ -293,13 +296,9 @@ class FreeRun(Objective):
     def enter(self, estimator: Trainable, stage: int) -> None:
         """Take the next finalist, or prior, where one has been through all horizons."""
         self.present, self.shorter, self.raised = stage, 0, 1.0
-        number, first = divmod(stage, len(self.horizons))
-        if not self.priors and first == 0:
-            restore(estimator, self.ranked[number])
-        elif stage < self.anew * len(self.horizons) and first == 0:
-            restore(estimator, self.ranked[0])
-        elif stage == self.anew * len(self.horizons) and not self.refits:
-            restore(estimator, self.ranked[-1])
+        start = self.plan[stage].start
+        if start is not None:
+            restore(estimator, self.ranked[start])
 
     def _first_steps(
         self, estimator: Trainable, batches: Iterable[Record], solver: Solver, note: Note
@@ -307,7 +306,7 @@ class FreeRun(Objective):
         done = 0
         while True:
             for record in batches:
-                note(solver.solve(self.problem(estimator, record, 0)))
+                note(solver.solve(self._problem(estimator, record, self.first)))
                 done += 1
                 if solver.finished or done == self.start_iterations:
                     return
@@ -349,7 +348,8 @@ class FreeRun(Objective):
             stood = stood and stands(estimator, record.measured())
         loss = mean_loss(problems) + (0.0 if stood else RUNAWAY)
         if self.judges:
-            self.judged = [*self.judged, [self._tried(self.present), loss]]
+            tried = self.plan[self.present].prior
+            self.judged = [*self.judged, [-1 if tried is None else tried, loss]]
         return loss
 
 

@@ -27,6 +27,7 @@ from models.uncertainty.laplace import Laplace
 
 SPLITS = ("train", "test")  # order of the datamodule's test loaders,
 HELD_BACK = "validation"  # the last of them, where there is one; scored one step ahead
+HURRY = 5.0  # times the usual change of the loss: where a stage ends that others go on from
 KEPT = (
     "stage",
     "tried",
@@ -166,6 +167,7 @@ class Identification(LightningModule):
             if len(self.objective.stages) > 1:
                 self._compare_end()  # the start, which is better than an end that diverges
             self.objective.begin(self.trainable, batches, self._new_solver, self._note)
+            self._pace(self.solver)
             self.tried = len(self.losses)
 
     def training_step(self, record: Record, index: int) -> None:
@@ -216,7 +218,12 @@ class Identification(LightningModule):
 
     def _new_solver(self, parameters: Iterable[nn.Parameter]) -> Solver:
         assert self.make_solver is not None
-        return self.make_solver(parameters)
+        return self._pace(self.make_solver(parameters))
+
+    def _pace(self, solver: Solver) -> Solver:
+        if self.objective.hurries:
+            solver.change *= HURRY
+        return solver
 
     def _note(self, accepted: list[float]) -> None:
         for loss in accepted:

@@ -44,6 +44,11 @@ class Objective(ABC):
         return False
 
     @property
+    def hurries(self) -> bool:
+        """The present stage may end sooner: another goes on from it."""
+        return False
+
+    @property
     def refits(self) -> bool:
         """The present stage is the last, on all of the motion; ends before it do not count."""
         return False

@@ -242,7 +242,7 @@ def test_normal_equations_of_every_second_sample_take_all_dofs():
 
 
 def test_the_best_of_the_finalists_in_the_end_stays(data, tmp_path, monkeypatch):
-    """All three go through both stages; parameters and units of the best end are kept."""
+    """All three go on after the first horizon; parameters and units of the best end are kept."""
     ends, compared, begun, enter = [], FreeRun.final_loss, [], FreeRun.enter
 
     def noted(objective, estimator, batches):
@@ -251,23 +251,43 @@ def test_the_best_of_the_finalists_in_the_end_stays(data, tmp_path, monkeypatch)
 
     def entered(objective, estimator, stage):
         enter(objective, estimator, stage)
-        if stage % 2 == 0:
+        if stage in (2, 4):
             pairs = zip(state_of(estimator), objective.ranked[stage // 2], strict=True)
             begun.append(all(torch.equal(now, ranked) for now, ranked in pairs))
 
     monkeypatch.setattr(FreeRun, "final_loss", noted)
     monkeypatch.setattr(FreeRun, "enter", entered)
-    objective = FreeRun([1, None], starts=3, start_iterations=1, finalists=3, seed=2)
+    objective = FreeRun([1, 5, None], starts=3, start_iterations=1, finalists=3, seed=2)
     module = Identification(
         ElementNetwork(2, 2, DT, hinges=1, units=1),
         lambda p: LevenbergMarquardt(p, iterations=2, scaled=True),
         objective=objective,
     )
     fit(module, data, tmp_path)
-    names = ["horizon 1", "horizon whole record"]
+    names = ["horizon 5", "horizon whole record"]
     assert [stage["stage"] for stage in module.ended] == [
-        *names, *(f"{name}, start {n}" for n in (2, 3) for name in names)
+        *names, *(f"{name}, start {n}" for n in (2, 3) for name in names), "the best in full"
     ]  # fmt: skip
     assert begun == [True, True]
-    assert len({round(end, 14) for end in ends}) == 1 + 6  # the start too
+    assert len({round(end, 14) for end in ends}) == 1 + 7  # the start too
     assert free_run_loss(module.estimator, data) == pytest.approx(min(ends), rel=1e-9)
+
+
+def test_the_best_of_the_finalists_alone_is_trained_on_all_records():
+    batch = stack([motion(), motion(seed=1), motion(seed=2)])
+    estimator = identified("global", batch)
+    objective = FreeRun([1, 10, None], starts=2, finalists=2, records=2)
+    objective.prepare(estimator, [batch], measured=False)
+    assert objective.stages[-2:] == ["horizon whole record, start 2", "the best in full"]
+    sizes = [len(objective.problem(estimator, batch, k).y) for k in range(5)]
+    assert sizes == [2, 2, 2, 2, 3]
+    for stage in range(5):
+        objective.present = stage
+        assert objective.goes_back is (stage == 4)
+
+
+def test_where_no_record_is_left_out_there_is_no_stage_more():
+    batch = stack([motion(), motion(seed=1)])
+    objective = FreeRun([1, None], records=2)
+    objective.prepare(identified("global", batch), [batch], measured=False)
+    assert objective.stages == ["horizon 1", "horizon whole record"]

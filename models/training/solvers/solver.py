@@ -29,6 +29,7 @@ class Solver(Protocol):
 
     full_batch: bool  # needs all windows in one batch
     iterations: int  # at most
+    change: float  # of the loss, less than which is no gain
     done: int
     finished: bool  # converged, or out of iterations
     why: str  # in words, once finished
