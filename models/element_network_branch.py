@@ -43,7 +43,13 @@ from models.starts.branch_choice import (
     require_starts,
     told,
 )
-from models.starts.branch_polish import BY_DEFAULT, motions_of, polish_weight
+from models.starts.branch_polish import (
+    BY_DEFAULT,
+    are_reconstructed,
+    grow,
+    motions_of,
+    polish_weight,
+)
 from models.starts.equilibrium import dominant
 from models.starts.shared_forces import fit_together
 
@@ -160,11 +166,16 @@ class ElementNetworkBranch(ElementNetwork):
     def _fit(self, seed: int) -> dict[str, float | str]:
         """Choose every law and how the free run is polished; then fit the laws to all motions."""
         choice = replace(self.choice, seed=seed)
-        if self.shared:
-            return self._fit_shared(choice)
+        facts = self._fit_shared(choice) if self.shared else self._fit_each(choice)
+        if are_reconstructed(self, self.records):
+            grow(self, motions_of(self.records), float(self.weight))
+        return facts
+
+    def _fit_each(self, choice: Choice) -> dict[str, float | str]:
+        """Choose and fit the law of every element by its own force."""
         tests = [of_element(self.tests, e) for e in range(len(self.elements))]
         found, facts = self._choose(choice, tests) if choice.open else ([], {})
-        errors, drawn = [], torch.Generator().manual_seed(seed)
+        errors, drawn = [], torch.Generator().manual_seed(choice.seed)
         for e, those in enumerate(tests):
             own = replace(choice, seed=int(torch.randint(2**31, (1,), generator=drawn)))
             law, error = fitted(self._single, those, own, found[e] if found else None)

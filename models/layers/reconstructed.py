@@ -33,7 +33,12 @@ def reconstructed(y: Tensor, u: Tensor, dt: float, order: int = 2) -> tuple[Tens
 
 
 def integrated(a: Tensor, u: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-    """x and v of a motion a (T, n) under an excitation u (T, m), high-passed at a corner.
+    """x and v of a motion a (T, n) under an excitation u (T, m), high-passed at `corner_of`."""
+    return passed(a, dt, corner_of(a, u, dt))
+
+
+def corner_of(a: Tensor, u: Tensor, dt: float) -> float:
+    """The corner [rad/s] from which a motion a (T, n) under an excitation u (T, m) is integrated.
 
     Above the right one too much of the motion is lost, below it the noise of the sensors is
     integrated into a drift, and x, v and u tell less of a: the lowest is taken that leaves little
@@ -41,10 +46,10 @@ def integrated(a: Tensor, u: Tensor, dt: float) -> tuple[Tensor, Tensor]:
     """
     spectrum = torch.fft.rfft(a, dim=0).abs().square().sum(dim=1).cumsum(dim=0)
     median = max(1, int(torch.searchsorted(spectrum, 0.5 * spectrum[-1:]))) / (dt * len(a))
-    found = [_passed(a, dt, 2.0 * torch.pi * share * median) for share in SHARES]
-    untold = [_untold(a, torch.cat([*motion, u], dim=1)) for motion in found]
-    good = [i for i, left in enumerate(untold) if left <= ALIKE * min(untold)]
-    return found[good[-1]]
+    corners = [2.0 * torch.pi * share * median for share in SHARES]
+    untold = [_untold(a, torch.cat([*passed(a, dt, corner), u], dim=1)) for corner in corners]
+    good = [c for c, left in zip(corners, untold, strict=True) if left <= ALIKE * min(untold)]
+    return good[-1]
 
 
 def differentiated(x: Tensor, dt: float) -> tuple[Tensor, Tensor]:
@@ -69,18 +74,34 @@ def differentiated(x: Tensor, dt: float) -> tuple[Tensor, Tensor]:
     return line + smooth, rate + slope / dt
 
 
-def _passed(a: Tensor, dt: float, corner: float) -> tuple[Tensor, Tensor]:
-    """x and v, high-passed at a corner [rad/s].
+def passed(a: Tensor, dt: float, corner: float) -> tuple[Tensor, Tensor]:
+    """x and v (T, n) of accelerations a, high-passed at a corner [rad/s].
 
     Both ends go on mirrored, with the other sign: so v comes back and x stays near.
     """
     T, a = len(a), a - a.mean(dim=0)
     A = torch.fft.rfft(torch.cat([-a.flip(0), a, -a.flip(0)]), dim=0)
-    omega = 2.0 * torch.pi * torch.fft.rfftfreq(3 * T, dt, dtype=a.dtype, device=a.device)[:, None]
-    passed = (omega**2 / (omega**2 + corner**2)) ** 2
-    low = omega.clamp_min(omega[1])  # there `passed` is nil
-    x, v = (torch.fft.irfft(passed * s, 3 * T, dim=0) for s in (-A / low**2, -1j * A / low))
+    omega, share = _share(3 * T, dt, corner, a)
+    low = omega.clamp_min(omega[1])  # there the share is nil
+    x, v = (torch.fft.irfft(share * s, 3 * T, dim=0) for s in (-A / low**2, -1j * A / low))
     return x[T : 2 * T], v[T : 2 * T]
+
+
+def high_passed(s: Tensor, s_dot: Tensor, dt: float, corner: float) -> tuple[Tensor, Tensor]:
+    """s and ṡ (T, p) of supports as `passed` has those of a motion that was integrated."""
+    T, before, after = len(s), 2.0 * s[:1] - s.flip(0), 2.0 * s[-1:] - s.flip(0)
+    onwards = torch.cat([before, s, after]), torch.cat([s_dot.flip(0), s_dot, s_dot.flip(0)])
+    _, share = _share(3 * T, dt, corner, s)
+    found = (torch.fft.irfft(share * torch.fft.rfft(u, dim=0), 3 * T, dim=0) for u in onwards)
+    x, v = (u[T : 2 * T] for u in found)
+    return x, v
+
+
+def _share(T: int, dt: float, corner: float, like: Tensor) -> tuple[Tensor, Tensor]:
+    """Frequencies (K, 1) [rad/s] of T samples, and the share of each that passes a corner."""
+    omega = torch.fft.rfftfreq(T, dt, dtype=like.dtype, device=like.device)[:, None]
+    omega = 2.0 * torch.pi * omega
+    return omega, (omega**2 / (omega**2 + corner**2)) ** 2
 
 
 def _untold(target: Tensor, rows: Tensor) -> float:

@@ -7,6 +7,10 @@ the weakest is taken whose free run is as near to that as any but for HARM: a la
 what it was fitted to is so far off that small gains do not show there, and harm does. A polished
 model also has to stand that motion 1.5 times as large, and a tenth of it; where none does, the laws
 by equilibrium are no good, and the free run has its way. The first weight is next to no polish.
+
+Where accelerations alone were measured, what is slow in the motion is lost to equilibrium, laws are
+a tenth off, and free runs of them drift away. Runs then begin anew at the reconstructed motion
+first, ever more seldom, so that the free run may teach the laws what is slow.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from torch import Tensor
 from data.record import Record
 from models.composition.composite import Composite
 from models.starts.branch_choice import HARM, Joint, minimised, parted
+from models.starts.equilibrium import dominant
 from models.starts.judged import free_run_error
 from models.training.doing import doing
 from models.training.objective import restore, state_of
@@ -28,7 +33,10 @@ from models.training.stands import stands
 
 WEIGHTS = (1.0, 1e-3, 1e-6)
 BY_DEFAULT = 1e-6  # where no free run can be judged, or none stands
+RECONSTRUCTED = (1e-3, 1e-4, 1e-5)  # the weights, where accelerations alone were measured
 STEPS, CHANGE, PATIENCE, EVERY = 8, 2e-2, 3, 4
+GROWING = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # periods from one beginning to the next
+GROWING_STEPS = 15
 
 
 def polish_weight(
@@ -39,12 +47,14 @@ def polish_weight(
     largest: number of the motion that is judged by.
     """
     rest, judged = parted(motions_of(records), largest)
-    before = state_of(model)
+    before, reconstructed = state_of(model), are_reconstructed(model, records)
     start = free_run_error(model, [judged])
-    if start is None:
+    if start is None and not reconstructed:
         return BY_DEFAULT, {}
+    if reconstructed:
+        grow(model, rest, RECONSTRUCTED[0])
     ends = []
-    for weight in WEIGHTS:
+    for weight in RECONSTRUCTED if reconstructed else WEIGHTS:
         doing(f"the free run of all laws, prior {weight:g}")
         problems = [FreeRunProblem(model, record, None, prior=weight) for record in rest]
         minimised(model, Joint(problems), STEPS, EVERY, CHANGE, PATIENCE)
@@ -52,9 +62,25 @@ def polish_weight(
     restore(model, before)
     falls, least, _ = min(ends)
     weight = min(w for fell, error, w in ends if fell == falls and error <= HARM * least)
-    told = ", ".join(f"{100.0 * e:.2f}" for e in (start, *(error for _, error, _ in ends)))
+    errors = [math.inf if start is None else start, *(error for _, error, _ in ends)]
+    told = ", ".join(f"{100.0 * e:.2f}" for e in errors)
     weight = BY_DEFAULT if falls else weight
     return weight, {"prior": weight, "held_back_percent": told}
+
+
+def are_reconstructed(model: Composite, records: Sequence[Record]) -> bool:
+    """Whether x and v come from accelerations, and runs can begin anew at them."""
+    measured = all(model.has_states(record) for record in records)
+    return not measured and all(model.begins_anew(record) for record in records)
+
+
+def grow(model: Composite, motions: Sequence[Record], weight: float) -> None:
+    """Fit all laws to runs that begin anew, at first every few samples, then ever more seldom."""
+    doing("runs of all laws, longer and longer")
+    period = min(1.0 / (dominant(motion.a, motion.dt) * motion.dt) for motion in motions)
+    for horizon in dict.fromkeys(max(2, round(share * period)) for share in GROWING):
+        problems = [FreeRunProblem(model, motion, horizon, prior=weight) for motion in motions]
+        minimised(model, Joint(problems), GROWING_STEPS, EVERY, CHANGE, PATIENCE)
 
 
 def _judged(model: Composite, record: Record) -> tuple[bool, float]:

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from data.record import Record
-
-LOWEST = 0.2  # of the dominant frequency: below, accelerations are not integrated
+from models.layers.reconstructed import corner_of, high_passed, passed
 
 
 def forces_of(B: Tensor, inertia: Tensor, y: Tensor, stiffness: Tensor) -> Tensor:
@@ -24,22 +22,6 @@ def forces_of(B: Tensor, inertia: Tensor, y: Tensor, stiffness: Tensor) -> Tenso
     left = inertia - spring @ B
     weighted = stiffness[:, None] * B
     return spring + torch.linalg.solve(B.T @ weighted, left.T).T @ weighted.T
-
-
-def integrated(a: Tensor, dt: float, lowest: float) -> tuple[Tensor, Tensor]:
-    """Displacements and velocities (T, n) of accelerations, without what is slower than `lowest`.
-
-    lowest: frequency [Hz]; between half of it and it the share rises smoothly.
-    """
-    T = len(a)
-    omega = 2.0 * np.pi * torch.fft.rfftfreq(2 * T, dt, dtype=torch.float64)
-    rise = ((omega / (2.0 * np.pi * lowest) - 0.5) / 0.5).clamp(0.0, 1.0)
-    kept = torch.sin(0.5 * np.pi * rise) ** 2
-    over = torch.where(kept > 0.0, kept / omega.clamp_min(1e-300), 0.0)[:, None]
-    spectrum = torch.fft.rfft(a, n=2 * T, dim=0)
-    v = torch.fft.irfft(-1j * over * spectrum, n=2 * T, dim=0)[:T]
-    twice = torch.where(kept[:, None] > 0.0, -over * over / kept[:, None].clamp_min(1e-300), 0.0)
-    return torch.fft.irfft(twice * spectrum, n=2 * T, dim=0)[:T], v
 
 
 def integrated_states(
@@ -53,21 +35,13 @@ def integrated_states(
     a = record.a.reshape(-1, record.samples, record.dofs)
     u = record.excitation.reshape(len(a), record.samples, -1)
     for acceleration, drive in zip(a, u, strict=True):
-        lowest = LOWEST * dominant(acceleration, record.dt)
-        x, v = integrated(acceleration, record.dt, lowest)
+        corner = corner_of(acceleration, drive, record.dt)
+        x, v = passed(acceleration, record.dt, corner)
         moved = drive.clone()
-        moved[:, forces:] = high_passed(drive[:, forces:], record.dt, lowest)
+        if drive.shape[1] > forces:
+            s, s_dot = drive[:, forces:].chunk(2, dim=1)
+            moved[:, forces:] = torch.cat(high_passed(s, s_dot, record.dt, corner), dim=1)
         yield x, v, acceleration, moved
-
-
-def high_passed(u: Tensor, dt: float, lowest: float) -> Tensor:
-    """u (T, m) without what is slower than `lowest` [Hz], as `integrated` has it."""
-    if u.numel() == 0:  # no support moves
-        return u
-    omega = torch.fft.rfftfreq(2 * len(u), dt, dtype=torch.float64) / lowest
-    kept = torch.sin(0.5 * np.pi * ((omega - 0.5) / 0.5).clamp(0.0, 1.0)) ** 2
-    spectrum = kept[:, None] * torch.fft.rfft(u, n=2 * len(u), dim=0)
-    return torch.fft.irfft(spectrum, n=2 * len(u), dim=0)[: len(u)]
 
 
 def dominant(a: Tensor, dt: float) -> float:

@@ -5,7 +5,13 @@ from __future__ import annotations
 import pytest
 import torch
 
-from models.layers.reconstructed import differentiated, reconstructed
+from models.layers.reconstructed import (
+    corner_of,
+    differentiated,
+    high_passed,
+    passed,
+    reconstructed,
+)
 
 DT = 0.01
 
@@ -62,3 +68,13 @@ def test_a_change_of_units_changes_nothing():
     slow = reconstructed(a / 1e4, u, 100.0 * DT)  # the same in units of time of 0.01 s
     assert torch.allclose(slow[0], x, rtol=1e-6, atol=1e-9)
     assert torch.allclose(100.0 * slow[1], v, rtol=1e-6, atol=1e-9)
+
+
+def test_supports_lose_what_a_motion_that_was_integrated_has_lost():
+    """Ends at which the support neither rests nor stands at zero do no harm."""
+    x, v, a, u = motion(0.0, 0.0)
+    cut = slice(300, 3500)
+    x, v, a, u = (s[cut] for s in (x, v, a, u))
+    corner = corner_of(a, u, DT)
+    for found, integrated in zip(high_passed(x, v, DT, corner), passed(a, DT, corner), strict=True):
+        assert error(found[200:-200], integrated[200:-200]) < 0.02
