@@ -94,19 +94,20 @@ def _anew(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Iter
 
 
 def tried(
-    names: Sequence[str], motions: Sequence[Motion], units: Units, rng: np.random.Generator
+    names: Sequence[str], motions: Sequence[Motion], units: Units, seed: int
 ) -> dict[str, list[Fit]]:
     """The laws in the lead on some motions, each from its best starts, the best first."""
+    draws = {name: CANDIDATES[name].draws(seed) for name in names}
     motions = [motion.thinned() for motion in motions]
     largest = _two_largest(motions)
-    starts = {name: begun(CANDIDATES[name], largest, units, rng) for name in names}
+    starts = {name: begun(CANDIDATES[name], largest, units, draws[name]) for name in names}
     lead = IN_THE_LEAD * min(one.error for ends in starts.values() for one in ends)
     lead = max(lead, NEGLIGIBLE)
     found = {}
     for name, ends in starts.items():
         near = [one for one in ends if one.error <= lead]
         if near:
-            found[name] = _ended(near, motions, largest, rng)
+            found[name] = _ended(near, motions, largest, draws[name])
     return found
 
 
@@ -140,24 +141,24 @@ def chosen(
     Laws may be alike there because the largest motion alone shows what tells them apart; then that
     motion is fitted, too, and the law is the smallest that suits all.
     """
-    units, rng = units_of(motions), np.random.default_rng(seed)
+    units = units_of(motions)
     rest, judged = parted(motions)
-    found = tried(names, rest, units, rng)
+    found = tried(names, rest, units, seed)
     errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
     near, best = alike(errors), smallest(errors)
-    wider = _uneven(found[best][0], rest, rng) if errors[best] > NEGLIGIBLE else None
+    wider = _uneven(found[best][0], rest, seed) if errors[best] > NEGLIGIBLE else None
     if wider is not None:
         errors[wider.candidate.name] = wider.error_on([judged])
         if smallest(errors) == wider.candidate.name:
             return followed(wider, motions, LAST), errors
     if len(near) > 1 and min(errors.values()) > NEGLIGIBLE:
-        found = tried(near, motions, units, rng)
+        found = tried(near, motions, units, seed)
         best = smallest({name: ends[0].error for name, ends in found.items()})
     finals = [followed(one, motions, LAST) for one in found[best][:STAY]]
     return min(finals, key=lambda one: one.error), errors
 
 
-def _uneven(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Fit | None:
+def _uneven(fit: Fit, motions: Sequence[Motion], seed: int) -> Fit | None:
     """The same law with sides that may differ; None where there is none.
 
     From where sides are alike, and from what is read off the motions for each. Sides cost
@@ -167,7 +168,7 @@ def _uneven(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Fi
     if uneven is None:
         return None
     motions = [motion.thinned() for motion in motions]
-    largest = _two_largest(motions)
+    largest, rng = _two_largest(motions), uneven.draws(seed)
     more = np.zeros(len(uneven.parameters) - fit.q.size)
     alike = Fit(uneven, fit.units, np.append(fit.q, more))
     read = [values for values in _read(uneven, motions, rng) if values]

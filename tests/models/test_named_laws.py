@@ -104,6 +104,16 @@ def test_noise_of_the_force_leaves_the_law_as_it_is():
     assert error(model, [element_test(law, 7)]) < 2.0
 
 
+def test_laws_that_are_tried_beside_a_law_change_none_of_its_numbers():
+    law = PLANTED["Takeda"]
+    found = []
+    for laws in (["Takeda"], ["SlackBrace", "Takeda", "Linear"]):
+        model = NamedElement(1, 2, DT, laws=laws)
+        model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025))])
+        found.append(model.laws.state_dict()["numbers"])
+    assert torch.equal(*(torch.nan_to_num(one) for one in found))
+
+
 def test_of_laws_that_are_nearly_as_good_the_smallest_is_taken():
     errors = dict.fromkeys(CANDIDATES, 1.0)
     errors |= {"MenegottoPinto": 0.05, "SlackBrace": 0.054, "SelfCentering": 0.06}
