@@ -32,7 +32,7 @@ from models.training.doing import doing
 SHARES = (0.06, 0.2, 0.5, 1.0)  # of the energy of every motion
 DRAWS, FOLLOWED = (60, 30, 20, 20), (6, 4, 2, 2)  # of a law at each share; draws that are followed
 KEPT, ITERATIONS = (4, 3, 1, 1), (3, 4, 5, 8)  # tracks of a law that go on
-LAWS = (9, 5, 4, 4)  # that go on
+LAWS = (10, 5, 4, 4)  # that go on
 LINEAR_ITERATIONS = 15  # of a law with two numbers
 LAST = 15  # iterations of the law that was chosen
 RIVAL = 1.5  # times the least error: laws that the whole structure is to judge
