@@ -21,7 +21,7 @@ from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, unit
 from models.training.doing import doing
 
 DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
-STAY_IN_PARTS = 6  # of a law whose parts are drawn anew
+MOST_IN_PARTS, IN_PARTS = 6, 4  # of a law whose parts are drawn anew; parameters for each of them
 OF_A_START = 60  # draws of all else, for each start that was read off the motions
 FOLLOWED, MOST_FOLLOWED = 72, 14  # over the parameters of a law: starts that are followed at first
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
@@ -46,7 +46,8 @@ def begun(
 
 def _best(ends: Sequence[Fit]) -> list[Fit]:
     """Those of a law that are followed to the end, the best first."""
-    stay = STAY_IN_PARTS if ends[0].candidate.parts else STAY
+    law = ends[0].candidate
+    stay = min(len(law.parameters) // IN_PARTS, MOST_IN_PARTS) if law.parts else STAY
     return sorted(ends, key=lambda one: one.error)[:stay]
 
 

@@ -37,7 +37,7 @@ HYSTERETIC = 11
 BACK = 12  # p of the first of the back
 FIRST_PATH = 9  # branch
 AT_REST = 1e-4  # of Y₁: the element has no direction yet
-FARTHEST = 1e12  # of Y₁: growth that feeds itself ends there
+FARTHEST = 1e16  # y_max: growth that feeds itself ends there in OpenSees, whatever the unit
 
 
 @inlined
@@ -190,8 +190,7 @@ def _turned(p, m, branch, y, rho, z):
         zero = u0 - f0 / unloading
         lost = z / p[0] - 0.5 * f0 * f0 / unloading
         there *= 1.0 + _growth(p, here / _place(p, side, 1), lost)
-    first = _place(p, -side, 1)
-    there = min(max(there, first), FARTHEST * first)
+    there = min(max(there, _place(p, -side, 1)), FARTHEST)
     f3 = _envelope(p, -side, _line_at(p, -side, there), there)
     f0, u1, f1, u2, f2, u3, f3 = _path(
         zero, u0, f0, there, f3, unloading, _steepness(p, -side, there), p[6], p[7]
