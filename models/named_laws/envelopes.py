@@ -119,8 +119,8 @@ def moved(values: Values, rng: np.random.Generator, count: int) -> Values:
 def uneven_moved(values: Values, rng: np.random.Generator, count: int) -> Values:
     """The same on one side, the other as it is. back_…: times that of the front."""
     names = ["stiffness", *names_of(count)]
-    front = {name: values[name] for name in names}
-    back = {name: values[name] * values[f"back_{name}"] for name in names}
+    front: Values = {name: values[name] for name in names}
+    back: Values = {name: values[name] * values[f"back_{name}"] for name in names}
     if rng.random() < 0.5:
         front = moved(front, rng, count)
     else:
