@@ -31,6 +31,7 @@ PUBLIC = {  # class → the module that defines it
     "FrictionPendulum": "data.simulation.elements.friction_pendulum",
     "FullState": "data.simulation.scenario",
     "Given": "data.simulation.excitation",
+    "Hysteretic": "data.simulation.elements.hysteretic",
     "HystereticDegradation": "data.simulation.damage",
     "Integrated": "data.simulation.scenario",
     "LimitedSlip": "data.simulation.elements.limited_slip",
@@ -48,6 +49,7 @@ PUBLIC = {  # class → the module that defines it
     "StiffnessLoss": "data.simulation.damage",
     "Structure": "data.simulation.structure",
     "Takeda": "data.simulation.elements.takeda",
+    "UnevenHysteretic": "data.simulation.elements.hysteretic",
     "UnevenPinching4": "data.simulation.elements.pinching4",
     # measured records, public benchmarks, streams
     "BenchmarkData": "data.public.datamodule",

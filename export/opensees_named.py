@@ -7,6 +7,7 @@ SlackBrace        two ElasticPPGap with damage
 FrictionPendulum  Elastic, ElasticPP, where friction does not depend on speed
 BaberNoori        BoucWen, where it neither pinches nor is unsymmetric
 Pinching4         Pinching4, also where its sides differ
+Hysteretic        Hysteretic, likewise
 """
 
 from __future__ import annotations
@@ -17,14 +18,18 @@ from data.simulation.elements import (
     BaberNoori,
     Element,
     FrictionPendulum,
+    Hysteretic,
     MenegottoPinto,
     Pinching4,
     Polynomial,
     SelfCentering,
     SlackBrace,
+    UnevenHysteretic,
     UnevenPinching4,
 )
-from data.simulation.elements.pinching4 import LOSSES, PLACES
+from data.simulation.elements.hysteretic import PLACES as THREE
+from data.simulation.elements.pinching4 import LOSSES
+from data.simulation.elements.pinching4 import PLACES as FOUR
 from export.opensees_laws import Material
 
 SAME = 1e-6  # share of a friction or stiffness that makes no difference
@@ -97,24 +102,31 @@ def _bouc_wen(e: BaberNoori) -> list[Command]:
 
 
 def _four_points(e: Pinching4) -> list[Command]:
-    force = e.stiffness * e.yield_displacement
-    ahead = [1.0, *(getattr(e, f"strength_{i}") for i in (2, 3, 4))]
-    points, shares = _points(e, "", 1.0, ahead, force), _pinching(e, "")
+    points, shares = _points(e, FOUR), _pinching(e, "")
     if isinstance(e, UnevenPinching4):
-        back = [getattr(e, f"back_strength_{i}") for i in (1, 2, 3, 4)]
-        points += _points(e, "back_", -1.0, back, force)
         shares += _pinching(e, "back_")
+        points += _points(e, FOUR, "back_", -1.0)
     losses = [getattr(e, name) for name in LOSSES]
     wall = ("Pinching4", *points, *shares, *losses, e.energy_capacity, "energy")
     return [wall, *_damper(e.damping)]
 
 
+def _three_points(e: Hysteretic) -> list[Command]:
+    back = "back_" if isinstance(e, UnevenHysteretic) else ""
+    points = [*_points(e, THREE), *_points(e, THREE, back, -1.0)]
+    damage = (e.growth_by_ductility, e.growth_by_energy, e.unloading_exponent)
+    joint = ("Hysteretic", *points, e.reloading_place, e.reloading_force, *damage)
+    return [joint, *_damper(e.damping)]
+
+
 def _points(
-    e: Pinching4, back: str, side: float, strengths: Sequence[float], force: float
+    e: Pinching4 | Hysteretic, names: Sequence[str], back: str = "", side: float = 1.0
 ) -> list[float]:
-    places = [getattr(e, f"{back}{name}") for name in PLACES]
-    both = zip(places, strengths, strict=True)
-    return [side * n for y, s in both for n in (force * s, y)]
+    """Force [N] and place [m] of every point of a side."""
+    first = getattr(e, f"{back}strength_1") if back else 1.0
+    strengths = [first, *(getattr(e, f"{back}strength_{i + 1}") for i in range(1, len(names)))]
+    places, force = [getattr(e, f"{back}{n}") for n in names], e.stiffness * e.yield_displacement
+    return [side * n for s, y in zip(strengths, places, strict=True) for n in (force * s, y)]
 
 
 def _pinching(e: Pinching4, back: str) -> list[float]:
@@ -131,4 +143,6 @@ MADE: dict[type[Element], Callable[..., list[Command]]] = {
     BaberNoori: _bouc_wen,
     Pinching4: _four_points,
     UnevenPinching4: _four_points,
+    Hysteretic: _three_points,
+    UnevenHysteretic: _three_points,
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from zlib import crc32
 
 import numpy as np
 
@@ -96,6 +97,10 @@ class Candidate:
     parts: Sequence[Sequence[str]] = ()
     moved: Callable[[Values, np.random.Generator], Values] | None = None
     uneven: Candidate | None = None
+
+    def draws(self, seed: int) -> np.random.Generator:
+        """Random numbers of this law alone: laws that are tried beside it change none of them."""
+        return np.random.default_rng([seed, crc32(self.name.encode())])
 
     def values(self, q: np.ndarray, units: Units) -> dict[str, float]:
         pairs = zip(self.parameters.items(), q.tolist(), strict=True)

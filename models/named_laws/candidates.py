@@ -30,6 +30,7 @@ from models.named_laws.candidate import (
     share,
 )
 from models.named_laws.four_points import FOUR_POINTS, UNEVEN_FOUR_POINTS
+from models.named_laws.three_points import THREE_POINTS, UNEVEN_THREE_POINTS
 
 SOFT = Parameter(0.02, 0.5, lambda units: units.force / units.length)
 PINCHING = {
@@ -180,5 +181,7 @@ CANDIDATES = {
         ),  # a storey that stays elastic would show nothing of a law's yielding
         UNEVEN_STEEL,
         UNEVEN_FOUR_POINTS,
+        THREE_POINTS,
+        UNEVEN_THREE_POINTS,
     )
 }

@@ -4,6 +4,7 @@ Starts are drawn, the likeliest are followed on the two largest motions, the bes
 many parameters draw some of them anew, the others held, until that gains nothing. Which law it is
 shows on the largest motion, which is held back: of those whose error there is nearly the least, or
 next to none, the law of the fewest parameters is taken. But for the last fit, motions are thinned.
+Sides of a law that may differ: at first, where that leaves half; at the end, where it still gains.
 """
 
 from __future__ import annotations
@@ -20,13 +21,15 @@ from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, unit
 from models.training.doing import doing
 
 DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
-STAY_IN_PARTS = 6  # of a law whose parts are drawn anew
+MOST_IN_PARTS, IN_PARTS = 6, 4  # of a law whose parts are drawn anew; parameters for each of them
 OF_A_START = 60  # draws of all else, for each start that was read off the motions
 FOLLOWED, MOST_FOLLOWED = 72, 14  # over the parameters of a law: starts that are followed at first
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
 ROUNDS, ANEW, TRIED, AGAIN = 4, 60, 3, 6  # draws of a part in a round; parts followed; iterations
 IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
+RIVAL = 1.5  # times the least error at first: laws whose sides may differ, too
+HALF = 0.5  # of what even laws leave at first: where sides that differ leave less, they go on alone
 
 
 def begun(
@@ -43,7 +46,8 @@ def begun(
 
 def _best(ends: Sequence[Fit]) -> list[Fit]:
     """Those of a law that are followed to the end, the best first."""
-    stay = STAY_IN_PARTS if ends[0].candidate.parts else STAY
+    law = ends[0].candidate
+    stay = min(len(law.parameters) // IN_PARTS, MOST_IN_PARTS) if law.parts else STAY
     return sorted(ends, key=lambda one: one.error)[:stay]
 
 
@@ -94,20 +98,52 @@ def _anew(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Iter
 
 
 def tried(
-    names: Sequence[str], motions: Sequence[Motion], units: Units, rng: np.random.Generator
+    names: Sequence[str], motions: Sequence[Motion], units: Units, seed: int
 ) -> dict[str, list[Fit]]:
     """The laws in the lead on some motions, each from its best starts, the best first."""
     motions = [motion.thinned() for motion in motions]
     largest = _two_largest(motions)
-    starts = {name: begun(CANDIDATES[name], largest, units, rng) for name in names}
+    draws = _draws(names, seed)
+    starts = {name: begun(CANDIDATES[name], largest, units, draws[name]) for name in names}
     lead = IN_THE_LEAD * min(one.error for ends in starts.values() for one in ends)
+    if sides := _sides(starts, motions, largest, draws):
+        starts, lead = sides, RIVAL * min(ends[0].error for ends in sides.values())
     lead = max(lead, NEGLIGIBLE)
     found = {}
     for name, ends in starts.items():
         near = [one for one in ends if one.error <= lead]
         if near:
-            found[name] = _ended(near, motions, largest, rng)
+            found[name] = _ended(near, motions, largest, draws[name])
     return found
+
+
+def _draws(names: Sequence[str], seed: int) -> dict[str, np.random.Generator]:
+    """Random numbers of every law, and of those whose sides may differ."""
+    laws = [CANDIDATES[name] for name in names]
+    laws += [law.uneven for law in laws if law.uneven is not None]
+    return {law.name: law.draws(seed) for law in laws}
+
+
+def _sides(
+    starts: Mapping[str, Sequence[Fit]],
+    motions: Sequence[Motion],
+    largest: Sequence[Motion],
+    draws: Mapping[str, np.random.Generator],
+) -> dict[str, list[Fit]]:
+    """Starts of laws whose sides may differ, where these leave half of what even laws leave.
+
+    Else none. Where sides differ, all even laws are far off, and which is the least so says little.
+    """
+    least = min(ends[0].error for ends in starts.values())
+    near = [ends[0] for ends in starts.values() if ends[0].error <= RIVAL * least]
+    even = [one for one in near if one.candidate.uneven is not None]
+    if not even or least < NEGLIGIBLE:
+        return {}
+    least = min(least, *(followed(one, largest, FIRST).error for one in even))
+    begun = [_begun_uneven(one, motions, largest, draws) for one in even]
+    if min(ends[0].error for ends in begun) > HALF * least:
+        return {}
+    return {ends[0].candidate.name: ends for ends in begun}
 
 
 def _two_largest(motions: Sequence[Motion]) -> list[Motion]:
@@ -140,40 +176,55 @@ def chosen(
     Laws may be alike there because the largest motion alone shows what tells them apart; then that
     motion is fitted, too, and the law is the smallest that suits all.
     """
-    units, rng = units_of(motions), np.random.default_rng(seed)
+    units = units_of(motions)
     rest, judged = parted(motions)
-    found = tried(names, rest, units, rng)
+    found = tried(names, rest, units, seed)
     errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
     near, best = alike(errors), smallest(errors)
-    wider = _uneven(found[best][0], rest, rng) if errors[best] > NEGLIGIBLE else None
-    if wider is not None:
+    if best not in names:  # sides differ
+        return followed(found[best][0], motions, LAST), errors
+    if errors[best] > NEGLIGIBLE and CANDIDATES[best].uneven is not None:
+        wider = _uneven(found[best][0], rest, seed)
         errors[wider.candidate.name] = wider.error_on([judged])
         if smallest(errors) == wider.candidate.name:
             return followed(wider, motions, LAST), errors
     if len(near) > 1 and min(errors.values()) > NEGLIGIBLE:
-        found = tried(near, motions, units, rng)
+        found = tried(near, motions, units, seed)
         best = smallest({name: ends[0].error for name, ends in found.items()})
     finals = [followed(one, motions, LAST) for one in found[best][:STAY]]
     return min(finals, key=lambda one: one.error), errors
 
 
-def _uneven(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Fit | None:
-    """The same law with sides that may differ; None where there is none.
+def _uneven(fit: Fit, motions: Sequence[Motion], seed: int) -> Fit:
+    """The same law with sides that may differ.
 
-    From where sides are alike, and from what is read off the motions for each. Sides cost
-    parameters, so they are tried of the law alone that suits best without them.
+    Sides cost parameters: where they do not leave half of what all laws leave without them, they
+    are tried of the law alone that suits best without them.
+    """
+    motions = [motion.thinned() for motion in motions]
+    largest, draws = _two_largest(motions), _draws([fit.candidate.name], seed)
+    ends = _begun_uneven(fit, motions, largest, draws)
+    ends = _ended(ends, motions, largest, draws[ends[0].candidate.name])
+    return followed(ends[0], motions, LAST)
+
+
+def _begun_uneven(
+    fit: Fit,
+    motions: Sequence[Motion],
+    largest: Sequence[Motion],
+    draws: Mapping[str, np.random.Generator],
+) -> list[Fit]:
+    """Starts of the law with sides that may differ after a few iterations, the best first.
+
+    From where sides are alike, and from what is read off the motions for each.
     """
     uneven = fit.candidate.uneven
-    if uneven is None:
-        return None
-    motions = [motion.thinned() for motion in motions]
-    largest = _two_largest(motions)
+    assert uneven is not None
     more = np.zeros(len(uneven.parameters) - fit.q.size)
     alike = Fit(uneven, fit.units, np.append(fit.q, more))
-    read = [values for values in _read(uneven, motions, rng) if values]
+    read = [values for values in _read(uneven, motions, draws[uneven.name]) if values]
     starts = [alike, *(replace(alike, q=uneven.with_values(alike.q, v, fit.units)) for v in read)]
-    ends = _best([followed(one, largest, FIRST) for one in starts])
-    return followed(_ended(ends, motions, largest, rng)[0], motions, LAST)
+    return _best([followed(one, largest, FIRST) for one in starts])
 
 
 def alike(errors: Mapping[str, float]) -> list[str]:

@@ -32,7 +32,7 @@ from models.training.doing import doing
 SHARES = (0.06, 0.2, 0.5, 1.0)  # of the energy of every motion
 DRAWS, FOLLOWED = (60, 30, 20, 20), (6, 4, 2, 2)  # of a law at each share; draws that are followed
 KEPT, ITERATIONS = (4, 3, 1, 1), (3, 4, 5, 8)  # tracks of a law that go on
-LAWS = (9, 5, 4, 4)  # that go on
+LAWS = (10, 5, 4, 4)  # that go on
 LINEAR_ITERATIONS = 15  # of a law with two numbers
 LAST = 15  # iterations of the law that was chosen
 RIVAL = 1.5  # times the least error: laws that the whole structure is to judge
@@ -177,6 +177,8 @@ def chosen(
     yields. An error is the geometric mean of those over parts of the motions, each after training
     on such parts: over the whole, noise leads any law astray.
     """
+    seed = int(rng.integers(2**31))
+    draws = {name: CANDIDATES[name].draws(seed) for name in names}
     order = sorted(storeys, key=lambda one: -float(np.ptp(one.r)))
     running: Mapping[str, Sequence[Track]] = dict.fromkeys(names, ())
     logs: dict[str, list[float]] = {name: [] for name in names}
@@ -184,7 +186,7 @@ def chosen(
         some = order if share == 1.0 else order[:2]
         ends: dict[str, Sequence[Track]] = {}
         for name, before in running.items():
-            tracks = [*before, *beginning.tracks(name, some, stage, rng)]
+            tracks = [*before, *beginning.tracks(name, some, stage, draws[name])]
             count = LINEAR_ITERATIONS if name == "Linear" else ITERATIONS[stage]
             tracks = [one.followed(some, share, count) for one in tracks]
             ends[name] = sorted(tracks, key=lambda one: one.fit.error)[: KEPT[stage]]

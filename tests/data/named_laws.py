@@ -7,11 +7,13 @@ import pytest
 from data.simulation.elements import (
     BaberNoori,
     FrictionPendulum,
+    Hysteretic,
     MenegottoPinto,
     Pinching4,
     SelfCentering,
     SlackBrace,
     Takeda,
+    UnevenHysteretic,
     UnevenPinching4,
 )
 
@@ -52,13 +54,22 @@ LAWS["uneven wall"] = UnevenPinching4(
     back_strength_3=1.3, back_strength_4=0.8, back_unloading_force=0.05, back_reloading_place=0.3,
     back_reloading_force=0.2,
 )  # fmt: skip
+LAWS["joint"] = Hysteretic(
+    between=BETWEEN, stiffness=K, yield_displacement=Y, displacement_2=0.025, displacement_3=0.06,
+    strength_2=1.4, strength_3=1.1, reloading_place=0.7, reloading_force=0.4,
+    growth_by_ductility=0.02, growth_by_energy=0.05, unloading_exponent=0.3,
+)  # fmt: skip
+LAWS["uneven joint"] = UnevenHysteretic(
+    **vars(LAWS["joint"]), back_yield_displacement=0.7 * Y, back_displacement_2=0.03,
+    back_displacement_3=0.05, back_strength_1=0.8, back_strength_2=1.0, back_strength_3=1.3,
+)  # fmt: skip
 LENGTHS = {  # power of the metre in each parameter, where there is one besides the stiffness
     "yield_displacement": 1, "activation_displacement": 1, "gap": 1, "radius": 1, "rate": -1,
     "beta": -1, "gamma": -1, "pinching_width": 1, "pinching_spread": 1, "stiffness": -1,
     "displacement_2": 1, "displacement_3": 1, "displacement_4": 1, "back_yield_displacement": 1,
     "back_displacement_2": 1, "back_displacement_3": 1, "back_displacement_4": 1,
 }  # fmt: skip
-EVEN = {name: law for name, law in LAWS.items() if name != "uneven wall"}
+EVEN = {name: law for name, law in LAWS.items() if not name.startswith("uneven")}
 every_law = pytest.mark.parametrize("element", LAWS.values(), ids=LAWS)
 HISTORY = (0.004, -0.006, 0.018, 0.012, 0.03, -0.012, 0.008, -0.035, 0.05, -0.03, 0.0, -0.06, 0.02)
 

@@ -18,6 +18,7 @@ from data.simulation.elements import (
     BaberNoori,
     Bilinear,
     BoucWen,
+    Hysteretic,
     MenegottoPinto,
     SelfCentering,
     SlackBrace,
@@ -218,6 +219,82 @@ def test_without_losses_a_path_is_three_lines():
     by_hand = K * Y * np.interp(y[1000:], places, forces)
     earlier = force(e, *_with_dt(eased(0.04, -0.04, 0.04, -0.04, samples=1000)))
     assert_allclose(earlier[3000:], by_hand, atol=1e-6 * K * Y)
+
+
+# --- three lines that pinch and are damaged
+
+
+def joint(e: Hysteretic, y: np.ndarray) -> np.ndarray:
+    """Without energy damage, one sample after the other: lines in the direction of the motion."""
+    Y = e.yield_displacement
+    places = np.array([0.0, Y, e.displacement_2, e.displacement_3, 1.0])
+    heights = Y * np.array([0.0, 1.0, e.strength_2, e.strength_3, e.strength_3])
+    peaks, zeros, out, last = {1: 0.0, -1: 0.0}, {1: 0.0, -1: 0.0}, [0.0], 0
+    for before, now in itertools.pairwise(y):
+        way = 1 if now > before else -1
+        mu = {side: max(peak / Y, 1.0) for side, peak in peaks.items()}
+        x, r, step = way * now, way * out[-1], abs(now - before)
+        if last == -way and r <= 0.0:
+            zeros[way] = way * before - r * mu[-way] ** e.unloading_exponent
+            peaks[way] *= 1.0 + e.growth_by_ductility * (mu[-way] - 1.0)
+        if last:
+            peaks[way] = max(peaks[way], Y)
+        last = way
+        if x >= peaks[way]:
+            peaks[way] = x
+            out.append(way * np.interp(x, places, heights))
+            continue
+        slope = max(peaks[way] / Y, 1.0) ** -e.unloading_exponent
+        if x < zeros[way]:
+            out.append(way * min(r + mu[-way] ** -e.unloading_exponent * step, 0.0))
+            continue
+        top = np.interp(peaks[way], places, heights)
+        elastic = peaks[way] - (1.0 - e.reloading_force) * top / slope
+        bend = zeros[way] + e.reloading_place * (elastic - zeros[way])
+        line = np.interp(x, [zeros[way], bend, peaks[way]], [0.0, e.reloading_force * top, top])
+        out.append(way * min(r + slope * step, line))
+    return e.stiffness * np.array(out)
+
+
+@pytest.mark.parametrize("samples", [200, 2000])
+def test_joint_equals_the_step_by_step_law(samples):
+    """But for samples next to a corner, where a step of the reference is too flat."""
+    e = replace(LAWS["joint"], growth_by_energy=0.0)
+    y, rate = eased(*HISTORY, samples=samples)
+    assert_allclose(force(e, y, DT, rate), joint(e, y), atol=1e-3 * K * Y)
+
+
+def test_three_lines_are_the_envelope_and_go_on_level_where_it_falls():
+    e = LAWS["joint"]
+    r = force(e, *_with_dt(eased(0.5 * Y, Y, 0.025, 0.0425, 0.06, 0.09))) / (K * Y)
+    assert_allclose(r[100::100], [0.5, 1.0, 1.4, 1.25, 1.1, 1.1], atol=1e-6)
+    rising = replace(e, strength_3=2.1)
+    r = force(rising, *_with_dt(eased(0.06, 0.095))) / (K * Y)
+    assert_allclose(r[100::100], [2.1, 2.8], atol=1e-6)
+
+
+def test_damage_of_one_side_moves_the_target_of_the_other_away():
+    """By ductility and by what was lost, in shares of the area under both envelopes."""
+    e = replace(LAWS["joint"], growth_by_ductility=0.1, growth_by_energy=0.3)
+    e = replace(e, unloading_exponent=0.0, reloading_place=1.0, reloading_force=1.0)
+    back, front = 0.02, 0.03
+    r = force(e, *_with_dt(eased(-back, front, -0.07, samples=1000)))
+    y = eased(-back, front, -0.07, samples=1000)[0]
+    pushed, pulled = Y * (1.0 + 0.4 * 2.0 / 3.0), Y * (1.4 - 0.3 / 7.0)  # ρ at the turns
+    first = 0.5 * Y * Y + 0.5 * (Y + pushed) * 0.01  # work over k
+    zero, target = -back + pushed, None
+    lost = first - 0.5 * pushed**2
+    area = 0.5 * Y * Y + 0.5 * 2.4 * Y * 0.015 + 0.5 * 2.5 * Y * 0.035
+    # the front never yielded before, so its target is Y; the way to it is straight, then on
+    reload = 0.5 * (Y - zero) * Y + 0.5 * 2.4 * Y * 0.015 + 0.5 * (1.4 * Y + pulled) * 0.005
+    total = lost + reload - 0.5 * pulled**2
+    target = back * (1.0 + 0.1 * (front / Y - 1.0) + 0.3 * total / (2.0 * area))
+    last, after = y[2000:], r[2000:] / K
+    unloaded = front - pulled
+    between = (last < unloaded) & (last > -target)
+    height = np.interp(target, [Y, 0.025, 0.06], [Y, 1.4 * Y, 1.1 * Y])
+    by_hand = -height * (unloaded - last) / (unloaded + target)
+    assert_allclose(after[between], by_hand[between], atol=1e-6 * Y)
 
 
 # --- generalised Bouc–Wen

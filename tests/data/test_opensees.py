@@ -17,8 +17,11 @@ from data.simulation.elements import (
     Pinching4,
     SelfCentering,
     SlackBrace,
+    UnevenHysteretic,
     UnevenPinching4,
 )
+from tests.data.named_laws import DT
+from tests.data.test_elements import eased
 
 K, FY, Y = 1e6, 1e4, 0.01
 LOSS_PARTS = ("by_excursion", "by_energy", "excursion_power", "energy_power", "limit")
@@ -131,3 +134,46 @@ def test_pinching4(seed, uneven):
         element = UnevenPinching4(**own, **named, **{f"back_{n}": v for n, v in back.items()})
     words = ("Pinching4", *points, *shares, *losses[0], *losses[1], *losses[2], 10.0, "energy")
     assert difference(element, 0.0005, words) < 2e-3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_hysteretic(seed):
+    """Sides, pinching and damage drawn at random; the motion turns at samples.
+
+    Their force is a part of a step late at corners, so that the difference falls with the step.
+    """
+    rng = np.random.default_rng(seed)
+    draw = rng.uniform
+    sides = [
+        (Y * draw(0.7, 1.3) * np.cumprod([1.0, draw(1.5, 5.0), draw(1.5, 4.0)]),
+         draw(0.7, 1.3) * np.cumprod([1.0, draw(1.1, 1.6), draw(0.6, 1.2)]))
+        for _ in range(2)
+    ]  # fmt: skip
+    names = ("reloading_place", "reloading_force", "growth_by_ductility", "growth_by_energy",
+             "unloading_exponent")  # fmt: skip
+    shape = [draw(0.1, 1.0), draw(0.1, 1.0), draw(0.0, 0.04), draw(0.0, 0.1), draw(0.0, 0.5)]
+    (y1, y2, y3), front = sides[0]
+    own = dict(zip(names, shape, strict=True)) | {
+        f"back_{n}": v
+        for n, v in zip(("yield_displacement", "displacement_2", "displacement_3"), sides[1][0],
+                        strict=True)
+    } | {f"back_strength_{i + 1}": v / front[0] for i, v in enumerate(sides[1][1])}  # fmt: skip
+    element = UnevenHysteretic(
+        between=BETWEEN, stiffness=front[0] * FY / y1, yield_displacement=y1, displacement_2=y2,
+        displacement_3=y3, strength_2=front[1] / front[0], strength_3=front[2] / front[0], **own,
+    )  # fmt: skip
+    points = [
+        side * n
+        for side, (places, heights) in zip((1.0, -1.0), sides, strict=True)
+        for pair in zip(FY * heights, places, strict=True)
+        for n in pair
+    ]
+    turns = 0.03 * np.linspace(0.1, 1.5, 24) * rng.standard_normal(24)
+    far = []
+    for samples in (400, 40_000):
+        y, rate = eased(*turns, samples=samples)
+        theirs = stress(y, "Hysteretic", *points, *shape)
+        ours = force(element, y, DT, rate)
+        far.append(float(np.linalg.norm(ours - theirs) / np.linalg.norm(theirs)))
+    assert far[0] < 1e-3
+    assert far[1] < 0.05 * far[0] or far[1] < 1e-6

@@ -151,7 +151,10 @@ def test_every_estimator_is_clean_under_sanitizers(name, tmp_path):
     apart(model, drive(model.dofs, model.inputs, 60), tmp_path, SANITIZED)
 
 
-@pytest.mark.parametrize("law", ["SlackBrace", "Takeda", "FrictionPendulum", "Pinching4"])
+@pytest.mark.parametrize(
+    "law",
+    ["SlackBrace", "Takeda", "FrictionPendulum", "Pinching4", "Hysteretic", "UnevenHysteretic"],
+)
 def test_a_named_element_runs_in_c(law, tmp_path):
     model = NamedElement(1, 2, networks.DT)
     candidate = CANDIDATES[law]

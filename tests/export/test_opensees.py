@@ -226,7 +226,17 @@ def candidate(name: str) -> list:
 
 @needs_opensees
 @pytest.mark.parametrize(
-    "name", ["SelfCentering", "SlackBrace", "MenegottoPinto", "BoucWen", "Pinching4"]
+    "name",
+    [
+        "SelfCentering",
+        "SlackBrace",
+        "MenegottoPinto",
+        "BoucWen",
+        "Pinching4",
+        "UnevenPinching4",
+        "Hysteretic",
+        "UnevenHysteretic",
+    ],
 )
 def test_named_laws_have_their_stock_materials(name, tmp_path):
     elements, y = [replace(e, damping=0.0) if hasattr(e, "damping") else e

@@ -20,6 +20,7 @@ from data.simulation.elements import (
     SelfCentering,
     SlackBrace,
     Takeda,
+    UnevenHysteretic,
 )
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
@@ -28,8 +29,8 @@ from models.named_element import NamedElement
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import smallest
+from models.named_laws.envelopes import envelopes, moved, uneven_envelopes, uneven_moved
 from models.named_laws.fit import Fit, Motion
-from models.named_laws.four_points import envelopes, moved, uneven_envelopes
 from models.named_laws.free_run import Shaking, linear, mass_dampers
 from models.named_laws.storey import Storey
 
@@ -102,6 +103,16 @@ def test_noise_of_the_force_leaves_the_law_as_it_is():
     model = NamedElement(1, 2, DT, laws=["SelfCentering", "Takeda"])
     model.identify([element_test(law, i, noise=0.05) for i in range(2)])
     assert error(model, [element_test(law, 7)]) < 2.0
+
+
+def test_laws_that_are_tried_beside_a_law_change_none_of_its_numbers():
+    law = PLANTED["Takeda"]
+    found = []
+    for laws in (["Takeda"], ["SlackBrace", "Takeda", "Linear"]):
+        model = NamedElement(1, 2, DT, laws=laws)
+        model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025))])
+        found.append(model.laws.state_dict()["numbers"])
+    assert torch.equal(*(torch.nan_to_num(one) for one in found))
 
 
 def test_of_laws_that_are_nearly_as_good_the_smallest_is_taken():
@@ -264,7 +275,7 @@ def test_points_of_an_envelope_are_read_off_motions_that_go_farther():
     )  # fmt: skip
     tests = [element_test(law, i, size) for i, size in enumerate((0.04, 0.025, 0.03))]
     loops = [(one.s.numpy()[:, 0], one.a.numpy()[:, 0]) for one in tests if one.s is not None]
-    found = envelopes(loops, np.random.default_rng(0))
+    found = envelopes(loops, np.random.default_rng(0), 4)
     far = [_off(values, (0.004, 0.012, 0.022)) for values in found]
     assert min(far) < 0.35
 
@@ -275,15 +286,16 @@ def _off(values, places: tuple[float, ...]) -> float:
     return float(np.abs(np.log(own / places)).max())
 
 
-def test_sides_that_are_read_off_motions_for_themselves_are_those_of_the_law():
+@pytest.mark.parametrize(("name", "points"), [("Pinching4", 4), ("Hysteretic", 3)])
+def test_sides_that_are_read_off_motions_for_themselves_are_those_of_the_law(name, points):
     """Where both are alike, the uneven law is the even one; where not, the back has its own."""
-    even, uneven = CANDIDATES["Pinching4"], CANDIDATES["UnevenPinching4"]
+    even, uneven = CANDIDATES[name], CANDIDATES[f"Uneven{name}"]
     units, rng = Units(0.02, 0.1, 1e5, 2e7), np.random.default_rng(0)
-    q = even.drawn(rng)
+    q, more = even.drawn(rng), len(uneven.parameters) - len(even.parameters)
     y, _ = motion(0, 0.04)
     (one,), (other,) = (
         [force(law, y, DT) for law in candidate.elements(numbers, units)]
-        for candidate, numbers in ((even, q), (uneven, np.append(q, np.zeros(11))))
+        for candidate, numbers in ((even, q), (uneven, np.append(q, np.zeros(more))))
     )
     assert np.allclose(one, other, rtol=1e-12)
     pulled = np.abs(np.concatenate([np.linspace(0.0, 0.03, 300), np.linspace(0.03, 0.0, 300)]))
@@ -291,24 +303,53 @@ def test_sides_that_are_read_off_motions_for_themselves_are_those_of_the_law():
         (side * pulled, side * np.interp(pulled, (0.0, place, 0.03), (0.0, 1e5, 1.2e5)))
         for side, place in ((1.0, 0.004), (-1.0, 0.008))
     ]
-    best = uneven_envelopes(loops, rng)[0]
+    best = uneven_envelopes(loops, rng, points)[0]
     assert best["stiffness"] == pytest.approx(1e5 / 0.004, rel=0.1)
     assert best["stiffness"] * best["back_stiffness"] == pytest.approx(1e5 / 0.008, rel=0.1)
 
 
-def test_a_point_that_moves_leaves_the_envelope_of_the_others():
-    values = {"yield_displacement": 1.0, "stiffness": 3.0}
-    values |= {f"farther_{i}": 1.0 for i in (2, 3, 4)} | {f"stronger_{i}": 1.0 for i in (2, 3, 4)}
+@pytest.mark.parametrize("points", [3, 4])
+def test_a_point_that_moves_leaves_the_envelope_of_the_others(points):
+    values, further = {"yield_displacement": 1.0, "stiffness": 3.0}, range(2, points + 1)
+    values |= {f"{more}_{i}": 1.0 for more in ("farther", "stronger") for i in further}
     rng = np.random.default_rng(0)
     for _ in range(40):
-        other = moved(values, rng)
-        steps = [1.0 + other[f"farther_{i}"] for i in (2, 3, 4)]
+        other = moved(values, rng, points)
+        steps = [1.0 + other[f"farther_{i}"] for i in further]
         places = other["yield_displacement"] * np.cumprod([1.0, *steps])
-        heights = np.cumprod([1.0, *(other[f"stronger_{i}"] for i in (2, 3, 4))])
+        heights = np.cumprod([1.0, *(other[f"stronger_{i}"] for i in further)])
         heights = heights * other["stiffness"] * places[0]
         assert (np.diff(places) > 0.0).all()
         assert abs(heights.max() - 3.0) < 1e-9
-        assert len(set(places.round(9)) & {1.0, 2.0, 4.0, 8.0}) == 3
+        assert len(set(places.round(9)) & {1.0, 2.0, 4.0, 8.0}) == points - 1
+
+
+def test_a_point_that_moves_on_one_side_leaves_the_other():
+    even, uneven = CANDIDATES["Hysteretic"], CANDIDATES["UnevenHysteretic"]
+    units, rng = Units(0.02, 0.1, 1e5, 2e7), np.random.default_rng(0)
+    q = np.append(even.drawn(rng), 0.3 * rng.standard_normal(6))
+    values, y = uneven.values(q, units), 0.03 * np.linspace(0.0, 1.0, 100)
+    for _ in range(10):
+        other = uneven.with_values(q, uneven_moved(values, rng, 3), units)
+        same = [
+            np.allclose(*(force(*uneven.elements(n, units), side * y, DT) for n in (q, other)))
+            for side in (1.0, -1.0)
+        ]
+        assert any(same)
+
+
+def test_joints_that_differ_between_their_sides_are_found_with_their_damage():
+    law = UnevenHysteretic(
+        between=TESTED, stiffness=2e7, yield_displacement=0.006, displacement_2=0.015,
+        displacement_3=0.05, strength_2=1.4, strength_3=1.3, reloading_place=0.6,
+        reloading_force=0.4, growth_by_ductility=0.01, growth_by_energy=0.03,
+        unloading_exponent=0.3, back_yield_displacement=0.005, back_displacement_2=0.02,
+        back_displacement_3=0.04, back_strength_1=0.8, back_strength_2=1.0, back_strength_3=1.3,
+    )  # fmt: skip
+    model = NamedElement(1, 2, DT, laws=["Hysteretic", "Takeda"])
+    facts = model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025, 0.03))])
+    assert facts["laws"] == "UnevenHysteretic"
+    assert error(model, [element_test(law, 7, 0.035)]) < 3.0
 
 
 def test_a_smooth_motion_is_thinned_and_a_rough_one_is_not():

@@ -78,6 +78,18 @@ ELEMENTS: dict[str, dict[str, Any]] = {
         **{"back_strength_1": 0.8, "back_strength_2": 1.1, "back_strength_3": 1.2},
         **{"back_strength_4": 0.9},
     },
+    "Hysteretic": {
+        **{"stiffness": 40.0, "yield_displacement": 0.02, "displacement_2": 0.05},
+        **{"displacement_3": 0.2, "strength_2": 1.4, "strength_3": 1.2, "reloading_place": 0.7},
+        **{"reloading_force": 0.4, "growth_by_energy": 0.02, "unloading_exponent": 0.2},
+    },
+    "UnevenHysteretic": {
+        **{"stiffness": 40.0, "yield_displacement": 0.02, "displacement_2": 0.05},
+        **{"displacement_3": 0.2, "strength_2": 1.4, "strength_3": 1.2},
+        **{"growth_by_ductility": 0.01, "back_yield_displacement": 0.03},
+        **{"back_displacement_2": 0.06, "back_displacement_3": 0.1, "back_strength_1": 0.8},
+        **{"back_strength_2": 1.1, "back_strength_3": 1.2},
+    },
     "BaberNoori": {
         **{"stiffness": 40.0, "post_yield_ratio": 0.05, "beta": 13.0, "gamma": 10.0},
         **{"asymmetry": 1.0, "exponent": 1.0, "eta_rate": 0.1, "nu_rate": 0.1, "pinching": 0.8},

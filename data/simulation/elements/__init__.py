@@ -5,6 +5,7 @@ from data.simulation.elements.bilinear import Bilinear
 from data.simulation.elements.bouc_wen import BoucWen
 from data.simulation.elements.element import Element
 from data.simulation.elements.friction_pendulum import FrictionPendulum
+from data.simulation.elements.hysteretic import Hysteretic, UnevenHysteretic
 from data.simulation.elements.limited_slip import LimitedSlip
 from data.simulation.elements.menegotto_pinto import MenegottoPinto
 from data.simulation.elements.pinching4 import Pinching4, UnevenPinching4
@@ -19,6 +20,7 @@ __all__ = [
     "BoucWen",
     "Element",
     "FrictionPendulum",
+    "Hysteretic",
     "LimitedSlip",
     "MenegottoPinto",
     "Pinching4",
@@ -26,5 +28,6 @@ __all__ = [
     "SelfCentering",
     "SlackBrace",
     "Takeda",
+    "UnevenHysteretic",
     "UnevenPinching4",
 ]

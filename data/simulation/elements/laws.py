@@ -21,6 +21,7 @@ from data.simulation.elements import (
     bilinear,
     bouc_wen,
     friction_pendulum,
+    hysteretic,
     limited_slip,
     menegotto_pinto,
     pinching4,
@@ -35,6 +36,7 @@ from data.simulation.elements.bouc_wen import BOUC_WEN
 from data.simulation.elements.compiling import compiled, inlined
 from data.simulation.elements.element import MEMORY
 from data.simulation.elements.friction_pendulum import FRICTION_PENDULUM
+from data.simulation.elements.hysteretic import HYSTERETIC
 from data.simulation.elements.limited_slip import LIMITED_SLIP
 from data.simulation.elements.menegotto_pinto import MENEGOTTO_PINTO
 from data.simulation.elements.pinching4 import PINCHING4
@@ -128,6 +130,8 @@ def _force(law, p, m, branch, y, ydot, z, work):
         return baber_noori.force(p, branch, y, ydot, z, work)
     if law == PINCHING4:
         return pinching4.force(p, m, branch, y, ydot)
+    if law == HYSTERETIC:
+        return hysteretic.force(p, m, branch, y, ydot)
     return takeda.force(p, m, branch, y, ydot)
 
 
@@ -145,6 +149,8 @@ def _margin(law, p, m, branch, y, ydot, z):
         return baber_noori.margin(branch, ydot, z)
     if law == PINCHING4:
         return pinching4.margin(p, m, branch, y, ydot)
+    if law == HYSTERETIC:
+        return hysteretic.margin(p, m, branch, y, ydot)
     return takeda.margin(p, m, branch, y, ydot)
 
 
@@ -159,6 +165,8 @@ def _next(law, p, m, branch, y, ydot, z):
         branch = baber_noori.next_branch(ydot, z)
     elif law == PINCHING4:
         branch, m = pinching4.next_branch(p, m, branch, y, z)
+    elif law == HYSTERETIC:
+        branch, m = hysteretic.next_branch(p, m, branch, y, z)
     else:
         few = m[0], m[1], m[2], m[3], m[4], m[5]
         if law == MENEGOTTO_PINTO:

@@ -19,9 +19,9 @@ with numbers of their own for K (unloading), D (reloading) and F (strength). The
 and shares of the back are its own (Uneven…): Y₄ and E₄ of losses are then the larger of both.
 
 Lowes, Mitra & Altoontash (2003), PEER 2003/10; Mitra & Lowes (2007), J. Struct. Eng. ASCE 133,
-153–167. Memory m: largest excursions forward and backward; the points 0 to 3 of a path, in the
-direction of its motion; γ_F and γ_K. Branch 0 is at rest; 1 to 10 are lines of the envelope, 11 to
-16 of a path, odd ones forward.
+153–167. Memory m: largest excursions forward and backward; the points of a path (three_lines.py);
+γ_F and γ_K. Branch 0 is at rest; 1 to 10 are lines of the envelope, 11 to 16 of a path, odd ones
+forward.
 """
 
 from __future__ import annotations
@@ -31,17 +31,13 @@ from dataclasses import dataclass, fields
 from data.checked import checked
 from data.simulation.elements.compiling import inlined
 from data.simulation.elements.element import Element
+from data.simulation.elements.three_lines import end_of, on_line, way_of
 
 PINCHING4 = 10
 BACK = 27  # p[BACK + 1] is the first of the back
 FIRST_PATH = 11  # branch
 AT_REST = 1e-4  # of Y₁: the element has no direction yet
 ENOUGH = 0.01  # of the force in the middle, between two points that would change places
-
-
-@inlined
-def _side(branch):
-    return 1.0 if branch & 1 else -1.0
 
 
 @inlined
@@ -100,17 +96,10 @@ def _shape(p, m, branch, y):
     """ρ = r/k of the branch at y."""
     if branch == 0:
         return y * _steepness(p, y)
-    side = _side(branch)
+    side = way_of(branch)
     if branch < FIRST_PATH:
         return side * (1.0 - m[10]) * _envelope(p, side, (branch - 1) // 2, side * y)
-    line = (branch - FIRST_PATH) // 2
-    if line == 0:
-        u0, f0, u1, f1 = m[2], m[3], m[4], m[5]
-    elif line == 1:
-        u0, f0, u1, f1 = m[4], m[5], m[6], m[7]
-    else:
-        u0, f0, u1, f1 = m[6], m[7], m[8], m[9]
-    return side * (f0 + (f1 - f0) / (u1 - u0) * (side * y - u0))
+    return side * on_line(m, (branch - FIRST_PATH) // 2, side * y)
 
 
 @inlined
@@ -123,14 +112,13 @@ def force(p, m, branch, y, ydot):  # p: as the fields of UnevenPinching4
 def margin(p, m, branch, y, ydot):
     if branch == 0:
         return AT_REST * p[1] - abs(y)
-    side = _side(branch)
+    side = way_of(branch)
     if branch < FIRST_PATH:
         line = (branch - 1) // 2
         if line == 4:
             return side * ydot
         return min(side * ydot, _place(p, side, line + 1) - side * y)
-    line = (branch - FIRST_PATH) // 2
-    return min(side * ydot, m[4 + 2 * line] - side * y)
+    return min(side * ydot, end_of(m, (branch - FIRST_PATH) // 2) - side * y)
 
 
 @inlined
@@ -207,7 +195,7 @@ def _energies(p, rho, z, kept):
 @inlined
 def _turned(p, m, branch, y, rho, z):
     """The path to the other side, and what is remembered."""
-    side = _side(branch)
+    side = way_of(branch)
     here, there = (m[0], m[1]) if side > 0.0 else (m[1], m[0])
     here, there = max(here, _place(p, side, 1)), max(there, _place(p, -side, 1))
     farthest = max(_place(p, side, 4), _place(p, -side, 4))
@@ -242,14 +230,14 @@ def _turned(p, m, branch, y, rho, z):
 def next_branch(p, m, branch, y, z):
     if branch == 0:
         return (1 if y > 0.0 else 2), m
-    side = _side(branch)
+    side = way_of(branch)
     if branch < FIRST_PATH:
         line = (branch - 1) // 2
         if line < 4 and side * y > _place(p, side, line + 1):
             return branch + 2, m
     else:
         line = (branch - FIRST_PATH) // 2
-        if side * y > m[4 + 2 * line]:
+        if side * y > end_of(m, line):
             if line < 2:
                 return branch + 2, m
             return (1 if side > 0.0 else 2) + 2 * _line_at(p, side, side * y), m

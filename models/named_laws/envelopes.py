@@ -1,0 +1,137 @@
+"""Starts of an envelope of some points, read off the motions.
+
+Points of an envelope that lie between others hide where the others belong: a search by slopes does
+not pass them on. Hence every start has points that suit what the force was where a motion went
+farther than before, and a search may take a point out and put it elsewhere on the envelope.
+
+A law names its points by `yield_displacement` and `stiffness` of the first and, of each further
+one i, by how much `farther_i` and `stronger_i` it is than the one before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.named_laws.candidate import Loops, Values
+
+BINS, UPPER = 60, 0.8  # of the deformation; quantile of the force there, of the least damaged
+NEAREST, FARTHEST = 0.03, 1.5  # points, of the largest deformation
+APART = 1.15  # a point over the one before
+DRAWS, ENVELOPES = 3000, 12  # envelopes that are tried, and that are starts
+ALIKE = 0.35  # of logarithms of points: envelopes whose points are nearer are one start
+BOTH = (1.0, -1.0)  # sides
+LEVEL = 1e-3  # weight of level ends, which the data may not tell
+
+
+def points_of(values: Values, count: int, strength: float = 1.0) -> dict[str, float]:
+    """Places [m] and strengths of points, as the fields of an element name them.
+
+    strength: of the first point, over that of the front.
+    """
+    place = values["yield_displacement"]
+    own = {"yield_displacement": place}
+    for i in range(2, count + 1):
+        place *= 1.0 + values[f"farther_{i}"]
+        strength *= values[f"stronger_{i}"]
+        own |= {f"displacement_{i}": place, f"strength_{i}": strength}
+    return own
+
+
+def names_of(count: int) -> list[str]:
+    """Names of the parameters of points, but for the stiffness."""
+    more = [f"{more}_{i}" for more in ("farther", "stronger") for i in range(2, count + 1)]
+    return ["yield_displacement", *more]
+
+
+def farther(loops: Loops, sides: Sequence[float] = BOTH) -> tuple[np.ndarray, np.ndarray]:
+    """Deformations |y| [m] where motions went farther than before, and the upper forces there [N].
+
+    y and r (T,) of every motion; sides that are taken to be alike.
+    """
+    places, forces = [], []
+    for y, r in loops:
+        for side in sides:
+            reached = np.maximum.accumulate(np.maximum(side * y, 0.0))
+            new = np.append(False, side * y[1:] > reached[:-1])
+            places.append(side * y[new])
+            forces.append(side * r[new])
+    y, r = np.concatenate(places), np.concatenate(forces)
+    bins = np.minimum((BINS * np.sqrt(y / y.max())).astype(int), BINS - 1)
+    found = [(np.median(y[bins == i]), np.quantile(r[bins == i], UPPER)) for i in np.unique(bins)]
+    return np.array(found)[:, 0], np.array(found)[:, 1]
+
+
+def envelopes(
+    loops: Loops, rng: np.random.Generator, count: int, sides: Sequence[float] = BOTH
+) -> list[Values]:
+    """Points that suit the force where a motion went farther than before, the best first."""
+    y, r = farther(loops, sides)
+    found = []
+    for _ in range(DRAWS):
+        drawn = rng.uniform(math.log(NEAREST), math.log(FARTHEST), count)
+        places = y.max() * np.sort(np.exp(drawn))
+        if (places[1:] < APART * places[:-1]).any():
+            continue
+        hats = [np.interp(y, np.append(0.0, places), e) for e in np.eye(count + 1)[1:]]
+        matrix = np.vstack([np.stack(hats, axis=1), LEVEL * np.eye(count)])
+        target = np.append(r, np.full(count, LEVEL * r.max()))
+        heights = np.linalg.lstsq(matrix, target, rcond=None)[0]
+        if (heights > 0.0).all():
+            found.append((float(np.linalg.norm(matrix @ heights - target)), places, heights))
+    taken: list[tuple[np.ndarray, np.ndarray]] = []
+    for _, places, heights in sorted(found, key=lambda one: one[0]):
+        far = [np.abs(np.log(places / other)).max() for other, _ in taken]
+        if min(far, default=math.inf) > ALIKE and len(taken) < ENVELOPES:
+            taken.append((places, heights))
+    return [_values(*one) for one in taken] or [{}]
+
+
+def uneven_envelopes(loops: Loops, rng: np.random.Generator, count: int) -> list[Values]:
+    """Envelopes of either side for itself, the best with the best."""
+    front, back = (envelopes(loops, rng, count, [side]) for side in BOTH)
+    return [
+        {**one, **{f"back_{name}": v / one[name] for name, v in other.items()}}
+        for one, other in zip(front, back, strict=False)
+        if one and other
+    ]
+
+
+def moved(values: Values, rng: np.random.Generator, count: int) -> Values:
+    """One of the points taken out, and put elsewhere on the lines through the others."""
+    further = range(2, count + 1)
+    steps = [1.0 + values[f"farther_{i}"] for i in further]
+    places = values["yield_displacement"] * np.cumprod([1.0, *steps])
+    heights = np.cumprod([1.0, *(values[f"stronger_{i}"] for i in further)])
+    heights = heights * values["stiffness"] * places[0]
+    out = rng.integers(count)
+    x, f = np.append(0.0, np.delete(places, out)), np.append(0.0, np.delete(heights, out))
+    line = rng.integers(count)  # somewhere on it, or beyond the last point
+    beyond = FARTHEST * x[-1] if line == count - 1 else x[line + 1]
+    place = x[line] + rng.uniform(0.1, 0.9) * (beyond - x[line])
+    return _values(
+        np.insert(x, line + 1, place)[1:], np.insert(f, line + 1, np.interp(place, x, f))[1:]
+    )
+
+
+def uneven_moved(values: Values, rng: np.random.Generator, count: int) -> Values:
+    """The same on one side, the other as it is. back_…: times that of the front."""
+    names = ["stiffness", *names_of(count)]
+    front: Values = {name: values[name] for name in names}
+    back: Values = {name: values[name] * values[f"back_{name}"] for name in names}
+    if rng.random() < 0.5:
+        front = moved(front, rng, count)
+    else:
+        back = moved(back, rng, count)
+    return {**front, **{f"back_{name}": back[name] / front[name] for name in names}}
+
+
+def _values(places: np.ndarray, heights: np.ndarray) -> dict[str, float]:
+    """Places [m] and forces [N] of points as parameters."""
+    values = {"yield_displacement": places[0], "stiffness": heights[0] / places[0]}
+    for i in range(1, len(places)):
+        values |= {f"farther_{i + 1}": places[i] / places[i - 1] - 1.0}
+        values |= {f"stronger_{i + 1}": heights[i] / heights[i - 1]}
+    return values
