@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
 
+gc.disable()  # until all tests are collected
 MASSES = [0.8, 2.0, 1.2]
 K0, C0 = 4.0 * np.pi**2, np.pi / 4.0
 ENDS = {
@@ -48,6 +51,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return first, item.path.parent.name != "data", name not in LONG
 
     items.sort(key=place)
+
+
+def pytest_collection_finish() -> None:
+    """Loaded modules and tests stay to the end: they are never searched for garbage."""
+    gc.freeze()
+    gc.enable()
 
 
 def _bilinear(between: tuple[str, str], outer: bool) -> Element:

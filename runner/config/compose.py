@@ -12,6 +12,7 @@ from textwrap import TextWrapper
 from typing import Any
 
 from hydra import compose, initialize_config_dir
+from hydra._internal import defaults_list
 from hydra._internal.hydra import Hydra
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, ListConfig, OmegaConf
@@ -142,6 +143,7 @@ def prepare_hydra() -> None:
     print_any_text()
     os.environ["HYDRA_FULL_ERROR"] = "1"
     Hydra.get_mode = _mode  # type: ignore[method-assign]
+    defaults_list._create_interpolation_map = _choices_so_far
     if not OmegaConf.has_resolver("help"):
         OmegaConf.register_new_resolver("help", help_text)
         OmegaConf.register_new_resolver("run_name", lambda _root_: run_name(_root_))
@@ -156,6 +158,16 @@ def _mode(self: Hydra, config_name: str | None, overrides: list[str]) -> Any:
     if any("hydra.mode" in word or word.startswith(("-c", "--c")) for word in sys.argv[1:]):
         return _mode_of_config(self, config_name, overrides)
     return None
+
+
+_choices_of_hydra = defaults_list._create_interpolation_map
+
+
+def _choices_so_far(overrides: Any, defaults_list: list[Any], self_added: bool) -> DictConfig:
+    """What `${group}` among defaults stands for; Hydra collects it for every file, asked or not."""
+    if any(default.is_interpolation() for default in defaults_list):
+        return _choices_of_hydra(overrides, defaults_list, self_added)
+    return DictConfig({})
 
 
 def _same_for(words: ListConfig) -> str:

@@ -22,7 +22,7 @@ pytestmark = needs_gcc
 CLOSE = 1e-12  # of the largest of each output
 ROUNDED = {"power_series_pairs": 1e-11}  # large powers that cancel each other
 SAMPLES = 5000
-SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 NETWORKS = {
     "chain_1": lambda: networks.network(1),

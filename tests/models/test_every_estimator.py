@@ -13,6 +13,7 @@ import models.vwnn
 from data.record import Record, Truth, stack
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from models.estimator import Estimator
+from models.named_laws import free_run
 from models.vwnn import VWNN
 from tests.models.zoo import DT, ESTIMATORS, SEE_ACCELERATION, SEE_FORCE, SIMULATORS, SOLVED, ZOO
 
@@ -40,11 +41,14 @@ def given(bilinear_records) -> dict[str, list[Record]]:
 
 @pytest.fixture(scope="module")
 def identified(given) -> dict[str, Estimator]:
-    """Every estimator of the zoo, identified."""
+    """Every estimator of the zoo, identified; named laws by a few steps of their search."""
     torch.manual_seed(0)
     estimators = {name: make(3, 3, DT) for name, make in ZOO.items()}
-    for name, estimator in estimators.items():
-        estimator.identify(given[name])
+    with pytest.MonkeyPatch.context() as few:
+        few.setattr(free_run, "ITERATIONS", (1, 1, 1))
+        few.setattr(free_run, "RIVAL_ITERATIONS", 1)
+        for name, estimator in estimators.items():
+            estimator.identify(given[name])
     return estimators
 
 

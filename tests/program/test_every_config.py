@@ -288,6 +288,17 @@ def test_a_misspelt_argument_names_the_nearest():
         build(node, Estimator, dofs=3, inputs=3, dt=0.01)
 
 
+def test_a_default_may_be_named_after_another_choice(tmp_path):
+    """In a config of one's own, as Hydra has it."""
+    for group, choice in (("wind", "calm"), ("wind", "storm"), ("waves", "storm")):
+        (tmp_path / group).mkdir(exist_ok=True)
+        (tmp_path / group / f"{choice}.yaml").write_text(f"name: {group} of {choice}")
+    (tmp_path / "own.yaml").write_text("defaults: [_self_, wind: calm, waves: '${wind}']")
+    prepare_hydra()
+    with initialize_config_dir(str(tmp_path), version_base="1.3"):
+        assert compose("own", ["wind=storm"]).waves.name == "waves of storm"
+
+
 def test_channels_and_units_are_named_one_by_one():
     words = ("data=measured", "data.path=r.csv", "data.channels.a1=Acc_X", "data.channels.f2=Load")
     cfg = composed(*words, "data.units.a1=g", "+data.units.f=kN")

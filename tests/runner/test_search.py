@@ -12,6 +12,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.plugins import Plugins
+from omegaconf import open_dict
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
 import train
@@ -145,6 +146,8 @@ class Planted:
         for job in jobs:
             cfg = loader.load_sweep_config(launcher.config, list(job))
             folder = Path(cfg.hydra.sweep.dir) / cfg.hydra.sweep.subdir
+            with open_dict(cfg):
+                del cfg["hydra"]  # a run does not see it
             if len(self.launched) >= self.killed_after:
                 raise KeyboardInterrupt
             self.launched.append(folder)
