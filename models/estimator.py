@@ -211,3 +211,13 @@ def weight_matrix(rows: int, columns: int) -> nn.Parameter:
     """Weights (rows, columns) of a closed-form head; NaN until identified."""
     empty = torch.full((rows, columns), torch.nan, dtype=torch.float64)
     return nn.Parameter(empty, requires_grad=False)
+
+
+def require_one_element(name: str, dofs: int, inputs: int) -> None:
+    """Raise ValueError unless there are one force and the two channels of an element under test."""
+    if (dofs, inputs) != (1, 2):
+        raise ValueError(
+            f"{name} takes one force r1 under a deformation s1 and its rate s_dot1; here are "
+            f"{dofs} responses and {inputs} excitations: give it the test of one element "
+            "(data=measured data.quantity=force), or choose a network of elements"
+        )

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator
+from models.estimator import Estimator, require_one_element
 from models.named_laws.choice import chosen
 from models.named_laws.fit import Motion
 from models.named_laws.learned import LearnedLaws, require_laws, told
@@ -40,11 +40,7 @@ class NamedElement(Estimator):
         seed: int = 0,
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        if (dofs, inputs) != (1, 2):
-            raise ValueError(
-                "NamedElement takes the deformation s1 and rate s_dot1 of one force r1; there are "
-                f"{inputs} channels and {dofs} forces"
-            )
+        require_one_element("NamedElement", dofs, inputs)
         self.candidates, self.seed = require_laws(laws), seed
         self.laws = LearnedLaws(1)
 

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator
+from models.estimator import Estimator, require_one_element
 from models.layers.least_squares import require_ridge
 from models.sliders.fit import LINEAR, Motion, Sliders, fitted, number_of
 
@@ -50,11 +50,7 @@ class PrandtlIshlinskii(Estimator):
         ridge: float = 1e-6,
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        if (dofs, inputs) != (1, 2):
-            raise ValueError(
-                "PrandtlIshlinskii takes the deformation s1 and rate s_dot1 of one force r1; there "
-                f"are {inputs} channels and {dofs} forces"
-            )
+        require_one_element("PrandtlIshlinskii", dofs, inputs)
         if sliders is not None and not 1 <= sliders <= MOST_SLIDERS:
             raise ValueError(
                 f"model.sliders={sliders}: expected a whole number, 1 to {MOST_SLIDERS}, or null"

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from torch import Tensor
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator, weight_matrix
+from models.estimator import Estimator, require_one_element, weight_matrix
 from models.layers.least_squares import LeastSquares, require_ridge
 from models.layers.scaling import Extents
 from models.layers.series import powers, require_order
@@ -32,11 +32,7 @@ class RestoringForceSurface(Estimator):
         self, dofs: int, inputs: int, dt: float, order: int = 5, ridge: float = 0.0
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        if (dofs, inputs) != (1, 2):
-            raise ValueError(
-                f"a restoring-force surface takes the deformation s1 and rate s_dot1 of one force "
-                f"r1; there are {inputs} channels and {dofs} forces"
-            )
+        require_one_element("RestoringForceSurface", dofs, inputs)
         if not isinstance(order, int) or order < 1:
             raise ValueError(f"model.order={order} must be a whole number, at least 1")
         require_order(order, 1, 1)
