@@ -43,7 +43,7 @@ def print_intervals(
     halves = ("± noise", "± model error") if both else ("± 95 %",)
     for head in ("value", *halves, *(("truth",) if known else ())):
         table.add_column(head, justify="right", no_wrap=True)
-    table.add_column("told")
+    table.add_column("told", overflow="fold")
     last = ""
     for row in rows[:MOST]:
         part, _, quantity = row["name"].partition(".")
