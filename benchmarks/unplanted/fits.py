@@ -34,8 +34,8 @@ def fitted(words: Sequence[str], batch: Record) -> tuple[Estimator, Facts]:
     trainable = require_trainable(estimator)
     objective, make_solver = objective_from(cfg.objective), solver_from(cfg.solver)
     objective.prepare(trainable, [batch], measured=False)
-    objective.begin(trainable, [batch], make_solver, lambda losses: None)
     ends = [(objective.final_loss(trainable, [batch]), state_of(trainable))]
+    objective.begin(trainable, [batch], make_solver, lambda losses: None)
     for stage in range(len(objective.stages)):
         if stage > 0:
             objective.enter(trainable, stage)
