@@ -91,7 +91,8 @@ def measure(quick: bool) -> Table:
         record = record.window(0, 100)
     network = ElementNetwork(3, 3, record.dt, units=2)
     network.identify([record])
-    drive, count, first = record.drive(), *((10, FIRST_QUICK) if quick else (1000, FIRST))
+    drive = record.drive()
+    count, first = (10, FIRST_QUICK) if quick else (1000, FIRST)
     drives, f = many(drive, count), record.f.numpy()
     parameters = sum(p.numel() for p in network.parameters() if p.requires_grad)
     with torch.no_grad():
