@@ -33,7 +33,7 @@ from models.composition.simulate import simulate
 from models.element_network import ElementNetwork
 
 PAIRS = (("s1", "x1"), ("x1", "x2"), ("x1", "x3"), ("x2", "x3"), ("x3", "s3"), ("s2", "x2"))
-FIRST = 100  # samples over which PyTorch differentiates
+FIRST, FIRST_QUICK = 100, 10  # samples over which PyTorch differentiates
 
 
 def frame() -> Simulation:
@@ -88,10 +88,11 @@ def measure(quick: bool) -> Table:
     simulation = frame()
     record: Record = simulation.records("train", 1, seed=0)[0][0]
     if quick:
-        record = record.window(0, 500)
+        record = record.window(0, 100)
     network = ElementNetwork(3, 3, record.dt, units=2)
     network.identify([record])
-    drive, count = record.drive(), 50 if quick else 1000
+    drive = record.drive()
+    count, first = (10, FIRST_QUICK) if quick else (1000, FIRST)
     drives, f = many(drive, count), record.f.numpy()
     parameters = sum(p.numel() for p in network.parameters() if p.requires_grad)
     with torch.no_grad():
@@ -101,7 +102,7 @@ def measure(quick: bool) -> Table:
         torch_batch = min(seconds_of(lambda: simulate(network.composition(), drives, 2), 1))
         truth = min(seconds_of(lambda: simulate_structure(simulation.structure, f, 0.01), 3))
         jacobian = min(seconds_of(lambda: network.trace(drive, derivatives=True), 3))
-        start = record.window(0, FIRST).drive()
+        start = record.window(0, first).drive()
         torch_some = min(seconds_of(by_pytorch(network, start, parameters), 1))
     table = Table(title=f"{record.samples} samples, {parameters} parameters", title_justify="left")
     for column in ("what", "seconds", "of the compiled"):
@@ -114,7 +115,7 @@ def measure(quick: bool) -> Table:
         ("  in PyTorch, one batch", torch_batch, batch),
         ("derivatives by all parameters, compiled", jacobian, jacobian),
         ("  by finite differences, as many runs", parameters * one, jacobian),
-        ("  by PyTorch's forward mode, scaled up", torch_some * record.samples / FIRST, jacobian),
+        ("  by PyTorch's forward mode, scaled up", torch_some * record.samples / first, jacobian),
     ]
     for what, time_taken, reference in rows:
         table.add_row(what, f"{time_taken:.4g}", f"{time_taken / reference:.3g}")

@@ -54,8 +54,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Loaded modules and tests stay to the end: they are never searched for garbage."""
+    """Loaded modules and tests stay to the end: they are never searched for garbage. What tests
+    load later is searched seldom.
+    """
     gc.freeze()
+    gc.set_threshold(5000, 10, 50)
     gc.enable()
 
 

@@ -1,7 +1,7 @@
 """How accurate is the simulation, what does it cost beside scipy, and how does the cost grow?
 
     python -m benchmarks.simulation            # a few minutes
-    python -m benchmarks.simulation --quick    # under 30 s: shorter and fewer records
+    python -m benchmarks.simulation --quick    # seconds: shorter and fewer records, for CI
     python -m benchmarks.simulation accuracy   # one part: accuracy, scipy, records or growth
 
 Errors are relative RMS errors of the acceleration. Times are medians of repeated runs.
@@ -33,7 +33,7 @@ PARTS = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("parts", nargs="*", metavar="part", help=f"of {', '.join(PARTS)}")
-    parser.add_argument("--quick", action="store_true", help="a small run, under 30 s")
+    parser.add_argument("--quick", action="store_true", help="a small run, for CI")
     options = parser.parse_args()
     if unknown := set(options.parts) - set(PARTS):
         parser.error(f"unknown part {', '.join(sorted(unknown))}; choose of {', '.join(PARTS)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,6 +14,8 @@ import torch
 from data.record import Drive, Record
 from export import onnx as onnx_target
 from export import pt2
+from export.graphs.choose import program_of
+from export.run import Exported
 from models import VWNN, EquivalentLinear, GlobalMLP, NeuralStateSpace, Recurrent
 from models.estimator import Estimator
 from tests.export.conftest import DT, drive_of, exported, network
@@ -55,6 +58,28 @@ def identified(kind: str) -> Estimator:
     return made.eval()
 
 
+@cache
+def model_of(kind: str, hold: str) -> Exported:
+    return exported(identified(kind), hold=hold)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _traced_once():
+    """Both targets write the program of a model that is traced for the first of them."""
+    programs: dict[int, torch.export.ExportedProgram] = {}
+
+    def program(model: Exported) -> torch.export.ExportedProgram:
+        if id(model) not in programs:
+            programs[id(model)] = program_of(model)
+        return programs[id(model)]
+
+    with pytest.MonkeyPatch.context() as patch:
+        for target in (pt2, onnx_target):
+            patch.setattr(target, "program_of", program)
+        yield
+    model_of.cache_clear()
+
+
 KINDS = ["elements", "one mass", "base", "gru", "lstm", "state space", "mlp", "linear"]
 
 
@@ -83,7 +108,7 @@ def require_same(theirs: list[torch.Tensor], ours: list[torch.Tensor]) -> None:
 def test_a_pt2_program_is_the_free_run(kind, hold, tmp_path):
     if hold == "zero_order" and kind not in ("elements", "state space", "mlp", "linear"):
         pytest.skip("the same path")
-    model = exported(identified(kind), hold=hold)
+    model = model_of(kind, hold)
     drive, ours = runs_of(model.estimator, hold)
     path, facts = pt2.write(model, tmp_path)[0], {"passport.json": ""}
     program = torch.export.load(path, extra_files=facts).module()
@@ -98,7 +123,7 @@ def test_onnx_runtime_runs_the_free_run(kind, tmp_path):
     import onnx
     import onnxruntime
 
-    model = exported(identified(kind))
+    model = model_of(kind, "linear")
     drive, ours = runs_of(model.estimator, "linear")
     path = onnx_target.write(model, tmp_path)[0]
     session = onnxruntime.InferenceSession(path)
