@@ -2,11 +2,12 @@
 
 M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law_e(y_e, ẏ_e; q_e)          (models/named_laws)
 
-Where a chain's accelerations alone are known, each element gets the law whose own free run under
-what was measured suits best (models/named_laws/storey.py). Elsewhere forces by equilibrium
-(models/starts/equilibrium.py) make a test of every element. Then all laws, unknown masses and a
-damping that goes with the masses are fitted together to the motion from rest, simulated by the
-integrator of data/simulation, which finds the instants of yielding. No solver is needed.
+Where a chain's accelerations alone are known, each element gets the law whose own run, held near
+what was measured, suits best (models/named_laws/storey.py); then all of these are fitted side by
+side (storeys.py). Elsewhere forces by equilibrium (models/starts/equilibrium.py) make a test of
+every element. At last all laws, unknown masses and a damping that goes with the masses are fitted
+together to the motion from rest, simulated by the integrator of data/simulation, which finds the
+instants of yielding. No solver is needed.
 B records, T samples, n DOFs, E elements, m excitations.
 """
 
@@ -39,6 +40,7 @@ from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dam
 from models.named_laws.learned import LearnedLaws, require_laws, told
 from models.named_laws.storey import Beginning, Storey
 from models.named_laws.storey import chosen as chosen_storey
+from models.named_laws.storeys import together
 
 LINEAR = 0.3  # relative error of a linear structure on the beginnings: beyond, it tells nothing
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
@@ -121,7 +123,10 @@ class ElementNetworkNamed(ElementNetwork):
                 drag = _mass_damping([best for (best, *_), _ in found], of_element)
                 laws = replace(laws, mass_damping=max(drag, laws.mass_damping))
             fits, errors = zip(*found, strict=True)
-            laws = runs.fitted(replace(laws, fits=[best for best, *_ in fits]))
+            springs, laws = laws.fits, replace(laws, fits=[best for best, *_ in fits])
+            if apart:
+                laws = together(laws, runs.shakings, _stiffness(springs), pool.map)
+            laws = runs.fitted(laws)
             laws = runs.exchanged(laws, [rivals for _, *rivals in fits])
         self._take(laws)
         return {**facts, **told(laws.fits, errors, "apart" if apart else "held_back")}
@@ -156,7 +161,7 @@ class ElementNetworkNamed(ElementNetwork):
         sure = laws.error < LINEAR
         units = replace(spring.units, slope=own["stiffness"]) if sure else spring.units
         beginning = Beginning(own["stiffness"], own["damping"], units, sure)
-        storeys = [Storey.of(motion, laws, e) for motion in runs.shakings]
+        storeys = [Storey.of(motion, laws, e, own["stiffness"]) for motion in runs.shakings]
         return chosen_storey(storeys, self.candidates, beginning, rng)
 
     def _shakings(self, records: Sequence[Record]) -> list[Shaking]:
@@ -242,6 +247,10 @@ class ElementNetworkNamed(ElementNetwork):
 def _motion(test: Sequence[Tensor], e: int, dt: float) -> ElementTest:
     y, rate, r, drag = (u[:, e].numpy().copy() for u in test)
     return ElementTest(dt, y, rate, r, drag)
+
+
+def _stiffness(springs: Sequence[Fit]) -> list[float]:
+    return [spring.candidate.values(spring.q, spring.units)["stiffness"] for spring in springs]
 
 
 def _mass_damping(fits: Sequence[Fit], of_element: Sequence[Sequence[ElementTest]]) -> float:

@@ -1,14 +1,22 @@
-"""The law of one element of a chain from accelerations, in a free run of its own.
+"""The law of one element of a chain from accelerations, in a run of its own.
 
-What stands above an element moves with it as one mass M_e, driven by what was measured:
+What stands above an element moves with it as one mass M_e. Its force and how it moves against what
+it stands on are measured:
 
-    M_e ÿ_e + r_e = Σ_{j≥e} (f_j − α m_j ẋ_j) − M_e ẍ_{e−1} − Σ_{j>e} m_j (ẍ_j − ẍ_e)
-    r_e = Σ_{j≥e} (f_j − α m_j ẋ_j − m_j ẍ_j)
+    r_e = Σ_{j≥e} (f_j − α m_j ẋ_j − m_j ẍ_j),   a_e = ẍ_e − ẍ_{e−1}
 
-From rest, no displacement need be known: the slow drift that integration loses is found by the law
-itself. Stiffness and damping are those of the beginning, which is nearly linear; draws of all else
-are followed over growing parts of the motions, and laws that fall behind are given up.
-T samples, n DOFs.
+From rest, no displacement need be known: M_e ẍ = M_e a_e + r_e − r tells the force r of a law. But
+noise leads so free a run astray where a law pinches or softens: its own numbers look no better than
+wrong ones. So the run is held near what was measured, by a dashpot c between M_e and a point z
+that deforms the law,
+
+    M_e ẍ = M_e a_e + c (ż − ẋ),   c (ż − ẋ) = r_e − r,   y = z − s,   c = √(k M_e) / h.
+
+With h = √2 and a spring k that is the Kalman filter of accelerations with white noise.
+
+Stiffness and damping are those of the beginning, which is nearly linear; draws of all else are
+followed over growing parts of the motions, and laws that fall behind are given up. All storeys
+together, and α: storeys.py. T samples, n DOFs.
 """
 
 from __future__ import annotations
@@ -19,6 +27,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from data.simulation.elements import Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.named_laws.candidate import Units
@@ -40,50 +49,59 @@ LEAD = 2.0  # times the least error: laws beyond are given up
 LEAST_BEND, MOST_BEND = math.log(0.03), math.log(1.2)  # of the largest deformation, where it yields
 BRACE = 1.5  # times e^±: stiffness of a slack brace over that of its frame
 TOLERANCE, PULL = 1e-5, 1e-6  # of the simulation; of the numbers towards their start
+HELD = math.sqrt(2.0)  # h: a filter with less damping rings, one with more is slow
+LIGHT = 0.2  # of the mass above, at z, which moves with it
 BENDING = ("yield_displacement", "activation_displacement", "largest")
 
 
 @dataclass(frozen=True)
 class Storey:
-    """A motion of an element: push (T,) [N] on the mass [kg] above it, its force r (T,) [N].
+    """A motion of an element: acceleration a (T,) [m/s²] of the mass [kg] above, force r (T,) [N].
 
-    s, s_dot (T, 1): motion of the support that it stands on, none (T, 0) for one that stands still.
+    s, s_dot (T, 1): motion of the support that it stands on, none (T, 0) for one that stands still;
+    elsewhere a is against what it stands on. dashpot: c [N s/m].
     """
 
     dt: float
     mass: float
-    push: np.ndarray
+    a: np.ndarray
     s: np.ndarray
     s_dot: np.ndarray
     r: np.ndarray
+    dashpot: float
 
     @staticmethod
-    def of(motion: Shaking, laws: Laws, e: int) -> Storey:
-        """Element e of a chain, whose target are accelerations (T, n) [m/s²]."""
+    def of(motion: Shaking, laws: Laws, e: int, stiffness: float, held: float = HELD) -> Storey:
+        """Element e of a chain, whose target are accelerations (T, n) [m/s²].
+
+        stiffness [N/m]: k of small motions. held: h.
+        """
         a, masses = motion.target, laws.masses
         damped = motion.driving(masses) - laws.mass_damping * masses * motion.v
-        force = damped[:, e:].sum(axis=1)
-        r = force - a[:, e:] @ masses[e:]
-        push = force - (a[:, e + 1 :] - a[:, e : e + 1]) @ masses[e + 1 :]
-        none = np.zeros((len(a), 0))
-        if e == 0:
-            return Storey(motion.dt, masses.sum(), push, motion.s, motion.s_dot, r)
+        r = damped[:, e:].sum(axis=1) - a[:, e:] @ masses[e:]
         mass = float(masses[e:].sum())
-        return Storey(motion.dt, mass, push - mass * a[:, e - 1], none, none, r)
+        dashpot = math.sqrt(stiffness * mass) / held
+        if e == 0:
+            return Storey(motion.dt, mass, a[:, 0], motion.s, motion.s_dot, r, dashpot)
+        none = np.zeros((len(a), 0))
+        return Storey(motion.dt, mass, a[:, e] - a[:, e - 1], none, none, r, dashpot)
 
     def force_of(self, fit: Fit, T: int) -> np.ndarray:
         """Force (T,) of a law; infinite where the law cannot follow."""
         foot, s, s_dot = "ground", None, None
         if self.s.size:
             foot, s, s_dot = "s1", self.s[:T], self.s_dot[:T]
+        a, r, light = self.a[:T], self.r[:T], LIGHT * self.mass
+        force = np.stack([r + light * a, self.mass * a], axis=1)
+        holding = Polynomial(between=("x1", "x2"), stiffness=0.0, damping=self.dashpot)
         try:
-            elements = fit.candidate.elements(fit.q, fit.units, (foot, "x1"))
-            structure = Structure([self.mass], {f"r{i}": e for i, e in enumerate(elements)})
-            push = np.ascontiguousarray(self.push[:T, None])
-            motion = simulate(structure, push, self.dt, s, s_dot, TOLERANCE)
+            law = fit.candidate.elements(fit.q, fit.units, (foot, "x1"))
+            elements = {"holding": holding, **{f"r{i}": part for i, part in enumerate(law)}}
+            structure = Structure([light, self.mass], elements)
+            motion = simulate(structure, force, self.dt, s, s_dot, TOLERANCE)
         except (ValueError, ArithmeticError):
             return np.full(T, np.inf)
-        return motion.r.sum(axis=1)
+        return motion.r[:, 1:].sum(axis=1)
 
 
 def residuals(fit: Fit, storeys: Sequence[Storey], share: float) -> np.ndarray:

@@ -31,8 +31,9 @@ from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import smallest
 from models.named_laws.envelopes import envelopes, moved, uneven_envelopes, uneven_moved
 from models.named_laws.fit import Fit, Motion
-from models.named_laws.free_run import Shaking, linear, mass_dampers
-from models.named_laws.storey import Storey
+from models.named_laws.free_run import Laws, Shaking, linear, mass_dampers
+from models.named_laws.storey import Storey, residuals
+from models.named_laws.storeys import together
 
 DT = 0.02
 TESTED = ("ground", "x1")
@@ -242,11 +243,74 @@ def test_a_storey_moves_under_what_was_measured_as_it_does_in_the_chain():
             if share is not None
             else math.log(values[name] / parameter.unit(units))
         )
-    storey = Storey.of(shaking, laws, 0)
+    storey = Storey.of(shaking, laws, 0, 2e7)
     run = storey.force_of(Fit(candidate, units, np.array(q)), one.samples)
     equilibrium = -(a @ masses)
     assert np.abs(storey.r - equilibrium).max() < 1e-9 * np.abs(equilibrium).max()
     assert np.linalg.norm(run - storey.r) < 0.02 * np.linalg.norm(storey.r)
+
+
+def _fit_of(name: str, units: Units, values: dict[str, float]) -> Fit:
+    """A law with these values, shares among them."""
+    candidate = CANDIDATES[name]
+    pairs = [(parameter, values[key]) for key, parameter in candidate.parameters.items()]
+    q = [math.log(v / (1.0 - v if p.share else p.unit(units))) for p, v in pairs]
+    return Fit(candidate, units, np.array(q))
+
+
+PINCHED = {
+    "stiffness": 1.5e7, "yield_displacement": 0.003, "damping": 2e4,
+    "farther_2": 1.8, "farther_3": 1.5, "farther_4": 1.6,
+    "stronger_2": 1.8, "stronger_3": 1.2, "stronger_4": 0.7,
+    "unloading": 0.52, "reloading_place": 0.5, "reloading": 0.2,
+    **{f"{loss}_{part}": 0.2 for loss in ("softening", "lengthening", "weakening")
+       for part in ("by_excursion", "by_energy", "excursion_power", "energy_power", "limit")},
+}  # fmt: skip
+
+
+def heard_chain(name: str, values: dict[str, float]) -> tuple[Laws, list[Shaking]]:
+    """Two storeys on a shaken base, and motions with noise of their absolute accelerations."""
+    units, masses, alpha = Units(0.02, 0.1, 1e5, 1.5e7), np.array([2e4, 1.5e4]), 0.8
+    fits = [
+        _fit_of(name, units, {**values, "stiffness": size * values["stiffness"]})
+        for size in (1.0, 0.8)
+    ]
+    laws = Laws(fits, masses, [("ground", "x1"), ("x1", "x2")], False, alpha, "ground")
+    motions = []
+    for seed in range(3):
+        ground = np.random.default_rng(seed).standard_normal(1500).cumsum()
+        ground = ground - np.convolve(ground, np.ones(25) / 25.0, "same")
+        ground *= 6.0 / np.abs(ground).max() * np.minimum(np.arange(1500) / 300.0, 1.0) ** 2
+        pull = np.repeat(-ground[:, None], 2, axis=1)
+        run = simulate(laws.structure(), masses * pull, 0.01)
+        noise = 0.02 * (run.a - pull).std(axis=0) * np.random.default_rng(seed + 9).normal(
+            size=run.a.shape
+        )  # fmt: skip
+        none = np.zeros((1500, 0))
+        motions.append(Shaking(0.01, 0.0 * pull, pull, none, none, run.a + noise, run.v))
+    return laws, motions
+
+
+def test_a_law_that_pinches_is_told_from_a_wrong_one_by_accelerations_with_noise():
+    """A run that nothing holds drifts away, and the error of the true law is no less then."""
+    laws, motions = heard_chain("Pinching4", PINCHED)
+    storeys = [Storey.of(motion, laws, 0, 1.5e7) for motion in motions]
+    right = np.linalg.norm(residuals(laws.fits[0], storeys, 1.0))
+    numbers = {**PINCHED, "yield_displacement": 0.004, "stiffness": 1.2e7}
+    other = _fit_of("Pinching4", laws.fits[0].units, numbers)
+    astray = [Storey.of(motion, laws, 0, 1.5e7, held=1e-3) for motion in motions]
+    assert right < 0.05
+    assert np.linalg.norm(residuals(laws.fits[0], astray, 1.0)) > 2.0 * right
+    assert np.linalg.norm(residuals(other, storeys, 1.0)) > 2.0 * right
+
+
+def test_laws_of_storeys_together_tell_the_damping_of_the_masses():
+    values = {"activation_displacement": 0.003, "stiffness": 1.5e7, "damping": 2e4}
+    laws, motions = heard_chain("SelfCentering", {**values, "hardening_ratio": 0.1, "flag": 0.7})
+    off = replace(laws, mass_damping=2.0 * laws.mass_damping)
+    found = together(off, motions, [1.5e7, 1.2e7])
+    assert abs(found.mass_damping / laws.mass_damping - 1.0) < 0.2
+    assert found.error < 0.04
 
 
 def test_what_does_not_fit_is_refused():
