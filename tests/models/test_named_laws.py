@@ -318,7 +318,7 @@ def test_what_does_not_fit_is_refused():
         NamedElement(1, 2, DT, laws=["Steel"])
     with pytest.raises(ValueError, match=r"model\.laws=\[\]"):
         NamedElement(1, 2, DT, laws=[])
-    with pytest.raises(ValueError, match="s1 and rate s_dot1"):
+    with pytest.raises(ValueError, match="s1 and its rate s_dot1"):
         NamedElement(2, 4, DT)
     record = element_test(PLANTED["Takeda"], 0)
     assert record.s is not None

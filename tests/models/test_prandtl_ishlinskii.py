@@ -167,7 +167,7 @@ def test_settings_that_make_no_sense_are_refused(settings, words):
 
 
 def test_other_records_are_refused():
-    with pytest.raises(ValueError, match="s1 and rate s_dot1"):
+    with pytest.raises(ValueError, match="s1 and its rate s_dot1"):
         PrandtlIshlinskii(2, 4, DT)
     record = joint(0)
     with pytest.raises(ValueError, match="holds acceleration"):
