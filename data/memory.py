@@ -1,14 +1,19 @@
-"""What a piece of work would take, against the memory that is there: asked before it is begun."""
+"""Memory of a piece of work: whether there is enough, asked before it is begun; its results'."""
 
 from __future__ import annotations
 
+import math
 import sys
 
+import numpy as np
 import psutil
+import torch
+from torch import Tensor
 
 if sys.platform != "win32":
     import resource
 
+LINE = 64  # bytes that a processor fetches at once
 PREFIXES = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
@@ -48,3 +53,15 @@ def amount(size: float) -> str:
     while size >= 1000.0 and power < len(PREFIXES) - 1:
         size, power = size / 1000.0, power + 1
     return f"{size:.3g} {PREFIXES[power]}"
+
+
+def room(*shape: int) -> Tensor:
+    """An array of float64 without values yet.
+
+    NumPy asks for huge pages, PyTorch does not: 14 MB are filled in a tenth of the time. The first
+    number lies where a line of the cache begins, so that BLAS sums in the same order in any array.
+    """
+    size = math.prod(shape)
+    raw = np.empty(size + LINE // 8)
+    begin = -raw.ctypes.data % LINE // 8
+    return torch.from_numpy(raw[begin : begin + size]).view(shape)

@@ -9,6 +9,8 @@ from typing import TypeVar
 
 import torch
 
+from data.interruptible import BLINK
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -39,12 +41,17 @@ def threads() -> int:
     return CORES if _limit is None else _limit
 
 
-def in_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Results of compiled `work` on every item, in their order. Ctrl-C is heard meanwhile.
+def in_threads(
+    work: Callable[[Item], Result], items: Sequence[Item], steps: int = BLINK + 1
+) -> list[Result]:
+    """Results of compiled `work`, so many inner steps an item, on every item, in their order.
 
-    The threads of a call that was broken off end with their work, or with the program.
+    Ctrl-C is heard meanwhile. The threads of a call that was broken off end with their work, or
+    with the program. This thread works, too, where an item is done in a blink: a new one may wait
+    milliseconds for a core.
     """
-    if min(threads(), len(items)) < 2:
+    number = min(threads(), len(items))
+    if number < 2:
         return [work(item) for item in items]
     results: dict[int, Result] = {}
     failed: list[BaseException] = []
@@ -56,10 +63,14 @@ def in_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Re
                 results[number] = work(items[number])
         except BaseException as error:  # handed to the caller
             failed.append(error)
+            list(left)  # nothing is begun any more
 
-    taken = [Thread(target=some, daemon=True) for _ in range(min(threads(), len(items)))]
+    short = steps <= BLINK
+    taken = [Thread(target=some, daemon=True) for _ in range(number - short)]
     for thread in taken:
         thread.start()
+    if short:
+        some()
     for thread in taken:
         while thread.is_alive():
             thread.join(0.1)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.memory import require_memory
+from data.memory import require_memory, room
 from data.record import Drive, Response
 from models.composition.branch_law import Branch
 from models.composition.branch_law_compiled import extreme_at, hermite
@@ -59,7 +59,7 @@ def traced_branches(
     )
     fine = between(u, drive.hold, substeps)
     shapes = [(n,)] * 3 + [(E,)] * 2 + [(n, P + S)]
-    out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
+    out = [room(len(u), drive.samples, *shape) for shape in shapes]
     arrays = arrays_of(composition, P > 0)
     supports = np.ascontiguousarray(composition.supports.cpu().numpy())
     ends = np.full(n, np.inf) if bound is None else bound.cpu().numpy()

@@ -98,7 +98,7 @@ class ManyRuns:
             run(
                 self.u, self.fine, self.drive.dt, 0, self.start, self.begin, back,
                 core, *c, inputs, *n, G, *g, D, *d, self.supports, laws, *w, self.counts,
-                outputs, *r, self.measures, self.bound, 0, 0, x, v, a, loops[0], loops[1], none,
+                outputs, *r, self.measures, self.bound, 0, 0, x, v, a, loops[0], loops[1], none, 0,
             )  # fmt: skip
             fast = np.where(self.measures == VELOCITY, v, x)
             measured[i] = np.where(self.measures == ACCELERATION, a, fast)

@@ -124,15 +124,16 @@ def _accelerations(q, rate, dq, drate, u_at, core, icore, score, inputs, iinputs
 @compiled
 def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs, iinputs,
         sinputs, G, iG, sG, D, iD, sD, supports, laws, ilaws, slaws, counts, outputs, ioutputs,
-        soutputs, measures, bound, P, S, x, v, a, forces, deformations, jacobian):  # fmt: skip
+        soutputs, measures, bound, P, S, x, v, a, forces, deformations, jacobian, lo):  # fmt: skip
     """A free run from the first of `measured` (2, T, o), begun anew every `every` samples (0: not).
 
     begin: q, q̇ and the units' z at the first sample (2n + E·units,), in place of the first of
     `measured` and of units at rest; empty: not.
 
     u (T, m); between (T − 1, substeps, m), u at the end of each substep. Fills x, v, a (T, o),
-    forces and deformations (T, E) and, for P + S > 0, jacobian (T, o, P + S) of what each output
-    `measures` (o,): the displacement (0), velocity (1) or acceleration (2); S columns by `begin`.
+    forces and deformations (T, E) and, for P + S > 0, columns `lo` to lo + P + S of jacobian
+    (T, o, ·) of what each output `measures` (o,): the displacement (0), velocity (1) or
+    acceleration (2); S columns by `begin`.
     The units' memory goes on where a run begins anew. A run of which an output's measure passes its
     `bound` (o,) has diverged; it is NaN from there on.
     """
@@ -168,8 +169,9 @@ def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs
         lost = False
         for c in range(o):
             x[k, c] = v[k, c] = a[k, c] = 0.0
+            row = jacobian[k, c, lo : lo + P]
             for p in range(P):
-                jacobian[k, c, p] = 0.0
+                row[p] = 0.0
             for i in range(n):
                 weight = outputs[c, i]
                 x[k, c] += weight * q[i]
@@ -178,14 +180,14 @@ def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs
                 if weight != 0.0:
                     for p in range(P):
                         if measures[c] == 2:
-                            jacobian[k, c, p] += weight * dacc[i, p]
+                            row[p] += weight * dacc[i, p]
                         elif measures[c] == 1:
-                            jacobian[k, c, p] += weight * drate[i, p]
+                            row[p] += weight * drate[i, p]
                         else:
-                            jacobian[k, c, p] += weight * dq[i, p]
+                            row[p] += weight * dq[i, p]
                 if P > 0:
                     seen = (q[i], rate[i], acc[i])[measures[c]]
-                    add(jacobian[k, c], ioutputs[c, i], soutputs[c, i] * seen)
+                    add(row, ioutputs[c, i], soutputs[c, i] * seen)
             measure = (x[k, c], v[k, c], a[k, c])[measures[c]]
             lost = lost or not (abs(measure) < bound[c] and abs(x[k, c]) < np.inf)
         for e in range(E):
@@ -193,7 +195,7 @@ def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs
         if lost:
             for lost_signal in (x, v, a, forces, deformations):
                 lost_signal[k:] = np.nan
-            jacobian[k:] = np.nan
+            jacobian[k:, :, lo : lo + P] = np.nan
             return
 
 

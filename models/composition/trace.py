@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from data.interruptible import interruptible
-from data.memory import require_memory
+from data.memory import require_memory, room
 from data.parallel import in_threads, threads
 from data.record import Drive, Response
 from models.composition.coefficients import PART, Part
@@ -71,13 +71,9 @@ def traced(
         "take shorter records, fewer elements or fewer of their units",
     )
     fine = between(u, drive.hold, substeps)
-    shapes = [(o,)] * 3 + [(E,)] * 2
-    out = [torch.empty(len(u), drive.samples, *shape, dtype=torch.float64) for shape in shapes]
+    shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P + S)]
+    out = [room(len(u), drive.samples, *shape) for shape in shapes]
     blocks = _blocks(P, S, -(-threads() // max(1, len(u))))
-    slopes = [
-        torch.empty(len(u), drive.samples, o, hi - lo + own, dtype=torch.float64)
-        for lo, hi, own in blocks
-    ]
     arrays = [arrays_of(composition, derivatives, lo, hi) for lo, hi, _ in blocks]
     supports = np.ascontiguousarray(composition.supports.cpu().numpy())
     measures = composition.measures.cpu().numpy()
@@ -87,6 +83,9 @@ def traced(
     def one(place: tuple[int, int]) -> None:
         i, block = place
         (lo, hi, own), parts = blocks[block], arrays[block]
+        *motion, jacobian = (signal[i] for signal in out)
+        if block > 0:  # a place that two threads write is not safe, even where both write the same
+            motion = [torch.empty_like(signal) for signal in motion]
         run(
             *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
             drive.dt, every, np.ascontiguousarray(measured[i].numpy()),
@@ -94,12 +93,11 @@ def traced(
             *parts["core"], *parts["inputs"], *parts["G"], *parts["D"],
             supports, *parts["laws"], composition.counts, *parts["outputs"], measures, ends,
             hi - lo, own,
-            *(signal[i].numpy() for signal in (*out, slopes[block])),  # blocks agree but for these
+            *(signal.numpy() for signal in (*motion, jacobian)), lo,
         )  # fmt: skip
 
     steps = drive.samples * substeps * max(1, o) * (1 + P + S) // len(blocks)
     do_all(one, [(i, block) for i in range(len(u)) for block in range(len(blocks))], steps)
-    out.append(slopes[0] if len(slopes) == 1 else torch.cat(slopes, dim=-1))
     x, v, a, *rest, jacobian = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)
     motion = Response(x, v, composition.output(x, v, a))
     return Trace(motion, *rest, *jacobian.split([P, S], dim=-1))
@@ -108,7 +106,7 @@ def traced(
 def do_all(one: Callable[[Place], None], places: Sequence[Place], steps: int) -> None:
     """Compiled work, so many inner steps each, on every place: side by side where that may be."""
     if len(places) > 1 and threads() > 1:
-        in_threads(one, places)
+        in_threads(one, places, steps)
         return
     for place in places:
         interruptible(partial(one, place), steps)

@@ -119,12 +119,12 @@ class Spectra:
 def _of_one(
     a: np.ndarray, u: np.ndarray, dt: float, cut: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    from scipy.signal.windows import tukey  # slow to import
-
     T = len(a)
-    fade = tukey(T, TAPER)
-    if not cut:
-        fade[: T // 2] = 1.0
+    ends = np.hanning(int(TAPER * T))
+    fade = np.ones(T)
+    fade[T - len(ends) // 2 :] = ends[(len(ends) + 1) // 2 :]
+    if cut:
+        fade[: len(ends) // 2] = ends[: len(ends) // 2]
     a, u = ((s - s.mean(axis=0) * (i == 0)) * fade[:, None] for i, s in enumerate((a, u)))
     omega = 2.0 * np.pi * np.fft.rfftfreq(2 * T, dt)  # padded: what goes round is not this motion
     A, U = np.fft.rfft(a, 2 * T, axis=0), np.fft.rfft(u, 2 * T, axis=0)

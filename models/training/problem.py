@@ -16,12 +16,14 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, jacrev, jvp, vmap
 
+from data.memory import room
 from data.parallel import in_threads
 from data.record import Record
 from models.training.trainable import Trainable
 from models.uncertainty.parameters import free_vector
 
 MOST_DERIVATIVES = 1 << 26  # of all records together, half a gigabyte
+SUMMED = 1024  # samples whose derivatives are multiplied at a time
 BLOCK_ELEMENTS = 1 << 22  # of derivatives that are computed at a time (32 MiB)
 
 
@@ -201,14 +203,20 @@ class FreeRunProblem:
             weight, jacobian = self.weight, jacobian[..., self.counted, :, :]
         each = jacobian.reshape(-1, *jacobian.shape[-3:])  # (B, T, n, P)
         sides = weight * errors.view(each.shape[:-1])
+        samples = each.shape[1]
+        rows = every * (SUMMED // every)  # of each sum: its threads change no bit
 
-        def sums(i: int) -> tuple[Tensor, Tensor]:
-            some = weight[:, None] * each[i, ::every]
-            matrix = len(each[i]) / len(some) * _gram(some.flatten(0, 1))
-            return matrix, sides[i].flatten() @ each[i].flatten(0, 1)
+        def sums(place: tuple[int, int]) -> tuple[Tensor, Tensor]:
+            i, first = place
+            part, side = (signal[i, first : first + rows] for signal in (each, sides))
+            some = part[::every]
+            some = torch.mul(weight[:, None], some, out=room(*some.shape))
+            return _gram(some.flatten(0, 1)), side.flatten() @ part.flatten(0, 1)
 
-        matrices, vectors = zip(*in_threads(sums, range(len(each))), strict=True)
-        return torch.stack(matrices).sum(dim=0), torch.stack(vectors).sum(dim=0), errors
+        places = [(i, first) for i in range(len(each)) for first in range(0, samples, rows)]
+        matrices, vectors = zip(*in_threads(sums, places, steps=0), strict=True)
+        matrix = samples / len(range(0, samples, every)) * torch.stack(matrices).sum(dim=0)
+        return matrix, torch.stack(vectors).sum(dim=0), errors
 
     def _pull(self) -> tuple[float | Tensor, Tensor]:
         if self.noise is None:

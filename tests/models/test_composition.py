@@ -79,22 +79,24 @@ def test_a_batch_runs_record_by_record():
 @pytest.mark.parametrize("records", [1, 3])
 def test_a_run_is_the_same_to_the_bit_on_any_number_of_threads(records):
     """Derivatives of one record are shared among threads too, those by its beginning with them."""
-    model, drive = Everything(), excited(60)
-    drive = replace(drive, u=torch.stack([excited(60, seed).u for seed in range(records)]))
+    model, drive = Everything(), excited(2000)
+    drive = replace(drive, u=torch.stack([excited(2000, seed).u for seed in range(records)]))
     state = 2 * 2 + model.composition().laws.value.shape[0] * model.composition().counts[2]
     begin = torch.full((records, state), 0.01, dtype=torch.float64)
     runs = []
     try:
-        for threads in (1, 4):
+        for threads in (1, 2, 2, 2, 2, 4):  # a race is seldom lost in one run
             take_threads(threads)
             runs.append(model.trace(drive, derivatives=True, begin=begin))
     finally:
         take_threads(1)
-    one, several = runs
+    one = runs[0]
     assert one.jacobian.shape[-1] > 2 * SMALLEST_BLOCK
-    assert torch.equal(one.response.a, several.response.a)
-    assert torch.equal(one.jacobian, several.jacobian)
-    assert torch.equal(one.by_begin, several.by_begin)
+    for several in runs[1:]:
+        for key in ("forces", "deformations", "jacobian", "by_begin"):
+            assert torch.equal(getattr(one, key), getattr(several, key)), key
+        for key in "xva":
+            assert torch.equal(getattr(one.response, key), getattr(several.response, key)), key
 
 
 def test_a_run_that_diverges_is_not_finite_from_there_on():
