@@ -7,7 +7,7 @@ B records, T samples, n DOFs, E elements, P free parameters.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
@@ -17,42 +17,31 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from models.composition.beginning import FEWEST, beginning, projected, units_of
-from models.composition.coefficients import Coefficients, Numbering
-from models.composition.laws import ElementLaws
+from models.composition.held import Held
 from models.composition.measured_states import MEASURES, reconstructed_of, states_of
 from models.composition.simulate import ACCELERATION, Composition, simulate
-from models.composition.stated import Stated, places_of, stated_in, tie
 from models.composition.trace import DifferentiatedRun, Trace, traced
 from models.training.free_run import simulate as simulate_record
-from models.training.trainable import Trainable
 
 MOST_SUBSTEPS = 10_000  # of a sample interval
 MOST_STEPS = 20_000  # under autograd, at some milliseconds each
 SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for it starts
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
-LOOSE = 1e-6  # weight of a prior on a linear structure, where the prior holds the rest harder
-AGAINST = 1e-2  # weight that is added for units and cubic springs of negative stiffness, b > 0
 
 
-class Composite(Trainable):
+class Composite(Held):
     """Base of the networks of elements. `substeps` divide a sample interval of `dt`.
 
-    from_accelerations: measured x and v are not used.
-    prior: weight of Σ θ² beside the squared relative error; parameters that the data do not
-    determine stay where they started, without effect. early_prior: the weight before the last stage
-    of training; None: `prior`.
+    from_accelerations: measured x and v are not used. prior, early_prior: of Held.
     """
 
     reads = ("f",)
     estimates_beginning = True
-    later: ClassVar[tuple[str, ...]] = ("bound", "channels", "colour", "away")
+    later: ClassVar[tuple[str, ...]] = ("bound", "channels", *Held.later)
     traced = staticmethod(traced)  # how a composition is run
     measures: Tensor  # (n,): of the sensors, displacement 0, velocity 1, acceleration 2
     bound: Tensor  # (n,): of what sensors measure; a run beyond has diverged
     channels: Tensor  # (n,): what the errors of each count by
-    stated: Sequence[Stated] = ()  # priors of a person, k of them
-    away: Tensor  # (P,): the step to what records alone say, where they contradict such priors
-    colour: Tensor  # (k,): variance of slow noise over that of an error, as each prior meets it
     identified: Tensor  # 1 once the parameters have their units, until then NaN
 
     def __init__(
@@ -65,20 +54,12 @@ class Composite(Trainable):
         from_accelerations: bool = False,
         early_prior: float | None = None,
     ) -> None:
-        super().__init__(dofs, inputs, dt)
+        super().__init__(dofs, inputs, dt, prior, early_prior)
         self.from_accelerations = from_accelerations
-        if early_prior is None:
-            early_prior = prior
-        for name, weight in (("prior", prior), ("early_prior", early_prior)):
-            if not 0.0 <= weight < float("inf"):
-                raise ValueError(f"model.{name}={weight} must not be negative")
-        self.prior, self.early_prior = prior, early_prior
         self.register_buffer("identified", torch.tensor(torch.nan, dtype=torch.float64))
         self.register_buffer("measures", torch.full((dofs,), ACCELERATION))
         self.register_buffer("bound", torch.full((dofs,), torch.inf, dtype=torch.float64))
         self.register_buffer("channels", torch.ones(dofs, dtype=torch.float64))
-        self.register_buffer("colour", torch.ones(0, dtype=torch.float64))
-        self.register_buffer("away", torch.zeros(0, dtype=torch.float64))
         if not isinstance(substeps, int) or substeps < 1:
             raise ValueError(f"model.substeps={substeps} must be a whole number, at least 1")
         if substeps > MOST_SUBSTEPS:
@@ -88,105 +69,8 @@ class Composite(Trainable):
         self.motions: dict[int, tuple[Tensor, Tensor]] = {}  # x and v of such records
         self.last_beginning: Tensor | None = None  # unknown, of the last training run
 
-    def hold_to(
-        self,
-        priors: Mapping[str, Any] | None,
-        ties: Sequence[Sequence[str]] | None,
-        laws: ElementLaws,
-        mass: Coefficients | None = None,
-    ) -> None:
-        """Take what a person states of the parameters (stated.py), before they start."""
-        if ties:
-            tie(ties, laws, mass)
-        self.stated = stated_in(priors or {}, places_of(laws, mass))
-        self.colour = self.colour.new_ones(len(self.stated))
-        self.away = self.away.new_zeros(Numbering(self).count if self.stated else 0)
-
     def weights_of_channels(self) -> Tensor | None:
         return self.channels
-
-    def start_as_stated(self) -> None:
-        """Let parameters start where their stated priors allow it, at the units that they have."""
-        for one in self.stated:
-            one.start()
-
-    def numbers_of_stated(self) -> list[int]:
-        """Numbers of the free parameters that the stated priors are of; −1 of one held still."""
-        first = Numbering(self).first
-        thetas = [(id(s.coefficients.theta), s.theta) for s in self.stated]
-        return [first[theta] + own if theta in first else -1 for theta, own in thetas]
-
-    def pull(
-        self, last: bool, prior: float | None = None, noise: float = 0.0
-    ) -> tuple[float | Tensor, Tensor]:
-        """Weights and deviation (P,) of the free parameters from where they stay without data.
-
-        A prior that is given holds what goes beyond a linear structure, which itself is nearly
-        free; units that may make energy, of negative stiffness or b > 0, and cubic springs that
-        let go of what goes far are held harder. A stated prior counts as its variance asks for,
-        beside errors with that of the `noise`.
-        """
-        weights, deviation = self._own_pull(last, prior)
-        if not self.stated:
-            return weights, deviation
-        weights = torch.as_tensor(weights).to(deviation).expand_as(deviation).clone()
-        mean = torch.full_like(deviation, torch.nan)
-        free = torch.cat([p.reshape(-1) for p in self.parameters() if p.requires_grad])
-        for number, colour, one in zip(
-            self.numbers_of_stated(), self.colour.tolist(), self.stated, strict=True
-        ):
-            if number >= 0:
-                weights[number] = colour * noise / one.width**2
-                mean[number] = one.mean
-        return weights, torch.where(mean.isnan(), deviation, free - mean.nan_to_num())
-
-    def _own_pull(self, last: bool, prior: float | None) -> tuple[float | Tensor, Tensor]:
-        """The same without stated priors."""
-        learned = [c for c in self._coefficients() if c.theta.requires_grad]
-        deviation = torch.cat([c.deviation(last).reshape(-1) for c in learned])
-        if prior is None:
-            return (self.prior if last else self.early_prior), deviation
-        beyond, unsound = set(self._beyond()), self._unsound()
-        weights = []
-        for c in learned:
-            weight = torch.full_like(c.theta, prior if c in beyond else min(prior, LOOSE))
-            if c in unsound:
-                weight = weight + AGAINST * (unsound[c] * c.theta < 0.0)
-            weights.append(weight)
-        return torch.cat([w.detach().reshape(-1) for w in weights]), deviation
-
-    def _coefficients(self) -> list[Coefficients]:
-        return [c for c in self.modules() if isinstance(c, Coefficients)]
-
-    def _beyond(self) -> list[Coefficients]:
-        """Those of laws beyond springs and dampers."""
-        return [c for m in self.modules() if isinstance(m, ElementLaws) for c in m.beyond]
-
-    def _unsound(self) -> dict[Coefficients, float]:
-        """The coefficients that are held harder on one side, and the sign of the other."""
-        laws = [m for m in self.modules() if isinstance(m, ElementLaws)]
-        positive = {c: 1.0 for m in laws for c in (m.unit_stiffness, m.cubic)}
-        return positive | {c: -1.0 for m in laws for c in (m.unit_rising, m.unit_falling)}
-
-    @property
-    def begins_linear(self) -> bool:
-        return bool(self._beyond())
-
-    def let_go(self, linear_alone: bool) -> None:
-        for c in self._beyond():
-            c.theta.requires_grad_(c.learned and not linear_alone)
-
-    def settle(self) -> None:
-        beyond = set(self._beyond())
-        for c in self._coefficients():
-            if c not in beyond:
-                c.begin.copy_(c.theta.detach())
-                c.end.copy_(c.theta.detach())
-
-    def keep_start(self) -> None:
-        for c in self._coefficients():
-            c.begin.copy_(c.theta.detach())
-            c.end.copy_(c.theta.detach())
 
     def composition(self) -> Composition:
         """The equation of motion with coefficients at the present parameters."""
