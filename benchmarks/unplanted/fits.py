@@ -14,8 +14,8 @@ from data.record import Record
 from data.sample import Sensors
 from models.estimator import Estimator
 from models.training.assemble import estimator_from, objective_from, solver_from
-from models.training.identification import HURRY
 from models.training.objective import restore, state_of
+from models.training.solvers.solver import hurry
 from models.training.trainable import require_trainable
 from runner.config.compose import CONF
 
@@ -41,9 +41,11 @@ def fitted(words: Sequence[str], batch: Record) -> tuple[Estimator, Facts]:
             objective.enter(trainable, stage)
             if objective.goes_back:
                 restore(trainable, min(ends, key=lambda end: end[0])[1])
+            if objective.refits:
+                ends = [(objective.final_loss(trainable, [batch]), state_of(trainable))]
         solver = make_solver(free)
         if objective.hurries:
-            solver.change *= HURRY
+            hurry(solver)
         while not solver.finished:
             solver.solve(objective.problem(trainable, batch, stage))
         ends.append((objective.final_loss(trainable, [batch]), state_of(trainable)))

@@ -18,6 +18,7 @@ from data.checked import checked
 from data.record import Record
 from models.composition.composite import Composite
 from models.training.by_noise import refit, weigh_at_first
+from models.training.finalists import End, end_of, middle
 from models.training.objective import (
     MakeSolver,
     Note,
@@ -63,7 +64,8 @@ class FreeRun(Objective):
     warmup: samples that each run takes before its samples count. starts: random starts, drawn from
     `seed`, each trained for `start_iterations` calls of the solver on the first horizon. finalists:
     number of starts, those with the lowest training losses, that go through the horizons after it,
-    hurried; the best of them goes on to the end, with all records.
+    hurried; one of them goes on to the end, with all records: of those that fit alike the one in
+    the middle (finalists.py).
     select: weights of the prior that are tried on all but the last `held_back` of the motion, and
     after them the path from the linear structure; the one with the least error of the free run on
     what is held back goes on, on the whole. The first part is held back in place of the last where
@@ -74,7 +76,7 @@ class FreeRun(Objective):
     (by_noise.py). "equal": all count alike. None: "noise" only where a noisy sensor takes over.
     """
 
-    kept = ("ranked", "judged", "shorter", "raised", "present", "remarks")
+    kept = ("ranked", "judged", "ends", "shorter", "raised", "present", "remarks")
 
     def __init__(
         self,
@@ -125,6 +127,7 @@ class FreeRun(Objective):
         self.judged_first = False  # on the first part of the motion
         self.ranked: list[list[torch.Tensor]] = []  # states of the finalists, the best first
         self.judged: list[list[float]] = []  # number of a prior, loss on held-back motion
+        self.ends: dict[int, End] = {}  # the best of each finalist so far
         self.present = -1  # the stage, −1 before the first
         self.remarks: list[str] = []
         self._plan()
@@ -188,13 +191,14 @@ class FreeRun(Objective):
 
     @property
     def refits(self) -> bool:
-        return bool(self.priors) and self.present + 1 == len(self.stages)
+        last = self.present + 1 == len(self.stages)
+        return last and (bool(self.priors) or (bool(self.ends) and self.plan[-1].best))
 
     @property
     def goes_back(self) -> bool:
         stage = self.plan[self.present]
         on_path = stage.prior is not None and stage.prior > self.anew
-        return stage.best or self.refits or (on_path and self._led_astray())
+        return (self.refits and not self.ends) or (on_path and self._led_astray())
 
     @property
     def hurries(self) -> bool:
@@ -297,7 +301,9 @@ class FreeRun(Objective):
         """Take the next finalist, or prior, where one has been through all horizons."""
         self.present, self.shorter, self.raised = stage, 0, 1.0
         start = self.plan[stage].start
-        if start is not None:
+        if self.plan[stage].best and self.ends:
+            restore(estimator, middle(list(self.ends.values())))
+        elif start is not None:
             restore(estimator, self.ranked[start])
 
     def _first_steps(
@@ -338,7 +344,12 @@ class FreeRun(Objective):
     def final_loss(self, estimator: Trainable, batches: Iterable[Record]) -> float:
         """Mean loss of the plain free run, without restarts; on held-back motion along a path."""
         if not self.priors:
-            return mean_loss([FreeRunProblem(estimator, record, None) for record in batches])
+            records = list(batches)
+            loss = mean_loss([FreeRunProblem(estimator, record, None) for record in records])
+            finalist = self.plan[self.present].finalist
+            if finalist is not None and loss < self.ends.get(finalist, (math.inf,))[0]:
+                self.ends = {**self.ends, finalist: end_of(estimator, loss, records)}
+            return loss
         problems, stood = [], True
         for record in batches:
             judged = record

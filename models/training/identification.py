@@ -21,13 +21,12 @@ from models.estimator import Estimator
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.training.objective import Objective, OneStep, restore, state_of
 from models.training.problem import FreeRunProblem
-from models.training.solvers.solver import Minimised, Solver
+from models.training.solvers.solver import Minimised, Solver, hurry
 from models.training.trainable import Trainable, require_trainable
 from models.uncertainty.laplace import Laplace
 
 SPLITS = ("train", "test")  # order of the datamodule's test loaders,
 HELD_BACK = "validation"  # the last of them, where there is one; scored one step ahead
-HURRY = 5.0  # times the usual change of the loss: where a stage ends that others go on from
 KEPT = (
     "stage",
     "tried",
@@ -222,7 +221,7 @@ class Identification(LightningModule):
 
     def _pace(self, solver: Solver) -> Solver:
         if self.objective.hurries:
-            solver.change *= HURRY
+            hurry(solver)
         return solver
 
     def _note(self, accepted: list[float]) -> None:

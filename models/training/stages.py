@@ -14,8 +14,9 @@ class Stage:
 
     horizon: samples between runs that begin anew; None: the whole record. last: the horizon is the
     last one. some: on the first records alone. hurried: it ends sooner, for another goes on from
-    it. start: number of the ranked start it begins at; None: where the stage before ended. best: it
-    begins at the best end of all before it. prior: number of the prior that it tries.
+    it. start: number of the ranked start it begins at; None: where the stage before ended.
+    finalist: number of the one that it trains. best: it begins where one of them ended, and no end
+    before it counts any more. prior: number of the prior that it tries.
     """
 
     name: str
@@ -24,6 +25,7 @@ class Stage:
     some: bool = False
     hurried: bool = False
     start: int | None = None
+    finalist: int | None = None
     best: bool = False
     prior: int | None = None
 
@@ -38,13 +40,15 @@ def usual(horizons: Horizons, finalists: int, trained: bool, more: bool) -> list
     in_full, stages = more or finalists > 1, []
     for number in range(finalists):
         own = [_named(h, h == horizons[-1]) for h in later]
-        own = [replace(stage, some=more or not stage.last, hurried=in_full) for stage in own]
+        own = [replace(s, some=more or not s.last, hurried=in_full) for s in own]
+        if finalists > 1:
+            own = [replace(s, finalist=number) for s in own]
         own[0] = replace(own[0], start=number)
         if number > 0:
             own = [replace(s, name=f"{s.name}, start {number + 1}") for s in own]
         stages += own
     if in_full:
-        name = "the best in full" if finalists > 1 else "in full"
+        name = "the chosen in full" if finalists > 1 else "in full"
         stages.append(replace(_named(horizons[-1], True), name=name, best=finalists > 1))
     return stages
 

@@ -21,17 +21,17 @@ def stands(estimator: Trainable, record: Record) -> bool:
     of it one that makes energy at small motions goes on moving by itself. A force under an imposed
     motion is only tried under MORE: one of friction keeps its size under LESS.
     """
-    more = estimator.free_run(_scaled(record, MORE)).a.abs().max()
+    more = estimator.free_run(scaled(record, MORE)).a.abs().max()
     if not float(more / record.a.abs().max()) < BOUND * MORE:  # NaN too
         return False
     if record.quantity == "force":
         return True
-    whole, less = (estimator.free_run(_scaled(record, share)).a for share in (1.0, LESS))
+    whole, less = (estimator.free_run(scaled(record, share)).a for share in (1.0, LESS))
     left = float(less.square().mean() / whole.square().mean().clamp_min(1e-300)) ** 0.5
     return left < LEFT
 
 
-def _scaled(record: Record, share: float) -> Drive:
+def scaled(record: Record, share: float) -> Drive:
     """A larger or smaller motion under the same other inputs, such as a temperature."""
     scaled = record if record.e is None else replace(record, e=record.e / share)
     drive = scaled.drive()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -17,6 +18,7 @@ from models.element_network import ElementNetwork
 from models.estimator import Estimator
 from models.mlp import GlobalMLP
 from models.neural_state_space import NeuralStateSpace
+from models.training.finalists import middle
 from models.training.free_run_objective import FreeRun
 from models.training.identification import Identification
 from models.training.objective import OneStep, state_of
@@ -266,7 +268,7 @@ def test_the_best_of_the_finalists_in_the_end_stays(data, tmp_path, monkeypatch)
     fit(module, data, tmp_path)
     names = ["horizon 5", "horizon whole record"]
     assert [stage["stage"] for stage in module.ended] == [
-        *names, *(f"{name}, start {n}" for n in (2, 3) for name in names), "the best in full"
+        *names, *(f"{name}, start {n}" for n in (2, 3) for name in names), "the chosen in full"
     ]  # fmt: skip
     assert begun == [True, True]
     assert len({round(end, 14) for end in ends}) == 1 + 7  # the start too
@@ -278,12 +280,33 @@ def test_the_best_of_the_finalists_alone_is_trained_on_all_records():
     estimator = identified("global", batch)
     objective = FreeRun([1, 10, None], starts=2, finalists=2, records=2)
     objective.prepare(estimator, [batch], measured=False)
-    assert objective.stages[-2:] == ["horizon whole record, start 2", "the best in full"]
+    assert objective.stages[-2:] == ["horizon whole record, start 2", "the chosen in full"]
     sizes = [len(objective.problem(estimator, batch, k).y) for k in range(5)]
     assert sizes == [2, 2, 2, 2, 3]
     for stage in range(5):
         objective.present = stage
-        assert objective.goes_back is (stage == 4)
+        assert objective.refits is (stage == 4)
+        objective.final_loss(estimator, [batch])
+
+
+@pytest.mark.parametrize(
+    ("losses", "farther", "chosen"),
+    [
+        ((1.0, 1.1, 1.2), (9.0, 2.0, 2.1), 2),  # the best fit is alone in what it does farther out
+        ((1.0, 1.1, 1.2), (2.0, 2.3, 2.1), 2),  # between the others
+        ((1.0, 3.0, 3.1), (9.0, 2.0, 2.1), 0),  # the others fit worse: they say nothing
+        ((1.0, 1.1), (9.0, 2.0), 0),  # of two neither is in the middle
+        ((1.2, 1.0, 1.1), (math.nan, 2.0, 2.1), 1),  # a run that is lost agrees with none
+        ((1.1, 1.0, math.inf), (2.0, 2.1, math.nan), 1),
+    ],
+)
+def test_of_finalists_that_fit_alike_the_one_in_the_middle_goes_on(losses, farther, chosen):
+    runs = [[torch.full((1, 5, 2), value).double()] for value in farther]
+    ends = [
+        (loss, [torch.tensor(k)], run)
+        for k, (loss, run) in enumerate(zip(losses, runs, strict=True))
+    ]
+    assert int(middle(ends)[0]) == chosen
 
 
 def test_where_no_record_is_left_out_there_is_no_stage_more():

@@ -20,7 +20,7 @@ from models.training.solvers.solver import Minimised
 class Adam(torch.optim.Adam):
     """iterations: steps in all, one for every mini-batch; rate: the first step length."""
 
-    full_batch, change = False, 0.0
+    full_batch, change, patience = False, 0.0, 0
     kept = ("done", "finished", "why")
 
     def __init__(
