@@ -18,29 +18,36 @@ from models.online.laws.laws_compiled import adapt
 
 SOURCES = Path(__file__), laws_compiled.HERE, guard.HERE
 compiled, inlined = compilers(*SOURCES, contract=True, reassociate=True)
+place = np.uintp  # an index without a sign: numba looks whether any other one is negative
 
 
-@compiled
-def estimate(xi, f, unfiltered, sigmoid_weights, factors, W, h, phi, prediction):
-    """φ (P,) and the estimate (n,) from the filters' state ξ (S, C) and the excitation f (m,).
+@inlined
+def _features(xi, f, unfiltered, sigmoid_weights, factors, h, phi):
+    """φ (P,) from the filters' state ξ (S, C) and the excitation f (m,).
 
     sigmoid_weights: λ of every channel. factors (P, 3): the sigmoids whose product a feature is;
     the last of h is 1.
     """
     S, C = xi.shape
-    P, n = W.shape
     for i in range(S):
         for j in range(C):
             h[i * C + j] = np.tanh(sigmoid_weights[i * C + j] * xi[i, j])
     if unfiltered:
         for j in range(f.size):
             h[S * C + j] = np.tanh(sigmoid_weights[S * C + j] * f[j])
-    prediction[:] = 0.0
-    for p in range(P):
-        product = h[factors[p, 0]] * h[factors[p, 1]] * h[factors[p, 2]]
-        phi[p] = product
-        for j in range(n):
-            prediction[j] += product * W[p, j]
+    for p in range(phi.size):
+        phi[p] = h[place(factors[p, 0])] * h[place(factors[p, 1])] * h[place(factors[p, 2])]
+
+
+@compiled
+def estimate(xi, f, unfiltered, sigmoid_weights, factors, W, h, phi, prediction):
+    """φ (P,) and the estimate (n,) from the filters' state ξ (S, C) and the excitation f (m,)."""
+    _features(xi, f, unfiltered, sigmoid_weights, factors, h, phi)
+    for j in range(prediction.size):
+        total = 0.0
+        for p in range(phi.size):
+            total += phi[p] * W[p, j]
+        prediction[j] = total
 
 
 @inlined
@@ -95,8 +102,18 @@ def step(forces, measured, prediction, law, f, a, xi, unfiltered, decay, sigmoid
 def free_run(stages, f, unfiltered, decay, sigmoid_weights, factors, W, a):
     """Writes ẍ̂ (T, n) under an excitation (T, m), on its own estimates, from rest."""
     m, C = f.shape[1], a.shape[1] + f.shape[1]
-    xi, phi = np.zeros((stages, C)), np.empty(W.shape[0])
+    P, n = W.shape
+    xi, phi = np.zeros((stages, C)), np.empty(P)
     h = np.ones(stages * C + unfiltered * m + 1)
+    of_dof = np.empty((n, P))  # the weights of a DOF side by side, for sums in vector lanes
+    for p in range(P):
+        for j in range(n):
+            of_dof[j, p] = W[p, j]
     for k in range(f.shape[0]):
-        estimate(xi, f[k], unfiltered, sigmoid_weights, factors, W, h, phi, a[k])
+        _features(xi, f[k], unfiltered, sigmoid_weights, factors, h, phi)
+        for j in range(n):
+            total = 0.0
+            for p in range(P):
+                total += of_dof[j, p] * phi[p]
+            a[k, j] = total
         _advance(xi, a[k], f[k], decay)
