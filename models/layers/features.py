@@ -63,10 +63,10 @@ class SigmoidProducts(nn.Module):
         known = [torch.nan] * channels if weight is None else weight
         self.register_buffer("weight", torch.tensor(known, dtype=torch.float64))
         choose = combinations_with_replacement if squares else combinations
-        self.factors = {n: list(choose(range(channels), n)) for n in orders if n > 1}
+        factors = {n: list(choose(range(channels), n)) for n in orders if n > 1}
         self.bias = bias
-        self.features = channels * (1 in orders) + sum(map(len, self.factors.values())) + bias
-        for count, products in self.factors.items():
+        self.features = channels * (1 in orders) + sum(map(len, factors.values())) + bias
+        for count, products in factors.items():
             index = torch.tensor(products, dtype=torch.int64).reshape(len(products), count)
             self.register_buffer(f"factors_{count}", index.T.contiguous(), persistent=False)
 
@@ -82,15 +82,14 @@ class SigmoidProducts(nn.Module):
 
     def places(self) -> Tensor:
         """The three factors of every feature, by channel (features, 3); `channels` stands for 1."""
-        one = self.channels
-        rows: list[tuple[int, ...]] = []
-        if 1 in self.orders:
-            rows += [(i, one, one) for i in range(self.channels)]
-        for products in self.factors.values():
-            rows += [(*product, *[one] * (3 - len(product))) for product in products]
-        if self.bias:
-            rows.append((one, one, one))
-        return torch.tensor(rows, dtype=torch.int64)
+        singles = [torch.arange(self.channels).unsqueeze(1)] if 1 in self.orders else []
+        constant = [torch.empty(1, 0, dtype=torch.int64)] if self.bias else []
+        rows = [*singles, *(factors.T.cpu() for factors in self._factors()), *constant]
+        return torch.cat([pad(row, (0, 3 - row.shape[1]), value=self.channels) for row in rows])
+
+    def _factors(self) -> list[Tensor]:
+        """Channels (count, products) of the factors of all products, order by order."""
+        return [getattr(self, f"factors_{count}") for count in self.orders if count > 1]
 
     def products_of(self, xi: Tensor) -> Tensor:
         """φ (…, features) of ξ, equal to `forward` to the bit.
@@ -109,8 +108,8 @@ class SigmoidProducts(nn.Module):
         """ξ (…, channels) → φ (…, features): first order, products, bias last."""
         h = torch.tanh(self.weight * xi)
         parts = [h] if 1 in self.orders else []
-        for count in self.factors:
-            first, *others = getattr(self, f"factors_{count}").unbind()  # (products,) each
+        for factors in self._factors():
+            first, *others = factors.unbind()  # (products,) each
             product = h.index_select(-1, first)
             for factor in others:
                 product = product * h.index_select(-1, factor)
