@@ -20,7 +20,8 @@ from data.record import all_finite
 
 MOST_FEATURES = 10_000
 SQUARES = 4  # matrices (P, P) at a time
-BLOCK = 1 << 27  # numbers that are factorised at a time (1 GiB); shorter records are one block
+BLOCK = 1 << 17  # numbers of a fit that are factorised at a time: 1 MiB, which a core has at hand
+TALL = 4  # rows of a block over its columns, at least: the triangle is factorised again with each
 
 
 class RankDeficientError(ValueError):
@@ -80,15 +81,16 @@ class LeastSquares:
         phi, y = features.flatten(self.leading, -2), targets.flatten(self.leading, -2)
         if phi.shape[:-1] != y.shape[:-1]:
             raise ValueError(f"{phi.shape[-2]} samples of features, {y.shape[-2]} of targets")
-        rows = torch.cat([phi, y], dim=-1)
-        if not all_finite(rows):
-            raise ValueError(
-                "the signals hold NaN or infinite values; mend the record before identification"
-            )
         self.features = phi.shape[-1]
         self.samples += phi.shape[-2]
-        longest = max(rows.shape[-1], BLOCK * rows.shape[-2] // max(rows.numel(), 1))
-        for block in rows.split(longest, dim=-2):
+        columns = phi.shape[-1] + y.shape[-1]
+        longest = max(TALL * columns, BLOCK // columns)
+        for pair in zip(phi.split(longest, dim=-2), y.split(longest, dim=-2), strict=True):
+            block = torch.cat(pair, dim=-1)
+            if not all_finite(block):
+                raise ValueError(
+                    "the signals hold NaN or infinite values; mend the record before identification"
+                )
             if self.triangle is not None:
                 block = torch.cat([self.triangle, block], dim=-2)
             self.triangle = torch.linalg.qr(block, mode="r").R
