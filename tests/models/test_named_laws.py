@@ -99,6 +99,20 @@ def test_steel_that_grows_more_on_one_side_is_found():
     assert error(restored, [element_test(law, 7, 0.035)]) < 1.0
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_brace_that_yields_in_the_largest_motion_alone_is_found(seed):
+    """That motion is held back at first, so that starts are judged by motions that do not yield."""
+    brace = replace(PLANTED["SlackBrace"], stiffness=31.0, yield_displacement=0.345, gap=0.103)
+
+    def beside_a_spring(i: int, size: float) -> Record:
+        record = element_test(brace, i, size)
+        return replace(record, a=record.a + 30.5 * record.s)
+
+    model = NamedElement(1, 2, DT, laws=["SlackBrace"], seed=seed)
+    model.identify([beside_a_spring(i, s) for i, s in enumerate((0.55, 0.41, 0.36, 0.3))])
+    assert error(model, [beside_a_spring(7, 0.55), beside_a_spring(8, 0.7)]) < 0.1
+
+
 def test_noise_of_the_force_leaves_the_law_as_it_is():
     law = PLANTED["SelfCentering"]
     model = NamedElement(1, 2, DT, laws=["SelfCentering", "Takeda"])
