@@ -31,7 +31,7 @@ from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import smallest
 from models.named_laws.envelopes import envelopes, moved, uneven_envelopes, uneven_moved
 from models.named_laws.fit import Fit, Motion
-from models.named_laws.free_run import Laws, Shaking, linear, mass_dampers
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.storey import Storey, residuals
 from models.named_laws.storeys import together
 
@@ -325,6 +325,22 @@ def test_laws_of_storeys_together_tell_the_damping_of_the_masses():
     found = together(off, motions, [1.5e7, 1.2e7])
     assert abs(found.mass_damping / laws.mass_damping - 1.0) < 0.2
     assert found.error < 0.04
+
+
+@pytest.mark.parametrize(
+    ("uneven", "name"), [(5.0, "UnevenMenegottoPinto"), (1.0, "MenegottoPinto")]
+)
+def test_sides_of_steel_differ_where_accelerations_with_noise_ask_for_it(uneven, name):
+    values = {
+        "yield_displacement": 0.003, "stiffness": 1.5e7, "hardening_ratio": 0.05, "sharpness": 18.0,
+        "sharpness_loss": 0.9, "loss_excursion": 0.15, "growth": 0.03, "damping": 2e4,
+    }  # fmt: skip
+    laws, motions = heard_chain("UnevenMenegottoPinto", {**values, "uneven": uneven})
+    runs = FreeRuns(motions, lambda motion: motion.a)
+    steel = CANDIDATES["MenegottoPinto"]
+    even = replace(laws, fits=[Fit(steel, fit.units, fit.q[:-1]) for fit in laws.fits])
+    found = runs.sided(runs.followed(even, 1.0, 4, 1e-8))
+    assert [fit.candidate.name for fit in found.fits] == [name] * 2
 
 
 def test_what_does_not_fit_is_refused():
