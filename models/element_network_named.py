@@ -128,6 +128,8 @@ class ElementNetworkNamed(ElementNetwork):
                 laws = together(laws, runs.shakings, _stiffness(springs), pool.map)
             laws = runs.fitted(laws)
             laws = runs.exchanged(laws, [rivals for _, *rivals in fits])
+            if apart:  # by equilibrium, motion held back chose sides
+                laws = runs.sided(laws)
         self._take(laws)
         return {**facts, **told(laws.fits, errors, "apart" if apart else "held_back")}
 

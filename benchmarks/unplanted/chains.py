@@ -5,9 +5,10 @@
     python -m benchmarks.unplanted.chains --cases "fibre frame, 3 floors" --model element_network
     python -m benchmarks.unplanted.chains --cases "fibre frame, 2 floors" \
         --model element_network_branch --elements frame --noise 0
+    python -m benchmarks.unplanted.chains --drawn Steel02 SelfCentering --seeds 60 61 --noise 0
 
-Shear chains of OpenSees' own materials, and a frame of fibre elements, under a shaken base,
-Rayleigh damping, Newmark's method with some steps a sample. Models are given six records of 30 s
+Shear chains of OpenSees' own materials, chosen or drawn at random (drawn_chains.py), and frames of
+fibre elements, under a shaken base (shaken.py). Models are given six records of 30 s
 with accelerations against the base alone, with --noise 0 exact displacements and velocities too,
 and, if they ask, the masses and which floors are joined (a chain; in frames all, or what
 --elements says). They simulate
@@ -21,58 +22,19 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
 import torch
 
+from benchmarks.unplanted.drawn import MATERIALS
+from benchmarks.unplanted.drawn_chains import drawn_chain
 from benchmarks.unplanted.fits import fitted
 from benchmarks.unplanted.frame import Frame
 from benchmarks.unplanted.opensees import opensees
-from benchmarks.unplanted.structures import DT, FARTHER, SAMPLES, TRAINED, UNSEEN
-from data.record import Record, stack
-from models.estimator import Estimator
+from benchmarks.unplanted.shaken import Chain, Material, error, itself, record
+from benchmarks.unplanted.structures import FARTHER, TRAINED, UNSEEN
+from data.record import stack
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
-
-Material = Sequence[object]  # the words of OpenSees' command, without its number
-
-
-@dataclass(frozen=True)
-class Chain:
-    """Masses [kg], materials in parallel of every storey, largest ground acceleration [m/s²]."""
-
-    masses: Sequence[float]
-    storeys: Sequence[Sequence[Material]]
-    peak: float
-    damping: float = 0.03  # ratio of the first and last mode
-    substeps: int = 32  # of a sample; SelfCentering is of first order, 10 % away with 4
-    topology: str = "chain"
-    eigenvalues = ("-fullGenLapack",)  # of all modes
-
-    @property
-    def modes(self) -> int:
-        return len(self.masses)
-
-    def built(self, ops: Any) -> list[int]:
-        """The chain; the numbers of its nodes."""
-        ops.model("basic", "-ndm", 1, "-ndf", 1)
-        ops.node(0, 0.0)
-        ops.fix(0, 1)
-        number = 0
-        for i, (mass, materials) in enumerate(zip(self.masses, self.storeys, strict=True), start=1):
-            ops.node(i, 0.0)
-            ops.mass(i, mass)
-            numbers = []
-            for kind, *words in materials:
-                number += 1
-                ops.uniaxialMaterial(kind, number, *words)
-                numbers.append(number)
-            along = ["-dir", *[1] * len(numbers), "-doRayleigh", 1]
-            ops.element("zeroLength", i, i - 1, i, "-mat", *numbers, *along)
-        return list(range(1, len(self.masses) + 1))
 
 
 def steel(k: float, y: float, hardening: float, growth: float) -> list[Material]:
@@ -142,87 +104,14 @@ CASES: dict[str, Chain | Frame] = {
 }
 
 
-def simulated(case: Chain | Frame, ground: np.ndarray, substeps: int = 0) -> np.ndarray:
-    """Motion against the base (3, T, n): displacements, velocities, accelerations."""
-    ops = opensees()
-    assert ops is not None
-    ops.wipe()
-    nodes, substeps = case.built(ops), substeps or case.substeps
-    squares = np.array(ops.eigen(*case.eigenvalues, case.modes))
-    first, last = np.sqrt(squares[[0, -1]])
-    both = 2.0 * case.damping / (first + last)
-    ops.rayleigh(both * first * last, 0.0, both, 0.0)
-    ops.timeSeries("Path", 1, "-dt", DT, "-values", *ground.tolist())
-    ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
-    ops.constraints("Transformation")
-    ops.numberer("RCM")
-    ops.system("FullGeneral")
-    ops.test("NormDispIncr", 1e-10, 50)
-    ops.algorithm("Newton")
-    ops.integrator("Newmark", 0.5, 0.25)
-    ops.analysis("Transient")
-    motion = np.zeros((3, len(ground), len(nodes)))
-    for sample in range(1, len(ground)):
-        if ops.analyze(substeps, DT / substeps):
-            raise ValueError("OpenSees does not converge; lower the ground motion")
-        for i, node in enumerate(nodes):
-            motion[0, sample, i] = ops.nodeDisp(node, 1)
-            motion[1, sample, i] = ops.nodeVel(node, 1)
-            motion[2, sample, i] = ops.nodeAccel(node, 1)
-    return motion
-
-
-def ground_motion(seed: int, size: float) -> np.ndarray:
-    """Ground acceleration (T,) [m/s²] from rest: even seeds random, odd ones like earthquakes."""
-    rng = np.random.default_rng(seed)
-    frequencies, t = np.fft.rfftfreq(2 * SAMPLES, DT), DT * np.arange(SAMPLES)
-    ratio, rise = frequencies / rng.uniform(1.5, 3.0), np.minimum(t / 3.0, 1.0) ** 2
-    if seed % 2:
-        shape = np.sqrt((1.0 + 1.44 * ratio**2) / ((1.0 - ratio**2) ** 2 + 1.44 * ratio**2))
-        shape = shape * ((frequencies > 0.1) & (frequencies < 12.0))
-        rise = rise * np.exp(-0.1 * np.maximum(t - 10.0, 0.0))
-    else:
-        shape = 1.0 * ((frequencies > 0.2) & (frequencies < rng.uniform(3.0, 6.0)))
-    phases = rng.uniform(0.0, 2.0 * np.pi, len(frequencies))
-    wave = rise * np.fft.irfft(shape * np.exp(1j * phases))[:SAMPLES]
-    return size * wave / np.abs(wave).max()
-
-
-def record(case: Chain | Frame, seed: int, size: float, noise: float = 0.0) -> Record:
-    """Accelerations alone where there is noise, x and v too where there is none."""
-    ground = ground_motion(seed, size * case.peak)
-    x, v, a = (torch.from_numpy(u.copy()) for u in simulated(case, ground))
-    force = torch.from_numpy(-ground)[:, None]
-    if noise == 0.0:
-        return Record(DT, a, force, x, v)
-    drawn = torch.randn(a.shape, generator=torch.Generator().manual_seed(seed)).double()
-    return Record(DT, a + noise * (a - force).std(dim=0) * drawn, force)
-
-
-def itself(case: Chain | Frame, records: Sequence[Record]) -> float:
-    """How far OpenSees is from records without noise with steps twice as long [%]."""
-    others = [simulated(case, -r.excitation[:, 0].numpy(), case.substeps // 2)[2] for r in records]
-    pairs = zip(records, others, strict=True)
-    return _relative([(r, torch.from_numpy(a)) for r, a in pairs])
-
-
-@torch.no_grad()
-def error(model: Estimator, records: Sequence[Record]) -> float:
-    """Relative RMS error of the absolute accelerations over all records [%]."""
-    return _relative([(r, model.free_run(r.drive()).a) for r in records])
-
-
-def _relative(pairs: Sequence[tuple[Record, torch.Tensor]]) -> float:
-    squares = sum(float(((a - r.a) ** 2).sum()) for r, a in pairs)
-    return 100.0 * (squares / sum(float(((r.a - r.f) ** 2).sum()) for r, _ in pairs)) ** 0.5
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         "python -m benchmarks.unplanted.chains", description=(__doc__ or "").splitlines()[0]
     )
     add = parser.add_argument
     add("--cases", nargs="+", default=list(CASES), choices=list(CASES))
+    add("--drawn", nargs="+", choices=list(MATERIALS), help="chains drawn at random, not --cases")
+    add("--seeds", nargs="+", type=int, default=[60, 61], help="of what is drawn")
     add("--model", default="element_network_named")
     add("--noise", type=float, default=0.02, help="of the standard deviation of accelerations")
     add("--seed", type=int, default=0)
@@ -235,8 +124,10 @@ def main() -> None:
     prepare_hydra()
     print("| structure | unseen | itself | 1.5 times | itself | s | laws |")
     print("| --- | ---: | ---: | ---: | ---: | ---: | --- |")
-    for name in options.cases:
-        case = CASES[name]
+    cases = [(name, CASES[name]) for name in options.cases]
+    if options.drawn:
+        cases = [drawn_chain(name, seed) for seed in options.seeds for name in options.drawn]
+    for name, case in cases:
         train = [record(case, 300 + i, s, options.noise) for i, s in enumerate(TRAINED)]
         unseen, farther = (
             [record(case, 400 + i, times * s) for i, s in enumerate(UNSEEN)]

@@ -35,10 +35,11 @@ Words = list[object]  # of OpenSees' command
 Drawn = tuple[list[Words], float]  # in parallel; largest deformation of the training motions
 
 
-def pinching4(rng: np.random.Generator, uneven: bool = False) -> Drawn:
+def pinching4(
+    rng: np.random.Generator, yielded: float, force: float, uneven: bool = False
+) -> Drawn:
     """Every fourth law loses nothing; of the others' losses some are none."""
     draw = rng.uniform
-    yielded, force = 10.0 ** draw(-3.0, 1.0), 10.0 ** draw(0.0, 7.0)
     points, shares = _side(rng, yielded, force)
     size = points[-1]
     if uneven:
@@ -67,11 +68,11 @@ def _side(
     return points, [draw(0.1, 0.7), max(unloading, 0.0) + draw(0.1, 0.5), unloading]
 
 
-def hysteretic(rng: np.random.Generator) -> Drawn:
+def hysteretic(rng: np.random.Generator, yielded: float, force: float) -> Drawn:
     """Three lines on either side, pinching; every other law is damaged by ductility or energy."""
     words: Words = ["Hysteretic", 1]
-    draw, places = rng.uniform, np.zeros(3)
-    yielded, force = 10.0 ** draw(-3.0, 1.0), 10.0 ** draw(0.0, 7.0)
+    draw = rng.uniform
+    places: np.ndarray = np.zeros(3)
     for side in (1.0, -1.0):
         first, size = yielded * draw(0.8, 1.3), force * draw(0.7, 1.3)
         places = first * np.cumprod([1.0, draw(2.0, 5.0), draw(2.0, 4.0)])
@@ -82,28 +83,24 @@ def hysteretic(rng: np.random.Generator) -> Drawn:
     return [words], float(places[-1] * draw(0.3, 0.9))
 
 
-def steel02(rng: np.random.Generator) -> Drawn:
+def steel02(rng: np.random.Generator, yielded: float, force: float) -> Drawn:
     """Its yield lines grow by an amount of their own on either side."""
     draw = rng.uniform
-    yielded, force = 10.0 ** draw(-3.0, 1.0), 10.0 ** draw(0.0, 7.0)
     shape = [draw(0.01, 0.1), draw(10.0, 20.0), draw(0.85, 0.93), draw(0.1, 0.2)]
     growth = [draw(0.0, 0.06), 1.0, draw(0.0, 0.06), 1.0]
     words: Words = ["Steel02", 1, force, force / yielded, *shape, *growth]
     return [words], float(yielded * draw(3.0, 9.0))
 
 
-def self_centering(rng: np.random.Generator) -> Drawn:
-    draw = rng.uniform
-    yielded, force = 10.0 ** draw(-3.0, 1.0), 10.0 ** draw(0.0, 7.0)
-    k = force / yielded
+def self_centering(rng: np.random.Generator, yielded: float, force: float) -> Drawn:
+    draw, k = rng.uniform, force / yielded
     words: Words = ["SelfCentering", 1, k, k * draw(0.02, 0.2), force, draw(0.3, 0.95)]
     return [words], float(yielded * draw(3.0, 9.0))
 
 
-def gaps(rng: np.random.Generator) -> Drawn:
+def gaps(rng: np.random.Generator, yielded: float, force: float) -> Drawn:
     """Two braces that grow slack, one pulled and one pushed, beside a spring."""
     draw = rng.uniform
-    yielded, force = 10.0 ** draw(-3.0, 1.0), 10.0 ** draw(0.0, 7.0)
     k, slack, hardening = force / yielded, yielded * draw(0.1, 0.5), draw(0.02, 0.1)
     sides = (1.0, -1.0)
     words: list[Words] = [
@@ -112,7 +109,8 @@ def gaps(rng: np.random.Generator) -> Drawn:
     return [*words, ["Elastic", 1, k * draw(0.1, 1.0)]], float(yielded * draw(3.0, 9.0))
 
 
-MATERIALS: dict[str, Callable[[np.random.Generator], Drawn]] = {
+# of random numbers, where a material yields, and the force there
+MATERIALS: dict[str, Callable[[np.random.Generator, float, float], Drawn]] = {
     "Pinching4": pinching4,
     "UnevenPinching4": partial(pinching4, uneven=True),
     "Hysteretic": hysteretic,
@@ -124,7 +122,9 @@ MATERIALS: dict[str, Callable[[np.random.Generator], Drawn]] = {
 
 def drawn(name: str, seed: int) -> tuple[Law, float]:
     """A material and the largest deformation of its training motions."""
-    parts, size = MATERIALS[name](np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    yielded, force = 10.0 ** rng.uniform(-3.0, 1.0), 10.0 ** rng.uniform(0.0, 7.0)
+    parts, size = MATERIALS[name](rng, yielded, force)
     laws = [material(words) for words in parts]
 
     def law(y: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -35,6 +35,7 @@ class Frame:
     modes: int = 2
     substeps: int = 4
     topology: str = "all"
+    motions: int = 0  # added to the seeds of ground motions
     eigenvalues = ()  # OpenSees' own choice, of some modes
 
     def built(self, ops: Any) -> list[int]:

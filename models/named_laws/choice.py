@@ -28,6 +28,7 @@ FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of t
 ROUNDS, ANEW, TRIED, AGAIN = 4, 60, 3, 6  # draws of a part in a round; parts followed; iterations
 IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
+NEWS = 2.0  # times the error without it, after the fit to all: the largest motion showed more
 RIVAL = 1.5  # times the least error at first: laws whose sides may differ, too
 HALF = 0.5  # of what even laws leave at first: where sides that differ leave less, they go on alone
 
@@ -173,8 +174,10 @@ def chosen(
 ) -> tuple[Fit, dict[str, float]]:
     """The law that suits the motions, fitted to all of them; errors on the motion held back.
 
-    Laws may be alike there because the largest motion alone shows what tells them apart; then that
-    motion is fitted, too, and the law is the smallest that suits all.
+    Laws may be alike there because the largest motion alone shows what tells them apart; or the law
+    may suit that motion badly even when it is fitted to it, because it yielded nowhere else, and
+    starts had nothing to be judged by. Then starts are drawn anew on all motions, and the law is
+    the smallest that suits all.
     """
     units = units_of(motions)
     rest, judged = parted(motions)
@@ -188,11 +191,25 @@ def chosen(
         errors[wider.candidate.name] = wider.error_on([judged])
         if smallest(errors) == wider.candidate.name:
             return followed(wider, motions, LAST), errors
-    if len(near) > 1 and min(errors.values()) > NEGLIGIBLE:
-        found = tried(near, motions, units, seed)
+    final = _final(found[best], motions)
+    news = final.error > max(NEWS * found[best][0].error, NEGLIGIBLE)
+    if news or (len(near) > 1 and min(errors.values()) > NEGLIGIBLE):
+        far = IN_THE_LEAD * errors[best]
+        again = [name for name, e in errors.items() if name in near or (news and e <= far)]
+        found = tried([name for name in again if name in names], motions, units, seed)
         best = smallest({name: ends[0].error for name, ends in found.items()})
-    finals = [followed(one, motions, LAST) for one in found[best][:STAY]]
-    return min(finals, key=lambda one: one.error), errors
+        other = _final(found[best], motions)
+        final = other if other.candidate is not final.candidate else min(final, other, key=_error)
+    return final, errors
+
+
+def _final(ends: Sequence[Fit], motions: Sequence[Motion]) -> Fit:
+    """The best of a law after the last fit, to all motions."""
+    return min([followed(one, motions, LAST) for one in ends[:STAY]], key=_error)
+
+
+def _error(fit: Fit) -> float:
+    return fit.error
 
 
 def _uneven(fit: Fit, motions: Sequence[Motion], seed: int) -> Fit:
@@ -218,10 +235,8 @@ def _begun_uneven(
 
     From where sides are alike, and from what is read off the motions for each.
     """
-    uneven = fit.candidate.uneven
-    assert uneven is not None
-    more = np.zeros(len(uneven.parameters) - fit.q.size)
-    alike = Fit(uneven, fit.units, np.append(fit.q, more))
+    alike = fit.uneven()
+    uneven = alike.candidate
     read = [values for values in _read(uneven, motions, draws[uneven.name]) if values]
     starts = [alike, *(replace(alike, q=uneven.with_values(alike.q, v, fit.units)) for v in read)]
     return _best([followed(one, largest, FIRST) for one in starts])

@@ -70,6 +70,13 @@ class Fit:
     q: np.ndarray
     error: float = math.inf
 
+    def uneven(self) -> Fit:
+        """The same law where its sides may differ, for the present alike; or itself."""
+        if self.candidate.uneven is None:
+            return self
+        more = len(self.candidate.uneven.parameters) - self.q.size
+        return Fit(self.candidate.uneven, self.units, np.append(self.q, np.zeros(more)))
+
     def forces(self, motions: Sequence[Motion]) -> list[np.ndarray]:
         """r (T,) of every motion; not finite where the law cannot follow it."""
         try:

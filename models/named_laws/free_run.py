@@ -193,6 +193,19 @@ class FreeRuns:
                     laws = trial
         return laws if laws is begin else self.followed(laws, 1.0, ITERATIONS[-1], PULL)
 
+    def sided(self, laws: Laws) -> Laws:
+        """The laws, with sides that differ where the whole motion asks for it.
+
+        All at once: how one storey yields on either side shows in the motion of the others.
+        """
+        trial = replace(laws, fits=[fit.uneven() for fit in laws.fits])
+        more = trial.numbers.size - laws.numbers.size
+        if not more:
+            return laws
+        doing("laws with sides that may differ")
+        trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL)
+        return trial if trial.error < BETTER**more * laws.error else laws
+
     def fitted(self, laws: Laws) -> Laws:
         """All laws together, over a growing part of the motions."""
         begin = replace(laws, error=float(np.linalg.norm(self.residuals(laws))))

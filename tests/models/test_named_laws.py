@@ -31,7 +31,7 @@ from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import smallest
 from models.named_laws.envelopes import envelopes, moved, uneven_envelopes, uneven_moved
 from models.named_laws.fit import Fit, Motion
-from models.named_laws.free_run import Laws, Shaking, linear, mass_dampers
+from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.storey import Storey, residuals
 from models.named_laws.storeys import together
 
@@ -97,6 +97,20 @@ def test_steel_that_grows_more_on_one_side_is_found():
     restored = NamedElement(1, 2, DT)
     restored.load_state_dict(model.state_dict())
     assert error(restored, [element_test(law, 7, 0.035)]) < 1.0
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_brace_that_yields_in_the_largest_motion_alone_is_found(seed):
+    """That motion is held back at first, so that starts are judged by motions that do not yield."""
+    brace = replace(PLANTED["SlackBrace"], stiffness=31.0, yield_displacement=0.345, gap=0.103)
+
+    def beside_a_spring(i: int, size: float) -> Record:
+        record = element_test(brace, i, size)
+        return replace(record, a=record.a + 30.5 * record.s)
+
+    model = NamedElement(1, 2, DT, laws=["SlackBrace"], seed=seed)
+    model.identify([beside_a_spring(i, s) for i, s in enumerate((0.55, 0.41, 0.36, 0.3))])
+    assert error(model, [beside_a_spring(7, 0.55), beside_a_spring(8, 0.7)]) < 0.1
 
 
 def test_noise_of_the_force_leaves_the_law_as_it_is():
@@ -311,6 +325,22 @@ def test_laws_of_storeys_together_tell_the_damping_of_the_masses():
     found = together(off, motions, [1.5e7, 1.2e7])
     assert abs(found.mass_damping / laws.mass_damping - 1.0) < 0.2
     assert found.error < 0.04
+
+
+@pytest.mark.parametrize(
+    ("uneven", "name"), [(5.0, "UnevenMenegottoPinto"), (1.0, "MenegottoPinto")]
+)
+def test_sides_of_steel_differ_where_accelerations_with_noise_ask_for_it(uneven, name):
+    values = {
+        "yield_displacement": 0.003, "stiffness": 1.5e7, "hardening_ratio": 0.05, "sharpness": 18.0,
+        "sharpness_loss": 0.9, "loss_excursion": 0.15, "growth": 0.03, "damping": 2e4,
+    }  # fmt: skip
+    laws, motions = heard_chain("UnevenMenegottoPinto", {**values, "uneven": uneven})
+    runs = FreeRuns(motions, lambda motion: motion.a)
+    steel = CANDIDATES["MenegottoPinto"]
+    even = replace(laws, fits=[Fit(steel, fit.units, fit.q[:-1]) for fit in laws.fits])
+    found = runs.sided(runs.followed(even, 1.0, 4, 1e-8))
+    assert [fit.candidate.name for fit in found.fits] == [name] * 2
 
 
 def test_what_does_not_fit_is_refused():

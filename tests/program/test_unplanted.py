@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 import sys
 
+import numpy as np
 import pytest
 
-from benchmarks.unplanted import structures, suite
+from benchmarks.unplanted import chains, drawn_chains, shaken, structures, suite
+from benchmarks.unplanted.drawn_chains import drawn_chain, ductilities
+from benchmarks.unplanted.opensees import opensees
 from benchmarks.unplanted.page import lost, medians, write_page
 from benchmarks.unplanted.structures import CASES, HELD_BACK, records
 
@@ -96,3 +101,42 @@ def test_noise_leaves_accelerations_alone_and_is_drawn_from_the_seed(monkeypatch
 def test_an_unknown_structure_is_refused():
     with pytest.raises(ValueError, match="expected some of"):
         suite.arguments(["--cases", "castle"])
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Motions of OpenSees that last 3 s."""
+    if opensees() is None:
+        pytest.skip("needs openseespy: pip install -c constraints.txt -e '.[opensees]'")
+    monkeypatch.setattr(shaken, "SAMPLES", 300)
+
+
+def test_a_chain_that_is_drawn_has_its_period_and_comes_as_far_as_was_drawn(brief):
+    what, chain = drawn_chain("Steel02", 3)
+    assert drawn_chain("Steel02", 3) == (what, chain)
+    seed, storeys, period, ductility = re.findall(r"\d+\.?\d*", what.replace("Steel02", ""))
+    assert (int(seed), int(storeys)) == (3, len(chain.masses))
+    assert 2.0 * math.pi / shaken.natural_rates(chain)[0] == pytest.approx(float(period), abs=0.01)
+    yielded = np.array([one[1] / one[2] for (one,) in chain.storeys])
+    far = max(ductilities(chain, yielded, structures.TRAINED, drawn_chains.COARSE))
+    assert far == pytest.approx(float(ductility), rel=0.1)
+
+
+@pytest.mark.parametrize("name", drawn_chains.MATERIALS)
+def test_units_of_a_chain_that_is_drawn_change_no_motion(name, brief, monkeypatch):
+    monkeypatch.setattr(drawn_chains, "HALVINGS", 2)
+    moved = []
+    for one, (newton, metre) in drawn_chains.UNITS.items():
+        monkeypatch.setattr(drawn_chains, "UNITS", {one: (newton, metre)})
+        moved.append(metre * shaken.record(drawn_chain(name, 4)[1], 300, 1.0).a.numpy())
+    assert np.abs(moved[0]).max() > 0.0
+    for other in moved[1:]:
+        np.testing.assert_allclose(other, moved[0], atol=1e-4 * np.abs(moved[0]).max())
+
+
+def test_drawn_chains_are_a_table(brief, monkeypatch, capsys):
+    words = ["chains", "--drawn", "SelfCentering", "--seeds", "5", "--noise", "0"]
+    monkeypatch.setattr(drawn_chains, "HALVINGS", 2)
+    monkeypatch.setattr(sys, "argv", [*words, "--settings", "model.laws=[SelfCentering]"])
+    chains.main()
+    assert "| SelfCentering 5, " in capsys.readouterr().out

@@ -1,0 +1,73 @@
+"""Chains of OpenSees' materials whose numbers nobody chose: drawn at random, in any units.
+
+A seed draws units, 2 to 6 storeys, masses, strengths that suit a load that grows with height, a
+first period of 0.2 to 2 s, 1 to 5 % of damping, and a material of one kind for every storey
+(drawn.py). The ground is as strong as takes a storey to a ductility of 2 to 6 in training.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from zlib import crc32
+
+import numpy as np
+
+from benchmarks.unplanted.drawn import MATERIALS
+from benchmarks.unplanted.shaken import Chain, ground_motion, natural_rates, simulated
+from benchmarks.unplanted.structures import TRAINED
+
+UNITS = {"N, m": (1.0, 1.0), "kN, mm": (1e3, 1e-3), "kip, in": (4448.22, 0.0254)}  # N, m
+COARSE, HALVINGS = 2, 10  # steps of a sample, and steps, of the search for the ground motion
+
+
+def drawn_chain(name: str, seed: int) -> tuple[str, Chain]:
+    """What was drawn, in words, and the chain in its own units; motions: those of this seed."""
+    rng = np.random.default_rng([seed, crc32(name.encode())])
+    draw, units = rng.uniform, str(rng.choice(list(UNITS)))
+    newton, metre = UNITS[units]
+    count = int(rng.integers(2, 7))
+    masses = np.exp(draw(-0.15, 0.15, count))
+    load = masses * np.arange(1, count + 1)
+    shear = np.cumsum(load[::-1])[::-1] / load.sum() * np.exp(draw(-0.15, 0.15, count))
+    forces = 10.0 ** draw(5.0, 6.5) / newton * shear
+    yielded = draw(0.004, 0.012) / metre * np.exp(draw(-0.2, 0.2, count))
+    period, damping = 0.2 * 10.0 ** draw(0.0, 1.0), draw(0.01, 0.05)
+    ductility = draw(2.0, 6.0)
+    storeys = [
+        [[kind, *words] for kind, _, *words in MATERIALS[name](rng, y, f)[0]]
+        for y, f in zip(yielded.tolist(), forces.tolist(), strict=True)
+    ]
+    chain = Chain(masses.tolist(), storeys, 1.0, damping, motions=1000 * seed)
+    masses = masses * (natural_rates(chain)[0] * period / (2.0 * math.pi)) ** 2
+    chain = replace(chain, masses=masses.tolist())
+    chain = replace(chain, peak=_peak(chain, yielded, ductility, forces[0] / masses.sum()))
+    what = f"{name} {seed}, {count} storeys, {units}, {period:.2f} s, ductility {ductility:.1f}"
+    return what, chain
+
+
+def _peak(chain: Chain, yielded: np.ndarray, ductility: float, resisted: float) -> float:
+    """The largest ground acceleration of training, between shares and times what is resisted."""
+    low, high = 0.1 * resisted, 30.0 * resisted
+    for _ in range(HALVINGS):
+        middle = math.sqrt(low * high)
+        far = ductilities(replace(chain, peak=middle), yielded, TRAINED, COARSE)
+        low, high = (middle, high) if max(far) < ductility else (low, middle)
+    return low
+
+
+def ductilities(
+    chain: Chain, yielded: np.ndarray, sizes: Sequence[float], substeps: int, first: int = 300
+) -> list[float]:
+    """Largest deformation over where its storey yields, of every ground motion."""
+    found = []
+    for i, size in enumerate(sizes):
+        ground = ground_motion(chain.motions + first + i, size * chain.peak)
+        try:
+            x = simulated(chain, ground, substeps)[0]
+        except ValueError:  # too far for OpenSees
+            return [math.inf]
+        y = np.diff(x, axis=1, prepend=0.0)
+        found.append(float((np.abs(y).max(axis=0) / yielded).max()))
+    return found
