@@ -177,12 +177,18 @@ def chosen(
     Laws may be alike there because the largest motion alone shows what tells them apart; or the law
     may suit that motion badly even when it is fitted to it, because it yielded nowhere else, and
     starts had nothing to be judged by. Then starts are drawn anew on all motions, and the law is
-    the smallest that suits all.
+    the smallest that suits all. Where no other start of a law drawn in parts ended as well as the
+    best of them, it is searched once more: where the best lies, most starts would end.
     """
     units = units_of(motions)
     rest, judged = parted(motions)
     found = tried(names, rest, units, seed)
     errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
+    best = smallest(errors)
+    if best in names and _alone(found[best]):
+        more = tried([best], rest, units, seed + 1)[best]
+        found[best] = sorted([*found[best], *more], key=_error)
+        errors[best] = found[best][0].error_on([judged])
     near, best = alike(errors), smallest(errors)
     if best not in names:  # sides differ
         return followed(found[best][0], motions, LAST), errors
@@ -201,6 +207,14 @@ def chosen(
         other = _final(found[best], motions)
         final = other if other.candidate is not final.candidate else min(final, other, key=_error)
     return final, errors
+
+
+def _alone(ends: Sequence[Fit]) -> bool:
+    """The best of a law drawn in parts has an end that no other start reached, and leaves much."""
+    first, *others = ends
+    if not first.candidate.parts or first.error < NEGLIGIBLE:
+        return False
+    return not others or others[0].error > NEARLY * first.error
 
 
 def _final(ends: Sequence[Fit], motions: Sequence[Motion]) -> Fit:
