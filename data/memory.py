@@ -58,7 +58,7 @@ def amount(size: float) -> str:
 def room(*shape: int) -> Tensor:
     """An array of float64 without values yet.
 
-    NumPy asks for huge pages, PyTorch does not: 14 MB are filled in a tenth of the time. The first
+    NumPy asks for huge pages, PyTorch does not: large arrays are filled much sooner. The first
     number lies where a line of the cache begins, so that BLAS sums in the same order in any array.
     """
     size = math.prod(shape)
