@@ -28,7 +28,7 @@ from models.element_network_named import ElementNetworkNamed
 from models.named_element import NamedElement
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.choice import smallest
+from models.named_laws.choice import _alone, smallest
 from models.named_laws.envelopes import envelopes, moved, uneven_envelopes, uneven_moved
 from models.named_laws.fit import Fit, Motion
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
@@ -457,3 +457,20 @@ def test_a_smooth_motion_is_thinned_and_a_rough_one_is_not():
     assert (thin.first - 1) * stride < 10 <= thin.first * stride
     rough = y + 0.01 * y.max() * np.random.default_rng(0).standard_normal(len(y))
     assert replace(smooth, y=rough).thinned().dt == DT
+
+
+@pytest.mark.parametrize(
+    ("law", "errors", "alone"),
+    [
+        ("Pinching4", (0.05, 0.08), True),
+        ("Pinching4", (0.05, 0.051), False),  # two starts ended there
+        ("Pinching4", (0.05,), True),
+        ("Pinching4", (1e-4, 0.08), False),  # nothing is left
+        ("SelfCentering", (0.05, 0.08), False),  # of few numbers: starts are many enough
+    ],
+)
+def test_an_end_that_no_other_start_reached_is_told(law, errors, alone):
+    candidate = CANDIDATES[law]
+    q = np.zeros(len(candidate.parameters))
+    ends = [Fit(candidate, Units(1.0, 1.0, 1.0, 1.0), q, error) for error in errors]
+    assert _alone(ends) is alone

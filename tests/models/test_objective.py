@@ -309,6 +309,22 @@ def test_of_finalists_that_fit_alike_the_one_in_the_middle_goes_on(losses, farth
     assert int(middle(ends)[0]) == chosen
 
 
+def test_the_last_stage_begins_at_the_one_in_the_middle_and_forgets_the_others():
+    """Not at the best by a hair, whose run goes elsewhere under more of the excitation."""
+    record = motion()
+    estimator = identified("global", record)
+    objective = FreeRun([1, None], starts=3, finalists=3)
+    objective.prepare(estimator, [record], measured=False)
+    states = [[k + torch.zeros_like(u) for u in state_of(estimator)] for k in range(3)]
+    runs = [[torch.full_like(record.a, value)] for value in (9.0, 2.0, 2.1)]
+    objective.ends = {k: (1.0 + 0.1 * k, states[k], runs[k]) for k in range(3)}
+    objective.enter(estimator, len(objective.stages) - 1)
+    now = state_of(estimator)
+    assert all(torch.equal(u, chosen) for u, chosen in zip(now, states[2], strict=True))
+    assert objective.refits
+    assert not objective.goes_back
+
+
 def test_where_no_record_is_left_out_there_is_no_stage_more():
     batch = stack([motion(), motion(seed=1)])
     objective = FreeRun([1, None], records=2)
