@@ -100,6 +100,9 @@ class VWNN(LinearInWeights):
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
+        if _on_processor(record.a, record.excitation):
+            self.check(record)
+            return self._run_compiled(record.excitation, record.a)
         return torch.cat([weighted(phi, self.weights) for _, phi in self.features(record)], dim=-2)
 
     def heads(self) -> list[nn.Parameter]:
@@ -126,10 +129,8 @@ class VWNN(LinearInWeights):
     def free_run(self, drive: Drive) -> Response:
         """The motion from filters at rest, whatever the initial state and the hold."""
         self.require_identified(self.weights)
-        differentiated = torch.is_grad_enabled() and drive.u.requires_grad
-        on_processor = drive.u.device.type == "cpu" and not differentiated
-        run = self._run_compiled if on_processor else self._run
-        return integrated(run(drive), drive)
+        compiled = _on_processor(drive.u)
+        return integrated(self._run_compiled(drive.u) if compiled else self._run(drive), drive)
 
     def _run(self, drive: Drive) -> Tensor:
         """ẍ̂ (…, T, n) in PyTorch: the readable reference, which runs on other devices only."""
@@ -145,17 +146,27 @@ class VWNN(LinearInWeights):
             state = self.filters.step(a, state)
         return torch.stack(history, dim=-2)
 
-    def _run_compiled(self, drive: Drive) -> Tensor:
-        """ẍ̂ (…, T, n) compiled: the production run on the processor, some hundred times faster."""
-        a = torch.empty(*drive.u.shape[:-1], self.dofs, dtype=torch.float64)
+    def _run_compiled(self, excitation: Tensor, past: Tensor | None = None) -> Tensor:
+        """ẍ̂ (…, T, n) compiled: the production run on the processor, some hundred times faster.
+
+        past (…, T, n): the acceleration one sample behind, which a free run has of itself.
+        """
+        a = torch.empty(*excitation.shape[:-1], self.dofs, dtype=torch.float64)
         factors, weights = self.activation.places().numpy(), self.weights.detach().numpy()
         settings = float(self.filters.decay), self.activation.weights(), factors
         for place in np.ndindex(a.shape[:-2]):
-            u, estimate = drive.u[place].detach().contiguous().numpy(), a[place].numpy()
+            u, estimate = excitation[place].detach().contiguous().numpy(), a[place].numpy()
+            seen = estimate if past is None else past[place].detach().contiguous().numpy()
             own = weights[place[0]] if weights.ndim == 3 else weights
             unfiltered = self.unfiltered_excitation
             run = partial(
-                vwnn_compiled.free_run, self.filters.stages, u, unfiltered, *settings, own, estimate
+                vwnn_compiled.run, self.filters.stages, u, unfiltered, *settings, own, seen, estimate
             )
             interruptible(run, len(u) * own.size)
         return a
+
+
+def _on_processor(*signals: Tensor) -> bool:
+    """Whether compiled code can take these: on the processor, and no derivatives are asked for."""
+    differentiated = torch.is_grad_enabled() and any(u.requires_grad for u in signals)
+    return signals[0].device.type == "cpu" and not differentiated

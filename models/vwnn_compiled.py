@@ -1,4 +1,4 @@
-"""The VWNN compiled: the free run; guard, estimate, filters and the weights' update of a sample.
+"""The VWNN compiled: estimates and free run; guard, estimate, filters and the weights' update of a sample.
 
 The production twin of vwnn.py and its law on the processor; tests hold both together. A sample
 allocates nothing.
@@ -99,8 +99,11 @@ def step(forces, measured, prediction, law, f, a, xi, unfiltered, decay, sigmoid
 
 
 @compiled
-def free_run(stages, f, unfiltered, decay, sigmoid_weights, factors, W, a):
-    """Writes ẍ̂ (T, n) under an excitation (T, m), on its own estimates, from rest."""
+def run(stages, f, unfiltered, decay, sigmoid_weights, factors, W, past, a):
+    """Writes ẍ̂ (T, n) into a, from rest, under an excitation (T, m).
+
+    past (T, n): what the filters see of a sample once it is over, in a free run `a` itself.
+    """
     m, C = f.shape[1], a.shape[1] + f.shape[1]
     P, n = W.shape
     xi, phi = np.zeros((stages, C)), np.empty(P)
@@ -116,4 +119,4 @@ def free_run(stages, f, unfiltered, decay, sigmoid_weights, factors, W, a):
             for p in range(P):
                 total += of_dof[j, p] * phi[p]
             a[k, j] = total
-        _advance(xi, a[k], f[k], decay)
+        _advance(xi, past[k], f[k], decay)

@@ -2,7 +2,8 @@
 
 What a run alone does one after the other, is done here for S seeds at once: motions on all cores,
 least squares and free runs batched. Numbers and files are those of runs alone, to rounding, but for
-the missing TensorBoard logs.   Records (S, R, T, c): R records of each of S runs.
+the missing TensorBoard logs and the simulation's own error, which is measured on one run of those
+simulated together and told of all of them.   Records (S, R, T, c): R records of each of S runs.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
+from torch import nn
 
 from data.parallel import take_threads
 from data.record import Record, Response, stack
@@ -84,6 +86,8 @@ def _run_group(
 ) -> list[int]:
     ready = {seed: own for seed, own in data.items() if _simulated(own)}
     try:
+        for own in ready.values():
+            own.share_own_error(next(iter(ready.values())))
         _run_side_by_side(cfg, seeds_of, ready, places)
     except ValueError:  # said by the run it concerns, when it is done alone
         return list(data)
@@ -94,7 +98,6 @@ def _simulated(data: SimulatedData) -> bool:
     """Whether all motions of a run are there and none escaped."""
     try:
         data.setup()
-        data.own_error()
     except ValueError:
         return False
     return not data.escapes
@@ -153,10 +156,8 @@ def _whole(data: SimulatedData, split: str) -> Record:
 
 def _alone(estimator: Estimator, place: int) -> Estimator:
     """The estimator of one of the runs."""
-    own = deepcopy(estimator)
-    for weights in own.parameters():
-        weights.data = weights.data[place].clone()
-    return own
+    of_all = {id(p): nn.Parameter(p.data[place].clone(), False) for p in estimator.parameters()}
+    return deepcopy(estimator, of_all)  # weights are taken from there, and are not copied before
 
 
 def _score_each(

@@ -135,3 +135,7 @@ class SimulatedData(Data):
             redrawn = self._redrawn if at_hand else 0
             self._own_error = self.simulation.error("test", self.seed, first, coarse, redrawn)
         return self._own_error
+
+    def share_own_error(self, other: SimulatedData) -> None:
+        """Take the error of these data with the motions of another seed for one's own."""
+        self._own_error = other.own_error()

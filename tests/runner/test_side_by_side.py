@@ -28,10 +28,13 @@ pytestmark = [
 
 
 def numbers(value, name: str = ""):
-    """Leaves of nested results, by name; without times, and the digest of every bit."""
+    """Leaves of nested results, by name; without times, the digest of every bit, and one error.
+
+    The simulation's own error is that of one run of those simulated together.
+    """
     if isinstance(value, dict):
         for key, inner in value.items():
-            if key not in ("fit_seconds", "checkpoint"):
+            if key not in ("fit_seconds", "checkpoint", "simulation_error"):
                 yield from numbers(inner, f"{name}/{key}")
     elif isinstance(value, list):
         for i, inner in enumerate(value):
@@ -76,6 +79,14 @@ def test_side_by_side_is_as_alone(words, tmp_path, monkeypatch):
         assert (one / "config.yaml").read_text() == (other / "config.yaml").read_text()
         weights = (load_file(place / "model.safetensors")["weights"] for place in (one, other))
         assert torch.allclose(*weights, rtol=1e-7, atol=1e-10)
+    own, shared = (errors_by_seed(tmp_path / launcher) for launcher in ("basic", "batched"))
+    assert shared == {seed: pytest.approx(own[seed - seed % 3], rel=1e-6) for seed in range(4)}
+
+
+def errors_by_seed(folder: Path) -> dict[int, float]:
+    """The simulation's own error that each run of a sweep tells."""
+    every = [json.loads(path.read_text()) for path in folder.glob("*/metrics.json")]
+    return {metrics["seed"]: metrics["simulation_error"] for metrics in every}
 
 
 def test_a_batched_run_is_evaluated_as_any_other(tmp_path, monkeypatch, capsys):
