@@ -17,13 +17,13 @@ from export.names import spelled
 from export.step import SIGNALS, Step
 from export.translate.program import Function, Program, array_of, wrapped
 from export.translate.scope import TAKEN
+from export.translate.tables import numbers_of, table
 from export.translate.values import DOUBLE, Value, known_value, number
 
 FMI = "begin_motion fail get_value go_on instance jump model set_value start_anew tell_fault values"
 RESERVED = TAKEN | set(FMI.split()) | {"main"}  # names that a program of ours has already
 SAME_STEP = 1e-3  # relative: steps that agree to this are one
 FEW = 4  # numbers that are set one by one
-ON_A_LINE = 6  # numbers of a table
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def source_of(step: Step, name: str, told: Sequence[str] = ()) -> Source:
     made = [_made(program, step, function) for function in (step.begin, step.observe, step.advance)]
     text = program.text([function for function, _ in made])
     used = {n for function, _ in made for n in function.parameters}
-    constants = [_table(n, v) for n, v in tables.items() if n in used and isinstance(v, np.ndarray)]
+    constants = [table(n, v) for n, v in tables.items() if n in used and isinstance(v, np.ndarray)]
     parts = [
         comment([f"{name}: a model of a structure.", *told]),
         f'#include "{name}.h"\n\n#include <math.h>\n#include <string.h>',
@@ -162,7 +162,7 @@ def _reset(step: Step, name: str) -> Iterable[str]:
 def _first_values(array: str, value: np.ndarray) -> Iterable[str]:
     kind = "int" if value.dtype.kind == "i" else "double"
     yield f"    static const {kind} first_{array}[{value.size}] = {{"
-    yield from _numbers(value, 8)
+    yield from numbers_of(value, 8)
     yield "    };"
 
 
@@ -228,16 +228,5 @@ def _stepping(
     yield "}"
 
 
-def _table(name: str, value: np.ndarray) -> str:
-    kind = "int" if value.dtype.kind == "i" else "double"
-    return "\n".join([f"static const {kind} {name}[{value.size}] = {{", *_numbers(value, 4), "};"])
-
-
 def c_number(value: float) -> str:
     return number(value).code
-
-
-def _numbers(value: np.ndarray, indent: int) -> Iterable[str]:
-    words = [c_number(number) for number in value.ravel().tolist()]
-    for first in range(0, len(words), ON_A_LINE):
-        yield " " * indent + ", ".join(words[first : first + ON_A_LINE]) + ","

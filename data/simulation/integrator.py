@@ -26,6 +26,18 @@ from data.simulation.elements.laws import force as element_force
 
 SMALLEST_STEP = 1e-9  # of a sample interval; a motion that needs less is escaping
 LARGEST_DISPLACEMENT = 1e6  # [m]; a motion beyond has escaped
+TIMES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+WEIGHTS = np.array(  # of the slopes before each stage
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
+        [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
+        [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
 
 
 @inlined
@@ -73,42 +85,14 @@ def _slope(q, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, row,
 @inlined
 def _step(q0, h, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, q1, r):
     """One Dormand–Prince step from q0, whose slope is k[0]; leaves q1, its slope k[6] and its r."""
-    d = h / dt
-    for i in range(q0.size):
-        q1[i] = q0[i] + h * (1 / 5 * k[0, i])
-    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + 1 / 5 * d, k, 1, r)
-    for i in range(q0.size):
-        q1[i] = q0[i] + h * (3 / 40 * k[0, i] + 9 / 40 * k[1, i])
-    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + 3 / 10 * d, k, 2, r)
-    for i in range(q0.size):
-        q1[i] = q0[i] + h * (44 / 45 * k[0, i] - 56 / 15 * k[1, i] + 32 / 9 * k[2, i])
-    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + 4 / 5 * d, k, 3, r)
-    for i in range(q0.size):
-        q1[i] = q0[i] + h * (
-            19372 / 6561 * k[0, i]
-            - 25360 / 2187 * k[1, i]
-            + 64448 / 6561 * k[2, i]
-            - 212 / 729 * k[3, i]
-        )
-    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + 8 / 9 * d, k, 4, r)
-    for i in range(q0.size):
-        q1[i] = q0[i] + h * (
-            9017 / 3168 * k[0, i]
-            - 355 / 33 * k[1, i]
-            + 46732 / 5247 * k[2, i]
-            + 49 / 176 * k[3, i]
-            - 5103 / 18656 * k[4, i]
-        )
-    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + d, k, 5, r)
-    for i in range(q0.size):
-        q1[i] = q0[i] + h * (
-            35 / 384 * k[0, i]
-            + 500 / 1113 * k[2, i]
-            + 125 / 192 * k[3, i]
-            - 2187 / 6784 * k[4, i]
-            + 11 / 84 * k[5, i]
-        )
-    _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau + d, k, 6, r)
+    for stage in range(1, 7):
+        for i in range(q0.size):
+            slope = WEIGHTS[stage, 0] * k[0, i]
+            for j in range(1, stage):
+                slope += WEIGHTS[stage, j] * k[j, i]
+            q1[i] = q0[i] + h * slope
+        at = tau + TIMES[stage] * (h / dt)
+        _slope(q1, branch, masses, ends, law, p, m, f, s, w, sample, dt, at, k, stage, r)
 
 
 @inlined

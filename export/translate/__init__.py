@@ -8,8 +8,8 @@ A function that can be translated
 - reads and writes arrays element by element, fills one (`a[:] = 0.0`, `a[i, :] = b[i]`), and makes
   new ones by `np.zeros` or `np.empty` of a shape that is known;
 - uses + - * / // % **, comparisons, and, or, not, abs, min, max, len, int, float, `a.shape`,
-  `a.size`, math.* and np.* of numbers, numbers of its module, and functions like itself, compiled
-  by numba or not.
+  `a.size`, math.* and np.* of numbers, numbers of its module and arrays of them that never change,
+  and functions like itself, compiled by numba or not.
 Numbers that are known when it is translated (shapes, counts) are folded in, and branches that they
 rule out are left out.
 """

@@ -16,6 +16,7 @@ from export.translate.expressions import Expressions
 from export.translate.operations import HELPERS
 from export.translate.scope import Scope, c_name, part_of
 from export.translate.statements import Statements
+from export.translate.tables import Tables
 from export.translate.values import DOUBLE, INT, Value, flat, joined, known_value, tuple_of
 
 WIDTH = 100
@@ -42,6 +43,7 @@ class Program:
 
     def __init__(self) -> None:
         self.functions: dict[Any, Function] = {}
+        self.tables = Tables()
         self.names: set[str] = set()
         self.stack: list[Any] = []
         self.callers: list[list[Function]] = []
@@ -69,7 +71,9 @@ class Program:
     def _translated(self, python: Callable[..., Any], taken: dict[str, Value]) -> Function:
         tree = ast.parse(textwrap.dedent(inspect.getsource(python)))
         body = tree.body[0].body  # type: ignore[attr-defined]
-        names = {**python.__globals__, **inspect.getclosurevars(python).nonlocals}
+        names = self.tables.opened(
+            {**python.__globals__, **inspect.getclosurevars(python).nonlocals}
+        )
         scope = Scope(taken)
         live: set[str] | None = None
         try:
@@ -90,6 +94,8 @@ class Program:
         raise ValueError(f"{python.__name__}: its variables cannot be told")
 
     def _function(self, name: str, scope: Scope, one: Statements) -> Function:
+        if constant := scope.written & set(self.tables.values):
+            raise ValueError(f"{min(constant)} is an array of its module, which cannot be set")
         parameters = [n for n, v in scope.arguments.items() if not _folded(v) and n in scope.read]
         returned = _returned(one.returned)
         words = [_declared(n, scope) for n in parameters]
@@ -147,7 +153,9 @@ class Program:
         for root in roots:
             visit(root)
         helpers = sorted(set().union(*(function.helpers for function in ordered)))
-        return "\n\n".join([*(HELPERS[name] for name in helpers), *(f.text for f in ordered)])
+        texts = [f.text for f in ordered]
+        tables = self.tables.text(words_of(texts))
+        return "\n\n".join([*tables, *(HELPERS[name] for name in helpers), *texts])
 
 
 def words_of(lines: Iterable[str]) -> set[str]:

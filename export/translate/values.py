@@ -72,6 +72,8 @@ def tuple_of(items: Sequence[Value]) -> Value:
 
 def known_value(value: Any) -> Value | None:
     """What a name of a module stands for; None where it is of no use here."""
+    if isinstance(value, Value):
+        return value
     if value is None:
         return Value("none", fixed=True)
     if isinstance(value, bool | int | float):
@@ -79,7 +81,7 @@ def known_value(value: Any) -> Value | None:
     if isinstance(value, tuple):
         items = [known_value(item) for item in value]
         return None if any(i is None for i in items) else tuple_of([i for i in items if i])
-    if value in (int, float, bool):
+    if isinstance(value, type) and value in (int, float, bool):
         return Value("type", known=value, fixed=True)
     if type(value).__name__ == "module":
         return Value("module", known=value, fixed=True)

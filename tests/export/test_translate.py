@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import FunctionType
 
 import numpy as np
 import pytest
@@ -16,6 +17,9 @@ from export.translate.values import Value
 from tests.export.compiling import needs_gcc, run_in_c
 
 TABLE = (0.5, -1.5, 2.0)
+PLACES = np.array([2, 0, 1])
+WEIGHTS = np.array([[0.1, -1 / 3, 2.0], [1e-9, 7.0, -0.0]])
+SINGLE = np.array([0.1, 0.2], np.float32)
 ROWS, FAR = 2, 1e3
 
 
@@ -91,6 +95,28 @@ def arrays(u, t, out):
     out[5] = one[-1]
 
 
+def weighted(row, u):
+    return row[0] * u[0] + row[2] * u[1]
+
+
+def weighted_sum(u):
+    return WEIGHTS[0, 1] * u[0] + WEIGHTS[1, 1] * u[1]
+
+
+elsewhere = FunctionType(weighted_sum.__code__, {"WEIGHTS": WEIGHTS[:, ::-1] ** 2})
+
+
+def tables(u, t, out):
+    """Arrays of a module by places, by rows, given to a function, and another's of that name."""
+    n = math.floor(abs(u[0])) % 3
+    out[0] = WEIGHTS[1, PLACES[n]] + WEIGHTS[0, n]
+    row = WEIGHTS[n % 2]
+    for j in range(WEIGHTS.shape[1]):
+        out[1] += row[j] * u[0]
+    out[2], out[3], out[4] = weighted(WEIGHTS[0], u), weighted_sum(u), elsewhere(u)
+    out[5:] = WEIGHTS[1]
+
+
 def step(observe: Callable[..., None]) -> Step:
     return Step(
         nothing, fresh(observe), moved, 0.1, {"out": np.zeros(8), "t": np.zeros(1)}, {},
@@ -100,7 +126,7 @@ def step(observe: Callable[..., None]) -> Step:
 
 def fresh(observe: Callable[..., None]) -> Callable[..., None]:
     """The function on an array of zeros: it may be called again."""
-    kinds = {arithmetic: of_arithmetic, control: of_control, arrays: of_arrays}
+    kinds = {arithmetic: of_arithmetic, control: of_control, arrays: of_arrays, tables: of_tables}
     return kinds[observe]
 
 
@@ -119,8 +145,13 @@ def of_arrays(u, t, out):
     arrays(u, t, out)
 
 
+def of_tables(u, t, out):
+    out[:] = 0.0
+    tables(u, t, out)
+
+
 @needs_gcc
-@pytest.mark.parametrize("function", [arithmetic, control, arrays])
+@pytest.mark.parametrize("function", [arithmetic, control, arrays, tables])
 def test_c_gives_the_same_bits(function, tmp_path):
     u = 3.0 * torch.randn(60, 2, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     u[5] = u[6] = 0.0
@@ -163,6 +194,18 @@ def endless(a):
     endless(a)
 
 
+def constant(a):
+    WEIGHTS[0, 0] = a[0, 0]
+
+
+def constant_elsewhere(a):
+    moved(0.0, WEIGHTS[1])
+
+
+def single(a):
+    a[0, 0] = SINGLE[0]
+
+
 @pytest.mark.parametrize(
     ("function", "said"),
     [
@@ -172,6 +215,9 @@ def endless(a):
         (named, "lgamma"),
         (growing, "must be known"),
         (endless, "calls itself"),
+        (constant, "table_weights is an array of its module, which cannot be set"),
+        (constant_elsewhere, "table_weights is an array of its module, which cannot be set"),
+        (single, "SINGLE is not known"),
     ],
 )
 def test_what_cannot_be_translated_is_told(function, said):
