@@ -158,10 +158,8 @@ class VWNN(LinearInWeights):
             u, estimate = excitation[place].detach().contiguous().numpy(), a[place].numpy()
             seen = estimate if past is None else past[place].detach().contiguous().numpy()
             own = weights[place[0]] if weights.ndim == 3 else weights
-            unfiltered = self.unfiltered_excitation
-            run = partial(
-                vwnn_compiled.run, self.filters.stages, u, unfiltered, *settings, own, seen, estimate
-            )
+            fixed = self.filters.stages, u, self.unfiltered_excitation, *settings
+            run = partial(vwnn_compiled.run, *fixed, own, seen, estimate)
             interruptible(run, len(u) * own.size)
         return a
 

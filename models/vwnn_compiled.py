@@ -1,7 +1,7 @@
-"""The VWNN compiled: estimates and free run; guard, estimate, filters and the weights' update of a sample.
+"""The VWNN compiled: estimates and free run of a record, and a sample's step on line.
 
-The production twin of vwnn.py and its law on the processor; tests hold both together. A sample
-allocates nothing.
+The production twin of vwnn.py and its law on the processor; tests hold both together. A sample's
+step is guard, estimate, filters and the weights' update, and allocates nothing.
 T samples, S stages, C = n + m channels of ζ = [ẍ, f], P features, n DOFs.
 """
 
