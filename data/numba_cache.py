@@ -2,7 +2,7 @@
 
 numba's cache knows when the file of a function changes, but not the files of the functions it
 calls: a changed law would go on being integrated with the old one. The cache folder is therefore
-named after the text of all compiled files together.
+named after the text of all compiled files together, and of this one.
 
 numba unpickles what lies in its cache, so whoever can write there runs code here: the folder is a
 private one.
@@ -24,7 +24,7 @@ Compiler = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 def _cache_folder(sources: Sequence[Path]) -> str | None:
     """A folder that nobody else can write to; None where there is none: nothing is cached."""
-    text = b"".join(path.read_bytes() for path in sources)
+    text = b"".join(path.read_bytes() for path in (Path(__file__), *sources))
     name = f"numba-{numba.__version__}-{hashlib.sha256(text).hexdigest()[:16]}"
     folder = private_folder(sources[0].parent / "__pycache__", name)
     return None if folder is None else str(folder)
@@ -37,6 +37,16 @@ def _for_any_number(compiled: Any) -> Any:
         tuple(numba.types.unliteral(arg) for arg in args), kws
     )
     return compiled
+
+
+def _hidden(inlined: Any) -> Any:
+    """Compiled into its callers alone; Python that calls it runs its Python.
+
+    The door for such calls would take a third of the time to compile.
+    """
+    inlined._insert = lambda *overload: None  # what has no door is no choice for a call
+    inlined._compile_for_args = lambda *args, **named: inlined.py_func
+    return inlined
 
 
 def compilers(
@@ -66,8 +76,10 @@ def compilers(
                     error_model="numpy",
                     forceinline=inline,
                     fastmath=allowed or False,
+                    no_cfunc_wrapper=True,
+                    no_cpython_wrapper=inline,
                 )(function)
-                return _for_any_number(made)
+                return _for_any_number(_hidden(made) if inline else made)
             finally:
                 numba.config.CACHE_DIR = before
 

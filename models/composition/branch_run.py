@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.memory import require_memory, room
+from data.memory import require_memory
 from data.record import Drive, Response
 from models.composition.branch_law import Branch
 from models.composition.branch_law_compiled import extreme_at, hermite
@@ -19,6 +19,7 @@ from models.composition.branch_run_compiled import run
 from models.composition.simulate import Composition
 from models.composition.trace import Trace, anchors_of, arrays_of, do_all, on_processor
 from models.layers.integrate import between
+from models.training.room import room
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,14 @@ import torch
 from torch import Tensor
 
 from data.interruptible import interruptible
-from data.memory import require_memory, room
+from data.memory import require_memory
 from data.parallel import in_threads, threads
 from data.record import Drive, Response
 from models.composition.coefficients import PART, Part
 from models.composition.simulate import Composition
 from models.composition.simulate_compiled import run
 from models.layers.integrate import between
+from models.training.room import room
 
 Place = TypeVar("Place")
 SMALLEST_BLOCK = 24  # derivatives that are worth a run of their own

@@ -16,9 +16,9 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, jacrev, jvp, vmap
 
-from data.memory import room
 from data.parallel import in_threads
 from data.record import Record
+from models.training.room import room
 from models.training.trainable import Trainable
 from models.uncertainty.parameters import free_vector
 

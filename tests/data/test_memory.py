@@ -7,9 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-import torch
 
-from data.memory import LINE, available_memory, require_memory, room
+from data.memory import available_memory, require_memory
 
 ROOT = Path(__file__).parents[2]
 LIMITED = """
@@ -38,13 +37,3 @@ def test_sizes_that_are_no_numbers_do_not_fit(need):
     with pytest.raises(ValueError, match="shorten it"):
         require_memory(need, "data.duration=1e400", "shorten it")
     require_memory(0.01 * available_memory(), "data.duration=1", "shorten it")
-
-
-@pytest.mark.parametrize("shape", [(0,), (1,), (3, 5), (2, 5000, 3)])
-def test_room_begins_with_a_line_of_the_cache(shape):
-    arrays = [room(*shape) for _ in range(3)]  # kept, so that each lies elsewhere
-    for one in arrays:
-        assert one.shape == shape
-        assert one.dtype == torch.float64
-        assert one.is_contiguous()
-        assert one.numel() == 0 or one.data_ptr() % LINE == 0

@@ -46,3 +46,15 @@ def test_what_takes_long_is_loaded_when_it_is_used():
         [sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+READERS = """
+import sys
+import data.measured.files.apart
+from data.measured.files import hdf5, mat, uff
+assert not {"torch", "pandas", "numba"} & set(sys.modules), "what reads no file was loaded"
+"""
+
+
+def test_a_file_is_tried_without_what_reads_none():
+    subprocess.run([sys.executable, "-c", READERS], cwd=ROOT, check=True)
