@@ -23,6 +23,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+from scipy.io import savemat
+
 ROOT = Path(__file__).parents[1]
 VWNN = ["model=vwnn", "system=bilinear"]
 MISSING = ["data=measured", "data.path=none.csv"]
@@ -35,6 +38,7 @@ COMMANDS = {  # goal [s], exit status, words
     "the same in a sweep of models": (1.5, 1, ["-m", "model=vwnn,linear", *MISSING]),
     "a VWNN, all of its run": (4.0, 0, VWNN),
     "without pictures": (4.0, 0, [*VWNN, "figures=false"]),
+    "a MAT file looked at": (4.0, 0, ["-m", "data.inspect", "FOLDER/record.mat"]),
 }
 IMPORTED = re.compile(r"import time:\s+(\d+) \|\s+\d+ \|\s+(\w+)")
 LEAST = 0.05  # seconds of a package that is listed
@@ -43,12 +47,19 @@ LEAST = 0.05  # seconds of a package that is listed
 def run(tree: Path, words: Sequence[str], status: int = 0, *options: str) -> tuple[float, str]:
     """Seconds of processor time of `train.py` in a tree, and what it says on standard error.
 
+    Words with a module are a command of their own; FOLDER is one with a small record.
     Raises RuntimeError where it ends with another status: what failed early is no measurement.
     """
     one = {**os.environ, "OMP_NUM_THREADS": "1"}
     with tempfile.TemporaryDirectory() as folder:
-        out = [] if "--help" in words else [f"hydra.{k}.dir={folder}/run" for k in ("run", "sweep")]
-        line = [sys.executable, *options, "train.py", *words, *out]
+        if "data.inspect" in words:
+            record = {"t": 0.01 * np.arange(1000.0), "a1": np.sin(0.1 * np.arange(1000.0))}
+            savemat(Path(folder) / "record.mat", record)
+            line = [sys.executable, *(word.replace("FOLDER", folder) for word in words)]
+        else:
+            out = [f"hydra.{kind}.dir={folder}/run" for kind in ("run", "sweep")]
+            line = [sys.executable, *options, "train.py", *words]
+            line += [] if "--help" in words else out
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run(line, cwd=tree, env=one, capture_output=True, text=True, check=False)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
