@@ -45,9 +45,9 @@ class BranchElement(Trainable):
     ramps: of the envelope; bends: ramps of stiffness and of sharpness. force_memory: a branch knows
     its turning point, the force there and the energy too: it fits more and extrapolates less.
     unsymmetric: pulled it may do otherwise than pushed.
-    prior: weight of Σ (θ − θ₀)² beside the squared relative error. None for any: it is chosen
-    on a motion that is held back (models/starts/branch_choice.py), after `law_starts` draws from
-    `seed`, and training goes on from there on all motions.
+    prior: weight of Σ (θ − θ₀)² beside the squared relative error. None for any of the three: it is
+    chosen on a motion that is held back (models/starts/branch_choice.py), after `law_starts` draws
+    from `seed`, and training goes on from there on all motions.
     Raises ValueError for other channels than an element test's.
     """
 
@@ -69,7 +69,7 @@ class BranchElement(Trainable):
         prior: float | None = None,
         law_starts: int = 4,
         seed: int = 0,
-        unsymmetric: bool | None = False,
+        unsymmetric: bool | None = None,
     ) -> None:
         super().__init__(dofs, inputs, dt)
         if inputs != 2 * dofs:

@@ -67,8 +67,9 @@ class ElementNetworkBranch(ElementNetwork):
     run, in which a strong prior leaves the laws as equilibrium has them
     (models/starts/branch_polish.py). With more elements than DOFs equilibrium leaves open the
     forces that would judge a law: the free run's is chosen, and laws have less memory and equal
-    sides unless more is asked for. ramps, bends: None: 14 and 4, or, of elements that share forces,
-    6 and 2, which go less astray in larger motions.
+    sides unless more is asked for; equal sides, too, where the motion is an integral. ramps, bends:
+    None: 14 and 4, or, of elements that share forces, 6 and 2, which go less astray in larger
+    motions.
     Raises ValueError for channels, masses or pairs of nodes that do not fit.
     """
 
@@ -94,7 +95,7 @@ class ElementNetworkBranch(ElementNetwork):
         substeps: int = 2,
         from_accelerations: bool = False,
         prior: float | None = None,
-        unsymmetric: bool | None = False,
+        unsymmetric: bool | None = None,
     ) -> None:
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False, substeps,
@@ -165,9 +166,11 @@ class ElementNetworkBranch(ElementNetwork):
 
     def _fit(self, seed: int) -> dict[str, float | str]:
         """Choose every law and how the free run is polished; then fit the laws to all motions."""
-        choice = replace(self.choice, seed=seed)
+        choice, blurred = replace(self.choice, seed=seed), are_reconstructed(self, self.records)
+        if blurred and choice.unsymmetric is None:  # what an integral loses looks like such sides
+            choice = replace(choice, unsymmetric=False)
         facts = self._fit_shared(choice) if self.shared else self._fit_each(choice)
-        if are_reconstructed(self, self.records):
+        if blurred:
             grow(self, motions_of(self.records), float(self.weight))
         return facts
 

@@ -2,6 +2,7 @@
 
     python -m benchmarks.unplanted.drawn --materials Pinching4 --seeds 0 1 2 3 4 5
     python -m benchmarks.unplanted.drawn --materials Steel02 --noise 0.05 --models branch_element
+    python -m benchmarks.unplanted.drawn --materials ConcreteAndSteel SAWS --models branch_element
 
 Motions are those of `python -m benchmarks.unplanted`. A seed draws the numbers and the units of a
 material; a model is fitted to six motions and simulates four unseen ones, and the same 1.5 times as
@@ -26,13 +27,12 @@ from benchmarks.unplanted.fits import error, fitted
 from benchmarks.unplanted.laws import Law
 from benchmarks.unplanted.motions import DT, training, unseen
 from benchmarks.unplanted.opensees import material, opensees
+from benchmarks.unplanted.unnamed import UNNAMED, Drawn, Words
 from data.record import Record, stack
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
 
 FARTHER, FINER = 1.5, 64  # times the unseen motions; steps of a sample
-Words = list[object]  # of OpenSees' command
-Drawn = tuple[list[Words], float]  # in parallel; largest deformation of the training motions
 
 
 def pinching4(
@@ -124,7 +124,7 @@ def drawn(name: str, seed: int) -> tuple[Law, float]:
     """A material and the largest deformation of its training motions."""
     rng = np.random.default_rng(seed)
     yielded, force = 10.0 ** rng.uniform(-3.0, 1.0), 10.0 ** rng.uniform(0.0, 7.0)
-    parts, size = MATERIALS[name](rng, yielded, force)
+    parts, size = (MATERIALS | UNNAMED)[name](rng, yielded, force)
     laws = [material(words) for words in parts]
 
     def law(y: np.ndarray, rate: np.ndarray) -> np.ndarray:
@@ -169,7 +169,7 @@ def main() -> None:
         "python -m benchmarks.unplanted.drawn", description=(__doc__ or "").splitlines()[0]
     )
     add = parser.add_argument
-    add("--materials", nargs="+", default=list(MATERIALS), choices=list(MATERIALS))
+    add("--materials", nargs="+", default=list(MATERIALS), choices=[*MATERIALS, *UNNAMED])
     add("--models", nargs="+", default=["named_element"])
     add("--seeds", nargs="+", type=int, default=[0, 1, 2, 3])
     add("--noise", type=float, default=0.0, help="of the training force, a share")

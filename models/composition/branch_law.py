@@ -86,7 +86,7 @@ def _of_ramps(inputs: Tensor, ramps: int) -> Tensor:
 def of_sizes(theta: Tensor, own: Sizes, of: Sizes) -> Tensor:
     """The same law (P',), of as much memory or less, among those of other sizes (P,)."""
     number = torch.arange(of[1])
-    lacks = (number >= LESS) & (number < MORE) & (not is_larger(own))
+    lacks = (number >= LESS) & (number < MORE) & (is_larger(of) and not is_larger(own))
     if is_unsymmetric(of) and not is_unsymmetric(own):
         lacks |= number == of[1] - 1
     known = ~_of_memories(of, lacks)

@@ -31,7 +31,8 @@ Law = Any  # a BranchElement, whose file imports this one
 Test = tuple[Tensor, Tensor, Tensor]  # deformations, rates and forces (T, E)
 Make = Callable[[bool, bool, float], Law]  # by memory, sides and prior, of one element
 WEIGHTS = (1e-5, 1e-6, 1e-7)  # of the prior, one after the other
-WORTH = 0.95  # of the error of a smaller law: what a larger one has to be below
+WORTH = 0.95  # of the error of a smaller law: what one of more memory has to be below
+SIDES = 0.7  # the same of one whose sides differ: those of a material that does are far below
 HARM = 1.2  # times the least error: what a weaker prior may have, for it will see that motion too
 HELD_BACK = 0.2  # of a single motion
 SOLVER = {"damping": 1e-2, "decrease": 0.2, "increase": 4.0, "scaled": True, "floor": 3e-3}
@@ -103,8 +104,8 @@ def of_element(tests: Sequence[Test], e: int) -> list[Test]:
 def chosen(make: Make, tests: Sequence[Test], largest: int, choice: Choice) -> Chosen:
     """The law of an element (T, 1) with the least error on what is held back.
 
-    A law of more memory, then one whose sides differ, is taken where it gains by WORTH, with the
-    strongest prior, by which all are compared; then the prior weakens while that helps.
+    A law of more memory is taken where it gains by WORTH, then one whose sides differ by SIDES,
+    with the strongest prior, by which all are compared; then the prior weakens while that helps.
     """
 
     def one(larger: bool, unsymmetric: bool) -> Chosen:
@@ -115,9 +116,9 @@ def chosen(make: Make, tests: Sequence[Test], largest: int, choice: Choice) -> C
         _best_start(law, rest, choice)
         return _tried(law, choice.weights[0], rest, judged)
 
-    best = _worth([one(larger, bool(choice.unsymmetric)) for larger in choice.memories])
+    best = _worth([one(larger, bool(choice.unsymmetric)) for larger in choice.memories], WORTH)
     if choice.unsymmetric is None:
-        best = _worth([best, one(is_larger(best.law.sizes), True)])
+        best = _worth([best, one(is_larger(best.law.sizes), True)], SIDES)
     rest, judged = parted(records_of(tests, best.law.dt), largest)
     least = best.error
     for weight in choice.weights[1:]:
@@ -131,11 +132,11 @@ def chosen(make: Make, tests: Sequence[Test], largest: int, choice: Choice) -> C
     return best
 
 
-def _worth(found: Sequence[Chosen]) -> Chosen:
-    """The last law that gains on those before it."""
+def _worth(found: Sequence[Chosen], share: float) -> Chosen:
+    """The last law whose error is less than that share of what those before it have."""
     best, *larger = found
     for one in larger:
-        best = one if one.error < WORTH * best.error else best
+        best = one if one.error < share * best.error else best
     return best
 
 

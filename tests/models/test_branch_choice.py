@@ -61,6 +61,18 @@ def element(**more: object) -> BranchElement:
     return BranchElement(1, 2, DT, **{"ramps": 3, "bends": 1, "law_starts": 1, **more})
 
 
+@pytest.mark.parametrize(("pushed", "sides"), [(1.0, "alike"), (0.4, "differ")])
+def test_sides_differ_where_motion_held_back_says_so(monkeypatch, pushed, sides):
+    monkeypatch.setattr(branch_choice, "ITERATIONS", 40)
+
+    def of(record: Record) -> Record:
+        return replace(record, a=record.a * torch.where(record.a < 0.0, pushed, 1.0))
+
+    records = [of(element_test(seed, size)) for seed, size in enumerate(SIZES)]
+    model = element(force_memory=False, prior=1e-5, law_starts=2, ramps=6)
+    assert model.identify(records)["sides"] == sides
+
+
 def test_the_largest_motion_is_held_back_and_of_a_single_one_its_end():
     tests = [(r.s, r.s_dot, r.a) for r in (element_test(i, s) for i, s in enumerate(SIZES))]
     assert largest_motion([y for y, _, _ in tests]) == 1
@@ -108,7 +120,7 @@ def test_a_weaker_prior_is_taken_until_it_harms(monkeypatch):
         branch_choice, "_tried", lambda law, weight, *rest: Chosen(law, weight, next(errors))
     )
     best = chosen(
-        lambda larger, sides, prior: element(force_memory=larger, prior=prior),
+        lambda larger, sides, prior: element(force_memory=larger, unsymmetric=sides, prior=prior),
         tests,
         1,
         Choice(False, None, 1),
@@ -135,7 +147,7 @@ def test_a_law_that_is_never_finite_elsewhere_is_not_taken(short, monkeypatch):
         lambda *given, **more: Judged() if "prior" in more else problem(*given, **more),
     )
     best = chosen(
-        lambda larger, sides, prior: element(force_memory=larger, prior=prior),
+        lambda larger, sides, prior: element(force_memory=larger, unsymmetric=sides, prior=prior),
         tests,
         1,
         Choice(None, 1e-4, 1),

