@@ -28,6 +28,7 @@ TOLERANCE = 1e-6  # of the simulation
 LOST = 1e3  # times what was measured, where a motion escapes
 BEGINNINGS = (0.003, 0.01, 0.03, 0.1)  # shares of a record's energy that may be nearly linear
 STILL_LINEAR = 1.2  # times the error of the share before
+LINEAR = 0.3  # relative error of a linear structure on the beginnings: beyond, it tells nothing
 SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together
 LINEAR_ITERATIONS = 8
 RIVAL_ITERATIONS = 8  # of all laws, one of them exchanged
@@ -162,18 +163,24 @@ class FreeRuns:
         def residuals(numbers: np.ndarray) -> np.ndarray:
             return self.residuals(laws.at(numbers), share)
 
-        numbers, error = descended(residuals, laws.numbers, iterations, pull, spread=self.spread)
+        numbers, error = descended(
+            residuals, laws.numbers, iterations, pull, spread=self.spread, floor=0.0
+        )
         return replace(laws.at(numbers), error=error)
 
     def beginning(self, laws: Laws) -> Laws:
-        """Springs and dampers of the beginning, as long as it is nearly linear."""
+        """Springs and dampers of the beginning, as long as it is nearly linear.
+
+        Where no linear structure suits it, α stays as it was: such a structure has any α, often
+        next to none, where a change of its logarithm has no effect.
+        """
         found = self.followed(laws, BEGINNINGS[0], LINEAR_ITERATIONS, EARLY_PULL)
         for share in BEGINNINGS[1:]:
             longer = self.followed(found, share, LINEAR_ITERATIONS, EARLY_PULL)
             if longer.error > STILL_LINEAR * found.error:
                 break
             found = longer
-        return found
+        return found if found.error < LINEAR else replace(found, mass_damping=laws.mass_damping)
 
     def exchanged(self, laws: Laws, rivals: Sequence[Sequence[Fit]]) -> Laws:
         """The laws, but for rivals of an element that suit the whole motion better.

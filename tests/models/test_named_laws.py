@@ -327,6 +327,18 @@ def test_laws_of_storeys_together_tell_the_damping_of_the_masses():
     assert found.error < 0.04
 
 
+@pytest.mark.parametrize(("gap", "stays"), [(0.001, True), (0.5, False)])
+def test_damping_of_the_masses_stays_where_no_linear_structure_suits_the_beginning(gap, stays):
+    values = {"yield_displacement": 0.01, "stiffness": 4e7, "hardening_ratio": 0.05, "gap": gap}
+    laws, motions = heard_chain("SlackBrace", {**values, "damping": 2e4, "spring": 4e6})
+    runs = FreeRuns(motions, lambda motion: motion.a)
+    units = [fit.units for fit in laws.fits]
+    start = linear(np.full(2, 5e6), laws.masses, units, laws.pairs, False, "ground")
+    found = runs.beginning(start)
+    assert (found.error > 0.3) == stays
+    assert (found.mass_damping == start.mass_damping) == stays
+
+
 @pytest.mark.parametrize(
     ("uneven", "name"), [(5.0, "UnevenMenegottoPinto"), (1.0, "MenegottoPinto")]
 )
