@@ -13,7 +13,6 @@ from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 STEP = 1e-4  # of the differences
 MOST = 20.0  # damping: steps beyond are so short that the search may end
 LONGEST = 0.7  # step of a number: far away, laws are stiff and slow to simulate
-FLOOR = 3e-3  # of the mean diagonal: so much at least damps a number that is hardly told
 GAIN = 1e-4  # of the squared error: less of it in two iterations ends the search
 Residuals = Callable[[np.ndarray], np.ndarray]  # of numbers q (P,)
 Spread = Callable[[Callable[[int], np.ndarray], Iterable[int]], Iterable[np.ndarray]]
@@ -79,16 +78,15 @@ def descended(
     pull: float,
     begin: np.ndarray | None = None,
     spread: Spread = map,
-    floor: float = FLOOR,
 ) -> tuple[np.ndarray, float]:
     """Numbers q (P,) after so many iterations, and the norm of their residual.
 
-    They are pulled towards `begin`, or towards the start. floor: see `LevenbergMarquardt`.
+    They are pulled towards `begin`, or towards the start.
     """
     problem = Differences(residuals, start, start if begin is None else begin, pull, spread)
     solver = LevenbergMarquardt(
         [problem.theta], iterations, damping=1e-2, decrease=0.2, increase=5.0, largest=MOST,
-        gradient=0.0, change=GAIN, patience=1, scaled=True, floor=floor, longest=LONGEST,
+        gradient=0.0, change=GAIN, patience=1, scaled=True, floor=3e-3, longest=LONGEST,
     )  # fmt: skip
     while not solver.finished:
         solver.solve(problem)

@@ -163,9 +163,7 @@ class FreeRuns:
         def residuals(numbers: np.ndarray) -> np.ndarray:
             return self.residuals(laws.at(numbers), share)
 
-        numbers, error = descended(
-            residuals, laws.numbers, iterations, pull, spread=self.spread, floor=0.0
-        )
+        numbers, error = descended(residuals, laws.numbers, iterations, pull, spread=self.spread)
         return replace(laws.at(numbers), error=error)
 
     def beginning(self, laws: Laws) -> Laws:
