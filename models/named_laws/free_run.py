@@ -32,6 +32,7 @@ LINEAR = 0.3  # relative error of a linear structure on the beginnings: beyond, 
 SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together
 LINEAR_ITERATIONS = 8
 RIVAL_ITERATIONS = 8  # of all laws, one of them exchanged
+RIVAL_GOAL = 1.1  # times the error: rivals farther away are given up where they come no nearer
 NEAR, SOME = 10.0, 0.1  # times the error, and beyond: rivals that begin farther away are not tried
 BETTER = 0.998  # times the error, for each parameter more: a rival is taken
 AS_GOOD = 1.001  # times the error: one with fewer is
@@ -157,13 +158,17 @@ class FreeRuns:
             return np.full_like(one.target[:T], np.inf)
         return self.output(motion)
 
-    def followed(self, laws: Laws, share: float, iterations: int, pull: float) -> Laws:
-        """The laws after so many iterations of damped least squares."""
+    def followed(
+        self, laws: Laws, share: float, iterations: int, pull: float, goal: float = math.inf
+    ) -> Laws:
+        """The laws after so many iterations of damped least squares. goal: see `descended`."""
 
         def residuals(numbers: np.ndarray) -> np.ndarray:
             return self.residuals(laws.at(numbers), share)
 
-        numbers, error = descended(residuals, laws.numbers, iterations, pull, spread=self.spread)
+        numbers, error = descended(
+            residuals, laws.numbers, iterations, pull, spread=self.spread, goal=goal
+        )
         return replace(laws.at(numbers), error=error)
 
     def beginning(self, laws: Laws) -> Laws:
@@ -192,7 +197,8 @@ class FreeRuns:
                 if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
                     continue
                 doing(f"element {e + 1}: {other.candidate.name} in place of its law")
-                trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL)
+                goal = RIVAL_GOAL * laws.error
+                trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL, goal)
                 more = other.q.size - laws.fits[e].q.size
                 if trial.error < (BETTER**more if more >= 0 else AS_GOOD) * laws.error:
                     laws = trial
