@@ -14,7 +14,7 @@ from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 STEP = 1e-4  # of the differences
 MOST = 20.0  # damping: steps beyond are so short that the search may end
 LONGEST = 0.7  # step of a number: far away, laws are stiff and slow to simulate
-GAIN = 1e-4
+GAIN = 1e-4  # of the squared error
 LOWERED = 0.8  # times the error before: less is a slow iteration
 Residuals = Callable[[np.ndarray], np.ndarray]  # of numbers q (P,)
 Spread = Callable[[Callable[[int], np.ndarray], Iterable[int]], Iterable[np.ndarray]]

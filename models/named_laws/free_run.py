@@ -214,7 +214,7 @@ class FreeRuns:
         if not more:
             return laws
         doing("laws with sides that may differ")
-        trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL)
+        trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL)
         return trial if trial.error < BETTER**more * laws.error else laws
 
     def fitted(self, laws: Laws) -> Laws:
