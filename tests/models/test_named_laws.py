@@ -29,6 +29,7 @@ from models.named_element import NamedElement
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import _alone, smallest
+from models.named_laws.differences import descended
 from models.named_laws.envelopes import envelopes, moved, uneven_envelopes, uneven_moved
 from models.named_laws.fit import Fit, Motion
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
@@ -316,6 +317,16 @@ def test_a_law_that_pinches_is_told_from_a_wrong_one_by_accelerations_with_noise
     assert right < 0.05
     assert np.linalg.norm(residuals(laws.fits[0], astray, 1.0)) > 2.0 * right
     assert np.linalg.norm(residuals(other, storeys, 1.0)) > 2.0 * right
+
+
+def test_a_search_beyond_its_goal_is_given_up_after_a_slow_iteration():
+    def residuals(q: np.ndarray) -> np.ndarray:
+        return np.array([1.0, 0.05 * (10.0 - q[0])])
+
+    ends = [
+        descended(residuals, np.zeros(1), 5, 0.0, goal=goal)[0][0] for goal in (0.5, 2.0, math.inf)
+    ]
+    assert ends[0] < 1.0 < 3.0 < ends[1] == ends[2]
 
 
 def test_laws_of_storeys_together_tell_the_damping_of_the_masses():
