@@ -25,8 +25,9 @@ MOST_IN_PARTS, IN_PARTS = 6, 4  # of a law whose parts are drawn anew; parameter
 OF_A_START = 60  # draws of all else, for each start that was read off the motions
 FOLLOWED, MOST_FOLLOWED = 72, 14  # over the parameters of a law: starts that are followed at first
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
-ROUNDS, ANEW, TRIED, AGAIN = 12, 60, 3, 6  # draws of a part in a round; parts followed; iterations
-GAINED = 0.95  # times the error: a round that leaves more is the last
+ANEW, TRIED, AGAIN = 60, 3, 6  # draws of a part in a round; parts followed; iterations
+ROUNDS, MOST_ROUNDS = 4, 12  # beyond the first some, rounds go on while they gain
+GAINED = 0.95  # times the error: a round that leaves more gains nothing
 IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
 NEWS = 2.0  # times the error without it, after the fit to all: the largest motion showed more
@@ -77,11 +78,12 @@ def improved(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> F
 
     motions: those of the law's error.
     """
-    for _ in range(ROUNDS if fit.candidate.parts else 0):
+    for number in range(MOST_ROUNDS if fit.candidate.parts else 0):
         trials = sorted(_anew(fit, motions, rng), key=lambda one: one.error)[:TRIED]
         ends = [followed(one, motions, AGAIN) for one in trials]
         before, fit = fit.error, min([fit, *ends], key=_error)
-        if fit.error < NEGLIGIBLE or fit.error > GAINED * before:
+        over = number + 1 >= ROUNDS and fit.error > GAINED * before
+        if fit.error < NEGLIGIBLE or over:
             break
     return fit
 
