@@ -36,13 +36,12 @@ from models.estimator import Estimator
 from models.named_laws.choice import chosen
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
-from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
+from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.learned import LearnedLaws, require_laws, told
 from models.named_laws.storey import Beginning, Storey
 from models.named_laws.storey import chosen as chosen_storey
 from models.named_laws.storeys import together
 
-LINEAR = 0.3  # relative error of a linear structure on the beginnings: beyond, it tells nothing
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
 
 

@@ -1,8 +1,8 @@
 """Chains of OpenSees' materials whose numbers nobody chose: drawn at random, in any units.
 
 A seed draws units, 2 to 6 storeys, masses, strengths that suit a load that grows with height, a
-first period of 0.2 to 2 s, 1 to 5 % of damping, and a material of one kind for every storey
-(drawn.py). The ground is as strong as takes a storey to a ductility of 2 to 6 in training.
+first period of 0.06 to 0.2 s a storey, 1 to 5 % of damping, and a material of one kind for every
+storey (drawn.py). The ground is as strong as takes a storey to a ductility of 2 to 6 in training.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from benchmarks.unplanted.shaken import Chain, ground_motion, natural_rates, sim
 from benchmarks.unplanted.structures import TRAINED
 
 UNITS = {"N, m": (1.0, 1.0), "kN, mm": (1e3, 1e-3), "kip, in": (4448.22, 0.0254)}  # N, m
+OF_A_STOREY, SHORTEST, LONGEST = 0.1, 0.6, 2.0  # period [s], drawn between so many times as much
 COARSE, HALVINGS = 2, 10  # steps of a sample, and steps, of the search for the ground motion
 
 
@@ -33,7 +34,8 @@ def drawn_chain(name: str, seed: int) -> tuple[str, Chain]:
     shear = np.cumsum(load[::-1])[::-1] / load.sum() * np.exp(draw(-0.15, 0.15, count))
     forces = 10.0 ** draw(5.0, 6.5) / newton * shear
     yielded = draw(0.004, 0.012) / metre * np.exp(draw(-0.2, 0.2, count))
-    period, damping = 0.2 * 10.0 ** draw(0.0, 1.0), draw(0.01, 0.05)
+    times = SHORTEST * (LONGEST / SHORTEST) ** draw(0.0, 1.0)
+    period, damping = times * OF_A_STOREY * count, draw(0.01, 0.05)
     ductility = draw(2.0, 6.0)
     storeys = [
         [[kind, *words] for kind, _, *words in MATERIALS[name](rng, y, f)[0]]

@@ -25,7 +25,9 @@ MOST_IN_PARTS, IN_PARTS = 6, 4  # of a law whose parts are drawn anew; parameter
 OF_A_START = 60  # draws of all else, for each start that was read off the motions
 FOLLOWED, MOST_FOLLOWED = 72, 14  # over the parameters of a law: starts that are followed at first
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
-ROUNDS, ANEW, TRIED, AGAIN = 4, 60, 3, 6  # draws of a part in a round; parts followed; iterations
+ANEW, TRIED, AGAIN = 60, 3, 6  # draws of a part in a round; parts followed; iterations
+ROUNDS, MOST_ROUNDS = 4, 12  # beyond the first some, rounds go on while they gain
+GAINED = 0.95  # times the error: a round that leaves more gains nothing
 IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
 NEWS = 2.0  # times the error without it, after the fit to all: the largest motion showed more
@@ -72,12 +74,16 @@ def _read(
 
 
 def improved(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Fit:
-    """The law after rounds in which parts of its numbers are drawn anew, the others held."""
-    for _ in range(ROUNDS if fit.candidate.parts else 0):
+    """The law after rounds in which parts of its numbers are drawn anew, the others held.
+
+    motions: those of the law's error.
+    """
+    for number in range(MOST_ROUNDS if fit.candidate.parts else 0):
         trials = sorted(_anew(fit, motions, rng), key=lambda one: one.error)[:TRIED]
         ends = [followed(one, motions, AGAIN) for one in trials]
-        fit = min([fit, *ends], key=lambda one: one.error)
-        if fit.error < NEGLIGIBLE:
+        before, fit = fit.error, min([fit, *ends], key=_error)
+        over = number + 1 >= ROUNDS and fit.error > GAINED * before
+        if fit.error < NEGLIGIBLE or over:
             break
     return fit
 
@@ -191,20 +197,20 @@ def chosen(
         errors[best] = found[best][0].error_on([judged])
     near, best = alike(errors), smallest(errors)
     if best not in names:  # sides differ
-        return followed(found[best][0], motions, LAST), errors
+        return _final(found[best][:1], motions, seed), errors
     if errors[best] > NEGLIGIBLE and CANDIDATES[best].uneven is not None:
         wider = _uneven(found[best][0], rest, seed)
         errors[wider.candidate.name] = wider.error_on([judged])
         if smallest(errors) == wider.candidate.name:
-            return followed(wider, motions, LAST), errors
-    final = _final(found[best], motions)
+            return _final([wider], motions, seed), errors
+    final = _final(found[best], motions, seed)
     news = final.error > max(NEWS * found[best][0].error, NEGLIGIBLE)
     if news or (len(near) > 1 and min(errors.values()) > NEGLIGIBLE):
         far = IN_THE_LEAD * errors[best]
         again = [name for name, e in errors.items() if name in near or (news and e <= far)]
         found = tried([name for name in again if name in names], motions, units, seed)
         best = smallest({name: ends[0].error for name, ends in found.items()})
-        other = _final(found[best], motions)
+        other = _final(found[best], motions, seed)
         final = other if other.candidate is not final.candidate else min(final, other, key=_error)
     return final, errors
 
@@ -217,9 +223,13 @@ def _alone(ends: Sequence[Fit]) -> bool:
     return not others or others[0].error > NEARLY * first.error
 
 
-def _final(ends: Sequence[Fit], motions: Sequence[Motion]) -> Fit:
-    """The best of a law after the last fit, to all motions."""
-    return min([followed(one, motions, LAST) for one in ends[:STAY]], key=_error)
+def _final(ends: Sequence[Fit], motions: Sequence[Motion], seed: int) -> Fit:
+    """The best of a law after the last fit, to all motions; its parts are drawn anew on these."""
+    best = min([followed(one, motions, LAST) for one in ends[:STAY]], key=_error)
+    if best.error < NEGLIGIBLE:
+        return best
+    better = improved(best, motions, best.candidate.draws(seed))
+    return best if better is best else followed(better, motions, LAST)
 
 
 def _error(fit: Fit) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -13,7 +14,8 @@ from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 STEP = 1e-4  # of the differences
 MOST = 20.0  # damping: steps beyond are so short that the search may end
 LONGEST = 0.7  # step of a number: far away, laws are stiff and slow to simulate
-GAIN = 1e-4  # of the squared error: less of it in two iterations ends the search
+GAIN = 1e-4  # of the squared error
+LOWERED = 0.8  # times the error before: less is a slow iteration
 Residuals = Callable[[np.ndarray], np.ndarray]  # of numbers q (P,)
 Spread = Callable[[Callable[[int], np.ndarray], Iterable[int]], Iterable[np.ndarray]]
 
@@ -78,16 +80,21 @@ def descended(
     pull: float,
     begin: np.ndarray | None = None,
     spread: Spread = map,
+    gain: float = GAIN,
+    goal: float = math.inf,
 ) -> tuple[np.ndarray, float]:
     """Numbers q (P,) after so many iterations, and the norm of their residual.
 
-    They are pulled towards `begin`, or towards the start.
+    They are pulled towards `begin`, or towards the start. gain: of the squared error; less of it in
+    two iterations ends the search. goal: an error beyond is given up after a slow iteration.
     """
     problem = Differences(residuals, start, start if begin is None else begin, pull, spread)
     solver = LevenbergMarquardt(
         [problem.theta], iterations, damping=1e-2, decrease=0.2, increase=5.0, largest=MOST,
-        gradient=0.0, change=GAIN, patience=1, scaled=True, floor=3e-3, longest=LONGEST,
+        gradient=0.0, change=gain, patience=1, scaled=True, floor=3e-3, longest=LONGEST,
     )  # fmt: skip
-    while not solver.finished:
+    error, before = problem.error, math.inf
+    while not solver.finished and not error > max(goal, LOWERED * before):
         solver.solve(problem)
-    return problem.theta.detach().numpy().copy(), problem.error
+        error, before = problem.error, error
+    return problem.theta.detach().numpy().copy(), error

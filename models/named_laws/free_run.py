@@ -28,9 +28,11 @@ TOLERANCE = 1e-6  # of the simulation
 LOST = 1e3  # times what was measured, where a motion escapes
 BEGINNINGS = (0.003, 0.01, 0.03, 0.1)  # shares of a record's energy that may be nearly linear
 STILL_LINEAR = 1.2  # times the error of the share before
+LINEAR = 0.3  # relative error of a linear structure on the beginnings: beyond, it tells nothing
 SHARES, ITERATIONS = (0.1, 0.3, 1.0), (5, 6, 20)  # of all laws together
 LINEAR_ITERATIONS = 8
 RIVAL_ITERATIONS = 8  # of all laws, one of them exchanged
+RIVAL_GOAL = 1.1  # times the error: rivals farther away are given up where they come no nearer
 NEAR, SOME = 10.0, 0.1  # times the error, and beyond: rivals that begin farther away are not tried
 BETTER = 0.998  # times the error, for each parameter more: a rival is taken
 AS_GOOD = 1.001  # times the error: one with fewer is
@@ -156,24 +158,32 @@ class FreeRuns:
             return np.full_like(one.target[:T], np.inf)
         return self.output(motion)
 
-    def followed(self, laws: Laws, share: float, iterations: int, pull: float) -> Laws:
-        """The laws after so many iterations of damped least squares."""
+    def followed(
+        self, laws: Laws, share: float, iterations: int, pull: float, goal: float = math.inf
+    ) -> Laws:
+        """The laws after so many iterations of damped least squares. goal: see `descended`."""
 
         def residuals(numbers: np.ndarray) -> np.ndarray:
             return self.residuals(laws.at(numbers), share)
 
-        numbers, error = descended(residuals, laws.numbers, iterations, pull, spread=self.spread)
+        numbers, error = descended(
+            residuals, laws.numbers, iterations, pull, spread=self.spread, goal=goal
+        )
         return replace(laws.at(numbers), error=error)
 
     def beginning(self, laws: Laws) -> Laws:
-        """Springs and dampers of the beginning, as long as it is nearly linear."""
+        """Springs and dampers of the beginning, as long as it is nearly linear.
+
+        Where no linear structure suits it, α stays as it was: such a structure has any α, often
+        next to none, where a change of its logarithm has no effect.
+        """
         found = self.followed(laws, BEGINNINGS[0], LINEAR_ITERATIONS, EARLY_PULL)
         for share in BEGINNINGS[1:]:
             longer = self.followed(found, share, LINEAR_ITERATIONS, EARLY_PULL)
             if longer.error > STILL_LINEAR * found.error:
                 break
             found = longer
-        return found
+        return found if found.error < LINEAR else replace(found, mass_damping=laws.mass_damping)
 
     def exchanged(self, laws: Laws, rivals: Sequence[Sequence[Fit]]) -> Laws:
         """The laws, but for rivals of an element that suit the whole motion better.
@@ -187,7 +197,8 @@ class FreeRuns:
                 if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
                     continue
                 doing(f"element {e + 1}: {other.candidate.name} in place of its law")
-                trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL)
+                goal = RIVAL_GOAL * laws.error
+                trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL, goal)
                 more = other.q.size - laws.fits[e].q.size
                 if trial.error < (BETTER**more if more >= 0 else AS_GOOD) * laws.error:
                     laws = trial
@@ -203,7 +214,7 @@ class FreeRuns:
         if not more:
             return laws
         doing("laws with sides that may differ")
-        trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL)
+        trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL)
         return trial if trial.error < BETTER**more * laws.error else laws
 
     def fitted(self, laws: Laws) -> Laws:

@@ -44,10 +44,12 @@ LAWS = (10, 5, 4, 4)  # that go on
 LINEAR_ITERATIONS = 15  # of a law with two numbers
 LAST = 15  # iterations of the law that was chosen
 RIVAL = 1.5  # times the least error: laws that the whole structure is to judge
-LEAD = 2.0  # times the least error: laws beyond are given up
+LEAD = (2.0, 2.0, RIVAL, RIVAL)  # times the least error: laws beyond are given up
+HOPELESS = 5.0  # times the error of a law's best: draws beyond are not followed, but at first
 LEAST_BEND, MOST_BEND = math.log(0.03), math.log(1.2)  # of the largest deformation, where it yields
 BRACE = 1.5  # times e^±: stiffness of a slack brace over that of its frame
 TOLERANCE, PULL = 1e-5, 1e-6  # of the simulation; of the numbers towards their start
+GAIN = 1e-3  # of the squared error: less of it ends the search of a law
 HELD = math.sqrt(2.0)  # h: a filter with less damping rings, one with more is slow
 LIGHT = 0.2  # of the mass above, at z, which moves with it
 BENDING = ("yield_displacement", "activation_displacement", "largest")
@@ -129,7 +131,7 @@ class Track:
         def of(q: np.ndarray) -> np.ndarray:
             return residuals(replace(self.fit, q=q), storeys, share)
 
-        q, left = descended(of, self.fit.q, iterations, PULL, self.begin)
+        q, left = descended(of, self.fit.q, iterations, PULL, self.begin, gain=GAIN)
         return replace(self, fit=replace(self.fit, q=q, error=left))
 
 
@@ -166,18 +168,28 @@ class Beginning:
         return bend, Fit(candidate, self.units, np.array(list(q.values())))
 
     def tracks(
-        self, name: str, storeys: Sequence[Storey], stage: int, rng: np.random.Generator
+        self,
+        name: str,
+        storeys: Sequence[Storey],
+        stage: int,
+        rng: np.random.Generator,
+        before: Sequence[Track],
     ) -> Iterator[Track]:
-        """Of some draws, those that are best among those that yield at about the same place."""
+        """Of some draws, those that are best among those that yield at about the same place.
+
+        before: tracks of the law; none that is hopeless beside them or beside the best draw.
+        """
         draws = DRAWS[stage] if name != "Linear" else int(stage == 0)
         tries = [self.drawn(name, rng) for _ in range(draws)]
         errors = [error(fit, storeys, SHARES[stage]) for _, fit in tries]
+        others = [error(one.fit, storeys, SHARES[stage]) for one in before]
+        limit = HOPELESS * min([*errors, *others]) if before else math.inf
         edges = np.linspace(LEAST_BEND, MOST_BEND, max(FOLLOWED[stage], 1) + 1)
         taken = set()
         for i in np.argsort(errors):
             bend, fit = tries[i]
             place = int(np.searchsorted(edges, bend))
-            if place not in taken:
+            if place not in taken and errors[i] <= limit:
                 taken.add(place)
                 yield Track(fit, fit.q)
 
@@ -204,12 +216,12 @@ def chosen(
         some = order if share == 1.0 else order[:2]
         ends: dict[str, Sequence[Track]] = {}
         for name, before in running.items():
-            tracks = [*before, *beginning.tracks(name, some, stage, draws[name])]
+            tracks = [*before, *beginning.tracks(name, some, stage, draws[name], before)]
             count = LINEAR_ITERATIONS if name == "Linear" else ITERATIONS[stage]
             tracks = [one.followed(some, share, count) for one in tracks]
             ends[name] = sorted(tracks, key=lambda one: one.fit.error)[: KEPT[stage]]
             logs[name].append(math.log(max(ends[name][0].fit.error, 1e-12)))
-        running = {name: ends[name] for name in _leading(ends, LAWS[stage])}
+        running = {name: ends[name] for name in _leading(ends, LAWS[stage], LEAD[stage])}
         doing(f"laws of a storey, {share:.0%} of the motions, {', '.join(running)} in the lead")
     errors = {name: math.exp(float(np.mean(logs[name][1:]))) for name in running}
     best = min(errors, key=lambda name: errors[name])  # noise hides how smaller laws differ
@@ -218,8 +230,8 @@ def chosen(
     return [running[best][0].followed(storeys, 1.0, LAST).fit, *rivals], errors
 
 
-def _leading(ends: Mapping[str, Sequence[Track]], most: int) -> list[str]:
+def _leading(ends: Mapping[str, Sequence[Track]], most: int, lead: float) -> list[str]:
     """Laws whose error in training is not far from the least, that one first."""
     order = sorted(ends, key=lambda name: ends[name][0].fit.error)
-    limit = max(LEAD * ends[order[0]][0].fit.error, NEGLIGIBLE)
+    limit = max(lead * ends[order[0]][0].fit.error, NEGLIGIBLE)
     return [name for name in order if ends[name][0].fit.error <= limit][:most]

@@ -29,6 +29,7 @@ from models.named_element import NamedElement
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import _alone, smallest
+from models.named_laws.differences import descended
 from models.named_laws.envelopes import envelopes, moved, uneven_envelopes, uneven_moved
 from models.named_laws.fit import Fit, Motion
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
@@ -318,6 +319,16 @@ def test_a_law_that_pinches_is_told_from_a_wrong_one_by_accelerations_with_noise
     assert np.linalg.norm(residuals(other, storeys, 1.0)) > 2.0 * right
 
 
+def test_a_search_beyond_its_goal_is_given_up_after_a_slow_iteration():
+    def residuals(q: np.ndarray) -> np.ndarray:
+        return np.array([1.0, 0.05 * (10.0 - q[0])])
+
+    ends = [
+        descended(residuals, np.zeros(1), 5, 0.0, goal=goal)[0][0] for goal in (0.5, 2.0, math.inf)
+    ]
+    assert ends[0] < 1.0 < 3.0 < ends[1] == ends[2]
+
+
 def test_laws_of_storeys_together_tell_the_damping_of_the_masses():
     values = {"activation_displacement": 0.003, "stiffness": 1.5e7, "damping": 2e4}
     laws, motions = heard_chain("SelfCentering", {**values, "hardening_ratio": 0.1, "flag": 0.7})
@@ -325,6 +336,18 @@ def test_laws_of_storeys_together_tell_the_damping_of_the_masses():
     found = together(off, motions, [1.5e7, 1.2e7])
     assert abs(found.mass_damping / laws.mass_damping - 1.0) < 0.2
     assert found.error < 0.04
+
+
+@pytest.mark.parametrize(("gap", "stays"), [(0.001, True), (0.5, False)])
+def test_damping_of_the_masses_stays_where_no_linear_structure_suits_the_beginning(gap, stays):
+    values = {"yield_displacement": 0.01, "stiffness": 4e7, "hardening_ratio": 0.05, "gap": gap}
+    laws, motions = heard_chain("SlackBrace", {**values, "damping": 2e4, "spring": 4e6})
+    runs = FreeRuns(motions, lambda motion: motion.a)
+    units = [fit.units for fit in laws.fits]
+    start = linear(np.full(2, 5e6), laws.masses, units, laws.pairs, False, "ground")
+    found = runs.beginning(start)
+    assert (found.error > 0.3) == stays
+    assert (found.mass_damping == start.mass_damping) == stays
 
 
 @pytest.mark.parametrize(

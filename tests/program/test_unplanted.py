@@ -117,6 +117,7 @@ def test_a_chain_that_is_drawn_has_its_period_and_comes_as_far_as_was_drawn(brie
     seed, storeys, period, ductility = re.findall(r"\d+\.?\d*", what.replace("Steel02", ""))
     assert (int(seed), int(storeys)) == (3, len(chain.masses))
     assert 2.0 * math.pi / shaken.natural_rates(chain)[0] == pytest.approx(float(period), abs=0.01)
+    assert 0.06 <= float(period) / int(storeys) <= 0.2
     yielded = np.array([one[1] / one[2] for (one,) in chain.storeys])
     far = max(ductilities(chain, yielded, structures.TRAINED, drawn_chains.COARSE))
     assert far == pytest.approx(float(ductility), rel=0.1)
