@@ -80,8 +80,8 @@ def damper(elements: int = 1, others: int = 2) -> HystereticElement:
     return model
 
 
-def branches(dofs: int, ramps: int = 6) -> ElementNetworkBranch:
-    model = ElementNetworkBranch(dofs, dofs, DT, elements="chain", ramps=ramps)
+def branches(dofs: int, ramps: int = 6, sides: bool = False) -> ElementNetworkBranch:
+    model = ElementNetworkBranch(dofs, dofs, DT, elements="chain", ramps=ramps, unsymmetric=sides)
     generator = torch.Generator().manual_seed(0)
     with torch.no_grad():
         model.identified.fill_(1.0)

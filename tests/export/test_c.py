@@ -81,6 +81,13 @@ def test_a_network_runs_in_c(name, hold, tmp_path):
     assert all(error <= CLOSE for error in found.values()), found
 
 
+def test_branch_laws_whose_sides_differ_run_in_c(tmp_path):
+    """For as long as such laws, drawn at random, do not make more of rounding."""
+    model = networks.branches(3, sides=True)
+    found = apart(model, forces(model, samples=400), tmp_path)
+    assert all(error <= CLOSE for error in found.values()), found
+
+
 @pytest.mark.parametrize("law", networks.LAWS)
 def test_named_laws_run_in_c(law, tmp_path):
     model = networks.named(2, law)
