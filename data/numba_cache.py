@@ -42,7 +42,7 @@ def _for_any_number(compiled: Any) -> Any:
 def _hidden(inlined: Any) -> Any:
     """Compiled into its callers alone; Python that calls it runs its Python.
 
-    The door for such calls would take a third of the time to compile.
+    The door for such calls would take time to compile, and is not there.
     """
     inlined._insert = lambda *overload: None  # what has no door is no choice for a call
     inlined._compile_for_args = lambda *args, **named: inlined.py_func
