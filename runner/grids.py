@@ -94,11 +94,12 @@ class GridSweeper(BasicSweeper):
                 keep_grid(folder, job)
         pending = self.hopeful(left)
         finished, hopeless = len(jobs) - len(left), len(left) - len(pending)
-        if pending:
-            with Watch(list(pending), len(jobs), hopeless):
-                runs = self.launch(pending)
-            print_lost(runs)
-        return print_summary(jobs, finished, hopeless)
+        if not pending:
+            return print_summary(jobs, finished, hopeless)
+        with Watch(list(pending), len(jobs), hopeless) as watch:
+            runs = self.launch(pending)
+        print_lost(runs)
+        return print_summary(jobs, finished, hopeless, watch.results)
 
     def launch(self, jobs: Mapping[Path, list[str]]) -> Sequence[JobReturn]:
         """Let the launcher do the jobs."""

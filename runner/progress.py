@@ -57,6 +57,7 @@ class Watch:
         self.left, self.total, self.done = set(folders), total, total - len(folders)
         self.before, self.failed = total - len(folders) - hopeless, hopeless
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[failed]} failed"))
+        self.results: dict[Path, Result] = {}  # of runs that ended under it
         self.console = terminal(130)
         self.progress = Progress(*columns, TimeRemainingColumn(), console=self.console)
         self.ended = threading.Event()
@@ -92,17 +93,17 @@ class Watch:
             failed = not (folder / METRICS).exists()
             self.failed += failed
             count = f"[{self.done:>{len(str(self.total))}}/{self.total}]"
-            line = f"{count} {_line(folder, failed)}"
+            self.results[folder] = run = read_result(folder)
+            line = f"{count} {_line(run, failed)}"
             self.console.print(line, highlight=False, markup=False, soft_wrap=True)
             self.progress.update(self.task, completed=self.done, failed=self.failed)
 
 
-def _line(folder: Path, failed: bool) -> str:
+def _line(run: Result, failed: bool) -> str:
     if failed:
-        return f"{folder.name}: failed: {_reason(folder)}"
-    run = read_result(folder)
+        return f"{run.folder.name}: failed: {run.reason}"
     train, test = (_padded(run.error(split)) for split in ("train", "test"))
-    name = folder.name.rpartition("-")[0]  # without the hash
+    name = run.folder.name.rpartition("-")[0]  # without the hash
     free = run.free_run
     simulated = "" if free is None else f" free run {_padded(free)}"
     lost = f" {NOT_IDENTIFIED}" if run.identified is False else ""
@@ -114,20 +115,20 @@ def _padded(error: float | None) -> str:
     return f"{DIVERGED:>8}  " if lost else f"{percent(error):>8} %"
 
 
-def _reason(folder: Path) -> str:
-    reason: str = read_failure(folder)["reason"]
-    return reason
-
-
-def print_summary(jobs: Mapping[Path, Sequence[str]], skipped: int, hopeless: int = 0) -> bool:
+def print_summary(
+    jobs: Mapping[Path, Sequence[str]],
+    skipped: int,
+    hopeless: int = 0,
+    known: Mapping[Path, Result] | None = None,
+) -> bool:
     """Errors over the seeds, the failures and their reasons; whether all runs are done.
 
     `jobs` maps the folder of each run to what was typed for it; `skipped` of them were done before,
-    `hopeless` had failed before and were not run again.
+    `hopeless` had failed before and were not run again; `known` are results read already.
     """
     folders = list(jobs)
     console = terminal(160)
-    runs = list(map(read_result, folders))
+    runs = [(known or {}).get(folder) or read_result(folder) for folder in folders]
     done = [run for run in runs if run.finished]
     failed = [run for run in runs if run.ended and not run.finished]
     if done:

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import re
 from copy import deepcopy
+from functools import cached_property
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
 from runner.config.choices import plain
-from runner.config.identity import name_of
+from runner.config.identity import choices_text, code_version, digest, name_of, targets_of
 from runner.folder.run_folder import config_text
+
+APART = 8123456789012345678  # a seed that stands nowhere else in a config
 
 
 class SeedsOf:
@@ -26,12 +29,29 @@ class SeedsOf:
         self.alone = {**changed, "seed": cfg.seed} == self.content
         self._cfg, self._text = cfg, ""
 
+    @cached_property
+    def _around(self) -> tuple[str, str]:
+        """What `choices_text` has before and after the seed."""
+        before, after = choices_text(self.values(APART)).split(f'"seed": {APART}')
+        return f'{before}"seed": ', after
+
+    @cached_property
+    def _code(self) -> str:
+        return code_version(targets_of(self.content))
+
     def values(self, seed: int) -> dict[str, Any]:
         """The resolved values for a seed."""
         return {**self.content, "seed": seed}
 
     def name(self, seed: int) -> str:
-        return name_of(self.values(seed))
+        return name_of(self.values(seed), self._digest(seed))
+
+    def identity(self, seed: int) -> dict[str, str]:
+        """As `identity_of` of the values."""
+        return {"config": self._digest(seed), "code": self._code}
+
+    def _digest(self, seed: int) -> str:
+        return digest(str(seed).join(self._around))
 
     def text(self, seed: int) -> str:
         """The content of config.yaml."""

@@ -2,8 +2,8 @@
 
 What a run alone does one after the other, is done here for S seeds at once: motions on all cores,
 least squares and free runs batched. Numbers and files are those of runs alone, to rounding, but for
-the missing TensorBoard logs and the simulation's own error, which is measured on one run of those
-simulated together and told of all of them.   Records (S, R, T, c): R records of each of S runs.
+the missing TensorBoard logs and the simulation's own error, which is measured on the first run and
+told of all of them.   Records (S, R, T, c): R records of each of S runs.
 """
 
 from __future__ import annotations
@@ -67,10 +67,16 @@ def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) ->
     shared, places = data_from(cfg), dict(zip(seeds, folders, strict=True))
     seeds_of = SeedsOf(cfg)
     assert isinstance(shared, SimulatedData)
-    groups = [seeds[first : first + AT_ONCE] for first in range(0, len(seeds), AT_ONCE)]
+    first = next(filter(_simulated, map(shared.of_seed, seeds)), None)
+    if first is None:
+        return list(seeds)
+    groups = [seeds[start : start + AT_ONCE] for start in range(0, len(seeds), AT_ONCE)]
 
     def run_group(group: Sequence[int]) -> list[int]:
-        return _run_group(cfg, seeds_of, {seed: shared.of_seed(seed) for seed in group}, places)
+        data = {seed: shared.of_seed(seed) for seed in group}
+        for own in data.values():
+            own.share_own_error(first)
+        return _run_group(cfg, seeds_of, data, places)
 
     threads = cfg.threads or 1
     with (
@@ -86,8 +92,6 @@ def _run_group(
 ) -> list[int]:
     ready = {seed: own for seed, own in data.items() if _simulated(own)}
     try:
-        for own in ready.values():
-            own.share_own_error(next(iter(ready.values())))
         _run_side_by_side(cfg, seeds_of, ready, places)
     except ValueError:  # said by the run it concerns, when it is done alone
         return list(data)
@@ -112,7 +116,7 @@ def _run_side_by_side(
     fitted = fit_runs(cfg.model, runs)
     baselines = {name: fit_runs(model, runs) for name, model in cfg.baselines.items()}
     for place, (seed, own) in enumerate(data.items()):
-        run = Run(places[seed], seeds_of.values(seed))
+        run = Run(places[seed], seeds_of.values(seed), seeds_of.identity(seed))
         run.start(seeds_of.text(seed), own.sensors)
         others = {name: modules[place].results() for name, modules in baselines.items()}
         metrics = metrics_of(run, fitted[place], own, others)

@@ -27,7 +27,7 @@ from report.about import colour_of
 from report.paper.cells import METHODS, OWN_RESIDUAL, of
 from report.run.compared import draw_running_errors
 from report.run.figures import element_loops
-from report.style import DASHES, MEASURED, TRUE, WIDE, one_legend, titled
+from report.style import DASHES, MEASURED, TRUE, WIDE, one_legend, placed, titled
 from runner.config.compose import CONF
 from runner.folder.run import restore
 from runner.folder.run_folder import read_run
@@ -140,7 +140,7 @@ def phase_planes(run: Result, identical_scales: bool) -> Figure:
         for axes in figure.axes:
             axes.set_xlim(*(1.05 * side * float(record.truth.y.abs().max()) for side in (-1, 1)))
             axes.set_ylim(*(1.05 * side * float(record.truth.r.abs().max()) for side in (-1, 1)))
-    return figure
+    return placed(figure)
 
 
 def behaviour(element: Element) -> str:

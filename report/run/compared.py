@@ -75,7 +75,7 @@ def compared(
     half = None if band is None else band.numpy()
     t = record.dt * np.arange(record.samples)
     both = len(curves) > 1
-    figure = Figure(figsize=(9.0, 1.9 * len(labels) + 0.8), layout="constrained")
+    figure = Figure(figsize=(9.0, 1.9 * len(labels) + 0.8))
     grid = figure.subplots(
         len(labels), 1 + both, sharex="col", squeeze=False, width_ratios=(3, 2)[: 1 + both]
     )
@@ -98,8 +98,8 @@ def compared(
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
     if both and near != span:
-        grid[-1, 1].set_xlabel("time [s]; shaded: what is drawn at the left")
-    one_legend(figure, [grid[0, 0]], loc="outside upper right", ncols=3)
+        grid[-1, 1].set_xlabel("time [s]; shaded: drawn at the left")
+    one_legend(figure, [grid[0, 0]], loc="upper right", ncols=3)
     return figure
 
 

@@ -13,7 +13,7 @@ from data.record import QUANTITIES, Record, Response
 from models.training.metrics import displacement_of
 from models.uncertainty.unmeasured import DISPLACEMENT, FORCE, Signal
 from report.run.compared import LOOPS, compared, few_cycles, first_of
-from report.style import DASHES, ESTIMATED, MEASURED, NARROW, TRUE, WIDE, titled
+from report.style import DASHES, ESTIMATED, MEASURED, NARROW, TRUE, WIDE, placed, titled
 
 LEGEND = 3.0  # width [inches]
 MOST_LOOPS = 12  # elements that are drawn, those with the largest forces
@@ -74,7 +74,7 @@ def element_forces(record: Record, forces: Signal, names: list[str]) -> Figure:
 
 def error_over_time(errors: dict[str, Tensor], dt: float, warmup: int = 0) -> Figure:
     """Relative RMS error up to each time (Eq. 21 as a function of t), one line per split."""
-    figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+    figure = Figure(figsize=(9.0, 3.2))
     axes = figure.add_subplot()
     styles = zip((MEASURED, ESTIMATED), (DASHES[1], "-"), strict=True)
     for (split, error), (color, dash) in zip(errors.items(), styles, strict=False):
@@ -97,7 +97,7 @@ def element_loops(record: Record, names: list[str]) -> Figure:
     y, r = first_of(record.truth.y), first_of(record.truth.r)
     columns = min(3, len(names))
     rows = -(-len(names) // columns)
-    figure = Figure(figsize=(3.0 * columns, 2.5 * rows), layout="constrained")
+    figure = Figure(figsize=(3.0 * columns, 2.5 * rows))
     for i, name in enumerate(names):
         axes = figure.add_subplot(rows, columns, i + 1)
         axes.plot(y[:, i], r[:, i], color=MEASURED, linewidth=0.5)
@@ -121,7 +121,7 @@ def identified_loops(deformations: Tensor, forces: Tensor, names: list[str]) -> 
     y, r = y[part], r[part]
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
-    figure = Figure(figsize=(3.0 * columns, 2.5 * rows + 0.4), layout="constrained")
+    figure = Figure(figsize=(3.0 * columns, 2.5 * rows + 0.4))
     for place, i in enumerate(chosen, start=1):
         axes = figure.add_subplot(rows, columns, place)
         axes.plot(y[:, i], r[:, i], color=ESTIMATED, linewidth=NARROW)
@@ -139,7 +139,7 @@ def imposed_loops(record: Record, estimate: Tensor) -> Figure:
     s, measured, own = (
         first_of(u[..., record.warmup :, :]) for u in (record.s, record.a, estimate)
     )
-    figure = Figure(figsize=(4.6 * record.dofs, 3.8), layout="constrained")
+    figure = Figure(figsize=(4.6 * record.dofs, 3.8))
     for i in range(record.dofs):
         axes = figure.add_subplot(1, record.dofs, i + 1)
         axes.plot(s[:, i], measured[:, i], color=TRUE, linewidth=0.5 * WIDE, label="measured")
@@ -194,4 +194,5 @@ def run_figures(
     for figure in figures.values():
         if title:
             titled(figure, title, LEGEND if figure.legends else 0.0)
+        placed(figure)
     return figures

@@ -44,6 +44,11 @@ def digest(text: str) -> str:
 
 def config_digest(content: dict[str, Any]) -> str:
     """Ten characters that tell runs apart: a hash of every choice that can change a number."""
+    return digest(choices_text(content))
+
+
+def choices_text(content: dict[str, Any]) -> str:
+    """Every choice that can change a number, always in the same order."""
     content = _without_words({k: v for k, v in content.items() if k not in INERT})
     if content.get("start") is None:  # as in runs of older code, which have no such setting
         content.pop("start", None)
@@ -51,13 +56,13 @@ def config_digest(content: dict[str, Any]) -> str:
     if content["data"].get("calibration", "") is None:  # likewise
         del content["data"]["calibration"]
     content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}
-    return digest(json.dumps(content, sort_keys=True, ensure_ascii=False))
+    return json.dumps(content, sort_keys=True, ensure_ascii=False)
 
 
-def name_of(content: dict[str, Any]) -> str:
-    """Folder within a sweep of the run with these resolved values."""
+def name_of(content: dict[str, Any], told: str = "") -> str:
+    """Folder within a sweep of the run with these resolved values; told: their digest, if known."""
     names = (content[part]["name"] for part in ("model", "system", "scenario"))
-    return "-".join((*names, f"seed{content['seed']}", config_digest(content)))
+    return "-".join((*names, f"seed{content['seed']}", told or config_digest(content)))
 
 
 def run_name(cfg: DictConfig) -> str:

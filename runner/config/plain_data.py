@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -106,24 +105,22 @@ def require_plain(content: Any) -> None:
 
     An alias in YAML is a value that stands in many places: it counts in each of them.
     """
-    waiting: list[Iterator[Any]] = [iter((content,))]
-    count = 0
-    while waiting:
-        value = next(waiting[-1], waiting)
-        if value is waiting:
-            waiting.pop()
-            continue
-        count += 1
-        if count > VALUES or len(waiting) > DEPTH:
-            raise ValueError(f"it has more than {VALUES} values, or more than {DEPTH} levels")
-        if isinstance(value, dict):
-            for key in value:
-                _require_scalar(key)
-            waiting.append(iter(value.values()))
-        elif isinstance(value, list):
-            waiting.append(iter(value))
-        else:
-            _require_scalar(value)
+    level: list[Any] = [content]
+    count, depth = 1, 0
+    while level:
+        inner: list[Any] = []
+        for value in level:
+            if isinstance(value, dict):
+                for key in value:
+                    _require_scalar(key)
+                inner.extend(value.values())
+            elif isinstance(value, list):
+                inner.extend(value)
+            else:
+                _require_scalar(value)
+            if count + len(inner) > VALUES or depth >= DEPTH:
+                raise ValueError(f"it has more than {VALUES} values, or more than {DEPTH} levels")
+        level, count, depth = inner, count + len(inner), depth + 1
 
 
 def _require_scalar(value: Any) -> None:

@@ -6,7 +6,6 @@ a mapping, where `...` stands for all other keys. Absent keys are allowed: older
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 NUMBER = (int, float)
@@ -109,14 +108,16 @@ WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or f
 
 def require(value: Any, kind: Any, place: str = "") -> None:
     """Raise ValueError, with the place, where a value is not of its kind."""
-    for one in _kinds(kind):
+    for one in kind if isinstance(kind, tuple) else (kind,):
         if fits_outside(value, one):
             break
     else:
         raise ValueError(f"{place or 'it'} is {_short(value)}, expected {_words(kind)}")
-    if isinstance(one, Mapping):
+    if isinstance(one, dict):
+        others = one.get(..., ANYTHING)
         for key, inner in value.items():
-            require(inner, one.get(key, one.get(..., ANYTHING)), f"{place}.{key}".lstrip("."))
+            if (of_key := one.get(key, others)) is not ANYTHING:
+                require(inner, of_key, f"{place}.{key}".lstrip("."))
     elif isinstance(one, list):
         for inner in value:
             require(inner, one[0], f"a value of {place}")
@@ -128,13 +129,11 @@ def _kinds(kind: Any) -> list[Any]:
 
 def fits_outside(value: Any, kind: Any) -> bool:
     """Whether a value fits, whatever is inside it; true and false are no numbers."""
+    if isinstance(kind, type):
+        return isinstance(value, kind) and not (isinstance(value, bool) and kind in (int, float))
     if isinstance(kind, tuple):
         return any(fits_outside(value, one) for one in kind)
-    if isinstance(kind, Mapping | list):
-        return isinstance(value, dict if isinstance(kind, Mapping) else list)
-    if kind is None:
-        return value is None
-    return isinstance(value, kind) and not (isinstance(value, bool) and kind in (int, float))
+    return value is None if kind is None else isinstance(value, type(kind))
 
 
 def _words(kind: Any) -> str:
@@ -143,7 +142,7 @@ def _words(kind: Any) -> str:
 
 
 def _word(kind: Any) -> str:
-    if isinstance(kind, Mapping):
+    if isinstance(kind, dict):
         return "a mapping"
     return "a list" if isinstance(kind, list) else WORDS.get(kind, "nothing")
 

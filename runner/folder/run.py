@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -42,10 +41,11 @@ from runner.folder.run_folder import (
 
 @dataclass(frozen=True)
 class Run:
-    """A run that is being made: its folder and its resolved values."""
+    """A run that is being made: folder, resolved values, and what its numbers follow from."""
 
     folder: Path
     choices: dict[str, Any]
+    identity: dict[str, str]
 
     @classmethod
     def begin(cls, folder: Path, cfg: DictConfig, sensors: Sensors) -> Run:
@@ -54,13 +54,10 @@ class Run:
         Raises OSError where the folder cannot be written to, ValueError where another process
         works in it.
         """
-        run = cls(folder, plain(cfg))
+        choices = plain(cfg)
+        run = cls(folder, choices, identity_of(choices))
         run.start(config_text(cfg), sensors)
         return run
-
-    @cached_property
-    def identity(self) -> dict[str, str]:
-        return identity_of(self.choices)
 
     def start(self, config: str, sensors: Sensors) -> None:
         """Write what is known beforehand, the text of config.yaml last; earlier results go."""

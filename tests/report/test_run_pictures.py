@@ -7,7 +7,7 @@ import pytest
 import torch
 from rich.console import Console
 
-from data.record import Record
+from data.record import Record, Response
 from models.hysteretic_element import HystereticElement
 from report.run.compared import CYCLES, LONGEST, SHORTEST, few_cycles, strong_motion
 from report.run.figures import acceleration, identified_loops, run_figures
@@ -103,3 +103,26 @@ def test_so_few_cycles_are_drawn_that_an_eye_can_follow_them():
     assert CYCLES - 2 <= rises <= CYCLES + 2
     assert part.start < 2000 < part.stop  # where it is strongest
     assert few_cycles(signals[:, 1:], slice(1000, 3000)) == slice(1000, 3000)
+
+
+@pytest.mark.parametrize("size", [1e-7, 3e-4, 1.0, 2e5, 7e9])
+@pytest.mark.parametrize("joined", [1, 5])
+def test_all_that_is_written_lies_in_the_picture(linear_record, size, joined):
+    record = linear_record.map(lambda u: size * u)
+    errors = {"one step": torch.ones(record.samples), "free run": torch.rand(record.samples)}
+    any_seed = torch.Generator().manual_seed(joined)
+    loops = size * torch.randn(2, record.samples, joined, generator=any_seed).double()
+    run = Response(record.x, record.v, 1.01 * record.a)
+    names = [f"rubber bearing {i}" for i in range(joined)]
+    title = "element_network_branch on a structure with a long name, test 1: free run 12.34 %; odd"
+    drawn = run_figures(
+        record.measured(), run.a, errors, names, run, (loops[0], loops[1]), title, 0.1 * run.a.abs()
+    )
+    assert len(drawn) == 5
+    for name, figure in drawn.items():
+        figure.canvas.draw()
+        box, page = figure.get_tightbbox(), figure.bbox_inches
+        assert box.x0 >= 0.0, name
+        assert box.y0 >= 0.0, name
+        assert box.x1 <= page.x1, name
+        assert box.y1 <= page.y1, name
