@@ -78,7 +78,8 @@ def simulated(case: Chain | Frame, ground: np.ndarray, substeps: int = 0) -> np.
     first, last, substeps = rates[0], rates[-1], substeps or case.substeps
     both = 2.0 * case.damping / (first + last)
     ops.rayleigh(both * first * last, 0.0, both, 0.0)
-    ops.timeSeries("Path", 1, "-dt", DT, "-values", *ground.tolist())
+    # the last instant may lie beyond the last value, by rounding; without useLast that is none
+    ops.timeSeries("Path", 1, "-dt", DT, "-values", *ground.tolist(), "-useLast")
     ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
     ops.constraints("Transformation")
     ops.numberer("RCM")

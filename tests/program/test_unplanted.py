@@ -6,12 +6,13 @@ import json
 import math
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.unplanted import chains, drawn_chains, shaken, structures, suite
-from benchmarks.unplanted.drawn_chains import drawn_chain, ductilities
+from benchmarks.unplanted.drawn_chains import drawn_chain, ductilities, from_itself
 from benchmarks.unplanted.opensees import opensees
 from benchmarks.unplanted.page import lost, medians, write_page
 from benchmarks.unplanted.structures import CASES, HELD_BACK, records
@@ -105,10 +106,11 @@ def test_an_unknown_structure_is_refused():
 
 @pytest.fixture
 def brief(monkeypatch):
-    """Motions of OpenSees that last 3 s."""
+    """Motions of OpenSees that last 3 s, of which it is sure."""
     if opensees() is None:
         pytest.skip("needs openseespy: pip install -c constraints.txt -e '.[opensees]'")
     monkeypatch.setattr(shaken, "SAMPLES", 300)
+    monkeypatch.setattr(drawn_chains, "from_itself", lambda chain: [0.0])
 
 
 def test_a_chain_that_is_drawn_has_its_period_and_comes_as_far_as_was_drawn(brief):
@@ -141,3 +143,21 @@ def test_drawn_chains_are_a_table(brief, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [*words, "--settings", "model.laws=[SelfCentering]"])
     chains.main()
     assert "| SelfCentering 5, " in capsys.readouterr().out
+
+
+def test_another_chain_is_drawn_where_opensees_is_in_doubt_of_one(brief, monkeypatch):
+    monkeypatch.setattr(drawn_chains, "HALVINGS", 2)
+    doubts = iter([[50.0, 1.0], [math.inf], [0.1, 0.2]])
+    monkeypatch.setattr(drawn_chains, "from_itself", lambda chain: next(doubts))
+    what, chain = drawn_chain("Steel02", 3)
+    assert what.endswith(", after 2 in doubt")
+    assert chain.masses != drawn_chains._drawn("Steel02", 3, 0)[1].masses
+    monkeypatch.setattr(drawn_chains, "from_itself", lambda chain: [5.1])
+    with pytest.raises(ValueError, match="sure of none of 10"):
+        drawn_chain("Steel02", 3)
+
+
+def test_opensees_is_the_nearer_to_itself_the_finer_its_steps(brief):
+    chain = drawn_chain("Steel02", 3)[1]
+    near, far = (max(from_itself(replace(chain, substeps=steps))) for steps in (64, 16))
+    assert 0.0 < near < 0.1 * far  # of second order
