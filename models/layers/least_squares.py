@@ -85,14 +85,16 @@ class LeastSquares:
         self.samples += phi.shape[-2]
         columns = phi.shape[-1] + y.shape[-1]
         longest = max(TALL * columns, BLOCK // columns)
-        for pair in zip(phi.split(longest, dim=-2), y.split(longest, dim=-2), strict=True):
-            block = torch.cat(pair, dim=-1)
+        for own, of_own in zip(phi.split(longest, dim=-2), y.split(longest, dim=-2), strict=True):
+            above = 0 if self.triangle is None else self.triangle.shape[-2]
+            block = phi.new_empty(*phi.shape[:-2], above + own.shape[-2], columns)
+            if self.triangle is not None:
+                block[..., :above, :] = self.triangle
+            block[..., above:, : self.features], block[..., above:, self.features :] = own, of_own
             if not all_finite(block):
                 raise ValueError(
                     "the signals hold NaN or infinite values; mend the record before identification"
                 )
-            if self.triangle is not None:
-                block = torch.cat([self.triangle, block], dim=-2)
             self.triangle = torch.linalg.qr(block, mode="r").R
 
     def solve(self) -> Solution:

@@ -42,10 +42,10 @@ class RelativeRMSError:
                 f"be (…, samples, {self.error.shape[-1]})"
             )
         T, n = estimate.shape[-2:]
-        longer = max(0, T - len(self.error))  # records may differ in length
-        self.error, self.size = (pad(s, (0, 0, 0, longer)) for s in (self.error, self.size))
-        self.error[:T] += ((estimate - measured) ** 2).reshape(-1, T, n).sum(dim=0)
-        self.size[:T] += (measured**2).reshape(-1, T, n).sum(dim=0)
+        if (longer := T - len(self.error)) > 0:  # records may differ in length
+            self.error, self.size = (pad(s, (0, 0, 0, longer)) for s in (self.error, self.size))
+        for squares, signal in ((self.error, estimate - measured), (self.size, measured)):
+            squares[:T] += signal.square().reshape(-1, T, n).sum(dim=0)
         self.count += estimate[..., 0].numel()
 
     def compute(self) -> dict[str, Tensor]:
