@@ -3,10 +3,10 @@
 M ẍ + α M v + F = M u,   F from members whose ends yield (models/frames/run_compiled.py)
 
 Only floors are measured. Yielding wanders between the joints: no law between two floors follows
-it, while columns and beams with joints as hidden unknowns do. Their numbers are identified in
-`identify`, by the forces that balance the measured motion; no solver is needed. Choose it for
-frames of steel: columns and beams yield at their ends, all joints of a floor turn alike, columns
-are clamped at the base, beams carry no load between them.   n floors, T samples.
+it, while columns and beams with joints as hidden unknowns do. Their numbers are fitted to forces
+that balance the measured motion, then to its free run (models/frames/fit.py); no solver is needed.
+Choose it for frames of steel: columns and beams yield at their ends, all joints of a floor turn
+alike, columns are clamped at the base, beams carry no load between them.   n floors, T samples.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from models.estimator import Estimator
-from models.frames.fit import Known, Motion, fitted
+from models.frames.fit import Known, Motion, fitted, simulated
 from models.frames.numbers import members, number_of
-from models.frames.run_compiled import free
 from models.layers.integrate import between
+from models.starts.equilibrium import integrated_states
 
 
 class MomentFrame(Estimator):
     """Motion (…, T, n) of floors against a shaken base; every estimate is a free run from rest.
 
     masses: of the floors, from the lowest to the roof [kg]. heights: of the storeys, in any unit;
-    None: alike. substeps: of a sample. Records hold displacements and velocities, too; their one
-    channel of excitation is the acceleration that it gives all masses, minus that of the base.
+    None: alike. substeps: of a sample. The records' one channel of excitation is the acceleration
+    that it gives all masses, minus that of the base; displacements and velocities that they lack
+    are integrated.
     Raises ValueError for other channels, and for a free run that does not begin at rest.
     """
 
@@ -68,11 +69,15 @@ class MomentFrame(Estimator):
         self.numbers = nn.Parameter(empty, requires_grad=False)  # see models/frames/numbers.py
 
     def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
-        """Fit all numbers; returns the relative error of the accelerations that balance them."""
-        motions = [motion for record in batches for motion in _motions(record.to("cpu"))]
-        numbers, error = fitted(self.known, motions)
+        """Fit all numbers; returns relative errors of the accelerations.
+
+        balance_error: of those that the frame's forces give under the measured motion;
+        free_run_error: of the free run.
+        """
+        motions = [motion for record in batches for motion in self._motions(record.to("cpu"))]
+        numbers, balance, free_run = fitted(self.known, motions)
         self.numbers.data.copy_(torch.from_numpy(numbers))
-        return {"balance_error": error}
+        return {"balance_error": balance, "free_run_error": free_run}
 
     def forward(self, record: Record) -> Tensor:
         """Accelerations (…, T, n) of the free run of a record or a batch."""
@@ -86,34 +91,28 @@ class MomentFrame(Estimator):
                 "MomentFrame simulates from rest, and this record begins in motion; count its "
                 "first samples as warm-up (data.initial_state=rest, data.warmup)"
             )
-        u = drive.u.cpu().reshape(-1, drive.samples, 1)
-        ends = between(u, drive.hold, self.substeps)
-        runs = [self._run(*one, drive) for one in zip(u.numpy(), ends.numpy(), strict=True)]
-        shape = (3, *drive.u.shape[:-1], self.dofs)
-        x, v, a = torch.from_numpy(np.stack(runs, axis=1)).reshape(shape).to(drive.u.device)
+        frame = members(self.numbers.cpu().numpy(), self.known.mass, self.known.rho)
+        none = torch.zeros(*drive.u.shape[:-1], self.dofs, dtype=torch.float64)
+        motions = self._of(none, none, none, drive.u.cpu(), drive.hold, drive.dt)
+        runs = np.stack([simulated(frame, self.known, motion) for motion in motions], axis=1)
+        x, v, a = torch.from_numpy(runs).reshape(3, *none.shape).to(drive.u.device)
         return Response(x, v, a)
 
-    def _run(self, u: np.ndarray, ends: np.ndarray, drive: Drive) -> np.ndarray:
-        """x, v, a (3, T, n) under u (T, 1), which ends the steps at `ends` (T − 1, S, 1)."""
-        frame = members(self.numbers.cpu().numpy(), self.known.mass, self.known.rho)
-        motion = np.zeros((3, len(u), self.dofs))
-        free(
-            frame.laws, frame.sag, self.known.rho, self.known.mass, frame.alpha, frame.beta,
-            u[0, 0], np.ascontiguousarray(ends[..., 0]), drive.dt / self.substeps, *motion,
-        )  # fmt: skip
-        return motion
+    def _motions(self, record: Record) -> list[Motion]:
+        """Those of a batch; displacements and velocities that it lacks are integrated."""
+        x, v = record.x, record.v
+        if x is None or v is None:
+            states = [(x, v) for x, v, _, _ in integrated_states(record, 1)]
+            x, v = (torch.stack(s).reshape(record.a.shape) for s in zip(*states, strict=True))
+        return self._of(x, v, record.a, record.excitation, record.hold, record.dt)
 
-
-def _motions(record: Record) -> list[Motion]:
-    """Those of a batch. Raises ValueError where displacements or velocities are missing."""
-    if record.x is None or record.v is None:
-        raise ValueError(
-            "model=moment_frame is fitted to displacements and velocities, too; "
-            f"{record.remedy_of_state}"
-        )
-    x, v, a = (
-        s.reshape(-1, record.samples, record.dofs).numpy() for s in (record.x, record.v, record.a)
-    )
-    u = record.excitation.reshape(-1, record.samples).numpy()
-    parts = zip(x, v, a, u, strict=True)
-    return [Motion(*(np.ascontiguousarray(s) for s in part), record.dt) for part in parts]
+    def _of(self, x: Tensor, v: Tensor, a: Tensor, u: Tensor, hold: str, dt: float) -> list[Motion]:
+        """Motions of x, v, a (…, T, n) under the excitation u (…, T, 1)."""
+        T = u.shape[-2]
+        u = u.reshape(-1, T, 1)
+        ends = between(u, hold, self.substeps)[..., 0].contiguous().numpy()
+        parts = (*(s.reshape(-1, T, self.dofs).numpy() for s in (x, v, a)), u[..., 0].numpy(), ends)
+        return [
+            Motion(*(np.ascontiguousarray(s) for s in part), dt)
+            for part in zip(*parts, strict=True)
+        ]

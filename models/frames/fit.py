@@ -1,8 +1,8 @@
-"""The fit of a moment frame to the forces that balance a measured motion.
+"""The fit of a moment frame to forces that balance a measured motion, then to its free run.
 
-M ẍ + α M v + F(x, v) = M u.   The motion is imposed on the floors and joints turn as they have to,
-so that no error of one sample is in the next. Derivatives are differences, a run for each number.
-T samples, n floors, P numbers.
+M ẍ + α M v + F(x, v) = M u.   At first the motion is imposed on the floors and joints turn as they
+have to, so that no error of one sample is in the next. Derivatives are differences, a run for each
+number.   T samples, S steps of a sample, n floors, P numbers.
 """
 
 from __future__ import annotations
@@ -16,25 +16,29 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from models.frames.numbers import members, moved, start
-from models.frames.run_compiled import imposed
+from models.frames.numbers import Members, members, moved, start
+from models.frames.run_compiled import free, imposed
 from models.training.doing import doing
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 PRIOR = 1e-5  # weight of Σ θ² beside the squared relative error of the accelerations
-FIRST = 2  # motions that are fitted at first
-ITERATIONS = (15, 25)  # with these, and with all
+FIRST = 2  # motions that are balanced at first
+ITERATIONS = (15, 25, 20)  # to balance these, to balance all, and of the free run
 DIFFERENCE = 1e-4  # of θ
 
 
 @dataclass(frozen=True)
 class Motion:
-    """x, v, a against the base (T, n), and the accelerations that excitation gives masses (T,)."""
+    """x, v, a against the base (T, n), and the accelerations that excitation gives masses.
+
+    u: these (T,); ends: at the end of each step (T − 1, S).
+    """
 
     x: np.ndarray
     v: np.ndarray
     a: np.ndarray
     u: np.ndarray
+    ends: np.ndarray
     dt: float
 
 
@@ -46,12 +50,13 @@ class Known:
     rho: np.ndarray
 
 
-def fitted(known: Known, motions: Sequence[Motion]) -> tuple[np.ndarray, float]:
-    """Numbers (P,) of the frame, and the relative error of the accelerations that balance them."""
-    doing("a moment frame, fitted to the forces that balance its motion")
-    begin, theta = start(known.mass, *_storeys(known, motions)), None
-    for some, iterations in zip((motions[:FIRST], motions), ITERATIONS, strict=True):
-        problem = Balance(known, some, begin, theta)
+def fitted(known: Known, motions: Sequence[Motion]) -> tuple[np.ndarray, float, float]:
+    """Numbers (P,) of the frame, relative errors where forces balance and in free run."""
+    begin, theta, errors = start(known.mass, *_storeys(known, motions)), None, []
+    stages = ((Balance, motions[:FIRST]), (Balance, motions), (FreeRun, motions))
+    for (kind, some), iterations in zip(stages, ITERATIONS, strict=True):
+        doing(f"a moment frame, {kind.doing}")
+        problem = kind(known, some, begin, theta)
         solver = LevenbergMarquardt(
             [problem.theta], iterations, damping=1e-3, decrease=0.2, increase=5.0, largest=1e4,
             change=2e-3, patience=2, gradient=0.0, scaled=True, longest=1.0,
@@ -59,7 +64,18 @@ def fitted(known: Known, motions: Sequence[Motion]) -> tuple[np.ndarray, float]:
         while not solver.finished:
             solver.solve(problem)
         theta = problem.theta.detach().numpy().copy()
-    return moved(begin, theta), float(np.sqrt(np.mean(problem.errors(theta) ** 2)))
+        errors.append(float(np.sqrt(np.mean(problem.errors(theta) ** 2))))
+    return moved(begin, theta), errors[1], errors[2]
+
+
+def simulated(frame: Members, known: Known, motion: Motion) -> np.ndarray:
+    """x, v, a (3, T, n) of a frame under the excitation of a motion, from rest."""
+    found = np.zeros((3, len(motion.u), len(known.mass)))
+    free(
+        frame.laws, frame.sag, known.rho, known.mass, frame.alpha, frame.beta, motion.u[0],
+        motion.ends, motion.dt / motion.ends.shape[1], *found,
+    )  # fmt: skip
+    return found
 
 
 def _storeys(known: Known, motions: Sequence[Motion]) -> tuple[np.ndarray, np.ndarray]:
@@ -72,6 +88,7 @@ def _storeys(known: Known, motions: Sequence[Motion]) -> tuple[np.ndarray, np.nd
 class Balance:
     """Relative errors of the accelerations that the frame's forces give under a motion."""
 
+    doing = "fitted to forces that balance its motion"
     steepest = float("inf")
     own: Sequence[Tensor] = ()
 
@@ -92,13 +109,13 @@ class Balance:
 
     def errors(self, theta: np.ndarray) -> np.ndarray:
         """Weighted so that their mean square is that relative to the accelerations, (N n,)."""
-        mass, rho = self.known.mass, self.known.rho
-        frame, left = members(moved(self.begin, theta), mass, rho), []
-        for m in self.motions:
-            force = np.empty_like(m.x)
-            imposed(frame.laws, frame.sag, rho, frame.beta, m.x, m.v, m.dt, force)
-            left.append(m.u[:, None] - frame.alpha * m.v - force / mass - m.a)
-        return self.weight * np.concatenate(left).ravel()
+        frame = members(moved(self.begin, theta), self.known.mass, self.known.rho)
+        return self.weight * np.concatenate([self._left(frame, m) for m in self.motions]).ravel()
+
+    def _left(self, frame: Members, m: Motion) -> np.ndarray:
+        force = np.empty_like(m.x)
+        imposed(frame.laws, frame.sag, self.known.rho, frame.beta, m.x, m.v, m.dt, force)
+        return m.u[:, None] - frame.alpha * m.v - force / self.known.mass - m.a
 
     def loss(self) -> Tensor:
         theta = self.theta.detach().numpy()
@@ -114,3 +131,13 @@ class Balance:
         pull = PRIOR * len(errors)
         matrix, vector = J.T @ J + pull * np.eye(len(theta)), J.T @ errors + pull * theta
         return torch.from_numpy(matrix), torch.from_numpy(vector)
+
+
+class FreeRun(Balance):
+    """Relative errors of the accelerations in free run."""
+
+    doing = "fitted to its free run"
+
+    def _left(self, frame: Members, m: Motion) -> np.ndarray:
+        left: np.ndarray = simulated(frame, self.known, m)[2] - m.a
+        return left

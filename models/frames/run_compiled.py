@@ -173,6 +173,7 @@ def imposed(laws, sag, rho, beta, x, v, dt, F_out):
         step = dt if k > 0 else np.inf
         for i in range(n):
             u[i], rate[i] = x[k, i], v[k, i]
+            u[n + i] += dt * rate[n + i]
         for iteration in range(MOST):
             for i in range(n, 2 * n):
                 rate[i] = (u[i] - before[i]) / step
@@ -220,6 +221,7 @@ def free(laws, sag, rho, mass, alpha, beta, first, between, h, x, v, a):
         for part in range(between.shape[1]):
             for i in range(2 * n):
                 u_old[i], rate_old[i] = u[i], rate[i]
+                u[i] += h * rate[i]
             for i in range(n):
                 acc_old[i] = acc[i]
             left = np.inf
