@@ -76,7 +76,7 @@ def _add(K, i, j, value):
         K[j, i] += value
 
 
-@inlined
+@compiled
 def _balance(laws, sag, rho, u, old, new, F, K):
     """Forces F (2n,) and stiffnesses K (2n, 2n) of floors and joints at u = [x, φ]."""
     n = sag.size
