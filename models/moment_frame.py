@@ -109,10 +109,8 @@ class MomentFrame(Estimator):
     def _of(self, x: Tensor, v: Tensor, a: Tensor, u: Tensor, hold: str, dt: float) -> list[Motion]:
         """Motions of x, v, a (…, T, n) under the excitation u (…, T, 1)."""
         T = u.shape[-2]
-        u = u.reshape(-1, T, 1)
-        ends = between(u, hold, self.substeps)[..., 0].contiguous().numpy()
-        parts = (*(s.reshape(-1, T, self.dofs).numpy() for s in (x, v, a)), u[..., 0].numpy(), ends)
-        return [
-            Motion(*(np.ascontiguousarray(s) for s in part), dt)
-            for part in zip(*parts, strict=True)
-        ]
+        ends = between(u.reshape(-1, T, 1), hold, self.substeps)[..., 0].contiguous()
+        signals = [s.reshape(-1, T, self.dofs).contiguous() for s in (x, v, a)]
+        signals += [u.reshape(-1, T).contiguous(), ends]
+        parts = zip(*(s.numpy() for s in signals), strict=True)
+        return [Motion(x, v, a, u, ends, dt) for x, v, a, u, ends in parts]

@@ -52,7 +52,8 @@ class Known:
 
 def fitted(known: Known, motions: Sequence[Motion]) -> tuple[np.ndarray, float, float]:
     """Numbers (P,) of the frame, relative errors where forces balance and in free run."""
-    begin, theta, errors = start(known.mass, *_storeys(known, motions)), None, []
+    begin, errors = start(known.mass, *_storeys(known, motions)), []
+    theta = np.zeros_like(begin)
     stages = ((Balance, motions[:FIRST]), (Balance, motions), (FreeRun, motions))
     for (kind, some), iterations in zip(stages, ITERATIONS, strict=True):
         doing(f"a moment frame, {kind.doing}")
@@ -97,12 +98,10 @@ class Balance:
         known: Known,
         motions: Sequence[Motion],
         begin: np.ndarray,
-        theta: np.ndarray | None = None,
+        theta: np.ndarray,
     ) -> None:
         self.known, self.motions, self.begin = known, motions, begin
-        self.theta = nn.Parameter(torch.zeros(len(begin), dtype=torch.float64))
-        if theta is not None:
-            self.theta.data.copy_(torch.from_numpy(theta))
+        self.theta = nn.Parameter(torch.from_numpy(theta.copy()))
         absolute = np.concatenate([m.a - m.u[:, None] for m in motions])
         self.y = torch.from_numpy(absolute.ravel())
         self.weight = float(np.sqrt(absolute.size)) / float(np.linalg.norm(absolute))

@@ -160,8 +160,8 @@ def test_forces_under_the_planted_motion_balance_it(records):
     known = fit.Known(np.array(MASSES), np.array(HEIGHTS) / HEIGHTS[0])
     fine = frame(substeps=16)
     record = moved(fine, shaken(0, 4.0))
-    balance = fit.Balance(known, fine._motions(record), fine.numbers.numpy())
     none = np.zeros(len(fine.numbers))
+    balance = fit.Balance(known, fine._motions(record), fine.numbers.numpy(), none)
     assert np.sqrt(np.mean(balance.errors(none) ** 2)) < 0.02
     assert np.sqrt(np.mean(balance.errors(none + 0.3) ** 2)) > 0.1
 
