@@ -47,7 +47,10 @@ RATES = (  # whose filters are stated in rad/s or s, for all records
     "vwnn_forward",
     "vwnn_third_order",
 )
-STATED = ("online_linear",)  # its features have units, and so has adaptation.variance
+STATED = (
+    "moment_frame",  # its masses are given: test_moment_frame.py
+    "online_linear",  # its features have units, and so has adaptation.variance
+)
 SISO = ("sliding_mass", "tank_cascade", "wiener_hammerstein")
 SHORTER = {
     **SMALLER,

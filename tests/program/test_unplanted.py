@@ -13,9 +13,12 @@ import pytest
 
 from benchmarks.unplanted import chains, drawn_chains, shaken, structures, suite
 from benchmarks.unplanted.drawn_chains import drawn_chain, ductilities, from_itself
+from benchmarks.unplanted.frames import FRAMES
+from benchmarks.unplanted.frames import HELD_BACK as FRAMES_HELD_BACK
 from benchmarks.unplanted.opensees import opensees
 from benchmarks.unplanted.page import lost, medians, write_page
 from benchmarks.unplanted.structures import CASES, HELD_BACK, records
+from models.frames import fit
 
 FIT = {
     **{"train": 1.0, "unseen": 2.0, "farther": 3.0, "seconds": 4.0, "parameters": 5},
@@ -161,3 +164,15 @@ def test_opensees_is_the_nearer_to_itself_the_finer_its_steps(brief):
     chain = drawn_chain("Steel02", 3)[1]
     near, far = (max(from_itself(replace(chain, substeps=steps))) for steps in (64, 16))
     assert 0.0 < near < 0.1 * far  # of second order
+
+
+def test_a_frame_that_only_cases_asks_for_is_a_table(brief, monkeypatch, capsys):
+    name = "fibre frame, light roof"
+    assert not {*FRAMES, *FRAMES_HELD_BACK} & {*chains.CASES}
+    monkeypatch.setattr(fit, "ITERATIONS", (2, 2, 2))
+    words = ["chains", "--cases", name, "--model", "moment_frame", "--noise", "0"]
+    monkeypatch.setattr(sys, "argv", words)
+    chains.main()
+    row = capsys.readouterr().out.splitlines()[-1].split(" | ")
+    assert row[0] == f"| {name}"
+    assert 0.0 < float(row[1]) < 60.0

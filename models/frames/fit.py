@@ -1,0 +1,142 @@
+"""The fit of a moment frame to forces that balance a measured motion, then to its free run.
+
+M ẍ + α M v + F(x, v) = M u.   At first the motion is imposed on the floors and joints turn as they
+have to, so that no error of one sample is in the next. Derivatives are differences, a run for each
+number.   T samples, S steps of a sample, n floors, P numbers.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from models.frames.numbers import Members, members, moved, start
+from models.frames.run_compiled import free, imposed
+from models.training.doing import doing
+from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+
+PRIOR = 1e-5  # weight of Σ θ² beside the squared relative error of the accelerations
+FIRST = 2  # motions that are balanced at first
+ITERATIONS = (15, 25, 20)  # to balance these, to balance all, and of the free run
+DIFFERENCE = 1e-4  # of θ
+
+
+@dataclass(frozen=True)
+class Motion:
+    """x, v, a against the base (T, n), and the accelerations that excitation gives masses.
+
+    u: these (T,); ends: at the end of each step (T − 1, S).
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    u: np.ndarray
+    ends: np.ndarray
+    dt: float
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is given of a frame: masses (n,), heights over that of the first storey (n,)."""
+
+    mass: np.ndarray
+    rho: np.ndarray
+
+
+def fitted(known: Known, motions: Sequence[Motion]) -> tuple[np.ndarray, float, float]:
+    """Numbers (P,) of the frame, relative errors where forces balance and in free run."""
+    begin, errors = start(known.mass, *_storeys(known, motions)), []
+    theta = np.zeros_like(begin)
+    stages = ((Balance, motions[:FIRST]), (Balance, motions), (FreeRun, motions))
+    for (kind, some), iterations in zip(stages, ITERATIONS, strict=True):
+        doing(f"a moment frame, {kind.doing}")
+        problem = kind(known, some, begin, theta)
+        solver = LevenbergMarquardt(
+            [problem.theta], iterations, damping=1e-3, decrease=0.2, increase=5.0, largest=1e4,
+            change=2e-3, patience=2, gradient=0.0, scaled=True, longest=1.0,
+        )  # fmt: skip
+        while not solver.finished:
+            solver.solve(problem)
+        theta = problem.theta.detach().numpy().copy()
+        errors.append(float(np.sqrt(np.mean(problem.errors(theta) ** 2))))
+    return moved(begin, theta), errors[1], errors[2]
+
+
+def simulated(frame: Members, known: Known, motion: Motion) -> np.ndarray:
+    """x, v, a (3, T, n) of a frame under the excitation of a motion, from rest."""
+    found = np.zeros((3, len(motion.u), len(known.mass)))
+    free(
+        frame.laws, frame.sag, known.rho, known.mass, frame.alpha, frame.beta, motion.u[0],
+        motion.ends, motion.dt / motion.ends.shape[1], *found,
+    )  # fmt: skip
+    return found
+
+
+def _storeys(known: Known, motions: Sequence[Motion]) -> tuple[np.ndarray, np.ndarray]:
+    """Drifts and shears (N, n) of all motions."""
+    pushed = [known.mass * (m.u[:, None] - m.a) for m in motions]
+    shear = np.concatenate([np.cumsum(f[:, ::-1], axis=1)[:, ::-1] for f in pushed])
+    return np.concatenate([np.diff(m.x, axis=1, prepend=0.0) for m in motions]), shear
+
+
+class Balance:
+    """Relative errors of the accelerations that the frame's forces give under a motion."""
+
+    doing = "fitted to forces that balance its motion"
+    steepest = float("inf")
+    own: Sequence[Tensor] = ()
+
+    def __init__(
+        self,
+        known: Known,
+        motions: Sequence[Motion],
+        begin: np.ndarray,
+        theta: np.ndarray,
+    ) -> None:
+        self.known, self.motions, self.begin = known, motions, begin
+        self.theta = nn.Parameter(torch.from_numpy(theta.copy()))
+        absolute = np.concatenate([m.a - m.u[:, None] for m in motions])
+        self.y = torch.from_numpy(absolute.ravel())
+        self.weight = float(np.sqrt(absolute.size)) / float(np.linalg.norm(absolute))
+
+    def errors(self, theta: np.ndarray) -> np.ndarray:
+        """Weighted so that their mean square is that relative to the accelerations, (N n,)."""
+        frame = members(moved(self.begin, theta), self.known.mass, self.known.rho)
+        return self.weight * np.concatenate([self._left(frame, m) for m in self.motions]).ravel()
+
+    def _left(self, frame: Members, m: Motion) -> np.ndarray:
+        force = np.empty_like(m.x)
+        imposed(frame.laws, frame.sag, self.known.rho, frame.beta, m.x, m.v, m.dt, force)
+        return m.u[:, None] - frame.alpha * m.v - force / self.known.mass - m.a
+
+    def loss(self) -> Tensor:
+        theta = self.theta.detach().numpy()
+        return torch.tensor(np.mean(self.errors(theta) ** 2) + PRIOR * float(theta @ theta))
+
+    def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
+        """JᵀJ (P, P) and Jᵀe (P,), with the pull towards the start."""
+        theta = self.theta.detach().numpy()
+        ways = theta + DIFFERENCE * np.eye(len(theta))
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            errors, *others = pool.map(self.errors, [theta, *ways])
+        J = (np.stack(others, axis=1) - errors[:, None]) / DIFFERENCE
+        pull = PRIOR * len(errors)
+        matrix, vector = J.T @ J + pull * np.eye(len(theta)), J.T @ errors + pull * theta
+        return torch.from_numpy(matrix), torch.from_numpy(vector)
+
+
+class FreeRun(Balance):
+    """Relative errors of the accelerations in free run."""
+
+    doing = "fitted to its free run"
+
+    def _left(self, frame: Members, m: Motion) -> np.ndarray:
+        left: np.ndarray = simulated(frame, self.known, m)[2] - m.a
+        return left
