@@ -68,14 +68,18 @@ def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) ->
     seeds_of = SeedsOf(cfg)
     assert isinstance(shared, SimulatedData)
     first = next(filter(_simulated, map(shared.of_seed, seeds)), None)
-    if first is None:
+    try:
+        error = None if first is None else first.own_error()
+    except ValueError:  # said by the first run, when it is done alone
+        error = None
+    if error is None:
         return list(seeds)
     groups = [seeds[start : start + AT_ONCE] for start in range(0, len(seeds), AT_ONCE)]
 
     def run_group(group: Sequence[int]) -> list[int]:
         data = {seed: shared.of_seed(seed) for seed in group}
         for own in data.values():
-            own.share_own_error(first)
+            own.share_own_error(error)
         return _run_group(cfg, seeds_of, data, places)
 
     threads = cfg.threads or 1

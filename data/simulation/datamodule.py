@@ -136,6 +136,6 @@ class SimulatedData(Data):
             self._own_error = self.simulation.error("test", self.seed, first, coarse, redrawn)
         return self._own_error
 
-    def share_own_error(self, other: SimulatedData) -> None:
-        """Take the error of these data with the motions of another seed for one's own."""
-        self._own_error = other.own_error()
+    def share_own_error(self, error: float) -> None:
+        """Take that of the same data with the motions of another seed."""
+        self._own_error = error
