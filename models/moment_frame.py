@@ -7,7 +7,7 @@ it, while columns and beams with joints as hidden unknowns do. Their numbers are
 that balance the measured motion, then to its free run (models/frames/fit.py); no solver is needed.
 Choose it for frames of steel: columns and beams yield at their ends, all joints of a floor turn
 alike, columns are clamped at the base, beams carry no load between them. From accelerations alone
-a fit may end far from the frame: `free_run_error` says so.   n floors, T samples.
+a fit may end away from the frame: `free_run_error` says so.   n floors, T samples.
 """
 
 from __future__ import annotations

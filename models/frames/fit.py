@@ -1,8 +1,9 @@
 """The fit of a moment frame to forces that balance a measured motion, then to its free run.
 
 M ẍ + α M v + F(x, v) = M u.   At first the motion is imposed on the floors and joints turn as they
-have to, so that no error of one sample is in the next. Derivatives are differences, a run for each
-number.   T samples, S steps of a sample, n floors, P numbers.
+have to, so that no error of one sample is in the next. Displacements that were integrated from
+noise lead that astray; so free runs choose between its end and starts of a grid. Derivatives are
+differences, a run for each number.   T samples, S steps of a sample, n floors, P numbers.
 """
 
 from __future__ import annotations
@@ -11,19 +12,23 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from models.frames.numbers import Members, members, moved, start
+from models.frames.numbers import Members, members, moved, scaled, start
 from models.frames.run_compiled import free, imposed
 from models.training.doing import doing
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 PRIOR = 1e-5  # weight of Σ θ² beside the squared relative error of the accelerations
 FIRST = 2  # motions that are balanced at first
-ITERATIONS = (15, 25, 20)  # to balance these, to balance all, and of the free run
+ITERATIONS = (15, 25, 25)  # to balance these, to balance all, and of the free run
+STIFFER, STRONGER = (0.6, 1.0, 1.6, 2.5), (0.5, 1.0, 2.0)  # times those of the start: the grid
+FOLLOWED, FOLLOWING = 2, 15  # beginnings of the free run, iterations of each on some motions
+NEAR = 2.0  # times the least error: what is farther off is not followed
 DIFFERENCE = 1e-4  # of θ
 
 
@@ -52,21 +57,45 @@ class Known:
 
 def fitted(known: Known, motions: Sequence[Motion]) -> tuple[np.ndarray, float, float]:
     """Numbers (P,) of the frame, relative errors where forces balance and in free run."""
-    begin, errors = start(known.mass, *_storeys(known, motions)), []
-    theta = np.zeros_like(begin)
-    stages = ((Balance, motions[:FIRST]), (Balance, motions), (FreeRun, motions))
-    for (kind, some), iterations in zip(stages, ITERATIONS, strict=True):
-        doing(f"a moment frame, {kind.doing}")
-        problem = kind(known, some, begin, theta)
-        solver = LevenbergMarquardt(
-            [problem.theta], iterations, damping=1e-3, decrease=0.2, increase=5.0, largest=1e4,
-            change=2e-3, patience=2, gradient=0.0, scaled=True, longest=1.0,
-        )  # fmt: skip
-        while not solver.finished:
-            solver.solve(problem)
-        theta = problem.theta.detach().numpy().copy()
-        errors.append(float(np.sqrt(np.mean(problem.errors(theta) ** 2))))
-    return moved(begin, theta), errors[1], errors[2]
+    begin = start(known.mass, *_storeys(known, motions))
+    theta = _solved(Balance(known, motions[:FIRST], begin, np.zeros_like(begin)), ITERATIONS[0])
+    balance = Balance(known, motions, begin, theta)
+    theta = _solved(balance, ITERATIONS[1])
+    free_run = FreeRun(known, motions, begin, _best(known, motions, begin, theta))
+    theta_free = _solved(free_run, ITERATIONS[2])
+    return moved(begin, theta_free), balance.error(theta), free_run.error(theta_free)
+
+
+def _best(
+    known: Known, motions: Sequence[Motion], begin: np.ndarray, theta: np.ndarray
+) -> np.ndarray:
+    """θ from which the free run is fitted: that of the balance, or what a start of a grid leads to.
+
+    Where a motion is known the balance is nearer than the grid by far, and alone is followed. The
+    motions that push least are followed first: they tell stiffness before strength matters.
+    """
+    quiet = sorted(motions, key=lambda m: float(m.u @ m.u))[:FIRST]
+    judge = FreeRun(known, quiet, begin, theta)
+    grid = [scaled(begin, *np.log(both)) for both in product(STIFFER, STRONGER)]
+    starts = sorted((judge.error(at), i) for i, at in enumerate([theta, *grid]))
+    near = [([theta, *grid][i]) for error, i in starts[:FOLLOWED] if error <= NEAR * starts[0][0]]
+    if len(near) == 1:
+        return near[0]
+    ends = [_solved(FreeRun(known, quiet, begin, at), FOLLOWING) for at in near]
+    return min(ends, key=FreeRun(known, motions, begin, theta).error)
+
+
+def _solved(problem: Balance, iterations: int) -> np.ndarray:
+    """θ where Levenberg–Marquardt ends."""
+    doing(f"a moment frame, {problem.doing}")
+    solver = LevenbergMarquardt(
+        [problem.theta], iterations, damping=1e-3, decrease=0.2, increase=5.0, largest=1e4,
+        change=2e-3, patience=2, gradient=0.0, scaled=True, longest=1.0,
+    )  # fmt: skip
+    while not solver.finished:
+        solver.solve(problem)
+    found: np.ndarray = problem.theta.detach().numpy().copy()
+    return found
 
 
 def simulated(frame: Members, known: Known, motion: Motion) -> np.ndarray:
@@ -115,6 +144,10 @@ class Balance:
         force = np.empty_like(m.x)
         imposed(frame.laws, frame.sag, self.known.rho, frame.beta, m.x, m.v, m.dt, force)
         return m.u[:, None] - frame.alpha * m.v - force / self.known.mass - m.a
+
+    def error(self, theta: np.ndarray) -> float:
+        """Infinite where a run is lost."""
+        return float(np.sqrt(np.mean(self.errors(theta) ** 2)))
 
     def loss(self) -> Tensor:
         theta = self.theta.detach().numpy()

@@ -63,6 +63,13 @@ def moved(start: np.ndarray, theta: np.ndarray) -> np.ndarray:
     return found
 
 
+def scaled(start: np.ndarray, stiffer: float, stronger: float) -> np.ndarray:
+    """θ (P,) of a frame whose members are all so much stiffer and stronger, in logarithms."""
+    theta = np.zeros_like(start)
+    theta[SHARED:].reshape(2, 2, -1)[:] = np.array([stiffer, stronger])[:, None]
+    return theta
+
+
 def members(numbers: np.ndarray, mass: np.ndarray, rho: np.ndarray) -> Members:
     alpha, beta, gamma = numbers[:3]
     kinds, (k_column, m_column, k_beam, m_beam) = (

@@ -155,6 +155,17 @@ def test_without_displacements_they_are_integrated(records):
     assert error(blind, records[2]) < 0.03
 
 
+def test_displacements_that_drift_do_not_lead_it_astray(records, monkeypatch):
+    """From the end of the balance alone the free run is 43 % away from the unseen motion."""
+    monkeypatch.setattr(fit, "ITERATIONS", (3, 1, 25))
+    seen = stack(records[:2])
+    t, drift = DT * torch.arange(seen.samples)[:, None], seen.x.std(dim=1, keepdim=True)
+    seen = replace(seen, x=seen.x + drift * torch.sin(t), v=seen.v + drift * torch.cos(t))
+    drifting = MomentFrame(2, 1, DT, MASSES, HEIGHTS)
+    assert drifting.identify([seen.window(0, 700)])["balance_error"] > 0.5
+    assert error(drifting, records[2]) < 0.02
+
+
 def test_forces_under_the_planted_motion_balance_it(records):
     """Imposed and free runs take steps of their own: they agree to what these leave."""
     known = fit.Known(np.array(MASSES), np.array(HEIGHTS) / HEIGHTS[0])
