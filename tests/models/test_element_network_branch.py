@@ -74,7 +74,8 @@ def other(model: ElementNetworkBranch, memory: bool = False) -> ElementNetworkBr
 
 @pytest.mark.parametrize("memory", [False, True])
 def test_the_compiled_run_and_its_derivatives_are_those_of_pytorch(model, memory):
-    record, ours = shaken(2, 120), other(model, memory)
+    """Over 100 samples: soon after, laws drawn at random make 1e-10 of what was 1e-12 of rounding."""
+    record, ours = shaken(2, 100), other(model, memory)
     trace = ours.trace(record.drive(), derivatives=True)
     reference = ours.free_run(record.drive())
     for name in "xva":
@@ -84,7 +85,7 @@ def test_the_compiled_run_and_its_derivatives_are_those_of_pytorch(model, memory
         )
     assert (trace.deformations.diff(dim=0).sign().diff(dim=0) != 0).any(dim=1).sum() > 8
     free = [p for p in ours.parameters() if p.requires_grad]
-    for k in (30, 119):
+    for k in (30, 99):
         slopes = torch.autograd.grad(reference.a[k, 1], free, retain_graph=True)
         slope = torch.cat([s.reshape(-1) for s in slopes])
         assert torch.allclose(
