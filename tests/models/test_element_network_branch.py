@@ -74,7 +74,7 @@ def other(model: ElementNetworkBranch, memory: bool = False) -> ElementNetworkBr
 
 @pytest.mark.parametrize("memory", [False, True])
 def test_the_compiled_run_and_its_derivatives_are_those_of_pytorch(model, memory):
-    """Over 100 samples: soon after, laws drawn at random make 1e-10 of what was 1e-12 of rounding."""
+    """Over 100 samples: soon after, laws drawn at random make 1e-10 out of 1e-12 of rounding."""
     record, ours = shaken(2, 100), other(model, memory)
     trace = ours.trace(record.drive(), derivatives=True)
     reference = ours.free_run(record.drive())
