@@ -48,7 +48,7 @@ def titled(figure: Figure, title: str, legend: float = 0.0) -> Figure:
 def placed(figure: Figure) -> Figure:
     """Place a grid of panels with margins [inches] that hold ticks, labels and titles of any.
 
-    Matplotlib's constrained layout measures every text twice, which takes longer than the drawing.
+    Matplotlib's constrained layout measures every text twice: a good part of the time.
     """
     width, height = figure.get_size_inches()
     inner = []

@@ -8,9 +8,7 @@ differences, a run for each number.   T samples, S steps of a sample, n floors, 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import product
 
@@ -18,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from data.parallel import in_threads
 from models.frames.numbers import Members, members, moved, scaled, start
 from models.frames.run_compiled import free, imposed
 from models.training.doing import doing
@@ -77,8 +76,8 @@ def _best(
     quiet = sorted(motions, key=lambda m: float(m.u @ m.u))[:FIRST]
     judge = FreeRun(known, quiet, begin, theta)
     grid = [scaled(begin, *np.log(both)) for both in product(STIFFER, STRONGER)]
-    starts = sorted((judge.error(at), i) for i, at in enumerate([theta, *grid]))
-    near = [([theta, *grid][i]) for error, i in starts[:FOLLOWED] if error <= NEAR * starts[0][0]]
+    judged = sorted(((judge.error(at), at) for at in (theta, *grid)), key=lambda both: both[0])
+    near = [at for error, at in judged[:FOLLOWED] if error <= NEAR * judged[0][0]]
     if len(near) == 1:
         return near[0]
     ends = [_solved(FreeRun(known, quiet, begin, at), FOLLOWING) for at in near]
@@ -157,8 +156,7 @@ class Balance:
         """JᵀJ (P, P) and Jᵀe (P,), with the pull towards the start."""
         theta = self.theta.detach().numpy()
         ways = theta + DIFFERENCE * np.eye(len(theta))
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            errors, *others = pool.map(self.errors, [theta, *ways])
+        errors, *others = in_threads(self.errors, [theta, *ways])
         J = (np.stack(others, axis=1) - errors[:, None]) / DIFFERENCE
         pull = PRIOR * len(errors)
         matrix, vector = J.T @ J + pull * np.eye(len(theta)), J.T @ errors + pull * theta
