@@ -145,7 +145,7 @@ def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost
     Where the long runs of one noise end is decided by rounding, which other compiled code changes:
     geometric means of three.
     """
-    monkeypatch.setattr(branch_choice, "ITERATIONS", 20)
+    monkeypatch.setattr(branch_choice, "ITERATIONS", 10)
     test, errors = shaken(5, 800, 0.2), np.zeros((2, 3))
     for i, lengths in enumerate(((), branch_polish.GROWING)):
         monkeypatch.setattr(branch_polish, "GROWING", lengths)
