@@ -8,6 +8,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,13 @@ class Function:
     written: set[str]  # arrays among the parameters whose elements it sets
     helpers: set[str]
     called: list[Function] = field(default_factory=list)
+
+
+@cache
+def _body(python: Callable[..., Any]) -> list[ast.stmt]:
+    """The statements of a function, found once: it is translated for each way it is called."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(python)))
+    return tree.body[0].body  # type: ignore[attr-defined]
 
 
 class Program:
@@ -69,8 +77,7 @@ class Program:
         return found
 
     def _translated(self, python: Callable[..., Any], taken: dict[str, Value]) -> Function:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(python)))
-        body = tree.body[0].body  # type: ignore[attr-defined]
+        body = _body(python)
         names = self.tables.opened(
             {**python.__globals__, **inspect.getclosurevars(python).nonlocals}
         )

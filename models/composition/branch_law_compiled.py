@@ -292,8 +292,10 @@ def follow(theta, first, sizes, y, speed, dy, dspeed, S, D, d, x, x_turn, by_x, 
     if sensitive:
         if p == 0.0:
             by_p = 0.0
-        d[:] = 0.0
-        by_x[:] = 0.0
+        for q in range(d.size):
+            d[q] = 0.0
+        for i in range(inputs):
+            by_x[i] = 0.0
         add_envelope_slopes(theta, first, ramps_E, x, inputs, by_E, d, by_x)
         by_y, by_x[0] = by_x[0] + by_p, 0.0
         add_envelope_slopes(theta, first, ramps_E, x_turn, inputs, by_E_turn, d, by_x)
@@ -377,8 +379,10 @@ def turn(theta, first, sizes, log_k0, side, y, dy, S, D, by_m, sensitive):
         begin, raw = (first_k, raw_k) if row == STIFF else (first_R, raw_R)
         slope = S[row] * (1.0 - math.tanh(raw) ** 2)
         total = D[row]
-        total[:] = 0.0
-        by_m[:] = 0.0
+        for q in range(total.size):
+            total[q] = 0.0
+        for i in range(memories):
+            by_m[i] = 0.0
         add_slopes(theta, begin, ramps_k, memory, memories, slope, total, by_m)
         for i in range(memories):
             for q in range(total.size):

@@ -47,8 +47,8 @@ def _deformation(e, q, rate, dq, drate, u_at, D, supports, Y, V, dy, dspeed, sen
     """y/Y and ẏ/V of an element; fills their derivatives (P,)."""
     y, speed = 0.0, 0.0
     if sensitive:
-        dy[:] = 0.0
-        dspeed[:] = 0.0
+        for p in range(dy.size):
+            dy[p] = dspeed[p] = 0.0
     for i in range(q.size):
         d = D[e, i]
         if d != 0.0:
@@ -84,7 +84,8 @@ def _turn_within(theta, first, sizes, log_k0, side, h, y0, v0, y1, v1, dy0, dv0,
             theta, first, sizes, y, 0.0, at, none, S, D, dh, x, x_turn, by_x, sensitive
         )
     elif sensitive:
-        dh[:] = 0.0
+        for p in range(dh.size):
+            dh[p] = 0.0
     go_on(y, y0, force, at, dy0, dh, S, D, sensitive)
     turn(theta, first, sizes, log_k0, side, y, at, S, D, by_m, sensitive)
     return y
@@ -128,7 +129,8 @@ def _forces(q, rate, dq, drate, moved, h, u_at, D, supports, theta, sizes, scale
                 sensitive,
             )  # fmt: skip
         elif sensitive:
-            dh[:] = 0.0
+            for p in range(P):
+                dh[p] = 0.0
         go_on(now, before, force, dnow, at if turned else dy[e], dh, S[e], dS[e], sensitive)
         r[e] = F * element_force(
             theta, first + size - 1, now, fast, force, still, dnow, dfast, dh, dr[e], sensitive
@@ -211,7 +213,11 @@ def run(u, between, dt, every, measured, begin, core, icore, score, inputs, iinp
         for e in range(E):
             forces[k, e], deformations[k, e] = r[e], scale[0, e] * y[e]
         if lost:
-            for lost_signal in (x, v, a, forces, deformations):
-                lost_signal[k:] = np.nan
-            jacobian[k:] = np.nan
+            for later in range(k, T):
+                for i in range(n):
+                    x[later, i] = v[later, i] = a[later, i] = np.nan
+                    for p in range(P):
+                        jacobian[later, i, p] = np.nan
+                for e in range(E):
+                    forces[later, e] = deformations[later, e] = np.nan
             return

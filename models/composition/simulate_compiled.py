@@ -193,9 +193,13 @@ def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs
         for e in range(E):
             forces[k, e], deformations[k, e] = r[e], y[e]
         if lost:
-            for lost_signal in (x, v, a, forces, deformations):
-                lost_signal[k:] = np.nan
-            jacobian[k:, :, lo : lo + P] = np.nan
+            for later in range(k, len(x)):
+                for c in range(x.shape[1]):
+                    x[later, c] = v[later, c] = a[later, c] = np.nan
+                    for p in range(P):
+                        jacobian[later, c, lo + p] = np.nan
+                for e in range(E):
+                    forces[later, e] = deformations[later, e] = np.nan
             return
 
 

@@ -250,7 +250,9 @@ def free(laws, sag, rho, mass, alpha, beta, first, between, h, x, v, a):
             for i in range(n):
                 far = max(far, abs(u[i]))
             if not (far < LOST * rotation and left < np.inf):
-                x[k:], v[k:], a[k:] = np.inf, np.inf, np.inf
+                for later in range(k, T):
+                    for i in range(n):
+                        x[later, i] = v[later, i] = a[later, i] = np.inf
                 return
         for i in range(n):
             x[k, i], v[k, i], a[k, i] = u[i], rate[i], acc[i]

@@ -241,7 +241,9 @@ def run(u, fine, first, last, core, gamma, offset, G, D, laws, counts, Cq, Cv, D
                 value += Dr[c, i] * r[i]
             out[row, c] = value
             if not abs(value) < bound:
-                out[row:] = np.nan
+                for later in range(row, len(out)):
+                    for i in range(o):
+                        out[later, i] = np.nan
                 return False
         if states.shape[0] > 0:
             for j in range(J):
@@ -252,7 +254,8 @@ def run(u, fine, first, last, core, gamma, offset, G, D, laws, counts, Cq, Cv, D
             continue
         for c in range(o):
             jac = jacobian[row, c]
-            jac[:] = 0.0
+            for p in range(jac.size):
+                jac[p] = 0.0
             for j in range(J):
                 wq, wv = Cq[c, j], Cv[c, j]
                 for p in range(P):

@@ -33,7 +33,8 @@ def _exponentials(z, phi):
         phi[2] = (np.exp(z) - phi[0]) / z
         phi[3] = (phi[0] - 2.0 * phi[1]) / z
         return
-    phi[:] = 0.0
+    for n in range(4):
+        phi[n] = 0.0
     term = 1.0
     for n in range(1, 11):
         term /= n  # z^(n−1) / n!
@@ -166,8 +167,8 @@ def run(u, h, theta, knots, begin, bound, x, v, jacobian):
     for t in range(T):
         x[t], v[t] = at, speed
         if not abs(at) < bound:
-            x[t:] = np.nan
-            v[t:] = np.nan
+            for later in range(t, T):
+                x[later] = v[later] = np.nan
             return False
         for p in range(P):
             jacobian[t, p] = dx[p]

@@ -119,7 +119,8 @@ def run(u, theta, begin, ramps, width, edge, bound, y, levels, jacobian):
         for i in range(n):
             levels[t, i] = x[i]
         if not abs(reading) < bound:
-            y[t:] = np.nan
+            for later in range(t, u.size):
+                y[later] = np.nan
             return False
         if P > 0:
             for p in range(P):

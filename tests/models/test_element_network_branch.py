@@ -145,7 +145,8 @@ def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost
     Where the long runs of one noise end is decided by rounding, which other compiled code changes:
     geometric means of three.
     """
-    monkeypatch.setattr(branch_choice, "ITERATIONS", 20)
+    monkeypatch.setattr(branch_choice, "ITERATIONS", 10)
+    monkeypatch.setattr(branch_polish, "GROWING_STEPS", 8)
     test, errors = shaken(5, 800, 0.2), np.zeros((2, 3))
     for i, lengths in enumerate(((), branch_polish.GROWING)):
         monkeypatch.setattr(branch_polish, "GROWING", lengths)
@@ -154,7 +155,7 @@ def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost
             train = stack([_measured(shaken(k, 800, 0.2), drawn) for k in (0, 1, 4)])
             model = ElementNetworkBranch(
                 2, 2, DT, masses=MASSES, elements="chain", forced=[], ramps=6, bends=2,
-                law_starts=2, force_memory=False, prior=1e-5,
+                law_starts=1, force_memory=False, prior=1e-5,
             )  # fmt: skip
             model.identify([train])
             with torch.no_grad():

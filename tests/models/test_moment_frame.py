@@ -31,7 +31,7 @@ def frame(gamma: float = 2.0, strength: float = 1.0, damping: float = 1.0, **mor
     return model
 
 
-def shaken(seed: int, size: float, samples: int = 1500) -> torch.Tensor:
+def shaken(seed: int, size: float, samples: int = 700) -> torch.Tensor:
     """A base whose acceleration (T, 1) is random, below 3 Hz, from rest."""
     rng = np.random.default_rng(seed)
     frequency = np.fft.rfftfreq(samples, DT)
@@ -146,10 +146,13 @@ def test_a_planted_frame_is_found_where_a_motion_was_not_seen(records, identifie
     elastic_frame = frame(strength=1e3)
     assert error(elastic_frame, records[2]) > 0.2  # it yields
     assert error(identified, records[2]) < 0.01
-    assert error(identified, moved(frame(), shaken(4, 7.0))) < 0.05  # farther than in training
+    farther = moved(frame(), shaken(4, 7.0, 1500))  # than in training
+    assert error(identified, farther) < 0.05
 
 
-def test_without_displacements_they_are_integrated(records):
+def test_without_displacements_they_are_integrated(records, monkeypatch):
+    monkeypatch.setattr(fit, "ITERATIONS", (8, 12, 12))
+    monkeypatch.setattr(fit, "FOLLOWING", 8)
     blind = MomentFrame(2, 1, DT, MASSES, HEIGHTS)
     blind.identify([replace(stack(records[:2]), x=None, v=None)])
     assert error(blind, records[2]) < 0.03
@@ -157,7 +160,7 @@ def test_without_displacements_they_are_integrated(records):
 
 def test_displacements_that_drift_do_not_lead_it_astray(records, monkeypatch):
     """From the end of the balance alone it is led astray, as the last lines show."""
-    monkeypatch.setattr(fit, "ITERATIONS", (3, 1, 25))
+    monkeypatch.setattr(fit, "ITERATIONS", (3, 1, 10))
     seen = stack(records[:2])
     t, drift = DT * torch.arange(seen.samples)[:, None], seen.x.std(dim=1, keepdim=True)
     seen = replace(seen, x=seen.x + drift * torch.sin(t), v=seen.v + drift * torch.cos(t))

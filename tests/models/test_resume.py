@@ -58,7 +58,7 @@ CASES = {
     ),
     "stages_and_finalists": (
         lambda p: LevenbergMarquardt(p, iterations=3),
-        lambda: FreeRun([2, 5, 20], records=1, starts=3, start_iterations=2, finalists=2),
+        lambda: FreeRun([2, 5], records=1, starts=3, start_iterations=2, finalists=2),
         {},
     ),
 }

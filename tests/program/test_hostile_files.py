@@ -24,7 +24,7 @@ from rich.table import Table
 
 from data.inspect.config import command, config_path, literal, write_config
 from data.measured.datamodule import MeasuredData
-from data.measured.files import apart
+from data.measured.files import apart, hdf5
 from data.measured.files.columns import Request
 from data.measured.files.table import FileError, read_table
 from data.measured.mend import Mending
@@ -157,7 +157,7 @@ def deep(file: h5py.File) -> None:
 
 
 def many(file: h5py.File) -> None:
-    for k in range(10_050):
+    for k in range(1_050):
         file.create_dataset(f"d{k}", (2,), "f8")
 
 
@@ -174,7 +174,7 @@ def test_many_names_are_read_or_refused_at_once(tmp_path):
 @pytest.mark.parametrize(
     ("fill", "message"),
     [
-        (many, r"more than 10000 datasets.*data\.group"),
+        (many, r"more than 1000 datasets.*data\.group"),
         (deep, r"nested too deeply"),
         (
             lambda f: f.create_dataset("w", (2, 2**40), "f8", chunks=(1, 2**16)),
@@ -183,14 +183,16 @@ def test_many_names_are_read_or_refused_at_once(tmp_path):
         (lambda f: f.create_dataset("w", (2**20, 2**15), "i1", chunks=(64, 64)), r"32768 columns"),
     ],
 )
-def test_hdf5_that_is_too_much(tmp_path, fill, message):
+def test_hdf5_that_is_too_much(tmp_path, fill, message, monkeypatch):
+    """With a tenth of the limit in datasets, and of the time."""
+    monkeypatch.setattr(hdf5, "MOST_OBJECTS", hdf5.MOST_OBJECTS // 10)
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:
         fill(file)
     began = time.process_time()
     with pytest.raises(FileError, match=message):
         read_table(path)
-    assert time.process_time() - began < 10.0
+    assert time.process_time() - began < 1.0
 
 
 def test_a_file_with_a_hole_is_not_read_to_its_end(tmp_path):
@@ -236,7 +238,7 @@ def test_years_beyond_what_nanoseconds_hold(tmp_path, stamps):
 # The config
 
 
-@settings(deadline=None, max_examples=400, derandomize=True)
+@settings(deadline=None, max_examples=150, derandomize=True)
 @given(st.text(st.sampled_from("\\${}a:'\" ?,[]\n")) | st.text(st.characters()))
 def test_any_text_comes_back_from_a_config(tmp_path_factory, text):
     folder = tmp_path_factory.getbasetemp() / "texts" / "data"

@@ -48,10 +48,11 @@ def _content(case: Case) -> bytes:
 
 
 def _archive(members: list[tuple[str | zipfile.ZipInfo, bytes]], method: int = 8) -> bytes:
+    """Packed lightly: a bomb is no smaller a bomb, and made in half the time."""
     file = io.BytesIO()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # two members of one name are wanted
-        with zipfile.ZipFile(file, "w", method) as archive:
+        with zipfile.ZipFile(file, "w", method, compresslevel=1) as archive:
             for name, raw in members:
                 archive.writestr(name, raw, compress_type=method)
     return file.getvalue()
