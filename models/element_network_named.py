@@ -125,7 +125,7 @@ class ElementNetworkNamed(ElementNetwork):
             springs, laws = laws.fits, replace(laws, fits=[best for best, *_ in fits])
             if apart:
                 laws = together(laws, runs.shakings, _stiffness(springs), pool.map)
-            laws = runs.fitted(laws)
+            laws = runs.fitted(laws, rng)
             laws = runs.exchanged(laws, [rivals for _, *rivals in fits])
             if apart:  # by equilibrium, motion held back chose sides
                 laws = runs.sided(laws)

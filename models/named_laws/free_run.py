@@ -159,15 +159,21 @@ class FreeRuns:
         return self.output(motion)
 
     def followed(
-        self, laws: Laws, share: float, iterations: int, pull: float, goal: float = math.inf
+        self,
+        laws: Laws,
+        share: float,
+        iterations: int,
+        pull: float,
+        goal: float = math.inf,
+        rng: np.random.Generator | None = None,
     ) -> Laws:
-        """The laws after so many iterations of damped least squares. goal: see `descended`."""
+        """The laws after so many iterations of damped least squares. goal, rng: see `descended`."""
 
         def residuals(numbers: np.ndarray) -> np.ndarray:
             return self.residuals(laws.at(numbers), share)
 
         numbers, error = descended(
-            residuals, laws.numbers, iterations, pull, spread=self.spread, goal=goal
+            residuals, laws.numbers, iterations, pull, spread=self.spread, goal=goal, rng=rng
         )
         return replace(laws.at(numbers), error=error)
 
@@ -217,14 +223,15 @@ class FreeRuns:
         trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL)
         return trial if trial.error < BETTER**more * laws.error else laws
 
-    def fitted(self, laws: Laws) -> Laws:
-        """All laws together, over a growing part of the motions."""
+    def fitted(self, laws: Laws, rng: np.random.Generator) -> Laws:
+        """All laws together, over a growing part of the motions; rng: of draws about the end."""
         begin = replace(laws, error=float(np.linalg.norm(self.residuals(laws))))
         found = laws
         for share, iterations in zip(SHARES, ITERATIONS, strict=True):
             doing(f"all laws together, {share:.0%} of the motions")
             pull = PULL if share == 1.0 else EARLY_PULL
-            found = self.followed(found, share, iterations, pull)
+            last = rng if share == 1.0 else None
+            found = self.followed(found, share, iterations, pull, rng=last)
         return found if found.error < begin.error else begin
 
 
