@@ -125,10 +125,11 @@ class ElementNetworkNamed(ElementNetwork):
             springs, laws = laws.fits, replace(laws, fits=[best for best, *_ in fits])
             if apart:
                 laws = together(laws, runs.shakings, _stiffness(springs), pool.map)
-            laws = runs.fitted(laws, rng)
+            laws = runs.fitted(laws)
             laws = runs.exchanged(laws, [rivals for _, *rivals in fits])
             if apart:  # by equilibrium, motion held back chose sides
                 laws = runs.sided(laws)
+            laws = runs.settled(laws)
         self._take(laws)
         return {**facts, **told(laws.fits, errors, "apart" if apart else "held_back")}
 

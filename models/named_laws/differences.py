@@ -15,7 +15,7 @@ STEP = 1e-4  # of the differences
 MOST = 20.0  # damping: steps beyond are so short that the search may end
 LONGEST = 0.7  # step of a number: far away, laws are stiff and slow to simulate
 GAIN = 1e-4  # of the squared error
-ROUNDS, DRAWS = 3, 30  # about the end of a search
+DRAWS = 30  # about the end of a search, each round
 NEAREST, FARTHEST = 0.03, 1.0  # of the error: what a draw adds to it where the residual is smooth
 TOLD = 1e-4  # of the mean eigenvalue: numbers that are told less are not drawn farther
 LOWERED = 0.8  # times the error before: less is a slow iteration
@@ -108,22 +108,23 @@ def descended(
     spread: Spread = map,
     gain: float = GAIN,
     goal: float = math.inf,
-    rng: np.random.Generator | None = None,
+    rounds: int = 0,
 ) -> tuple[np.ndarray, float]:
     """Numbers q (P,) after so many iterations, and the norm of their residual.
 
     They are pulled towards `begin`, or towards the start. gain: of the squared error; less of it in
     two iterations ends the search. goal: an error beyond is given up after a slow iteration.
-    rng: where the residual jumps, as where steel unloads for an instant or does not, slopes end
-    before a jump; so numbers are drawn about the end, and the search goes on from a nearer one.
+    rounds: where the residual jumps, as where steel unloads for an instant or does not, slopes end
+    before a jump; at most so often numbers are drawn about the end, and the search goes on from one
+    that is nearer.
     """
     problem = Differences(residuals, start, start if begin is None else begin, pull, spread)
     _follow(problem, iterations, gain, goal)
-    if rng is not None:
-        for _ in range(ROUNDS):
-            if not problem.jump(rng):
-                break
-            _follow(problem, iterations, gain, goal)
+    rng = np.random.default_rng(0)
+    for _ in range(rounds):
+        if not problem.jump(rng):
+            break
+        _follow(problem, iterations, gain, goal)
     return problem.theta.detach().numpy().copy(), problem.error
 
 
