@@ -129,6 +129,7 @@ class ElementNetworkNamed(ElementNetwork):
             laws = runs.exchanged(laws, [rivals for _, *rivals in fits])
             if apart:  # by equilibrium, motion held back chose sides
                 laws = runs.sided(laws)
+            laws = runs.settled(laws)
         self._take(laws)
         return {**facts, **told(laws.fits, errors, "apart" if apart else "held_back")}
 

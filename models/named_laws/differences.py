@@ -15,6 +15,9 @@ STEP = 1e-4  # of the differences
 MOST = 20.0  # damping: steps beyond are so short that the search may end
 LONGEST = 0.7  # step of a number: far away, laws are stiff and slow to simulate
 GAIN = 1e-4  # of the squared error
+DRAWS = 30  # about the end of a search, each round
+NEAREST, FARTHEST = 0.03, 1.0  # of the error: what a draw adds to it where the residual is smooth
+TOLD = 1e-4  # of the mean eigenvalue: numbers that are told less are not drawn farther
 LOWERED = 0.8  # times the error before: less is a slow iteration
 Residuals = Callable[[np.ndarray], np.ndarray]  # of numbers q (P,)
 Spread = Callable[[Callable[[int], np.ndarray], Iterable[int]], Iterable[np.ndarray]]
@@ -59,18 +62,41 @@ class Differences:
         squares = left @ left + self.pull * ((q - self.begin) ** 2).sum()
         return torch.tensor(squares / left.size)
 
-    def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
+    def normal_equations(self, every: int = 1, sides: int = 1) -> tuple[Tensor, Tensor]:
+        """Of two sides, the derivative is the smaller one: the other may hold a jump."""
         q, left = self._left()
 
         def column(i: int) -> np.ndarray:
-            beside = q.copy()
-            beside[i] += STEP
-            return (self.residuals(beside) - left) / STEP
+            slopes = []
+            for step in (STEP, -STEP)[:sides]:
+                beside = q.copy()
+                beside[i] += step
+                slopes.append((self.residuals(beside) - left) / step)
+            return min(slopes, key=np.linalg.norm)
 
         J = np.array(list(self.spread(column, range(q.size))))
         matrix, vector = J @ J.T, J @ left + self.pull * (q - self.begin)
         matrix[np.arange(q.size), np.arange(q.size)] += self.pull
         return torch.from_numpy(matrix), torch.from_numpy(vector)
+
+    def jump(self, rng: np.random.Generator) -> bool:
+        """Go to the best of some draws about the present numbers; whether one is nearer.
+
+        Draws are as the residual would tell the numbers, were it smooth and its rest noise.
+        """
+        values, vectors = torch.linalg.eigh(self.normal_equations(sides=2)[0])
+        reach = (values + TOLD * values.mean()).clamp_min(0.0).rsqrt().numpy()
+        size = self.error * np.exp(rng.uniform(math.log(NEAREST), math.log(FARTHEST), DRAWS))
+        steps = rng.standard_normal((DRAWS, reach.size)) * reach @ vectors.numpy().T
+        steps *= size[:, None] / math.sqrt(reach.size)
+        steps /= np.maximum(1.0, np.abs(steps).max(axis=1, keepdims=True) / LONGEST)
+        tries = self._left()[0] + steps
+        found = list(self.spread(lambda i: self.residuals(tries[i]), range(DRAWS)))
+        best = min(range(DRAWS), key=lambda i: float(np.linalg.norm(found[i])))
+        if not float(np.linalg.norm(found[best])) ** 2 < (1.0 - GAIN) * self.error**2:
+            return False
+        self.theta.data, self.known = torch.from_numpy(tries[best]), (tries[best], found[best])
+        return True
 
 
 def descended(
@@ -82,13 +108,27 @@ def descended(
     spread: Spread = map,
     gain: float = GAIN,
     goal: float = math.inf,
+    rounds: int = 0,
 ) -> tuple[np.ndarray, float]:
     """Numbers q (P,) after so many iterations, and the norm of their residual.
 
     They are pulled towards `begin`, or towards the start. gain: of the squared error; less of it in
     two iterations ends the search. goal: an error beyond is given up after a slow iteration.
+    rounds: where the residual jumps, as where steel unloads for an instant or does not, slopes end
+    before a jump; at most so often numbers are drawn about the end, and the search goes on from one
+    that is nearer.
     """
     problem = Differences(residuals, start, start if begin is None else begin, pull, spread)
+    _follow(problem, iterations, gain, goal)
+    rng = np.random.default_rng(0)
+    for _ in range(rounds):
+        if not problem.jump(rng):
+            break
+        _follow(problem, iterations, gain, goal)
+    return problem.theta.detach().numpy().copy(), problem.error
+
+
+def _follow(problem: Differences, iterations: int, gain: float, goal: float) -> None:
     solver = LevenbergMarquardt(
         [problem.theta], iterations, damping=1e-2, decrease=0.2, increase=5.0, largest=MOST,
         gradient=0.0, change=gain, patience=1, scaled=True, floor=3e-3, longest=LONGEST,
@@ -97,4 +137,3 @@ def descended(
     while not solver.finished and not error > max(goal, LOWERED * before):
         solver.solve(problem)
         error, before = problem.error, error
-    return problem.theta.detach().numpy().copy(), error

@@ -329,6 +329,18 @@ def test_a_search_beyond_its_goal_is_given_up_after_a_slow_iteration():
     assert ends[0] < 1.0 < 3.0 < ends[1] == ends[2]
 
 
+def test_draws_about_the_end_of_a_search_go_over_a_jump_of_the_residual():
+    """As where steel unloads for an instant: the motion after it is another one."""
+
+    def residuals(q: np.ndarray) -> np.ndarray:
+        return np.array([q[0] - 1.0, 2.0 * (q[1] - 2.0), 0.3 * (q[0] + 0.1 * q[1] < 1.25)])
+
+    blocked, _ = descended(residuals, np.zeros(2), 20, 1e-9)
+    over, left = descended(residuals, np.zeros(2), 20, 1e-9, rounds=1)
+    assert np.allclose(blocked, [1.0, 2.0], atol=1e-3)
+    assert over[0] + 0.1 * over[1] >= 1.25 and left < 0.1  # 0.05 at the nearest place beyond
+
+
 def test_laws_of_storeys_together_tell_the_damping_of_the_masses():
     values = {"activation_displacement": 0.003, "stiffness": 1.5e7, "damping": 2e4}
     laws, motions = heard_chain("SelfCentering", {**values, "hardening_ratio": 0.1, "flag": 0.7})
