@@ -12,7 +12,10 @@ from torch import Tensor, nn
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 STEP = 1e-4  # of the differences
-MOST = 20.0  # damping: steps beyond are so short that the search may end
+DAMPING, MOST = (
+    1e-2,
+    20.0,
+)  # at first, and at most: steps beyond are so short that the search may end
 LONGEST = 0.7  # step of a number: far away, laws are stiff and slow to simulate
 GAIN = 1e-4  # of the squared error
 DRAWS = 30  # about the end of a search, each round
@@ -26,9 +29,11 @@ Spread = Callable[[Callable[[int], np.ndarray], Iterable[int]], Iterable[np.ndar
 class Differences:
     """Squared residual and pull · |q − begin|², with normal equations by differences.
 
-    spread: calls a function for many numbers, as `map` does or a pool of threads.
+    spread: calls a function for many numbers, as `map` does or a pool of threads. sides: of the
+    differences; of two, the derivative is the smaller one: the other may hold a jump.
     """
 
+    sides = 1
     steepest = float("inf")
     own: Sequence[Tensor] = ()
 
@@ -62,13 +67,12 @@ class Differences:
         squares = left @ left + self.pull * ((q - self.begin) ** 2).sum()
         return torch.tensor(squares / left.size)
 
-    def normal_equations(self, every: int = 1, sides: int = 1) -> tuple[Tensor, Tensor]:
-        """Of two sides, the derivative is the smaller one: the other may hold a jump."""
+    def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
         q, left = self._left()
 
         def column(i: int) -> np.ndarray:
             slopes = []
-            for step in (STEP, -STEP)[:sides]:
+            for step in (STEP, -STEP)[: self.sides]:
                 beside = q.copy()
                 beside[i] += step
                 slopes.append((self.residuals(beside) - left) / step)
@@ -84,7 +88,8 @@ class Differences:
 
         Draws are as the residual would tell the numbers, were it smooth and its rest noise.
         """
-        values, vectors = torch.linalg.eigh(self.normal_equations(sides=2)[0])
+        self.sides = 2
+        values, vectors = torch.linalg.eigh(self.normal_equations()[0])
         reach = (values + TOLD * values.mean()).clamp_min(0.0).rsqrt().numpy()
         size = self.error * np.exp(rng.uniform(math.log(NEAREST), math.log(FARTHEST), DRAWS))
         steps = rng.standard_normal((DRAWS, reach.size)) * reach @ vectors.numpy().T
@@ -119,21 +124,25 @@ def descended(
     that is nearer.
     """
     problem = Differences(residuals, start, start if begin is None else begin, pull, spread)
-    _follow(problem, iterations, gain, goal)
+    _follow(problem, iterations, gain, goal, jumps=rounds > 0)
     rng = np.random.default_rng(0)
     for _ in range(rounds):
         if not problem.jump(rng):
             break
-        _follow(problem, iterations, gain, goal)
+        _follow(problem, iterations, gain, goal, jumps=True)
     return problem.theta.detach().numpy().copy(), problem.error
 
 
-def _follow(problem: Differences, iterations: int, gain: float, goal: float) -> None:
+def _follow(problem: Differences, iterations: int, gain: float, goal: float, jumps: bool) -> None:
+    """Iterations of damped least squares; jumps: a step that fails is tried by both sides."""
     solver = LevenbergMarquardt(
-        [problem.theta], iterations, damping=1e-2, decrease=0.2, increase=5.0, largest=MOST,
+        [problem.theta], iterations, damping=DAMPING, decrease=0.2, increase=5.0, largest=MOST,
         gradient=0.0, change=gain, patience=1, scaled=True, floor=3e-3, longest=LONGEST,
     )  # fmt: skip
     error, before = problem.error, math.inf
     while not solver.finished and not error > max(goal, LOWERED * before):
-        solver.solve(problem)
+        problem.sides = 1
+        if not solver.solve(problem) and jumps:
+            problem.sides, solver.damping, solver.finished = 2, DAMPING, False
+            solver.solve(problem)
         error, before = problem.error, error

@@ -220,8 +220,7 @@ class FreeRuns:
         more = trial.numbers.size - laws.numbers.size
         if not more:
             return laws
-        doing("laws with sides that may differ")
-        trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL)
+        trial = self.settled(trial)
         return trial if trial.error < BETTER**more * laws.error else laws
 
     def settled(self, laws: Laws) -> Laws:
