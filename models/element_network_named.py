@@ -127,7 +127,6 @@ class ElementNetworkNamed(ElementNetwork):
                 laws = together(laws, runs.shakings, _stiffness(springs), pool.map)
             laws = runs.fitted(laws)
             laws = runs.exchanged(laws, [rivals for _, *rivals in fits])
-            laws = runs.settled(laws)
             if apart:  # by equilibrium, motion held back chose sides
                 laws = runs.sided(laws)
         self._take(laws)

@@ -12,13 +12,10 @@ from torch import Tensor, nn
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 STEP = 1e-4  # of the differences
-DAMPING, MOST = (
-    1e-2,
-    20.0,
-)  # at first, and at most: steps beyond are so short that the search may end
+DAMPING, MOST = 1e-2, 20.0  # at first and at most: steps beyond are too short to go on
 LONGEST = 0.7  # step of a number: far away, laws are stiff and slow to simulate
 GAIN = 1e-4  # of the squared error
-DRAWS = 30  # about the end of a search, each round
+DRAWS = 30  # about the end of a search
 NEAREST, FARTHEST = 0.03, 1.0  # of the error: what a draw adds to it where the residual is smooth
 TOLD = 1e-4  # of the mean eigenvalue: numbers that are told less are not drawn farther
 LOWERED = 0.8  # times the error before: less is a slow iteration
@@ -113,23 +110,20 @@ def descended(
     spread: Spread = map,
     gain: float = GAIN,
     goal: float = math.inf,
-    rounds: int = 0,
+    jumps: bool = False,
 ) -> tuple[np.ndarray, float]:
     """Numbers q (P,) after so many iterations, and the norm of their residual.
 
     They are pulled towards `begin`, or towards the start. gain: of the squared error; less of it in
     two iterations ends the search. goal: an error beyond is given up after a slow iteration.
-    rounds: where the residual jumps, as where steel unloads for an instant or does not, slopes end
-    before a jump; at most so often numbers are drawn about the end, and the search goes on from one
-    that is nearer.
+    jumps: where the residual jumps, as where steel unloads for an instant or does not, slopes end
+    before a jump; so numbers are drawn about the end, and the search goes on from one that is
+    nearer.
     """
     problem = Differences(residuals, start, start if begin is None else begin, pull, spread)
-    _follow(problem, iterations, gain, goal, jumps=rounds > 0)
-    rng = np.random.default_rng(0)
-    for _ in range(rounds):
-        if not problem.jump(rng):
-            break
-        _follow(problem, iterations, gain, goal, jumps=True)
+    _follow(problem, iterations, gain, goal, jumps)
+    if jumps and problem.jump(np.random.default_rng(0)):
+        _follow(problem, iterations, gain, goal, jumps)
     return problem.theta.detach().numpy().copy(), problem.error
 
 

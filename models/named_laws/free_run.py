@@ -34,7 +34,6 @@ LINEAR_ITERATIONS = 8
 RIVAL_ITERATIONS = 8  # of all laws, one of them exchanged
 RIVAL_GOAL = 1.1  # times the error: rivals farther away are given up where they come no nearer
 NEAR, SOME = 10.0, 0.1  # times the error, and beyond: rivals that begin farther away are not tried
-ROUNDS = 3  # of draws at the end
 BETTER = 0.998  # times the error, for each parameter more: a rival is taken
 AS_GOOD = 1.001  # times the error: one with fewer is
 EARLY_PULL, PULL = 1e-6, 1e-8  # of the numbers towards their start, beside the squared error
@@ -166,15 +165,15 @@ class FreeRuns:
         iterations: int,
         pull: float,
         goal: float = math.inf,
-        rounds: int = 0,
+        jumps: bool = False,
     ) -> Laws:
-        """The laws after so many iterations of damped least squares. goal, rounds: `descended`."""
+        """The laws after so many iterations of damped least squares. goal, jumps: `descended`."""
 
         def residuals(numbers: np.ndarray) -> np.ndarray:
             return self.residuals(laws.at(numbers), share)
 
         numbers, error = descended(
-            residuals, laws.numbers, iterations, pull, spread=self.spread, goal=goal, rounds=rounds
+            residuals, laws.numbers, iterations, pull, spread=self.spread, goal=goal, jumps=jumps
         )
         return replace(laws.at(numbers), error=error)
 
@@ -220,13 +219,9 @@ class FreeRuns:
         more = trial.numbers.size - laws.numbers.size
         if not more:
             return laws
-        trial = self.settled(trial)
+        doing("laws with sides that may differ")
+        trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=True)
         return trial if trial.error < BETTER**more * laws.error else laws
-
-    def settled(self, laws: Laws) -> Laws:
-        """The laws at the end of a search that goes over jumps of the motion."""
-        doing("all laws together, by draws about their numbers")
-        return self.followed(laws, 1.0, ITERATIONS[-1], PULL, rounds=ROUNDS)
 
     def fitted(self, laws: Laws) -> Laws:
         """All laws together, over a growing part of the motions."""
@@ -235,7 +230,7 @@ class FreeRuns:
         for share, iterations in zip(SHARES, ITERATIONS, strict=True):
             doing(f"all laws together, {share:.0%} of the motions")
             pull = PULL if share == 1.0 else EARLY_PULL
-            found = self.followed(found, share, iterations, pull, rounds=int(share == 1.0))
+            found = self.followed(found, share, iterations, pull, jumps=share == 1.0)
         return found if found.error < begin.error else begin
 
 

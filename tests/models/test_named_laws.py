@@ -336,7 +336,7 @@ def test_draws_about_the_end_of_a_search_go_over_a_jump_of_the_residual():
         return np.array([q[0] - 1.0, 2.0 * (q[1] - 2.0), 0.3 * (q[0] + 0.1 * q[1] < 1.25)])
 
     blocked, _ = descended(residuals, np.zeros(2), 20, 1e-9)
-    over, left = descended(residuals, np.zeros(2), 20, 1e-9, rounds=1)
+    over, left = descended(residuals, np.zeros(2), 20, 1e-9, jumps=True)
     assert np.allclose(blocked, [1.0, 2.0], atol=1e-3)
     assert over[0] + 0.1 * over[1] >= 1.25
     assert left < 0.1  # 0.05 at the nearest place beyond
