@@ -52,6 +52,7 @@ class BranchElement(Trainable):
     """
 
     reads = ("f",)
+    on_processor = True
     takes_other_inputs = False
     later = ("weights",)
     scale: Tensor  # (5, E): Y [m], V [m/s], F [N], log k₀ and the band of turning points, of Y

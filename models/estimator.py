@@ -40,6 +40,7 @@ class Estimator(nn.Module):
     mends: ClassVar[bool] = False  # copes with NaN
     later: ClassVar[tuple[str, ...]] = ()  # buffers that older files of weights lack
     takes_other_inputs: ClassVar[bool] = True  # such as a voltage, beside forces and motions
+    on_processor: ClassVar[bool] = False  # compiled code does its work, which a GPU cannot run
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)

@@ -52,6 +52,7 @@ class ModalNetwork(Estimator):
     """
 
     reads = ("f",)
+    on_processor = True
 
     def __init__(
         self,

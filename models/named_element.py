@@ -30,6 +30,7 @@ class NamedElement(Estimator):
 
     takes_other_inputs = False
     reads = ("f",)
+    on_processor = True
 
     def __init__(
         self,

@@ -43,6 +43,7 @@ class SlidingMass(Estimator):
     """
 
     reads = ("f",)
+    on_processor = True
 
     def __init__(
         self,

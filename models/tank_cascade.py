@@ -38,6 +38,7 @@ class TankCascade(Estimator):
     """
 
     reads = ("f",)
+    on_processor = True
 
     def __init__(
         self,

@@ -100,7 +100,7 @@ class VWNN(LinearInWeights):
 
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
-        if _on_processor(record.a, record.excitation):
+        if not _differentiated(record.a, record.excitation):
             self.check(record)
             return self._run_compiled(record.excitation, record.a)
         return torch.cat([weighted(phi, self.weights) for _, phi in self.features(record)], dim=-2)
@@ -129,11 +129,11 @@ class VWNN(LinearInWeights):
     def free_run(self, drive: Drive) -> Response:
         """The motion from filters at rest, whatever the initial state and the hold."""
         self.require_identified(self.weights)
-        compiled = _on_processor(drive.u)
+        compiled = not _differentiated(drive.u)
         return integrated(self._run_compiled(drive.u) if compiled else self._run(drive), drive)
 
     def _run(self, drive: Drive) -> Tensor:
-        """ẍ̂ (…, T, n) in PyTorch: the readable reference, which runs on other devices only."""
+        """ẍ̂ (…, T, n) in PyTorch: the readable reference, for derivatives."""
         driven = self.filters(drive.u)[0].unflatten(-1, (self.filters.stages, -1))
         state, history = torch.zeros_like(drive.x0).unsqueeze(-2), []
         state = state.expand(*drive.x0.shape[:-1], self.filters.stages, self.dofs)
@@ -147,12 +147,14 @@ class VWNN(LinearInWeights):
         return torch.stack(history, dim=-2)
 
     def _run_compiled(self, excitation: Tensor, past: Tensor | None = None) -> Tensor:
-        """ẍ̂ (…, T, n) compiled: the production run on the processor, some hundred times faster.
+        """ẍ̂ (…, T, n) compiled: the production run, on the processor, some hundred times faster.
 
         past (…, T, n): the acceleration one sample behind, which a free run has of itself.
         """
+        device, excitation = excitation.device, excitation.cpu()
+        past = None if past is None else past.cpu()
         a = torch.empty(*excitation.shape[:-1], self.dofs, dtype=torch.float64)
-        factors, weights = self.activation.places().numpy(), self.weights.detach().numpy()
+        factors, weights = self.activation.places().numpy(), self.weights.detach().cpu().numpy()
         settings = float(self.filters.decay), self.activation.weights(), factors
         for place in np.ndindex(a.shape[:-2]):
             u, estimate = excitation[place].detach().contiguous().numpy(), a[place].numpy()
@@ -161,10 +163,9 @@ class VWNN(LinearInWeights):
             fixed = self.filters.stages, u, self.unfiltered_excitation, *settings
             run = partial(vwnn_compiled.run, *fixed, own, seen, estimate)
             interruptible(run, len(u) * own.size)
-        return a
+        return a.to(device)
 
 
-def _on_processor(*signals: Tensor) -> bool:
-    """Whether compiled code can take these: on the processor, and no derivatives are asked for."""
-    differentiated = torch.is_grad_enabled() and any(u.requires_grad for u in signals)
-    return signals[0].device.type == "cpu" and not differentiated
+def _differentiated(*signals: Tensor) -> bool:
+    """Whether derivatives are asked for, which compiled code has none of."""
+    return torch.is_grad_enabled() and any(u.requires_grad for u in signals)

@@ -44,6 +44,7 @@ class WienerHammerstein(Estimator):
     """
 
     reads = ("f",)
+    on_processor = True
 
     def __init__(
         self,

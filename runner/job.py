@@ -26,6 +26,7 @@ from data.simulation.motion import EscapedMotionError
 from models.training.assemble import assembled
 from models.training.identification import Identification
 from models.training.resume import SaveProgress
+from runner.accelerator import accelerator_of, require_accelerator
 from runner.config import command_line
 from runner.config.command_line import fail, reason_of
 from runner.config.settings import check_settings
@@ -74,7 +75,7 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
     """
     quiet_lightning()
     check_settings(cfg)
-    _check_device(cfg.trainer.get("accelerator"))
+    require_accelerator(cfg)
     cfg = prepared(cfg)
     with without_compiler():
         data, module, baselines = assembled(cfg)
@@ -89,13 +90,17 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
     take_threads(cfg.threads)
     threadpool_limits(cfg.threads or 1)
     logger = RunLogger(folder)
+    accelerator = accelerator_of(cfg, module.estimator)
     shared = {
         "plugins": LightningEnvironment(),  # a run is one process, in a Slurm job too
         "default_root_dir": folder,
         "enable_checkpointing": False,
         "enable_model_summary": False,
         "limit_val_batches": None if data.validation else 0,
-        **{**cfg.trainer, "enable_progress_bar": False},  # ours is another
+        **cfg.trainer,
+        "accelerator": accelerator,
+        "devices": cfg.trainer.get("devices", 1) if accelerator != "cpu" else 1,
+        "enable_progress_bar": False,  # ours is another
     }
     saves = SaveProgress(run.progress, run.identity, cfg.checkpoint_seconds)
     lines: list[Callback] = [FitProgress()] if cfg.trainer.get("enable_progress_bar", True) else []
@@ -120,20 +125,6 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
         log(logger, run.choices, module, data, metrics)
     run.finish(metrics)
     return metrics
-
-
-def _check_device(accelerator: str | None) -> None:
-    """Raise ValueError for a device that PyTorch does not find."""
-    there = {
-        "gpu": torch.cuda.is_available() or torch.backends.mps.is_available(),
-        "cuda": torch.cuda.is_available(),
-        "mps": torch.backends.mps.is_available(),
-    }
-    if not there.get(accelerator or "cpu", True):
-        raise ValueError(
-            f"trainer.accelerator={accelerator}: PyTorch finds none on this machine; "
-            "choose trainer=cpu, or install a PyTorch with its drivers"
-        )
 
 
 def _check_weights(estimator: nn.Module) -> None:

@@ -33,6 +33,7 @@ from models.training.free_run import simulate
 from models.training.identification import SPLITS, Identification
 from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.vwnn import VWNN
+from runner.accelerator import accelerator_of
 from runner.config.settings import check_settings
 from runner.folder.run import Run
 from runner.scores.outcome import metrics_of
@@ -117,8 +118,9 @@ def _run_side_by_side(
     if not data:
         return
     runs = list(data.values())
-    fitted = fit_runs(cfg.model, runs)
-    baselines = {name: fit_runs(model, runs) for name, model in cfg.baselines.items()}
+    device = accelerator_of(cfg, estimator_from(cfg.model, runs[0]))
+    fitted = fit_runs(cfg.model, runs, device)
+    baselines = {name: fit_runs(model, runs, device) for name, model in cfg.baselines.items()}
     for place, (seed, own) in enumerate(data.items()):
         run = Run(places[seed], seeds_of.values(seed), seeds_of.identity(seed))
         run.start(seeds_of.text(seed), own.sensors)
@@ -129,17 +131,19 @@ def _run_side_by_side(
 
 
 @torch.inference_mode()
-def fit_runs(model: DictConfig, data: Sequence[SimulatedData]) -> list[Identification]:
+def fit_runs(
+    model: DictConfig, data: Sequence[SimulatedData], device: str = "cpu"
+) -> list[Identification]:
     """An estimator for each of S data sets, identified and scored, as training alone leaves it."""
     start = time.perf_counter()
-    together = {split: stack([_whole(d, split) for d in data]) for split in SPLITS}
-    estimator = estimator_from(model, data[0])
+    together = {split: stack([_whole(d, split) for d in data]).to(device) for split in SPLITS}
+    estimator = estimator_from(model, data[0]).to(device)
     replicate_weights(estimator, len(data))
     solution: Any = estimator.identify([together["train"]])  # lists of S numbers
     seconds = (time.perf_counter() - start) / len(data)
     modules = []
     for place in range(len(data)):
-        module = Identification(_alone(estimator, place))
+        module = Identification(_alone(estimator, place).cpu())
         module.solution = {name: values[place] for name, values in solution.items()}
         module.fit_seconds = seconds
         module.scores = {split: Scores() for split in SPLITS}

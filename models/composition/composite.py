@@ -36,6 +36,7 @@ class Composite(Held):
     """
 
     reads = ("f",)
+    on_processor = True
     estimates_beginning = True
     later: ClassVar[tuple[str, ...]] = ("bound", "channels", *Held.later)
     traced = staticmethod(traced)  # how a composition is run

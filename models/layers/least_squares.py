@@ -21,6 +21,7 @@ from data.record import all_finite
 MOST_FEATURES = 10_000
 SQUARES = 4  # matrices (P, P) at a time
 BLOCK = 1 << 17  # numbers of a fit that are factorised at a time: 1 MiB, which a core has at hand
+GPU_BLOCK = 1 << 25  # the same on a GPU, which is slow to begin
 TALL = 4  # rows of a block over its columns, at least: the triangle is factorised again with each
 
 
@@ -84,7 +85,8 @@ class LeastSquares:
         self.features = phi.shape[-1]
         self.samples += phi.shape[-2]
         columns = phi.shape[-1] + y.shape[-1]
-        longest = max(TALL * columns, BLOCK // columns)
+        block_size = BLOCK if phi.device.type == "cpu" else GPU_BLOCK
+        longest = max(TALL * columns, block_size // columns)
         for own, of_own in zip(phi.split(longest, dim=-2), y.split(longest, dim=-2), strict=True):
             above = 0 if self.triangle is None else self.triangle.shape[-2]
             block = phi.new_empty(*phi.shape[:-2], above + own.shape[-2], columns)

@@ -68,7 +68,7 @@ def online_scores(module: Identification, data: Data) -> dict[str, Any]:
         return {}
     record, estimates = module.examples["test"]
     train, test = data.records["train"][0].measured(), next(single(record.measured()))
-    learnt = learning_curve(module.estimator, train.to(test.a.device), test)
+    learnt = learning_curve(module.estimator, train, test)
     return {
         "window_s": WINDOW,
         "learning_s": LEARNING,

@@ -323,7 +323,9 @@ class Identification(LightningModule):
         estimates = self.scores.setdefault(split, Scores()).update(self.estimator, record)
         if split in self.free_runs:
             self.free_runs[split].update(self.estimator, record)
-        self.examples.setdefault(split, (record, estimates))
+        if split not in self.examples:
+            kept = {way: estimate.cpu() for way, estimate in estimates.items()}
+            self.examples[split] = record.to("cpu"), kept
 
     def results(self) -> dict[str, Any]:
         """Errors in percent of all splits one step ahead, of both motions in free run."""

@@ -113,7 +113,7 @@ MENDING = {
     "detrend": Setting(str | None),
 }
 TRAINER = {
-    "accelerator": Setting(Literal["cpu", "gpu", "cuda", "mps", "auto"]),
+    "accelerator": Setting(Literal["cpu", "gpu", "cuda", "auto"]),
     "devices": Setting(
         int | list[int] | Literal["auto"],
         lambda d: d in (1, "auto") or (isinstance(d, list) and len(d) == 1 and d[0] >= 0),

@@ -1,0 +1,200 @@
+"""At which sizes does a GPU pay?
+
+    python -m benchmarks.on_gpu            # the work of one iteration, then whole runs
+    python -m benchmarks.on_gpu --quick    # small sizes, no runs
+
+The first table has milliseconds of what a fit repeats, on one thread, on all threads and on the
+GPU: loss and gradient of networks, all of the least squares of a VWNN. B records of T samples,
+three masses. The second has seconds of `train.py` for eight seeds, imports included, one after the
+other and as many at once as `joblib` is told, on the processor and on the GPU.
+Without a GPU its columns are empty.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import torch
+from torch.func import functional_call, grad, stack_module_state, vmap
+
+from benchmarks.timing import seconds_of
+from data.record import Record
+from models.mlp import GlobalMLP
+from models.neural_state_space import NeuralStateSpace
+from models.recurrent import Recurrent
+from models.training.trainable import Trainable
+from models.vwnn import VWNN
+
+ROOT = Path(__file__).parents[1]
+RUNS = {
+    "LSTM, 32 neurons, 1 record": [],
+    "LSTM, 128 neurons, 8 records": ["model.hidden=128", "data.train_records=8"],
+}
+DOFS, DT, SEEDS = 3, 0.01, 8
+Work = Callable[[], object]
+Make = Callable[[torch.device], Work]
+
+
+def record(B: int, T: int) -> Record:
+    """Noise: what it costs does not depend on what it means."""
+    draw = torch.Generator().manual_seed(0)
+    a, f, x, v = torch.randn(4, B, T, DOFS, generator=draw, dtype=torch.float64)
+    return Record(DT, a, f, x, v)
+
+
+def gradient(make: Callable[[], Trainable], B: int, T: int) -> Make:
+    """Loss and gradient of a network."""
+
+    def on(device: torch.device) -> Work:
+        torch.manual_seed(0)
+        model, given = make(), record(B, T)
+        model.identify([given])
+        model, given = model.to(device), given.to(device)
+        free = [p for p in model.parameters() if p.requires_grad]
+
+        def work() -> object:
+            loss = (model(given) - given.a).square().mean()
+            return torch.autograd.grad(loss, free, allow_unused=True)
+
+        return work
+
+    return on
+
+
+def least_squares(order: int, B: int, T: int) -> Make:
+    """All of a VWNN's identification."""
+
+    def on(device: torch.device) -> Work:
+        model, given = VWNN(DOFS, DOFS, DT, order=order).to(device), [record(B, T).to(device)]
+        return partial(model.identify, given)
+
+    return on
+
+
+def stacked(seeds: int, hidden: Sequence[int], T: int) -> Make:
+    """Loss and gradient of networks of so many seeds, each on a record of its own, at once."""
+
+    def on(device: torch.device) -> Work:
+        torch.manual_seed(0)
+        networks = [GlobalMLP(DOFS, DOFS, DT, hidden) for _ in range(seeds)]
+        given = record(seeds, T)
+        for model in networks:
+            model.identify([given])
+        u, y = networks[0].state(given).to(device), given.a.to(device)
+        own = [model.network.to(device) for model in networks]
+        theta, fixed = stack_module_state(own)
+
+        def loss(weights, scales, u, y):  # type: ignore[no-untyped-def]
+            return (functional_call(own[0], (weights, scales), (u,)) - y).square().mean()
+
+        return partial(vmap(grad(loss)), theta, fixed, u, y)
+
+    return on
+
+
+def cases(quick: bool) -> dict[str, Make]:
+    T = 500 if quick else 8000
+    mlp = partial(partial, GlobalMLP, DOFS, DOFS, DT)
+    lstm = partial(partial, Recurrent, DOFS, DOFS, DT, "lstm")
+    states = partial(partial, NeuralStateSpace, DOFS, DOFS, DT)
+    found = {
+        "MLP, 10-10, 1 record": gradient(mlp(hidden=(10, 10)), 1, T),
+        "LSTM, 32 neurons, 1 record": gradient(lstm(hidden=32), 1, T // 4),
+        "neural state space, 16 neurons, 16 windows of 100": gradient(states(hidden=16), 16, 100),
+        "VWNN of second order, 1 record": least_squares(2, 1, T),
+    }
+    if quick:
+        return found
+    return found | {
+        "MLP, 10-10, 16 records": gradient(mlp(hidden=(10, 10)), 16, T),
+        "MLP, 64-64, 1 record": gradient(mlp(hidden=(64, 64)), 1, T),
+        "MLP, 64-64, 16 records": gradient(mlp(hidden=(64, 64)), 16, T),
+        "64 MLPs, 10-10, a record each, stacked": stacked(64, (10, 10), T),
+        "LSTM, 32 neurons, 16 records": gradient(lstm(hidden=32), 16, T // 4),
+        "LSTM, 128 neurons, 16 records": gradient(lstm(hidden=128), 16, T // 4),
+        "neural state space, 64 neurons, 256 windows of 100": gradient(
+            states(memory=8, hidden=64), 256, 100
+        ),
+        "VWNN of second order, 16 records": least_squares(2, 16, T),
+        "VWNN of second order, 128 records": least_squares(2, 128, T),
+        "VWNN of third order, 1 record": least_squares(3, 1, T),
+        "VWNN of third order, 16 records": least_squares(3, 16, T),
+    }
+
+
+def milliseconds(make: Make, device: torch.device, threads: int, repeats: int) -> float:
+    torch.set_num_threads(threads)
+    work = make(device)
+
+    def whole() -> None:
+        work()
+        if device.type == "cuda":
+            torch.cuda.synchronize()
+
+    return 1e3 * statistics.median(seconds_of(whole, repeats))
+
+
+def iterations(quick: bool) -> None:
+    cores, there = os.cpu_count() or 1, torch.cuda.is_available()
+    print(f"| an iteration, ms | 1 thread | {cores} threads | GPU | times faster |")
+    print("|---|---:|---:|---:|---:|")
+    for name, make in cases(quick).items():
+        here = [milliseconds(make, torch.device("cpu"), count, 2) for count in (1, cores)]
+        cells = [f"{took:.1f}" for took in here]
+        if there:
+            gpu = milliseconds(make, torch.device("cuda"), 1, 3)
+            cells += [f"{gpu:.1f}", f"{min(here) / gpu:.1f}"]
+        print(f"| {name} | {' | '.join(cells + ['–'] * (4 - len(cells)))} |", flush=True)
+
+
+def runs() -> None:
+    """Whole sweeps of eight seeds."""
+    trainers = ("cpu", "gpu") if torch.cuda.is_available() else ("cpu",)
+    print(f"\n| {SEEDS} seeds, s | at once | {' | '.join(trainers)} |")
+    print(f"|---|---:|{'---:|' * len(trainers)}")
+    for name, more in RUNS.items():
+        for at_once in (SEEDS, 1):
+            cells = [f"{sweep(more, trainer, at_once):.0f}" for trainer in trainers]
+            print(f"| {name} | {at_once} | {' | '.join(cells)} |", flush=True)
+
+
+def sweep(more: Sequence[str], trainer: str, at_once: int) -> float:
+    """Seconds of the command. Raises RuntimeError where a run of it is not done."""
+    words = ["model=lstm", *more, f"trainer={trainer}", f"seed=range({SEEDS})", "figures=false"]
+    words += ["baselines=none", "trainer.enable_progress_bar=false", "solver.iterations=200"]
+    words += ["hydra/launcher=joblib", f"hydra.launcher.n_jobs={at_once}"]
+    words += ["objective=one_step", "solver=adam", "data.duration=60", "data.calibration_records=0"]
+    with tempfile.TemporaryDirectory() as folder:
+        line = [sys.executable, "train.py", "-m", *words, f"hydra.sweep.dir={folder}"]
+        start = time.perf_counter()
+        done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False)
+        took = time.perf_counter() - start
+        if len(list(Path(folder).glob("*/metrics.json"))) < SEEDS:
+            raise RuntimeError(f"{' '.join(words)}: {done.stdout[-500:]} {done.stderr[-500:]}")
+    return took
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        "python -m benchmarks.on_gpu", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument("--quick", action="store_true", help="small sizes, no runs")
+    options = parser.parse_args()
+    if torch.cuda.is_available():
+        print(torch.cuda.get_device_name(), end="\n\n")
+    iterations(options.quick)
+    if not options.quick:
+        runs()
+
+
+if __name__ == "__main__":
+    main()

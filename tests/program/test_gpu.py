@@ -1,0 +1,134 @@
+"""Every model with trainer=gpu: trained, scored and in free run as on the processor."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Drive
+from models import MomentFrame
+from models.training.assemble import data_from
+from report.run.summary import log_run
+from runner.config.compose import CONF, composed
+from runner.folder.run import load_run
+from runner.job import identify
+from runner.side_by_side import fit_runs
+
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
+
+SIMULATED = ["system=bilinear", "data.duration=16", "data.calibration_records=0"]
+QUICK = ["figures=false", "baselines=none", "trainer.enable_progress_bar=false"]
+SMALLER = {  # what a model has of settings that cost time
+    "iterations": 2, "refinements": 1, "law_starts": 1, "starts": 1,
+}  # fmt: skip
+ELEMENTS = {
+    "branch_element", "hysteretic_element", "named_element", "prandtl_ishlinskii",
+    "restoring_force_surface",
+}  # fmt: skip
+ONE_CHANNEL = {"tank_cascade", "wiener_hammerstein"}
+MASSES, RUNS_AWAY = [3.0e4, 2.5e4], 500.0  # kg, percent
+MODELS = sorted(path.stem for path in (CONF / "model").glob("*.yaml"))
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory) -> Path:
+    """A record of an element, one of a mass, and one of two floors on a shaken base."""
+    folder, t = tmp_path_factory.mktemp("records"), 0.01 * np.arange(900.0)
+    u, rate = np.sin(3.0 * t) * (1.0 + 0.3 * t), np.gradient(np.sin(3.0 * t) * (1.0 + 0.3 * t), t)
+    tables = {
+        "element": {"s1": 0.01 * u, "s_dot1": 0.01 * rate, "r1": 100.0 * np.tanh(u)},
+        "slider": {"f1": u, "x1": 0.01 * np.tanh(u)},
+        "mass": {"f1": u, "a1": np.convolve(np.tanh(u), 0.2 * 0.8 ** np.arange(50.0))[:900]},
+    }
+    tables["frame"] = shaken_frame()
+    for name, signals in tables.items():
+        columns = np.stack([t, *signals.values()], axis=1)
+        header = ",".join(["time", *signals])
+        np.savetxt(folder / f"{name}.csv", columns, delimiter=",", header=header, comments="")
+    return folder
+
+
+def shaken_frame() -> dict[str, np.ndarray]:
+    """Two floors of steel that yield a little, from rest."""
+    frame = MomentFrame(2, 1, 0.01, masses=MASSES)
+    kinds, floors = [8.0, 0.02, 15.0, 0.9, 6.0, 0.04, 10.0, 0.85], [2.5e6, 2.2e6, 1.5e5, 1.1e5]
+    numbers = [0.3, 2e-3, 2.0, *kinds, *floors, 9.0e5, 8.0e5, 8.0e4, 8.0e4]
+    frame.numbers.data.copy_(torch.tensor(numbers))
+    t = 0.01 * torch.arange(900.0, dtype=torch.float64)
+    u, rest = (4.0 * torch.sin(6.0 * t) * torch.sin(0.7 * t))[:, None], torch.zeros(2)
+    run = frame.free_run(Drive(0.01, u, rest, rest))
+    columns = torch.cat([u, run.x, run.v, run.a], dim=1).T.numpy()
+    return dict(zip(("f1", "x1", "x2", "v1", "v2", "a1", "a2"), columns, strict=True))
+
+
+def words(model: str, files: Path) -> list[str]:
+    if model in ELEMENTS:
+        return ["data=measured", f"data.path={files}/element.csv", "data.quantity=force"]
+    if model == "moment_frame":
+        rest = ["data.initial_state=rest", f"model.masses={MASSES}"]
+        return ["data=measured", f"data.path={files}/frame.csv", *rest]
+    if model == "sliding_mass":
+        return ["data=measured", f"data.path={files}/slider.csv", "data.quantity=displacement"]
+    if model in ONE_CHANNEL:
+        return ["data=measured", f"data.path={files}/mass.csv"]
+    return SIMULATED
+
+
+def small(cfg: Any) -> list[str]:
+    found = [f"model.{key}={value}" for key, value in SMALLER.items() if key in cfg.model]
+    if cfg.model.name in ("named_element", "element_network_named"):
+        found.append("model.laws=[Linear]")
+    if "horizons" in cfg.objective:
+        found += ["objective.horizons=[20,null]", "objective.finalists=1"]
+    return [*found, "solver.iterations=3"] if "iterations" in cfg.solver else found
+
+
+def run(model: str, trainer: str, files: Path, folder: Path) -> dict[str, Any]:
+    chosen = [f"model={model}", f"trainer={trainer}", *words(model, files), *QUICK]
+    cfg = composed(*chosen, *small(composed(*chosen)))
+    return identify(cfg, folder / trainer)
+
+
+def errors(metrics: dict[str, Any]) -> dict[str, float]:
+    """All relative errors of a run; none of a motion that runs away, in which rounding grows."""
+    found = {}
+    for split, scores in metrics.items():
+        if isinstance(scores, dict) and "relative_rms_percent" in scores:
+            value = scores["relative_rms_percent"]
+            found[split] = math.nan if value is None or value > RUNS_AWAY else value
+    return found
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_run_on_the_gpu_has_the_errors_of_one_on_the_processor(model, files, tmp_path):
+    here, there = (errors(run(model, trainer, files, tmp_path)) for trainer in ("cpu", "gpu"))
+    assert here
+    assert there == pytest.approx(here, rel=1e-4, nan_ok=True)
+
+
+def test_seeds_side_by_side_on_the_gpu_are_as_on_the_processor():
+    cfg = composed("model=vwnn", *SIMULATED)
+    data = [data_from(cfg).of_seed(seed) for seed in range(3)]
+    for own in data:
+        own.setup()
+    here, there = (
+        [errors(module.results()) for module in fit_runs(cfg.model, data, device)]
+        for device in ("cpu", "cuda")
+    )
+    for one, other in zip(here, there, strict=True):
+        assert other == pytest.approx(one, rel=1e-4, nan_ok=True)
+
+
+@pytest.mark.parametrize("model", ["gru", "online_vwnn"])
+def test_what_was_trained_on_the_gpu_is_drawn_and_loaded_without_one(model, tmp_path):
+    words = [f"model={model}", "trainer=gpu", *SIMULATED, "baselines=none"]
+    cfg = composed(*words, *small(composed(*words)))
+    identify(cfg, tmp_path / "run", log_run)
+    assert max(file.stat().st_size for file in (tmp_path / "run").rglob("events*")) > 50_000
+    estimator = load_run(tmp_path / "run")
+    assert {p.device.type for p in estimator.parameters()} == {"cpu"}
