@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import sys
 import threading
@@ -56,6 +57,7 @@ class Watch:
                 (folder / name).unlink(missing_ok=True)
         self.left, self.total, self.done = set(folders), total, total - len(folders)
         self.before, self.failed = total - len(folders) - hopeless, hopeless
+        self.ends = {f: [f"{f}/{METRICS}", f"{f}/{FAILED}"] for f in folders}  # looked for often
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[failed]} failed"))
         self.results: dict[Path, Result] = {}  # of runs that ended under it
         self.console = terminal(130)
@@ -86,7 +88,7 @@ class Watch:
             self._report_ended()
 
     def _report_ended(self) -> None:
-        new = [f for f in self.left if (f / METRICS).exists() or (f / FAILED).exists()]
+        new = [f for f in self.left if any(map(os.path.exists, self.ends[f]))]
         for folder in sorted(new, key=lambda f: f.stat().st_mtime):
             self.left.discard(folder)
             self.done += 1

@@ -18,7 +18,7 @@ from models.training.assemble import data_from, estimator_from
 from models.training.resume import fault_of
 from runner.config.choices import plain
 from runner.config.identity import identity_of
-from runner.folder.lock import hold, release
+from runner.folder.lock import RUN, hold, release
 from runner.folder.run_files import (
     CHECKPOINT,
     CONFIG,
@@ -63,6 +63,13 @@ class Run:
         """Write what is known beforehand, the text of config.yaml last; earlier results go."""
         self.folder.mkdir(parents=True, exist_ok=True)
         hold(self.folder)
+        if set(os.listdir(self.folder)) != {RUN}:  # not new
+            self._clear()
+        write_json(self.folder / SENSORS, asdict(sensors))
+        write_text(self.folder / CONFIG, config)
+
+    def _clear(self) -> None:
+        """Take earlier results out of the folder, but for training that this run goes on with."""
         for name in (METRICS, CHECKPOINT, FAILED, PROGRESS):
             if (self.folder / name).is_dir():
                 raise ValueError(
@@ -77,8 +84,6 @@ class Run:
             self.progress.unlink(missing_ok=True)
             for events in self.folder.glob(EVENTS):
                 events.unlink(missing_ok=True)
-        write_json(self.folder / SENSORS, asdict(sensors))
-        write_text(self.folder / CONFIG, config)
 
     def built_for(self, sensors: Sensors) -> None:
         """Write anew what the model was built for: the records told more while it was fitted."""
