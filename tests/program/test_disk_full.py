@@ -43,7 +43,7 @@ def disk(tmp_path) -> Iterator[tuple[Path, Callable[[int], None]]]:
     ("words", "more"),
     [
         (["model=linear"], 4),
-        (["model=global_mlp", "solver.iterations=3", "checkpoint_seconds=0"], 8),
+        (["model=global_mlp", "solver.iterations=3", "checkpoint_seconds=0"], 4),
     ],
 )
 def test_a_run_ends_in_one_line_wherever_the_disk_is_full(
