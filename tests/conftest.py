@@ -15,7 +15,9 @@ from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
+from tests.parsed_once import remember
 
+remember()
 gc.disable()  # until all tests are collected
 MASSES = [0.8, 2.0, 1.2]
 K0, C0 = 4.0 * np.pi**2, np.pi / 4.0
