@@ -33,6 +33,8 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
+from report.run.evaluation import report_runs
+from runner.config.compose import composed
 from runner.folder.run_files import CHECKPOINT, CONFIG, METRICS
 from runner.folder.run_folder import read_run
 
@@ -48,18 +50,18 @@ WORDS = [
     "figures=false",
     "baselines=none",
     "trainer.enable_progress_bar=false",
-    "hydra/launcher=joblib",
 ]
 
 
 def command(folder: Path, runs: int) -> list[str]:
     seeds = f"seed=range(0,{runs // 3})"
-    one = ["hydra.launcher.n_jobs=1"] if runs == 3 else []  # each process costs seconds to start
-    return [sys.executable, "train.py", "-m", *WORDS, *one, seeds, f"hydra.sweep.dir={folder}"]
+    launcher = "basic" if runs == 3 else "joblib"  # whose processes cost seconds to start
+    words = [*WORDS, f"hydra/launcher={launcher}", seeds, f"hydra.sweep.dir={folder}"]
+    return [sys.executable, "train.py", "-m", *words]
 
 
 def command_of_one(folder: Path) -> list[str]:
-    words = [*WORDS[1:-1], "model=residual_mlp", f"hydra.run.dir={folder}"]
+    words = [*WORDS[1:], "model=residual_mlp", f"hydra.run.dir={folder}"]
     return [sys.executable, "train.py", *words]
 
 
@@ -195,7 +197,8 @@ def tables(folder: Path, names: Sequence[str]) -> dict[str, list]:
     """
     output = folder.with_name(f"{folder.name}_tables")
     rooms = [("-m", f"report.{room}", folder, "--output", output) for room in names]
-    for words in (("evaluate.py", f"runs={folder}", f"output={output}"), *rooms):
+    report_runs(composed(f"runs={folder}", f"output={output}", config="evaluate"))
+    for words in rooms:
         command = [sys.executable, *map(str, words)]
         subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
     by_file = {}
@@ -211,14 +214,14 @@ def _name(row: dict[str, str]) -> str:
     return Path(row.get("run", "")).name
 
 
-def main() -> int:
+def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=60, help="a multiple of three")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     parser.add_argument("--together", type=int, default=20, help="times; 0: none")
     parser.add_argument("--quick", action="store_true", help="3 runs, 1 kill, once two commands")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(words)
     usual = (arguments.runs, arguments.kills, arguments.together)
     runs, kills, times = (3, 1, 1) if arguments.quick else usual
     if runs < 3 or runs % 3 or kills < 1:

@@ -1,7 +1,7 @@
 """How long do our solvers and their peers take to reach a given training error?
 
     python -m benchmarks.solvers            # 8 s at most for each solver, network and start
-    python -m benchmarks.solvers --quick    # a second for each, one start, for CI
+    python -m benchmarks.solvers --quick    # 0.3 s for each, one start, for CI
 
 The same network, training motion and starting weights for all, full batch, float64, one thread, one
 run at a time. All minimise mean(e²) of models/training/problem.py, whose root is Eq. 21. A solver
@@ -236,14 +236,14 @@ def compare(title: str, console: Console, seeds: range, limit: float) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="1 s for each solver, one start")
+    parser.add_argument("--quick", action="store_true", help="0.3 s for each solver, one start")
     options = parser.parse_args()
     torch.set_num_threads(1)
     threadpool_limits(1)
     quiet_lightning()
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, 1 thread"
     print(f"{machine}; torch {torch.__version__}")
-    seeds, limit = (range(1), 1.0) if options.quick else (range(2), 8.0)
+    seeds, limit = (range(1), 0.3) if options.quick else (range(2), 8.0)
     for title in NETWORKS:
         compare(title, Console(width=130), seeds, limit)
 

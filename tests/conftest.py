@@ -15,7 +15,9 @@ from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
+from tests.parsed_once import remember
 
+remember()
 gc.disable()  # until all tests are collected
 MASSES = [0.8, 2.0, 1.2]
 K0, C0 = 4.0 * np.pi**2, np.pi / 4.0
@@ -32,11 +34,13 @@ COMPILING = (  # in turns on two cores: integrator and branch law, then both cal
     "test_motion.py", "test_branch_element.py", "test_every_named_law.py", "test_modal_network.py",
     "test_element_network_branch.py", "test_composition.py",
 )  # fmt: skip
-LONG = {  # files of half a minute on one core; they start early, so that both end at about one time
+LONG = {  # files of ten seconds and more on one core; they start early: both end at about one time
     "test_c.py", "test_disk_full.py", "test_every_config.py", "test_every_estimator.py",
-    "test_graphs.py", "test_hostile_configs.py", "test_kills.py", "test_launchers.py",
-    "test_named_laws.py", "test_predict.py", "test_search.py", "test_stand_ins.py", "test_sweep.py",
-    "test_train.py", "test_units.py", "test_zoo_names.py",
+    "test_free_run_sweep.py", "test_graphs.py", "test_hostile_configs.py", "test_hostile_files.py",
+    "test_kills.py", "test_launchers.py", "test_live.py", "test_moment_frame.py",
+    "test_named_laws.py", "test_predict.py", "test_search.py", "test_side_by_side.py",
+    "test_stand_ins.py", "test_steps.py", "test_sweep.py", "test_train.py", "test_units.py",
+    "test_zoo_names.py",
 }  # fmt: skip
 
 

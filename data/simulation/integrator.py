@@ -177,10 +177,10 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
     trial = np.zeros(size)
     h, t, first = at[0], at[1], counts[0]
     change, stalled, steps, last = counts[1], counts[2], counts[3], counts[3] + most
-    if first == 0 and steps == 0:
+    for again in range(2 if first == 0 and steps == 0 else 0):
         _slope(q, branch, masses, ends, law, p, m, f, s, w, 0, dt, 1.0, k, 0, forces)
-        if change_branches(q, branch, N, ends, law, p, m):  # a support may start displaced
-            _slope(q, branch, masses, ends, law, p, m, f, s, w, 0, dt, 1.0, k, 0, forces)
+        if again or not change_branches(q, branch, N, ends, law, p, m):
+            break  # a support may start displaced
     for sample in range(first, f.shape[0]):
         start = max(sample - 1, 0) * dt
         while t < dt:
@@ -193,23 +193,29 @@ def integrate(masses, ends, law, p, f, s, w, dt, tolerance, when, offset, elemen
             until = offset[change] if due else dt
             left, tau = until - t, t / dt
             step = left if h > 0.999 * left else min(h, 0.5 * left)
-            _step(
-                q, step, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, trial, forces
-            )
-            error = _error(k, step, scale)
+            cut, error = 1.0, 0.0
+            for again in range(2):  # the whole step, then to its first corner
+                _step(
+                    q, step, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau, k, trial,
+                    forces,
+                )  # fmt: skip
+                if again:
+                    break
+                error = _error(k, step, scale)
+                if error > 1.0:
+                    break
+                h = step * min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
+                cut = first_corner(q, trial, k, step, branch, N, ends, law, p, m)
+                if cut >= 1.0:
+                    break
+                # corners that follow at once get ever longer steps: none can stall the motion
+                stalled = stalled + 1 if cut * step <= SMALLEST_STEP * dt else 0
+                step = min(max(cut * step, SMALLEST_STEP * dt * 2.0**stalled), left)
             if error > 1.0:
                 h = step * (max(0.2, 0.9 * error**-0.2) if error < 1e300 else 0.2)
                 if h < SMALLEST_STEP * dt:
                     return start + t
                 continue
-            h = step * min(5.0, 0.9 * max(error, 1e-10) ** -0.2)
-            cut = first_corner(q, trial, k, step, branch, N, ends, law, p, m)
-            if cut < 1.0:
-                # corners that follow at once get ever longer steps: none can stall the motion
-                stalled = stalled + 1 if cut * step <= SMALLEST_STEP * dt else 0
-                step = min(max(cut * step, SMALLEST_STEP * dt * 2.0**stalled), left)
-                _step(q, step, branch, masses, ends, law, p, m, f, s, w, sample, dt, tau,
-                      k, trial, forces)  # fmt: skip
             t = until if step == left else t + step
             for i in range(size):
                 q[i], k[0, i] = trial[i], k[6, i]

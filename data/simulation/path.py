@@ -79,20 +79,23 @@ def follow(law, p, y, rate, dt, r):
                 if corner == MOST:
                     return False
                 way = 1.0 if to > at else -1.0
-                if margin(law, p, m, 0, branch, to, way, z) >= 0.0:
-                    at, z, pull = _moved(law, p, m, branch, at, to, z, pull)
-                    break
-                low, high = at + way * min(max(BEHIND * abs(to - at), none), 0.5 * abs(to - at)), to
-                if margin(law, p, m, 0, branch, low, way, z) < 0.0:
-                    ended = margin(law, p, m, 0, branch, at, way, z) < 0.0  # as where it turned
-                    low, high = at, at if ended else low
-                for _ in range(HALVINGS if low != high else 0):
-                    middle = 0.5 * (low + high)
-                    if margin(law, p, m, 0, branch, middle, way, z) < 0.0:
-                        high = middle
-                    else:
-                        low = middle
+                reached = margin(law, p, m, 0, branch, to, way, z) >= 0.0
+                near = at + way * min(max(BEHIND * abs(to - at), none), 0.5 * abs(to - at))
+                low, high, place, halved = near, to, near, -1
+                while not reached and halved < HALVINGS:
+                    # one call for all places: every law is compiled into each call
+                    ended = margin(law, p, m, 0, branch, place, way, z) < 0.0
+                    if halved >= 0:
+                        low, high = low if ended else place, place if ended else high
+                    elif place == at:  # where the branch ended near it, too
+                        low, high = at, at if ended else near
+                    elif ended:
+                        place = at
+                        continue
+                    halved, place = halved + 1, 0.5 * (low + high)
                 at, z, pull = _moved(law, p, m, branch, at, high, z, pull)
+                if reached:
+                    break
                 branch, z = next_branch(law, p, m, 0, branch, at, way, z)
         r[k], _ = force(law, p, m, 0, branch, last, rate[k], z, z)
     return True

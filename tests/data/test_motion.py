@@ -67,9 +67,8 @@ def test_below_yield_and_gap_the_bilinear_structure_is_linear(bilinear_structure
     assert relative_rms(motion.a, first_order_hold(bilinear_structure, force, DT)[2]) < 1e-9
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_motion_equals_the_event_located_reference(structure, excitation, system, seed):
-    force = forces(structure, excitation, 300, seed=seed)
+def test_motion_equals_the_event_located_reference(structure, excitation, system):
+    force = forces(structure, excitation, 300)
     motion = simulate(structure, force, DT)
     reference = reference_response(*paper_structure(system), DT, force)
     assert motion.escape_time is None
@@ -80,7 +79,7 @@ def test_motion_equals_the_event_located_reference(structure, excitation, system
 
 def test_motion_on_moving_supports_equals_the_reference(structure, excitation, system):
     shaken = Excitation(excitation.force, BandLimitedGaussian(SUPPORT_STD[system], (0.0, 2.0)))
-    drive = shaken.draw(structure, 300, DT, 0, np.random.default_rng(2))
+    drive = shaken.draw(structure, 200, DT, 0, np.random.default_rng(2))
     motion = simulate(structure, drive[0], DT, *drive[1:])
     reference = reference_response(*paper_structure(system), DT, *drive)
     allowed = 1e-5 if system == "bilinear" else 1e-6
@@ -106,7 +105,7 @@ def test_bouc_wen_of_any_power_and_degradation_equals_the_reference(n, eta_rate,
         | law
         for a, b in ends.values()
     ]
-    force = forces(ours, Excitation(force=BandLimitedGaussian(4.0, (0.0, 3.0))), 300)
+    force = forces(ours, Excitation(force=BandLimitedGaussian(4.0, (0.0, 3.0))), 200)
     reference = reference_response(ours.masses, theirs, DT, force)
     assert relative_rms(simulate(ours, force, DT).a, reference["a"]) < 1e-6
     assert relative_rms(simulate(ours, force, DT).r, reference["r"]) < 1e-6

@@ -119,12 +119,16 @@ LAWS = {
 }  # fmt: skip
 
 
-def named(dofs: int, law: str) -> ElementNetworkNamed:
-    """A chain on a moving support; the structure that an identification would have made."""
+def named(dofs: int, *laws: str) -> ElementNetworkNamed:
+    """A chain on a moving support; the structure that an identification would have made.
+
+    laws: of all storeys, or of each from below.
+    """
     masses = [3e4] * dofs
     model = ElementNetworkNamed(dofs, 2, DT, elements="chain", forced=[], masses=masses)
     nodes = ["s1", *(f"x{i + 1}" for i in range(dofs))]
-    made = {f"r{i + 1}_1": LAWS[law](nodes[i : i + 2], 2e7) for i in range(dofs)}
+    of = laws * (dofs // len(laws))
+    made = {f"r{i + 1}_1": LAWS[of[i]](nodes[i : i + 2], 2e7) for i in range(dofs)}
     structure = Structure(masses, made)
     with torch.no_grad():
         model.named.numbers.fill_(0.0)

@@ -22,7 +22,8 @@ pytestmark = needs_gcc
 CLOSE = 1e-12  # of the largest of each output
 ROUNDED = {"power_series_pairs": 1e-11}  # large powers that cancel each other
 SAMPLES = 5000
-SANITIZED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+CHECKED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZED = ("-O0", *CHECKED)
 
 NETWORKS = {
     "chain_1": lambda: networks.network(1),
@@ -73,8 +74,11 @@ def apart(model, given: Drive, folder, flags=("-O2",)) -> dict[str, float]:
     return found
 
 
-@pytest.mark.parametrize("hold", ["linear", "zero_order"])
-@pytest.mark.parametrize("name", NETWORKS)
+HELD = ("chain_3", "support_3", "latent_3", "branches_3")  # one of each kind
+RUNS = [(name, "linear") for name in NETWORKS] + [(name, "zero_order") for name in HELD]
+
+
+@pytest.mark.parametrize(("name", "hold"), RUNS)
 def test_a_network_runs_in_c(name, hold, tmp_path):
     model = NETWORKS[name]()
     found = apart(model, forces(model, hold=hold), tmp_path)
@@ -88,10 +92,10 @@ def test_branch_laws_whose_sides_differ_run_in_c(tmp_path):
     assert all(error <= CLOSE for error in found.values()), found
 
 
-@pytest.mark.parametrize("law", networks.LAWS)
-def test_named_laws_run_in_c(law, tmp_path):
-    model = networks.named(2, law)
-    rest = torch.zeros(2, dtype=torch.float64)
+def test_named_laws_run_in_c(tmp_path):
+    """Storeys of a law each: gcc takes a second for the text of all laws."""
+    model = networks.named(len(networks.LAWS), *networks.LAWS)
+    rest = torch.zeros(len(networks.LAWS), dtype=torch.float64)
     given = Drive(networks.DT, smooth(1500, 0.05), rest, rest)
     found = apart(model, given, tmp_path)
     # the integrator stops at corners where its own tolerance has found them
@@ -100,9 +104,10 @@ def test_named_laws_run_in_c(law, tmp_path):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_every_estimator_runs_in_c(name, tmp_path):
+def test_every_estimator_runs_in_c_and_is_clean_under_sanitizers(name, tmp_path):
+    """One program shows both."""
     model = MODELS[name](3)
-    found = apart(model, drive(model.dofs, model.inputs, 500), tmp_path)
+    found = apart(model, drive(model.dofs, model.inputs, 500), tmp_path, ("-O1", *CHECKED))
     assert all(error <= ROUNDED.get(name, CLOSE) for error in found.values()), found
 
 
@@ -144,18 +149,11 @@ def test_a_network_is_clean_under_sanitizers(name, tmp_path):
     assert all(error <= CLOSE for error in found.values()), found
 
 
-@pytest.mark.parametrize("law", ["pinching", "concrete"])
-def test_named_laws_are_clean_under_sanitizers(law, tmp_path):
-    model = networks.named(2, law)
+def test_named_laws_are_clean_under_sanitizers(tmp_path):
+    model = networks.named(2, "pinching", "concrete")
     rest = torch.zeros(2, dtype=torch.float64)
     given = Drive(networks.DT, smooth(200, 0.05), rest, rest)
     assert apart(model, given, tmp_path, SANITIZED)["x"] <= CLOSE
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_every_estimator_is_clean_under_sanitizers(name, tmp_path):
-    model = MODELS[name](2)
-    apart(model, drive(model.dofs, model.inputs, 60), tmp_path, SANITIZED)
 
 
 @pytest.mark.parametrize(
@@ -163,13 +161,15 @@ def test_every_estimator_is_clean_under_sanitizers(name, tmp_path):
     ["SlackBrace", "Takeda", "FrictionPendulum", "Pinching4", "Hysteretic", "UnevenHysteretic"],
 )
 def test_a_named_element_runs_in_c(law, tmp_path):
+    """Compiled fast: the text of all laws is in it."""
     model = NamedElement(1, 2, networks.DT)
     candidate = CANDIDATES[law]
     fit = Fit(candidate, Units(0.05, 0.2, 2e4, 2e6), np.zeros(len(candidate.parameters)))
     fit.q[0] = -1.0
     model.laws.take(0, fit)
     rest = torch.zeros(1, dtype=torch.float64)
-    assert apart(model, Drive(networks.DT, smooth(1000, 0.05), rest, rest), tmp_path)["r"] <= CLOSE
+    given = Drive(networks.DT, smooth(1000, 0.05), rest, rest)
+    assert apart(model, given, tmp_path, ("-O0",))["r"] <= CLOSE
 
 
 @pytest.mark.parametrize("elements", [1, 2])

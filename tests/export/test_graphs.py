@@ -106,7 +106,7 @@ def require_same(theirs: list[torch.Tensor], ours: list[torch.Tensor]) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("hold", ["linear", "zero_order"])
 def test_a_pt2_program_is_the_free_run(kind, hold, tmp_path):
-    if hold == "zero_order" and kind not in ("elements", "state space", "mlp", "linear"):
+    if hold == "zero_order" and kind not in ("base", "state space", "mlp", "linear"):
         pytest.skip("the same path")
     model = model_of(kind, hold)
     drive, ours = runs_of(model.estimator, hold)

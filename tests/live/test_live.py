@@ -242,7 +242,7 @@ def test_a_signal_ends_the_program_while_it_waits(lines):
         program.stdin.write(lines)
         program.stdin.flush()
         first = program.stdout.readline()
-        time.sleep(1.0)
+        time.sleep(0.2)
         program.send_signal(signal.SIGINT)
         out, err = program.communicate(timeout=180)
     assert first.startswith("t = 1.0 s, ")

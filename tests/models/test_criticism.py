@@ -115,6 +115,6 @@ def test_a_run_that_diverges_has_bands_without_a_width():
     with torch.no_grad():
         model.laws.stiffness.unit.mul_(1e7)  # beyond what the time step can follow
     assert not torch.isfinite(model.free_run(record.drive()).a).all()
-    bands = _bands(model, found, [stack([record])])
+    bands = _bands(model, found, [stack([record.window(0, 300)])])
     assert bands["mean_half_width"] is None
     assert bands["covered_percent"] < 5.0

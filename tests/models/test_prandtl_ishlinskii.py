@@ -100,7 +100,7 @@ def test_a_single_record_is_enough():
     assert error(model, joint(2)) < 4.0
 
 
-@pytest.mark.parametrize(("per", "of"), [(1e6, 1.0), (1e-6, 1e6), (1.0, 1e-6)])
+@pytest.mark.parametrize(("per", "of"), [(1e6, 1.0), (1e-6, 1e6)])
 def test_a_change_of_units_changes_nothing(per, of):
     model, other = (
         identified([joint(0, per=p, of=f), joint(1, 0.02, per=p, of=f)])

@@ -98,11 +98,11 @@ def in_units(record: Record, length: float, force: float, time: float) -> Record
 @pytest.fixture(scope="module")
 def records(bilinear_record) -> dict[str, Record]:
     """A motion, an element's force under it, and one displacement under one force."""
-    whole = replace(bilinear_record, truth=None).window(0, 250)
-    y, r = bilinear_record.truth.y[:250, :1], bilinear_record.truth.r[:250, :1]
+    whole = replace(bilinear_record, truth=None).window(0, 160)
+    y, r = bilinear_record.truth.y[:160, :1], bilinear_record.truth.r[:160, :1]
     rate = torch.gradient(y, spacing=whole.dt, dim=0)[0]
     element = Record(
-        whole.dt, r.clone(), r.new_zeros(250, 0), s=y.clone(), s_dot=rate, quantity="force"
+        whole.dt, r.clone(), r.new_zeros(160, 0), s=y.clone(), s_dot=rate, quantity="force"
     )
     one = Record(whole.dt, whole.x[:, :1], whole.f[:, :1], quantity="displacement")
     return {"structure": whole, "element": element, "one": one}

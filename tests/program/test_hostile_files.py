@@ -78,7 +78,7 @@ def test_a_time_that_is_missing_is_named(run, tmp_path):
             measured(path, **choices)
 
 
-@settings(deadline=None, max_examples=120, derandomize=True)
+@settings(deadline=None, max_examples=60, derandomize=True)
 @given(
     st.lists(
         st.one_of(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,16 +10,13 @@ import torch
 from omegaconf import OmegaConf
 from safetensors.torch import save_file
 
-from benchmarks.kills import damaged, same
-
-ROOT = Path(__file__).parents[2]
+from benchmarks.kills import damaged, main, same
 
 
-def test_a_killed_sweep_ends_like_an_undisturbed_one():
-    words = [sys.executable, "-m", "benchmarks.kills", "--quick"]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    printed = done.stdout.splitlines()
+def test_a_killed_sweep_ends_like_an_undisturbed_one(capsys):
+    status = main(["--quick"])
+    printed = capsys.readouterr().out.splitlines()
+    assert status == 0, printed
     last = "3 results, 0 damaged, 3 equal to the undisturbed sweep, 1 kills, "
     assert printed[-1].startswith(last)
     assert "several commands at once: 1 of 1 times well" in printed

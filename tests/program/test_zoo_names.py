@@ -114,7 +114,7 @@ table = torch.hub.load({str(CLONE)!r}, "list_pretrained", source="local", system
 from models.zoo import load_pretrained
 from data import Drive
 seconds = []
-for row in table:
+for row in table[::3]:
     began = time.perf_counter()
     load_pretrained(row["name"])
     seconds.append(time.perf_counter() - began)

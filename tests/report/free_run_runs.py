@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 from report.collection.runs import read_runs
 from report.free_run.rows import Row, leaderboard
 
-QUICK = ["data.duration=12", "trainer.enable_progress_bar=false", "figures=false", "baselines=none"]
+QUICK = ["data.duration=8", "trainer.enable_progress_bar=false", "figures=false", "baselines=none"]
 LOST = None  # the free run diverged
 NO_FREE_RUN = {"none": "it looks at every sample"}
 

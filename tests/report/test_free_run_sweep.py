@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 from hydra import compose, initialize_config_dir
+from joblib import Parallel
 from omegaconf import OmegaConf
 
 import train
@@ -64,7 +66,8 @@ def test_a_sweep_ends_with_its_free_runs(tmp_path):
     assert list(table.columns[-1].cells) == ["10.00\n(9.00 – diverged)", "–"]
 
 
-def test_the_leaderboard_of_a_real_sweep(small_sweep, tmp_path, capsys):
+def test_the_leaderboard_of_a_real_sweep(small_sweep, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(beyond, "Parallel", partial(Parallel, backend="sequential"))
     words = ("--questions", tmp_path / "none", "--output", tmp_path / "out")
     program.main([str(small_sweep), *map(str, words)])
     assert "files in" in capsys.readouterr().out

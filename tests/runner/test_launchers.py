@@ -109,13 +109,16 @@ def test_all_cores_lose_a_process_and_no_run(tmp_path, undisturbed):
 
 
 def test_nobody_works_on_after_a_sweep_was_killed(tmp_path):
-    process = sweep(tmp_path, "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+    process = sweep(tmp_path, "hydra/launcher=joblib", "hydra.launcher.n_jobs=1")
     wait_until(lambda: results(tmp_path), process)
     workers = [pid for pid, name in processes_of(process).items() if "LokyProcess" in name]
+    assert len(workers) == 1
     process.kill()
     process.communicate()
-    time.sleep(1.0)
-    assert not [pid for pid in workers if command_line(pid)]
+    until = time.monotonic() + 1.0
+    while any(map(command_line, workers)) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not any(map(command_line, workers))
 
 
 def command_line(pid: int) -> str:

@@ -5,10 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -26,7 +22,6 @@ from runner.progress import is_finished
 from runner.seeds import SeedsOf
 from tests.program.test_train import run
 
-ROOT = Path(__file__).parents[2]
 QUICK = ["data.duration=3", "trainer.enable_progress_bar=false", "figures=false", "baselines=none"]
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
@@ -214,23 +209,3 @@ def test_runs_keep_the_name_of_the_grid_that_asked_for_them(tmp_path, monkeypatc
         assert run(train, monkeypatch, *words) == 0
         assert "1 done (1 of them before)" in capsys.readouterr().out
         assert read_runs(tmp_path)[0].grid == "bilinear"
-
-
-def test_a_killed_sweep_goes_on_and_ends_like_an_undisturbed_one(tmp_path, monkeypatch):
-    """Killed outright with some runs done; the second call does the rest, with the same numbers."""
-    words = ["-m", *QUICK, "model=linear,vwnn", "seed=range(0,4)"]
-    disturbed = [*words, f"hydra.sweep.dir={tmp_path / 'disturbed'}"]
-    quiet = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    command = [sys.executable, "train.py", *disturbed]
-    process = subprocess.Popen(command, **quiet, start_new_session=True)
-    until = time.monotonic() + 120.0
-    while len(results(tmp_path / "disturbed")) < 2 and time.monotonic() < until:
-        time.sleep(0.02)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    half = set(results(tmp_path / "disturbed"))
-    assert 2 <= len(half) < 8
-    assert run(train, monkeypatch, *disturbed) == 0
-    assert run(train, monkeypatch, *words, f"hydra.sweep.dir={tmp_path / 'undisturbed'}") == 0
-    assert results(tmp_path / "disturbed") == results(tmp_path / "undisturbed")
-    assert len(results(tmp_path / "undisturbed")) == 8
