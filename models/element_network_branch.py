@@ -5,7 +5,8 @@ M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = F law(y_e/Y, ẏ_e/V; θ_e)    (c
 It starts by equilibrium (models/starts/equilibrium.py), where the law of every element is fitted as
 that of an element under an imposed motion, and is polished on its free run with exact derivatives.
 Where elements share forces, which equilibrium then leaves open, all laws are fitted together
-(models/starts/shared_forces.py). In a frame that bends on a shaken base the masses are damped too,
+(models/starts/shared_forces.py). Of a chain whose accelerations alone are known, the nearest named
+laws tell how it moved, where they are near enough (element_network_named.py). In a frame that bends on a shaken base the masses are damped too,
 by α m against the base: of Rayleigh's damping no element of it has that part.
 B records, T samples, n DOFs, E elements, m excitations, L parameters of a law.
 """
@@ -30,6 +31,7 @@ from models.composition.composite import MOST_STEPS
 from models.composition.simulate import Composition
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
+from models.element_network_named import ElementNetworkNamed
 from models.starts.branch_choice import (
     Choice,
     Chosen,
@@ -51,9 +53,11 @@ from models.starts.branch_polish import (
     polish_weight,
 )
 from models.starts.equilibrium import dominant
+from models.starts.judged import free_run_error
 from models.starts.shared_forces import fit_together
 
 OWN, SHARED = (14, 4), (6, 2)  # ramps and bends of laws that have, or share, their forces
+NAMED = 0.3  # error of a run of named laws: farther off, integrals of accelerations are as good
 DAMPED = 0.02  # of ω: α, where its search starts; half of it is of the first mode's 2 ζ ω
 
 
@@ -142,7 +146,7 @@ class ElementNetworkBranch(ElementNetwork):
         Returns what was chosen on motion held back, and how far each law is from the forces by
         equilibrium, beside the linear start's facts.
         """
-        self.records = self.admitted(batches)
+        self.records = self._with_states(self.admitted(batches))
         facts = super().identify(self.records)
         if self.linear is None:
             raise ValueError("the records gave no linear structure to begin with")
@@ -154,6 +158,27 @@ class ElementNetworkBranch(ElementNetwork):
         tests = [m for record in self.records for m in self.element_tests(record, stiffness)]
         self.tests = [(y, rate, r - alpha * drag) for y, rate, r, drag in tests]
         return {**facts, **self._fit(self.choice.seed)}
+
+    def _with_states(self, records: list[Record]) -> list[Record]:
+        """The records; with x and v of named laws where accelerations alone of a chain are known.
+
+        What noise leaves of an integral drifts. A run of the nearest named laws does not, and a law
+        that has no name is learned from its motion and the measured forces.
+        """
+        masses = None if self.known_masses is None else self.known_masses.tolist()
+        if self.from_accelerations or (masses is not None and self.mass.learned):
+            return records
+        forced = "base" if self.base else [i + 1 for i in self.forced]
+        sensors = self.dofs, self.inputs, self.dt
+        named = ElementNetworkNamed(*sensors, self.elements, masses, forced, seed=self.choice.seed)
+        if not named.suits_storeys(records):
+            return records
+        named.searched(records, polished=False)
+        error = free_run_error(named, records)
+        if error is None or error > NAMED:
+            return records
+        runs = [named.free_run(record.drive()) for record in records]
+        return [replace(r, x=run.x, v=run.v) for r, run in zip(records, runs, strict=True)]
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:

@@ -96,11 +96,15 @@ class ElementNetworkNamed(ElementNetwork):
         masses = self.dofs if self.known_masses is None else 0
         return self.named.count + masses + int(self.mass_damping > 0.0)
 
-    @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, Any]:
         """Start at a linear structure, then give every element its law, then fit all together."""
+        return self.searched(batches)
+
+    @torch.no_grad()
+    def searched(self, batches: Iterable[Record], polished: bool = True) -> dict[str, Any]:
+        """`identify`; polished: else all laws stay as they were before the free run of all."""
         records = self.admitted(batches)
-        facts = super().identify(records)
+        facts = ElementNetwork.identify(self, records)
         assert self.linear is not None
         stiffness = self.linear[0].clamp_min(SOFTEST * self.linear[0].max())
         tests = [test for record in records for test in self.element_tests(record, stiffness)]
@@ -113,7 +117,7 @@ class ElementNetworkNamed(ElementNetwork):
         rng = np.random.default_rng(self.seed)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = FreeRuns(self._shakings(records), self._output, pool.map)
-            if apart := self._suits_storeys(records):
+            if apart := self.suits_storeys(records):
                 laws = runs.beginning(laws)
                 of_storey = partial(self._of_storey, laws, runs)
                 found = list(pool.map(of_storey, range(len(units)), rng.spawn(len(units))))
@@ -125,10 +129,10 @@ class ElementNetworkNamed(ElementNetwork):
             springs, laws = laws.fits, replace(laws, fits=[best for best, *_ in fits])
             if apart:
                 laws = together(laws, runs.shakings, _stiffness(springs), pool.map)
-            laws = runs.fitted(laws)
-            laws = runs.exchanged(laws, [rivals for _, *rivals in fits])
-            if apart:  # by equilibrium, motion held back chose sides
-                laws = runs.sided(laws)
+            if polished:
+                laws = runs.exchanged(runs.fitted(laws), [rivals for _, *rivals in fits])
+                if apart:  # by equilibrium, motion held back chose sides
+                    laws = runs.sided(laws)
         self._take(laws)
         return {**facts, **told(laws.fits, errors, "apart" if apart else "held_back")}
 
@@ -146,7 +150,7 @@ class ElementNetworkNamed(ElementNetwork):
         fit, errors = chosen(motions, self.candidates, int(rng.integers(2**31)))
         return [fit], errors
 
-    def _suits_storeys(self, records: Sequence[Record]) -> bool:
+    def suits_storeys(self, records: Sequence[Record]) -> bool:
         """Whether the elements are a chain from the ground up, and accelerations alone known."""
         chain = self.supports <= 1 and self.elements == nodes_of("chain", self.dofs, self.supports)
         return chain and all(

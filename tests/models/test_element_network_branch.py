@@ -12,8 +12,11 @@ from data.record import Record, stack
 from data.simulation.elements import MenegottoPinto
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
+from models import element_network_branch
 from models.branch_element import BranchElement
+from models.composition.measured_states import reconstructed_of
 from models.element_network_branch import ElementNetworkBranch
+from models.element_network_named import ElementNetworkNamed
 from models.starts import branch_choice, branch_polish
 from models.starts.equilibrium import forces_of
 
@@ -140,13 +143,14 @@ def test_it_learns_steel_that_nobody_planted_and_holds_on_unseen_motions(monkeyp
 
 
 def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost(monkeypatch):
-    """Steel that ends out of place, as no integral of its accelerations shows.
+    """Steel that ends out of place, as no integral of its accelerations shows, nor a named law.
 
     Where the long runs of one noise end is decided by rounding, which other compiled code changes:
     geometric means of three.
     """
     monkeypatch.setattr(branch_choice, "ITERATIONS", 10)
     monkeypatch.setattr(branch_polish, "GROWING_STEPS", 8)
+    monkeypatch.setattr(ElementNetworkBranch, "_with_states", lambda model, records: records)
     test, errors = shaken(5, 800, 0.2), np.zeros((2, 3))
     for i, lengths in enumerate(((), branch_polish.GROWING)):
         monkeypatch.setattr(branch_polish, "GROWING", lengths)
@@ -164,6 +168,25 @@ def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost
     without, grown = np.exp(np.log(errors).mean(axis=1))
     assert grown < 0.3
     assert not without < 2.0 * grown
+
+
+def test_a_law_of_another_name_tells_how_a_chain_moved_whose_accelerations_alone_are_known(
+    monkeypatch,
+):
+    """Steel, which Bouc and Wen's law follows nearly, where integrals of noise drift."""
+    near = ElementNetworkNamed(2, 2, DT, "chain", MASSES, [], ["BoucWen"])
+    monkeypatch.setattr(element_network_branch, "ElementNetworkNamed", lambda *_, **__: near)
+    true, drawn = [shaken(k, 500, 0.2) for k in (0, 4)], torch.Generator().manual_seed(3)
+    seen = stack([_measured(record, drawn) for record in true])
+    model = ElementNetworkBranch(2, 2, DT, masses=MASSES, **SMALL)
+    (told,), x = model._with_states(model.admitted([seen])), stack(true).x
+    integrated = reconstructed_of(seen)[0]
+    assert float((told.x - x).norm()) < 0.3 * float((integrated - x).norm())
+    assert torch.equal(told.a, seen.a)
+    monkeypatch.setattr(near, "searched", lambda *_, **__: {})  # it is found already
+    monkeypatch.setattr(element_network_branch, "NAMED", 0.0)  # no law is as near as that
+    (same,) = model._with_states(model.admitted([seen]))
+    assert same.x is None
 
 
 def _measured(record: Record, drawn: torch.Generator) -> Record:
