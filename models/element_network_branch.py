@@ -6,8 +6,9 @@ It starts by equilibrium (models/starts/equilibrium.py), where the law of every 
 that of an element under an imposed motion, and is polished on its free run with exact derivatives.
 Where elements share forces, which equilibrium then leaves open, all laws are fitted together
 (models/starts/shared_forces.py). Of a chain whose accelerations alone are known, the nearest named
-laws tell how it moved, where they are near enough (element_network_named.py). In a frame that bends on a shaken base the masses are damped too,
-by α m against the base: of Rayleigh's damping no element of it has that part.
+laws tell how it moved, where they are near enough (element_network_named.py). In a frame that bends
+on a shaken base the masses are damped too, by α m against the base: of Rayleigh's damping no
+element of it has that part.
 B records, T samples, n DOFs, E elements, m excitations, L parameters of a law.
 """
 

@@ -33,6 +33,7 @@ from benchmarks.unplanted.frames import FRAMES, HELD_BACK
 from benchmarks.unplanted.opensees import opensees
 from benchmarks.unplanted.shaken import Chain, Material, error, itself, record
 from benchmarks.unplanted.structures import FARTHER, TRAINED, UNSEEN
+from benchmarks.unplanted.unnamed import UNNAMED
 from data.record import stack
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
@@ -115,12 +116,13 @@ def told(model: str, topology: str, case: Chain | Frame) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(
-        "python -m benchmarks.unplanted.chains", description=(__doc__ or "").splitlines()[0]
+        "python -m benchmarks.unplanted.chains", description=(__doc__ or "").partition("\n\n")[0]
     )
     add = parser.add_argument
     every = CASES | FRAMES | HELD_BACK
-    add("--cases", nargs="+", default=list(CASES), choices=list(every))
-    add("--drawn", nargs="+", choices=list(MATERIALS), help="chains drawn at random, not --cases")
+    drawn, usual = [*MATERIALS, *UNNAMED], list(CASES)
+    add("--cases", nargs="+", metavar="CASE", default=usual, choices=every, help="; ".join(every))
+    add("--drawn", nargs="+", metavar="KIND", choices=drawn, help=f"drawn: {', '.join(drawn)}")
     add("--seeds", nargs="+", type=int, default=[60, 61], help="of what is drawn")
     add("--model", default="element_network_named")
     add("--noise", type=float, default=0.02, help="of the standard deviation of accelerations")

@@ -26,6 +26,7 @@ from benchmarks.unplanted.shaken import (
     simulated,
 )
 from benchmarks.unplanted.structures import FARTHER, TRAINED, UNSEEN
+from benchmarks.unplanted.unnamed import UNNAMED
 
 UNITS = {"N, m": (1.0, 1.0), "kN, mm": (1e3, 1e-3), "kip, in": (4448.22, 0.0254)}  # N, m
 OF_A_STOREY, SHORTEST, LONGEST = 0.1, 0.6, 2.0  # period [s], drawn between so many times as much
@@ -69,9 +70,9 @@ def _drawn(name: str, seed: int, again: int) -> tuple[str, Chain]:
     yielded = draw(0.004, 0.012) / metre * np.exp(draw(-0.2, 0.2, count))
     times = SHORTEST * (LONGEST / SHORTEST) ** draw(0.0, 1.0)
     period, damping = times * OF_A_STOREY * count, draw(0.01, 0.05)
-    ductility = draw(2.0, 6.0)
+    ductility, drawn = draw(2.0, 6.0), (MATERIALS | UNNAMED)[name]
     storeys = [
-        [[kind, *words] for kind, _, *words in MATERIALS[name](rng, y, f)[0]]
+        [[kind, *words] for kind, _, *words in drawn(rng, y, f)[0]]
         for y, f in zip(yielded.tolist(), forces.tolist(), strict=True)
     ]
     chain = Chain(masses.tolist(), storeys, 1.0, damping, motions=1000 * seed)
