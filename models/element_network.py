@@ -306,6 +306,13 @@ class ElementNetwork(Composite):
             drag = forces_of(B, mass * against, torch.zeros_like(y), stiffness)
             yield y, rate, forces_of(B, mass * (u @ inputs.T - a), y, stiffness), drag
 
+    def suits_storeys(self, records: Sequence[Record]) -> bool:
+        """Whether the elements are a chain from the ground up, and accelerations alone known."""
+        chain = self.supports <= 1 and self.elements == nodes_of("chain", self.dofs, self.supports)
+        return chain and all(
+            record.quantity == "acceleration" and not self.has_states(record) for record in records
+        )
+
     def restart(self, generator: torch.Generator) -> None:
         """Go back to the identified springs and dampers; spread hinges and limits anew."""
         if self.linear is None:

@@ -167,13 +167,12 @@ class ElementNetworkBranch(ElementNetwork):
         that has no name is learned from its motion and the measured forces.
         """
         masses = None if self.known_masses is None else self.known_masses.tolist()
-        if self.from_accelerations or (masses is not None and self.mass.learned):
+        partly = masses is not None and self.mass.learned
+        if partly or self.from_accelerations or not self.suits_storeys(records):
             return records
         forced = "base" if self.base else [i + 1 for i in self.forced]
         sensors = self.dofs, self.inputs, self.dt
         named = ElementNetworkNamed(*sensors, self.elements, masses, forced, seed=self.choice.seed)
-        if not named.suits_storeys(records):
-            return records
         named.searched(records, polished=False)
         error = free_run_error(named, records)
         if error is None or error > NAMED:

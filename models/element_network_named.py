@@ -28,7 +28,6 @@ from data.record import Drive, Record, Response
 from data.simulation.elements import Element
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
-from models.composition.joined import nodes_of
 from models.composition.stated import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
@@ -149,13 +148,6 @@ class ElementNetworkNamed(ElementNetwork):
         """The law of an element by its forces in equilibrium; errors on motion held back."""
         fit, errors = chosen(motions, self.candidates, int(rng.integers(2**31)))
         return [fit], errors
-
-    def suits_storeys(self, records: Sequence[Record]) -> bool:
-        """Whether the elements are a chain from the ground up, and accelerations alone known."""
-        chain = self.supports <= 1 and self.elements == nodes_of("chain", self.dofs, self.supports)
-        return chain and all(
-            record.quantity == "acceleration" and not self.has_states(record) for record in records
-        )
 
     def _of_storey(
         self, laws: Laws, runs: FreeRuns, e: int, rng: np.random.Generator
