@@ -58,7 +58,7 @@ from models.starts.judged import free_run_error
 from models.starts.shared_forces import fit_together
 
 OWN, SHARED = (14, 4), (6, 2)  # ramps and bends of laws that have, or share, their forces
-NAMED = 0.3  # error of a run of named laws: farther off, integrals of accelerations are as good
+NAMED = 0.1  # error of a run of named laws: farther off, integrals of accelerations are as good
 DAMPED = 0.02  # of ω: α, where its search starts; half of it is of the first mode's 2 ζ ω
 
 

@@ -32,6 +32,8 @@ def draw_loops(folder: Path, stored: Path, results: Sequence[dict[str, Any]]) ->
             error = result["unseen"]
             gone = "diverged" if error is None else f"{error:.2f} %"
             title = f"{result['structure']}: {MODEL}, seed {SEED}, unseen motions: {gone}"
+            if signals.shape[2] > MOST:
+                title += f"; {MOST} of {signals.shape[2]} storeys"
             _draw(pictures[result["structure"]], signals, title)
     return pictures
 
