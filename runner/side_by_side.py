@@ -75,13 +75,14 @@ def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) ->
         error = None
     if error is None:
         return list(seeds)
+    device = accelerator_of(cfg, estimator_from(cfg.model, shared))
     groups = [seeds[start : start + AT_ONCE] for start in range(0, len(seeds), AT_ONCE)]
 
     def run_group(group: Sequence[int]) -> list[int]:
         data = {seed: shared.of_seed(seed) for seed in group}
         for own in data.values():
             own.share_own_error(error)
-        return _run_group(cfg, seeds_of, data, places)
+        return _run_group(cfg, seeds_of, data, places, device)
 
     threads = cfg.threads or 1
     with (
@@ -93,11 +94,15 @@ def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) ->
 
 
 def _run_group(
-    cfg: DictConfig, seeds_of: SeedsOf, data: dict[int, SimulatedData], places: dict[int, Path]
+    cfg: DictConfig,
+    seeds_of: SeedsOf,
+    data: dict[int, SimulatedData],
+    places: dict[int, Path],
+    device: str,
 ) -> list[int]:
     ready = {seed: own for seed, own in data.items() if _simulated(own)}
     try:
-        _run_side_by_side(cfg, seeds_of, ready, places)
+        _run_side_by_side(cfg, seeds_of, ready, places, device)
     except ValueError:  # said by the run it concerns, when it is done alone
         return list(data)
     return [seed for seed in data if seed not in ready]
@@ -113,12 +118,15 @@ def _simulated(data: SimulatedData) -> bool:
 
 
 def _run_side_by_side(
-    cfg: DictConfig, seeds_of: SeedsOf, data: dict[int, SimulatedData], places: dict[int, Path]
+    cfg: DictConfig,
+    seeds_of: SeedsOf,
+    data: dict[int, SimulatedData],
+    places: dict[int, Path],
+    device: str,
 ) -> None:
     if not data:
         return
     runs = list(data.values())
-    device = accelerator_of(cfg, estimator_from(cfg.model, runs[0]))
     fitted = fit_runs(cfg.model, runs, device)
     baselines = {name: fit_runs(model, runs, device) for name, model in cfg.baselines.items()}
     for place, (seed, own) in enumerate(data.items()):
