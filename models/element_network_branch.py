@@ -6,9 +6,10 @@ It starts by equilibrium (models/starts/equilibrium.py), where the law of every 
 that of an element under an imposed motion, and is polished on its free run with exact derivatives.
 Where elements share forces, which equilibrium then leaves open, all laws are fitted together
 (models/starts/shared_forces.py). Of a chain whose accelerations alone are known, the nearest named
-laws tell how it moved, where they are near enough (element_network_named.py). In a frame that bends
-on a shaken base the masses are damped too, by α m against the base: of Rayleigh's damping no
-element of it has that part.
+laws tell how it moved, where they are near enough (element_network_named.py). Masses are damped,
+too, by α m against the base or the ground: of Rayleigh's damping no element has that part
+(models/starts/mass_damping.py). They are not on supports whose motion is an input, nor where
+elements share forces, but in a frame that bends on a shaken base.
 B records, T samples, n DOFs, E elements, m excitations, L parameters of a law.
 """
 
@@ -55,11 +56,13 @@ from models.starts.branch_polish import (
 )
 from models.starts.equilibrium import dominant
 from models.starts.judged import free_run_error
+from models.starts.mass_damping import mass_damping, without
 from models.starts.shared_forces import fit_together
 
 OWN, SHARED = (14, 4), (6, 2)  # ramps and bends of laws that have, or share, their forces
 NAMED = 0.1  # error of a run of named laws: farther off, integrals of accelerations are as good
-DAMPED = 0.02  # of ω: α, where its search starts; half of it is of the first mode's 2 ζ ω
+DAMPED = 0.02  # of ω: α, where elements share forces; half of it is of the first mode's 2 ζ ω
+LEAST_DAMPED = 1e-4  # of ω: α, where masses have next to none
 
 
 class ElementNetworkBranch(ElementNetwork):
@@ -119,7 +122,8 @@ class ElementNetworkBranch(ElementNetwork):
         self.sizes = sizes(larger, self.ramps, self.bends, sides)
         L = law_size(self.sizes)
         bent = self.base and any(len(nodes) > 2 for nodes in self.elements)
-        self.drag = Coefficients(1, positive=True) if bent else None  # α [1/s]
+        damped = bent or not (self.shared or self.supports)
+        self.drag = Coefficients(1, positive=True) if damped else None  # α [1/s]
         self.laws.requires_grad_(False)  # the branch laws hold spring and damper
         self.theta = nn.Parameter(torch.zeros(E, L, dtype=torch.float64))
         self.register_buffer("begun", torch.zeros(E, L, dtype=torch.float64))
@@ -152,12 +156,17 @@ class ElementNetworkBranch(ElementNetwork):
         if self.linear is None:
             raise ValueError("the records gave no linear structure to begin with")
         stiffness = self.linear[0].clamp_min(1e-3 * self.linear[0].max())
-        if self.drag is not None:
-            fast = [2.0 * math.pi * dominant(m.a, m.dt) for m in motions_of(self.records)]
-            self.drag.start(torch.tensor(DAMPED * min(fast), dtype=torch.float64))
-        alpha = 0.0 if self.drag is None else float(self.drag())
         tests = [m for record in self.records for m in self.element_tests(record, stiffness)]
-        self.tests = [(y, rate, r - alpha * drag) for y, rate, r, drag in tests]
+        self.tests, drags = [test[:3] for test in tests], [test[3] for test in tests]
+        if self.drag is not None:
+            rate = 2.0 * math.pi * min(dominant(m.a, m.dt) for m in motions_of(self.records))
+            alpha = DAMPED * rate
+            if not self.shared:
+                settled = replace(self.choice.settled(True, BY_DEFAULT), starts=2)
+                alpha = mass_damping(self._single, self.tests, drags, settled)
+                alpha = max(alpha, LEAST_DAMPED * rate)
+            self.drag.start(torch.tensor(alpha, dtype=torch.float64))
+            self.tests, facts = without(self.tests, drags, alpha), facts | {"mass_damping": alpha}
         return {**facts, **self._fit(self.choice.seed)}
 
     def _with_states(self, records: list[Record]) -> list[Record]:

@@ -202,7 +202,7 @@ class Branch:
         rows.append(SHARE * torch.log1p(self.path))
         if is_larger(self.of):
             grown = SHARE * self.energy.sign() * torch.log1p(self.energy.abs())
-            rows += [side * y.clamp(-KEPT, KEPT), side * self.h, grown]
+            rows += [side * y.clamp(-KEPT, KEPT), side * self.h.clamp(-KEPT, KEPT), grown]
         if is_unsymmetric(self.of):
             rows.append(y.new_tensor(float(side)))
         self.memory = torch.stack(rows)

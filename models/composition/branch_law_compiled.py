@@ -23,7 +23,7 @@ SHARE = 0.25  # of log(1 + path) and log(1 + energy), as inputs of about one
 EDGE = 0.02  # of the largest deformation: over which excursions beyond y₀ begin to count
 BEND = 1e-3  # of the largest force: over which a turning point beyond the envelope bends
 FARTHEST = 1.2  # of the largest deformation: beyond, E and the spring go on in a line
-KEPT = 2.0  # of the largest deformation: beyond, excursions are remembered as that much
+KEPT = 2.0  # of the largest deformation and force: what goes beyond is remembered as that much
 LEAST_SLOPE = 0.05  # of the line
 SECANT = 0.1  # of the largest deformation, whose slopes the line has
 ENDS = (  # places along ŷ and their weights in the mean slope of both ends
@@ -361,14 +361,14 @@ def turn(theta, first, sizes, log_k0, side, y, dy, S, D, by_m, sensitive):
     if memories == LESS + 1 or memories == MORE + 1:
         S[MEMORY + memories - 1] = side
     if memories >= MORE:
-        inside = abs(y) < KEPT
+        inside, weak = abs(y) < KEPT, abs(S[H_TURN]) < KEPT
         S[MEMORY + 3] = side * (y if inside else math.copysign(KEPT, y))
-        S[MEMORY + 4] = side * S[H_TURN]
+        S[MEMORY + 4] = side * (S[H_TURN] if weak else math.copysign(KEPT, S[H_TURN]))
         S[MEMORY + 5] = SHARE * math.copysign(math.log1p(abs(S[ENERGY])), S[ENERGY])
         if sensitive:
             for q in range(dy.size):
                 D[MEMORY + 3, q] = side * dy[q] if inside else 0.0
-                D[MEMORY + 4, q] = side * D[H_TURN, q]
+                D[MEMORY + 4, q] = side * D[H_TURN, q] if weak else 0.0
                 D[MEMORY + 5, q] = SHARE / (1.0 + abs(S[ENERGY])) * D[ENERGY, q]
     memory = S[MEMORY : MEMORY + memories]
     raw_k = ramp_sum(theta, first_k, ramps_k, memory, memories) / SPREAD_K

@@ -11,7 +11,7 @@ import torch
 from data.record import Record, stack
 from models.branch_element import BranchElement
 from models.composition.branch_law import blend, branch_forces
-from models.composition.branch_law_compiled import blended, with_turning_points
+from models.composition.branch_law_compiled import KEPT, blended, with_turning_points
 from models.training.objective import restore, state_of
 from models.training.problem import FreeRunProblem
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
@@ -62,14 +62,17 @@ def fitted(model: BranchElement, record: Record, iterations: int) -> float:
     return best
 
 
-@pytest.mark.parametrize("force_memory", [False, True])
+@pytest.mark.parametrize(("force_memory", "times"), [(False, 1.3), (True, 1.3), (True, 8.0)])
 @pytest.mark.parametrize("unsymmetric", [False, True])
-def test_the_compiled_law_and_its_derivatives_are_those_of_pytorch(force_memory, unsymmetric):
+def test_the_compiled_law_and_its_derivatives_are_those_of_pytorch(
+    force_memory, times, unsymmetric
+):
+    """Beyond the data, too, and farther than deformations and forces are remembered."""
     record = element_test(samples=160)
     model = identified(
         [record], ramps=3, bends=2, force_memory=force_memory, unsymmetric=unsymmetric
     )
-    record = replace(record, s=1.3 * record.s, s_dot=1.3 * record.s_dot)  # beyond the data, too
+    record = replace(record, s=times * record.s, s_dot=times * record.s_dot)
     noise = torch.randn(model.theta.shape, generator=torch.Generator().manual_seed(3)).double()
     model.theta.data += 0.1 * noise
     ours, jacobian = model.restarted_jacobian(record, None)
@@ -81,6 +84,8 @@ def test_the_compiled_law_and_its_derivatives_are_those_of_pytorch(force_memory,
         theta, model.sizes, *steps, float(model.scale[3, 0])
     )
     sampled = forces[torch.from_numpy(place) >= 0]
+    largest = float(model.scale[2, 0])
+    assert (float(forces.detach()[turns != 0].abs().max()) > KEPT * largest) == (times > KEPT)
     assert torch.allclose(ours[:, 0], sampled.detach(), rtol=0.0, atol=1e-9)
     for k in (20, 90, 159):
         (slope,) = torch.autograd.grad(sampled[k], theta, retain_graph=True)
