@@ -103,8 +103,8 @@ def _composite(model: Composite) -> Iterator[Values]:
         for i, mass in enumerate(model.mass().tolist(), start=1):
             yield f"x{i}.mass", mass, "kg", "", False
         pairs = ["–".join(pair) for pair in model.elements]
-        if isinstance(model, ElementNetworkNamed) and float(model.mass_damping) > 0.0:
-            yield "mass_damping", float(model.mass_damping), "1/s", "of Rayleigh's", False
+        if (alpha := _mass_damping(model)) > 0.0:
+            yield "mass_damping", alpha, "1/s", "of Rayleigh's", False
         for e, pair in enumerate(pairs):
             name = f"r{e + 1}"
             if isinstance(model, ElementNetworkBranch):
@@ -125,6 +125,14 @@ def _composite(model: Composite) -> Iterator[Values]:
     elif isinstance(model, HystereticElement):
         for e in range(model.dofs):
             yield from composed_laws(model.laws, e, f"r{e + 1}", "under s and its rate")
+
+
+def _mass_damping(model: ElementNetwork) -> float:
+    if isinstance(model, ElementNetworkNamed):
+        return float(model.mass_damping)
+    if isinstance(model, ElementNetworkBranch) and model.drag is not None:
+        return float(model.drag().detach())
+    return 0.0
 
 
 def _under_other_inputs(model: HystereticElement, others: OtherInputs) -> Iterator[Values]:

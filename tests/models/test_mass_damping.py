@@ -13,6 +13,7 @@ from data.simulation.elements import MenegottoPinto, Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.element_network_branch import ElementNetworkBranch
+from models.physical.parameters import parameters_of
 from models.starts import branch_choice
 from models.starts.branch_choice import Choice
 from models.starts.mass_damping import mass_damping, without
@@ -67,7 +68,9 @@ def test_a_chain_on_a_shaken_base_learns_it_and_runs_with_it(monkeypatch):
     monkeypatch.setattr(branch_choice, "ITERATIONS", 25)
     model, test = network(), shaken(0.8, 2, 0.4)
     model.identify([stack([shaken(0.8, seed, 0.4) for seed in (0, 1)])])
-    assert float(model.drag().detach()) == pytest.approx(0.8, abs=0.1)
+    told = {one.name: one for one in parameters_of(model)}["mass_damping"]
+    assert told.value == pytest.approx(0.8, abs=0.1)
+    assert told.unit == "1/s"
     with torch.no_grad():
         error = (model.free_run(test.drive()).a - test.a).norm() / test.a.norm()
         model.drag.start(torch.tensor(1e-6).double())
@@ -79,7 +82,10 @@ def test_a_chain_on_a_shaken_base_learns_it_and_runs_with_it(monkeypatch):
 def test_supports_that_move_damp_no_mass():
     """Their motion is an input, against which this composition has no damper of a mass."""
     assert ElementNetworkBranch(2, 2, DT, "chain", MASSES, []).drag is None
-    assert ElementNetworkBranch(2, 2, DT, "chain", MASSES, [1, 2]).drag is not None
+    forced = ElementNetworkBranch(2, 2, DT, "chain", MASSES, [1, 2])
+    assert forced.drag is not None
+    forced.drag.start(torch.tensor(0.3).double())
+    assert torch.equal(forced.composition().core.value[1], torch.tensor([0.3, 0.3]).double())
 
 
 def test_it_has_the_unit_of_a_rate():
