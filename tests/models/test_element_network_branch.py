@@ -150,7 +150,7 @@ def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost
     geometric means of three.
     """
     monkeypatch.setattr(branch_choice, "ITERATIONS", 10)
-    monkeypatch.setattr(branch_polish, "GROWING_STEPS", 8)
+    monkeypatch.setattr(branch_polish, "GROWING_STEPS", 5)
     monkeypatch.setattr(ElementNetworkBranch, "_with_states", lambda model, records: records)
     test, errors = shaken(5, 800, 0.2), np.zeros((2, 3))
     for i, lengths in enumerate(((), branch_polish.GROWING)):
