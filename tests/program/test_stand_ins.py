@@ -57,7 +57,7 @@ def test_a_linear_structure_of_the_stand_ins_answers_as_its_frequency_response_s
 
 def test_a_hysteretic_joint_behind_hidden_modes_is_recovered_to_the_noise(joint):
     data, noise = joint
-    model = ModalNetwork(2, 1, data.dt, elements=1, laws=["hysteretic"], directions=6, draws=2)
+    model = ModalNetwork(2, 1, data.dt, elements=1, laws=["hysteretic"], directions=6, draws=1)
     facts = model.identify(data.make_records()["train"])
     assert facts["elements"] == "hysteretic"
     for record in data.make_records()["test"]:
