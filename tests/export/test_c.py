@@ -22,7 +22,7 @@ pytestmark = needs_gcc
 CLOSE = 1e-12  # of the largest of each output
 ROUNDED = {"power_series_pairs": 1e-11}  # large powers that cancel each other
 SAMPLES = 5000
-CHECKED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+CHECKED = ("-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 SANITIZED = ("-O0", *CHECKED)
 
 NETWORKS = {
