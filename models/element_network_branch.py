@@ -165,8 +165,9 @@ class ElementNetworkBranch(ElementNetwork):
                 settled = replace(self.choice.settled(True, BY_DEFAULT), starts=2)
                 alpha = mass_damping(self._single, self.tests, drags, settled)
                 alpha = max(alpha, LEAST_DAMPED * rate)
+                facts |= {"mass_damping": alpha}
             self.drag.start(torch.tensor(alpha, dtype=torch.float64))
-            self.tests, facts = without(self.tests, drags, alpha), facts | {"mass_damping": alpha}
+            self.tests = without(self.tests, drags, alpha)
         return {**facts, **self._fit(self.choice.seed)}
 
     def _with_states(self, records: list[Record]) -> list[Record]:
