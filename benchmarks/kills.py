@@ -1,7 +1,7 @@
 """Does a sweep that is killed again and again end like an undisturbed one?
 
     python -m benchmarks.kills                      # 60 runs, 20 kills; 20 times several commands
-    python -m benchmarks.kills --quick              # 3 runs, 1 process, 1 kill, then two commands
+    python -m benchmarks.kills --quick              # 3 runs, 1 process, 1 kill; once two commands
 
 SIGKILL of the whole process group at random moments: most while runs train and write, some while
 programs start. After each kill the same command goes on; the last one is left alone. Then every
@@ -231,22 +231,17 @@ def main(words: Sequence[str] | None = None) -> int:
         seconds = undisturbed(whole, runs)
         print(f"undisturbed: {len(finished(whole))} results, {sum(seconds):.0f} s", flush=True)
         hurt, hits = disturb(broken, runs, kills, seconds, arguments.seed)
-        if arguments.quick:  # two at once go on where the killed one was: few programs start
-            well = int(together(broken, 2, runs, whole))
-            status = 0
-        else:
-            (last := start(command(broken, runs))).communicate()
-            status = last.returncode
+        (last := start(command(broken, runs))).communicate()
+        status = last.returncode
         hurt += len(damaged(broken))
         done = finished(broken)
         equal = sum(same(broken / name, whole / name) for name in done & finished(whole))
         rooms = () if arguments.quick else ("paper", "free_run")
         alike = tables(broken, rooms) == tables(whole, rooms)
-        if not arguments.quick:
-            one = whole
-            if times and runs > 3:  # what is begun together is the sweep of one seed
-                undisturbed(one := Path(folder) / "one", 3)
-            well = all_together(Path(folder), times, one)
+        one = whole
+        if times and runs > 3:  # what is begun together is the sweep of one seed
+            undisturbed(one := Path(folder) / "one", 3)
+        well = all_together(Path(folder), times, one)
     print(f"several commands at once: {well} of {times} times well")
     print("tables equal" if alike else "tables differ")
     print(f"{len(done)} results, {hurt} damaged, {equal} equal to the undisturbed sweep, ", end="")
