@@ -1,7 +1,7 @@
 """How long do our solvers and their peers take to reach a given training error?
 
     python -m benchmarks.solvers            # 8 s at most for each solver, network and start
-    python -m benchmarks.solvers --quick    # 0.3 s for each, one start, for CI
+    python -m benchmarks.solvers --quick    # 0.3 s for each, one start, 10 s of motion, for CI
 
 The same network, training motion and starting weights for all, full batch, float64, one thread, one
 run at a time. All minimise mean(e²) of models/training/problem.py, whose root is Eq. 21. A solver
@@ -19,8 +19,9 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from functools import cache
 from importlib import import_module
 from statistics import median
 
@@ -96,6 +97,7 @@ class WatchedProblem(Problem):
         return value
 
 
+@cache
 def composed(*choices: str) -> DictConfig:
     prepare_hydra()
     with initialize_config_dir(str(CONF), version_base="1.3"):
@@ -182,9 +184,11 @@ SOLVERS: dict[str, tuple[Callable[..., None], tuple[str, ...]]] = {
 }
 
 
-def identified(model: str, system: str, seed: int) -> tuple[Trainable, Record]:
+def identified(
+    model: str, system: str, seed: int, settings: Sequence[str]
+) -> tuple[Trainable, Record]:
     """The study's first motion; weights as `python train.py` draws them with this seed."""
-    cfg = composed(f"model={model}", f"system={system}")
+    cfg = composed(f"model={model}", f"system={system}", *settings)
     data = data_from(cfg)
     data.setup()
     torch.manual_seed(seed)
@@ -213,10 +217,12 @@ def cells(watches: list[Watch], errors: Iterable[float], peers: list[Watch]) -> 
     return [*row, f"{got:.3g} % in {ran:.1f} s"]
 
 
-def compare(title: str, console: Console, seeds: range, limit: float) -> None:
-    """The table of one network."""
+def compare(
+    title: str, console: Console, seeds: range, limit: float, settings: Sequence[str]
+) -> None:
+    """The table of one network. settings: of the data."""
     model, system, errors = NETWORKS[title]
-    starts = [identified(model, system, seed) for seed in seeds]
+    starts = [identified(model, system, seed, settings) for seed in seeds]
     table = Table(title=f"{title}: s to an error, × {OURS}; {len(seeds)} start(s)")
     for name in ("solver", *(f"{error:g} %" for error in errors), "got"):
         table.add_column(name, justify="left" if name == "solver" else "right", no_wrap=True)
@@ -236,7 +242,7 @@ def compare(title: str, console: Console, seeds: range, limit: float) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="0.3 s for each solver, one start")
+    parser.add_argument("--quick", action="store_true", help="0.3 s each, one start, short data")
     options = parser.parse_args()
     torch.set_num_threads(1)
     threadpool_limits(1)
@@ -244,8 +250,9 @@ def main() -> None:
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, 1 thread"
     print(f"{machine}; torch {torch.__version__}")
     seeds, limit = (range(1), 0.3) if options.quick else (range(2), 8.0)
+    settings = ["data.duration=10"] if options.quick else []
     for title in NETWORKS:
-        compare(title, Console(width=130), seeds, limit)
+        compare(title, Console(width=130), seeds, limit, settings)
 
 
 if __name__ == "__main__":

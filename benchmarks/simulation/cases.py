@@ -50,7 +50,7 @@ class Size:
 
 
 FULL = Size(50.0, 10.0, 5.0, 20.0, 3, 1000, 50, (1, 3, 10, 30, 100), 7)
-QUICK = Size(10.0, 1.0, 1.0, 1.0, 1, 10, 2, (1, 3, 10), 1)
+QUICK = Size(10.0, 1.0, 0.5, 0.5, 1, 10, 2, (1, 3, 10), 1)
 
 
 def relative_rms(a: np.ndarray, reference: np.ndarray) -> float:
