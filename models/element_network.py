@@ -37,8 +37,8 @@ class ElementNetwork(Composite):
     elements: the pairs of nodes that are joined, such as [[ground, x1], [x1, x2]]; "chain" for
     ground, x1, x2, … one after the other; "all" for all n(n + 1)/2 pairs; "frame" for a chain that
     bends: three and four nodes in a row are joined, too (composition/joined.py); None for all
-    where the motion can tell them apart, else the chain: beyond four DOFs, and where a base moves
-    and no mass is known.  masses [kg]: None learns them, or one of them.  forced: numbers of the
+    where the motion can tell them apart, else the chain: beyond four DOFs, and where no force and
+    no mass is known.  masses [kg]: None learns them, or one of them.  forced: numbers of the
     DOFs that carry the forces, None for all of them, "base" where f = −s̈ of a common support moves
     all of them by M ι f.  The channels beside the forces are displacements and velocities of moving
     supports; every DOF then has an element to each support instead of to ground.
@@ -103,7 +103,8 @@ class ElementNetwork(Composite):
         self.supports = supports
         self.topology = "as given"
         if elements is None:
-            unclear = dofs > MOST_PAIRED or (self.base and masses is None)
+            weightless = masses is None and not self.forced  # a base or a support moves
+            unclear = dofs > MOST_PAIRED or weightless
             elements = self.topology = "chain" if unclear and supports <= 1 else "all"
         if isinstance(elements, str):
             self.topology = TOLD.get(elements, elements)
@@ -297,19 +298,34 @@ class ElementNetwork(Composite):
 
         drag [N s]: what dampers m_j between the masses and the support would carry in the elements.
         """
-        inputs = self.composition().inputs.value.detach().cpu()
-        B, B_s, mass = self.B.cpu(), self.B_s.cpu(), self.mass().detach().cpu()
+        B, mass = self.B.cpu(), self.mass().detach().cpu()
+        for y, rate, pull, against in self.balances(record):
+            drag = forces_of(B, mass * against, torch.zeros_like(y), stiffness)
+            yield y, rate, forces_of(B, mass * pull, y, stiffness), drag
+
+    def balances(self, record: Record) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
+        """y, ẏ (T, E), Γ u − ẍ [m/s²] and ẋ against the support [m/s] (T, n) of every motion.
+
+        A mass m_j adds m_j times the third to the forces; a damper α m_j takes that of the fourth.
+        """
+        inputs, B, B_s = (
+            self.composition().inputs.value.detach().cpu(),
+            self.B.cpu(),
+            self.B_s.cpu(),
+        )
         for x, v, a, u in self.states_of_elements(record):
             s, s_dot = u[:, self.forces :].chunk(2, dim=1)
             y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
-            against = v - s_dot[:, :1] if self.supports else v
-            drag = forces_of(B, mass * against, torch.zeros_like(y), stiffness)
-            yield y, rate, forces_of(B, mass * (u @ inputs.T - a), y, stiffness), drag
+            yield y, rate, u @ inputs.T - a, v - s_dot[:, :1] if self.supports else v
+
+    @property
+    def is_chain(self) -> bool:
+        """Whether the elements are a chain from the ground up."""
+        return self.supports <= 1 and self.elements == nodes_of("chain", self.dofs, self.supports)
 
     def suits_storeys(self, records: Sequence[Record]) -> bool:
         """Whether the elements are a chain from the ground up, and accelerations alone known."""
-        chain = self.supports <= 1 and self.elements == nodes_of("chain", self.dofs, self.supports)
-        return chain and all(
+        return self.is_chain and all(
             record.quantity == "acceleration" and not self.has_states(record) for record in records
         )
 

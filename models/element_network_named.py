@@ -42,6 +42,7 @@ from models.named_laws.storey import chosen as chosen_storey
 from models.named_laws.storeys import together
 
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
+LIGHTEST = 0.05  # of the mass above, where a law leaves none
 
 
 class ElementNetworkNamed(ElementNetwork):
@@ -121,7 +122,11 @@ class ElementNetworkNamed(ElementNetwork):
                 of_storey = partial(self._of_storey, laws, runs)
                 found = list(pool.map(of_storey, range(len(units)), rng.spawn(len(units))))
             else:
-                found = [self._of_test(motions, rng) for motions in of_element]
+                if learned and self.is_chain and not self.forced:
+                    masses, found, of_element = self._from_the_top(records, rng)
+                    laws = replace(laws, masses=masses)
+                else:
+                    found = [self._of_test(motions, rng) for motions in of_element]
                 drag = _mass_damping([best for (best, *_), _ in found], of_element)
                 laws = replace(laws, mass_damping=max(drag, laws.mass_damping))
             fits, errors = zip(*found, strict=True)
@@ -148,6 +153,32 @@ class ElementNetworkNamed(ElementNetwork):
         """The law of an element by its forces in equilibrium; errors on motion held back."""
         fit, errors = chosen(motions, self.candidates, int(rng.integers(2**31)))
         return [fit], errors
+
+    def _from_the_top(
+        self, records: Sequence[Record], rng: np.random.Generator
+    ) -> tuple[np.ndarray, list[tuple[list[Fit], dict[str, float]]], list[list[ElementTest]]]:
+        """Masses (n,) of a chain, laws and errors of its elements, and their motions.
+
+        What moves above an element tells its force but for the mass at its head, which is found
+        with the law: r_e = Σ_{j≥e} m_j (Γ u − ẍ)_j. The first mass is as heavy as it was.
+        """
+        balances = [balance for record in records for balance in self.balances(record)]
+        parts = [tuple(part.numpy() for part in balance) for balance in balances]
+        masses, found = np.zeros(self.dofs), []
+        masses[-1] = 1.0
+        for e in reversed(range(self.dofs)):
+            guessed = masses.copy()
+            guessed[e] = masses[min(e + 1, self.dofs - 1)]
+            motions = [_above(part, e, masses, guessed, self.dt) for part in parts]
+            found.append(self._of_test(motions, rng))
+            if masses[e] == 0.0:
+                (best, *_), _ = found[-1]
+                masses[e] = max(best.factors_on(motions)[1], LIGHTEST * guessed[e])
+        scale = float(self.mass().detach()[0]) / masses[0]
+        fits = [([fit.times(scale) for fit in fits], errors) for fits, errors in reversed(found)]
+        masses *= scale
+        known = [[_above(p, e, masses, masses, self.dt) for p in parts] for e in range(self.dofs)]
+        return masses, fits, known
 
     def _of_storey(
         self, laws: Laws, runs: FreeRuns, e: int, rng: np.random.Generator
@@ -243,7 +274,21 @@ class ElementNetworkNamed(ElementNetwork):
 
 def _motion(test: Sequence[Tensor], e: int, dt: float) -> ElementTest:
     y, rate, r, drag = (u[:, e].numpy().copy() for u in test)
-    return ElementTest(dt, y, rate, r, drag)
+    return ElementTest(dt, y, rate, r, drag[:, None])
+
+
+def _above(
+    balance: Sequence[np.ndarray], e: int, masses: np.ndarray, guessed: np.ndarray, dt: float
+) -> ElementTest:
+    """An element of a chain under masses (n,), of which that at its head may be unknown: zero.
+
+    guessed: masses whose dampers α m are in the force.
+    """
+    y, rate, pull, against = balance
+    shares = [against[:, e:] @ guessed[e:]]
+    shares += [-pull[:, e]] if masses[e] == 0.0 else []
+    force = pull[:, e:] @ masses[e:]
+    return ElementTest(dt, y[:, e].copy(), rate[:, e].copy(), force, np.stack(shares, axis=1))
 
 
 def _stiffness(springs: Sequence[Fit]) -> list[float]:
@@ -252,6 +297,6 @@ def _stiffness(springs: Sequence[Fit]) -> list[float]:
 
 def _mass_damping(fits: Sequence[Fit], of_element: Sequence[Sequence[ElementTest]]) -> float:
     """α [1/s] by the drag in the tests of all elements, weighted by how much there is."""
-    weights = [float(np.sum(joined(motions, "drag") ** 2)) for motions in of_element]
-    found = [fit.drag_on(motions) for fit, motions in zip(fits, of_element, strict=True)]
+    weights = [float(np.sum(joined(motions, "shares") ** 2)) for motions in of_element]
+    found = [fit.factors_on(test)[0] for fit, test in zip(fits, of_element, strict=True)]
     return float(np.average(found, weights=weights))

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -85,6 +86,6 @@ def _motions(u: Tensor, r: Tensor, dt: float, first: int) -> list[Motion]:
     T = u.shape[-2]
     rows, forces = u.reshape(-1, T, 2).cpu().numpy(), r.reshape(-1, T).cpu().numpy()
     return [
-        Motion(dt, row[:, 0].copy(), row[:, 1].copy(), force.copy(), 0.0 * force, first)
+        Motion(dt, row[:, 0].copy(), row[:, 1].copy(), force.copy(), np.zeros((T, 0)), first)
         for row, force in zip(rows, forces, strict=True)
     ]

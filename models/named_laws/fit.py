@@ -18,8 +18,10 @@ from models.named_laws.candidate import Candidate, Units
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
 NEGLIGIBLE = 1e-3  # errors below are alike
 STEP = 1e-4  # of the differences
+RANK = 1e-12  # of the product of two squares: shares that are alike
 FAR, STEEP = 0.05, 0.9  # of the largest deformation; share of slopes that are less steep
 PULL = 1e-4  # of q towards its start, beside the relative error
+SIGNALS = ("y", "rate", "r", "shares")
 STRIDES, SMOOTH = (4, 3, 2), 1e-3  # samples; of the range, an error of the deformation between
 
 
@@ -27,27 +29,32 @@ STRIDES, SMOOTH = (4, 3, 2), 1e-3  # samples; of the range, an error of the defo
 class Motion:
     """Deformation, rate and force (T,) of an element, dt [s] apart; from rest.
 
-    drag (T,): a part of the force but for a factor that is not negative, as dampers of the masses
-    above have in it; none: zero.
+    shares (T, J): what is in the force but for factors that are not negative, as the dampers of the
+    masses above, or a mass that is not known. J = 0, 1 or 2.
     """
 
     dt: float
     y: np.ndarray
     rate: np.ndarray
     r: np.ndarray
-    drag: np.ndarray
+    shares: np.ndarray
     first: int = 0  # sample that counts
 
     def until(self, T: int) -> Motion:
-        return replace(self, y=self.y[:T], rate=self.rate[:T], r=self.r[:T], drag=self.drag[:T])
+        return self._at(slice(T))
+
+    def _at(self, samples: slice) -> Motion:
+        parts = {name: getattr(self, name)[samples].copy() for name in SIGNALS}
+        return replace(self, **parts)
 
     def thinned(self) -> Motion:
         """Every so-many-th sample, where the cubics between them tell the deformation as well."""
         for stride in STRIDES:
             if self._left_between(stride) <= SMOOTH * float(np.ptp(self.y)):
-                parts = {n: getattr(self, n)[::stride].copy() for n in ("y", "rate", "r", "drag")}
                 first = -(-self.first // stride)
-                return replace(self, dt=stride * self.dt, first=first, **parts)
+                return replace(
+                    self._at(slice(None, None, stride)), dt=stride * self.dt, first=first
+                )
         return self
 
     def _left_between(self, stride: int) -> float:
@@ -77,6 +84,11 @@ class Fit:
         more = len(self.candidate.uneven.parameters) - self.q.size
         return Fit(self.candidate.uneven, self.units, np.append(self.q, np.zeros(more)))
 
+    def times(self, factor: float) -> Fit:
+        """The law with so many times its force."""
+        force, slope = factor * self.units.force, factor * self.units.slope
+        return replace(self, units=replace(self.units, force=force, slope=slope))
+
     def forces(self, motions: Sequence[Motion]) -> list[np.ndarray]:
         """r (T,) of every motion; not finite where the law cannot follow it."""
         try:
@@ -91,14 +103,14 @@ class Fit:
         return float(np.linalg.norm(left)) if np.isfinite(left).all() else math.inf
 
     def residuals(self, motions: Sequence[Motion]) -> np.ndarray:
-        """Over the root of the squared force, with as much drag as leaves least of them."""
-        left, drag = self._left(motions), joined(motions, "drag")
-        left = left + _factor(left, drag) * drag
+        """Over the root of the squared force, with as much of the shares as leaves least."""
+        left, shares = self._left(motions), joined(motions, "shares")
+        left = left + shares @ _factors(left, shares)
         return left / float(np.linalg.norm(joined(motions, "r")))
 
-    def drag_on(self, motions: Sequence[Motion]) -> float:
-        """How many times the drag of the motions there is in them."""
-        return _factor(self._left(motions), joined(motions, "drag"))
+    def factors_on(self, motions: Sequence[Motion]) -> np.ndarray:
+        """How many times each share (J,) of the motions there is in them."""
+        return _factors(self._left(motions), joined(motions, "shares"))
 
     def _left(self, motions: Sequence[Motion]) -> np.ndarray:
         forces = zip(self.forces(motions), motions, strict=True)
@@ -120,11 +132,21 @@ def joined(motions: Sequence[Motion], name: str) -> np.ndarray:
     return np.concatenate([getattr(m, name)[m.first :] for m in motions])
 
 
-def _factor(left: np.ndarray, drag: np.ndarray) -> float:
-    size = float(drag @ drag)
-    if size == 0.0 or not np.isfinite(left).all():
-        return 0.0
-    return max(-float(drag @ left) / size, 0.0)
+def _factors(left: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Factors (J,), none negative, of shares (N, J) that leave least of left + shares · factors."""
+    sizes, toward = shares.T @ shares, -(shares.T @ left)
+    factors = np.zeros(len(sizes))
+    if not np.isfinite(left).all():
+        return factors
+    alone = np.maximum(toward, 0.0) / np.maximum(np.diag(sizes), 1e-300)
+    if len(sizes) == 2 and np.linalg.det(sizes) > RANK * sizes[0, 0] * sizes[1, 1]:
+        both = np.linalg.solve(sizes, toward)
+        if (both >= 0.0).all():
+            return both
+    if len(sizes):
+        best = int(np.argmax(alone * toward))
+        factors[best] = alone[best]
+    return factors
 
 
 def units_of(motions: Sequence[Motion]) -> Units:
@@ -186,8 +208,7 @@ def sized(fit: Fit, motion: Motion) -> Fit:
         if name in values:
             parts[""] = parts[""] - values[name] * signal
             parts[name] = signal
-    if motion.drag.any():
-        parts["drag"] = motion.drag
+    parts |= {str(j): share for j, share in enumerate(motion.shares.T) if share.any()}
     columns = np.stack([part[motion.first :] for part in parts.values()], axis=1)
     lengths = np.linalg.norm(columns, axis=0)
     if not (np.isfinite(lengths).all() and (lengths > 0.0).all()):

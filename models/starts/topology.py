@@ -24,11 +24,14 @@ RIDGE = 1e-4  # of the columns' norm
 
 
 def topology_of(records: Sequence[Record]) -> str:
-    """ "all" where masses of base-excited records (T, n) move as no chain explains, else "chain".
+    """ "all" where masses of records (T, n) move as no chain explains, else "chain".
 
-    Accelerations relative to the base; x and v are integrated from them.
+    A base moves, accelerations are relative to it, and x and v are integrated from them; or one
+    support moves, and x and v are measured: where they are not, it is a chain.
     """
-    motions = [(r, *reconstructed(r.a, r.f, r.dt)) for r in records]
+    if any(r.s is not None and (r.x is None or r.v is None) for r in records):
+        return "chain"
+    motions = [_of_base(r) if r.s is None else _of_support(r) for r in records]
     for i in range(records[0].a.shape[-1]):
         chain, pairs = (_untold(motions, i, near) for near in (True, False))
         if chain > UNTOLD and pairs < BETTER * chain:
@@ -36,16 +39,34 @@ def topology_of(records: Sequence[Record]) -> str:
     return "chain"
 
 
-def _untold(motions: Sequence[tuple[Record, Tensor, Tensor]], i: int, near: bool) -> float:
+Nodes = tuple[Tensor, Tensor, Tensor]  # displacements, velocities (T, 1 + n), accelerations (T, n)
+
+
+def _of_base(record: Record) -> Nodes:
+    """The base stands still; accelerations are absolute."""
+    x, v = reconstructed(record.a, record.f, record.dt)
+    ground = x.new_zeros(len(x), 1)
+    return torch.cat([ground, x], dim=1), torch.cat([ground, v], dim=1), record.a - record.f[:, :1]
+
+
+def _of_support(record: Record) -> Nodes:
+    x, v, s, s_dot = record.x, record.v, record.s, record.s_dot
+    assert x is not None
+    assert v is not None
+    assert s is not None
+    assert s_dot is not None
+    return torch.cat([s, x], dim=1), torch.cat([s_dot, v], dim=1), record.a
+
+
+def _untold(motions: Sequence[Nodes], i: int, near: bool) -> float:
     """Share of the absolute acceleration of mass i that no springs and dampers explain."""
     rows, targets = [], []
-    for record, x, v in motions:
-        ground = x.new_zeros(len(x), 1)
-        y, rate = (torch.cat([ground, s], dim=1) - s[:, i : i + 1] for s in (x, v))
-        n = x.shape[1]
+    for places, speeds, absolute in motions:
+        y, rate = (u - u[:, i + 1 : i + 2] for u in (places, speeds))
+        n = absolute.shape[1]
         others = [j for j in range(n + 1) if j != i + 1 and (not near or abs(j - i - 1) == 1)]
         rows.append(torch.cat([_columns(y[:, j], rate[:, j]) for j in others], dim=1))
-        targets.append(record.a[:, i] - record.f[:, 0])
+        targets.append(absolute[:, i])
     A, target = torch.cat(rows), torch.cat(targets)
     A = A / A.norm(dim=0).clamp_min(1e-300)
     ridge = RIDGE * torch.eye(A.shape[1]).to(A)

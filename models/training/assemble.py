@@ -132,6 +132,7 @@ def assembled(
     """
     data = data_from(cfg)
     if asks_for_topology(cfg.model, data):
+        data.setup()
         data.topology = topology_of(data.records["train"])
     module = identification_from(cfg, data)
     return data, module, {name: _or_why_not(node, data) for name, node in cfg.baselines.items()}
@@ -148,9 +149,11 @@ def identification_from(cfg: DictConfig, data: Data) -> Identification:
 
 def asks_for_topology(model: DictConfig, data: Data) -> bool:
     """Whether elements between unknown masses are left to the records, and these can tell."""
-    shaken = data.measured and data.forced == "base" and data.quantity == "acceleration"
     unknown = all(model.get(key, "") is None for key in ("elements", "masses"))
-    return unknown and shaken and 1 < data.dofs <= MOST_PAIRED
+    few = 1 < data.dofs <= MOST_PAIRED and data.quantity == "acceleration"
+    base = data.measured and data.forced == "base"
+    support = data.forced == [] and data.inputs == 2  # its displacement and velocity
+    return unknown and few and (base or support)
 
 
 def _or_why_not(baseline: DictConfig, data: Data) -> Estimator | ValueError:

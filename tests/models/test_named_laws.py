@@ -485,7 +485,7 @@ def test_joints_that_differ_between_their_sides_are_found_with_their_damage():
 def test_a_smooth_motion_is_thinned_and_a_rough_one_is_not():
     y, _ = motion(0, 0.04)
     rate = CubicSpline(DT * np.arange(len(y)), y)(DT * np.arange(len(y)), 1)
-    smooth = Motion(DT, y, rate, y, y, first=10)
+    smooth = Motion(DT, y, rate, y, y[:, None], first=10)
     thin = smooth.thinned()
     assert thin.dt > DT
     stride = round(thin.dt / DT)
