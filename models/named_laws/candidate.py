@@ -86,7 +86,7 @@ class Candidate:
     read: starts that are read off the motions, as values of some parameters. parts: parameters that
     a search draws anew together, the others held. moved: values of others that mean nearly the
     same. uneven: the same law where its sides may differ, with more parameters behind its own, each
-    one where the sides are alike.
+    one where the sides are alike. halves: the laws in parallel that it is made of, if it is.
     """
 
     name: str
@@ -97,6 +97,7 @@ class Candidate:
     parts: Sequence[Sequence[str]] = ()
     moved: Callable[[Values, np.random.Generator], Values] | None = None
     uneven: Candidate | None = None
+    halves: tuple[Candidate, ...] = ()
 
     def draws(self, seed: int) -> np.random.Generator:
         """Random numbers of this law alone: laws that are tried beside it change none of them."""

@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.named_laws import pairs
 from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, units_of
@@ -32,7 +33,9 @@ IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
 NEWS = 2.0  # times the error without it, after the fit to all: the largest motion showed more
 RIVAL = 1.5  # times the least error at first: laws whose sides may differ, too
+ALONE = 0.02  # error of a law on the motion held back: beyond, two in parallel are tried
 HALF = 0.5  # of what even laws leave at first: where sides that differ leave less, they go on alone
+PAIRED = 0.5  # of what a law alone leaves on the motion held back: two in parallel are taken
 
 
 def begun(
@@ -184,7 +187,8 @@ def chosen(
     may suit that motion badly even when it is fitted to it, because it yielded nowhere else, and
     starts had nothing to be judged by. Then starts are drawn anew on all motions, and the law is
     the smallest that suits all. Where no other start of a law drawn in parts ended as well as the
-    best of them, it is searched once more: where the best lies, most starts would end.
+    best of them, it is searched once more: where the best lies, most starts would end. Two laws in
+    parallel are taken where no law alone suits that motion and they leave half as much.
     """
     units = units_of(motions)
     rest, judged = parted(motions)
@@ -196,13 +200,17 @@ def chosen(
         found[best] = sorted([*found[best], *more], key=_error)
         errors[best] = found[best][0].error_on([judged])
     near, best = alike(errors), smallest(errors)
+    if best in names and errors[best] > NEGLIGIBLE and CANDIDATES[best].uneven is not None:
+        wider = _uneven(found[best][0], rest, seed)
+        found[wider.candidate.name] = [wider]
+        errors[wider.candidate.name] = wider.error_on([judged])
+        best = smallest(errors)
+    if errors[best] > ALONE and (pair := pairs.nearest(names, rest, units, seed)) is not None:
+        two = pair.error_on([judged])
+        if two < PAIRED * errors[best]:
+            return _final([pair], motions, seed), {**errors, pair.candidate.name: two}
     if best not in names:  # sides differ
         return _final(found[best][:1], motions, seed), errors
-    if errors[best] > NEGLIGIBLE and CANDIDATES[best].uneven is not None:
-        wider = _uneven(found[best][0], rest, seed)
-        errors[wider.candidate.name] = wider.error_on([judged])
-        if smallest(errors) == wider.candidate.name:
-            return _final([wider], motions, seed), errors
     final = _final(found[best], motions, seed)
     news = final.error > max(NEWS * found[best][0].error, NEGLIGIBLE)
     if news or (len(near) > 1 and min(errors.values()) > NEGLIGIBLE):

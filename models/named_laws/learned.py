@@ -13,8 +13,10 @@ from data.simulation.elements import Element
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
+from models.named_laws.pairs import PAIRS
 
-MOST = max(len(candidate.parameters) for candidate in CANDIDATES.values())
+LAWS = {**CANDIDATES, **PAIRS}  # by their numbers in saved weights
+MOST = max(len(law.parameters) for law in LAWS.values())
 
 
 def require_laws(laws: Sequence[str] | None) -> list[str]:
@@ -34,7 +36,7 @@ def require_laws(laws: Sequence[str] | None) -> list[str]:
 class LearnedLaws(nn.Module):
     """Laws of E elements; −1 where none is known yet."""
 
-    law: Tensor  # (E,): numbers of the laws among the candidates
+    law: Tensor  # (E,): numbers of the laws among LAWS
     units: Tensor  # (E, 4): length, rate, force and slope
 
     def __init__(self, elements: int) -> None:
@@ -45,7 +47,7 @@ class LearnedLaws(nn.Module):
         self.register_buffer("units", torch.ones(elements, 4, dtype=torch.float64))
 
     def take(self, e: int, fit: Fit) -> None:
-        self.law[e] = list(CANDIDATES).index(fit.candidate.name)
+        self.law[e] = list(LAWS).index(fit.candidate.name)
         self.units[e] = torch.tensor(list(vars(fit.units).values()), dtype=torch.float64)
         self.numbers.data[e] = 0.0
         self.numbers.data[e, : fit.q.size] = torch.from_numpy(fit.q)
@@ -53,9 +55,9 @@ class LearnedLaws(nn.Module):
     def __getitem__(self, e: int) -> Fit:
         """Raises ValueError where the law is none of those that there are."""
         number = int(self.law[e])
-        if not 0 <= number < len(CANDIDATES):
+        if not 0 <= number < len(LAWS):
             raise ValueError(f"the law of element {e + 1} has the number {number}; identify anew")
-        candidate = list(CANDIDATES.values())[number]
+        candidate = list(LAWS.values())[number]
         q = self.numbers[e].detach().cpu().numpy()[: len(candidate.parameters)]
         return Fit(candidate, Units(*self.units[e].tolist()), np.array(q))
 

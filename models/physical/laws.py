@@ -15,6 +15,7 @@ from models.composition.branch_run import Branches
 from models.composition.coefficients import Coefficients
 from models.composition.laws import GROUPS, NAMED, ElementLaws
 from models.named_laws.fit import Fit
+from models.named_laws.pairs import halves
 
 Values = tuple[str, float, str, str, bool]
 UNITS = {  # of the parameters of named laws (models/named_laws/candidates.py)
@@ -123,6 +124,10 @@ def branch_law(branches: Branches, e: int, part: str, about: str) -> Iterator[Va
 
 def named_law(fit: Fit, part: str, about: str) -> Iterator[Values]:
     """Of an element with a named law: the law's own parameters, and its yield force."""
+    if fit.candidate.halves:
+        for number, half in enumerate(halves(fit), start=1):
+            yield from named_law(half, f"{part}.law_{number}", about)
+        return
     name, values = fit.candidate.name, fit.candidate.values(fit.q, fit.units)
     about = f"{about}, {name}"
     for key, value in values.items():

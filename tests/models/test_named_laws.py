@@ -176,10 +176,10 @@ def test_a_batch_and_a_copy_from_its_state_are_the_same():
 
 
 def shaken(structure: Structure, seed: int, size: float) -> Record:
-    """Two storeys on a moving ground, all measured."""
+    """Storeys on a moving ground, all measured."""
     s, _ = motion(seed, size)
     rate = np.gradient(s, DT, edge_order=2)
-    moved = simulate(structure, np.zeros((len(s), 2)), DT, s[:, None], rate[:, None])
+    moved = simulate(structure, np.zeros((len(s), structure.dofs)), DT, s[:, None], rate[:, None])
     x, v, a = (torch.from_numpy(u) for u in (moved.x, moved.v, moved.a))
     support, speed = (torch.from_numpy(u.copy())[:, None] for u in (s, rate))
     return Record(DT, a, a.new_zeros(len(s), 0), x, v, support, speed)

@@ -7,8 +7,12 @@ from dataclasses import replace
 import pytest
 import torch
 
+from data.record import Record
+from data.simulation.elements import Element, MenegottoPinto, Polynomial
+from data.simulation.structure import Structure
 from models.element_network import ElementNetwork
 from models.starts.topology import topology_of
+from tests.models.test_named_laws import shaken
 from tests.models.test_starts import DT, MASSES, STIFFNESS, motion, planted
 
 
@@ -44,3 +48,23 @@ def test_units_do_not_matter():
         assert topology_of([scaled]) == "all"
         slow = replace(scaled, dt=size * record.dt)
         assert topology_of([slow]) == "all"
+
+
+def on_a_support(abutment: float, seed: int) -> Record:
+    """Three masses of steel storeys on a moving ground, the last one perhaps at an abutment."""
+    steel = {"yield_displacement": 0.01, "stiffness": 2e7, "hardening_ratio": 0.03, "damping": 6e4}
+    nodes = ["s1", "x1", "x2", "x3"]
+    elements: dict[str, Element] = {
+        f"r{i}": MenegottoPinto(between=(nodes[i], nodes[i + 1]), **steel) for i in range(3)
+    }
+    if abutment:
+        elements["r4"] = Polynomial(between=("s1", "x3"), stiffness=abutment, damping=6e4)
+    return shaken(Structure([3e4] * 3, elements), seed, 0.08)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("abutment", "told"), [(0.0, "chain"), (2e7, "all")])
+def test_on_a_support_displacements_tell_it_and_without_them_it_is_a_chain(abutment, told, seed):
+    record = on_a_support(abutment, seed)
+    assert topology_of([record]) == told
+    assert topology_of([replace(record, x=None, v=None)]) == "chain"

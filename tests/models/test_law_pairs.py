@@ -1,0 +1,147 @@
+"""Two named laws in parallel, and chains whose masses nobody knows: planted ones are found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Record
+from data.simulation.element_test import force
+from data.simulation.elements import MenegottoPinto, SelfCentering, SlackBrace, Takeda
+from data.simulation.structure import Structure
+from models.element_network_named import ElementNetworkNamed
+from models.named_element import NamedElement
+from models.named_laws.candidate import Units
+from models.named_laws.fit import Fit, _factors
+from models.named_laws.pairs import PAIRS, halves
+from models.physical.parameters import parameters_of
+from tests.models.test_named_laws import DT, PLANTED, error, motion, shaken
+
+UNITS = Units(0.04, 0.1, 3e5, 2e7)
+
+
+def frame_and_brace(seed: int, size: float) -> Record:
+    """A braced frame of steel: the braces go slack, the frame yields later."""
+    y, _ = motion(seed, size)
+    rate = np.gradient(y, DT, edge_order=2)
+    frame = replace(PLANTED["MenegottoPinto"], yield_displacement=0.02, stiffness=1e7)
+    brace = replace(PLANTED["SlackBrace"], yield_displacement=0.006)
+    r = force(frame, y, DT, rate) + force(brace, y, DT, rate)
+    s, s_dot, a = (torch.from_numpy(u)[:, None] for u in (y, rate, r))
+    return Record(DT, a, a.new_zeros(len(r), 0), s=s, s_dot=s_dot, quantity="force")
+
+
+@pytest.fixture(scope="module")
+def braced() -> tuple[NamedElement, dict]:
+    model = NamedElement(1, 2, DT, laws=["MenegottoPinto", "SlackBrace", "SelfCentering"])
+    records = [frame_and_brace(i, size) for i, size in enumerate((0.04, 0.025, 0.03))]
+    return model, model.identify(records)
+
+
+def test_a_frame_and_its_braces_are_found_by_their_names(braced):
+    model, facts = braced
+    assert facts["laws"] == "MenegottoPinto + SlackBrace"
+    assert error(model, [frame_and_brace(7, 0.035)]) < 3.0
+    assert "damping" not in halves(model.laws[0])[1].candidate.parameters  # one damper for both
+    told = {parameter.name: parameter.value for parameter in parameters_of(model)}
+    assert told["r1.law_1.stiffness"] == pytest.approx(1e7, rel=0.1)
+    assert told["r1.law_2.yield_displacement"] == pytest.approx(0.006, rel=0.1)
+
+
+def test_a_pair_is_the_same_again_from_its_weights(braced):
+    model, _ = braced
+    other = NamedElement(1, 2, DT)
+    other.load_state_dict(model.state_dict())
+    record = frame_and_brace(3, 0.03)
+    assert torch.equal(other.run_of(record).a, model.run_of(record).a)
+
+
+def test_one_law_that_suits_is_not_made_two():
+    y, _ = motion(0, 0.04)
+    rate = np.gradient(y, DT, edge_order=2)
+    r = force(PLANTED["SelfCentering"], y, DT, rate)
+    s, s_dot, a = (torch.from_numpy(u)[:, None] for u in (y, rate, r))
+    record = Record(DT, a, a.new_zeros(len(r), 0), s=s, s_dot=s_dot, quantity="force")
+    model = NamedElement(1, 2, DT, laws=["SelfCentering", "MenegottoPinto"])
+    assert model.identify([record])["laws"] == "SelfCentering"
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_the_force_of_a_pair_is_that_of_its_laws(name):
+    pair = PAIRS[name]
+    fit = Fit(pair, UNITS, pair.drawn(np.random.default_rng(0)))
+    y, _ = motion(1, 0.03)
+    rate = np.gradient(y, DT, edge_order=2)
+    both = sum(force(one, y, DT, rate) for one in pair.elements(fit.q, UNITS))
+    apart = sum(
+        force(one, y, DT, rate)
+        for half in halves(fit)
+        for one in half.candidate.elements(half.q, UNITS)
+    )
+    np.testing.assert_allclose(both, apart, rtol=1e-12, atol=1e-9 * np.abs(both).max())
+
+
+def test_shares_of_a_force_are_never_negative_and_leave_least():
+    rng = np.random.default_rng(0)
+    shares = rng.standard_normal((50, 2))
+    left = -shares @ np.array([2.0, 0.5])
+    np.testing.assert_allclose(_factors(left, shares), [2.0, 0.5])
+    held = _factors(-shares @ np.array([2.0, -0.5]), shares)
+    assert held[1] == 0.0
+    step = shares[:, 0] * 1e-4
+    least = -shares @ np.array([2.0, -0.5]) + shares @ held
+    assert np.linalg.norm(least) <= min(np.linalg.norm(least + d) for d in (step, -step))
+    assert _factors(left, shares[:, :0]).size == 0
+
+
+@pytest.mark.parametrize("base", [False, True], ids=["support", "base"])
+def test_masses_of_a_chain_are_found_with_its_laws(base):
+    """The scale is open; masses stand in the ratio that they have, and laws are those planted."""
+    first, second = PLANTED["MenegottoPinto"], PLANTED["SelfCentering"]
+    structure = Structure(
+        [5e4, 3e4],
+        {
+            "r1": replace(first, between=("s1", "x1"), damping=6e4),
+            "r2": replace(second, between=("x1", "x2"), activation_displacement=0.004, damping=6e4),
+        },
+    )
+    records = [shaken(structure, i, size) for i, size in enumerate((0.3, 0.22))]
+    unseen = shaken(structure, 7, 0.28)
+    if base:
+        records, unseen = [_of_base(r) for r in records], _of_base(unseen)
+    model = ElementNetworkNamed(
+        2, records[0].excitation.shape[-1], DT, "chain", forced="base" if base else [],
+        laws=["MenegottoPinto", "SelfCentering"],
+    )  # fmt: skip
+    facts = model.identify(records)
+    assert facts["laws"] == "MenegottoPinto, SelfCentering"
+    light, heavy = sorted(model.mass().tolist())
+    assert heavy / light == pytest.approx(5.0 / 3.0, rel=0.02)
+    assert error(model, [unseen]) < 3.0
+
+
+def _of_base(record: Record) -> Record:
+    """The same motion against its base, whose acceleration is −f."""
+    assert record.s is not None
+    assert record.s_dot is not None
+    assert record.x is not None
+    assert record.v is not None
+    pushed = torch.from_numpy(np.gradient(record.s_dot.numpy(), DT, axis=0, edge_order=2).copy())
+    x, v = record.x - record.s, record.v - record.s_dot
+    return Record(DT, record.a - pushed, -pushed, x, v)
+
+
+def test_a_law_times_a_factor_has_so_many_times_the_force():
+    y, _ = motion(2, 0.03)
+    rate = np.gradient(y, DT, edge_order=2)
+    for law in (SelfCentering, MenegottoPinto, Takeda, SlackBrace):
+        candidate = PAIRS[next(name for name in PAIRS if law.__name__ in name)]
+        fit = Fit(candidate, UNITS, candidate.drawn(np.random.default_rng(1)))
+        one, three = (
+            sum(force(part, y, DT, rate) for part in candidate.elements(f.q, f.units))
+            for f in (fit, fit.times(3.0))
+        )
+        np.testing.assert_allclose(three, 3.0 * one, rtol=1e-9, atol=1e-9 * np.abs(one).max())
