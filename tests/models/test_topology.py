@@ -7,12 +7,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from data.record import Record
-from data.simulation.elements import Element, MenegottoPinto, Polynomial
-from data.simulation.structure import Structure
 from models.element_network import ElementNetwork
 from models.starts.topology import topology_of
-from tests.models.test_named_laws import shaken
+from models.training.assemble import data_from
+from runner.config.compose import composed
 from tests.models.test_starts import DT, MASSES, STIFFNESS, motion, planted
 
 
@@ -50,21 +48,16 @@ def test_units_do_not_matter():
         assert topology_of([slow]) == "all"
 
 
-def on_a_support(abutment: float, seed: int) -> Record:
-    """Three masses of steel storeys on a moving ground, the last one perhaps at an abutment."""
-    steel = {"yield_displacement": 0.01, "stiffness": 2e7, "hardening_ratio": 0.03, "damping": 6e4}
-    nodes = ["s1", "x1", "x2", "x3"]
-    elements: dict[str, Element] = {
-        f"r{i}": MenegottoPinto(between=(nodes[i], nodes[i + 1]), **steel) for i in range(3)
-    }
-    if abutment:
-        elements["r4"] = Polynomial(between=("s1", "x3"), stiffness=abutment, damping=6e4)
-    return shaken(Structure([3e4] * 3, elements), seed, 0.08)
-
-
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("abutment", "told"), [(0.0, "chain"), (2e7, "all")])
-def test_on_a_support_displacements_tell_it_and_without_them_it_is_a_chain(abutment, told, seed):
-    record = on_a_support(abutment, seed)
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(
+    ("system", "told"),
+    [("steel_frame", "chain"), ("self_centering_frame", "chain"), ("slack_braced_frame", "chain"),
+     ("timber_house", "chain"), ("isolated_building", "chain"), ("bridge_piers", "all")],
+)  # fmt: skip
+def test_on_one_support_displacements_tell_it_and_without_them_it_is_a_chain(system, told, seed):
+    words = [f"system={system}", "data.duration=20", "data.calibration_records=0", f"seed={seed}"]
+    data = data_from(composed(*words, "model=element_network_named"))
+    data.setup()
+    (record,) = data.records["train"]
     assert topology_of([record]) == told
     assert topology_of([replace(record, x=None, v=None)]) == "chain"
