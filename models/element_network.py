@@ -323,6 +323,11 @@ class ElementNetwork(Composite):
         """Whether the elements are a chain from the ground up."""
         return self.supports <= 1 and self.elements == nodes_of("chain", self.dofs, self.supports)
 
+    @property
+    def weighs_from_the_top(self) -> bool:
+        """Whether a chain has no known mass and no force: each law tells the mass at its head."""
+        return self.known_masses is None and self.is_chain and not self.forced
+
     def suits_storeys(self, records: Sequence[Record]) -> bool:
         """Whether the elements are a chain from the ground up, and accelerations alone known."""
         return self.is_chain and all(

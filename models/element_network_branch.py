@@ -155,6 +155,8 @@ class ElementNetworkBranch(ElementNetwork):
         facts = super().identify(self.records)
         if self.linear is None:
             raise ValueError("the records gave no linear structure to begin with")
+        if self.weighs_from_the_top and not are_reconstructed(self, self.records):
+            self.mass.start(self._named().searched_on(self.records).mass().detach())
         stiffness = self.linear[0].clamp_min(1e-3 * self.linear[0].max())
         tests = [m for record in self.records for m in self.element_tests(record, stiffness)]
         self.tests, drags = [test[:3] for test in tests], [test[3] for test in tests]
@@ -176,19 +178,22 @@ class ElementNetworkBranch(ElementNetwork):
         What noise leaves of an integral drifts. A run of the nearest named laws does not, and a law
         that has no name is learned from its motion and the measured forces.
         """
-        masses = None if self.known_masses is None else self.known_masses.tolist()
-        partly = masses is not None and self.mass.learned
+        partly = self.known_masses is not None and self.mass.learned
         if partly or self.from_accelerations or not self.suits_storeys(records):
             return records
-        forced = "base" if self.base else [i + 1 for i in self.forced]
-        sensors = self.dofs, self.inputs, self.dt
-        named = ElementNetworkNamed(*sensors, self.elements, masses, forced, seed=self.choice.seed)
-        named.searched(records, polished=False)
+        named = self._named().searched_on(records)
         error = free_run_error(named, records)
         if error is None or error > NAMED:
             return records
         runs = [named.free_run(record.drive()) for record in records]
         return [replace(r, x=run.x, v=run.v) for r, run in zip(records, runs, strict=True)]
+
+    def _named(self) -> ElementNetworkNamed:
+        """The same structure with laws of a name."""
+        masses = None if self.known_masses is None else self.known_masses.tolist()
+        forced = "base" if self.base else [i + 1 for i in self.forced]
+        sensors = self.dofs, self.inputs, self.dt
+        return ElementNetworkNamed(*sensors, self.elements, masses, forced, seed=self.choice.seed)
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:

@@ -122,7 +122,7 @@ class ElementNetworkNamed(ElementNetwork):
                 of_storey = partial(self._of_storey, laws, runs)
                 found = list(pool.map(of_storey, range(len(units)), rng.spawn(len(units))))
             else:
-                if learned and self.is_chain and not self.forced:
+                if self.weighs_from_the_top:
                     masses, found, of_element = self._from_the_top(records, rng)
                     laws = replace(laws, masses=masses)
                 else:
@@ -139,6 +139,11 @@ class ElementNetworkNamed(ElementNetwork):
                     laws = runs.sided(laws)
         self._take(laws)
         return {**facts, **told(laws.fits, errors, "apart" if apart else "held_back")}
+
+    def searched_on(self, records: Sequence[Record]) -> ElementNetworkNamed:
+        """Itself, with laws as they are before the free run of all."""
+        self.searched(records, polished=False)
+        return self
 
     def _take(self, laws: Laws) -> None:
         for e, fit in enumerate(laws.fits):

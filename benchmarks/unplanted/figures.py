@@ -12,18 +12,19 @@ from matplotlib.figure import Figure
 from report.run.compared import LOOPS, few_cycles
 from report.style import ESTIMATED, NARROW, TRUE, WIDE, one_legend, titled
 
-MODEL, SEED = "element_network_branch", 0
+MODEL = "element_network_branch"
 MOST, WIDTH = 4, 3.0  # storeys that are shown; inches of one
 
 
 def draw_loops(folder: Path, stored: Path, results: Sequence[dict[str, Any]]) -> dict[str, Path]:
-    """A picture of every structure whose fit has loops beside it: {structure: picture}."""
+    """A picture of every structure whose fit of the last seed has loops beside it."""
     pictures = {}
+    last = max((result["seed"] for result in results if result["model"] == MODEL), default=0)
     for result in results:
-        if result["model"] != MODEL or result["seed"] != SEED:
+        if result["model"] != MODEL or result["seed"] != last:
             continue
         name = result["structure"].replace(", ", "-").replace(" ", "_")
-        loops = stored / f"{MODEL}-{name}-seed{SEED}.npz"
+        loops = stored / f"{MODEL}-{name}-seed{last}.npz"
         if loops.is_file():
             folder.mkdir(parents=True, exist_ok=True)
             pictures[result["structure"]] = folder / f"unplanted_{name}.png"
@@ -31,7 +32,7 @@ def draw_loops(folder: Path, stored: Path, results: Sequence[dict[str, Any]]) ->
                 signals = stored_loops["signals"]
             error = result["unseen"]
             gone = "diverged" if error is None else f"{error:.2f} %"
-            title = f"{result['structure']}: {MODEL}, seed {SEED}, unseen motions: {gone}"
+            title = f"{result['structure']}: {MODEL}, seed {last}, unseen motions: {gone}"
             if signals.shape[2] > MOST:
                 title += f"; {MOST} of {signals.shape[2]} storeys"
             _draw(pictures[result["structure"]], signals, title)

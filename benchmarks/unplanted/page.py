@@ -33,6 +33,7 @@ def write_page(
         "late": late(results, limit),
         "fits": table(results, head=True),
         "missing": missing(results, wanted),
+        "older": older(results),
         "choices": choices(results),
         "loops": "\n\n".join(
             f"{name}:\n\n![loops of {name}](figures/{picture.name})"
@@ -122,6 +123,20 @@ def missing(results: Sequence[Result], wanted: Sequence[tuple[str, str, int]]) -
         f"- `{model}`, seed {seed}: {'; '.join(names)}" for (model, seed), names in lacking.items()
     ]
     return "\n**Not run for this page:**\n\n" + "\n".join(told) + "\n" if told else ""
+
+
+def older(results: Sequence[Result]) -> str:
+    """Fits of an earlier commit, whose numbers were read back from the page of that commit."""
+    of: dict[tuple[str, str, int], list[str]] = {}
+    for r in results:
+        if "commit" in r:
+            of.setdefault((r["commit"], r["model"], r["seed"]), []).append(r["structure"])
+    told = [
+        f"- `{model}`, seed {seed}, {commit}: {'; '.join(names)}"
+        for (commit, model, seed), names in of.items()
+    ]
+    head = "\n**Read back from the page of an earlier commit**, to two decimals:\n\n"
+    return head + "\n".join(told) + "\n" if told else ""
 
 
 def row(*cells: object) -> str:

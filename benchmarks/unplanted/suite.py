@@ -8,7 +8,8 @@
 Every model is fitted to six motions of every structure (structures.py) and simulates four unseen
 ones, and those with 1.5 times the ground motion. Results lie in --output, a file for each fit, and
 the loops of its first unseen motion; a fit with a file is not repeated, so the command goes on
-where it stopped. A fit is counted as late beyond --limit seconds of the processor.
+where it stopped. What a page was made of is kept in results.json here, from which --stored takes
+what does not lie in --output. A fit is counted as late beyond --limit seconds of the processor.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from models.element_network_named import ElementNetworkNamed
 from models.estimator import Estimator
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
-from runner.folder.run_folder import write_json
+from runner.folder.run_folder import write_json, write_text
 
 CHAIN = ("model.elements=chain", "model.forced=[]")
 STIFFER = {  # twins: by how much their elements are stiffer
@@ -48,11 +49,12 @@ STIFFER = {  # twins: by how much their elements are stiffer
 NOISE = 0.02  # of the standard deviation of every measured acceleration
 NOISY = "element_network_branch, accelerations with 2 % noise"
 NAMED_NOISY = "element_network_named, accelerations with 2 % noise"
+WEIGHTLESS = "element_network_named, masses unknown"
 FEW = (
     "steel, 3 storeys",
     "flag, 3 storeys",
 )  # structures that slow or further models are fitted to
-MODELS = {  # of conf/model, with settings; masses are given to those that take a chain
+MODELS = {  # of conf/model, with settings; masses are given to most that take a chain
     **dict.fromkeys(STIFFER, ()),
     "zero": (),
     "linear": (),
@@ -61,8 +63,9 @@ MODELS = {  # of conf/model, with settings; masses are given to those that take 
     "element_network_named": CHAIN,
     NOISY: CHAIN,
     NAMED_NOISY: CHAIN,
+    WEIGHTLESS: CHAIN,
 }
-ON_FEW = ("element_network", NOISY)
+ON_FEW = ("element_network", NOISY, WEIGHTLESS)
 SEEDED = [name for name, words in MODELS.items() if words]
 QUICK = {
     "element_network_named": ("model.laws=[SlackBrace]",),
@@ -71,6 +74,7 @@ QUICK = {
         *("model.ramps=4", "model.bends=1", "model.law_starts=1", "solver.iterations=2"),
     ),
 }
+KEPT = Path(__file__).with_name("results.json")  # of the fits that a page has
 Result = dict[str, Any]
 
 
@@ -120,7 +124,7 @@ def trained(
     if model == "zero":
         return Zero(batch.dofs, batch.excitation.shape[-1], batch.dt), {}
     words = [f"model={model.split(',')[0]}", f"seed={seed}", *MODELS[model], *more]
-    if MODELS[model]:
+    if MODELS[model] and model != WEIGHTLESS:
         words.append(f"model.masses={list(map(float, case.masses))}")
     return fitted(words, batch)
 
@@ -179,6 +183,19 @@ def stored(path: Path, settings: Sequence[str]) -> Result | None:
     return result
 
 
+def kept() -> dict[tuple[str, str, int], Result]:
+    """Results of the page as it is, by structure, model and seed."""
+    rows = json.loads(KEPT.read_text("utf-8")) if KEPT.exists() else []
+    return {(row["structure"], row["model"], row["seed"]): row for row in rows}
+
+
+def keep(results: Sequence[Result]) -> None:
+    """Write the results that a page was made of, but for what was identified."""
+    rows = [{k: v for k, v in row.items() if k != "identified"} for row in results]
+    lines = ",\n".join(json.dumps(row) for row in rows)
+    write_text(KEPT, f"[\n{lines}\n]\n")
+
+
 def wanted(options: argparse.Namespace) -> list[tuple[str, str, int]]:
     """Structures, models and seeds, those of one seed on all structures before the next."""
     fits = []
@@ -195,11 +212,12 @@ def results(options: argparse.Namespace) -> list[Result]:
     """Results of all fits, the stored ones and, unless those alone are asked for, the others."""
     found = []
     known = {**CASES, **HELD_BACK}
+    before = kept() if options.stored and not options.quick else {}
     for name, model, seed in wanted(options):
         more = QUICK.get(model.split(",")[0], ()) if options.quick else ()
         label = f"{model}-{name}-seed{seed}".replace(", ", "-").replace(" ", "_")
         path = options.output / f"{label.replace('%', 'percent')}.json"
-        result = stored(path, more)
+        result = stored(path, more) or before.get((name, model, seed))
         if result is None and options.stored:
             continue
         if result is None:
@@ -224,7 +242,7 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
     add("--seeds", nargs="+", type=int, default=[0, 1])
     add("--page", type=Path, help="write the page, from page.md here, and its pictures")
     add("--limit", type=float, default=300.0, help="seconds of a fit at most; more are told")
-    add("--stored", action="store_true", help="fit nothing: a page of what there is")
+    add("--stored", action="store_true", help="fit nothing: a page of what there is and was kept")
     add("--quick", action="store_true", help="one small structure, 6 s of motion, short fits")
     options = parser.parse_args(given)
     if options.quick:
@@ -246,6 +264,8 @@ def main() -> None:
     if options.page is not None:
         pictures = draw_loops(options.page.parent / "figures", options.output, found)
         write_page(options.page, found, wanted(options), pictures, options.limit)
+        if not options.quick:
+            keep(found)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from data.record import Record
 from data.simulation.element_test import force
 from data.simulation.elements import MenegottoPinto, SelfCentering, SlackBrace, Takeda
 from data.simulation.structure import Structure
+from models.element_network_branch import ElementNetworkBranch
 from models.element_network_named import ElementNetworkNamed
 from models.named_element import NamedElement
 from models.named_laws.candidate import Units
@@ -121,6 +123,27 @@ def test_masses_of_a_chain_are_found_with_its_laws(base):
     light, heavy = sorted(model.mass().tolist())
     assert heavy / light == pytest.approx(5.0 / 3.0, rel=0.02)
     assert error(model, [unseen]) < 3.0
+
+
+def test_a_learned_law_of_a_chain_without_masses_begins_with_those_of_named_laws(monkeypatch):
+    first, second = PLANTED["MenegottoPinto"], PLANTED["SelfCentering"]
+    elements = {
+        "r1": replace(first, between=("s1", "x1"), damping=6e4),
+        "r2": replace(second, between=("x1", "x2"), activation_displacement=0.004, damping=6e4),
+    }
+    records = [
+        shaken(Structure([5e4, 3e4], elements), i, size) for i, size in enumerate((0.3, 0.22))
+    ]
+    laws = ["MenegottoPinto", "SelfCentering"]
+    few = partial(ElementNetworkNamed, 2, 2, DT, "chain", None, [], laws)
+    monkeypatch.setattr(ElementNetworkBranch, "_named", lambda self: few())
+    model = ElementNetworkBranch(
+        2, 2, DT, "chain", None, [], ramps=4, bends=1, force_memory=False, law_starts=1, prior=1e-3,
+        unsymmetric=False,
+    )  # fmt: skip
+    model.identify(records)
+    light, heavy = sorted(model.mass().tolist())
+    assert heavy / light == pytest.approx(5.0 / 3.0, rel=0.02)
 
 
 def _of_base(record: Record) -> Record:
