@@ -308,11 +308,8 @@ class ElementNetwork(Composite):
 
         A mass m_j adds m_j times the third to the forces; a damper α m_j takes that of the fourth.
         """
-        inputs, B, B_s = (
-            self.composition().inputs.value.detach().cpu(),
-            self.B.cpu(),
-            self.B_s.cpu(),
-        )
+        B, B_s = self.B.cpu(), self.B_s.cpu()
+        inputs = self.composition().inputs.value.detach().cpu()
         for x, v, a, u in self.states_of_elements(record):
             s, s_dot = u[:, self.forces :].chunk(2, dim=1)
             y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T

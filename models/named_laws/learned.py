@@ -15,7 +15,7 @@ from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from models.named_laws.pairs import PAIRS
 
-LAWS = {**CANDIDATES, **PAIRS}  # by their numbers in saved weights
+LAWS = dict(enumerate(CANDIDATES.values())) | dict(enumerate(PAIRS.values(), start=100))  # saved
 MOST = max(len(law.parameters) for law in LAWS.values())
 
 
@@ -36,7 +36,7 @@ def require_laws(laws: Sequence[str] | None) -> list[str]:
 class LearnedLaws(nn.Module):
     """Laws of E elements; −1 where none is known yet."""
 
-    law: Tensor  # (E,): numbers of the laws among LAWS
+    law: Tensor  # (E,): numbers of the laws in LAWS
     units: Tensor  # (E, 4): length, rate, force and slope
 
     def __init__(self, elements: int) -> None:
@@ -47,7 +47,7 @@ class LearnedLaws(nn.Module):
         self.register_buffer("units", torch.ones(elements, 4, dtype=torch.float64))
 
     def take(self, e: int, fit: Fit) -> None:
-        self.law[e] = list(LAWS).index(fit.candidate.name)
+        self.law[e] = next(n for n, law in LAWS.items() if law.name == fit.candidate.name)
         self.units[e] = torch.tensor(list(vars(fit.units).values()), dtype=torch.float64)
         self.numbers.data[e] = 0.0
         self.numbers.data[e, : fit.q.size] = torch.from_numpy(fit.q)
@@ -55,9 +55,9 @@ class LearnedLaws(nn.Module):
     def __getitem__(self, e: int) -> Fit:
         """Raises ValueError where the law is none of those that there are."""
         number = int(self.law[e])
-        if not 0 <= number < len(LAWS):
+        if number not in LAWS:
             raise ValueError(f"the law of element {e + 1} has the number {number}; identify anew")
-        candidate = list(LAWS.values())[number]
+        candidate = LAWS[number]
         q = self.numbers[e].detach().cpu().numpy()[: len(candidate.parameters)]
         return Fit(candidate, Units(*self.units[e].tolist()), np.array(q))
 

@@ -1,4 +1,4 @@
-"""Two named laws in parallel, as a frame that yields beside its braces, or concrete and its steel.
+"""Two named laws in parallel, as a frame that yields beside its braces.
 
 r = law₁(y, ẏ; q₁) + law₂(y, ẏ; q₂), with one damper. Numbers of both are drawn, their sizes are
 those that suit a motion best, and the likeliest pairs are followed.
