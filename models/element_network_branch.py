@@ -151,12 +151,14 @@ class ElementNetworkBranch(ElementNetwork):
         Returns what was chosen on motion held back, and how far each law is from the forces by
         equilibrium, beside the linear start's facts.
         """
-        self.records = self._with_states(self.admitted(batches))
+        records = self.admitted(batches)
+        named = self._named(records)
+        self.records = self._with_states(records, named)
         facts = super().identify(self.records)
         if self.linear is None:
             raise ValueError("the records gave no linear structure to begin with")
-        if self.weighs_from_the_top and not are_reconstructed(self, self.records):
-            self.mass.start(self._named().searched_on(self.records).mass().detach())
+        if named is not None and self.mass.learned:
+            self.mass.start(named.mass().detach())
         stiffness = self.linear[0].clamp_min(1e-3 * self.linear[0].max())
         tests = [m for record in self.records for m in self.element_tests(record, stiffness)]
         self.tests, drags = [test[:3] for test in tests], [test[3] for test in tests]
@@ -172,28 +174,36 @@ class ElementNetworkBranch(ElementNetwork):
             self.tests = without(self.tests, drags, alpha)
         return {**facts, **self._fit(self.choice.seed)}
 
-    def _with_states(self, records: list[Record]) -> list[Record]:
-        """The records; with x and v of named laws where accelerations alone of a chain are known.
+    def _named(self, records: list[Record]) -> ElementNetworkNamed | None:
+        """The nearest named laws of a chain, found where its masses or its motion are not known.
+
+        None where both are, or where what they tell is no help.
+        """
+        partly = self.known_masses is not None and self.mass.learned
+        apart = self.suits_storeys(records)
+        weighed = self.weighs_from_the_top and all(self.has_states(record) for record in records)
+        if partly or self.from_accelerations or not (apart or weighed):
+            return None
+        masses = None if self.known_masses is None else self.known_masses.tolist()
+        forced = "base" if self.base else [i + 1 for i in self.forced]
+        sensors = self.dofs, self.inputs, self.dt
+        named = ElementNetworkNamed(*sensors, self.elements, masses, forced, seed=self.choice.seed)
+        named.searched(records, polished=False)
+        error = free_run_error(named, records) if apart else 0.0
+        return named if error is not None and error <= NAMED else None
+
+    def _with_states(
+        self, records: list[Record], named: ElementNetworkNamed | None
+    ) -> list[Record]:
+        """The records; with x and v of named laws where accelerations alone are known.
 
         What noise leaves of an integral drifts. A run of the nearest named laws does not, and a law
         that has no name is learned from its motion and the measured forces.
         """
-        partly = self.known_masses is not None and self.mass.learned
-        if partly or self.from_accelerations or not self.suits_storeys(records):
-            return records
-        named = self._named().searched_on(records)
-        error = free_run_error(named, records)
-        if error is None or error > NAMED:
+        if named is None or not self.suits_storeys(records):
             return records
         runs = [named.free_run(record.drive()) for record in records]
         return [replace(r, x=run.x, v=run.v) for r, run in zip(records, runs, strict=True)]
-
-    def _named(self) -> ElementNetworkNamed:
-        """The same structure with laws of a name."""
-        masses = None if self.known_masses is None else self.known_masses.tolist()
-        forced = "base" if self.base else [i + 1 for i in self.forced]
-        sensors = self.dofs, self.inputs, self.dt
-        return ElementNetworkNamed(*sensors, self.elements, masses, forced, seed=self.choice.seed)
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:

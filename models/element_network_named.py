@@ -140,11 +140,6 @@ class ElementNetworkNamed(ElementNetwork):
         self._take(laws)
         return {**facts, **told(laws.fits, errors, "apart" if apart else "held_back")}
 
-    def searched_on(self, records: Sequence[Record]) -> ElementNetworkNamed:
-        """Itself, with laws as they are before the free run of all."""
-        self.searched(records, polished=False)
-        return self
-
     def _take(self, laws: Laws) -> None:
         for e, fit in enumerate(laws.fits):
             self.named.take(e, fit)

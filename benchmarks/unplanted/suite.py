@@ -8,8 +8,8 @@
 Every model is fitted to six motions of every structure (structures.py) and simulates four unseen
 ones, and those with 1.5 times the ground motion. Results lie in --output, a file for each fit, and
 the loops of its first unseen motion; a fit with a file is not repeated, so the command goes on
-where it stopped. What a page was made of is kept in results.json here, from which --stored takes
-what does not lie in --output. A fit is counted as late beyond --limit seconds of the processor.
+where it stopped. What a page was made of is kept beside it, from where --stored takes what does not
+lie in --output. A fit is counted as late beyond --limit seconds of the processor.
 """
 
 from __future__ import annotations
@@ -74,7 +74,6 @@ QUICK = {
         *("model.ramps=4", "model.bends=1", "model.law_starts=1", "solver.iterations=2"),
     ),
 }
-KEPT = Path(__file__).with_name("results.json")  # of the fits that a page has
 Result = dict[str, Any]
 
 
@@ -183,17 +182,18 @@ def stored(path: Path, settings: Sequence[str]) -> Result | None:
     return result
 
 
-def kept() -> dict[tuple[str, str, int], Result]:
+def kept(page: Path | None) -> dict[tuple[str, str, int], Result]:
     """Results of the page as it is, by structure, model and seed."""
-    rows = json.loads(KEPT.read_text("utf-8")) if KEPT.exists() else []
+    path = None if page is None else page.with_suffix(".json")
+    rows = json.loads(path.read_text("utf-8")) if path is not None and path.exists() else []
     return {(row["structure"], row["model"], row["seed"]): row for row in rows}
 
 
-def keep(results: Sequence[Result]) -> None:
+def keep(page: Path, results: Sequence[Result]) -> None:
     """Write the results that a page was made of, but for what was identified."""
     rows = [{k: v for k, v in row.items() if k != "identified"} for row in results]
     lines = ",\n".join(json.dumps(row) for row in rows)
-    write_text(KEPT, f"[\n{lines}\n]\n")
+    write_text(page.with_suffix(".json"), f"[\n{lines}\n]\n")
 
 
 def wanted(options: argparse.Namespace) -> list[tuple[str, str, int]]:
@@ -212,7 +212,7 @@ def results(options: argparse.Namespace) -> list[Result]:
     """Results of all fits, the stored ones and, unless those alone are asked for, the others."""
     found = []
     known = {**CASES, **HELD_BACK}
-    before = kept() if options.stored and not options.quick else {}
+    before = kept(options.page) if options.stored else {}
     for name, model, seed in wanted(options):
         more = QUICK.get(model.split(",")[0], ()) if options.quick else ()
         label = f"{model}-{name}-seed{seed}".replace(", ", "-").replace(" ", "_")
@@ -264,8 +264,7 @@ def main() -> None:
     if options.page is not None:
         pictures = draw_loops(options.page.parent / "figures", options.output, found)
         write_page(options.page, found, wanted(options), pictures, options.limit)
-        if not options.quick:
-            keep(found)
+        keep(options.page, found)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import numpy as np
 from models.named_laws import pairs
 from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, units_of
+from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, two_largest, units_of
 from models.training.doing import doing
 
 DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
@@ -112,7 +112,7 @@ def tried(
 ) -> dict[str, list[Fit]]:
     """The laws in the lead on some motions, each from its best starts, the best first."""
     motions = [motion.thinned() for motion in motions]
-    largest = _two_largest(motions)
+    largest = two_largest(motions)
     draws = _draws(names, seed)
     starts = {name: begun(CANDIDATES[name], largest, units, draws[name]) for name in names}
     lead = IN_THE_LEAD * min(one.error for ends in starts.values() for one in ends)
@@ -154,10 +154,6 @@ def _sides(
     if min(ends[0].error for ends in begun) > HALF * least:
         return {}
     return {ends[0].candidate.name: ends for ends in begun}
-
-
-def _two_largest(motions: Sequence[Motion]) -> list[Motion]:
-    return sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
 
 
 def _ended(
@@ -251,7 +247,7 @@ def _uneven(fit: Fit, motions: Sequence[Motion], seed: int) -> Fit:
     are tried of the law alone that suits best without them.
     """
     motions = [motion.thinned() for motion in motions]
-    largest, draws = _two_largest(motions), _draws([fit.candidate.name], seed)
+    largest, draws = two_largest(motions), _draws([fit.candidate.name], seed)
     ends = _begun_uneven(fit, motions, largest, draws)
     ends = _ended(ends, motions, largest, draws[ends[0].candidate.name])
     return followed(ends[0], motions, LAST)

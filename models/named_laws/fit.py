@@ -132,6 +132,11 @@ def joined(motions: Sequence[Motion], name: str) -> np.ndarray:
     return np.concatenate([getattr(m, name)[m.first :] for m in motions])
 
 
+def two_largest(motions: Sequence[Motion]) -> list[Motion]:
+    """Of the largest deformations: they show how a law yields."""
+    return sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
+
+
 def _factors(left: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """Factors (J,), none negative, of shares (N, J) that leave least of left + shares · factors."""
     sizes, toward = shares.T @ shares, -(shares.T @ left)

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
+from operator import attrgetter
 
 import numpy as np
 
 from data.simulation.elements import Element
 from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.fit import Fit, Motion, followed
+from models.named_laws.fit import Fit, Motion, followed, two_largest
 from models.training.doing import doing
 
 SINGLE = (
@@ -26,32 +27,29 @@ SINGLE = (
     "FrictionPendulum",
     "BaberNoori",
 )
-TOGETHER = ("damping", "spring")  # of the first law alone; the other's stiffness is a spring
 DRAWS, TRIED, ALIVE, LEFT = 60, 2, 6, 2  # of a pair; of them followed; of all; to the end
 FEW, MORE = 3, 10  # iterations
+ERROR = attrgetter("error")
 LEAST = 1e-2  # of a law's strength as it was drawn: what is left of it at least
 
 
 def _parallel(first: Candidate, second: Candidate) -> Candidate:
     """The two laws as one, whose parameters are named for their laws."""
-    laws = [_without(first, TOGETHER[1:]), _without(second, TOGETHER)]
+    laws = [_without(first, "spring"), _without(second, "spring", "damping")]
 
     def made(values: Values, between: Sequence[str]) -> list[Element]:
         return [element for law in laws for element in law.made(_own(law, values), between)]
 
     parameters = {f"{law.name}.{name}": p for law in laws for name, p in law.parameters.items()}
-    sized = [f"{law.name}.{name}" for law in laws for name in law.sized]
-    name = f"{first.name} + {second.name}"
-    return Candidate(name, parameters, made, sized, halves=tuple(laws))
+    return Candidate(f"{first.name} + {second.name}", parameters, made, halves=tuple(laws))
 
 
-def _without(law: Candidate, names: Sequence[str]) -> Candidate:
-    """The law without some parameters, which are then zero."""
+def _without(law: Candidate, *names: str) -> Candidate:
+    """The law without a damper or a spring of its own: the other law has one."""
     kept = {name: p for name, p in law.parameters.items() if name not in names}
 
     def made(values: Values, between: Sequence[str]) -> list[Element]:
-        missing = [name for name in names if name == "damping" and name in law.parameters]
-        return law.made({**values, **dict.fromkeys(missing, 0.0)}, between)
+        return law.made({"damping": 0.0, **values}, between)
 
     return replace(law, parameters=kept, made=made)
 
@@ -77,17 +75,17 @@ def halves(fit: Fit) -> list[Fit]:
 def nearest(names: Sequence[str], motions: Sequence[Motion], units: Units, seed: int) -> Fit | None:
     """The pair of laws with these names that suits motions best; None where there is none."""
     motions = [motion.thinned() for motion in motions]
-    largest = sorted(motions, key=lambda m: -float(np.ptp(m.y)))[:2]
+    largest = two_largest(motions)
     ends: list[Fit] = []
     for pair in PAIRS.values():
         if not all(law.name in names for law in pair.halves):
             continue
         doing(f"{pair.name} in parallel")
-        drawn = sorted(_drawn(pair, largest, units, pair.draws(seed)), key=_error)[:TRIED]
+        drawn = sorted(_drawn(pair, largest, units, pair.draws(seed)), key=ERROR)[:TRIED]
         ends += [followed(one, largest, FEW) for one in drawn]
-    alive = [followed(one, largest, FEW) for one in sorted(ends, key=_error)[:ALIVE]]
-    last = [followed(one, motions, MORE) for one in sorted(alive, key=_error)[:LEFT]]
-    return min(last, key=_error, default=None)
+    alive = [followed(one, largest, FEW) for one in sorted(ends, key=ERROR)[:ALIVE]]
+    last = [followed(one, motions, MORE) for one in sorted(alive, key=ERROR)[:LEFT]]
+    return min(last, key=ERROR, default=None)
 
 
 def _drawn(
@@ -115,7 +113,3 @@ def _sized(fit: Fit, motion: Motion) -> Fit:
         for law, size in zip(laws, sizes[: len(laws)].tolist(), strict=True)
     ]
     return replace(fit, q=np.concatenate(q))
-
-
-def _error(fit: Fit) -> float:
-    return fit.error

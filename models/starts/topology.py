@@ -2,7 +2,8 @@
 
 A building is a chain. A bridge whose deck ends at an abutment is none: a mass of it moves under
 an element that the chain lacks. Each mass is asked on its own, by least squares of its acceleration
-on springs and dampers to its neighbours, and to all other nodes.
+on springs, dampers and sliders to its neighbours, and to all other nodes: without sliders a chain
+that yields looks like none.
 T samples, n masses, k columns.
 """
 
@@ -15,12 +16,13 @@ from torch import Tensor
 
 from data.record import Record
 from models.layers.reconstructed import reconstructed
+from models.sliders.stop_operator import stretches
 
 MOST_PAIRED = 4  # DOFs all of whose pairs one motion tells apart
 GAPS = (0.3, 0.6)  # of the largest deformation: where a spring may change its stiffness
 UNTOLD = 0.3  # of a mass's acceleration, as an RMS: more than this the chain does not explain
-BETTER = 0.6  # times that, at most, is what all pairs leave
-MEASURED = 0.47  # the same where x and v are measured: piers leave 0.22 to 0.43, steel 0.51 to 0.89
+WIDTHS = (0.05, 0.1, 0.2, 0.4)  # half widths of sliders, of the largest deformation
+BETTER = 0.4  # times that, at most, is what all pairs leave
 RIDGE = 1e-4  # of the columns' norm
 
 
@@ -32,11 +34,10 @@ def topology_of(records: Sequence[Record]) -> str:
     """
     if any(r.s is not None and (r.x is None or r.v is None) for r in records):
         return "chain"
-    better = BETTER if records[0].s is None else MEASURED
     motions = [_of_base(r) if r.s is None else _of_support(r) for r in records]
     for i in range(records[0].a.shape[-1]):
         chain, pairs = (_untold(motions, i, near) for near in (True, False))
-        if chain > UNTOLD and pairs < better * chain:
+        if chain > UNTOLD and pairs < BETTER * chain:
             return "all"
     return "chain"
 
@@ -52,16 +53,12 @@ def _of_base(record: Record) -> Nodes:
 
 
 def _of_support(record: Record) -> Nodes:
-    x, v, s, s_dot = record.x, record.v, record.s, record.s_dot
-    assert x is not None
-    assert v is not None
-    assert s is not None
-    assert s_dot is not None
-    return torch.cat([s, x], dim=1), torch.cat([s_dot, v], dim=1), record.a
+    u = record.signals()
+    return torch.cat([u["s"], u["x"]], dim=1), torch.cat([u["s_dot"], u["v"]], dim=1), record.a
 
 
 def _untold(motions: Sequence[Nodes], i: int, near: bool) -> float:
-    """Share of the absolute acceleration of mass i that no springs and dampers explain."""
+    """Share of the absolute acceleration of mass i that no elements explain."""
     rows, targets = [], []
     for places, speeds, absolute in motions:
         y, rate = (u - u[:, i + 1 : i + 2] for u in (places, speeds))
@@ -81,4 +78,6 @@ def _columns(y: Tensor, rate: Tensor) -> Tensor:
     """What an element may do at a deformation y (T,) (T, k)."""
     far = y.abs().max()
     hinges = [torch.sign(y) * (y.abs() - gap * far).clamp_min(0.0) for gap in GAPS]
-    return torch.stack([y, rate, y * y.abs(), y**3, *hinges], dim=1)
+    widths = far * torch.tensor(WIDTHS, dtype=y.dtype)
+    smooth = torch.stack([y, rate, y * y.abs(), y**3, *hinges], dim=1)
+    return torch.cat([smooth, stretches(y, widths, torch.zeros_like(widths))], dim=1)

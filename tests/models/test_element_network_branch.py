@@ -151,7 +151,7 @@ def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost
     """
     monkeypatch.setattr(branch_choice, "ITERATIONS", 10)
     monkeypatch.setattr(branch_polish, "GROWING_STEPS", 5)
-    monkeypatch.setattr(ElementNetworkBranch, "_with_states", lambda model, records: records)
+    monkeypatch.setattr(ElementNetworkBranch, "_named", lambda model, records: None)
     test, errors = shaken(5, 800, 0.2), np.zeros((2, 3))
     for i, lengths in enumerate(((), branch_polish.GROWING)):
         monkeypatch.setattr(branch_polish, "GROWING", lengths)
@@ -181,13 +181,15 @@ def test_a_named_law_tells_how_a_chain_moved_whose_accelerations_alone_are_known
     true, drawn = [shaken(k, 400, 0.2) for k in (0, 4)], torch.Generator().manual_seed(3)
     seen = stack([_measured(record, drawn) for record in true])
     model = ElementNetworkBranch(2, 2, DT, masses=MASSES, **SMALL)
-    (told,), x = model._with_states(model.admitted([seen])), stack(true).x
+    records, x = model.admitted([seen]), stack(true).x
+    (told,) = model._with_states(records, model._named(records))
     integrated = reconstructed_of(seen)[0]
     assert float((told.x - x).norm()) < 0.3 * float((integrated - x).norm())
     assert torch.equal(told.a, seen.a)
     monkeypatch.setattr(near, "searched", lambda *_, **__: {})  # it is found already
     monkeypatch.setattr(element_network_branch, "NAMED", 0.0)  # no law is as near as that
-    (same,) = model._with_states(model.admitted([seen]))
+    assert model._named(records) is None
+    (same,) = model._with_states(records, None)
     assert same.x is None
 
 

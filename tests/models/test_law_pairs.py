@@ -13,8 +13,9 @@ from data.record import Record
 from data.simulation.element_test import force
 from data.simulation.elements import MenegottoPinto, SelfCentering, SlackBrace, Takeda
 from data.simulation.structure import Structure
+from models import element_network_branch
 from models.element_network_branch import ElementNetworkBranch
-from models.element_network_named import ElementNetworkNamed
+from models.element_network_named import ElementNetworkNamed as Named
 from models.named_element import NamedElement
 from models.named_laws.candidate import Units
 from models.named_laws.fit import Fit, _factors
@@ -114,7 +115,7 @@ def test_masses_of_a_chain_are_found_with_its_laws(base):
     unseen = shaken(structure, 7, 0.28)
     if base:
         records, unseen = [_of_base(r) for r in records], _of_base(unseen)
-    model = ElementNetworkNamed(
+    model = Named(
         2, records[0].excitation.shape[-1], DT, "chain", forced="base" if base else [],
         laws=["MenegottoPinto", "SelfCentering"],
     )  # fmt: skip
@@ -135,8 +136,7 @@ def test_a_learned_law_of_a_chain_without_masses_begins_with_those_of_named_laws
         shaken(Structure([5e4, 3e4], elements), i, size) for i, size in enumerate((0.3, 0.22))
     ]
     laws = ["MenegottoPinto", "SelfCentering"]
-    few = partial(ElementNetworkNamed, 2, 2, DT, "chain", None, [], laws)
-    monkeypatch.setattr(ElementNetworkBranch, "_named", lambda self: few())
+    monkeypatch.setattr(element_network_branch, "ElementNetworkNamed", partial(Named, laws=laws))
     model = ElementNetworkBranch(
         2, 2, DT, "chain", None, [], ramps=4, bends=1, force_memory=False, law_starts=1, prior=1e-3,
         unsymmetric=False,

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
+import numpy as np
 import pytest
 import torch
 
+from data.record import Record
+from data.simulation.elements import Element, MenegottoPinto, Polynomial, SelfCentering, Takeda
+from data.simulation.motion import Motion, simulate
+from data.simulation.structure import Structure
 from models.element_network import ElementNetwork
 from models.starts.topology import topology_of
 from models.training.assemble import data_from
@@ -61,3 +67,57 @@ def test_on_one_support_displacements_tell_it_and_without_them_it_is_a_chain(sys
     (record,) = data.records["train"]
     assert topology_of([record]) == told
     assert topology_of([replace(record, x=None, v=None)]) == "chain"
+
+
+def drawn(seed: int, joined: bool) -> tuple[Record, Record]:
+    """Two to four masses whose storeys yield, of drawn size, unit and law, on a moving support.
+
+    joined: a spring of 0.3 to 2 storeys joins the last mass to the support. Also the same motion as
+    accelerations against the base, with 3 % noise.
+    """
+    rng, dt, T = np.random.default_rng(seed), 0.01, 2500
+    n, unit, t = int(rng.integers(2, 5)), 10.0 ** rng.uniform(-3.0, 3.0), dt * np.arange(T)
+    m = 10.0 ** rng.uniform(0.0, 6.0) * rng.uniform(0.6, 1.4, n)
+    k = m.mean() * (4.0 / rng.uniform(0.1, 0.3)) ** 2 * rng.uniform(0.6, 1.4, n)
+    w, phase = 2.0 * np.pi * rng.uniform(0.3, 5.0, 40), rng.uniform(0.0, 6.28, 40)
+    rise = np.minimum(t / 4.0, 1.0) ** 2
+    s = rise * (np.sin(np.outer(t, w) + phase) / w**1.5).sum(axis=1)
+    speed = np.gradient(s, dt, edge_order=2)
+    laws, abutment = rng.integers(0, 3, n), rng.uniform(0.3, 2.0) * k.mean()
+
+    def moved(yields_at: float) -> Motion:
+        nodes = ["s1", *(f"x{i + 1}" for i in range(n))]
+        elements: dict[str, Element] = {}
+        for i in range(n):
+            own = {"stiffness": k[i], "damping": 0.03 * (k[i] * m[i]) ** 0.5}
+            law, where = LAWS[laws[i]]
+            elements[f"r{i}"] = law(between=(nodes[i], nodes[i + 1]), **{where: yields_at}, **own)
+        if joined:
+            elements["z"] = Polynomial(between=("s1", nodes[-1]), stiffness=abutment)
+        structure = Structure(m.tolist(), elements)
+        return simulate(structure, np.zeros((T, n)), dt, s[:, None].copy(), speed[:, None].copy())
+
+    elastic = float(np.abs(moved(1e9).y[:, :n]).max())
+    run = moved(elastic / rng.uniform(1.2, 5.0))
+    x, v, a = (torch.from_numpy(unit * u) for u in (run.x, run.v, run.a))
+    support, rate = (torch.from_numpy(unit * u)[:, None] for u in (s, speed))
+    pushed = torch.from_numpy(unit * np.gradient(speed, dt))[:, None]
+    noise = torch.randn(a.shape, generator=torch.Generator().manual_seed(seed)).double()
+    heard = a - pushed + 0.03 * (a - pushed).std(dim=0) * noise
+    return Record(dt, a, a.new_zeros(T, 0), x, v, support, rate), Record(dt, heard, -pushed)
+
+
+LAWS = [
+    (partial(MenegottoPinto, hardening_ratio=0.03), "yield_displacement"),
+    (partial(SelfCentering, hardening_ratio=0.05, flag=0.8), "activation_displacement"),
+    (partial(Takeda, hardening_ratio=0.05), "yield_displacement"),
+]
+
+
+def test_drawn_chains_are_chains_and_abutments_are_seen():
+    """Sizes, laws and units that nobody chose; a few abutments beside stiff storeys are missed."""
+    chains = [drawn(seed, False) for seed in range(12)]
+    bridges = [drawn(seed, True) for seed in range(12)]
+    for one in (0, 1):  # on a support with the state measured; on a base, by noisy accelerations
+        assert sum(topology_of([pair[one]]) == "all" for pair in chains) <= 1
+        assert sum(topology_of([pair[one]]) == "all" for pair in bridges) >= 9
