@@ -78,7 +78,12 @@ def test_the_force_of_a_pair_is_that_of_its_laws(name):
     fit = Fit(pair, UNITS, pair.drawn(np.random.default_rng(0)))
     y, _ = motion(1, 0.03)
     rate = np.gradient(y, DT, edge_order=2)
-    both = sum(force(one, y, DT, rate) for one in pair.elements(fit.q, UNITS))
+    elements, values = pair.elements(fit.q, UNITS), pair.values(fit.q, UNITS)
+    damping = [value for key, value in values.items() if key.endswith(".damping")]
+    assert [
+        getattr(one, "damping", 0.0) for one in elements if getattr(one, "damping", 0.0)
+    ] == damping
+    both = sum(force(one, y, DT, rate) for one in elements)
     apart = sum(
         force(one, y, DT, rate)
         for half in halves(fit)
