@@ -7,7 +7,7 @@ Whole commands are timed, imports included, beside an empty sweep of the same co
 runs finished before), which is the cost of a sweep without its runs. A run's own work is to
 simulate, fit and score; all time beyond it is overhead. The second table is an upper limit of the
 gain by training networks side by side: loss and gradient of S global MLPs one after the other, and
-stacked under torch.func.
+stacked under torch.func; the last line is what each network's solver does beside that.
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ from functools import partial
 from pathlib import Path
 
 import torch
+from torch import Tensor
 from torch.func import functional_call, grad, stack_module_state, vmap
 
 from benchmarks.timing import seconds_of
 from models.mlp import GlobalMLP
-from models.training.assemble import data_from, estimator_from
+from models.training.assemble import assembled, data_from, estimator_from
 from models.training.identification import SPLITS
 from models.training.metrics import free_run_score, score
 from models.training.problem import Problem
@@ -125,6 +126,38 @@ def networks(counts: list[int], repeats: int) -> None:
         print(f"| {count} | {alone:.1f} | {together:.1f} | {alone / together:.1f} |", flush=True)
 
 
+def solver_alone(iterations: int) -> None:
+    """Print what an iteration of L-BFGS takes beside loss and gradient, of one global MLP."""
+    cfg = composed("model=global_mlp", "system=bilinear", f"solver.iterations={iterations}")
+    data, module, _ = assembled(cfg)
+    data.setup()
+    (record,) = data.train_dataloader()
+    module.estimator.identify([record])
+    assert module.make_solver is not None
+    solver = module.make_solver(module.free_parameters().values())
+    problem = Counted(module.trainable, record)
+    start = time.perf_counter()
+    while not solver.finished:
+        solver.solve(problem)
+    whole = 1e3 * (time.perf_counter() - start) / solver.done
+    every = problem.evaluated / solver.done
+    gradient = 1e3 * statistics.median(seconds_of(partial(_gradients, [problem]), 11))
+    print(
+        f"\nan iteration of L-BFGS: {whole:.2f} ms, of which {every:.2f} losses and gradients take "
+        f"{every * gradient:.2f} ms"
+    )
+
+
+class Counted(Problem):
+    """A problem that knows how often its loss was asked for."""
+
+    evaluated = 0
+
+    def loss(self) -> Tensor:
+        self.evaluated += 1
+        return super().loss()
+
+
 def _gradients(problems: Sequence[Problem]) -> None:
     for problem in problems:
         free = [p for p in problem.module.parameters() if p.requires_grad]
@@ -137,6 +170,7 @@ def main() -> None:
     quick = parser.parse_args().quick
     sweeps(40 if quick else 1000)
     networks([4] if quick else [1, 4, 16, 64], 3 if quick else 11)
+    solver_alone(40 if quick else 400)
 
 
 if __name__ == "__main__":
