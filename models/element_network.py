@@ -27,6 +27,7 @@ from models.composition.simulate import Composition
 from models.composition.stated import typed
 from models.starts.equilibrium import forces_of, integrated_states
 from models.starts.ladder import Equations, linear_start
+from models.starts.smoothed_states import NOISY, noise_of, smoothed
 from models.starts.spectra import Layout, LinearStructure, Spectra
 from models.starts.topology import MOST_PAIRED
 
@@ -183,7 +184,7 @@ class ElementNetwork(Composite):
         is solved for filtered signals (Young 1981). Returns the way that was taken as `start`, and
         what the record leaves open.
         """
-        records = self.admitted(batches)
+        records, smooth = self.with_smooth_states(self.admitted(batches))
         unknown, target, largest = self._equations(records)
         known = self.known_masses
         layout = Layout(
@@ -204,7 +205,20 @@ class ElementNetwork(Composite):
         )
         typical = self._start(found.structure, largest, found.way.startswith("least squares"))
         told = {"topology": self.topology} if self.topology != "as given" else {}
-        return {"linear_stiffness": float(typical), **found.facts(), **told}
+        return {"linear_stiffness": float(typical), **found.facts(), **told, **smooth}
+
+    def with_smooth_states(
+        self, records: list[Record]
+    ) -> tuple[list[Record], dict[str, float | str]]:
+        """The records with x and v smoothed where they are noisy, and what there is to tell."""
+        if not all(self.has_states(r) and r.quantity == "acceleration" for r in records):
+            return records, {}
+        tests = [(test, r.dt) for r in records for test in self.balances(r)]
+        noise = max(noise_of(y.numpy(), rate.numpy(), dt) for (y, rate, *_), dt in tests)
+        if not noise > NOISY:
+            return records, {}
+        told = f"smoothed; noise of x is {100.0 * noise:.2g} % of a deformation"
+        return [smoothed(record) for record in records], {"states": told}
 
     def _start(self, structure: LinearStructure, largest: Tensor, raised: bool = False) -> Tensor:
         """Start at a structure; returns its typical stiffness.

@@ -151,7 +151,7 @@ class ElementNetworkBranch(ElementNetwork):
         Returns what was chosen on motion held back, and how far each law is from the forces by
         equilibrium, beside the linear start's facts.
         """
-        records = self.admitted(batches)
+        records, smooth = self.with_smooth_states(self.admitted(batches))
         named = self._named(records)
         self.records = self._with_states(records, named)
         facts = super().identify(self.records)
@@ -172,7 +172,7 @@ class ElementNetworkBranch(ElementNetwork):
                 facts |= {"mass_damping": alpha}
             self.drag.start(torch.tensor(alpha, dtype=torch.float64))
             self.tests = without(self.tests, drags, alpha)
-        return {**facts, **self._fit(self.choice.seed)}
+        return {**facts, **smooth, **self._fit(self.choice.seed)}
 
     def _named(self, records: list[Record]) -> ElementNetworkNamed | None:
         """The nearest named laws of a chain, found where its masses or its motion are not known.

@@ -103,7 +103,7 @@ class ElementNetworkNamed(ElementNetwork):
     @torch.no_grad()
     def searched(self, batches: Iterable[Record], polished: bool = True) -> dict[str, Any]:
         """`identify`; polished: else all laws stay as they were before the free run of all."""
-        records = self.admitted(batches)
+        records, smooth = self.with_smooth_states(self.admitted(batches))
         facts = ElementNetwork.identify(self, records)
         assert self.linear is not None
         stiffness = self.linear[0].clamp_min(SOFTEST * self.linear[0].max())
@@ -138,7 +138,7 @@ class ElementNetworkNamed(ElementNetwork):
                 if apart:  # by equilibrium, motion held back chose sides
                     laws = runs.sided(laws)
         self._take(laws)
-        return {**facts, **told(laws.fits, errors, "apart" if apart else "held_back")}
+        return {**facts, **smooth, **told(laws.fits, errors, "apart" if apart else "held_back")}
 
     def _take(self, laws: Laws) -> None:
         for e, fit in enumerate(laws.fits):

@@ -80,14 +80,24 @@ def _pendulum(values: Values, between: Sequence[str]) -> list[Element]:
 
 
 def _bouc_wen(values: Values, between: Sequence[str]) -> list[Element]:
-    """By the largest z: β + γ = z⁻ⁿ, of which β has a share above a half."""
-    exponent = 1.0 + values["above_one"]
-    bend = values["largest"] ** -exponent
+    """By the largest z: β + γ ± 2 φ = z⁻ⁿ; of β + γ, β has a share above a half.
+
+    uneven: how many times as large as backward z grows forward.
+    """
+    exponent, uneven = 1.0 + values["above_one"], values.get("uneven", 1.0) ** 0.5
+    forward, backward = ((values["largest"] * u) ** -exponent for u in (uneven, 1.0 / uneven))
+    bend = 0.5 * (forward + backward)
     beta = bend * (0.5 + 0.5 * values["beta_share"])
     own = {name: values[name] for name in ("stiffness", "post_yield_ratio")}
     degrading = {name: v for name, v in values.items() if name in (*PER_ENERGY, *PINCHING)}
     law = BaberNoori(
-        between=between, beta=beta, gamma=bend - beta, exponent=exponent, **own, **degrading
+        between=between,
+        beta=beta,
+        gamma=bend - beta,
+        asymmetry=0.25 * (forward - backward),
+        exponent=exponent,
+        **own,
+        **degrading,
     )
     return [law, Polynomial(between=between, stiffness=0.0, damping=values["damping"])]
 
@@ -110,9 +120,11 @@ STEEL_PARAMETERS = {
     "growth": Parameter(0.003, 0.1),
     "damping": DAMPING,
 }
-UNEVEN_STEEL = Candidate(
-    "UnevenMenegottoPinto", {**STEEL_PARAMETERS, "uneven": Parameter(0.9, 1.1)}, _steel
-)
+_DEGRADING = {**_SMOOTH, **PER_ENERGY, **PINCHING}
+_UNEVEN = {"uneven": Parameter(0.9, 1.1)}
+UNEVEN_BOUC_WEN = Candidate("UnevenBoucWen", {**_SMOOTH, **_UNEVEN}, _bouc_wen)
+UNEVEN_BABER_NOORI = Candidate("UnevenBaberNoori", {**_DEGRADING, **_UNEVEN}, _bouc_wen)
+UNEVEN_STEEL = Candidate("UnevenMenegottoPinto", {**STEEL_PARAMETERS, **_UNEVEN}, _steel)
 STEEL = Candidate("MenegottoPinto", STEEL_PARAMETERS, _steel, uneven=UNEVEN_STEEL)
 CANDIDATES = {
     candidate.name: candidate
@@ -164,17 +176,9 @@ CANDIDATES = {
             _pendulum,
             ("stiffness", "slow", "faster"),
         ),
-        Candidate("BoucWen", _SMOOTH, _bouc_wen),
+        Candidate("BoucWen", _SMOOTH, _bouc_wen, uneven=UNEVEN_BOUC_WEN),
         STEEL,
-        Candidate(
-            "BaberNoori",
-            {
-                **_SMOOTH,
-                **PER_ENERGY,
-                **PINCHING,
-            },
-            _bouc_wen,
-        ),
+        Candidate("BaberNoori", _DEGRADING, _bouc_wen, uneven=UNEVEN_BABER_NOORI),
         FOUR_POINTS,
         Candidate(
             "Linear", {"stiffness": STIFFNESS, "damping": DAMPING}, _plain(Polynomial)
@@ -183,5 +187,7 @@ CANDIDATES = {
         UNEVEN_FOUR_POINTS,
         THREE_POINTS,
         UNEVEN_THREE_POINTS,
+        UNEVEN_BOUC_WEN,
+        UNEVEN_BABER_NOORI,
     )
 }

@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 from data.record import Record, stack
 from data.simulation.element_test import force
 from data.simulation.elements import (
+    BaberNoori,
     Element,
     MenegottoPinto,
     Pinching4,
@@ -88,12 +89,21 @@ def test_a_planted_law_is_found_by_its_name_and_holds_beyond_what_it_saw(name):
     assert error(model, [element_test(law, 7, 0.035), element_test(law, 8, 0.06)]) < 1.0
 
 
-def test_steel_that_grows_more_on_one_side_is_found():
+LOPSIDED = {
+    "MenegottoPinto": replace(PLANTED["MenegottoPinto"], a1=0.06, a3=0.01),  # grows on one side
+    "BoucWen": BaberNoori(  # weaker forward
+        between=TESTED, stiffness=2e7, post_yield_ratio=0.1, beta=60.0, gamma=40.0, asymmetry=15.0
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LOPSIDED)
+def test_a_law_whose_sides_differ_is_found(name):
     """As a law of its own, where sides that are alike do not suit the motion held back."""
-    law = replace(PLANTED["MenegottoPinto"], a1=0.06, a3=0.01)
-    model = NamedElement(1, 2, DT, laws=["MenegottoPinto", "SelfCentering"])
+    law = LOPSIDED[name]
+    model = NamedElement(1, 2, DT, laws=[name, "SelfCentering"])
     facts = model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025))])
-    assert facts["laws"] == "UnevenMenegottoPinto"
+    assert facts["laws"] == f"Uneven{name}"
     assert error(model, [element_test(law, 7, 0.035), element_test(law, 8, 0.06)]) < 1.0
     restored = NamedElement(1, 2, DT)
     restored.load_state_dict(model.state_dict())

@@ -1,0 +1,94 @@
+"""Measured displacements and velocities without their noise, by what joins them to accelerations.
+
+    x_{k+1} = x_k + Δt (v_k + v_{k+1}) / 2 + Δt² (a_k − a_{k+1}) / 12,   v_{k+1} = v_k + Δt ā_k
+
+hold but for noise of a. Of all motions, the one is taken that is nearest to what was measured of
+these and of x and v, each over its noise: the smoother of Smyth & Wu (2007), Mech. Syst. Signal
+Process. 21, 706–723. How strong a noise is, sixth differences tell, in which a smooth signal leaves
+next to nothing (Hall, Kay & Titterington 1990, Biometrika 77, 521–528). Without this, laws that
+take deformations as they are see turning points and yielding that never were.
+T samples, n DOFs, E elements.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from data.record import Record
+
+ORDER = 6  # of the differences
+NOISY = 5e-3  # of a deformation: below, states are left as they are
+FIRM = 1e-3  # of the noise of x and v: least slack of their steps, so that rounding does no harm
+LEAST = 1e-12  # of a signal's size: noise of one that has none
+
+
+def noise_of(y: np.ndarray, rate: np.ndarray, dt: float) -> float:
+    """Noise of deformations y (T, E) [m] over their size, that of the noisiest; at most so much.
+
+    What sixth differences or the rates [m/s] do not explain: of a smooth signal both are small.
+    """
+    if len(y) <= ORDER:
+        return 0.0
+    unexplained = np.diff(y, axis=0) - 0.5 * dt * (rate[1:] + rate[:-1])
+    of_steps = np.sqrt(0.5 * (unexplained**2).mean(axis=0))
+    size = np.sqrt((y**2).mean(axis=0))
+    shares = np.minimum(_roughness(y), of_steps) / np.where(size > 0.0, size, 1.0)
+    return float(shares.max(initial=0.0))
+
+
+def smoothed(record: Record) -> Record:
+    """The record with x and v smoothed; accelerations stay as they were measured."""
+    assert record.x is not None
+    assert record.v is not None
+    signals = [s.detach().cpu().numpy() for s in (record.x, record.v, record.a)]
+    motions = zip(*(s.reshape(-1, *s.shape[-2:]) for s in signals), strict=True)
+    found = [_smoothed(x, v, a, record.dt) for x, v, a in motions]
+    x, v = (torch.from_numpy(np.stack(parts)) for parts in zip(*found, strict=True))
+    return replace(record, x=x.reshape(record.a.shape), v=v.reshape(record.a.shape))
+
+
+def _roughness(signal: np.ndarray) -> np.ndarray:
+    """Standard deviation (c,) of white noise in a smooth signal (T, c)."""
+    left = np.diff(signal, n=ORDER, axis=0)
+    spread: np.ndarray = np.sqrt((left**2).mean(axis=0) / math.comb(2 * ORDER, ORDER))
+    return np.maximum(spread, LEAST * np.abs(signal).max(axis=0) + np.finfo(float).tiny)
+
+
+def _smoothed(
+    x: np.ndarray, v: np.ndarray, a: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """x and v (T, n) of a motion."""
+    noise = zip(*map(_roughness, (x, v, a)), strict=True)
+    found = [_nearest(x[:, i], v[:, i], a[:, i], dt, *own) for i, own in enumerate(noise)]
+    xs, vs = zip(*found, strict=True)
+    return np.stack(xs, axis=1), np.stack(vs, axis=1)
+
+
+def _nearest(
+    x: np.ndarray, v: np.ndarray, a: np.ndarray, dt: float, of_x: float, of_v: float, of_a: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """x and v (T,) by normal equations of z = (x₀, v₀, x₁, v₁, …), which have four diagonals."""
+    from scipy.linalg import solveh_banded  # slow to import
+
+    n = 2 * len(x)
+    diagonals, side = np.zeros((4, n)), np.zeros(n)
+    diagonals[0] = np.tile([of_x**-2, of_v**-2], len(x))
+    side[0::2], side[1::2] = x / of_x**2, v / of_v**2
+    slack_v = max(dt * of_a / math.sqrt(2.0), FIRM * of_v)
+    slack_x = max(dt**2 * of_a / math.sqrt(72.0), FIRM * of_x)
+    before, after = a[:-1], a[1:]
+    steps = (  # factors of x_k, v_k, x_{k+1} and v_{k+1}, what they make, and its slack
+        ((0.0, -1.0, 0.0, 1.0), 0.5 * dt * (before + after), slack_v),
+        ((-1.0, -0.5 * dt, 1.0, -0.5 * dt), dt**2 / 12.0 * (before - after), slack_x),
+    )
+    for factors, made, slack in steps:
+        for i, one in enumerate(factors):
+            side[i : n - 2 + i : 2] += one * made / slack**2
+            for j, other in enumerate(factors[: i + 1]):
+                diagonals[i - j, j : n - 2 + j : 2] += one * other / slack**2
+    z = solveh_banded(diagonals, side, lower=True)
+    return z[0::2], z[1::2]

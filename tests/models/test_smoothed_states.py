@@ -1,0 +1,103 @@
+"""Noise of measured states: how strong it is, how little is left, and laws that are found in it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Record
+from data.simulation.elements import MenegottoPinto, SelfCentering
+from data.simulation.structure import Structure
+from models.element_network_named import ElementNetworkNamed
+from models.starts.smoothed_states import NOISY, noise_of, smoothed
+from tests.models.test_named_laws import DT, error, shaken
+
+STEP, SAMPLES = 0.01, 3000
+
+
+def moved(seed: int, per: float = 1.0) -> Record:
+    """Two channels of sines from any state; per: of the unit of length."""
+    rng, t = np.random.default_rng(seed), STEP * np.arange(SAMPLES)
+    w, phase = rng.uniform(1.0, 20.0, (2, 8)), rng.uniform(0.0, 6.0, (2, 8))
+    angles = t[:, None, None] * w + phase
+    x = (np.sin(angles) / w).sum(axis=2)
+    v, a = np.cos(angles).sum(axis=2), -(w * np.sin(angles)).sum(axis=2)
+    x, v, a = (torch.from_numpy(per * u) for u in (x, v, a))
+    return Record(STEP, a, a.new_zeros(SAMPLES, 0), x, v)
+
+
+def noisy(record: Record, level: float, seed: int) -> Record:
+    """White noise on x, v and a, of a share of each channel's standard deviation."""
+    draw = torch.Generator().manual_seed(seed)
+
+    def more(u: torch.Tensor) -> torch.Tensor:
+        random = torch.randn(u.shape, generator=draw, dtype=u.dtype)
+        return u + level * u.std(dim=-2, keepdim=True) * random
+
+    return replace(record, **{name: more(getattr(record, name)) for name in ("x", "v", "a")})
+
+
+def off(record: Record, truth: Record, name: str) -> float:
+    one, other = (getattr(r, name) for r in (record, truth))
+    return float((one - other).norm() / other.norm())
+
+
+@pytest.mark.parametrize("level", [0.01, 0.1])
+def test_noise_is_told_and_most_of_it_is_gone(level):
+    truth = moved(0)
+    measured = noisy(truth, level, 1)
+    told = noise_of(measured.x.numpy(), measured.v.numpy(), STEP)
+    assert told == pytest.approx(level, rel=0.1)
+    better = smoothed(measured)
+    for name in ("x", "v"):
+        assert off(better, truth, name) < 0.35 * off(measured, truth, name)
+    assert torch.equal(better.a, measured.a)
+
+
+def test_a_motion_without_noise_is_not_called_noisy():
+    truth = moved(2)
+    assert noise_of(truth.x.numpy(), truth.v.numpy(), STEP) < 0.1 * NOISY
+    rough = replace(truth, x=truth.x.round(decimals=4))  # of the sensor's digits
+    assert noise_of(rough.x.numpy(), rough.v.numpy(), STEP) < NOISY
+
+
+def test_a_change_of_units_changes_nothing():
+    one, other = (smoothed(noisy(moved(3, per), 0.05, 4)) for per in (1.0, 1e3))
+    for name in ("x", "v"):
+        here, there = getattr(one, name), getattr(other, name) / 1e3
+        assert torch.allclose(here, there, rtol=0.0, atol=1e-9 * float(here.abs().max()))
+
+
+def test_every_motion_of_a_batch_is_smoothed_by_itself():
+    records = [noisy(moved(seed), 0.05, seed) for seed in (5, 6)]
+    whole = smoothed(records[0].map(lambda u: torch.stack([u, u])))
+    assert torch.equal(whole.x[1], smoothed(records[0]).x)
+    assert not torch.equal(smoothed(records[1]).x, whole.x[0])
+
+
+def test_laws_of_a_chain_are_found_in_states_with_noise():
+    """Without masses; in the states as they are, tenths of noise are yielding that never was."""
+    structure = Structure(
+        [3e4, 3e4],
+        {
+            "r1": MenegottoPinto(
+                between=("s1", "x1"), yield_displacement=0.01, stiffness=2e7,
+                hardening_ratio=0.03, damping=6e4,
+            ),
+            "r2": SelfCentering(
+                between=("x1", "x2"), activation_displacement=0.004, stiffness=2e7,
+                hardening_ratio=0.06, flag=0.7, damping=6e4,
+            ),
+        },
+    )  # fmt: skip
+    records = [noisy(shaken(structure, i, size), 0.1, i) for i, size in enumerate((0.3, 0.22))]
+    model = ElementNetworkNamed(
+        2, 2, DT, "chain", None, [], laws=["MenegottoPinto", "SelfCentering", "Takeda"]
+    )
+    facts = model.identify(records)
+    assert facts["laws"] == "MenegottoPinto, SelfCentering"
+    assert str(facts["states"]).startswith("smoothed; noise of x is")
+    assert error(model, [shaken(structure, 7, 0.3)]) < 2.0
