@@ -18,7 +18,16 @@ import numpy as np
 from models.named_laws import pairs
 from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, followed, sized, two_largest, units_of
+from models.named_laws.fit import (
+    NEGLIGIBLE,
+    Fit,
+    Motion,
+    followed,
+    noise_of,
+    sized,
+    two_largest,
+    units_of,
+)
 from models.training.doing import doing
 
 DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
@@ -29,11 +38,12 @@ FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of t
 ANEW, TRIED, AGAIN = 60, 3, 6  # draws of a part in a round; parts followed; iterations
 ROUNDS, MOST_ROUNDS = 4, 12  # beyond the first some, rounds go on while they gain
 GAINED = 0.95  # times the error: a round that leaves more gains nothing
-IN_THE_LEAD = 3.0  # times the least error: laws beyond are given up
+IN_THE_LEAD = 3.0  # times the least error, less noise: laws beyond are given up
 NEARLY = 1.1  # times the least error on the motion held back
 NEWS = 2.0  # times the error without it, after the fit to all: the largest motion showed more
 RIVAL = 1.5  # times the least error at first: laws whose sides may differ, too
-ALONE = 0.02  # error of a law on the motion held back: beyond, two in parallel are tried
+ALONE = 0.02  # error of a law on the motion held back, less noise: beyond, two are tried
+UNSURE = 0.2  # of the noise of a force: an error less noise may be as large by chance
 HALF = 0.5  # of what even laws leave at first: where sides that differ leave less, they go on alone
 PAIRED = 0.5  # of what a law alone leaves on the motion held back: two in parallel are taken
 
@@ -76,17 +86,17 @@ def _read(
     return candidate.read([(m.y[m.first :], m.r[m.first :]) for m in motions], rng)
 
 
-def improved(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Fit:
+def improved(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator, enough: float) -> Fit:
     """The law after rounds in which parts of its numbers are drawn anew, the others held.
 
-    motions: those of the law's error.
+    motions: those of the law's error, of which `enough` ends the search.
     """
     for number in range(MOST_ROUNDS if fit.candidate.parts else 0):
         trials = sorted(_anew(fit, motions, rng), key=lambda one: one.error)[:TRIED]
         ends = [followed(one, motions, AGAIN) for one in trials]
         before, fit = fit.error, min([fit, *ends], key=_error)
         over = number + 1 >= ROUNDS and fit.error > GAINED * before
-        if fit.error < NEGLIGIBLE or over:
+        if fit.error < enough or over:
             break
     return fit
 
@@ -111,11 +121,13 @@ def tried(
     names: Sequence[str], motions: Sequence[Motion], units: Units, seed: int
 ) -> dict[str, list[Fit]]:
     """The laws in the lead on some motions, each from its best starts, the best first."""
+    noise, enough = noise_of(motions), floor_of(motions)
     motions = [motion.thinned() for motion in motions]
     largest = two_largest(motions)
     draws = _draws(names, seed)
     starts = {name: begun(CANDIDATES[name], largest, units, draws[name]) for name in names}
-    lead = IN_THE_LEAD * min(one.error for ends in starts.values() for one in ends)
+    least = min(one.error for ends in starts.values() for one in ends)
+    lead = math.hypot(noise, max(IN_THE_LEAD * _beside(noise, least), noise))
     if sides := _sides(starts, motions, largest, draws):
         starts, lead = sides, RIVAL * min(ends[0].error for ends in sides.values())
     lead = max(lead, NEGLIGIBLE)
@@ -123,7 +135,7 @@ def tried(
     for name, ends in starts.items():
         near = [one for one in ends if one.error <= lead]
         if near:
-            found[name] = _ended(near, motions, largest, draws[name])
+            found[name] = _ended(near, motions, largest, draws[name], enough)
     return found
 
 
@@ -161,6 +173,7 @@ def _ended(
     motions: Sequence[Motion],
     largest: Sequence[Motion],
     rng: np.random.Generator,
+    enough: float,
 ) -> list[Fit]:
     """Starts followed on all motions, the best first; no more of them where one leaves nothing."""
     ends: list[Fit] = []
@@ -168,8 +181,8 @@ def _ended(
         doing(
             f"{one.candidate.name}, start {number} of {len(starts)}, error {100 * one.error:.3g} %"
         )
-        ends.append(followed(improved(one, largest, rng), motions, MIDDLE))
-        if ends[-1].error < NEGLIGIBLE:
+        ends.append(followed(improved(one, largest, rng, enough), motions, MIDDLE))
+        if ends[-1].error < enough:
             break
     return sorted(ends, key=lambda one: one.error)
 
@@ -191,25 +204,29 @@ def chosen(
     found = tried(names, rest, units, seed)
     errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
     best = smallest(errors)
-    if best in names and _alone(found[best]):
+    if best in names and _alone(found[best], floor_of(rest)):
         more = tried([best], rest, units, seed + 1)[best]
         found[best] = sorted([*found[best], *more], key=_error)
         errors[best] = found[best][0].error_on([judged])
     near, best = alike(errors), smallest(errors)
-    if best in names and errors[best] > NEGLIGIBLE and CANDIDATES[best].uneven is not None:
+    enough = floor_of([judged])
+    if best in names and errors[best] > enough and CANDIDATES[best].uneven is not None:
         wider = _uneven(found[best][0], rest, seed)
         found[wider.candidate.name] = [wider]
         errors[wider.candidate.name] = wider.error_on([judged])
         best = smallest(errors)
-    if errors[best] > ALONE and (pair := pairs.nearest(names, rest, units, seed)) is not None:
+    noise = noise_of([judged])
+    left = _beside(noise, errors[best])
+    more_than_noise = left > max(ALONE, UNSURE * noise)
+    if more_than_noise and (pair := pairs.nearest(names, rest, units, seed)) is not None:
         two = pair.error_on([judged])
-        if two < PAIRED * errors[best]:
+        if _beside(noise, two) < PAIRED * left:
             return _final([pair], motions, seed), {**errors, pair.candidate.name: two}
     if best not in names:  # sides differ
         return _final(found[best][:1], motions, seed), errors
     final = _final(found[best], motions, seed)
-    news = final.error > max(NEWS * found[best][0].error, NEGLIGIBLE)
-    if news or (len(near) > 1 and min(errors.values()) > NEGLIGIBLE):
+    news = final.error > max(NEWS * found[best][0].error, floor_of(motions))
+    if news or (len(near) > 1 and min(errors.values()) > enough):
         far = IN_THE_LEAD * errors[best]
         again = [name for name, e in errors.items() if name in near or (news and e <= far)]
         found = tried([name for name in again if name in names], motions, units, seed)
@@ -219,20 +236,33 @@ def chosen(
     return final, errors
 
 
-def _alone(ends: Sequence[Fit]) -> bool:
+def _beside(noise: float, error: float) -> float:
+    """What is left of an error without noise, both relative."""
+    return math.sqrt(max(error**2 - noise**2, 0.0))
+
+
+def floor_of(motions: Sequence[Motion]) -> float:
+    """Error below which nothing is left of motions: what is no more than their noise."""
+    return max(NEGLIGIBLE, math.hypot(1.0, UNSURE) * noise_of(motions))
+
+
+def _alone(ends: Sequence[Fit], enough: float) -> bool:
     """The best of a law drawn in parts has an end that no other start reached, and leaves much."""
     first, *others = ends
-    if not first.candidate.parts or first.error < NEGLIGIBLE:
+    if not first.candidate.parts or first.error < enough:
         return False
     return not others or others[0].error > NEARLY * first.error
 
 
 def _final(ends: Sequence[Fit], motions: Sequence[Motion], seed: int) -> Fit:
     """The best of a law after the last fit, to all motions; its parts are drawn anew on these."""
-    best = min([followed(one, motions, LAST) for one in ends[:STAY]], key=_error)
-    if best.error < NEGLIGIBLE:
+    best, enough = (
+        min([followed(one, motions, LAST) for one in ends[:STAY]], key=_error),
+        floor_of(motions),
+    )
+    if best.error < enough:
         return best
-    better = improved(best, motions, best.candidate.draws(seed))
+    better = improved(best, motions, best.candidate.draws(seed), enough)
     return best if better is best else followed(better, motions, LAST)
 
 
@@ -246,10 +276,10 @@ def _uneven(fit: Fit, motions: Sequence[Motion], seed: int) -> Fit:
     Sides cost parameters: where they do not leave half of what all laws leave without them, they
     are tried of the law alone that suits best without them.
     """
-    motions = [motion.thinned() for motion in motions]
+    enough, motions = floor_of(motions), [motion.thinned() for motion in motions]
     largest, draws = two_largest(motions), _draws([fit.candidate.name], seed)
     ends = _begun_uneven(fit, motions, largest, draws)
-    ends = _ended(ends, motions, largest, draws[ends[0].candidate.name])
+    ends = _ended(ends, motions, largest, draws[ends[0].candidate.name], enough)
     return followed(ends[0], motions, LAST)
 
 

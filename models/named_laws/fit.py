@@ -14,6 +14,7 @@ import numpy as np
 from data.simulation.element_test import force
 from data.simulation.elements import Element
 from models.named_laws.candidate import Candidate, Units
+from models.starts.smoothed_states import roughness
 
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
 NEGLIGIBLE = 1e-3  # errors below are alike
@@ -130,6 +131,13 @@ def _force(elements: Sequence[Element], motion: Motion) -> np.ndarray:
 def joined(motions: Sequence[Motion], name: str) -> np.ndarray:
     """A signal of all motions, one after the other, where it counts."""
     return np.concatenate([getattr(m, name)[m.first :] for m in motions])
+
+
+def noise_of(motions: Sequence[Motion]) -> float:
+    """Noise of the forces over their size; at most so much (models/starts/smoothed_states.py)."""
+    forces = [m.r[m.first :] for m in motions]
+    noise = sum(len(r) * float(roughness(r[:, None])[0]) ** 2 for r in forces)
+    return math.sqrt(noise / sum(float(r @ r) for r in forces))
 
 
 def two_largest(motions: Sequence[Motion]) -> list[Motion]:

@@ -21,6 +21,7 @@ import torch
 from data.record import Record
 
 ORDER = 6  # of the differences
+HALFWAY = 0.6745  # standard deviations, beyond which half of the values of a normal law are
 NOISY = 5e-3  # of a deformation: below, states are left as they are
 FIRM = 1e-3  # of the noise of x and v: least slack of their steps, so that rounding does no harm
 LEAST = 1e-12  # of a signal's size: noise of one that has none
@@ -36,7 +37,7 @@ def noise_of(y: np.ndarray, rate: np.ndarray, dt: float) -> float:
     unexplained = np.diff(y, axis=0) - 0.5 * dt * (rate[1:] + rate[:-1])
     of_steps = np.sqrt(0.5 * (unexplained**2).mean(axis=0))
     size = np.sqrt((y**2).mean(axis=0))
-    shares = np.minimum(_roughness(y), of_steps) / np.where(size > 0.0, size, 1.0)
+    shares = np.minimum(roughness(y), of_steps) / np.where(size > 0.0, size, 1.0)
     return float(shares.max(initial=0.0))
 
 
@@ -51,10 +52,15 @@ def smoothed(record: Record) -> Record:
     return replace(record, x=x.reshape(record.a.shape), v=v.reshape(record.a.shape))
 
 
-def _roughness(signal: np.ndarray) -> np.ndarray:
-    """Standard deviation (c,) of white noise in a smooth signal (T, c)."""
-    left = np.diff(signal, n=ORDER, axis=0)
-    spread: np.ndarray = np.sqrt((left**2).mean(axis=0) / math.comb(2 * ORDER, ORDER))
+def roughness(signal: np.ndarray) -> np.ndarray:
+    """Standard deviation (c,) of white noise in a smooth signal (T, c).
+
+    By the median, too: few kinks change it little.
+    """
+    left = np.diff(signal, n=ORDER, axis=0) if len(signal) > ORDER else np.zeros((1, 1))
+    usual = np.median(np.abs(left), axis=0) / HALFWAY
+    spread: np.ndarray = np.minimum(usual, np.sqrt((left**2).mean(axis=0)))
+    spread = spread / math.sqrt(math.comb(2 * ORDER, ORDER))
     return np.maximum(spread, LEAST * np.abs(signal).max(axis=0) + np.finfo(float).tiny)
 
 
@@ -62,7 +68,7 @@ def _smoothed(
     x: np.ndarray, v: np.ndarray, a: np.ndarray, dt: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """x and v (T, n) of a motion."""
-    noise = zip(*map(_roughness, (x, v, a)), strict=True)
+    noise = zip(*map(roughness, (x, v, a)), strict=True)
     found = [_nearest(x[:, i], v[:, i], a[:, i], dt, *own) for i, own in enumerate(noise)]
     xs, vs = zip(*found, strict=True)
     return np.stack(xs, axis=1), np.stack(vs, axis=1)

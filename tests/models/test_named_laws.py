@@ -27,12 +27,13 @@ from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
 from models.named_element import NamedElement
+from models.named_laws import choice
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.choice import _alone, smallest
 from models.named_laws.differences import descended
 from models.named_laws.envelopes import envelopes, moved, uneven_envelopes, uneven_moved
-from models.named_laws.fit import Fit, Motion
+from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, noise_of
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.storey import Storey, residuals
 from models.named_laws.storeys import together
@@ -129,6 +130,20 @@ def test_noise_of_the_force_leaves_the_law_as_it_is():
     model = NamedElement(1, 2, DT, laws=["SelfCentering", "Takeda"])
     model.identify([element_test(law, i, noise=0.05) for i in range(2)])
     assert error(model, [element_test(law, 7)]) < 2.0
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_what_is_no_more_than_noise_ends_the_search(noise, monkeypatch):
+    """Of the force it is told; two laws in parallel are tried of what no law alone follows."""
+    test = element_test(PLANTED["Takeda"], 0, noise=noise)
+    y, rate, r = (u[:, 0].numpy().copy() for u in (test.s, test.s_dot, test.a))
+    motion = Motion(DT, y, rate, r, np.zeros((len(y), 0)))
+    assert noise_of([motion]) == pytest.approx(noise, abs=1e-3, rel=0.15)
+    for laws, asked in ((["Takeda"], 0), (["Linear"], 1)):
+        tried: list[object] = []
+        monkeypatch.setattr(choice.pairs, "nearest", lambda *these, t=tried: t.append(these))
+        choice.chosen([motion], laws, 0)
+        assert len(tried) == asked
 
 
 def test_laws_that_are_tried_beside_a_law_change_none_of_its_numbers():
@@ -519,4 +534,4 @@ def test_an_end_that_no_other_start_reached_is_told(law, errors, alone):
     candidate = CANDIDATES[law]
     q = np.zeros(len(candidate.parameters))
     ends = [Fit(candidate, Units(1.0, 1.0, 1.0, 1.0), q, error) for error in errors]
-    assert _alone(ends) is alone
+    assert _alone(ends, NEGLIGIBLE) is alone
