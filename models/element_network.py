@@ -27,7 +27,7 @@ from models.composition.simulate import Composition
 from models.composition.stated import typed
 from models.starts.equilibrium import forces_of, integrated_states
 from models.starts.ladder import Equations, linear_start
-from models.starts.smoothed_states import NOISY, noise_of, smoothed
+from models.starts.smoothed_states import NOISY, are_of_one_motion, noise_of, smoothed
 from models.starts.spectra import Layout, LinearStructure, Spectra
 from models.starts.topology import MOST_PAIRED
 
@@ -210,15 +210,21 @@ class ElementNetwork(Composite):
     def with_smooth_states(
         self, records: list[Record]
     ) -> tuple[list[Record], dict[str, float | str]]:
-        """The records with x and v smoothed where they are noisy, and what there is to tell."""
+        """The records with x and v smoothed where they are noisy, and what there is to tell.
+
+        They stay as measured where they are not of one motion with the accelerations.
+        """
         if not all(self.has_states(r) and r.quantity == "acceleration" for r in records):
             return records, {}
         tests = [(test, r.dt) for r in records for test in self.balances(r)]
         noise = max(noise_of(y.numpy(), rate.numpy(), dt) for (y, rate, *_), dt in tests)
         if not noise > NOISY:
             return records, {}
-        told = f"smoothed; noise of x is {100.0 * noise:.2g} % of a deformation"
-        return [smoothed(record) for record in records], {"states": told}
+        told = f"noise of x is {100.0 * noise:.2g} % of a deformation"
+        found = [smoothed(record) for record in records]
+        if not all(map(are_of_one_motion, records, found)):
+            return records, {"states": f"as measured; {told}, and x, v and ẍ do not agree"}
+        return found, {"states": f"smoothed; {told}"}
 
     def _start(self, structure: LinearStructure, largest: Tensor, raised: bool = False) -> Tensor:
         """Start at a structure; returns its typical stiffness.

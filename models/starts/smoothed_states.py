@@ -17,6 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from data.record import Record
 
@@ -24,6 +25,7 @@ ORDER = 6  # of the differences
 HALFWAY = 0.6745  # standard deviations, beyond which half of the values of a normal law are
 NOISY = 5e-3  # of a deformation: below, states are left as they are
 FIRM = 1e-3  # of the noise of x and v: least slack of their steps, so that rounding does no harm
+CONTRADICTS = (1.5, 3.0)  # times the noise of x and v, of which v may bend between samples
 LEAST = 1e-12  # of a signal's size: noise of one that has none
 
 
@@ -45,11 +47,26 @@ def smoothed(record: Record) -> Record:
     """The record with x and v smoothed; accelerations stay as they were measured."""
     assert record.x is not None
     assert record.v is not None
-    signals = [s.detach().cpu().numpy() for s in (record.x, record.v, record.a)]
-    motions = zip(*(s.reshape(-1, *s.shape[-2:]) for s in signals), strict=True)
+    motions = zip(*map(_motions, (record.x, record.v, record.a)), strict=True)
     found = [_smoothed(x, v, a, record.dt) for x, v, a in motions]
     x, v = (torch.from_numpy(np.stack(parts)) for parts in zip(*found, strict=True))
     return replace(record, x=x.reshape(record.a.shape), v=v.reshape(record.a.shape))
+
+
+def are_of_one_motion(measured: Record, found: Record) -> bool:
+    """Whether x and v that were smoothed are off by no more than their noise.
+
+    A sensor that lags, drifts or is wrongly scaled leaves more.
+    """
+    pairs = (measured.x, found.x), (measured.v, found.v)
+    for (one, other), most in zip(pairs, CONTRADICTS, strict=True):
+        assert one is not None
+        assert other is not None
+        for signal, smooth in zip(_motions(one), _motions(other), strict=True):
+            left = np.sqrt(((signal - smooth) ** 2).mean(axis=0))
+            if (left > most * roughness(signal)).any():
+                return False
+    return True
 
 
 def roughness(signal: np.ndarray) -> np.ndarray:
@@ -62,6 +79,12 @@ def roughness(signal: np.ndarray) -> np.ndarray:
     spread: np.ndarray = np.minimum(usual, np.sqrt((left**2).mean(axis=0)))
     spread = spread / math.sqrt(math.comb(2 * ORDER, ORDER))
     return np.maximum(spread, LEAST * np.abs(signal).max(axis=0) + np.finfo(float).tiny)
+
+
+def _motions(signal: Tensor) -> np.ndarray:
+    """A signal (…, T, n) as motions (B, T, n)."""
+    motions: np.ndarray = signal.detach().cpu().numpy().reshape(-1, *signal.shape[-2:])
+    return motions
 
 
 def _smoothed(

@@ -12,7 +12,7 @@ from data.record import Record
 from data.simulation.elements import MenegottoPinto, SelfCentering
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
-from models.starts.smoothed_states import NOISY, noise_of, smoothed
+from models.starts.smoothed_states import NOISY, are_of_one_motion, noise_of, smoothed
 from tests.models.test_named_laws import DT, error, shaken
 
 STEP, SAMPLES = 0.01, 3000
@@ -62,6 +62,15 @@ def test_a_motion_without_noise_is_not_called_noisy():
     assert noise_of(truth.x.numpy(), truth.v.numpy(), STEP) < 0.1 * NOISY
     rough = replace(truth, x=truth.x.round(decimals=4))  # of the sensor's digits
     assert noise_of(rough.x.numpy(), rough.v.numpy(), STEP) < NOISY
+
+
+@pytest.mark.parametrize(
+    ("scale", "lag", "agrees"), [(1.0, 0, True), (1.1, 0, False), (1.0, 5, False)]
+)
+def test_a_displacement_that_is_wrongly_scaled_or_lags_is_told(scale, lag, agrees):
+    measured = noisy(moved(0), 0.02, 1)
+    wrong = replace(measured, x=scale * measured.x.roll(lag, dims=0))
+    assert are_of_one_motion(wrong, smoothed(wrong)) is agrees
 
 
 def test_a_change_of_units_changes_nothing():
