@@ -256,10 +256,8 @@ def _alone(ends: Sequence[Fit], enough: float) -> bool:
 
 def _final(ends: Sequence[Fit], motions: Sequence[Motion], seed: int) -> Fit:
     """The best of a law after the last fit, to all motions; its parts are drawn anew on these."""
-    best, enough = (
-        min([followed(one, motions, LAST) for one in ends[:STAY]], key=_error),
-        floor_of(motions),
-    )
+    best = min([followed(one, motions, LAST) for one in ends[:STAY]], key=_error)
+    enough = floor_of(motions)
     if best.error < enough:
         return best
     better = improved(best, motions, best.candidate.draws(seed), enough)

@@ -26,7 +26,7 @@ HALFWAY = 0.6745  # standard deviations, beyond which half of the values of a no
 NOISY = 5e-3  # of a deformation: below, states are left as they are
 FIRM = 1e-3  # of the noise of x and v: least slack of their steps, so that rounding does no harm
 CONTRADICTS = (1.5, 3.0)  # times the noise of x and v, of which v may bend between samples
-LEAST = 1e-12  # of a signal's size: noise of one that has none
+LEAST = 1e-6  # of a signal's size: noise of one that has none
 
 
 def noise_of(y: np.ndarray, rate: np.ndarray, dt: float) -> float:
@@ -78,7 +78,7 @@ def roughness(signal: np.ndarray) -> np.ndarray:
     usual = np.median(np.abs(left), axis=0) / HALFWAY
     spread: np.ndarray = np.minimum(usual, np.sqrt((left**2).mean(axis=0)))
     spread = spread / math.sqrt(math.comb(2 * ORDER, ORDER))
-    return np.maximum(spread, LEAST * np.abs(signal).max(axis=0) + np.finfo(float).tiny)
+    return np.maximum(spread, LEAST * np.abs(signal).max(axis=0))
 
 
 def _motions(signal: Tensor) -> np.ndarray:
@@ -103,6 +103,8 @@ def _nearest(
     """x and v (T,) by normal equations of z = (x₀, v₀, x₁, v₁, …), which have four diagonals."""
     from scipy.linalg import solveh_banded  # slow to import
 
+    if min(of_x, of_v) == 0.0:  # a channel that is zero throughout
+        return x, v
     n = 2 * len(x)
     diagonals, side = np.zeros((4, n)), np.zeros(n)
     diagonals[0] = np.tile([of_x**-2, of_v**-2], len(x))

@@ -80,6 +80,16 @@ def test_a_change_of_units_changes_nothing():
         assert torch.allclose(here, there, rtol=0.0, atol=1e-9 * float(here.abs().max()))
 
 
+def test_a_channel_that_is_zero_or_stands_still_harms_no_other():
+    measured = noisy(moved(8), 0.05, 8)
+    zero = [torch.stack([u[:, 0], 0.0 * u[:, 1]], dim=1) for u in (measured.x, measured.v)]
+    still = torch.stack([measured.x[:, 0], torch.ones(SAMPLES).double()], dim=1)
+    for x in (zero[0], still):
+        found = smoothed(replace(measured, x=x, v=zero[1]))
+        assert torch.equal(found.x[:, 0], smoothed(measured).x[:, 0])
+        assert torch.equal(found.x[:, 1], x[:, 1])
+
+
 def test_every_motion_of_a_batch_is_smoothed_by_itself():
     records = [noisy(moved(seed), 0.05, seed) for seed in (5, 6)]
     whole = smoothed(records[0].map(lambda u: torch.stack([u, u])))
