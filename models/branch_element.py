@@ -8,7 +8,6 @@ change of units changes nothing.   T samples, E elements side by side, P paramet
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -31,10 +30,10 @@ from models.starts.branch_choice import (
     require_starts,
     told,
 )
+from models.starts.smoothed_states import LOWER, by_median
 from models.training.trainable import Trainable
 
 NOISE = 5.0  # standard deviations by which a motion has to come back for a turning point
-FOURTH = math.sqrt(70.0)  # size of fourth differences of white noise of size one
 MOST_RAMPS = 200
 
 
@@ -128,7 +127,8 @@ class BranchElement(Trainable):
         slopes = torch.cat(pairs) * self.scale[0] / self.scale[2]
         steepest = slopes.nan_to_num(0.0).quantile(0.9, dim=0)
         self.scale[3] = steepest.clamp_min(0.1).log()
-        noise = torch.stack([_noise(test[0]) for test in motions]).amax(dim=0)
+        each = [torch.from_numpy(by_median(test[0].numpy(), LOWER)) for test in motions]
+        noise = torch.stack(each).amax(dim=0)
         self.scale[4] = NOISE * noise / self.scale[0]
 
     def sample(self, motions: Sequence[Test]) -> None:
@@ -255,13 +255,6 @@ def _slopes(s: Tensor, r: Tensor) -> Tensor:
     ds, dr = s.diff(dim=0), r.diff(dim=0)
     moves = ds.abs() > 0.2 * ds.abs().mean(dim=0)
     return torch.where(moves, dr / ds, torch.nan)
-
-
-def _noise(s: Tensor) -> Tensor:
-    """Standard deviation (E,) of white noise in s, by the median of its fourth differences."""
-    if len(s) < 10:
-        return s.new_zeros(s.shape[1])
-    return s.diff(n=4, dim=0).abs().median(dim=0).values / (0.6745 * FOURTH)
 
 
 class _Forces(torch.autograd.Function):

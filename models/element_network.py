@@ -27,7 +27,12 @@ from models.composition.simulate import Composition
 from models.composition.stated import typed
 from models.starts.equilibrium import forces_of, integrated_states
 from models.starts.ladder import Equations, linear_start
-from models.starts.smoothed_states import NOISY, are_of_one_motion, noise_of, smoothed
+from models.starts.smoothed_states import (
+    NOISY,
+    are_of_one_motion,
+    noise_of_deformations,
+    smoothed,
+)
 from models.starts.spectra import Layout, LinearStructure, Spectra
 from models.starts.topology import MOST_PAIRED
 
@@ -216,8 +221,14 @@ class ElementNetwork(Composite):
         """
         if not all(self.has_states(r) and r.quantity == "acceleration" for r in records):
             return records, {}
-        tests = [(test, r.dt) for r in records for test in self.balances(r)]
-        noise = max(noise_of(y.numpy(), rate.numpy(), dt) for (y, rate, *_), dt in tests)
+        B, B_s = self.B.cpu(), self.B_s.cpu()
+        shares = []
+        for record in records:
+            for x, v, a, u in self.states(record):
+                y = x @ B.T + u[:, self.forces :].chunk(2, dim=1)[0] @ B_s.T
+                motion = x.numpy(), v.numpy(), a.numpy()
+                shares.append(noise_of_deformations(*motion, record.dt, B.numpy(), y.numpy()))
+        noise = max(shares)
         if not noise > NOISY:
             return records, {}
         told = f"noise of x is {100.0 * noise:.2g} % of a deformation"

@@ -21,7 +21,9 @@ from torch import Tensor
 
 from data.record import Record
 
-ORDER = 6  # of the differences
+LOWER, ORDER = 4, 6  # of the differences
+AS_MUCH = 1.25  # times what the sixth tell: fourth differences of white noise
+ALIKE = 0.01  # of a signal: what is left of one without noise
 HALFWAY = 0.6745  # standard deviations, beyond which half of the values of a normal law are
 NOISY = 5e-3  # of a deformation: below, states are left as they are
 FIRM = 1e-3  # of the noise of x and v: least slack of their steps, so that rounding does no harm
@@ -29,17 +31,21 @@ CONTRADICTS = (1.5, 3.0)  # times the noise of x and v, of which v may bend betw
 LEAST = 1e-6  # of a signal's size: noise of one that has none
 
 
-def noise_of(y: np.ndarray, rate: np.ndarray, dt: float) -> float:
-    """Noise of deformations y (T, E) [m] over their size, that of the noisiest; at most so much.
+def noise_of_deformations(
+    x: np.ndarray, v: np.ndarray, a: np.ndarray, dt: float, B: np.ndarray, y: np.ndarray
+) -> float:
+    """Noise of y (T, E) [m] over its size, that of the noisiest; B (E, n): y moves with B x.
 
-    What sixth differences or the rates [m/s] do not explain: of a smooth signal both are small.
+    At most what v and a leave of x, which a motion of few samples a cycle does not look like.
     """
     if len(y) <= ORDER:
         return 0.0
-    unexplained = np.diff(y, axis=0) - 0.5 * dt * (rate[1:] + rate[:-1])
-    of_steps = np.sqrt(0.5 * (unexplained**2).mean(axis=0))
+    unexplained = (
+        np.diff(x, axis=0) - 0.5 * dt * (v[1:] + v[:-1]) + dt**2 / 12.0 * np.diff(a, axis=0)
+    )
+    of_steps = np.sqrt(0.5 * ((unexplained @ B.T) ** 2).mean(axis=0))
     size = np.sqrt((y**2).mean(axis=0))
-    shares = np.minimum(roughness(y), of_steps) / np.where(size > 0.0, size, 1.0)
+    shares = np.minimum(white_noise(y), of_steps) / np.where(size > 0.0, size, 1.0)
     return float(shares.max(initial=0.0))
 
 
@@ -54,7 +60,7 @@ def smoothed(record: Record) -> Record:
 
 
 def are_of_one_motion(measured: Record, found: Record) -> bool:
-    """Whether x and v that were smoothed are off by no more than their noise.
+    """Whether x and v that were smoothed are off by no more than noise, or by next to nothing.
 
     A sensor that lags, drifts or is wrongly scaled leaves more.
     """
@@ -63,22 +69,46 @@ def are_of_one_motion(measured: Record, found: Record) -> bool:
         assert one is not None
         assert other is not None
         for signal, smooth in zip(_motions(one), _motions(other), strict=True):
-            left = np.sqrt(((signal - smooth) ** 2).mean(axis=0))
-            if (left > most * roughness(signal)).any():
+            left, size = (np.sqrt((u**2).mean(axis=0)) for u in (signal - smooth, signal))
+            if (left > np.maximum(most * _by_squares(signal, ORDER), ALIKE * size)).any():
                 return False
     return True
 
 
-def roughness(signal: np.ndarray) -> np.ndarray:
-    """Standard deviation (c,) of white noise in a smooth signal (T, c).
+def white_noise(signal: np.ndarray) -> np.ndarray:
+    """Standard deviation (c,) of white noise in a signal (T, c); zero where it is no such noise.
 
-    By the median, too: few kinks change it little.
+    Of white noise, fourth differences tell as much as sixth ones; of a motion that has few samples
+    a cycle they tell more.
     """
-    left = np.diff(signal, n=ORDER, axis=0) if len(signal) > ORDER else np.zeros((1, 1))
-    usual = np.median(np.abs(left), axis=0) / HALFWAY
-    spread: np.ndarray = np.minimum(usual, np.sqrt((left**2).mean(axis=0)))
-    spread = spread / math.sqrt(math.comb(2 * ORDER, ORDER))
-    return np.maximum(spread, LEAST * np.abs(signal).max(axis=0))
+    lower, higher = (by_median(signal, order) for order in (LOWER, ORDER))
+    return np.where(lower <= AS_MUCH * higher, np.minimum(higher, _by_squares(signal, ORDER)), 0.0)
+
+
+def by_median(signal: np.ndarray, order: int) -> np.ndarray:
+    """Standard deviation (c,) of white noise in a smooth signal (T, c), by differences.
+
+    By their median: few kinks change it little.
+    """
+    median = np.median(np.abs(_differences(signal, order)), axis=0)
+    deviation: np.ndarray = median / (HALFWAY * math.sqrt(math.comb(2 * order, order)))
+    return deviation
+
+
+def _by_squares(signal: np.ndarray, order: int) -> np.ndarray:
+    square = (_differences(signal, order) ** 2).mean(axis=0)
+    deviation: np.ndarray = np.sqrt(square / math.comb(2 * order, order))
+    return deviation
+
+
+def _differences(signal: np.ndarray, order: int) -> np.ndarray:
+    return np.diff(signal, n=order, axis=0) if len(signal) > order else 0.0 * signal
+
+
+def _weighed(signal: np.ndarray) -> np.ndarray:
+    """Noise (c,) by which a signal (T, c) counts, white or not."""
+    noise = np.minimum(by_median(signal, ORDER), _by_squares(signal, ORDER))
+    return np.maximum(noise, LEAST * np.abs(signal).max(axis=0))
 
 
 def _motions(signal: Tensor) -> np.ndarray:
@@ -91,7 +121,7 @@ def _smoothed(
     x: np.ndarray, v: np.ndarray, a: np.ndarray, dt: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """x and v (T, n) of a motion."""
-    noise = zip(*map(roughness, (x, v, a)), strict=True)
+    noise = zip(*map(_weighed, (x, v, a)), strict=True)
     found = [_nearest(x[:, i], v[:, i], a[:, i], dt, *own) for i, own in enumerate(noise)]
     xs, vs = zip(*found, strict=True)
     return np.stack(xs, axis=1), np.stack(vs, axis=1)

@@ -12,7 +12,13 @@ from data.record import Record
 from data.simulation.elements import MenegottoPinto, SelfCentering
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
-from models.starts.smoothed_states import NOISY, are_of_one_motion, noise_of, smoothed
+from models.starts.smoothed_states import (
+    NOISY,
+    are_of_one_motion,
+    noise_of_deformations,
+    smoothed,
+    white_noise,
+)
 from tests.models.test_named_laws import DT, error, shaken
 
 STEP, SAMPLES = 0.01, 3000
@@ -40,6 +46,12 @@ def noisy(record: Record, level: float, seed: int) -> Record:
     return replace(record, **{name: more(getattr(record, name)) for name in ("x", "v", "a")})
 
 
+def told(record: Record) -> float:
+    """Noise of each x by itself."""
+    x, v, a = (u.numpy() for u in (record.x, record.v, record.a))
+    return noise_of_deformations(x, v, a, record.dt, np.eye(2), x)
+
+
 def off(record: Record, truth: Record, name: str) -> float:
     one, other = (getattr(r, name) for r in (record, truth))
     return float((one - other).norm() / other.norm())
@@ -49,8 +61,7 @@ def off(record: Record, truth: Record, name: str) -> float:
 def test_noise_is_told_and_most_of_it_is_gone(level):
     truth = moved(0)
     measured = noisy(truth, level, 1)
-    told = noise_of(measured.x.numpy(), measured.v.numpy(), STEP)
-    assert told == pytest.approx(level, rel=0.1)
+    assert told(measured) == pytest.approx(level, rel=0.1)
     better = smoothed(measured)
     for name in ("x", "v"):
         assert off(better, truth, name) < 0.35 * off(measured, truth, name)
@@ -59,9 +70,11 @@ def test_noise_is_told_and_most_of_it_is_gone(level):
 
 def test_a_motion_without_noise_is_not_called_noisy():
     truth = moved(2)
-    assert noise_of(truth.x.numpy(), truth.v.numpy(), STEP) < 0.1 * NOISY
-    rough = replace(truth, x=truth.x.round(decimals=4))  # of the sensor's digits
-    assert noise_of(rough.x.numpy(), rough.v.numpy(), STEP) < NOISY
+    assert told(truth) < 0.1 * NOISY
+    assert told(replace(truth, x=truth.x.round(decimals=4))) < NOISY  # the sensor's digits
+    few = replace(truth.map(lambda u: u[::10]), dt=10 * STEP)  # three samples a cycle and more
+    assert told(few) < NOISY
+    assert not white_noise(few.x.numpy()).any()
 
 
 @pytest.mark.parametrize(
@@ -71,6 +84,14 @@ def test_a_displacement_that_is_wrongly_scaled_or_lags_is_told(scale, lag, agree
     measured = noisy(moved(0), 0.02, 1)
     wrong = replace(measured, x=scale * measured.x.roll(lag, dims=0))
     assert are_of_one_motion(wrong, smoothed(wrong)) is agrees
+
+
+def test_a_displacement_that_alone_has_noise_is_smoothed_by_the_others():
+    truth = moved(0)
+    measured = replace(truth, x=noisy(truth, 0.03, 1).x)
+    better = smoothed(measured)
+    assert are_of_one_motion(measured, better)
+    assert off(better, truth, "x") < 0.1 * off(measured, truth, "x")
 
 
 def test_a_change_of_units_changes_nothing():
