@@ -53,6 +53,7 @@ from models.starts.branch_polish import (
     grow,
     motions_of,
     polish_weight,
+    until_it_stands,
 )
 from models.starts.equilibrium import dominant
 from models.starts.judged import free_run_error
@@ -215,6 +216,10 @@ class ElementNetworkBranch(ElementNetwork):
         self._fit(int(torch.randint(2**31, (1,), generator=generator)))
 
     def _fit(self, seed: int) -> dict[str, float | str]:
+        """Fit the laws; from other starts where they run away under motions like those measured."""
+        return until_it_stands(self, self.records, self._fit_from, seed)
+
+    def _fit_from(self, seed: int) -> dict[str, float | str]:
         """Choose every law and how the free run is polished; then fit the laws to all motions."""
         choice, blurred = replace(self.choice, seed=seed), are_reconstructed(self, self.records)
         if blurred and choice.unsymmetric is None:  # what an integral loses looks like such sides

@@ -11,21 +11,25 @@ by equilibrium are no good, and the free run has its way. The first weight is ne
 Where accelerations alone were measured, what is slow in the motion is lost to equilibrium, laws are
 a tenth off, and free runs of them drift away. Runs then begin anew at the reconstructed motion
 first, ever more seldom, so that the free run may teach the laws what is slow.
+
+What a law does where no motion of training led it is chance, and another start of it does something
+else there: where laws run away under motions like those of training, they are fitted anew.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
+import torch
 from torch import Tensor
 
 from data.record import Record
 from models.composition.composite import Composite
 from models.starts.branch_choice import HARM, Joint, minimised, parted
 from models.starts.equilibrium import dominant
-from models.starts.judged import free_run_error
+from models.starts.judged import farthest, free_run_error
 from models.training.doing import doing
 from models.training.objective import restore, state_of
 from models.training.problem import FreeRunProblem
@@ -37,11 +41,32 @@ RECONSTRUCTED = (1e-3, 1e-4, 1e-5)  # the weights, where accelerations alone wer
 STEPS, CHANGE, PATIENCE, EVERY = 8, 2e-2, 3, 4
 GROWING = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # periods from one beginning to the next
 GROWING_STEPS = 15
+FAR, FITS = 3.0, 3  # times a motion, beyond which laws run away; fits until none does
+Facts = dict[str, float | str]
 
 
-def polish_weight(
-    model: Composite, records: Sequence[Record], largest: int
-) -> tuple[float, dict[str, float | str]]:
+def until_it_stands(
+    model: Composite, records: Sequence[Record], fit: Callable[[int], Facts], seed: int
+) -> Facts:
+    """Fit from other seeds until the model stands motions like those of the records.
+
+    Where no fit does, the one that goes least far is left. Returns what `fit` told of it, and how
+    many ran away, if any did.
+    """
+    ends, generator = [], torch.Generator().manual_seed(seed)
+    for _ in range(FITS):
+        facts = fit(seed)
+        ends.append((farthest(model, records), state_of(model), facts))
+        if ends[-1][0] <= FAR:
+            break
+        seed = int(torch.randint(2**31, (1,), generator=generator))
+    far, state, facts = min(ends, key=lambda end: end[0])
+    restore(model, state)
+    ran_away = len(ends) - (far <= FAR)
+    return facts | ({"fits_that_ran_away": f"{ran_away} of {len(ends)}"} if ran_away else {})
+
+
+def polish_weight(model: Composite, records: Sequence[Record], largest: int) -> tuple[float, Facts]:
     """The weight of the prior, and what was found; the model is left as it was.
 
     largest: number of the motion that is judged by.

@@ -143,6 +143,27 @@ def test_it_learns_steel_that_nobody_planted_and_holds_on_unseen_motions(monkeyp
         assert float((model.free_run(test.drive()).a - test.a).norm() / test.a.norm()) < 0.12
 
 
+@pytest.mark.parametrize(
+    ("far", "taken", "told"),
+    [([9.0, 2.0], 1, "1 of 2"), ([9.0, 5.0, 7.0], 1, "3 of 3"), ([1.0], 0, None)],
+)
+def test_laws_that_run_away_are_fitted_from_other_starts(monkeypatch, far, taken, told):
+    thetas, sizes = [], iter(far)
+
+    def farthest(fitted, records):
+        thetas.append(fitted.theta.detach().clone())
+        return next(sizes)
+
+    monkeypatch.setattr(branch_polish, "farthest", farthest)
+    monkeypatch.setattr(branch_choice, "ITERATIONS", 2)
+    small = ElementNetworkBranch(2, 2, DT, masses=MASSES, **SMALL)
+    facts = small.identify([stack([shaken(0), shaken(1)])])
+    assert len(thetas) == len(far)
+    assert torch.equal(small.theta, thetas[taken])
+    assert all(not torch.equal(one, thetas[0]) for one in thetas[1:])
+    assert facts.get("fits_that_ran_away") == told
+
+
 def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost(monkeypatch):
     """Steel that ends out of place, as no integral of its accelerations shows, nor a named law.
 
