@@ -9,7 +9,6 @@ with all channels alike, with channels by their noise, and where no sensor is ba
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -116,7 +115,7 @@ def table_of(results: Sequence[Mapping[str, Any]]) -> str:
 
 
 def main(given: list[str] | None = None) -> None:
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--cases", type=int, default=12)
     parser.add_argument("--quick", action="store_true", help="one case")
     parser.add_argument("--jobs", type=int, default=2, help="processes")

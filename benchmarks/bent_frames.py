@@ -14,7 +14,6 @@ not repeated.
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -23,6 +22,9 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+
+from data.arguments import Parser
+from runner.config.command_line import command_errors
 
 RATE, FINER, NOISE = 120, 16, 0.01  # Hz, substeps of a sample, m/s²
 SLIDERS, SHARE, DAMPING = 20, 0.08, 0.0015
@@ -111,7 +113,7 @@ def written(folder: Path, storeys: int, draw: int) -> list[Path]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = Parser(description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--storeys", type=int, nargs="+", default=[2, 3, 4])
     parser.add_argument("--draws", type=int, default=3)
@@ -140,4 +142,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

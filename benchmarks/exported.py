@@ -11,7 +11,6 @@ are there. One thread, the best of three; a row tells the largest difference of 
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import subprocess
 import tempfile
@@ -24,10 +23,12 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.timing import seconds_of
+from data.arguments import Parser
 from data.record import Drive
 from export.c_source import source_of
 from export.fmu import write_fmus
 from export.steps import step_of
+from runner.config.command_line import command_errors
 from tests.export.networks import DT, network
 
 PROGRAM = """
@@ -103,7 +104,7 @@ def row(dofs: int, samples: int) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser = Parser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--quick", action="store_true", help="1 and 3 degrees of freedom, short")
     quick = parser.parse_args().quick
     if shutil.which("gcc") is None:
@@ -118,4 +119,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

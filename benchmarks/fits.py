@@ -11,7 +11,6 @@ compiles. Prints seconds and free-run errors of each, and the median of their ra
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -19,6 +18,8 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.same_numbers import ROOT, run_in
+from data.arguments import Parser
+from runner.config.command_line import command_errors
 
 ROWS = [  # of the leaderboard
     *((system, records) for system in ("bilinear", "polynomial", "bouc_wen") for records in (1, 8))
@@ -65,7 +66,7 @@ def compare(trees: dict[Path, Path], seeds: int, output: Path, shorter: Sequence
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("old", type=Path, metavar="OLD_TREE")
     parser.add_argument("new", type=Path, metavar="NEW_TREE", nargs="?", default=ROOT)
     for side in ("old", "new"):
@@ -88,4 +89,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

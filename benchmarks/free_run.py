@@ -13,7 +13,6 @@ up: every sample takes it the same time. The best of three where it is short; on
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 
 import torch
@@ -22,6 +21,7 @@ from rich.table import Table
 from torch.func import functional_call, jvp
 
 from benchmarks.timing import seconds_of
+from data.arguments import Parser
 from data.record import Drive, Record
 from data.simulation.elements import Bilinear
 from data.simulation.excitation import BandLimitedGaussian, Excitation
@@ -31,6 +31,7 @@ from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
 from models.composition.simulate import simulate
 from models.element_network import ElementNetwork
+from runner.config.command_line import command_errors
 
 PAIRS = (("s1", "x1"), ("x1", "x2"), ("x1", "x3"), ("x2", "x3"), ("x3", "s3"), ("s2", "x2"))
 FIRST, FIRST_QUICK = 100, 10  # samples over which PyTorch differentiates
@@ -123,11 +124,12 @@ def measure(quick: bool) -> Table:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser = Parser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--quick", action="store_true", help="short records, a few of them")
     torch.set_num_threads(1)
     Console(width=100).print(measure(parser.parse_args().quick))
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

@@ -15,7 +15,6 @@ turn: one works, each other one is told so in one line, and the results are whol
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import os
@@ -33,7 +32,9 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
+from data.arguments import Parser
 from report.run.evaluation import report_runs
+from runner.config.command_line import command_errors
 from runner.config.compose import composed
 from runner.folder.run_files import CHECKPOINT, CONFIG, METRICS
 from runner.folder.run_folder import read_run
@@ -215,7 +216,7 @@ def _name(row: dict[str, str]) -> str:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=60, help="a multiple of three")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
@@ -251,4 +252,5 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    with command_errors():
+        sys.exit(main())

@@ -12,7 +12,6 @@ Without a GPU its columns are empty.
 
 from __future__ import annotations
 
-import argparse
 import os
 import statistics
 import subprocess
@@ -27,12 +26,14 @@ import torch
 from torch.func import functional_call, grad, stack_module_state, vmap
 
 from benchmarks.timing import seconds_of
+from data.arguments import Parser
 from data.record import Record
 from models.mlp import GlobalMLP
 from models.neural_state_space import NeuralStateSpace
 from models.recurrent import Recurrent
 from models.training.trainable import Trainable
 from models.vwnn import VWNN
+from runner.config.command_line import command_errors
 
 ROOT = Path(__file__).parents[1]
 RUNS = {
@@ -184,9 +185,7 @@ def sweep(more: Sequence[str], trainer: str, at_once: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        "python -m benchmarks.on_gpu", description=(__doc__ or "").splitlines()[0]
-    )
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small sizes, no runs")
     options = parser.parse_args()
     if torch.cuda.is_available():
@@ -197,4 +196,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

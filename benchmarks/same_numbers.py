@@ -11,7 +11,6 @@ or a command fails. Keys that the new tree alone writes are listed and are no di
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
@@ -21,6 +20,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+from data.arguments import Parser
+from runner.config.command_line import command_errors
 
 ROOT = Path(__file__).parent.parent
 LEFT_OUT = ("fit_seconds", "identity", "versions")
@@ -138,7 +140,7 @@ def compare_trees(trees: dict[Path, Path], quick: bool, work: Path) -> bool:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("old", type=Path, metavar="OLD_TREE")
     parser.add_argument("new", type=Path, metavar="NEW_TREE", nargs="?", default=ROOT)
     for side in ("old", "new"):
@@ -159,4 +161,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    with command_errors():
+        sys.exit(main())

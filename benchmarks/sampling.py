@@ -9,7 +9,6 @@ masses, springs, dampers, gaps and what is beyond them. The peer is emcee (Forem
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import replace
 
@@ -17,6 +16,7 @@ import numpy as np
 import torch
 from scipy.signal import lfilter
 
+from data.arguments import Parser
 from data.record import Drive, Record
 from models.element_network import ElementNetwork
 from models.uncertainty.laplace import laplace
@@ -24,6 +24,7 @@ from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood, Posterior, Prior
 from models.uncertainty.profile import most_likely
 from models.uncertainty.smc import Wide, agreement_of, tempered
+from runner.config.command_line import command_errors
 
 DT, SAMPLES, NOISE, FORCE = 0.01, 1000, 0.05, 6.0  # s, –, of the motion, N
 WALKERS, BURNT = 40, 0.25  # of emcee; share of its steps that is dropped
@@ -89,7 +90,7 @@ def by_emcee(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = Parser(description=__doc__.split("\n")[0])
     for name, default in (("particles", 1000), ("steps", 4000), ("seed", 0), ("threads", 2)):
         parser.add_argument(f"--{name}", type=int, default=default)
     chosen = parser.parse_args()
@@ -145,4 +146,5 @@ def _names(model: ElementNetwork) -> list[str]:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

@@ -13,7 +13,6 @@ Levenberg–Marquardt) or not (a trial of a line search).
 
 from __future__ import annotations
 
-import argparse
 import copy
 import math
 import os
@@ -37,10 +36,12 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor, nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
+from data.arguments import Parser
 from data.record import Record
 from models.training.assemble import data_from, estimator_from, solver_from
 from models.training.problem import Problem
 from models.training.trainable import Trainable
+from runner.config.command_line import command_errors
 from runner.config.compose import CONF, prepare_hydra
 from runner.job import quiet_lightning
 
@@ -241,7 +242,7 @@ def compare(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="0.3 s each, one start, short data")
     options = parser.parse_args()
     torch.set_num_threads(1)
@@ -256,4 +257,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

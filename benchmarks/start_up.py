@@ -12,7 +12,6 @@ importtime` names in a VWNN's run, less what they import of others.
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import resource
@@ -25,6 +24,9 @@ from statistics import median
 
 import numpy as np
 from scipy.io import savemat
+
+from data.arguments import Parser
+from runner.config.command_line import command_errors
 
 ROOT = Path(__file__).parents[1]
 VWNN = ["model=vwnn", "system=bilinear"]
@@ -101,7 +103,7 @@ def packages(tree: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("old", nargs="?", type=Path, help="an earlier checkout")
     parser.add_argument("--quick", action="store_true", help="each command once")
     args = parser.parse_args()
@@ -113,4 +115,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

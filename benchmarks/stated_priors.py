@@ -9,7 +9,6 @@ as wide as records and prior are together, and hold the truth in 95 % of draws.
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
@@ -87,7 +86,7 @@ def row(draws: int, colour: float, off: float) -> list[float]:
 
 
 def main(given: list[str] | None = None) -> None:
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--draws", type=int, default=30)
     parser.add_argument("--quick", action="store_true", help="two draws")
     options = parser.parse_args(given)

@@ -12,7 +12,6 @@ stacked under torch.func; the last line is what each network's solver does besid
 
 from __future__ import annotations
 
-import argparse
 import os
 import statistics
 import subprocess
@@ -28,11 +27,13 @@ from torch import Tensor
 from torch.func import functional_call, grad, stack_module_state, vmap
 
 from benchmarks.timing import seconds_of
+from data.arguments import Parser
 from models.mlp import GlobalMLP
 from models.training.assemble import assembled, data_from, estimator_from
 from models.training.identification import SPLITS
 from models.training.metrics import free_run_score, score
 from models.training.problem import Problem
+from runner.config.command_line import command_errors
 from runner.config.compose import composed
 
 ROOT = Path(__file__).parent.parent
@@ -165,7 +166,7 @@ def _gradients(problems: Sequence[Problem]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="some 40 runs")
     quick = parser.parse_args().quick
     sweeps(40 if quick else 1000)
@@ -174,4 +175,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

@@ -25,9 +25,11 @@ import numpy as np
 import torch
 from scipy.signal import lfilter
 
+from data.arguments import Parser
 from data.record import Record, stack
 from data.windows import WindowDataset
 from models.vwnn import VWNN
+from runner.config.command_line import command_errors
 
 DT, DOFS, WINDOW = 0.01, 3, 5000  # s, –, samples
 CHUNK = 1 << 16  # samples filtered at a time
@@ -103,7 +105,7 @@ def table(title: str, batched: bool, options: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="1e5 samples, once each")
     parser.add_argument("--threads", type=int, default=1, help="of torch")
     parser.add_argument("--samples", type=int, help="measure this number alone and print JSON")
@@ -123,4 +125,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

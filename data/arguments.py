@@ -8,8 +8,27 @@ import sys
 from typing import Any, NoReturn
 
 
+class _Paragraphs(argparse.HelpFormatter):
+    """Paragraphs fill the width; those that are set in, such as commands, stay as they are."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        paragraphs = []
+        for paragraph in text.strip("\n").split("\n\n"):
+            as_it_is = paragraph.startswith(" ")
+            filled = super()._fill_text
+            paragraphs.append(paragraph if as_it_is else filled(paragraph, width, indent))
+        return "\n\n".join(paragraphs)
+
+
 class Parser(argparse.ArgumentParser):
-    """Parser that raises ValueError where argparse would print its usage and exit."""
+    """Parser that raises ValueError where argparse would print its usage and exit.
+
+    A module that was run as such is called so: `python -m benchmarks.sweeps`, not `sweeps.py`.
+    """
+
+    def __init__(self, prog: str | None = None, **settings: Any) -> None:
+        settings = {"formatter_class": _Paragraphs} | settings
+        super().__init__(prog or _command(), **settings)
 
     def error(self, message: str) -> NoReturn:
         raise ValueError(f"{message}; see --help")
@@ -17,6 +36,12 @@ class Parser(argparse.ArgumentParser):
     def print_help(self, file: Any = None) -> None:
         print_any_text()
         super().print_help(file)
+
+
+def _command() -> str | None:
+    """`python -m MODULE`; None where a file was run (Python does so itself from 3.14 on)."""
+    spec = getattr(sys.modules["__main__"], "__spec__", None)
+    return spec and f"python -m {spec.name.removesuffix('.__main__')}"
 
 
 def print_any_text() -> None:

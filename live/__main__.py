@@ -21,7 +21,7 @@ from runner.loading import loading
 
 def parser() -> Parser:
     """The options of the command line."""
-    options = Parser("python -m live", description=(__doc__ or "").splitlines()[0])
+    options = Parser(description=(__doc__ or "").splitlines()[0])
     add_source(options)
     add_lines(options)
     options.add_argument(

@@ -17,7 +17,7 @@ from runner.loading import loading
 
 def samples(words: Sequence[str] | None = None) -> None:
     """Print the lines of the record that the words name. Raises ValueError, OSError."""
-    parser = Parser("python -m live.samples", description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     add_source(parser)
     args = parser.parse_intermixed_args(words)
     kind, settings = split_words(args)

@@ -117,7 +117,7 @@ def products(docs: Path = DOCS) -> list[Product]:
 
 
 def main() -> None:
-    parser = Parser("python -m report.pages", description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--make", action="store_true", help="what can be made from finished runs")
     with command_errors():
         options = parser.parse_args()

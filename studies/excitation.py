@@ -14,7 +14,6 @@ one, and its errors beside the paper's on fresh seeds, which took no part in the
 
 from __future__ import annotations
 
-import argparse
 import math
 from dataclasses import dataclass, field
 from itertools import product
@@ -219,7 +218,7 @@ def _range(values: list[float]) -> str:
 
 
 def main() -> None:
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--confirm", action="store_true", help="only confirm conf/system")
     only_confirm = parser.parse_args().confirm
     console = terminal(130)

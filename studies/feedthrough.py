@@ -10,7 +10,6 @@ writes every error to --output, from which docs/results.md takes the medians.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -75,7 +74,7 @@ def feedthrough_errors(seeds: range = SEEDS) -> dict[str, dict[str, list[float]]
 
 
 def main() -> None:
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--output", type=Path, default=OUTPUT, help=f"default: {OUTPUT}")
     output = parser.parse_args().output
     errors = feedthrough_errors()

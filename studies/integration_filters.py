@@ -12,7 +12,6 @@ series on the restoring force, and are not printed.
 
 from __future__ import annotations
 
-import argparse
 import math
 from itertools import product
 from statistics import median
@@ -68,7 +67,7 @@ def row(name: str, draws: Draws) -> tuple[str, ...]:
 
 
 def main() -> None:
-    Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    Parser(description=__doc__).parse_args()
     base, models, scenarios = configs_of("polynomial")
     models = {method: models[method] for method in METHODS}
 

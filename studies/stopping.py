@@ -11,7 +11,6 @@ residual and tested with its own.
 
 from __future__ import annotations
 
-import argparse
 import time
 from statistics import median
 
@@ -87,7 +86,7 @@ def _gain(losses: list[float]) -> float:
 
 
 def main() -> None:
-    Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    Parser(description=__doc__).parse_args()
     console = terminal(130)
     hits = dict.fromkeys([*(f"{fraction:g}" for fraction in FRACTIONS), "lbfgs"], 0)
     for system, scenario in SETTINGS.values():

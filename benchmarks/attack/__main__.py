@@ -22,6 +22,8 @@ from string import Template
 
 from benchmarks.attack.attempt import BAD, OUTCOMES, prepared
 from benchmarks.attack.work import NAMES, Finding, attack, target_of, try_one
+from data.arguments import Parser
+from runner.config.command_line import command_errors
 
 TEMPLATE = Path(__file__).with_name("page.md")
 
@@ -36,7 +38,7 @@ def table(counts: dict[str, Counter]) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--inputs", type=int, help="of each target; default: as time allows")
     parser.add_argument("--seed", type=int, nargs="+", default=[0, 1, 2])
@@ -102,4 +104,5 @@ def show(finding: Finding) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    with command_errors():
+        sys.exit(main())

@@ -56,7 +56,7 @@ def stored(output: Path) -> list[dict[str, Any]]:
 
 
 def main(given: list[str] | None = None) -> None:
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--cases", type=int, default=200, help="of every kind")
     parser.add_argument("--output", type=Path, default=Path("runs/coverage"))
     parser.add_argument("--page", type=Path, help="file that is written")

@@ -11,7 +11,6 @@ how bands are made, but for the paper's three structures under their own forces.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -155,7 +154,7 @@ def _short(reasons: Sequence[str]) -> str:
 
 
 def main(given: list[str] | None = None) -> None:
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--records", type=int, default=5, help="that bands are made from")
     parser.add_argument("--cases", default="", help="those whose name has these letters")

@@ -8,7 +8,6 @@ its run, which counts with the fit: repeat it.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -83,7 +82,7 @@ def _timed(spent: dict[str, float]) -> Iterator[None]:
 
 
 def main(given: list[str] | None = None) -> None:
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--damper", help="FOLDER of the friction damper's records")
     parser.add_argument("--case", default="", help="those whose name has these letters")
     options = parser.parse_args(given)

@@ -113,8 +113,9 @@ def _percent(error: float) -> str:
 
 
 def main() -> None:
-    parser = Parser("python -m benchmarks.fine_tuning", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--systems", nargs="+", default=SYSTEMS, choices=SYSTEMS)
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
+    add, known = parser.add_argument, ", ".join(SYSTEMS)
+    add("--systems", nargs="+", metavar="SYSTEM", default=SYSTEMS, choices=SYSTEMS, help=known)
     parser.add_argument("--seeds", type=int, default=SEEDS)
     parser.add_argument("--page", type=Path, metavar="FILE", help="written from all runs")
     with command_errors():

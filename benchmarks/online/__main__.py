@@ -20,7 +20,6 @@ damaged 1,000,000 lines of text through the path of `python -m live`, one in 10,
 
 from __future__ import annotations
 
-import argparse
 import os
 import platform
 
@@ -31,12 +30,14 @@ from threadpoolctl import threadpool_limits
 from benchmarks.online.damaged import RATE, SEEDS, damaged
 from benchmarks.online.long_runs import hour, long, paced
 from benchmarks.online.update import BLOCKS, update
+from data.arguments import Parser
+from runner.config.command_line import command_errors
 
 PARTS = ("update", "hour", "paced", "long", "damaged")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("part", nargs="?", choices=PARTS)
     parser.add_argument("--lines", type=int, default=1_000_000, help="of `damaged`")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of `damaged`")
@@ -65,4 +66,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

@@ -34,8 +34,9 @@ from benchmarks.published.measure import (
 )
 from benchmarks.published.page import write_page
 from benchmarks.published.table import report
+from data.arguments import Parser
 from data.terminal import Terminal
-from runner.config.command_line import one_line_errors
+from runner.config.command_line import command_errors, one_line_errors
 from runner.config.compose import composed
 from runner.folder.run_folder import write_json
 from runner.job import quiet_lightning
@@ -47,12 +48,14 @@ SEEDS = range(40, 48)  # took part in no choice; those of the zoo's free runs to
 def arguments(given: list[str] | None = None) -> argparse.Namespace:
     """The options. Raises ValueError, before any work, for those that would fail after hours."""
     about = (__doc__ or "").splitlines()[0]
-    parser = argparse.ArgumentParser("python -m benchmarks.published", description=about)
+    parser = Parser(description=about)
     add = parser.add_argument
     add("--output", type=Path, default=Path("runs/published"), help="folder of the results")
-    add("--packages", nargs="*", default=list(PACKAGES), choices=list(PACKAGES))
+    packages, known = list(PACKAGES), ", ".join(PACKAGES)
+    add("--packages", nargs="*", metavar="NAME", default=packages, choices=packages, help=known)
     add("--models", nargs="*", default=["linear"], help="estimators of the zoo, see conf/model")
-    add("--systems", nargs="+", default=list(SYSTEMS), choices=SYSTEMS)
+    systems, known = list(SYSTEMS), ", ".join(SYSTEMS)
+    add("--systems", nargs="+", metavar="SYSTEM", default=systems, choices=systems, help=known)
     add("--records", nargs="+", type=int, default=[8, 1], help="training motions")
     add("--seeds", nargs="+", type=int, default=list(SEEDS))
     add("--seconds", type=float, default=120.0, help="of processor, for the fit of a package")
@@ -119,4 +122,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

@@ -9,7 +9,6 @@ Errors are relative RMS errors of the acceleration. Times are medians of repeate
 
 from __future__ import annotations
 
-import argparse
 import os
 import platform
 
@@ -21,6 +20,8 @@ from benchmarks.simulation.accuracy import accuracy
 from benchmarks.simulation.cases import FULL, QUICK, case_of
 from benchmarks.simulation.growth import growth, many_records
 from benchmarks.simulation.peers import against_scipy
+from data.arguments import Parser
+from runner.config.command_line import command_errors
 
 PARTS = {
     "accuracy": accuracy,
@@ -31,7 +32,7 @@ PARTS = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("parts", nargs="*", metavar="part", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--quick", action="store_true", help="a small run, for CI")
     options = parser.parse_args()
@@ -49,4 +50,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

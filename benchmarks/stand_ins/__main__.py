@@ -7,17 +7,18 @@ Then  python train.py data=benchmark data.name=silverbox data.folder=FOLDER mode
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
 from benchmarks.stand_ins.files import STAND_INS
+from data.arguments import Parser
 from report.benchmarks.rows import NOISE
+from runner.config.command_line import command_errors
 
 
 def main() -> None:
     """Write the files, and print the noise in their outputs."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     parser.add_argument("benchmark", choices=["all", *sorted(STAND_INS)])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
@@ -34,4 +35,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with command_errors():
+        main()

@@ -13,7 +13,6 @@ to six motions; its free run is compared with the true force of four unseen ones
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import dataclass
 from statistics import median
@@ -24,6 +23,7 @@ from benchmarks.unplanted import opensees
 from benchmarks.unplanted.fits import error, fitted
 from benchmarks.unplanted.laws import HELD_BACK, LAWS, SIZES, Law
 from benchmarks.unplanted.motions import training, unseen
+from data.arguments import Parser
 from data.record import stack
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
@@ -75,9 +75,16 @@ def laws(chosen: list[str] | None, held_back: bool, quick: bool) -> dict[str, tu
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--laws", nargs="+", help="names of laws; all where none is named")
-    parser.add_argument("--models", nargs="+", choices=list(MODELS), default=list(MODELS))
+    parser.add_argument(
+        "--models",
+        nargs="+",
+        metavar="MODEL",
+        choices=list(MODELS),
+        default=list(MODELS),
+        help="; ".join(MODELS),
+    )
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--noise", type=float, default=0.0, help="of the training force, a share")
     parser.add_argument("--held-back", action="store_true", help="also the laws held back")

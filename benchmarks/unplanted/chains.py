@@ -20,7 +20,6 @@ told from one that is as near as that. Needs openseespy.
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import torch
@@ -34,6 +33,7 @@ from benchmarks.unplanted.opensees import opensees
 from benchmarks.unplanted.shaken import Chain, Material, error, itself, record
 from benchmarks.unplanted.structures import FARTHER, TRAINED, UNSEEN
 from benchmarks.unplanted.unnamed import UNNAMED
+from data.arguments import Parser
 from data.record import stack
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
@@ -115,9 +115,7 @@ def told(model: str, topology: str, case: Chain | Frame) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        "python -m benchmarks.unplanted.chains", description=(__doc__ or "").partition("\n\n")[0]
-    )
+    parser = Parser(description=(__doc__ or "").partition("\n\n")[0])
     add = parser.add_argument
     every = CASES | FRAMES | HELD_BACK
     drawn, usual = [*MATERIALS, *UNNAMED], list(CASES)

@@ -13,7 +13,6 @@ openseespy.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -28,6 +27,7 @@ from benchmarks.unplanted.laws import Law
 from benchmarks.unplanted.motions import DT, training, unseen
 from benchmarks.unplanted.opensees import material, opensees
 from benchmarks.unplanted.unnamed import UNNAMED, Drawn, Words
+from data.arguments import Parser
 from data.record import Record, stack
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
@@ -165,11 +165,16 @@ def one_fit(words: list[str], law: tuple[Law, float], noise: float) -> tuple[lis
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        "python -m benchmarks.unplanted.drawn", description=(__doc__ or "").splitlines()[0]
-    )
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     add = parser.add_argument
-    add("--materials", nargs="+", default=list(MATERIALS), choices=[*MATERIALS, *UNNAMED])
+    add(
+        "--materials",
+        nargs="+",
+        default=list(MATERIALS),
+        metavar="NAME",
+        choices=[*MATERIALS, *UNNAMED],
+        help=", ".join([*MATERIALS, *UNNAMED]),
+    )
     add("--models", nargs="+", default=["named_element"])
     add("--seeds", nargs="+", type=int, default=[0, 1, 2, 3])
     add("--noise", type=float, default=0.0, help="of the training force, a share")

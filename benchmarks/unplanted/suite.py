@@ -31,6 +31,7 @@ from benchmarks.unplanted.figures import draw_loops
 from benchmarks.unplanted.fits import Facts, error, fitted
 from benchmarks.unplanted.page import table, write_page
 from benchmarks.unplanted.structures import CASES, HELD_BACK, Case, records
+from data.arguments import Parser
 from data.record import Record, stack
 from models.baselines import Zero
 from models.composition.branch_law import learned
@@ -232,13 +233,18 @@ def results(options: argparse.Namespace) -> list[Result]:
 
 def arguments(given: list[str] | None = None) -> argparse.Namespace:
     """The options. Raises ValueError for names that are not known."""
-    parser = argparse.ArgumentParser(
-        "python -m benchmarks.unplanted.suite", description=(__doc__ or "").splitlines()[0]
-    )
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     add = parser.add_argument
     add("--output", type=Path, default=Path("runs/unplanted"), help="folder of the results")
     add("--cases", nargs="+", default=[*CASES, *HELD_BACK], help="structures, all but for named")
-    add("--models", nargs="+", default=list(MODELS), choices=list(MODELS))
+    add(
+        "--models",
+        nargs="+",
+        default=list(MODELS),
+        metavar="MODEL",
+        choices=list(MODELS),
+        help="; ".join(MODELS).replace("%", "%%"),
+    )
     add("--seeds", nargs="+", type=int, default=[0, 1])
     add("--page", type=Path, help="write the page, from page.md here, and its pictures")
     add("--limit", type=float, default=300.0, help="seconds of a fit at most; more are told")

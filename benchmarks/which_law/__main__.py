@@ -10,7 +10,6 @@ A case is a test of an element drawn at random (elements.py, cases.py). Its resu
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -54,9 +53,10 @@ def stored(output: Path) -> list[dict[str, Any]]:
 
 
 def main(given: list[str] | None = None) -> None:
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--cases", type=int, default=20, help="of every class and set")
-    parser.add_argument("--sets", nargs="+", choices=list(SETS), default=list(SETS))
+    sets, known = list(SETS), ", ".join(SETS)
+    parser.add_argument("--sets", nargs="+", metavar="SET", choices=sets, default=sets, help=known)
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} cases of a class")
     parser.add_argument("--output", type=Path, default=Path("runs/which_law_cases"))
     parser.add_argument("--page", type=Path, help="file that is written")

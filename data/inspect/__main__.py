@@ -32,7 +32,7 @@ READER = {"skip_rows": 0, "delimiter": None, "decimal": ".", "group": None, "hea
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    line = Parser("python -m data.inspect", description=(__doc__ or "").splitlines()[0])
+    line = Parser(description=(__doc__ or "").splitlines()[0])
     line.add_argument("record", nargs="+", help="files, zip archives, folders or patterns")
     line.add_argument("--channels", nargs="+", action=Pairs, default={}, metavar="a1=COLUMN")
     line.add_argument("--units", nargs="+", action=Pairs, default={}, metavar="a=g")

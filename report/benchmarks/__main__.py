@@ -17,7 +17,7 @@ from runner.config.command_line import command_errors
 
 
 def main() -> None:
-    parser = Parser("python -m report.benchmarks", description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--official", type=Path, default=BENCHMARKED, help="runs on official files")
     parser.add_argument("--stand-ins", type=Path, default=STAND_INS, help="runs on simulated files")
     parser.add_argument("--page", type=Path, help="write the page")

@@ -20,7 +20,7 @@ from runner.scores.result import Result
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    parser = Parser("python -m report.free_run", description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     add = parser.add_argument
     add(
         "folders",

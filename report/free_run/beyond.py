@@ -154,7 +154,7 @@ BEYOND_COLUMNS: Columns = {
 
 
 def main() -> None:
-    parser = Parser("python -m report.free_run.beyond", description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", nargs="?", type=Path, default=Path("runs/free_run"))
     parser.add_argument("--output", type=Path, help="default: results/ in the folder")
     with command_errors():

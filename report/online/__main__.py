@@ -18,7 +18,7 @@ from runner.config.command_line import command_errors
 
 
 def main() -> None:
-    parser = Parser("python -m report.online", description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("table", nargs="?", choices=TABLES)
     parser.add_argument("folder", nargs="?", type=Path, help="of finished runs")
     parser.add_argument("--estimator", help="of the table, such as vwnn; all without it")

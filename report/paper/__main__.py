@@ -18,7 +18,7 @@ from runner.config.command_line import command_errors
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    parser = Parser("python -m report.paper", description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     add = parser.add_argument
     add("folders", nargs="*", type=Path, default=[STUDY], help=f"of the runs; {STUDY} without any")
     add("--output", type=Path, help="of tables and figures; results/ in the folder of the runs")

@@ -79,7 +79,7 @@ def _ours(runs: Sequence[Result], method: str, cell: PaperCell) -> Spread:
 
 
 def main() -> None:
-    parser = Parser(prog="python -m report.paper.changes", description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", nargs="*", type=Path, default=[OUTSIDE])
     with command_errors():
         rows = rows_of(read_runs(parser.parse_args().folder))

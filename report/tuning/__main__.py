@@ -16,7 +16,7 @@ from runner.config.command_line import command_errors
 
 
 def main() -> None:
-    parser = Parser("python -m report.tuning", description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folders", nargs="*", type=Path, default=SEARCHES)
     parser.add_argument("--page", type=Path, help="write the page, with its figure beside it")
     with command_errors():

@@ -91,7 +91,7 @@ def score_cases(cases: Sequence[Case]) -> int:
 
 
 def main() -> None:
-    parser = Parser("python -m report.tuning.onset", description=(__doc__ or "").splitlines()[0])
+    parser = Parser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folders", nargs="*", type=Path, default=SEARCHES)
     with command_errors():
         options = parser.parse_args()

@@ -11,7 +11,6 @@ settings of the study: studies/detection/motions.py.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -178,7 +177,7 @@ def detect(systems: Sequence[str], seeds: int, figures: Path | None, console: Co
 
 
 def main() -> None:
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__)
     parser.add_argument("--systems", nargs="+", default=SYSTEMS)
     parser.add_argument("--seeds", type=int, default=SEEDS, help="test motions of each system")
     parser.add_argument("--figures", type=Path, help="folder for two figures")
