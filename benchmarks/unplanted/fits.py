@@ -36,7 +36,8 @@ def fitted(words: Sequence[str], batch: Record) -> tuple[Estimator, Facts]:
     objective.prepare(trainable, [batch], measured=False)
     ends = [(objective.final_loss(trainable, [batch]), state_of(trainable))]
     objective.begin(trainable, [batch], make_solver, lambda losses: None)
-    for stage in range(len(objective.stages)):
+    stage = 0
+    while stage < len(objective.stages):  # which may become more
         if stage > 0:
             objective.enter(trainable, stage)
             if objective.goes_back:
@@ -49,6 +50,7 @@ def fitted(words: Sequence[str], batch: Record) -> tuple[Estimator, Facts]:
         while not solver.finished:
             solver.solve(objective.problem(trainable, batch, stage))
         ends.append((objective.final_loss(trainable, [batch]), state_of(trainable)))
+        stage += 1
     restore(trainable, min(ends, key=lambda end: end[0])[1])
     objective.refine(trainable, [batch], lambda losses: None)
     return estimator, facts

@@ -48,6 +48,7 @@ from models.training.unknown_beginning import run_problem
 
 PARTS = (0.125, 0.25, 0.5)  # of the motion, in stages, where runs cannot begin anew
 RUNAWAY = 1e4  # loss of a law that does not stand another motion, beside its own: it comes last
+ASTRAY = 0.5  # error of a free run: another start may do better
 LEAST_RAISED = 1e-8  # of a prior that is raised
 REFIT = "whole motion"
 
@@ -65,7 +66,8 @@ class FreeRun(Objective):
     `seed`, each trained for `start_iterations` calls of the solver on the first horizon. finalists:
     number of starts, those with the lowest training losses, that go through the horizons after it,
     hurried; one of them goes on to the end, with all records: of those that fit alike the one in
-    the middle (finalists.py).
+    the middle (finalists.py). Where all of them leave half of the motion, as where a start was near
+    in a few samples and went astray beyond, the start that comes next goes, too.
     select: weights of the prior that are tried on all but the last `held_back` of the motion, and
     after them the path from the linear structure; the one with the least error of the free run on
     what is held back goes on, on the whole. The first part is held back in place of the last where
@@ -76,7 +78,7 @@ class FreeRun(Objective):
     (by_noise.py). "equal": all count alike. None: "noise" only where a noisy sensor takes over.
     """
 
-    kept = ("ranked", "judged", "ends", "shorter", "raised", "present", "remarks")
+    kept = ("ranked", "extra", "judged", "ends", "shorter", "raised", "present", "remarks")
 
     def __init__(
         self,
@@ -130,16 +132,26 @@ class FreeRun(Objective):
         self.ends: dict[int, End] = {}  # the best of each finalist so far
         self.present = -1  # the stage, −1 before the first
         self.remarks: list[str] = []
+        self.more = False  # records than the stages before the last are trained on
+        self.extra = 0  # starts that go through the horizons beside the finalists
+
+    @property
+    def extra(self) -> int:
+        return self._extra
+
+    @extra.setter
+    def extra(self, count: int) -> None:
+        self._extra = count
         self._plan()
 
-    def _plan(self, more: bool = False) -> None:
-        """more: there are more records than the stages before the last are trained on."""
+    def _plan(self) -> None:
         if self.priors:
             self.plan = by_prior(self.horizons, self.priors, self.anew, self.near, REFIT)
             self.first = self.plan[0]
         else:
-            self.plan = usual(self.horizons, self.finalists, self.starts > 1, more)
-            self.first = usual(self.horizons, 1, False, more)[0]
+            finalists = self.finalists + self.extra
+            self.plan = usual(self.horizons, finalists, self.starts > 1, self.more)
+            self.first = usual(self.horizons, 1, False, self.more)[0]
         self.stages: Sequence[str] = [stage.name for stage in self.plan]
 
     def prepare(self, estimator: Trainable, batches: Iterable[Record], measured: bool) -> None:
@@ -175,7 +187,8 @@ class FreeRun(Objective):
             if self.judged_first:
                 told = "the strongest motion comes last: the first part is held back"
                 self.remarks = [*self.remarks, told]
-        self._plan(self._more(records))
+        self.more = self._more(records)
+        self._plan()
 
     def _more(self, records: Sequence[Record]) -> bool:
         several = [len(record.a) for record in records if record.a.ndim == 3]
@@ -300,11 +313,20 @@ class FreeRun(Objective):
     def enter(self, estimator: Trainable, stage: int) -> None:
         """Take the next finalist, or prior, where one has been through all horizons."""
         self.present, self.shorter, self.raised = stage, 0, 1.0
+        if self.plan[stage].best and self._are_astray():
+            self.extra += 1
+            told = "the finalists left half of the motion: the next start went, too"
+            self.remarks = [*self.remarks, told]
         start = self.plan[stage].start
         if self.plan[stage].best and self.ends:
             restore(estimator, middle(list(self.ends.values())))
         elif start is not None:
             restore(estimator, self.ranked[start])
+
+    def _are_astray(self) -> bool:
+        """No finalist ended near the motion, and there is another start."""
+        near = any(loss < ASTRAY**2 for loss, *_ in self.ends.values())
+        return not near and self.finalists + self.extra < self.starts
 
     def _first_steps(
         self, estimator: Trainable, batches: Iterable[Record], solver: Solver, note: Note

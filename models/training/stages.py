@@ -33,15 +33,16 @@ class Stage:
 def usual(horizons: Horizons, finalists: int, trained: bool, more: bool) -> list[Stage]:
     """All horizons for each finalist; to the end, with all records, for the best of them alone.
 
-    trained: the starts were trained on the first horizon when they were ranked. more: there are
-    more records than the stages before the last take.
+    trained: there are several starts, which were trained on the first horizon when they were
+    ranked. more: there are more records than the stages before the last take.
     """
     later = horizons[1:] if trained and len(horizons) > 1 else horizons
     in_full, stages = more or finalists > 1, []
+    numbered = in_full and trained
     for number in range(finalists):
         own = [_named(h, h == horizons[-1]) for h in later]
         own = [replace(s, some=more or not s.last, hurried=in_full) for s in own]
-        if finalists > 1:
+        if numbered:
             own = [replace(s, finalist=number) for s in own]
         own[0] = replace(own[0], start=number)
         if number > 0:
@@ -49,7 +50,7 @@ def usual(horizons: Horizons, finalists: int, trained: bool, more: bool) -> list
         stages += own
     if in_full:
         name = "the chosen in full" if finalists > 1 else "in full"
-        stages.append(replace(_named(horizons[-1], True), name=name, best=finalists > 1))
+        stages.append(replace(_named(horizons[-1], True), name=name, best=numbered))
     return stages
 
 

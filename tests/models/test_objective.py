@@ -290,6 +290,26 @@ def test_the_best_of_the_finalists_alone_is_trained_on_all_records():
 
 
 @pytest.mark.parametrize(
+    ("losses", "starts"), [((0.2,), 1), ((0.3, 0.2), 2), ((90.0, 80.0, 7.0), 3)]
+)
+def test_starts_go_through_all_horizons_until_one_ends_near_the_motion(losses, starts):
+    batch = stack([motion(), motion(seed=1), motion(seed=2)])
+    estimator = identified("global", batch)
+    objective = FreeRun([1, 10, None], starts=3, finalists=1, records=2)
+    objective.prepare(estimator, [batch], measured=False)
+    objective.ranked = [[k + torch.zeros_like(u) for u in state_of(estimator)] for k in range(4)]
+    assert objective.stages == ["horizon 10", "horizon whole record", "in full"]
+    for number, loss in enumerate(losses):
+        objective.ends[number] = loss, objective.ranked[number], []
+        objective.enter(estimator, 2 * number + 2)
+        begun = min(number + 1, 2) if number + 1 < starts else losses.index(min(losses))
+        assert float(state_of(estimator)[0].flatten()[0]) == begun
+    assert len(objective.stages) == 2 * starts + 1
+    assert len(objective.remarks) == starts - 1
+    assert objective.refits
+
+
+@pytest.mark.parametrize(
     ("losses", "farther", "chosen"),
     [
         ((1.0, 1.1, 1.2), (9.0, 2.0, 2.1), 2),  # the best fit is alone in what it does farther out

@@ -10,6 +10,7 @@ from lightning.pytorch import Callback, Trainer
 
 from data.datamodule import Data
 from models.mlp import GlobalMLP
+from models.training import free_run_objective
 from models.training.free_run_objective import FreeRun
 from models.training.identification import Identification
 from models.training.problem import Problem
@@ -105,6 +106,13 @@ def test_training_that_is_broken_off_ends_where_it_would_have_ended(case, tmp_pa
     assert resumed.ended == undisturbed.ended
     pairs = zip(resumed.estimator.parameters(), undisturbed.estimator.parameters(), strict=True)
     assert all(torch.equal(ours, theirs) for ours, theirs in pairs)
+
+
+def test_so_is_a_start_that_went_beside_the_finalists(tmp_path, monkeypatch):
+    monkeypatch.setattr(free_run_objective, "ASTRAY", 0.0)
+    test_training_that_is_broken_off_ends_where_it_would_have_ended(
+        "stages_and_finalists", tmp_path
+    )
 
 
 class Hostile:
