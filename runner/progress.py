@@ -8,6 +8,7 @@ import re
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from rich.console import Console
@@ -19,7 +20,7 @@ from data.arguments import plain
 from data.terminal import terminal
 from runner.config.choices import varying
 from runner.config.identity import written_code_version
-from runner.folder.run_files import CONFIG, FAILED, METRICS
+from runner.folder.run_files import CONFIG, EARLIER, FAILED, METRICS
 from runner.folder.run_folder import read_failure, read_metrics
 from runner.scores.result import Result, read_result, spread_of
 from runner.scores.spread import DIVERGED, NOT_IDENTIFIED, percent
@@ -51,10 +52,15 @@ class Watch:
     """Progress over the folders of a sweep, whoever works on them."""
 
     def __init__(self, folders: list[Path], total: int, hopeless: int = 0) -> None:
-        """`folders`: what is to be run, of `total` runs; `hopeless`: failed before, left alone."""
+        """`folders`: what is to be run, of `total` runs; `hopeless`: failed before, left alone.
+
+        Numbers of earlier code are put aside; broken off, a sweep gives them back to runs that it
+        has not begun.
+        """
         for folder in folders:
-            for name in (FAILED, METRICS):
-                (folder / name).unlink(missing_ok=True)
+            (folder / FAILED).unlink(missing_ok=True)
+            with suppress(FileNotFoundError):
+                os.replace(folder / METRICS, folder / EARLIER)
         self.left, self.total, self.done = set(folders), total, total - len(folders)
         self.before, self.failed = total - len(folders) - hopeless, hopeless
         self.ends = {f: [f"{f}/{METRICS}", f"{f}/{FAILED}"] for f in folders}  # looked for often
@@ -76,10 +82,13 @@ class Watch:
         self.thread.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.ended.set()
         self.thread.join()
         self.progress.stop()
+        for folder in self.left if kind else ():
+            with suppress(FileNotFoundError):
+                os.replace(folder / EARLIER, folder / METRICS)
 
     def _watch(self) -> None:
         last_pass = False

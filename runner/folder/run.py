@@ -22,6 +22,7 @@ from runner.folder.lock import RUN, hold, release
 from runner.folder.run_files import (
     CHECKPOINT,
     CONFIG,
+    EARLIER,
     EVENTS,
     FAILED,
     METRICS,
@@ -76,7 +77,7 @@ class Run:
                     f"{self.folder / name} is a folder in place of a file; remove it, or "
                     "choose another hydra.run.dir"
                 )
-        for name in (METRICS, CHECKPOINT, FAILED):
+        for name in (METRICS, EARLIER, CHECKPOINT, FAILED):
             (self.folder / name).unlink(missing_ok=True)
         if fault := fault_of(self.progress, self.identity):
             if os.path.lexists(self.progress):

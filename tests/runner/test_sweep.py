@@ -104,6 +104,32 @@ def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):
     assert all(after[path] == made for path, made in before.items())
 
 
+def test_a_repeat_that_is_broken_off_keeps_what_it_has_not_begun(tmp_path, monkeypatch):
+    """Numbers of earlier code are better than none; the run that was begun is a broken-off one."""
+    words = ["-m", *QUICK, "model=linear", "seed=0,1,2", f"hydra.sweep.dir={tmp_path}"]
+    assert run(train, monkeypatch, *words) == 0
+    before = {path: path.read_bytes() for path in tmp_path.glob("*/metrics.json")}
+    for path in before:
+        path.write_text(path.read_text().replace('"code": "', '"code": "earlier'))
+    starts = []
+
+    def broken_off(own, *given):
+        starts.append(own.folder)
+        if len(starts) == 2:
+            raise KeyboardInterrupt
+        return start(own, *given)
+
+    start = run_module.Run.start
+    monkeypatch.setattr(run_module.Run, "start", broken_off)
+    assert run(train, monkeypatch, *words) == 130
+    left = {path for path in before if "earlier" in path.read_text()}
+    assert left == {path for path in before if path.parent != starts[0]}
+    monkeypatch.setattr(run_module.Run, "start", start)
+    assert run(train, monkeypatch, *words) == 0
+    assert all("earlier" not in path.read_text() for path in before)
+    assert not list(tmp_path.glob("*/metrics.earlier.json"))
+
+
 LAUNCHERS = {"basic": [], "batched": [], "joblib": ["hydra.launcher.n_jobs=1"]}
 
 
