@@ -41,7 +41,7 @@ RECONSTRUCTED = (1e-3, 1e-4, 1e-5)  # the weights, where accelerations alone wer
 STEPS, CHANGE, PATIENCE, EVERY = 8, 2e-2, 3, 4
 GROWING = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # periods from one beginning to the next
 GROWING_STEPS = 15
-FAR, FITS = 3.0, 3  # times a motion, beyond which laws run away; fits until none does
+FAR, FITS = 4.0, 3  # times a motion, beyond which laws run away; fits until none does
 Facts = dict[str, float | str]
 
 
