@@ -18,7 +18,7 @@ from runner.config.compose import CONF, placed, prepare_hydra
 from runner.config.identity import config_digest, run_name
 from runner.folder import run as run_module
 from runner.folder.run_folder import config_text, read_failure
-from runner.progress import is_finished
+from runner.progress import Watch, is_finished
 from runner.seeds import SeedsOf
 from tests.program.test_train import run
 
@@ -128,6 +128,14 @@ def test_a_repeat_that_is_broken_off_keeps_what_it_has_not_begun(tmp_path, monke
     assert run(train, monkeypatch, *words) == 0
     assert all("earlier" not in path.read_text() for path in before)
     assert not list(tmp_path.glob("*/metrics.earlier.json"))
+
+
+def test_numbers_of_earlier_code_do_not_stand_for_a_run_that_was_lost(tmp_path):
+    """A sweep that ends by itself counts such a run as lost; its earlier numbers stay aside."""
+    (tmp_path / "metrics.json").write_text("{}")
+    with Watch([tmp_path], 1):
+        assert not (tmp_path / "metrics.json").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["metrics.earlier.json"]
 
 
 LAUNCHERS = {"basic": [], "batched": [], "joblib": ["hydra.launcher.n_jobs=1"]}
