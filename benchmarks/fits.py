@@ -21,11 +21,17 @@ from benchmarks.same_numbers import ROOT, run_in
 from data.arguments import Parser
 from runner.config.command_line import command_errors
 
-ROWS = [  # of the leaderboard
-    *((system, records) for system in ("bilinear", "polynomial", "bouc_wen") for records in (1, 8))
+SYSTEMS = ("bilinear", "polynomial", "bouc_wen")
+ROWS = [  # of the leaderboard: model, system, records
+    *(("element_network", system, records) for system in SYSTEMS for records in (1, 8)),
+    *(
+        (model, system, 8)
+        for model in ("latent_hysteresis_network", "element_network_tanh")
+        for system in SYSTEMS
+    ),
 ]
-ALIKE = ("model=element_network", "figures=false", "baselines=none")
-HEAD = "| system | records | seed | before [s] | now [s] | ratio | error before [%] | now [%] |"
+ALIKE = ("figures=false", "baselines=none")
+HEAD = "| fit | seed | before [s] | now [s] | ratio | error before [%] | now [%] |"
 
 
 def fitted(tree: Path, python: Path, words: Sequence[str], folder: Path) -> tuple[float, float]:
@@ -41,27 +47,31 @@ def fitted(tree: Path, python: Path, words: Sequence[str], folder: Path) -> tupl
 
 def compare(trees: dict[Path, Path], seeds: int, output: Path, shorter: Sequence[str]) -> None:
     """Print a row for each fit in both trees {tree: its interpreter}, the old tree first."""
-    ratios: dict[tuple[str, int], list[float]] = {row: [] for row in ROWS}
+    ratios: dict[str, list[float]] = {}
     for side, (tree, python) in zip(("old", "new"), trees.items(), strict=True):
-        fitted(tree, python, ["data.duration=5"], output / f"{side}-compiles")
+        fitted(
+            tree, python, [f"model={ROWS[0][0]}", "data.duration=5"], output / f"{side}-compiles"
+        )
     print(HEAD)
-    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
+    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: |")
     for seed in range(seeds):
-        for system, records in ROWS:
-            words = [f"system={system}", f"data.train_records={records}", f"seed={seed}", *shorter]
-            name = f"{system}-{records}-{seed}"
+        for model, system, records in ROWS:
+            words = [f"model={model}", f"system={system}", f"data.train_records={records}"]
+            words += [f"seed={seed}", *shorter]
+            name = f"{model}-{system}-{records}-{seed}"
             (before, error), (now, error_now) = (
                 fitted(tree, python, words, output / f"{side}-{name}")
                 for side, (tree, python) in zip(("old", "new"), trees.items(), strict=True)
             )
-            ratios[system, records].append(before / now)
+            fit = f"{model}, {system}, {records}"
+            ratios.setdefault(fit, []).append(before / now)
             print(
-                f"| {system} | {records} | {seed} | {before:.1f} | {now:.1f} | {before / now:.2f} "
+                f"| {fit} | {seed} | {before:.1f} | {now:.1f} | {before / now:.2f} "
                 f"| {error:.3g} | {error_now:.3g} |",
                 flush=True,
             )
-    for (system, records), several in ratios.items():
-        print(f"{system}, {records}: {median(several):.2f} (median)")
+    for fit, several in ratios.items():
+        print(f"{fit}: {median(several):.2f} (median)")
     print(f"all: {median(r for several in ratios.values() for r in several):.2f} (median)")
 
 
