@@ -135,8 +135,8 @@ class ElementNetworkNamed(ElementNetwork):
                 laws = together(laws, runs.shakings, _stiffness(springs), pool.map)
             if polished:
                 laws = runs.exchanged(runs.fitted(laws), [rivals for _, *rivals in fits])
-                if apart:  # by equilibrium, motion held back chose sides
-                    laws = runs.sided(laws)
+                if apart:  # by equilibrium, motion held back chose these
+                    laws = runs.sided(runs.leaning(laws))
         self._take(laws)
         return {**facts, **smooth, **told(laws.fits, errors, "apart" if apart else "held_back")}
 

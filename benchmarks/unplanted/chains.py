@@ -25,10 +25,11 @@ import time
 import torch
 
 from benchmarks.unplanted.drawn import MATERIALS
-from benchmarks.unplanted.drawn_chains import drawn_chain
+from benchmarks.unplanted.drawn_chains import ISOLATED, drawn_chain
 from benchmarks.unplanted.fits import fitted
 from benchmarks.unplanted.frame import Frame
 from benchmarks.unplanted.frames import FRAMES, HELD_BACK
+from benchmarks.unplanted.isolated import Bearing, Isolated
 from benchmarks.unplanted.opensees import opensees
 from benchmarks.unplanted.shaken import Chain, Material, error, itself, record
 from benchmarks.unplanted.structures import FARTHER, TRAINED, UNSEEN
@@ -42,6 +43,13 @@ from runner.config.compose import prepare_hydra
 def steel(k: float, y: float, hardening: float, growth: float) -> list[Material]:
     shape = [hardening, 18.0, 0.925, 0.15, growth, 1.0, growth, 1.0]
     return [["Steel02", k * y, k, *shape]]
+
+
+def leaning(steel: list[Material], share: float) -> list[Material]:
+    """Beside a weight aloft, which takes so much of the stiffness away: more than it hardens by."""
+    ((_, _, k, *_),) = steel
+    assert isinstance(k, float)
+    return [*steel, ["Elastic", -share * k]]
 
 
 def slack(k: float) -> list[Material]:
@@ -74,6 +82,11 @@ CASES: dict[str, Chain | Frame] = {
     "Steel01, 3 storeys": Chain(
         [2.4e4] * 3, [[["Steel01", 1.3e5 * s, 1.6e7 * s, 0.05]] for s in (1.0, 0.85, 0.7)], 2.6
     ),
+    "Steel02 with P-Delta, 3 storeys": Chain(
+        [2.4e4] * 3,
+        [leaning(steel(1.6e7 * s, 0.009, 0.01, 0.02), 0.03) for s in (1.0, 0.85, 0.7)],
+        2.0,
+    ),
     "SelfCentering, 3 storeys": Chain(
         [2.4e4] * 3,
         [[["SelfCentering", 2e7 * s, 1e6 * s, 1.4e5 * s, 0.6]] for s in (1.0, 0.85, 0.7)],
@@ -82,6 +95,12 @@ CASES: dict[str, Chain | Frame] = {
     "gaps, 2 storeys": Chain([2.4e4] * 2, [slack(1.2e7 * s) for s in (1.0, 0.8)], 2.6),
     "Pinching4, 2 storeys": Chain([2.0e4, 1.5e4], [pinching(s) for s in (1.0, 0.8)], 2.6),
     "Hysteretic, 3 storeys": Chain([2.4e4] * 3, [degrading(s) for s in (1.0, 0.85, 0.7)], 2.2),
+    "isolated, 3 masses": Isolated(
+        [3.0e4, 2.4e4, 2.4e4],
+        [steel(3.0e7 * s, 0.006, 0.03, 0.02) for s in (1.0, 0.8)],
+        4.0,
+        bearing=Bearing(1.5, 0.04, 0.10, 20.0, 5e-4),
+    ),
     "fibre frame, 3 floors": Frame([4.0e4, 4.0e4, 3.5e4], 4.0),
     "fibre frame, 2 floors": Frame(
         [3.0e4, 2.5e4],
@@ -118,7 +137,7 @@ def main() -> None:
     parser = Parser(description=(__doc__ or "").partition("\n\n")[0])
     add = parser.add_argument
     every = CASES | FRAMES | HELD_BACK
-    drawn, usual = [*MATERIALS, *UNNAMED], list(CASES)
+    drawn, usual = [*MATERIALS, ISOLATED, *UNNAMED], list(CASES)
     add("--cases", nargs="+", metavar="CASE", default=usual, choices=every, help="; ".join(every))
     add("--drawn", nargs="+", metavar="KIND", choices=drawn, help=f"drawn: {', '.join(drawn)}")
     add("--seeds", nargs="+", type=int, default=[60, 61], help="of what is drawn")

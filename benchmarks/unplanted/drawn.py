@@ -3,6 +3,7 @@
     python -m benchmarks.unplanted.drawn --materials Pinching4 --seeds 0 1 2 3 4 5
     python -m benchmarks.unplanted.drawn --materials Steel02 --noise 0.05 --models branch_element
     python -m benchmarks.unplanted.drawn --materials ConcreteAndSteel SAWS --models branch_element
+    python -m benchmarks.unplanted.drawn --materials singleFPBearing
 
 Motions are those of `python -m benchmarks.unplanted`. A seed draws the numbers and the units of a
 material; a model is fitted to six motions and simulates four unseen ones, and the same 1.5 times as
@@ -23,6 +24,7 @@ import torch
 from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.unplanted.fits import error, fitted
+from benchmarks.unplanted.isolated import alone, drawn_bearing
 from benchmarks.unplanted.laws import Law
 from benchmarks.unplanted.motions import DT, training, unseen
 from benchmarks.unplanted.opensees import material, opensees
@@ -33,6 +35,7 @@ from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
 
 FARTHER, FINER = 1.5, 64  # times the unseen motions; steps of a sample
+BEARING = "singleFPBearing"  # an element of OpenSees, no material
 
 
 def pinching4(
@@ -124,6 +127,8 @@ def drawn(name: str, seed: int) -> tuple[Law, float]:
     """A material and the largest deformation of its training motions."""
     rng = np.random.default_rng(seed)
     yielded, force = 10.0 ** rng.uniform(-3.0, 1.0), 10.0 ** rng.uniform(0.0, 7.0)
+    if name == BEARING:
+        return alone(drawn_bearing(rng, yielded), force), yielded
     parts, size = (MATERIALS | UNNAMED)[name](rng, yielded, force)
     laws = [material(words) for words in parts]
 
@@ -170,10 +175,10 @@ def main() -> None:
     add(
         "--materials",
         nargs="+",
-        default=list(MATERIALS),
+        default=[*MATERIALS, BEARING],
         metavar="NAME",
-        choices=[*MATERIALS, *UNNAMED],
-        help=", ".join([*MATERIALS, *UNNAMED]),
+        choices=[*MATERIALS, BEARING, *UNNAMED],
+        help=", ".join([*MATERIALS, BEARING, *UNNAMED]),
     )
     add("--models", nargs="+", default=["named_element"])
     add("--seeds", nargs="+", type=int, default=[0, 1, 2, 3])

@@ -3,6 +3,8 @@
 A seed draws units, 2 to 6 storeys, masses, strengths that suit a load that grows with height, a
 first period of 0.06 to 0.2 s a storey, 1 to 5 % of damping, and a material of one kind for every
 storey (drawn.py). The ground is as strong as takes a storey to a ductility of 2 to 6 in training.
+`Isolated`: one mass more, on a friction pendulum (isolated.py); the ground is as strong as makes it
+slide as far as was drawn.
 A chain of which OpenSees itself is not sure, on the motions that models are judged by, tells
 nothing of models: another one is drawn in its place, and the words say so.
 """
@@ -16,7 +18,9 @@ from zlib import crc32
 
 import numpy as np
 
-from benchmarks.unplanted.drawn import MATERIALS
+from benchmarks.unplanted.drawn import MATERIALS, steel02
+from benchmarks.unplanted.frame import GRAVITY
+from benchmarks.unplanted.isolated import Isolated, drawn_bearing
 from benchmarks.unplanted.shaken import (
     Chain,
     ground_motion,
@@ -30,6 +34,7 @@ from benchmarks.unplanted.unnamed import UNNAMED
 
 UNITS = {"N, m": (1.0, 1.0), "kN, mm": (1e3, 1e-3), "kip, in": (4448.22, 0.0254)}  # N, m
 OF_A_STOREY, SHORTEST, LONGEST = 0.1, 0.6, 2.0  # period [s], drawn between so many times as much
+ISOLATED = "Isolated"
 COARSE, HALVINGS = 2, 10  # steps of a sample, and steps, of the search for the ground motion
 UNSURE, MOST_DRAWN = 5.0, 10  # [%] that OpenSees may be from itself; chains drawn of a seed
 
@@ -40,7 +45,7 @@ def drawn_chain(name: str, seed: int) -> tuple[str, Chain]:
     Raises ValueError where OpenSees is sure of none of ten.
     """
     for again in range(MOST_DRAWN):
-        what, chain = _drawn(name, seed, again)
+        what, chain = (_isolated if name == ISOLATED else _drawn)(name, seed, again)
         if max(from_itself(chain)) <= UNSURE:
             return what + (f", after {again} in doubt" if again else ""), chain
     raise ValueError(f"{name} {seed}: OpenSees is sure of none of {MOST_DRAWN} chains drawn")
@@ -81,6 +86,37 @@ def _drawn(name: str, seed: int, again: int) -> tuple[str, Chain]:
     chain = replace(chain, peak=_peak(chain, yielded, ductility, forces[0] / masses.sum()))
     what = f"{name} {seed}, {count} storeys, {units}, {period:.2f} s, ductility {ductility:.1f}"
     return what, chain
+
+
+def _isolated(name: str, seed: int, again: int) -> tuple[str, Chain]:
+    """Steel02 or linear springs above the bearing, so stiff that few of them yield."""
+    rng = np.random.default_rng([seed, crc32(name.encode()), *([again] if again else [])])
+    draw, units = rng.uniform, str(rng.choice(list(UNITS)))
+    newton, metre = UNITS[units]
+    count, slides = int(rng.integers(1, 5)), draw(0.08, 0.35) / metre
+    bearing, gravity = drawn_bearing(rng, slides), GRAVITY / metre
+    masses = 10.0 ** draw(4.0, 6.0) / newton * metre * np.exp(draw(-0.3, 0.3, count + 1))
+    above = np.cumsum(masses[:0:-1])[::-1]  # what every storey carries
+    drift = draw(0.002, 0.006) / metre * np.exp(draw(-0.2, 0.2, count))
+    forces = gravity * above * draw(0.25, 0.6)
+    linear = rng.random() < 0.5
+    storeys: list[list[list[object]]] = [
+        [["Elastic", 1, force / y] if linear else steel02(rng, y, force)[0][0]]
+        for y, force in zip(drift.tolist(), forces.tolist(), strict=True)
+    ]
+    chain = Isolated(
+        masses.tolist(),
+        [[[kind, *words] for kind, _, *words in one] for one in storeys],
+        1.0,
+        draw(0.01, 0.05),
+        motions=1000 * seed,
+        bearing=bearing,
+        gravity=gravity,
+    )
+    yielded = np.array([slides, *[math.inf] * count])
+    peak = _peak(chain, yielded, 1.0, bearing.fast * gravity)
+    what = f"{name} {seed}, {count + 1} masses, {units}, {slides * metre:.2f} m"
+    return what, replace(chain, peak=peak)
 
 
 def _peak(chain: Chain, yielded: np.ndarray, ductility: float, resisted: float) -> float:

@@ -64,7 +64,7 @@ class Frame:
                 ops.load(node[i, j], 0.0, -GRAVITY * mass / len(lines), 0.0)
                 if j > 0:
                     ops.equalDOF(node[i, 0], node[i, j], 1)
-        _loaded(ops)
+        carried(ops)
         return [node[i, 0] for i in floors[1:]]
 
 
@@ -77,7 +77,7 @@ def _section(ops: Any, tag: int, depth: float, width: float, flange: float, web:
     ops.patch("rect", 1, 2, 1, y - flange, -z, y, z)
 
 
-def _loaded(ops: Any) -> None:
+def carried(ops: Any) -> None:
     """The weight, which stays."""
     ops.constraints("Transformation")
     ops.numberer("RCM")
@@ -87,6 +87,6 @@ def _loaded(ops: Any) -> None:
     ops.integrator("LoadControl", 1.0)
     ops.analysis("Static")
     if ops.analyze(1):
-        raise ValueError("the frame does not carry its weight; take heavier columns")
+        raise ValueError("the structure does not carry its weight; take heavier columns")
     ops.loadConst("-time", 0.0)
     ops.wipeAnalysis()

@@ -44,18 +44,20 @@ class Chain:
         ops.model("basic", "-ndm", 1, "-ndf", 1)
         ops.node(0, 0.0)
         ops.fix(0, 1)
-        number = 0
         for i, (mass, materials) in enumerate(zip(self.masses, self.storeys, strict=True), start=1):
             ops.node(i, 0.0)
             ops.mass(i, mass)
-            numbers = []
-            for kind, *words in materials:
-                number += 1
-                ops.uniaxialMaterial(kind, number, *words)
-                numbers.append(number)
-            along = ["-dir", *[1] * len(numbers), "-doRayleigh", 1]
-            ops.element("zeroLength", i, i - 1, i, "-mat", *numbers, *along)
+            joined(ops, i - 1, i, materials)
         return list(range(1, len(self.masses) + 1))
+
+
+def joined(ops: Any, low: int, high: int, materials: Sequence[Material]) -> None:
+    """Two nodes at one place, along the first axis; the element has the number of the higher."""
+    numbers = [100 * high + i for i in range(len(materials))]
+    for number, (kind, *words) in zip(numbers, materials, strict=True):
+        ops.uniaxialMaterial(kind, number, *words)
+    along = ["-dir", *[1] * len(numbers), "-doRayleigh", 1]
+    ops.element("zeroLength", high, low, high, "-mat", *numbers, *along)
 
 
 def _built(case: Chain | Frame) -> tuple[Any, list[int], np.ndarray]:

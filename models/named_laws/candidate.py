@@ -1,7 +1,7 @@
 """A named law as a function of free numbers, and units that follow from the data.
 
-Every parameter is unit·exp(q), or a share 1/(1 + exp(−q)); units are those of the data, so that a
-change of units changes nothing.
+Every parameter is unit·exp(q), or a share 1/(1 + exp(−q)), or unit·(1 − exp(−q)) where it may be
+none; units are those of the data, so that a change of units changes nothing.
 """
 
 from __future__ import annotations
@@ -44,22 +44,28 @@ class Units:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a law: its unit, whether it is a share of one, and where it begins."""
+    """A number of a law: its unit, whether it is a share of one, and where it begins.
+
+    from_zero: unit·(1 − exp(−q)), none at q = 0 and below, as in models of before there was one.
+    """
 
     low: float
     high: float
     unit: Callable[[Units], float] = lambda units: 1.0
     share: bool = False
+    from_zero: bool = False
 
     def value(self, q: float, units: Units) -> float:
         q = min(max(q, -SPAN), SPAN)
+        if self.from_zero:
+            return -self.unit(units) * math.expm1(-max(q, 0.0))
         return 1.0 / (1.0 + math.exp(-q)) if self.share else self.unit(units) * math.exp(q)
 
     def drawn(self, rng: np.random.Generator) -> float:
         """q of a start between low and high, evenly in its logarithm (a share: in itself)."""
-        if self.share:
+        if self.share or self.from_zero:
             share = rng.uniform(self.low, self.high)
-            return math.log(share / (1.0 - share))
+            return -math.log1p(-share) if self.from_zero else math.log(share / (1.0 - share))
         return rng.uniform(math.log(self.low), math.log(self.high))
 
 

@@ -75,6 +75,8 @@ def _pendulum(values: Values, between: Sequence[str]) -> list[Element]:
         rate=values["rate"],
         yield_displacement=values["yield_displacement"],
         damping=values["damping"],
+        spring_share=values["spring_share"],
+        curvature=values["curvature"],
     )
     return [bearing]
 
@@ -172,6 +174,10 @@ CANDIDATES = {
                 "rate": Parameter(0.3, 3.0, lambda units: 1.0 / units.rate),
                 "yield_displacement": Parameter(0.05, 1.0, lambda units: units.elastic),
                 "damping": DAMPING,
+                "spring_share": Parameter(0.1, 0.9, from_zero=True),
+                "curvature": Parameter(  # its radius is twice the largest deformation at least
+                    0.1, 0.5, lambda units: 0.5 / units.length, from_zero=True
+                ),
             },
             _pendulum,
             ("stiffness", "slow", "faster"),

@@ -5,6 +5,7 @@ many parameters draw some of them anew, the others held, until that gains nothin
 shows on the largest motion, which is held back: of those whose error there is nearly the least, or
 next to none, the law of the fewest parameters is taken. But for the last fit, motions are thinned.
 Sides of a law that may differ: at first, where that leaves half; at the end, where it still gains.
+So does a weight that pushes a storey over, of a law that was left with no hardening.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from models.named_laws.fit import (
     two_largest,
     units_of,
 )
+from models.named_laws.leaning import LEANING, leant
 from models.training.doing import doing
 
 DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
@@ -44,6 +46,7 @@ NEWS = 2.0  # times the error without it, after the fit to all: the largest moti
 RIVAL = 1.5  # times the least error at first: laws whose sides may differ, too
 ALONE = 0.02  # error of a law on the motion held back, less noise: beyond, two are tried
 UNSURE = 0.2  # of the noise of a force: an error less noise may be as large by chance
+LEANS = (0.01, 0.05)  # of the slope: starts of what a weight takes away
 HALF = 0.5  # of what even laws leave at first: where sides that differ leave less, they go on alone
 PAIRED = 0.5  # of what a law alone leaves on the motion held back: two in parallel are taken
 
@@ -124,7 +127,7 @@ def tried(
     noise, enough = noise_of(motions), floor_of(motions)
     motions = [motion.thinned() for motion in motions]
     largest = two_largest(motions)
-    draws = _draws(names, seed)
+    draws = _draws([CANDIDATES[name] for name in names], seed)
     starts = {name: begun(CANDIDATES[name], largest, units, draws[name]) for name in names}
     least = min(one.error for ends in starts.values() for one in ends)
     lead = math.hypot(noise, max(IN_THE_LEAD * _beside(noise, least), noise))
@@ -139,10 +142,9 @@ def tried(
     return found
 
 
-def _draws(names: Sequence[str], seed: int) -> dict[str, np.random.Generator]:
+def _draws(laws: Sequence[Candidate], seed: int) -> dict[str, np.random.Generator]:
     """Random numbers of every law, and of those whose sides may differ."""
-    laws = [CANDIDATES[name] for name in names]
-    laws += [law.uneven for law in laws if law.uneven is not None]
+    laws = [*laws, *(law.uneven for law in laws if law.uneven is not None)]
     return {law.name: law.draws(seed) for law in laws}
 
 
@@ -210,11 +212,12 @@ def chosen(
         errors[best] = found[best][0].error_on([judged])
     near, best = alike(errors), smallest(errors)
     enough = floor_of([judged])
-    if best in names and errors[best] > enough and CANDIDATES[best].uneven is not None:
-        wider = _uneven(found[best][0], rest, seed)
-        found[wider.candidate.name] = [wider]
-        errors[wider.candidate.name] = wider.error_on([judged])
-        best = smallest(errors)
+    for wider in (_leaning, _uneven):
+        one = wider(found[best][0], rest, seed) if errors[best] > enough else None
+        if one is not None:
+            found[one.candidate.name] = [one]
+            errors[one.candidate.name] = one.error_on([judged])
+            best = smallest(errors)
     noise = noise_of([judged])
     left = _beside(noise, errors[best])
     more_than_noise = left > max(ALONE, UNSURE * noise)
@@ -222,7 +225,7 @@ def chosen(
         two = pair.error_on([judged])
         if _beside(noise, two) < PAIRED * left:
             return _final([pair], motions, seed), {**errors, pair.candidate.name: two}
-    if best not in names:  # sides differ
+    if best not in names:  # it leans, or sides differ
         return _final(found[best][:1], motions, seed), errors
     final = _final(found[best], motions, seed)
     news = final.error > max(NEWS * found[best][0].error, floor_of(motions))
@@ -268,14 +271,27 @@ def _error(fit: Fit) -> float:
     return fit.error
 
 
-def _uneven(fit: Fit, motions: Sequence[Motion], seed: int) -> Fit:
-    """The same law with sides that may differ.
+def _leaning(fit: Fit, motions: Sequence[Motion], seed: int) -> Fit | None:
+    """The same law under a weight, where it hardens no more."""
+    starts = [leant(fit, share) for share in LEANS]
+    if starts[0] is fit:
+        return None
+    doing(starts[0].candidate.name)
+    motions = [motion.thinned() for motion in motions]
+    ends = [followed(one, motions, MIDDLE) for one in starts]
+    return followed(min(ends, key=_error), motions, LAST)
+
+
+def _uneven(fit: Fit, motions: Sequence[Motion], seed: int) -> Fit | None:
+    """The same law with sides that may differ, where it is one that may have such sides.
 
     Sides cost parameters: where they do not leave half of what all laws leave without them, they
     are tried of the law alone that suits best without them.
     """
+    if fit.candidate.uneven is None:
+        return None
     enough, motions = floor_of(motions), [motion.thinned() for motion in motions]
-    largest, draws = two_largest(motions), _draws([fit.candidate.name], seed)
+    largest, draws = two_largest(motions), _draws([fit.candidate], seed)
     ends = _begun_uneven(fit, motions, largest, draws)
     ends = _ended(ends, motions, largest, draws[ends[0].candidate.name], enough)
     return followed(ends[0], motions, LAST)
@@ -308,7 +324,8 @@ def alike(errors: Mapping[str, float]) -> list[str]:
 
 def smallest(errors: Mapping[str, float]) -> str:
     """Of the laws whose error is nearly the least, that of the fewest parameters."""
-    return min(alike(errors), key=lambda name: len(CANDIDATES[name].parameters))
+    laws = CANDIDATES | LEANING
+    return min(alike(errors), key=lambda name: len(laws[name].parameters))
 
 
 def parted(motions: Sequence[Motion]) -> tuple[list[Motion], Motion]:

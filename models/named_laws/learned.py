@@ -13,9 +13,14 @@ from data.simulation.elements import Element
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
+from models.named_laws.leaning import LEANING
 from models.named_laws.pairs import PAIRS
 
-LAWS = dict(enumerate(CANDIDATES.values())) | dict(enumerate(PAIRS.values(), start=100))  # saved
+LAWS = {  # by the numbers that models are saved with
+    **dict(enumerate(CANDIDATES.values())),
+    **dict(enumerate(PAIRS.values(), start=100)),
+    **dict(enumerate(LEANING.values(), start=200)),
+}
 MOST = max(len(law.parameters) for law in LAWS.values())
 
 

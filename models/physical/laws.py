@@ -22,9 +22,10 @@ UNITS = {  # of the parameters of named laws (models/named_laws/candidates.py)
     **dict.fromkeys(
         ("activation_displacement", "yield_displacement", "gap", "largest", "pinching_width"), "m"
     ),
-    **dict.fromkeys(("stiffness", "spring"), "N/m"),
+    **dict.fromkeys(("stiffness", "spring", "gravity_stiffness"), "N/m"),
     **dict.fromkeys(("slow", "faster"), "N"),
     **dict.fromkeys(("eta_rate", "nu_rate", "pinching_rate"), "1/J"),
+    "curvature": "1/m",
     "damping": "N s/m",
     "rate": "s/m",
     "pinching_spread": "m/J",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from data.simulation.elements import (
@@ -48,6 +50,7 @@ LAWS = {
         weakening_by_excursion=0.1, weakening_by_energy=0.2,
     ),
 }  # fmt: skip
+LAWS["spring bearing"] = replace(LAWS["pendulum"], spring_share=1.0, curvature=0.5)
 LAWS["uneven wall"] = UnevenPinching4(
     **vars(LAWS["wall"]), back_yield_displacement=0.7 * Y, back_displacement_2=0.03,
     back_displacement_3=0.05, back_displacement_4=0.09, back_strength_1=0.6, back_strength_2=1.2,
@@ -65,7 +68,8 @@ LAWS["uneven joint"] = UnevenHysteretic(
 )  # fmt: skip
 LENGTHS = {  # power of the metre in each parameter, where there is one besides the stiffness
     "yield_displacement": 1, "activation_displacement": 1, "gap": 1, "radius": 1, "rate": -1,
-    "beta": -1, "gamma": -1, "pinching_width": 1, "pinching_spread": 1, "stiffness": -1,
+    "curvature": -1, "beta": -1, "gamma": -1, "pinching_width": 1, "pinching_spread": 1,
+    "stiffness": -1,
     "displacement_2": 1, "displacement_3": 1, "displacement_4": 1, "back_yield_displacement": 1,
     "back_displacement_2": 1, "back_displacement_3": 1, "back_displacement_4": 1,
 }  # fmt: skip

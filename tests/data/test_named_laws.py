@@ -154,6 +154,41 @@ def test_pendulum_equals_a_slider_times_the_friction_of_its_speed():
     assert_allclose(force(e, y, DT, rate), by_hand, atol=1e-6 * e.weight)
 
 
+def test_a_spring_in_series_with_a_slider_keeps_its_stiffness_at_any_speed():
+    """By return mapping; a share of a half sticks over the geometric mean of both shears."""
+    e = replace(LAWS["spring bearing"], yield_displacement=3e-3, curvature=0.0)
+    y, rate = eased(*HISTORY, samples=400)
+    mu = e.friction_fast - (e.friction_fast - e.friction_slow) * np.exp(-e.rate * np.abs(rate))
+    spring = e.friction_slow * e.weight / e.yield_displacement
+    q = np.zeros_like(y)
+    for k in range(1, y.size):
+        limit = mu[k] * e.weight
+        q[k] = np.clip(q[k - 1] + spring * (y[k] - y[k - 1]), -limit, limit)
+    r = force(e, y, DT, rate) - e.weight * y / e.radius
+    far = np.linalg.norm(r - q) / np.linalg.norm(q)
+    grows = force(replace(e, spring_share=0.0), y, DT, rate) - e.weight * y / e.radius
+    assert far < 0.01 < 0.03 < np.linalg.norm(grows - q) / np.linalg.norm(q)
+    y = 0.2 * DT * np.arange(40.0)  # at a constant speed from rest
+    for share in (0.0, 0.5, 1.0):
+        half = replace(e, spring_share=share)
+        r = force(half, y, DT / 100.0, np.full_like(y, 20.0)) - e.weight * y / e.radius
+        steep = (r[1] - r[0]) / (y[1] - y[0])
+        ratio = e.friction_fast / e.friction_slow
+        assert_allclose(steep, spring * ratio ** (1.0 - share), rtol=1e-3)
+
+
+def test_a_bearing_on_a_circle_is_a_weight_on_a_slope_with_friction():
+    """Sliding at constant speed up and down: W tan(θ ± arctan μ)."""
+    e = replace(LAWS["spring bearing"], rate=0.0)
+    assert e.friction_slow < e.friction_fast
+    mu, R = e.friction_slow, e.radius
+    y = np.concatenate([np.linspace(0.0, 0.9, 400), np.linspace(0.9, -0.9, 800)])
+    r = force(e, y, DT, np.gradient(y, DT))
+    for k, side in ((100, 1.0), (390, 1.0), (500, -1.0), (800, -1.0), (1190, -1.0)):
+        slope = np.arcsin(y[k] / R)
+        assert_allclose(r[k], e.weight * np.tan(slope + side * np.arctan(mu)), rtol=1e-9)
+
+
 def test_pendulum_dissipates_four_times_friction_times_amplitude_a_cycle():
     """At constant speed v: triangles up and down."""
     e, v = LAWS["pendulum"], 0.2

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from benchmarks.unplanted import motions
+from benchmarks.unplanted.isolated import Bearing, alone
 from benchmarks.unplanted.opensees import opensees
 from data.simulation.element_test import force
 from data.simulation.elements import (
+    FrictionPendulum,
     MenegottoPinto,
     Pinching4,
     SelfCentering,
@@ -177,3 +180,21 @@ def test_hysteretic(seed):
         far.append(float(np.linalg.norm(ours - theirs) / np.linalg.norm(theirs)))
     assert far[0] < 1e-3
     assert far[1] < 0.05 * far[0] or far[1] < 1e-6
+
+
+def test_single_friction_pendulum():
+    """A large radius, as OpenSees has its own geometry; what sticks is a spring there."""
+    if opensees() is None:
+        pytest.skip("needs openseespy: pip install -c constraints.txt -e '.[opensees]'")
+    step = motions.DT / motions.FINE
+    y = random_motion(step)
+    rate = CubicSpline(step * np.arange(len(y)), y)(step * np.arange(len(y)), 1)
+    theirs = alone(Bearing(20.0, 0.04, 0.1, 20.0, 2e-3), 1e6)(y, rate)
+    far = {}
+    for share in (0.0, 1.0):
+        ours = FrictionPendulum(
+            between=BETWEEN, weight=1e6, radius=20.0, friction_fast=0.1, friction_slow=0.04,
+            rate=20.0, yield_displacement=2e-3, spring_share=share,
+        )  # fmt: skip
+        far[share] = np.linalg.norm(force(ours, y, step, rate) - theirs) / np.linalg.norm(theirs)
+    assert far[1.0] < 5e-3 < 0.05 < far[0.0]

@@ -35,6 +35,7 @@ from models.named_laws.differences import descended
 from models.named_laws.envelopes import envelopes, moved, uneven_envelopes, uneven_moved
 from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, noise_of
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
+from models.named_laws.leaning import LEANING
 from models.named_laws.storey import Storey, residuals
 from models.named_laws.storeys import together
 
@@ -292,7 +293,7 @@ def test_a_storey_moves_under_what_was_measured_as_it_does_in_the_chain():
 
 def _fit_of(name: str, units: Units, values: dict[str, float]) -> Fit:
     """A law with these values, shares among them."""
-    candidate = CANDIDATES[name]
+    candidate = (CANDIDATES | LEANING)[name]
     pairs = [(parameter, values[key]) for key, parameter in candidate.parameters.items()]
     q = [math.log(v / (1.0 - v if p.share else p.unit(units))) for p, v in pairs]
     return Fit(candidate, units, np.array(q))

@@ -13,11 +13,16 @@ import pytest
 
 from benchmarks.unplanted import chains, drawn_chains, shaken, structures, suite
 from benchmarks.unplanted.drawn_chains import drawn_chain, ductilities, from_itself
+from benchmarks.unplanted.frame import GRAVITY
 from benchmarks.unplanted.frames import FRAMES
 from benchmarks.unplanted.frames import HELD_BACK as FRAMES_HELD_BACK
+from benchmarks.unplanted.isolated import Bearing, Isolated
 from benchmarks.unplanted.opensees import opensees
 from benchmarks.unplanted.page import lost, medians, write_page
 from benchmarks.unplanted.structures import CASES, HELD_BACK, records
+from data.simulation.elements import FrictionPendulum, Polynomial
+from data.simulation.motion import simulate
+from data.simulation.structure import Structure
 from models.frames import fit
 
 FIT = {
@@ -128,7 +133,7 @@ def test_a_chain_that_is_drawn_has_its_period_and_comes_as_far_as_was_drawn(brie
     assert far == pytest.approx(float(ductility), rel=0.1)
 
 
-@pytest.mark.parametrize("name", drawn_chains.MATERIALS)
+@pytest.mark.parametrize("name", [*drawn_chains.MATERIALS, "Isolated"])
 def test_units_of_a_chain_that_is_drawn_change_no_motion(name, brief, monkeypatch):
     monkeypatch.setattr(drawn_chains, "HALVINGS", 2)
     moved = []
@@ -138,6 +143,40 @@ def test_units_of_a_chain_that_is_drawn_change_no_motion(name, brief, monkeypatc
     assert np.abs(moved[0]).max() > 0.0
     for other in moved[1:]:
         np.testing.assert_allclose(other, moved[0], atol=1e-4 * np.abs(moved[0]).max())
+
+
+def test_a_building_on_a_bearing_moves_as_the_law_and_the_springs_do(brief):
+    """OpenSees' bearing and springs against the simulation of the project, without damping."""
+    of = Bearing(20.0, 0.04, 0.10, 20.0, 2e-3)
+    masses, k = [3e4, 2e4], 4e6
+    case = Isolated(masses, [[["Elastic", k]]], 4.0, 1e-9, bearing=of)
+    ground = shaken.ground_motion(0, 4.0)
+    theirs = shaken.simulated(case, ground)[0]
+    bearing = FrictionPendulum(
+        between=("ground", "x1"),
+        weight=GRAVITY * sum(masses),
+        radius=of.radius,
+        friction_fast=of.fast,
+        friction_slow=of.slow,
+        rate=of.rate,
+        yield_displacement=of.shear,
+        spring_share=1.0,
+    )
+    above = Polynomial(between=("x1", "x2"), stiffness=k)
+    structure = Structure(masses, {"bearing": bearing, "above": above})
+    pushed = -ground[:, None] * np.array(masses)
+    ours = simulate(structure, pushed, structures.DT).x
+    assert np.abs(theirs[:, 0]).max() > 5.0 * of.shear
+    np.testing.assert_allclose(theirs, ours, atol=0.01 * np.abs(ours).max())
+
+
+def test_a_building_on_a_bearing_that_is_drawn_slides_as_far_as_was_drawn(brief):
+    what, chain = drawn_chain("Isolated", 3)
+    metres = float(what.split(", ")[-1].removesuffix(" m"))
+    of_unit = drawn_chains.UNITS[", ".join(what.split(", ")[2:4])][1]
+    slides = np.array([metres / of_unit, *[math.inf] * len(chain.storeys)])
+    far = max(ductilities(chain, slides, structures.TRAINED, drawn_chains.COARSE))
+    assert far == pytest.approx(1.0, rel=0.1)
 
 
 def test_drawn_chains_are_a_table(brief, monkeypatch, capsys):

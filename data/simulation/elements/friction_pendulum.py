@@ -4,7 +4,18 @@
 
 z sticks (ż = ẏ) while |z| < Y, the small shear of the bearing before it slides, and slides at ±Y.
 Constantinou, Mokha & Reinhorn (1990), J. Struct. Eng. ASCE 116, 455–474, whose z/Y is a smooth
-Bouc–Wen variable; here it is its limit of large exponent, an elastoplastic slider.
+Bouc–Wen variable; here it is its limit of large exponent, an elastoplastic slider. So the stiffness
+of what sticks, W μ/Y, grows with speed. That of a spring in series with the slider does not, as in
+singleFPBearing of OpenSees; the share s of it goes from one (s = 0) to the other (s = 1):
+
+    r = W [y/R + μ z/Z] + c ẏ,   Z(|ẏ|) = Y (μ/f_min)ˢ
+
+Where it turns round, μ = f_min and Z = Y. Angles are small. On a circle, of curvature κ = 1/R, the
+weight is in equilibrium with
+
+    r = (W y/(R cos θ) + F) / (1 − F tan θ/W) + c ẏ,   F = W μ z/Z,   sin θ = κ y
+
+which is W tan(θ ± arctan μ) where it slides.
 Branch: the slider's side in bits 0–1; bit 2 is set where ẏ < 0.
 """
 
@@ -19,26 +30,56 @@ from data.simulation.elements.compiling import inlined
 from data.simulation.elements.element import Element
 
 FRICTION_PENDULUM = 7
+STEEPEST = 1e-4  # cos² θ: a bearing does not go up to its equator
 
 
 @inlined
-def force(p, branch, y, ydot, z):  # p = W, R, f_max, f_min, a, Y, c
+def _speed(branch, ydot):
+    """|ẏ| on this branch."""
+    return -ydot if branch & 4 else ydot
+
+
+@inlined
+def _friction(p, speed):
+    return p[2] - (p[2] - p[3]) * math.exp(-p[4] * speed)
+
+
+@inlined
+def _shear(p, mu):
+    """Z, where what sticks begins to slide."""
+    return p[5] if p[7] == 0.0 else p[5] * (mu / p[3]) ** p[7]
+
+
+@inlined
+def force(p, branch, y, ydot, z):  # p = W, R, f_max, f_min, a, Y, c, s, κ
     sliding = side(branch)
-    speed = -ydot if branch & 4 else ydot  # |ẏ| on this branch
-    mu = p[2] - (p[2] - p[3]) * math.exp(-p[4] * speed)
-    r = p[0] * (y / p[1] + mu * z / p[5]) + p[6] * ydot
-    return r, (0.0 if sliding != 0 else ydot)
+    mu = _friction(p, _speed(branch, ydot))
+    part = sliding if sliding != 0 else z / _shear(p, mu)
+    push = mu * part
+    if p[8] == 0.0:
+        r = p[0] * (y / p[1] + push)
+    else:
+        cosine = math.sqrt(max(1.0 - (p[8] * y) ** 2, STEEPEST))
+        tangent = p[8] * y / cosine
+        r = p[0] * (y / (p[1] * cosine) + push) / (1.0 - push * p[8] * p[1] * tangent)
+    return r + p[6] * ydot, (0.0 if sliding != 0 else ydot)
 
 
 @inlined
 def margin(p, branch, ydot, z):
-    speed = -ydot if branch & 4 else ydot
-    return min(speed, slider_margin(side(branch), p[5], ydot, z))
+    speed = _speed(branch, ydot)
+    shear = _shear(p, _friction(p, speed))
+    return min(speed, slider_margin(side(branch), shear, ydot, z))
 
 
 @inlined
 def next_branch(p, branch, ydot, z):
-    sliding, z = slider_next(side(branch), p[5], ydot, z)
+    """What slides has z = ±Y, from which it sticks where it has turned round."""
+    shear = _shear(p, _friction(p, _speed(branch, ydot)))
+    sliding = side(branch)
+    if slider_margin(sliding, shear, ydot, z) < 0.0:
+        sliding, z = slider_next(sliding, shear, ydot, z)
+        z = min(max(z, -p[5]), p[5])
     return bits(sliding) | (4 if ydot < 0.0 else 0), z
 
 
@@ -47,7 +88,10 @@ def next_branch(p, branch, ydot, z):
 class FrictionPendulum(Element):
     """Friction pendulum: r = W [y/R + μ(|ẏ|) z/Y] + c ẏ, z elastoplastic at ±Y.
 
-    μ(v) = f_max − (f_max − f_min) exp(−a v). A flat slider has a large R.
+    μ(v) = f_max − (f_max − f_min) exp(−a v). A flat slider has a large R. spring_share is 0 after
+    Constantinou, Mokha & Reinhorn (1990), as above; it is 1 where what sticks is a spring of
+    stiffness W f_min/Y in series with the slider, as in OpenSees. curvature is 0 for small angles,
+    and 1/R for equilibrium on the circle.
     Raises ValueError for parameters out of range.
     """
 
@@ -60,13 +104,19 @@ class FrictionPendulum(Element):
     rate: float  # a [s/m]
     yield_displacement: float  # Y [m], some 1e-4 to 1e-3
     damping: float = 0.0  # c [N s/m], beside the law
+    spring_share: float = 0.0  # s, between 0 and 1
+    curvature: float = 0.0  # κ [1/m]
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._require(
             "positive", "weight", "radius", "friction_fast", "friction_slow", "yield_displacement"
         )
-        self._require("not negative", "rate", "damping")
+        self._require("not negative", "rate", "damping", "curvature")
+        if not 0.0 <= self.spring_share <= 1.0:
+            raise ValueError(
+                f"FrictionPendulum.spring_share={self.spring_share} must lie in [0, 1]"
+            )
         if self.friction_slow > self.friction_fast:
             raise ValueError(
                 f"FrictionPendulum.friction_slow={self.friction_slow} must not lie above "
