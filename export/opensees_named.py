@@ -87,6 +87,8 @@ def _slack(e: SlackBrace) -> list[Command]:
 def _pendulum(e: FrictionPendulum) -> list[Command]:
     if e.friction_fast - e.friction_slow > SAME * e.friction_fast:
         raise ValueError("friction that grows with speed has no stock material between two nodes")
+    if e.curvature > 0.0:
+        raise ValueError("a curved surface (curvature) has no stock material between two nodes")
     slider = e.weight * e.friction_fast / e.yield_displacement
     return [
         ("Elastic", e.weight / e.radius, e.damping),

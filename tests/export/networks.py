@@ -114,7 +114,7 @@ LAWS = {
     ),
     "pendulum": lambda pair, k: FrictionPendulum(
         between=pair, weight=0.3 * k, radius=1.8, friction_fast=0.09, friction_slow=0.04,
-        rate=25.0, yield_displacement=0.001,
+        rate=25.0, yield_displacement=0.001, spring_share=0.6, curvature=0.4,
     ),
 }  # fmt: skip
 

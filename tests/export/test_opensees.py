@@ -18,6 +18,7 @@ import torch
 
 from data.record import Drive
 from data.simulation.element_test import force
+from data.simulation.elements import FrictionPendulum, Polynomial
 from export.opensees import script_of, write
 from export.opensees_laws import material_of
 from export.opensees_named import named_materials
@@ -246,10 +247,33 @@ def test_named_laws_have_their_stock_materials(name, tmp_path):
     assert np.linalg.norm(theirs - ours) < 2e-3 * np.linalg.norm(ours)
 
 
+@needs_opensees
+def test_a_weight_aloft_is_a_spring_that_pushes_over(tmp_path):
+    steel = replace(candidate("MenegottoPinto")[0], damping=0.0)
+    over = Polynomial(between=steel.between, stiffness=-0.1 * steel.stiffness)
+    y = imposed(20000)
+    theirs = stress([m for e in (steel, over) for m in named_materials(e, "one")], y, tmp_path)
+    ours = force(steel, y, 10.0 / 20000) + over.stiffness * y
+    assert np.linalg.norm(theirs - ours) < 2e-3 * np.linalg.norm(ours)
+
+
 @pytest.mark.parametrize("name", ["Takeda", "FrictionPendulum", "BaberNoori"])
 def test_named_laws_that_no_stock_material_is_are_refused(name):
     with pytest.raises(ValueError, match=r"ground–x1.*choose to=c or to=fmu"):
         [named_materials(e, "ground–x1") for e in candidate(name)]
+
+
+def test_a_bearing_of_constant_friction_is_exported_where_its_surface_is_not_curved():
+    flat = FrictionPendulum(
+        between=("ground", "x1"), weight=1e6, radius=2.0, friction_fast=0.06, friction_slow=0.06,
+        rate=0.0, yield_displacement=1e-3, spring_share=1.0,
+    )  # fmt: skip
+    assert [m.parts[-1][0] for m in named_materials(flat, "ground–x1")] == [
+        "Elastic",
+        "ElasticPP",
+    ]
+    with pytest.raises(ValueError, match=r"a curved surface \(curvature\) has no stock material"):
+        named_materials(replace(flat, curvature=0.5), "ground–x1")
 
 
 @needs_opensees
