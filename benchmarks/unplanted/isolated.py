@@ -1,7 +1,8 @@
 """Buildings on friction pendulums in OpenSees, and such a bearing alone under imposed motion.
 
 OpenSees' singleFPBearing slides on a curved surface, pressed by the weight above it, with friction
-that grows with speed (VelDependent); its equilibrium is that of the circle, without small angles.
+that grows with speed (VelDependent). Its angles are not small; without friction it has
+about W y/(R cos² θ) where a weight on a circle has W y/(R cos θ).
 """
 
 from __future__ import annotations
