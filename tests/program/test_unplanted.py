@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.unplanted import __main__ as elements
 from benchmarks.unplanted import chains, drawn_chains, shaken, structures, suite
 from benchmarks.unplanted.drawn_chains import drawn_chain, ductilities, from_itself
 from benchmarks.unplanted.frame import GRAVITY
@@ -48,6 +49,19 @@ def test_a_quick_run_is_resumed_and_writes_its_page(tmp_path, monkeypatch, capsy
     suite.main()
     assert [file.stat().st_mtime_ns for file in files] == before
     assert "`zero`" in capsys.readouterr().out
+
+
+def test_a_quick_run_of_single_elements_has_a_row_for_every_model(monkeypatch, capsys):
+    """Also of one that is searched, and has no objective whose settings could be short."""
+    monkeypatch.setitem(elements.MODELS, "named_element", ("model.laws=[SelfCentering]",))
+    models = ["named_element", "hysteretic_element"]
+    monkeypatch.setattr(
+        sys, "argv", ["unplanted", "--quick", "--laws", "flag", "--models", *models]
+    )
+    elements.main()
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if "seeds" in line]
+    assert [row[:2] for row in rows] == [["flag", model] for model in models]
+    assert float(rows[0][3]) < 0.1 < float(rows[1][3]) < 30.0
 
 
 def test_every_structure_stands_and_moves(monkeypatch):
