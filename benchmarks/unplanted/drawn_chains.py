@@ -63,8 +63,12 @@ def from_itself(chain: Chain) -> list[float]:
         return [math.inf]
 
 
+def _random_numbers(name: str, seed: int, again: int) -> np.random.Generator:
+    return np.random.default_rng([seed, crc32(name.encode()), *([again] if again else [])])
+
+
 def _drawn(name: str, seed: int, again: int) -> tuple[str, Chain]:
-    rng = np.random.default_rng([seed, crc32(name.encode()), *([again] if again else [])])
+    rng = _random_numbers(name, seed, again)
     draw, units = rng.uniform, str(rng.choice(list(UNITS)))
     newton, metre = UNITS[units]
     count = int(rng.integers(2, 7))
@@ -90,7 +94,7 @@ def _drawn(name: str, seed: int, again: int) -> tuple[str, Chain]:
 
 def _isolated(name: str, seed: int, again: int) -> tuple[str, Chain]:
     """Steel02 or linear springs above the bearing, so stiff that few of them yield."""
-    rng = np.random.default_rng([seed, crc32(name.encode()), *([again] if again else [])])
+    rng = _random_numbers(name, seed, again)
     draw, units = rng.uniform, str(rng.choice(list(UNITS)))
     newton, metre = UNITS[units]
     count, slides = int(rng.integers(1, 5)), draw(0.08, 0.35) / metre

@@ -7,7 +7,6 @@ about W y/(R cos² θ) where a weight on a circle has W y/(R cos θ).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +16,7 @@ from benchmarks.unplanted.frame import GRAVITY, TURNING, carried
 from benchmarks.unplanted.laws import Law
 from benchmarks.unplanted.motions import DT, FINE
 from benchmarks.unplanted.opensees import opensees
-from benchmarks.unplanted.shaken import Chain, joined
+from benchmarks.unplanted.shaken import Chain, joined, prepare_steps
 
 STIFF = 1e5  # along a bearing, times weight over radius
 ROUNDS, NEAR = 50, 1e-11  # of a bearing's own equilibrium, and how near it comes, of the weight
@@ -96,13 +95,7 @@ def alone(bearing: Bearing, weight: float) -> Law:
         ops.pattern("MultipleSupport", 1)
         ops.groundMotion(1, "Plain", "-disp", 10, "-vel", 11, "-accel", 12)
         ops.imposedMotion(1, 1, 1)
-        ops.constraints("Transformation")
-        ops.numberer("RCM")
-        ops.system("FullGeneral")
-        ops.test("NormDispIncr", 1e-12 * math.fsum(np.abs(y)) / len(y), 50)
-        ops.algorithm("Newton")
-        ops.integrator("Newmark", 0.5, 0.25)
-        ops.analysis("Transient")
+        prepare_steps(ops, 1e-12 * float(np.abs(y).mean()))
         r = np.zeros_like(y)
         for n in range(1, len(y)):
             if ops.analyze(1, step):

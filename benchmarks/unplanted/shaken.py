@@ -83,13 +83,7 @@ def simulated(case: Chain | Frame, ground: np.ndarray, substeps: int = 0) -> np.
     # the last instant may lie beyond the last value, by rounding; without useLast that is none
     ops.timeSeries("Path", 1, "-dt", DT, "-values", *ground.tolist(), "-useLast")
     ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
-    ops.constraints("Transformation")
-    ops.numberer("RCM")
-    ops.system("FullGeneral")
-    ops.test("NormDispIncr", 1e-10, 50)
-    ops.algorithm("Newton")
-    ops.integrator("Newmark", 0.5, 0.25)
-    ops.analysis("Transient")
+    prepare_steps(ops, 1e-10)
     motion = np.zeros((3, len(ground), len(nodes)))
     for sample in range(1, len(ground)):
         if ops.analyze(substeps, DT / substeps):
@@ -99,6 +93,17 @@ def simulated(case: Chain | Frame, ground: np.ndarray, substeps: int = 0) -> np.
             motion[1, sample, i] = ops.nodeVel(node, 1)
             motion[2, sample, i] = ops.nodeAccel(node, 1)
     return motion
+
+
+def prepare_steps(ops: Any, near: float) -> None:
+    """Newmark's method, each step in equilibrium but for displacements of less than `near`."""
+    ops.constraints("Transformation")
+    ops.numberer("RCM")
+    ops.system("FullGeneral")
+    ops.test("NormDispIncr", near, 50)
+    ops.algorithm("Newton")
+    ops.integrator("Newmark", 0.5, 0.25)
+    ops.analysis("Transient")
 
 
 def ground_motion(seed: int, size: float) -> np.ndarray:

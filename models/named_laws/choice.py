@@ -29,7 +29,7 @@ from models.named_laws.fit import (
     two_largest,
     units_of,
 )
-from models.named_laws.leaning import LEANING, leant
+from models.named_laws.leaning import LEANING, LEANS, leant
 from models.training.doing import doing
 
 DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
@@ -46,7 +46,6 @@ NEWS = 2.0  # times the error without it, after the fit to all: the largest moti
 RIVAL = 1.5  # times the least error at first: laws whose sides may differ, too
 ALONE = 0.02  # error of a law on the motion held back, less noise: beyond, two are tried
 UNSURE = 0.2  # of the noise of a force: an error less noise may be as large by chance
-LEANS = (0.01, 0.05)  # of the stiffness: starts of what a weight takes away, less hardening
 HALF = 0.5  # of what even laws leave at first: where sides that differ leave less, they go on alone
 PAIRED = 0.5  # of what a law alone leaves on the motion held back: two in parallel are taken
 

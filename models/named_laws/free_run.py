@@ -22,7 +22,7 @@ from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit
-from models.named_laws.leaning import leant
+from models.named_laws.leaning import LEANS, leant
 from models.training.doing import doing
 
 TOLERANCE = 1e-6  # of the simulation
@@ -36,7 +36,6 @@ RIVAL_ITERATIONS = 8  # of all laws, one of them exchanged
 RIVAL_GOAL = 1.1  # times the error: rivals farther away are given up where they come no nearer
 NEAR, SOME = 10.0, 0.1  # times the error, and beyond: rivals that begin farther away are not tried
 BETTER = 0.998  # times the error, for each parameter more: a rival is taken
-LEANS = 0.01  # of the stiffness: what a weight takes away at first, less hardening
 AS_GOOD = 1.001  # times the error: one with fewer is
 EARLY_PULL, PULL = 1e-6, 1e-8  # of the numbers towards their start, beside the squared error
 DAMPING, MASS_DAMPING = 0.03, 0.01  # share of critical at first; of the slowest rate α
@@ -214,7 +213,7 @@ class FreeRuns:
 
     def leaning(self, laws: Laws) -> Laws:
         """The laws, under a weight where they were left with no hardening and the motion asks."""
-        fits = [leant(fit, LEANS) for fit in laws.fits]
+        fits = [leant(fit, LEANS[0]) for fit in laws.fits]
         return self._wider(laws, fits, "laws with P-Delta")
 
     def sided(self, laws: Laws) -> Laws:

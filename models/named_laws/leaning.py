@@ -22,6 +22,7 @@ from models.named_laws.fit import Fit
 GRAVITY = "gravity_stiffness"  # k_g
 STIFFNESS = Parameter(0.003, 0.1, lambda units: units.slope)
 HARDENING = ("hardening_ratio", "post_yield_ratio")
+LEANS = (0.01, 0.05)  # of the stiffness: starts of what a weight takes away, less hardening
 NONE_LEFT, HARDENS = 0.01, 0.03  # of the stiffness: a law that hardens less may lean; its start
 
 

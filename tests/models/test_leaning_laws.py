@@ -6,15 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from data.record import Record
+from data.simulation.elements import Polynomial
+from data.simulation.structure import Structure
+from models.element_network_named import ElementNetworkNamed
 from models.named_element import NamedElement
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit, Motion
-from models.named_laws.free_run import FreeRuns
+from models.named_laws.free_run import FreeRuns, Laws
 from models.named_laws.leaning import HARDENING, LEANING, OF_LAW, leant
-from tests.models.test_named_laws import DT, PLANTED, element_test, error, heard_chain, motion
+from tests.models.test_named_laws import (
+    DT,
+    PLANTED,
+    element_test,
+    error,
+    heard_chain,
+    motion,
+    shaken,
+)
 
 UNITS = Units(0.02, 0.1, 1e5, 2e7)
 STEEL = {
@@ -85,3 +97,14 @@ def test_storeys_lean_where_accelerations_with_noise_ask_for_it(share, leans):
     plain = replace(laws, fits=[Fit(steel, fit.units, fit.q[leans:]) for fit in laws.fits])
     found = runs.leaning(runs.followed(plain, 1.0, 2, 1e-8))
     assert [fit.candidate.name for fit in found.fits] == [name] * 2
+
+
+def test_a_network_that_hears_accelerations_asks_whether_its_storeys_lean(monkeypatch):
+    spring = Polynomial(between=("s1", "x1"), stiffness=1.5e7, damping=6e4)
+    one = shaken(Structure([3e4], {"r1": spring}), 0, 0.1)
+    noise = 0.02 * one.a.std() * torch.randn(one.a.shape, generator=torch.Generator()).double()
+    asked: list[Laws] = []
+    monkeypatch.setattr(FreeRuns, "leaning", lambda runs, laws: asked.append(laws) or laws)
+    model = ElementNetworkNamed(1, 2, DT, "chain", [3e4], [], laws=["Linear"])
+    model.identify([replace(one, a=one.a + noise, x=None, v=None)])
+    assert len(asked) == 1

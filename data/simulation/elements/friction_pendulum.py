@@ -30,7 +30,7 @@ from data.simulation.elements.compiling import inlined
 from data.simulation.elements.element import Element
 
 FRICTION_PENDULUM = 7
-STEEPEST = 1e-4  # cos² θ: a bearing does not go up to its equator
+STEEPEST = 0.1  # cos θ, and 1 − F tan θ/W: no weight goes up to where a slope would not let it
 
 
 @inlined
@@ -59,9 +59,9 @@ def force(p, branch, y, ydot, z):  # p = W, R, f_max, f_min, a, Y, c, s, κ
     if p[8] == 0.0:
         r = p[0] * (y / p[1] + push)
     else:
-        cosine = math.sqrt(max(1.0 - (p[8] * y) ** 2, STEEPEST))
-        tangent = p[8] * y / cosine
-        r = p[0] * (y / (p[1] * cosine) + push) / (1.0 - push * p[8] * p[1] * tangent)
+        cosine = math.sqrt(max(1.0 - (p[8] * y) ** 2, STEEPEST**2))
+        held = max(1.0 - push * p[1] * p[8] ** 2 * y / cosine, STEEPEST)
+        r = p[0] * (y / (p[1] * cosine) + push) / held
     return r + p[6] * ydot, (0.0 if sliding != 0 else ydot)
 
 
