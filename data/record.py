@@ -263,6 +263,15 @@ class Record:
         cut = replace(self, warmup=0).map(lambda u: u[..., start : start + length, :])
         return replace(cut, warmup=warmup, initial_state=begins)
 
+    def behind(self, before: Record) -> Record:
+        """This record as the end of one that begins with `before`, whose samples are its warm-up.
+
+        Both have the same signals.
+        """
+        own = iter(_tensors(self))
+        whole = replace(before, warmup=0).map(lambda u: torch.cat([u, next(own)], dim=-2))
+        return replace(whole, warmup=before.samples)
+
     def to(self, device: torch.device | str) -> Record:
         return self.map(lambda u: u.to(device))
 

@@ -52,7 +52,7 @@ class MeasuredData(Data):
     displacements. initial_state: None begins as measured where x and v are, else at rest; an
     element test, and a record that was cut in motion or shows motion at its first samples, in an
     unknown state. Of such a record the first `warmup` samples, or a tenth, tell of the state, and
-    are not scored.
+    are not scored; the rest of an element test that was cut is run from the beginning of its file.
     With a support's acceleration s_ddot1, motions are relative to it and f = −s̈ drives them;
     accelerations says how a1, … were measured, "absolute" or "relative" to that support.
     align: sensors whose counters have no common zero begin at once ("start"), or are shifted onto
@@ -167,9 +167,26 @@ class MeasuredData(Data):
                 records[split].append(self.scenario(record, rng))
                 self._describe(channels, record.quantity)
             records[split] = self._telling(split, records[split], stated)
+        cut = [name for name, raw in self.parts.get("test", {}).items() if not raw.whole]
         self.notes |= {f"{said[0]}: {_few(names)}": list(said[1:]) for said, names in notes.items()}
         self.parts = {}
-        return self._on_one_step(records)
+        records = self._on_one_step(records)
+        return self._behind_what_it_remembers(records) if cut else records
+
+    def _behind_what_it_remembers(
+        self, records: dict[str, list[Record]]
+    ) -> dict[str, list[Record]]:
+        """The rest of an element test behind its first part, of which it is the memory.
+
+        Slack, damage and the largest excursions of the first part decide the force of the rest, and
+        the motion that made them was imposed. What tells of an unknown beginning is the first part.
+        """
+        (first,), (rest,) = records["train"], records["test"]
+        if rest.quantity != "force" or rest.initial_state != "unknown":
+            return records
+        told = "runs from the beginning of its file, and the rest is scored"
+        self.notes["test: each record"] = [told]
+        return {**records, "test": [rest.behind(first)]}
 
     def make_calibration(self) -> list[Record]:
         raise ValueError(

@@ -92,7 +92,8 @@ class Candidate:
     read: starts that are read off the motions, as values of some parameters. parts: parameters that
     a search draws anew together, the others held. moved: values of others that mean nearly the
     same. uneven: the same law where its sides may differ, with more parameters behind its own, each
-    one where the sides are alike. halves: the laws in parallel that it is made of, if it is.
+    one where the sides are alike; or another that is wider, and the same at zero. halves: the
+    laws in parallel that it is made of, if it is.
     """
 
     name: str

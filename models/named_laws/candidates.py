@@ -75,8 +75,8 @@ def _pendulum(values: Values, between: Sequence[str]) -> list[Element]:
         rate=values["rate"],
         yield_displacement=values["yield_displacement"],
         damping=values["damping"],
-        spring_share=values["spring_share"],
-        curvature=values["curvature"],
+        spring_share=values.get("spring_share", 0.0),
+        curvature=values.get("curvature", 0.0),
     )
     return [bearing]
 
@@ -122,6 +122,27 @@ STEEL_PARAMETERS = {
     "growth": Parameter(0.003, 0.1),
     "damping": DAMPING,
 }
+PENDULUM_SIZES = ("stiffness", "slow", "faster")
+PENDULUM_PARAMETERS = {
+    "stiffness": Parameter(0.1, 1.0, lambda units: units.force / units.length),
+    "slow": Parameter(0.05, 0.5, lambda units: units.force),
+    "faster": Parameter(0.02, 0.5, lambda units: units.force),
+    "rate": Parameter(0.3, 3.0, lambda units: 1.0 / units.rate),
+    "yield_displacement": Parameter(0.05, 1.0, lambda units: units.elastic),
+    "damping": DAMPING,
+}
+CURVED_PENDULUM = Candidate(
+    "CurvedFrictionPendulum",
+    PENDULUM_PARAMETERS
+    | {
+        "spring_share": Parameter(0.1, 0.9, from_zero=True),
+        "curvature": Parameter(  # its radius is twice the largest deformation at least
+            0.1, 0.5, lambda units: 0.5 / units.length, from_zero=True
+        ),
+    },
+    _pendulum,
+    PENDULUM_SIZES,
+)
 _DEGRADING = {**_SMOOTH, **PER_ENERGY, **PINCHING}
 _UNEVEN = {"uneven": Parameter(0.9, 1.1)}
 UNEVEN_BOUC_WEN = Candidate("UnevenBoucWen", {**_SMOOTH, **_UNEVEN}, _bouc_wen)
@@ -167,20 +188,10 @@ CANDIDATES = {
         ),
         Candidate(
             "FrictionPendulum",
-            {
-                "stiffness": Parameter(0.1, 1.0, lambda units: units.force / units.length),
-                "slow": Parameter(0.05, 0.5, lambda units: units.force),
-                "faster": Parameter(0.02, 0.5, lambda units: units.force),
-                "rate": Parameter(0.3, 3.0, lambda units: 1.0 / units.rate),
-                "yield_displacement": Parameter(0.05, 1.0, lambda units: units.elastic),
-                "damping": DAMPING,
-                "spring_share": Parameter(0.1, 0.9, from_zero=True),
-                "curvature": Parameter(  # its radius is twice the largest deformation at least
-                    0.1, 0.5, lambda units: 0.5 / units.length, from_zero=True
-                ),
-            },
+            PENDULUM_PARAMETERS,
             _pendulum,
-            ("stiffness", "slow", "faster"),
+            PENDULUM_SIZES,
+            uneven=CURVED_PENDULUM,
         ),
         Candidate("BoucWen", _SMOOTH, _bouc_wen, uneven=UNEVEN_BOUC_WEN),
         STEEL,
@@ -195,5 +206,6 @@ CANDIDATES = {
         UNEVEN_THREE_POINTS,
         UNEVEN_BOUC_WEN,
         UNEVEN_BABER_NOORI,
+        CURVED_PENDULUM,
     )
 }

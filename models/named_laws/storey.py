@@ -154,14 +154,14 @@ class Beginning:
         sizes = {key: self.units.length * math.exp(bend) for key in BENDING}
         sizes |= {"stiffness": self.stiffness, "damping": self.damping}
         q = dict(zip(candidate.parameters, candidate.drawn(rng).tolist(), strict=True))
-        if name == "FrictionPendulum":  # the spring before it slides is short
+        if name.endswith("FrictionPendulum"):  # the spring before it slides is short
             q["slow"] = bend
             del sizes["stiffness"]
             sizes["yield_displacement"] = math.exp(bend) * self.units.force / self.stiffness
         elif name == "SlackBrace":  # the brace is slack at first
             sizes |= {"spring": self.stiffness, "stiffness": self.stiffness * math.exp(brace)}
         if not self.sure:
-            bends = () if name == "FrictionPendulum" else BENDING
+            bends = () if name.endswith("FrictionPendulum") else BENDING
             sizes = {key: size for key, size in sizes.items() if key in bends}
         for key in sizes.keys() & q.keys():
             q[key] = math.log(sizes[key] / candidate.parameters[key].unit(self.units))

@@ -134,7 +134,7 @@ def named_law(fit: Fit, part: str, about: str) -> Iterator[Values]:
     for key, value in values.items():
         yield f"{part}.{WORDS.get(key, key)}", value, UNITS.get(key, ""), about, False
     for key in YIELDS:
-        if key in values and name != "FrictionPendulum":
+        if key in values and not name.endswith("FrictionPendulum"):
             share = 1.0 - values.get("post_yield_ratio", 0.0)
             force = share * values["stiffness"] * values[key]
             word = "activation_force" if name == "SelfCentering" else "yield_force"

@@ -14,7 +14,8 @@ from data.measured.mend import Mending
 from data.measured.reading import read_record
 from data.record import Record
 from data.sample import Sensors
-from data.simulation.elements import Element, Polynomial
+from data.simulation.element_test import force, growing_cycles, write
+from data.simulation.elements import Element, Polynomial, SlackBrace
 from data.simulation.motion import simulate
 from data.simulation.scenario import FullState, Integrated
 from data.simulation.structure import Structure
@@ -78,13 +79,16 @@ def test_a_file_with_our_names_needs_no_more(ten_lines):
     assert (train.initial_state, test.initial_state) == ("rest", "unknown")
 
 
-@pytest.mark.parametrize(("stated", "window", "telling"), [(0, None, 10), (0, 20, 2), (7, 20, 7)])
-def test_a_tenth_of_what_is_cut_tells_of_an_unknown_beginning(stated, window, telling, tmp_path):
-    """An element test, whose memory nobody knows: of a record, or of a window of it."""
+@pytest.mark.parametrize(("stated", "window", "telling"), [(0, None, 20), (0, 20, 2), (7, 20, 7)])
+def test_a_tenth_of_an_element_test_tells_of_an_unknown_beginning(
+    stated, window, telling, tmp_path
+):
+    """Nobody knows what it remembers: of a record, or of a window of it."""
     t = DT * np.arange(200)
-    write_csv(tmp_path / "e.csv", t=t, s1=np.sin(t), s_dot1=np.cos(t), r1=np.sin(t))
-    data = measured(tmp_path / "e.csv", window=window, warmup=stated)
-    assert data.records["test"][0].warmup == (stated or 10)
+    for name in ("e.csv", "f.csv"):
+        write_csv(tmp_path / name, t=t, s1=np.sin(t), s_dot1=np.cos(t), r1=np.sin(t))
+    data = measured(tmp_path, window=window, warmup=stated)
+    assert data.records["test"][0].warmup == (stated or 20)
     assert {w.warmup for w in data.windows("train")} == {telling}
 
 
@@ -305,6 +309,28 @@ def test_an_element_test_is_identified_and_a_surface_without_memory_is_not(loop)
     assert errors[0] < 0.01
     assert errors[1] > 0.05
     assert float(element.laws.unit_limit()[0, 0].detach()) == pytest.approx(0.012, rel=0.02)
+
+
+def test_the_rest_of_an_element_test_remembers_its_first_part(tmp_path):
+    """Slack that grew before the cut: a run from the cut alone knows nothing of it."""
+    law = SlackBrace(
+        between=("ground", "x1"), stiffness=1e6, yield_displacement=0.01, hardening_ratio=0.02,
+        gap=0.001,
+    )  # fmt: skip
+    y = growing_cycles(0.08, 12, 0.01, 0.5)
+    y = np.concatenate([y, y[::-1]])
+    write(tmp_path / "brace.csv", law, y, 0.01)
+    data = measured(tmp_path / "brace.csv")
+    (train,), (test,) = data.records["train"], data.records["test"]
+    assert test.samples == len(y)
+    assert test.warmup == train.samples == len(y) // 2
+    assert torch.equal(test.a[: train.samples], train.a)
+    assert any("from the beginning of its file" in str(said) for said in data.notes.values())
+    r = torch.from_numpy(force(law, test.s[:, 0].numpy(), 0.01, test.s_dot[:, 0].numpy()))
+    late = slice(test.warmup, None)
+    assert (r[late] - test.a[late, 0]).norm() < 1e-3 * test.a[late].norm()
+    rested = measured(tmp_path / "brace.csv", initial_state="rest").records["test"][0]
+    assert rested.samples == len(y) - train.samples  # whoever says so knows that it forgot
 
 
 def test_a_model_of_motions_refuses_an_element_test(loop):

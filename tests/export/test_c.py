@@ -158,7 +158,15 @@ def test_named_laws_are_clean_under_sanitizers(tmp_path):
 
 @pytest.mark.parametrize(
     "law",
-    ["SlackBrace", "Takeda", "FrictionPendulum", "Pinching4", "Hysteretic", "UnevenHysteretic"],
+    [
+        "SlackBrace",
+        "Takeda",
+        "FrictionPendulum",
+        "CurvedFrictionPendulum",
+        "Pinching4",
+        "Hysteretic",
+        "UnevenHysteretic",
+    ],
 )
 def test_a_named_element_runs_in_c(law, tmp_path):
     """Compiled fast: the text of all laws is in it."""
@@ -166,7 +174,7 @@ def test_a_named_element_runs_in_c(law, tmp_path):
     candidate = CANDIDATES[law]
     fit = Fit(candidate, Units(0.05, 0.2, 2e4, 2e6), np.zeros(len(candidate.parameters)))
     fit.q[0] = -1.0
-    if law == "FrictionPendulum":
+    if law == "CurvedFrictionPendulum":
         fit.q[-2:] = 0.7  # a spring in part, on a curved surface
     model.laws.take(0, fit)
     rest = torch.zeros(1, dtype=torch.float64)

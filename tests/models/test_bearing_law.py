@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from data.simulation.elements import FrictionPendulum
 from models.named_element import NamedElement
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
+from models.named_laws.fit import Fit
 from tests.models.test_named_laws import DT, TESTED, element_test, error
 
 BEARING = FrictionPendulum(
@@ -20,7 +23,8 @@ BEARING = FrictionPendulum(
 @pytest.mark.parametrize("per", [1.0, 1e3])
 def test_the_spring_and_the_curvature_of_a_bearing_are_found(per):
     model = NamedElement(1, 2, DT, laws=["FrictionPendulum"])
-    model.identify([element_test(BEARING, i, s, per=per) for i, s in enumerate((0.04, 0.025))])
+    tests = [element_test(BEARING, i, s, per=per) for i, s in enumerate((0.04, 0.025))]
+    assert model.identify(tests)["laws"] == "CurvedFrictionPendulum"
     unseen = [element_test(BEARING, 7, 0.035, per=per), element_test(BEARING, 8, 0.06, per=per)]
     assert error(model, unseen) < 0.5
     fit = model.laws[0]
@@ -29,10 +33,19 @@ def test_the_spring_and_the_curvature_of_a_bearing_are_found(per):
     assert values["curvature"] * per == pytest.approx(BEARING.curvature, rel=0.05)
 
 
-def test_a_bearing_without_spring_and_curvature_is_that_of_models_saved_before():
-    """Which have zeros where these are now."""
+@pytest.mark.parametrize("seed", range(4))
+def test_a_bearing_without_spring_and_curvature_needs_no_other_law_beside_it(seed):
+    """From a single motion, too."""
+    plain = replace(BEARING, spring_share=0.0, curvature=0.0)
+    model = NamedElement(1, 2, DT, laws=["FrictionPendulum", "SelfCentering"], seed=seed)
+    laws = model.identify([element_test(plain, 0, 0.04)])["laws"]
+    assert laws in ("FrictionPendulum", "CurvedFrictionPendulum")
+    assert error(model, [element_test(plain, 7, 0.035)]) < 0.5
+
+
+def test_a_wider_bearing_is_the_same_at_zero():
     law, units = CANDIDATES["FrictionPendulum"], Units(0.05, 0.2, 2e4, 2e6)
-    q = np.append(law.drawn(np.random.default_rng(0))[:-2], [0.0, -1.0])
-    (bearing,) = law.elements(q, units)
-    assert isinstance(bearing, FrictionPendulum)
-    assert (bearing.spring_share, bearing.curvature) == (0.0, 0.0)
+    fit = Fit(law, units, law.drawn(np.random.default_rng(0)))
+    (bearing,), (wider,) = (one.candidate.elements(one.q, units) for one in (fit, fit.uneven()))
+    assert wider == bearing
+    assert fit.uneven().candidate.name == "CurvedFrictionPendulum"
