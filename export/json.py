@@ -10,7 +10,6 @@ from typing import Any
 
 from export.run import Exported
 from models.estimator import Estimator
-from models.physical.parameters import parameters_of
 from runner.scores.headline import interval_in
 
 
@@ -40,7 +39,9 @@ def content_of(model: Exported) -> dict[str, Any]:
 
 def parameters(estimator: Estimator) -> Iterable[dict[str, Any]]:
     """Physical parameters of a model; of a black box the numbers as the model names them."""
-    physical: list[dict[str, Any]] = [vars(parameter) for parameter in parameters_of(estimator)]
+    physical: list[dict[str, Any]] = [
+        vars(parameter) for parameter in estimator.physical_parameters()
+    ]
     named: Iterable[dict[str, Any]] = (
         {"name": name, "value": value, "unit": ""} for name, value in _numbers(estimator)
     )

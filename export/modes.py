@@ -18,7 +18,6 @@ from models.estimator import Estimator
 from models.hysteretic_element import HystereticElement
 from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion
-from models.physical.parameters import parameters_of
 
 REAL = 1e-9  # imaginary part of a pole, of its size: less is none
 
@@ -85,7 +84,7 @@ def _of_composite(model: Composite) -> tuple[Tensor, Tensor, Tensor]:
     composed = model.composition()
     springs, dampers = composed.laws.value[:, 0], composed.laws.value[:, 1]
     if isinstance(model, ElementNetwork):  # whose laws may be others than those of the table
-        values = {p.name: p.value for p in parameters_of(model)}
+        values = {p.name: p.value for p in model.physical_parameters()}
         numbers = range(1, len(model.elements) + 1)
         springs = torch.tensor([values[f"r{e}.stiffness"] for e in numbers]).to(springs)
         dampers = torch.tensor([values.get(f"r{e}.damping", 0.0) for e in numbers]).to(springs)

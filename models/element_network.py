@@ -25,6 +25,8 @@ from models.composition.joined import TOLD, incidence, nodes_of
 from models.composition.laws import SOFTEST, ElementLaws
 from models.composition.simulate import Composition
 from models.composition.stated import typed
+from models.estimator import Parameter
+from models.physical.parameters import composed_laws
 from models.starts.equilibrium import forces_of, integrated_states
 from models.starts.ladder import Equations, linear_start
 from models.starts.smoothed_states import (
@@ -345,6 +347,27 @@ class ElementNetwork(Composite):
             s, s_dot = u[:, self.forces :].chunk(2, dim=1)
             y, rate = x @ B.T + s @ B_s.T, v @ B.T + s_dot @ B_s.T
             yield y, rate, u @ inputs.T - a, v - s_dot[:, :1] if self.supports else v
+
+    @property
+    def scale_is_open(self) -> bool:
+        given = self.forced or any(prior.sets_scale for prior in self.stated)
+        return self.known_masses is None and not given
+
+    def _physical_parameters(self) -> Iterable[Parameter]:
+        self.require_identified(self.identified)
+        for i, mass in enumerate(self.mass().tolist(), start=1):
+            yield Parameter(f"x{i}.mass", mass, "kg")
+        yield from self._mass_damping()
+        for e, pair in enumerate(self.elements):
+            yield from self._law(e, f"r{e + 1}", "–".join(pair))
+
+    def _mass_damping(self) -> Iterable[Parameter]:
+        """Damping of the masses, where the model has any."""
+        return ()
+
+    def _law(self, e: int, part: str, about: str) -> Iterable[Parameter]:
+        """Physical parameters of the law of element e."""
+        return composed_laws(self.laws, e, part, about)
 
     @property
     def is_chain(self) -> bool:

@@ -4,7 +4,7 @@ M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = law_e(y_e, ẏ_e; q_e)          (
 
 Where a chain's accelerations alone are known, each element gets the law whose own run, held near
 what was measured, suits best (models/named_laws/storey.py); then all of these are fitted side by
-side (storeys.py). Elsewhere forces by equilibrium (models/starts/equilibrium.py) make a test of
+side. Elsewhere forces by equilibrium (models/starts/equilibrium.py) make a test of
 every element. At last all laws, unknown masses and a damping that goes with the masses are fitted
 together to the motion from rest, simulated by the integrator of data/simulation, which finds the
 instants of yielding. No solver is needed.
@@ -13,11 +13,12 @@ B records, T samples, n DOFs, E elements, m excitations.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -31,15 +32,17 @@ from data.simulation.structure import Structure
 from models.composition.stated import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
-from models.estimator import Estimator
+from models.estimator import Estimator, Parameter
 from models.named_laws.choice import chosen
+from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
 from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.learned import LearnedLaws, require_laws, told
-from models.named_laws.storey import Beginning, Storey
+from models.named_laws.storey import Beginning, Storey, residuals
 from models.named_laws.storey import chosen as chosen_storey
-from models.named_laws.storeys import together
+from models.physical.parameters import named_law
+from models.training.doing import doing
 
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
 LIGHTEST = 0.05  # of the mass above, where a law leaves none
@@ -227,6 +230,13 @@ class ElementNetworkNamed(ElementNetwork):
         """Dampers between the masses and the support by names, none for α = 0."""
         return mass_dampers(float(self.mass_damping), self.mass().detach().cpu().numpy(), self.foot)
 
+    def _mass_damping(self) -> Iterable[Parameter]:
+        if (alpha := float(self.mass_damping)) > 0.0:
+            yield Parameter("mass_damping", alpha, "1/s", "of Rayleigh's")
+
+    def _law(self, e: int, part: str, about: str) -> Iterable[Parameter]:
+        return named_law(self.named[e], part, about)
+
     def forward(self, record: Record) -> Tensor:
         return self.run_of(record).a
 
@@ -300,3 +310,40 @@ def _mass_damping(fits: Sequence[Fit], of_element: Sequence[Sequence[ElementTest
     weights = [float(np.sum(joined(motions, "shares") ** 2)) for motions in of_element]
     found = [fit.factors_on(test)[0] for fit, test in zip(fits, of_element, strict=True)]
     return float(np.average(found, weights=weights))
+
+
+# Laws of all storeys of a chain together, and the damping of its masses.
+#
+# Every law is in a run of its own, which is held near what was measured, but less than in the
+# search (storey.py): so the numbers of laws that are nearly right show better. α is fitted with
+# them: where the beginning is not linear, it tells α badly, and forces by equilibrium are wrong
+# by that. E elements.
+
+HELD = 0.4  # h
+ITERATIONS, PULL = 12, 1e-6  # pull of the numbers towards their start
+KNOWN = 64  # residuals of storeys that are kept
+
+
+def together(
+    laws: Laws, motions: Sequence[Shaking], stiffness: Sequence[float], spread: Spread = map
+) -> Laws:
+    """Laws and α that suit the motions; masses are as they were. stiffness (E,): see `Storey`."""
+    doing("laws of all storeys together")
+    begin = replace(laws, learned=False)
+
+    @lru_cache(KNOWN)  # a number of one law changes the run of no other
+    def of_storey(e: int, q: tuple[float, ...], alpha: float) -> np.ndarray:
+        trial = replace(begin, mass_damping=alpha)
+        storeys = [Storey.of(motion, trial, e, stiffness[e], HELD) for motion in motions]
+        return residuals(replace(begin.fits[e], q=np.array(q)), storeys, 1.0)
+
+    def of(numbers: np.ndarray) -> np.ndarray:
+        trial = begin.at(numbers)
+        parts = [
+            of_storey(e, tuple(fit.q.tolist()), trial.mass_damping)
+            for e, fit in enumerate(trial.fits)
+        ]
+        return np.concatenate(parts) / math.sqrt(len(parts))
+
+    numbers, error = descended(of, begin.numbers, ITERATIONS, PULL, spread=spread)
+    return replace(begin.at(numbers), learned=laws.learned, error=error)

@@ -8,7 +8,7 @@ the acceleration at t_k.   B records, T samples, n DOFs, m channels of excitatio
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import wraps
 from itertools import chain
 from typing import Any, ClassVar
@@ -22,6 +22,21 @@ from data.record import Drive, Record, Response, all_finite, same_step
 
 class NoFreeRunError(ValueError):
     """Raised by estimators that cannot simulate; the message says why."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical parameter of an identified model.
+
+    about: what its part is, such as the nodes that an element joins. derived: it follows from
+    others of the list, as a yield force from stiffness and yield displacement.
+    """
+
+    name: str
+    value: float
+    unit: str  # SI; "" where it has none
+    about: str = ""
+    derived: bool = False
 
 
 MOST_CHANNELS = 10_000
@@ -89,6 +104,23 @@ class Estimator(nn.Module):
     def run_of(self, record: Record) -> Response:
         """The free run of a record; one that begins in an unknown motion is begun at rest."""
         return self.free_run(record.drive())
+
+    @torch.no_grad()
+    def physical_parameters(self) -> list[Parameter]:
+        """Masses, springs, dampers, yield points, modes in SI units; none of a black box.
+
+        Where `scale_is_open`, masses and forces are known up to a factor that all of them share.
+        Raises ValueError for an estimator that is not identified.
+        """
+        return list(self._physical_parameters())
+
+    def _physical_parameters(self) -> Iterable[Parameter]:
+        return ()
+
+    @property
+    def scale_is_open(self) -> bool:
+        """Whether masses and forces share an unknown factor: no force, mass or prior was given."""
+        return False
 
     def check(self, signals: Record | Drive) -> None:
         """Raise ValueError where a record, or the excitation of a free run, does not fit."""

@@ -24,6 +24,8 @@ from models.composition.laws import ElementLaws
 from models.composition.other_inputs import OtherInputs
 from models.composition.simulate import Composition, simulate
 from models.composition.trace import Trace, traced
+from models.estimator import Parameter
+from models.physical.parameters import composed_laws
 
 
 class HystereticElement(Composite):
@@ -105,6 +107,37 @@ class HystereticElement(Composite):
             parameters=numbering.count,
             measures=self.measures.repeat(self.parallel),
         )
+
+    def _physical_parameters(self) -> Iterable[Parameter]:
+        self.require_identified(self.identified)
+        if self.others is not None:
+            yield from self._under_other_inputs(self.others)
+            return
+        for e in range(self.dofs):
+            yield from composed_laws(self.laws, e, f"r{e + 1}", "under s and its rate")
+
+    def _under_other_inputs(self, others: OtherInputs) -> Iterable[Parameter]:
+        """Laws at values of the other inputs, between which the force is interpolated."""
+        for i, lag in enumerate(others.lag().tolist(), start=1):
+            yield Parameter(f"u{i}.lag", lag, "s", "")
+        for e, offset in enumerate(others.offset().tolist(), start=1):
+            yield Parameter(f"r{e}.offset", offset, "N", "under s and its rate")
+        nodes = others.places.shape[1]
+        places = others.range.centre[:, None] + others.range.reach[:, None] * others.places
+        for j in range(others.laws):
+            i, node = divmod(j, nodes)
+            if node >= int(others.used[i]):  # no data were near it
+                continue
+            value = float(places[i, node])
+            for e in range(self.dofs):
+                row, name = j * self.dofs + e, f"r{e + 1}.law_{j + 1}"
+                about = f"under s and its rate, at u{i + 1} = {value:.3g}"
+                yield from composed_laws(self.laws, row, name, about)
+                pairs = zip(others.rate_force()[row], others.rate_knee()[row], strict=True)
+                for m, (force, knee) in enumerate(pairs, start=1):
+                    yield Parameter(f"{name}.rate_{m}.force", float(force), "N", about)
+                    yield Parameter(f"{name}.rate_{m}.saturates_at", float(knee), "m/s", about)
+                yield Parameter(f"{name}.rate_lag", float(others.rate_lag()[row]), "s", about)
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:

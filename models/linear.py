@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from data.sample import Sample
-from models.estimator import weight_matrix
+from models.estimator import Parameter, weight_matrix
 from models.layers.integrate import History, one_by_one, runge_kutta
 from models.layers.least_squares import LeastSquares, require_ridge, require_solvable
 from models.linear_in_weights import LinearInWeights, weighted
@@ -53,6 +53,26 @@ class EquivalentLinear(LinearInWeights):
     def forward(self, record: Record) -> Tensor:
         self.require_identified(self.weights)
         return weighted(self.state(record), self.weights)
+
+    def _physical_parameters(self) -> Iterable[Parameter]:
+        """Entries of M⁻¹K, M⁻¹C and of what the excitation does: a fit to motion knows no more."""
+        self.require_identified(self.weights)
+        damping, stiffness, inputs = self.matrices()
+        if stiffness.ndim != 2:
+            return
+        about = "" if type(self) is EquivalentLinear else "of the linear system beneath the rest"
+        named = (
+            ("stiffness_by_mass", stiffness, "1/s²"),
+            ("damping_by_mass", damping, "1/s"),
+        )
+        for name, matrix, unit in named:
+            for i, row in enumerate(matrix.tolist(), start=1):
+                for j, value in enumerate(row, start=1):
+                    yield Parameter(f"x{i}.{name}.x{j}", value, unit, about)
+        for i, row in enumerate(inputs.tolist(), start=1):
+            for j, value in enumerate(row, start=1):
+                name = f"x{i}.acceleration_by_input.u{j}"
+                yield Parameter(name, value, "m/s² per unit", about)
 
     def heads(self) -> list[nn.Parameter]:
         return [self.weights]

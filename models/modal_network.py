@@ -12,7 +12,7 @@ T samples, m inputs, n outputs.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,14 +20,15 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator
+from models.estimator import Estimator, Parameter
+from models.modal.between_samples import interpolated
 from models.modal.fit import ORDERS, Plan, fitted, learned
 from models.modal.layout import FAMILIES, Layout
 from models.modal.linear_start import first_state
-from models.modal.periods import period_of
+from models.modal.periods import period_of, steady_mean
 from models.modal.problem import Motion
 from models.modal.run import Excited, outputs, steady_state
-from models.modal.units import FINEST, MOST_SUBSTEPS, Scale, Signals
+from models.physical.parameters import modal
 from models.training.free_run import simulate
 
 MOST_MODES, MOST_ELEMENTS = 40, 8
@@ -178,6 +179,12 @@ class ModalNetwork(Estimator):
         self.deviation[: layout.states] = torch.from_numpy(np.sqrt(squares / samples))
         self.missed.copy_(torch.from_numpy(np.sqrt(errors / samples).clip(1e-9)))
 
+    def _physical_parameters(self) -> Iterable[Parameter]:
+        parts, time = self.layout.split(self.values), self.scale.time
+        for i, (k, c) in enumerate(zip(parts["log_k"], parts["log_c"], strict=True), start=1):
+            square, rate = float(torch.tensor(k).exp()), float(torch.tensor(c).exp())
+            yield from modal(f"mode_{i}", square / time**2, rate / time, "without the elements")
+
     def forward(self, record: Record) -> Tensor:
         """Outputs (…, T, n) of the free run of a record or a batch."""
         return simulate(self, record).a
@@ -243,3 +250,100 @@ class ModalNetwork(Estimator):
 def _begun_anywhere(record: Record) -> Drive:
     """The record's excitation; its first state comes from elsewhere."""
     return replace(record, initial_state="rest").drive()
+
+
+# Records in units of a modal network: RMS of inputs and outputs, time by a typical frequency.
+#
+# A change of the records' units therefore changes nothing.   T samples, m inputs, o outputs.
+
+FAINT = 0.1  # of the outputs' RMS: a record with less weighs no more for it
+STOPS = (0.5, 0.95)  # of a record: what is held back begins between these
+FINEST = 0.25  # of a radian of the fastest mode, in a substep
+MOST_SUBSTEPS = 8
+
+
+@dataclass(frozen=True)
+class Signals:
+    """One time history: u (T, m), y (T, o), how it begins, whether it is one period."""
+
+    u: np.ndarray
+    y: np.ndarray
+    dt: float
+    hold: str
+    unknown: bool
+    periodic: bool = False
+
+    @staticmethod
+    def of(record: Record) -> list[Signals]:
+        """Those of a batch. A record that repeats itself is taken as the mean of its periods."""
+        found = []
+        T = record.samples
+        for u, y in zip(
+            record.excitation.reshape(-1, T, record.excitation.shape[-1]).cpu().numpy(),
+            record.a.reshape(-1, T, record.dofs).cpu().numpy(),
+            strict=True,
+        ):
+            one = Signals(
+                u, y, record.dt, record.hold, record.initial_state != "rest",
+                record.initial_state == "periodic",
+            )  # fmt: skip
+            found.append(one.averaged())
+        return found
+
+    def averaged(self) -> Signals:
+        """The mean of the periods after the first, where there are some."""
+        period = None if self.periodic else period_of(self.u)
+        if period is None or len(self.u) // period < 2:
+            return self
+        mean = steady_mean(self.u, self.y, period)
+        if mean is None:
+            return self
+        return replace(self, u=mean[0], y=mean[1], unknown=True, periodic=True)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Units of a model: of inputs (m,), of outputs (o,) and their means, of time [s]."""
+
+    u: np.ndarray
+    y: np.ndarray
+    mean: np.ndarray
+    time: float
+
+    @staticmethod
+    def of(signals: Sequence[Signals]) -> Scale:
+        """RMS of the inputs, and of the outputs about their means; frequencies by power."""
+        u = np.concatenate([one.u for one in signals])
+        y = np.concatenate([one.y for one in signals])
+        mean = y.mean(axis=0)
+        size = [np.sqrt((s * s).mean(axis=0)) for s in (u, y - mean)]
+        size = [np.where(s > 0.0, s, 1.0) for s in size]
+        squares, power = 0.0, 0.0
+        for one in signals:
+            omega = 2.0 * np.pi * np.fft.rfftfreq(len(one.y), one.dt)
+            lines = (np.abs(np.fft.rfft((one.y - mean) / size[1], axis=0)) ** 2).sum(axis=1)[1:]
+            squares, power = squares + float(omega[1:] ** 2 @ lines), power + float(lines.sum())
+        typical = np.sqrt(squares / power) if squares > 0.0 else 1.0 / signals[0].dt
+        return Scale(size[0], size[1], mean, 1.0 / float(typical))
+
+    def excited(self, one: Signals, substeps: int, ahead: int | None) -> Excited:
+        u = one.u / self.u
+        if one.periodic:
+            u = np.concatenate([u] * 2)
+        fine = interpolated(u, one.hold, substeps, ahead, one.periodic)
+        return Excited(np.ascontiguousarray(u), fine, one.dt / self.time)
+
+    def motion(
+        self, one: Signals, substeps: int, ahead: int | None, held_back: float = 0.0
+    ) -> Motion:
+        y = (one.y - self.mean) / self.y
+        rms = np.sqrt((y * y).mean(axis=0))
+        stop = len(y)
+        if held_back:  # by power: a quiet tail shows but one mode
+            power = (y * y).sum(axis=1).cumsum()
+            place = int(np.searchsorted(power, (1.0 - held_back) * power[-1]))
+            first, last = (int(share * len(y)) for share in STOPS)
+            stop = max(2, min(max(place, first), last))
+        weight = 1.0 / np.sqrt(rms**2 + FAINT**2)
+        excited, first = self.excited(one, substeps, ahead), len(y) if one.periodic else 0
+        return Motion(excited, y, weight, one.unknown and not one.periodic, stop, first)

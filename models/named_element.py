@@ -16,10 +16,11 @@ import torch
 from torch import Tensor
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator, require_one_element
+from models.estimator import Estimator, Parameter, require_one_element
 from models.named_laws.choice import chosen
 from models.named_laws.fit import Motion
 from models.named_laws.learned import LearnedLaws, require_laws, told
+from models.physical.parameters import named_law
 
 
 class NamedElement(Estimator):
@@ -63,6 +64,10 @@ class NamedElement(Estimator):
         fit, errors = chosen(motions, self.candidates, self.seed)
         self.laws.take(0, fit)
         return told([fit], [errors])
+
+    def _physical_parameters(self) -> Iterable[Parameter]:
+        self.require_identified(self.laws.numbers)
+        return named_law(self.laws[0], "r1", "under s and its rate")
 
     def forward(self, record: Record) -> Tensor:
         """Forces (…, T, 1) of the free run of a record or a batch."""

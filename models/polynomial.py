@@ -20,7 +20,6 @@ from data.sample import Sample
 from models.estimator import weight_matrix
 from models.layers.integrate import Acceleration, runge_kutta
 from models.layers.least_squares import LeastSquares
-from models.layers.modes import real_modes
 from models.layers.scaling import Extents
 from models.layers.series import BASES, double_series, double_series_terms, require_order
 from models.linear import EquivalentLinear, state_of
@@ -239,3 +238,22 @@ class ModalPolynomial(EquivalentLinear):
                     f"the identified {name} is singular (condition {condition:.1e}); the motion "
                     "does not determine it: use more or stronger data"
                 )
+
+
+# Real modes of a matrix that need not be symmetric, such as an identified M⁻¹K.
+
+
+def real_modes(matrix: Tensor) -> Tensor:
+    """Real basis Φ (n, n) of the eigenvectors of a real matrix, columns of unit length.
+
+    Ordered by the eigenvalues' real part. A complex pair gives its real and imaginary part.
+    """
+    values, vectors = torch.linalg.eig(matrix)
+    columns, order = [], torch.argsort(values.real)
+    for i in order.tolist():
+        if values[i].imag == 0.0:
+            columns.append(vectors[:, i].real)
+        elif values[i].imag > 0.0:
+            columns += [vectors[:, i].real, vectors[:, i].imag]
+    modes = torch.stack(columns, dim=1)
+    return modes / torch.linalg.vector_norm(modes, dim=0)

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator, require_one_element
+from models.estimator import Estimator, Parameter, require_one_element
 from models.layers.least_squares import require_ridge
 from models.sliders.fit import LINEAR, Motion, Sliders, fitted, number_of
 
@@ -110,6 +110,21 @@ class PrandtlIshlinskii(Estimator):
             Motion(s / way, rate / fastest, own, record.warmup, at_rest)
             for (s, rate), own in zip(u.reshape(-1, record.samples, 2).mT, r, strict=True)
         ]
+
+    def _physical_parameters(self) -> Iterable[Parameter]:
+        """r₀, k, c and half widths; springs in series are curves, which no single number states."""
+        self.require_identified(self.weights)
+        way, fastest, force = self.scale.tolist()
+        about = "under s and its rate"
+        units = (
+            (force, "N", "offset"),
+            (force / way, "N/m", "stiffness_beside_the_sliders"),
+            (force / fastest, "N s/m", "damping"),
+        )
+        for value, (size, unit, name) in zip(self.weights[:LINEAR].tolist(), units, strict=True):
+            yield Parameter(f"r1.{name}", value * size, unit, about)
+        for j, width in enumerate(w for w in self.widths.tolist() if w > 0.0):
+            yield Parameter(f"r1.slider_{j + 1}.half_width", width * way, "m", about)
 
     def forward(self, record: Record) -> Tensor:
         """Forces (…, T, 1) of the free run of a record or a batch."""

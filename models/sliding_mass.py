@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator
+from models.estimator import Estimator, Parameter
 from models.modal.between_samples import interpolated
 from models.sliding.fit import KNOTS, PRIORS, Plan, first_state, fitted, smoothed_by, windows
 from models.sliding.problem import Mass, Motion, simulated
@@ -137,6 +137,11 @@ class SlidingMass(Estimator):
             "dry_friction": float(jump / abs(beta) * size_u) if beta else 0.0,
             "offset": float(offset / beta * size_u) if beta else 0.0,
         }
+
+    def _physical_parameters(self) -> Iterable[Parameter]:
+        units = {"gain": "m/s² per unit", "dry_friction": "of the input", "offset": "of the input"}
+        for name, value in self._facts(self.mass).items():
+            yield Parameter(f"x1.{name}", float(value), units[name])
 
     def _held(self, excitation: Tensor, hold: str) -> list[np.ndarray]:
         """Inputs (T − 1, parts) of all runs, held for a part of a sample each."""

@@ -1,20 +1,171 @@
 """Forward VWNN: a Volterra/Wiener network that simulates a structure on its own accelerations.
 
-The weights W of the network (vwnn_forward_network.py) are identified by least squares on measured
+The weights W of the network are identified by least squares on measured
 signals, then by Gauss–Newton on the error of the free run. Filters, sigmoids and head are those of
 Brewick & Masri (2016), Sect. 2.1; the rest is not in the paper.   n DOFs, P features.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations
 
 import torch
 from torch import Tensor
 
-from data.record import Record
-from models.layers.least_squares import LeastSquares, require_ridge
-from models.vwnn_forward_network import ForwardNetwork
+from data.record import Drive, Record, Response
+from models.estimator import Estimator, weight_matrix
+from models.layers.features import SigmoidProducts
+from models.layers.filters import SlowCascades
+from models.layers.integrate import History, integrated, one_by_one
+from models.layers.least_squares import LeastSquares, require_ridge, require_solvable
+
+# The network of a forward VWNN, its free run, and the run's derivatives by the weights.
+#
+# ξ = filtered ẍ, ψ = filtered f,   ẍ̂ = Wᵀ [ξ, φ(Δξ), f, ψ],   φ = odd products of sigmoids
+#
+# Δξ are the differences of ξ between every two masses, and ξ itself: restoring forces arise
+# between masses or against the ground, so products stay within one such link. First and third
+# order only, as the forces are odd.   R records, T samples, n DOFs, m filters, L = n(n+1)/2
+# links, P features.
+
+CHUNK = 1 << 14  # samples whose features are held in memory at a time
+
+
+class ForwardNetwork(Estimator):
+    """A linear head W on filters and products within links; `ForwardVWNN` identifies it.
+
+    cutoffs, factors, sigmoid_weight, order: as those of `ForwardVWNN`.
+    """
+
+    reads = ("a", "f")
+    scale: Tensor
+
+    def __init__(
+        self,
+        dofs: int,
+        inputs: int,
+        dt: float,
+        cutoffs: Sequence[float],
+        factors: int,
+        sigmoid_weight: float,
+        order: int | Sequence[int],
+    ) -> None:
+        super().__init__(dofs, inputs, dt)
+        if not 1 <= factors <= len(cutoffs):
+            raise ValueError(
+                f"model.factors={factors}: expected 1 to {len(cutoffs)}, the number of cutoffs"
+            )
+        self.factors = factors
+        self.filters = SlowCascades(cutoffs, dt)
+        self.products = SigmoidProducts(factors, sigmoid_weight, order, bias=False)
+        self.links = [(i,) for i in range(dofs)] + list(combinations(range(dofs), 2))
+        self.linear = len(cutoffs) * dofs  # features ξ; then products, f, ψ
+        self.own = self.linear + len(self.links) * self.products.features
+        require_solvable(
+            dofs * (self.own + inputs * (1 + len(cutoffs))),
+            f"model.cutoffs and model.factors, with {dofs} DOFs and {inputs} inputs,",
+            "take fewer cutoffs or factors",
+        )
+        rows = self.own + inputs * (1 + len(cutoffs))
+        self.weights = weight_matrix(rows, dofs)
+        self.register_buffer("scale", torch.ones(len(self.links), factors, dtype=torch.float64))
+
+    def observation(self) -> tuple[Tensor, Tensor]:
+        """Matrices from the filters' state, flat, to ξ (m·n) and to the scaled Δξ (L·factors)."""
+        to_xi = torch.kron(self.filters.outputs.T.contiguous(), torch.eye(self.dofs).to(self.scale))
+        incidence = self.scale.new_zeros(self.dofs, len(self.links))
+        for link, (mass, *other) in enumerate(self.links):
+            incidence[mass, link] = 1.0
+            incidence[other, link] = -1.0
+        first = to_xi[:, : self.factors * self.dofs].unflatten(1, (self.factors, self.dofs))
+        to_links = (first @ incidence).transpose(1, 2) / self.scale  # (state, L, factors)
+        return to_xi, to_links.flatten(1)
+
+    def own_features(self, state: Tensor) -> Tensor:
+        """[ξ, φ(Δξ)] (…, own) of states (…, (m + 2)·n)."""
+        to_xi, to_links = self.observation()
+        return torch.cat([state @ to_xi, self.of_links(state @ to_links)], dim=-1)
+
+    def of_links(self, xi: Tensor) -> Tensor:
+        return self.products(xi.unflatten(-1, tuple(self.scale.shape))).flatten(-2)
+
+    def driven_features(self, u: Tensor) -> Tensor:
+        """[f, ψ] (…, T, (1 + m)·inputs): known before the run."""
+        return torch.cat([u, (self.filters.outputs @ self.filters.states(u)).flatten(-2)], dim=-1)
+
+    def features(self, record: Record) -> Iterator[tuple[slice, Tensor]]:
+        """Features (…, CHUNK, P) from measured accelerations, with the samples they cover."""
+        self.check(record)
+        states = self.filters.states(record.a).flatten(-2)
+        driven = self.driven_features(record.excitation)
+        chunk = max(1, CHUNK // record.a[..., 0, 0].numel())
+        for start in range(0, record.samples, chunk):
+            span = slice(start, min(start + chunk, record.samples))
+            phi = self.own_features(states[..., span, :])
+            yield span, torch.cat([phi, driven[..., span, :]], dim=-1)
+
+    def forward(self, record: Record) -> Tensor:
+        self.require_identified(self.weights)
+        return torch.cat([phi @ self.weights for _, phi in self.features(record)], dim=-2)
+
+    def free_run(self, drive: Drive) -> Response:
+        """The motion from filters at rest, whatever the initial state.
+
+        x and v are integrals of the estimated accelerations, and drift.
+        """
+        self.require_identified(self.weights)
+        return integrated(self.run(drive.u)[0], drive)
+
+    def run(self, u: Tensor) -> tuple[Tensor, Tensor]:
+        """Own accelerations (…, T, n) and the filters' states (…, T, (m + 2)·n) before each."""
+        to_xi, to_links = self.observation()
+        advance, enter = self._transition()
+        linear, products, driven = self.weights.split(
+            [self.linear, self.own - self.linear, len(self.weights) - self.own]
+        )
+        together = torch.cat([to_xi @ linear, to_links, advance], dim=1)
+        widths = [self.dofs, to_links.shape[1], advance.shape[1]]
+        state = u.new_zeros(*u.shape[:-2], advance.shape[0])
+        history = History()
+        for force in one_by_one(self.driven_features(u) @ driven):
+            before = state
+            linear_part, xi, state = (state @ together).split(widths, dim=-1)
+            a = force + linear_part + self.of_links(xi) @ products
+            state = state + a @ enter
+            history.add(a, before)
+        own, states = history.signals()
+        return own, states
+
+    def _transition(self) -> tuple[Tensor, Tensor]:
+        """state[k+1] = state[k] A + a[k] B, on flat states."""
+        A, b = self.filters.transition()
+        eye = torch.eye(self.dofs).to(b)
+        return torch.kron(A.T.contiguous(), eye), torch.kron(b[None, :], eye)
+
+    def slopes(self, states: Tensor) -> Tensor:
+        """∂ẍ̂/∂state (R, T, n, (m + 2)·n) at every sample of a run."""
+        with torch.enable_grad():
+            at = states.detach().requires_grad_()
+            a = self.own_features(at) @ self.weights[: self.own]
+            slopes = [torch.autograd.grad(u.sum(), at, retain_graph=True) for u in a.unbind(dim=-1)]
+        return torch.stack([slope for (slope,) in slopes], dim=-2)
+
+    def sensitivities(
+        self, states: Tensor, driven: Tensor, local: Tensor, length: Tensor
+    ) -> Iterator[Tensor]:
+        """∂ẍ̂[k]/∂W (R, n, n·P) for every sample: each weight acts at k and through its past."""
+        advance, enter = (matrix.T.contiguous() for matrix in self._transition())
+        phi = torch.cat([self.own_features(states), driven], dim=-1) / length
+        R, T, P = phi.shape
+        past = phi.new_zeros(R, len(advance), self.dofs * P)
+        for k in range(T):
+            S = local[:, k] @ past
+            for j in range(self.dofs):
+                S[:, j, j * P : (j + 1) * P] += phi[:, k]
+            yield S
+            past = advance @ past + enter @ S
+
 
 DAMPING = (1e-1, 1e-3, 1e-5, 1e-7, 1e-9)  # of a Gauss–Newton step, on scaled columns
 ROWS = 5  # every so many samples a row of Gauss–Newton: neighbours repeat one another

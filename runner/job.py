@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import logging
+import shutil
 import sys
 import threading
+import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
-from lightning.pytorch import Callback, Trainer
+from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.plugins.environments import LightningEnvironment
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
@@ -23,18 +25,20 @@ from torch import nn
 from data.datamodule import Data
 from data.parallel import take_threads
 from data.simulation.motion import EscapedMotionError
-from models.training.assemble import assembled
+from models.checkpoint import load_estimator
+from models.training.assemble import assembled, changed
+from models.training.doing import heard
 from models.training.identification import Identification
 from models.training.resume import SaveProgress
+from models.zoo import index as zoo
 from runner.accelerator import accelerator_of, require_accelerator
 from runner.config import command_line
 from runner.config.command_line import fail, reason_of
 from runner.config.settings import check_settings
-from runner.fine_tuning import begin_at_start, prepared
-from runner.fit_progress import FitProgress
 from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
-from runner.folder.run_folder import write_failure
+from runner.folder.run_files import CHECKPOINT, run_folder
+from runner.folder.run_folder import read_run, write_failure
 from runner.loading import without_compiler
 from runner.rival import preferred, with_other_topology
 from runner.scores.outcome import compare_baselines, metrics_of
@@ -180,3 +184,139 @@ def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) 
         write_failure(sweep_folder, cfg, words, trace, own, escaped)
     finally:
         release_all()
+
+
+# Training that begins at the weights of a finished run: `start=FOLDER`, `start=zoo:MODEL/SYSTEM`.
+#
+# For a new record of the same structure, or of one that has changed a little: fewer records and
+# fewer seconds than from nothing. Nothing is identified in closed form and no start is drawn;
+# what the new record leaves open stays what it was.
+
+LATER = (
+    2  # stages of a free run that are left: from weights that nearly fit, short parts tell little
+)
+
+
+def prepared(cfg: DictConfig) -> DictConfig:
+    """The config of training from `cfg.start`: one start, later horizons; a version is pinned.
+
+    The same config where no start is asked for. Raises ValueError for a start that is not there, or
+    is of another model.
+    """
+    if not cfg.get("start"):
+        return cfg
+    word, folder = cfg.start, run_folder(cfg.start)
+    if zoo.is_name(word):
+        word = zoo.PREFIX + zoo.entry_of(word).name
+    own, _ = read_run(folder)
+    if own.model.name != cfg.model.name:
+        raise ValueError(
+            f"start={cfg.start} holds {own.model.name}, and model={cfg.model.name} is trained; "
+            f"say model={own.model.name}"
+        )
+    changes: dict[str, Any] = {"start": word}
+    if "horizons" in cfg.objective:
+        horizons = list(cfg.objective.horizons)[-LATER:]
+        changes["objective"] = {"starts": 1, "finalists": 1, "select": [], "horizons": horizons}
+    return changed(cfg, changes)
+
+
+def begin_at_start(module: Identification, cfg: DictConfig) -> None:
+    """Give the estimator the weights of `cfg.start`, if there is one.
+
+    Raises ValueError for a model that no solver trains, and for weights that do not fit the data.
+    """
+    if not cfg.get("start"):
+        return
+    if not module.free_parameters():
+        raise ValueError(
+            f"start={cfg.start}: model={cfg.model.name} is solved in closed form, from nothing as "
+            "fast as from weights; leave start= out"
+        )
+    folder = run_folder(cfg.start)
+    _, metrics = read_run(folder)
+    checkpoint = Path(folder) / CHECKPOINT
+    load_estimator(module.estimator, checkpoint, cfg.model.name, metrics.get("checkpoint"))
+    module.begun_at = str(cfg.start)
+
+
+# One line on a fit while it lasts: what it is about, error, seconds; nothing is left of it.
+#
+# Where the output is no terminal a plain line follows now and then.
+
+EVERY, EVERY_PLAIN = 0.2, 30.0  # seconds between lines, in a terminal and elsewhere
+
+
+class FitProgress(Callback):
+    """Shows how far the fit of an `Identification` is, on the stream of messages."""
+
+    def __init__(self) -> None:
+        self.told = self.begun = time.monotonic()
+        self.stage = 0
+        self.shown = False
+        self.listening = ExitStack()
+        self.lock = threading.Lock()  # laws of several elements are identified side by side
+
+    def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        self.begun = time.monotonic()
+        self.listening.enter_context(heard(self._identifying))
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        self.begun = time.monotonic()
+
+    def on_train_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, *rest: Any, **more: Any
+    ) -> None:
+        assert isinstance(pl_module, Identification)
+        if pl_module.stage != self.stage:
+            self.stage, self.begun = pl_module.stage, time.monotonic()
+        self._tell(lambda: line_of(pl_module, time.monotonic() - self.begun))
+
+    def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        self._clear()
+
+    def on_exception(
+        self, trainer: Trainer, pl_module: LightningModule, exception: BaseException
+    ) -> None:
+        self._clear()
+
+    def _identifying(self, what: str) -> None:
+        self._tell(lambda: f"identifying: {what}, {time.monotonic() - self.begun:.0f} s")
+
+    def _tell(self, line: Any) -> None:
+        terminal, now = sys.stderr.isatty(), time.monotonic()
+        with self.lock:
+            if now - self.told < (EVERY if terminal else EVERY_PLAIN):
+                return
+            self.told = now
+            if terminal:
+                width = shutil.get_terminal_size().columns - 1
+                sys.stderr.write(f"\r\x1b[K{line()[:width]}")
+                self.shown = True
+            else:
+                sys.stderr.write(f"{line()}\n")
+            sys.stderr.flush()
+
+    def _clear(self) -> None:
+        self.listening.close()
+        if self.shown:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
+            self.shown = False
+
+
+def line_of(module: Identification, seconds: float) -> str:
+    """Stage, iterations, error [%], seconds of a fit and how many its stage may take yet.
+
+    seconds: since the stage began.
+    """
+    stages, solver = module.objective.stages, module.solver
+    stage = f"stage {module.stage + 1} of {len(stages)} ({stages[module.stage]}), "
+    error = f", error {100.0 * module.losses[-1] ** 0.5:.4g} %" if module.losses else ""
+    left = ""
+    if solver is not None and solver.done:
+        more = seconds / solver.done * (solver.iterations - solver.done)
+        left = f", at most {more:.0f} s left" + (" in it" if len(stages) > 1 else "")
+    where = stage if len(stages) > 1 else ""
+    spent = time.perf_counter() - module.start
+    return f"{where}iteration {len(module.losses)}{error}, {spent:.0f} s{left}"

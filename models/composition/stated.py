@@ -38,6 +38,11 @@ class Stated:
         return f"model.priors.{self.name}=[{self.value:g},{self.share:g}]"
 
     @property
+    def sets_scale(self) -> bool:
+        """Whether it says how heavy or how stiff something is."""
+        return self.name.endswith((".mass", "stiffness", "damping"))
+
+    @property
     def theta(self) -> int:
         """Number of its θ among those of the coefficients."""
         rows, (row, *column) = self.coefficients.rows, self.place

@@ -16,7 +16,7 @@ With h = √2 and a spring k that is the Kalman filter of accelerations with whi
 
 Stiffness and damping are those of the beginning, which is nearly linear; draws of all else are
 followed over growing parts of the motions, and laws that fall behind are given up. All storeys
-together, and α: storeys.py. T samples, n DOFs.
+together, and α: models/element_network_named.py. T samples, n DOFs.
 """
 
 from __future__ import annotations

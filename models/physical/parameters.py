@@ -1,210 +1,151 @@
-"""What an identified model holds of physics: masses, springs, dampers, yield, gaps, with units.
+"""Physical parameters of one element, by the kind of its law: springs, dampers, yield, gaps.
 
 Names have the form part.quantity or part.term.quantity: x1.mass, r2.stiffness,
 r2.unit_1.yield_displacement. Parts: DOFs x1, …, elements r1, …, modes mode_1, …, the structure.
-A black box has none: the list is empty.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import torch
+from torch import Tensor
 
-from models.branch_element import BranchElement
+from models.composition.branch_law import LEAST_DAMPER, TAIL, branch_forces, ramp
 from models.composition.branch_run import Branches
-from models.composition.composite import Composite
-from models.composition.other_inputs import OtherInputs
-from models.composition.stated import Stated
-from models.element_network import ElementNetwork
-from models.element_network_branch import ElementNetworkBranch
-from models.element_network_named import ElementNetworkNamed
-from models.estimator import Estimator
-from models.hysteretic_element import HystereticElement
-from models.latent_hysteresis_network import LatentHysteresisNetwork
-from models.linear import EquivalentLinear
-from models.linear_motion import LinearMotion
-from models.modal_network import ModalNetwork
-from models.named_element import NamedElement
-from models.physical.laws import branch_law, composed_laws, named_law
-from models.prandtl_ishlinskii import PrandtlIshlinskii
-from models.sliders.fit import LINEAR
-from models.sliding_mass import SlidingMass
+from models.composition.coefficients import Coefficients
+from models.composition.laws import GROUPS, NAMED, ElementLaws
+from models.estimator import Parameter
+from models.named_laws.fit import Fit
+from models.named_laws.pairs import halves
+
+UNITS = {  # of the parameters of named laws (models/named_laws/candidates.py)
+    **dict.fromkeys(
+        ("activation_displacement", "yield_displacement", "gap", "largest", "pinching_width"), "m"
+    ),
+    **dict.fromkeys(("stiffness", "spring", "gravity_stiffness"), "N/m"),
+    **dict.fromkeys(("slow", "faster"), "N"),
+    **dict.fromkeys(("eta_rate", "nu_rate", "pinching_rate"), "1/J"),
+    "curvature": "1/m",
+    "damping": "N s/m",
+    "rate": "s/m",
+    "pinching_spread": "m/J",
+}
+WORDS = {  # of parameters whose names in code say too little beside others
+    "spring": "parallel_stiffness",
+    "slow": "friction_slow",
+    "faster": "friction_fast_less_slow",
+    "largest": "largest_hysteretic_displacement",
+    "above_one": "exponent_less_one",
+    "rate": "friction_rate",
+}
+YIELDS = ("yield_displacement", "activation_displacement", "largest")  # at a force of k times it
+STEPS = 100  # of a push
+SMALL = 0.05  # of an element's stiffness: hinges and units that are told term by term alone
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """A physical parameter of an identified model.
+def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[Parameter]:
+    """Of element e: stiffness and damping of small motions, gaps, hysteretic units by their limits.
 
-    about: what its part is, such as the nodes that an element joins. derived: it follows from
-    others of the list, as a yield force from stiffness and yield displacement.
+    A unit bears its stiffness up to its yield displacement, and then its yield force; `rising` and
+    `falling` bend its way there (models/composition/laws.py). Once all have yielded the element
+    has its post-yield stiffness, springs beyond gaps aside. Gap, yield displacement and yield force
+    of the element are those of its stiffest hinge and unit, where they are no small part of it.
     """
+    for attribute, name, unit in NAMED:
+        coefficients = getattr(laws, attribute)
+        if _acts(coefficients, e):
+            yield Parameter(f"{part}.{name}", float(coefficients()[e]), unit, about)
+    for group, all_columns in GROUPS:
+        columns = [c for c in all_columns if _acts(getattr(laws, c[0]), e)]
+        table = [getattr(laws, attribute)()[e].tolist() for attribute, *_ in columns]
+        rows = sorted(zip(*table, strict=True))
+        for i, row in enumerate(rows, start=1):
+            for value, (_, name, unit) in zip(row, columns, strict=True):
+                yield Parameter(f"{part}.{group}_{i}.{name}", value, unit, about)
+            if group == "unit":
+                yield Parameter(
+                    f"{part}.unit_{i}.yield_force", row[0] * row[1], "N", about, derived=True
+                )
+    k, (hinges, _, units) = float(laws.stiffness()[e]), laws.counts
+    if hinges and (gap := _main(laws.hinge_stiffness()[e], laws.hinge_gap()[e], k)):
+        yield Parameter(f"{part}.gap", gap, "m", about, derived=True)
+    if units:
+        left = k - float(laws.unit_stiffness()[e].sum())
+        yield Parameter(f"{part}.post_yield_stiffness", left, "N/m", about, derived=True)
+        if k > 0.0:
+            yield Parameter(f"{part}.post_yield_ratio", left / k, "", about, derived=True)
+        if place := _main(laws.unit_stiffness()[e], laws.unit_limit()[e], k):
+            yield Parameter(f"{part}.yield_displacement", place, "m", about, derived=True)
+            yield Parameter(f"{part}.yield_force", k * place, "N", about, derived=True)
 
-    name: str
-    value: float
-    unit: str  # SI; "" where it has none
-    about: str = ""
-    derived: bool = False
+
+def _acts(coefficients: Coefficients, e: int) -> bool:
+    return coefficients.learned or bool(coefficients()[e].any())
 
 
-@torch.no_grad()
-def parameters_of(estimator: Estimator) -> list[Parameter]:
-    """Physical parameters of an identified estimator, in SI units; none of a black box.
+def _main(stiffness: Tensor, place: Tensor, k: float) -> float | None:
+    """Where the stiffest of several terms acts; None where it is a small part of the element."""
+    size = stiffness.abs()
+    strongest = int(size.argmax())
+    return float(place[strongest]) if float(size[strongest]) > SMALL * abs(k) > 0.0 else None
 
-    Where `scale_is_open`, masses and forces are known but for a factor that all of them share.
-    Raises ValueError for an estimator that is not identified.
+
+def branch_law(branches: Branches, e: int, part: str, about: str) -> Iterator[Parameter]:
+    """Of element e: its force under a slow push from rest to the largest deformation of training.
+
+    A branch law is curves and has no parameter of its own that is physical, its dampers aside
+    (models/composition/branch_law.py). Stiffness: the secant at a twentieth of the way; after
+    yielding that over the last fifth; it yields where these two lines meet. Means of both ways.
     """
-    return [Parameter(*values) for values in _of(estimator)]
+    theta = branches.theta[e].detach()
+    Y, V, F, log_k0 = (float(value) for value in branches.scale[:, e])
+    tail = theta[-TAIL:]
+    y = torch.linspace(0.0, 1.0, STEPS + 1, dtype=torch.float64)
+    turns = torch.zeros(STEPS + 1, dtype=torch.int64)
+    r = torch.zeros_like(y)
+    for side in (1, -1):
+        turns[0] = side
+        pushed = branch_forces(theta, branches.sizes, side * y, torch.zeros_like(y), turns, log_k0)
+        r += 0.5 * side * pushed
+    first, last = round(0.05 * STEPS), round(0.8 * STEPS)
+    k, slope = float(r[first] / y[first]), float((r[-1] - r[last]) / (y[-1] - y[last]))
+    yield Parameter(f"{part}.stiffness", k * F / Y, "N/m", about, derived=True)
+    damper = float(ramp(tail[2], LEAST_DAMPER))
+    yield Parameter(f"{part}.damping", damper * F / V, "N s/m", about)
+    yield Parameter(f"{part}.growth_with_rate", float(tail[3].exp()) - 1.0, "", about)
+    yield Parameter(f"{part}.rate_of_growth", float(tail[4].exp()) * V, "m/s", about)
+    yield Parameter(f"{part}.largest_deformation", Y, "m", about)
+    yield Parameter(f"{part}.force_there", F * float(r[-1]), "N", about, derived=True)
+    yield Parameter(f"{part}.post_yield_stiffness", slope * F / Y, "N/m", about, derived=True)
+    if k > 0.0:
+        yield Parameter(f"{part}.post_yield_ratio", slope / k, "", about, derived=True)
+    corner = (float(r[-1]) - slope) / (k - slope) if k > slope else 0.0
+    if 0.0 < corner < 1.0:  # else it does not yield on this way
+        yield Parameter(f"{part}.yield_displacement", corner * Y, "m", about, derived=True)
+        yield Parameter(f"{part}.yield_force", k * corner * F, "N", about, derived=True)
 
 
-def scale_is_open(estimator: Estimator) -> bool:
-    """Whether masses and forces share an unknown factor: no force, mass or prior was given."""
-    if isinstance(estimator, ElementNetwork):
-        given = estimator.forced or any(map(sets_scale, estimator.stated))
-        return estimator.known_masses is None and not given
-    return False
-
-
-def sets_scale(prior: Stated) -> bool:
-    """Whether a stated prior says how heavy or how stiff something is."""
-    return prior.name.endswith((".mass", "stiffness", "damping"))
-
-
-Values = tuple[str, float, str, str, bool]
-
-
-def _of(estimator: Estimator) -> Iterator[Values]:
-    if isinstance(estimator, Composite):
-        estimator.require_identified(estimator.identified)
-        yield from _composite(estimator)
-    elif isinstance(estimator, BranchElement):
-        estimator.require_identified(estimator.scale)
-        branches = Branches(estimator.theta, estimator.sizes, estimator.scale[:4])
-        for e in range(estimator.dofs):
-            yield from branch_law(branches, e, f"r{e + 1}", "under s and its rate")
-    elif isinstance(estimator, NamedElement):
-        estimator.require_identified(estimator.laws.numbers)
-        yield from named_law(estimator.laws[0], "r1", "under s and its rate")
-    elif isinstance(estimator, PrandtlIshlinskii):
-        yield from _sliders(estimator)
-    elif isinstance(estimator, LinearMotion):
-        yield from _linear(estimator.system)
-    elif isinstance(estimator, EquivalentLinear):
-        yield from _linear(estimator)
-    elif isinstance(estimator, ModalNetwork):
-        yield from _modes(estimator)
-    elif isinstance(estimator, SlidingMass):
-        yield from _sliding_mass(estimator)
-
-
-def _composite(model: Composite) -> Iterator[Values]:
-    if isinstance(model, ElementNetwork):
-        for i, mass in enumerate(model.mass().tolist(), start=1):
-            yield f"x{i}.mass", mass, "kg", "", False
-        pairs = ["–".join(pair) for pair in model.elements]
-        if (alpha := _mass_damping(model)) > 0.0:
-            yield "mass_damping", alpha, "1/s", "of Rayleigh's", False
-        for e, pair in enumerate(pairs):
-            name = f"r{e + 1}"
-            if isinstance(model, ElementNetworkBranch):
-                yield from branch_law(model.branches, e, name, pair)
-            elif isinstance(model, ElementNetworkNamed):
-                yield from named_law(model.named[e], name, pair)
-            else:
-                yield from composed_laws(model.laws, e, name, pair)
-    elif isinstance(model, LatentHysteresisNetwork):
-        rates = zip(model.stiffness().tolist(), model.damping().tolist(), strict=True)
-        for i, (square, rate) in enumerate(rates, start=1):
-            yield from _mode(f"mode_{i}", square, rate, "without the elements")
-        for e, direction in enumerate(model.directions().tolist()):
-            along = "along " + ", ".join(f"{d:.3g}" for d in direction[:4])
-            yield from composed_laws(model.laws, e, f"r{e + 1}", along)
-    elif isinstance(model, HystereticElement) and model.others is not None:
-        yield from _under_other_inputs(model, model.others)
-    elif isinstance(model, HystereticElement):
-        for e in range(model.dofs):
-            yield from composed_laws(model.laws, e, f"r{e + 1}", "under s and its rate")
-
-
-def _mass_damping(model: ElementNetwork) -> float:
-    if isinstance(model, ElementNetworkNamed):
-        return float(model.mass_damping)
-    if isinstance(model, ElementNetworkBranch) and model.drag is not None:
-        return float(model.drag().detach())
-    return 0.0
-
-
-def _under_other_inputs(model: HystereticElement, others: OtherInputs) -> Iterator[Values]:
-    """Laws at values of the other inputs, between which the force is interpolated."""
-    for i, lag in enumerate(others.lag().tolist(), start=1):
-        yield f"u{i}.lag", lag, "s", "", False
-    for e, offset in enumerate(others.offset().tolist(), start=1):
-        yield f"r{e}.offset", offset, "N", "under s and its rate", False
-    nodes = others.places.shape[1]
-    places = others.range.centre[:, None] + others.range.reach[:, None] * others.places
-    for j in range(others.laws):
-        i, node = divmod(j, nodes)
-        if node >= int(others.used[i]):  # no data were near it
-            continue
-        value = float(places[i, node])
-        for e in range(model.dofs):
-            row, name = j * model.dofs + e, f"r{e + 1}.law_{j + 1}"
-            about = f"under s and its rate, at u{i + 1} = {value:.3g}"
-            yield from composed_laws(model.laws, row, name, about)
-            pairs = zip(others.rate_force()[row], others.rate_knee()[row], strict=True)
-            for m, (force, knee) in enumerate(pairs, start=1):
-                yield f"{name}.rate_{m}.force", float(force), "N", about, False
-                yield f"{name}.rate_{m}.saturates_at", float(knee), "m/s", about, False
-            yield f"{name}.rate_lag", float(others.rate_lag()[row]), "s", about, False
-
-
-def _linear(model: EquivalentLinear) -> Iterator[Values]:
-    """Entries of M⁻¹K, M⁻¹C and of what the excitation does: a fit to the motion knows no more."""
-    model.require_identified(model.weights)
-    damping, stiffness, inputs = model.matrices()
-    if stiffness.ndim != 2:
+def named_law(fit: Fit, part: str, about: str) -> Iterator[Parameter]:
+    """Of an element with a named law: the law's own parameters, and its yield force."""
+    if fit.candidate.halves:
+        for number, half in enumerate(halves(fit), start=1):
+            yield from named_law(half, f"{part}.law_{number}", about)
         return
-    about = "" if type(model) is EquivalentLinear else "of the linear system beneath the rest"
-    for name, matrix, unit in (
-        ("stiffness_by_mass", stiffness, "1/s²"), ("damping_by_mass", damping, "1/s"),
-    ):  # fmt: skip
-        for i, row in enumerate(matrix.tolist(), start=1):
-            for j, value in enumerate(row, start=1):
-                yield f"x{i}.{name}.x{j}", value, unit, about, False
-    for i, row in enumerate(inputs.tolist(), start=1):
-        for j, value in enumerate(row, start=1):
-            yield f"x{i}.acceleration_by_input.u{j}", value, "m/s² per unit", about, False
+    name, values = fit.candidate.name, fit.candidate.values(fit.q, fit.units)
+    about = f"{about}, {name}"
+    for key, value in values.items():
+        yield Parameter(f"{part}.{WORDS.get(key, key)}", value, UNITS.get(key, ""), about)
+    for key in YIELDS:
+        if key in values and not name.endswith("FrictionPendulum"):
+            share = 1.0 - values.get("post_yield_ratio", 0.0)
+            force = share * values["stiffness"] * values[key]
+            word = "activation_force" if name == "SelfCentering" else "yield_force"
+            yield Parameter(f"{part}.{word}", force, "N", about, derived=True)
 
 
-def _modes(model: ModalNetwork) -> Iterator[Values]:
-    parts, time = model.layout.split(model.values), model.scale.time
-    for i, (k, c) in enumerate(zip(parts["log_k"], parts["log_c"], strict=True), start=1):
-        square, rate = float(torch.tensor(k).exp()), float(torch.tensor(c).exp())
-        yield from _mode(f"mode_{i}", square / time**2, rate / time, "without the elements")
-
-
-def _mode(name: str, square: float, rate: float, about: str) -> Iterator[Values]:
+def modal(name: str, square: float, rate: float, about: str) -> Iterator[Parameter]:
     """Frequency and damping ratio of a mode: ω² [1/s²] and 2ζω [1/s]."""
     omega = square**0.5
-    yield f"{name}.frequency", omega / (2.0 * torch.pi), "Hz", about, False
-    yield f"{name}.damping_ratio", 0.5 * rate / omega, "", about, False
-
-
-def _sliders(model: PrandtlIshlinskii) -> Iterator[Values]:
-    """r₀, k, c and half widths; the springs in series are curves, and have no single number."""
-    model.require_identified(model.weights)
-    way, fastest, force = model.scale.tolist()
-    about = "under s and its rate"
-    units = ((force, "N", "offset"), (force / way, "N/m", "stiffness_beside_the_sliders"),
-             (force / fastest, "N s/m", "damping"))  # fmt: skip
-    for value, (size, unit, name) in zip(model.weights[:LINEAR].tolist(), units, strict=True):
-        yield f"r1.{name}", value * size, unit, about, False
-    for j, width in enumerate(w for w in model.widths.tolist() if w > 0.0):
-        yield f"r1.slider_{j + 1}.half_width", width * way, "m", about, False
-
-
-def _sliding_mass(model: SlidingMass) -> Iterator[Values]:
-    units = {"gain": "m/s² per unit", "dry_friction": "of the input", "offset": "of the input"}
-    for name, value in model._facts(model.mass).items():
-        yield f"x1.{name}", float(value), units[name], "", False
+    yield Parameter(f"{name}.frequency", omega / (2.0 * torch.pi), "Hz", about)
+    yield Parameter(f"{name}.damping_ratio", 0.5 * rate / omega, "", about)

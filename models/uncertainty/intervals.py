@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.physical.parameters import Parameter, parameters_of, scale_is_open
+from models.estimator import Parameter
 from models.training.trainable import Trainable
 from models.uncertainty.laplace import CONTRADICTED, Laplace
 from models.uncertainty.parameters import slopes
@@ -53,16 +53,14 @@ class Interval:
 
 def intervals_of(estimator: Trainable, found: Laplace) -> list[Interval]:
     """Intervals of all physical parameters of an identified estimator, in the order of the list."""
-    parameters = parameters_of(estimator)
+    parameters = estimator.physical_parameters()
     names = [p.name for p in parameters]
 
     def values() -> list[float]:
-        now = {p.name: p.value for p in parameters_of(estimator)}
+        now = {p.name: p.value for p in estimator.physical_parameters()}
         return [now.get(name, NAN) for name in names]
 
-    return _intervals(
-        parameters, slopes(estimator, values).numpy(), found, scale_is_open(estimator)
-    )
+    return _intervals(parameters, slopes(estimator, values).numpy(), found, estimator.scale_is_open)
 
 
 def _intervals(

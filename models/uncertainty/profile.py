@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from models.physical.parameters import parameters_of
 from models.training.trainable import Trainable
 from models.uncertainty.parameters import STEP, free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood, Point, Posterior
@@ -86,7 +85,7 @@ class _Parameter:
 
     def value(self, theta: np.ndarray) -> float:
         set_free_vector(self.estimator, torch.from_numpy(theta))
-        now = {p.name: p.value for p in parameters_of(self.estimator)}
+        now = {p.name: p.value for p in self.estimator.physical_parameters()}
         return now.get(self.name, float("nan"))
 
     def gradient(self, theta: np.ndarray, support: range | np.ndarray | None = None) -> np.ndarray:
@@ -123,7 +122,7 @@ def profile_of(likelihood: Likelihood, name: str, theta: np.ndarray, best: Point
     Raises ValueError for a parameter that was not learned.
     """
     estimator = likelihood.estimator
-    known = {p.name: p for p in parameters_of(estimator)}
+    known = {p.name: p for p in estimator.physical_parameters()}
     parameter = _Parameter(estimator, name)
     try:
         sides = [_side(likelihood, parameter, theta, best, sign) for sign in (-1.0, 1.0)]

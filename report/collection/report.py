@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import math
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.compute  # type: ignore[import-untyped]
+import pyarrow.csv  # type: ignore[import-untyped]
+import pyarrow.parquet  # type: ignore[import-untyped]
 from rich.console import Console
 
 from data.terminal import terminal
 from report.collection.compare import as_table, compare, in_common
 from report.collection.figure import draw_comparison
-from report.collection.long_table import counted, long_table, write_long
-from report.collection.runs import collect, results_folder
-from report.output import save_figure
+from report.collection.runs import chosen, collect, results_folder
+from report.collection.scores import Score, scores_of
+from report.output import save_figure, spreadsheet
 from report.style import titled
 from runner.progress import is_finished, print_not_identified, reasons
-from runner.scores.result import Result
+from runner.scores.result import FINISHED, VERDICTS, Result
+from runner.scores.spread import DIVERGED
 
 WIDTH = 145
 
@@ -54,3 +62,108 @@ def tell_ended(console: Console, runs: Sequence[Result]) -> None:
     for line in reasons({run.folder.name: run.reason for run in runs if not run.finished}):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     print_not_identified(console, runs)
+
+
+# A collection of runs → one long table, Parquet and CSV: a row per run, split and metric.
+#
+# Columns: run, model, system, scenario, seed, code, status, reason, split, estimate, metric, dof,
+# value; then every choice that is not the same in all runs, by its dotted name. What diverged has
+# an infinite value. A run whose model is not identified says so, with the reason, beside its
+# numbers. A run without numbers (failed, escaped, unfinished or damaged) has one row with the
+# reason, without a metric; runner/scores/spread.py says how such runs count.
+
+NOTHING = Score("", "", "", None, math.nan)  # of a run without numbers
+
+
+def long_table(runs: Sequence[Result]) -> pa.Table:
+    """The table, in the order of the runs."""
+    scores = [list(scores_of(run.metrics)) or [NOTHING] for run in runs]
+    of_run = pa.array([i for i, found in enumerate(scores) for _ in found], pa.int32())
+    rows = [score for found in scores for score in found]
+    table = _runs_table(runs).take(of_run)
+    lost = pa.array([score.diverged for score in rows])
+    place = table.schema.get_field_index("status")
+    status = pa.compute.if_else(lost, DIVERGED, table["status"])
+    table = table.set_column(place, "status", status)
+    columns = {
+        "split": pa.array([score.split for score in rows]),
+        "estimate": pa.array([score.estimate for score in rows]),
+        "metric": pa.array([score.metric for score in rows]),
+        "dof": pa.array([score.dof for score in rows], pa.int16()),
+        "value": pa.array([score.value for score in rows], pa.float64()),
+    }
+    for offset, (name, column) in enumerate(columns.items()):
+        table = table.add_column(HEAD.index("split") + offset, name, column)
+    return table
+
+
+HEAD = ("run", "model", "system", "scenario", "seed", "code", "status", "reason", "split")
+
+
+def _runs_table(runs: Sequence[Result]) -> pa.Table:
+    """A row for each run: who it is, what became of it, and what it chose that others did not."""
+    columns: dict[str, Any] = {"run": [_from_here(run.folder) for run in runs]}
+    columns |= {name: [getattr(run, name) for run in runs] for name in HEAD[1:4]}
+    columns["seed"] = pa.array([_whole(run.seed) for run in runs], pa.int64())
+    columns["code"] = [run.code for run in runs]
+    columns |= {"status": [run.verdict for run in runs], "reason": [run.why for run in runs]}
+    choices = {name: _column(values) for name, values in chosen(runs).items()}
+    return pa.table(columns | choices)
+
+
+def _from_here(folder: Path) -> str:
+    """As a person would type it."""
+    absolute, here = folder.resolve(), Path.cwd().resolve()
+    return (absolute.relative_to(here) if here in absolute.parents else absolute).as_posix()
+
+
+def _whole(seed: Any) -> int | None:
+    return seed if isinstance(seed, int) else None
+
+
+def _column(values: Sequence[Any]) -> pa.Array:
+    """Numbers as numbers, truths as truths, else all as words; null beside numbers is no number."""
+    numbers = [None if value == "null" else value for value in values]
+    kinds = {type(value) for value in numbers if value is not None}
+    if kinds == {bool} or kinds == {int}:
+        return pa.array(numbers)
+    if kinds <= {int, float}:
+        return pa.array(numbers, pa.float64())
+    return pa.array([None if value is None else str(value) for value in values], pa.string())
+
+
+def write_long(table: pa.Table, folder: Path) -> list[Path]:
+    """results.parquet and results.csv in a folder, each whole or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    writers: dict[str, Callable[[pa.Table, Path], None]] = {
+        "results.parquet": pa.parquet.write_table,
+        "results.csv": lambda table, path: pa.csv.write_csv(_for_spreadsheets(table), path),
+    }
+    for name, write in writers.items():
+        aside = folder / f"{name}.part"
+        write(table, aside)
+        os.replace(aside, folder / name)
+    return [folder / name for name in writers]
+
+
+def _for_spreadsheets(table: pa.Table) -> pa.Table:
+    """The table without texts that a spreadsheet would compute."""
+    columns = []
+    for column in table.columns:
+        if pa.types.is_string(column.type):
+            texts = column.combine_chunks().dictionary_encode()
+            safe = pa.array(
+                [spreadsheet(text) for text in texts.dictionary.to_pylist()], pa.string()
+            )
+            column = safe.take(texts.indices)
+        columns.append(column)
+    return pa.table(columns, names=[spreadsheet(name) for name in table.column_names])
+
+
+def counted(runs: Sequence[Result]) -> str:
+    """How many there are of each status, in a line."""
+    counts = dict.fromkeys(VERDICTS, 0)
+    for run in runs:
+        counts[run.verdict] += 1
+    told = [f"{count} {status}" for status, count in counts.items() if count or status == FINISHED]
+    return f"{len(runs)} runs: {', '.join(told)}"

@@ -8,6 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from data.record import QUANTITIES
@@ -16,13 +18,12 @@ from data.terminal import terminal
 from export.modes import Modes, modes_of
 from models.branch_element import BranchElement
 from models.element_network_branch import ElementNetworkBranch
-from models.estimator import Estimator
-from models.physical.parameters import Parameter, parameters_of, scale_is_open
+from models.estimator import Estimator, Parameter
 from models.training.metrics import FREE_RUNS
-from report.describe.figure import draw_modes
 from report.describe.tables import WIDTH, print_elements, print_modes, print_rest
 from report.output import save_figure
 from report.prediction.interface import Interface
+from report.style import ESTIMATED, MEASURED, one_legend
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_files import results_folder
 from runner.folder.run_folder import read_run, write_json
@@ -37,7 +38,7 @@ def describe(folder: Path, output: Path | None) -> dict[str, Any]:
     run, metrics = read_run(folder)
     estimator = restore(run, folder)
     sensors = sensors_of(run, folder)
-    parameters, modes = parameters_of(estimator), modes_of(estimator)
+    parameters, modes = estimator.physical_parameters(), modes_of(estimator)
     console = terminal(WIDTH)
     _print_about(console, metrics, estimator, sensors)
     _print_parameters(console, parameters, estimator, metrics)
@@ -98,7 +99,7 @@ def _print_parameters(
             f"{read}, and holds no physical parameter"
         )
         return
-    if scale_is_open(estimator):
+    if estimator.scale_is_open:
         console.print(
             "no force and no mass was given in training: masses, stiffnesses and forces are known "
             "but for a common factor; model.masses sets it"
@@ -127,7 +128,7 @@ def _content(
         "identified": metrics.get("verdict", {}).get("identified"),
         "free_run_percent": metrics.get(FREE_RUNS["test"], {}).get("relative_rms_percent"),
         "identified_parameters": estimator.identified_parameters,
-        "common_factor_is_open": scale_is_open(estimator),
+        "common_factor_is_open": estimator.scale_is_open,
         "parameters": listed,
     }
     if modes is not None:
@@ -145,3 +146,46 @@ def _content(
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
+
+
+# A picture of the shapes of small motions, DOF over DOF, a mode each.
+
+MOST = 12  # modes that are drawn, the slowest
+
+
+def draw_modes(modes: Modes, title: str) -> Figure:
+    """Displacement of every DOF in each mode; faint: the part that is out of phase."""
+    count, dofs = min(MOST, len(modes.frequencies)), len(modes.shapes)
+    columns = min(6, count)
+    rows = -(-count // columns)
+    height = 1.2 + 0.22 * min(max(dofs, 4), 12)
+    figure = Figure(figsize=(0.8 + 1.5 * columns, 0.7 + rows * height), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+    place = np.arange(dofs + 1)
+    for i, ax in enumerate(axes[:count]):
+        shape = np.concatenate([[0.0], modes.shapes[:, i]])
+        ax.axvline(0.0, color="#bbbbbb", linewidth=0.8)
+        if np.abs(shape.imag).max() > 0.02:
+            ax.plot(shape.imag, place, ":", color=ESTIMATED, linewidth=1.0, label="out of phase")
+        ax.plot(
+            shape.real, place, ".-", color=MEASURED, linewidth=1.2, markersize=6, label="in phase"
+        )
+        hertz, share = modes.frequencies[i], 100.0 * modes.damping[i]
+        ax.set_title(f"{hertz:.3g} Hz, {share:.2g} %", fontsize=8)
+        ax.set_xlim(-1.15, 1.15)
+        ax.tick_params(labelsize=7)
+        step = -(-dofs // 12)
+        ax.set_yticks(place[::step], ["rest", *(f"x{j}" for j in place[1:])][::step])
+    for ax in axes[count:]:
+        ax.set_visible(False)
+    more = (
+        f", the slowest {count} of {len(modes.frequencies)}"
+        if count < len(modes.frequencies)
+        else ""
+    )
+    figure.suptitle(f"{title}{more}", fontsize=9)
+    for ax in axes[max(0, count - columns) : count]:
+        ax.set_xlabel("shape [–]", fontsize=8)
+        ax.tick_params(labelbottom=True)
+    one_legend(figure, axes[:count], loc="outside lower center", ncols=2, fontsize=8)
+    return figure

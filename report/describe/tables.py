@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from export.modes import Modes
-from models.physical.parameters import Parameter
+from models.estimator import Parameter
 from report.prediction.table import number
 
 WIDTH = 80

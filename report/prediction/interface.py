@@ -18,7 +18,6 @@ from data.simulation.accelerograms import SHORTEST, Accelerogram
 from data.simulation.earthquake import GRAVITY, ground_motion
 from models.element_network import ElementNetwork
 from models.estimator import Estimator
-from models.physical.parameters import scale_is_open
 
 Channels = Mapping[str, np.ndarray]
 GROUND = "s_ddot1"  # acceleration of the ground [m/s²]
@@ -132,7 +131,7 @@ class Interface:
 
 def _masses(estimator: Estimator) -> np.ndarray | None:
     """Masses (n,) [kg] of a model that knows them."""
-    if not isinstance(estimator, ElementNetwork) or scale_is_open(estimator):
+    if not isinstance(estimator, ElementNetwork) or estimator.scale_is_open:
         return None
     mass: Tensor = estimator.mass()
     return mass.detach().cpu().numpy()

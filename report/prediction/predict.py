@@ -16,7 +16,6 @@ from data.record import HOLDS
 from data.terminal import terminal
 from models.composition.composite import Composite
 from models.estimator import Estimator
-from models.physical.parameters import scale_is_open
 from models.training.metrics import FREE_RUNS
 from report.output import as_csv, save_figure
 from report.prediction.figures import draw_many, draw_one
@@ -156,7 +155,7 @@ def _print_motions(
         )
     elif interface.kind == SUPPORTS:
         console.print("supports move: displacements, velocities and accelerations are absolute")
-    if scale_is_open(estimator):
+    if estimator.scale_is_open:
         console.print(
             "no force and no mass was given in training: forces of elements are known but for a "
             "common factor"

@@ -1,6 +1,6 @@
 """What TensorBoard's HParams tab shows of a run: its choices, and its numbers in all splits.
 
-Choices and numbers have the names of the long table (report/collection/long_table.py).
+Choices and numbers have the names of the long table (report/collection/report.py).
 """
 
 from __future__ import annotations

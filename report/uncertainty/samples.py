@@ -18,7 +18,6 @@ from rich.text import Text
 from data.record import Record
 from models.composition.many_runs import positive_of
 from models.composition.stated import numbers_of
-from models.physical.parameters import parameters_of
 from models.training.trainable import Trainable
 from models.uncertainty.intervals import Interval
 from models.uncertainty.laplace import Laplace
@@ -185,7 +184,7 @@ def stated_prior(model: Trainable, stated: Mapping[Any, Any], chosen: np.ndarray
     no prior and for parameters that are not one coefficient, or not sampled.
     """
     prior, theta = Prior.of(model), free_vector(model).numpy()
-    known = {p.name: p.value for p in parameters_of(model)}
+    known = {p.name: p.value for p in model.physical_parameters()}
     positive = positive_of(model)
     for name, pair in stated.items():
         if name not in known:
@@ -209,10 +208,10 @@ def stated_prior(model: Trainable, stated: Mapping[Any, Any], chosen: np.ndarray
 
 
 def _slope(model: Trainable, name: str, j: int) -> float:
-    names = [p.name for p in parameters_of(model)]
+    names = [p.name for p in model.physical_parameters()]
 
     def values() -> list[float]:
-        return [p.value for p in parameters_of(model)]
+        return [p.value for p in model.physical_parameters()]
 
     return float(slopes(model, values)[names.index(name), j])
 
@@ -230,11 +229,11 @@ def _told(
     every = max(1, -(-sum(len(run.particles) for run in runs) // DRAWN))
     particles = np.concatenate([run.particles for run in runs])
     set_free_vector(model, torch.from_numpy(posterior.whole(best)))
-    parameters = parameters_of(model)
+    parameters = model.physical_parameters()
     names = [p.name for p in parameters]
 
     def values() -> list[float]:
-        now = {p.name: p.value for p in parameters_of(model)}
+        now = {p.name: p.value for p in model.physical_parameters()}
         return [now.get(name, math.nan) for name in names]
 
     gradients = np.nan_to_num(slopes(model, values).numpy()[:, posterior.chosen])

@@ -20,7 +20,6 @@ from models.composition.measured_states import MEASURES
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, NoFreeRunError
-from models.physical.parameters import parameters_of
 from models.physical.truth import forces_of, truth_of
 from models.training.free_run import simulate
 from models.training.trainable import Trainable
@@ -108,7 +107,7 @@ def _parameters(estimator: Trainable, found: Laplace, data: Data, lacking: bool)
     known = (
         truth_of(data.simulation.structure, estimator) if isinstance(data, SimulatedData) else {}
     )
-    about = {p.name: p for p in parameters_of(estimator)}
+    about = {p.name: p for p in estimator.physical_parameters()}
     listed = []
     for interval in intervals_of(estimator, found):
         own = {key: _plain(value) for key, value in asdict(interval).items()}

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from data.measured.beginning import begins_in_motion
+from data.measured.assembly import begins_in_motion
 from data.record import Record
 from tests.models.test_starts import motion, planted
 

@@ -13,11 +13,12 @@ from data.simulation.elements import MenegottoPinto
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models import element_network_branch
+from models import element_network_named as storeys
 from models.branch_element import BranchElement
 from models.composition.measured_states import reconstructed_of
 from models.element_network_branch import ElementNetworkBranch
 from models.element_network_named import ElementNetworkNamed
-from models.named_laws import storey, storeys
+from models.named_laws import storey
 from models.starts import branch_choice, branch_polish
 from models.starts.equilibrium import forces_of
 

@@ -20,7 +20,6 @@ from models.named_element import NamedElement
 from models.named_laws.candidate import Units
 from models.named_laws.fit import Fit, _factors
 from models.named_laws.pairs import PAIRS, halves
-from models.physical.parameters import parameters_of
 from tests.models.test_named_laws import DT, PLANTED, error, motion, shaken
 
 UNITS = Units(0.04, 0.1, 3e5, 2e7)
@@ -49,7 +48,7 @@ def test_a_frame_and_its_braces_are_found_by_their_names(braced):
     assert facts["laws"] == "MenegottoPinto + SlackBrace"
     assert error(model, [frame_and_brace(7, 0.035)]) < 3.0
     assert "damping" not in halves(model.laws[0])[1].candidate.parameters  # one damper for both
-    told = {parameter.name: parameter.value for parameter in parameters_of(model)}
+    told = {parameter.name: parameter.value for parameter in model.physical_parameters()}
     assert told["r1.law_1.stiffness"] == pytest.approx(1e7, rel=0.1)
     assert told["r1.law_2.yield_displacement"] == pytest.approx(0.006, rel=0.1)
 

@@ -9,8 +9,7 @@ import torch
 
 from data.record import Record
 from models.linear import EquivalentLinear
-from models.linear_motion import LinearMotion, run_of_weights, stable
-from models.starts.output_error import OutputError
+from models.linear_motion import LinearMotion, OutputError, run_of_weights, stable
 from models.training.metrics import free_run_score
 
 

@@ -12,12 +12,10 @@ from data.record import Record, stack
 from data.simulation.elements import MenegottoPinto, Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models.element_network_branch import ElementNetworkBranch
-from models.physical.parameters import parameters_of
+from models import element_network_branch as starts
+from models.element_network_branch import ElementNetworkBranch, mass_damping, without
 from models.starts import branch_choice
-from models.starts import mass_damping as starts
 from models.starts.branch_choice import Choice
-from models.starts.mass_damping import mass_damping, without
 
 DT, MASSES, SAMPLES = 0.02, [3e4, 2e4], 700
 
@@ -69,7 +67,7 @@ def test_a_chain_on_a_shaken_base_learns_it_and_runs_with_it(monkeypatch):
     monkeypatch.setattr(branch_choice, "ITERATIONS", 25)
     model, test = network(), shaken(0.8, 2, 0.4)
     model.identify([stack([shaken(0.8, seed, 0.4) for seed in (0, 1)])])
-    told = {one.name: one for one in parameters_of(model)}["mass_damping"]
+    told = {one.name: one for one in model.physical_parameters()}["mass_damping"]
     assert told.value == pytest.approx(0.8, abs=0.1)
     assert told.unit == "1/s"
     with torch.no_grad():

@@ -19,7 +19,7 @@ from models.modal.periods import period_of, steady_mean
 from models.modal.problem import Motion
 from models.modal.run import Excited, blocks, outputs
 from models.modal.run_compiled import features
-from models.modal.units import Scale, Signals
+from models.modal_network import Scale, Signals
 
 SMALL = {
     "modes": 1,

@@ -13,7 +13,7 @@ from data.record import Drive, Record, stack
 from data.simulation.element_test import force
 from data.simulation.elements import MenegottoPinto
 from models import MomentFrame
-from models.frames import fit
+from models import moment_frame as fit
 from models.frames.hinge_compiled import MEMORY, turn
 from models.frames.numbers import SHARED, members
 from models.frames.run_compiled import elastic

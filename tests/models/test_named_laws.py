@@ -25,7 +25,7 @@ from data.simulation.elements import (
 )
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models.element_network_named import ElementNetworkNamed
+from models.element_network_named import ElementNetworkNamed, together
 from models.named_element import NamedElement
 from models.named_laws import choice
 from models.named_laws.candidate import Units
@@ -37,7 +37,6 @@ from models.named_laws.fit import NEGLIGIBLE, Fit, Motion, noise_of
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, linear, mass_dampers
 from models.named_laws.leaning import LEANING
 from models.named_laws.storey import Storey, residuals
-from models.named_laws.storeys import together
 
 DT = 0.02
 TESTED = ("ground", "x1")

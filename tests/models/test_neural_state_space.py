@@ -11,9 +11,8 @@ from torch.func import jvp
 from data.record import Drive, Record, stack
 from models.checkpoint import load_estimator, save_estimator
 from models.layers.linear_with_network import LatentStep
-from models.layers.sensitivity import trajectory
 from models.linear import EquivalentLinear
-from models.neural_state_space import NeuralStateSpace
+from models.neural_state_space import NeuralStateSpace, trajectory
 from models.training.problem import FreeRunProblem
 from models.training.solvers.lbfgs import LBFGS
 from tests.models.test_recurrent import DT, motion

@@ -10,9 +10,8 @@ import torch
 from scipy.signal import lsim
 
 from data.record import Record, stack
-from models.composition.other_inputs import OtherInputs
+from models.composition.other_inputs import OtherInputs, lagged
 from models.hysteretic_element import HystereticElement
-from models.layers.lag import lagged
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.training.unknown_beginning import run_problem
 from tests.models.dampers import imposed_motion, magnetorheological, voltage

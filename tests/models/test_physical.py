@@ -24,12 +24,11 @@ from models import (
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
-from models.physical.parameters import parameters_of, scale_is_open
 from tests.models.zoo import DT, ESTIMATORS
 
 
 def named(model):
-    return {p.name: p for p in parameters_of(model)}
+    return {p.name: p for p in model.physical_parameters()}
 
 
 def started(model, stiffness, damping, largest):
@@ -84,7 +83,7 @@ def test_an_element_network_has_masses_and_laws_in_words(dofs):
     assert found["r1.stiffness"].about == "ground–x1"
     assert found["r1.yield_force"].derived
     assert not found["r1.stiffness"].derived
-    assert len(found) == len(parameters_of(network(dofs)))  # no name twice
+    assert len(found) == len(network(dofs).physical_parameters())  # no name twice
 
 
 def test_small_hinges_and_units_are_told_term_by_term_alone():
@@ -97,10 +96,10 @@ def test_small_hinges_and_units_are_told_term_by_term_alone():
 
 def test_without_a_force_and_a_mass_the_scale_is_open():
     chain = [["s1", "x1"], ["x1", "x2"]]
-    assert scale_is_open(ElementNetwork(2, 2, 0.01, chain, forced=[]))
-    assert scale_is_open(ElementNetwork(2, 1, 0.01, "chain", forced="base"))
-    assert not scale_is_open(ElementNetwork(2, 1, 0.01, "chain", [1.0, 2.0], "base"))
-    assert not scale_is_open(network())
+    assert ElementNetwork(2, 2, 0.01, chain, forced=[]).scale_is_open
+    assert ElementNetwork(2, 1, 0.01, "chain", forced="base").scale_is_open
+    assert not ElementNetwork(2, 1, 0.01, "chain", [1.0, 2.0], "base").scale_is_open
+    assert not network().scale_is_open
 
 
 def test_an_element_test_has_elements_alone():
@@ -163,17 +162,17 @@ def test_linear_models_tell_what_a_motion_tells():
     assert found["x2.damping_by_mass.x2"].value == pytest.approx(0.2)
     motion = LinearMotion(2, 2, 0.01)
     motion.system = model
-    assert [p.name for p in parameters_of(motion)] == list(found)
+    assert [p.name for p in motion.physical_parameters()] == list(found)
 
 
 def test_a_black_box_holds_no_physical_parameter():
-    assert parameters_of(VWNN(3, 3, 0.01)) == []
+    assert VWNN(3, 3, 0.01).physical_parameters() == []
 
 
 @pytest.mark.parametrize("model", [ElementNetwork, EquivalentLinear, ModalNetwork])
 def test_what_is_not_identified_has_no_parameters(model):
     with pytest.raises(ValueError, match="identif"):
-        parameters_of(model(2, 2, 0.01))
+        model(2, 2, 0.01).physical_parameters()
 
 
 def test_laws_under_another_input_are_told_where_they_are():
@@ -194,7 +193,7 @@ def test_every_estimator_has_parameters_by_names_of_their_own(bilinear_record):
     for name, make in ESTIMATORS.items():
         model = make(3, 3, DT)
         model.identify([bilinear_record])
-        found = parameters_of(model)
+        found = model.physical_parameters()
         assert len({p.name for p in found}) == len(found), name
         assert all(math.isfinite(p.value) for p in found), name
         assert (modes_of(model) is not None) == (name == "linear" or "element" in name), name

@@ -11,10 +11,8 @@ from torch import Tensor
 
 from data.record import Drive, Record, stack
 from models.element_network import ElementNetwork
-from models.latent_hysteresis_network import LatentHysteresisNetwork
-from models.starts.bounded import left_open, not_negative, triangle
-from models.starts.ladder import nearest
-from models.starts.modes import modes_of
+from models.latent_hysteresis_network import LatentHysteresisNetwork, modes_of
+from models.starts.ladder import left_open, nearest, not_negative, triangle
 from models.starts.spectra import Layout, LinearStructure, Spectra, respond, typical
 from models.training.free_run_objective import FreeRun
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt

@@ -11,7 +11,6 @@ from scipy.signal import lfilter
 
 from data.record import Drive, Record, stack
 from models.element_network import ElementNetwork
-from models.physical.parameters import parameters_of
 from models.uncertainty.intervals import (
     COMBINATION,
     DETERMINED,
@@ -109,7 +108,7 @@ def noisy(record, level: float, seed: int = 0):
 def test_intervals_of_a_network_cover_what_was_planted():
     model, record = planted()
     truth = free_vector(model)
-    known = {p.name: p.value for p in parameters_of(model)}
+    known = {p.name: p.value for p in model.physical_parameters()}
     hits = []
     for seed in range(12):
         set_free_vector(model, truth)

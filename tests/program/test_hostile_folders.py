@@ -20,7 +20,7 @@ from omegaconf import OmegaConf
 import train
 from benchmarks.attack.tampering import BOMBS, mutation
 from models.training.resume import fault_of, seal
-from report.collection.long_table import long_table
+from report.collection.report import long_table
 from report.collection.runs import collect, read_runs
 from runner.config.plain_data import as_config, read_json, read_yaml
 from runner.config.schema import METRICS_KIND, require

@@ -24,7 +24,7 @@ from benchmarks.unplanted.structures import CASES, HELD_BACK, records
 from data.simulation.elements import FrictionPendulum, Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models.frames import fit
+from models import moment_frame as fit
 
 FIT = {
     **{"train": 1.0, "unseen": 2.0, "farther": 3.0, "seconds": 4.0, "parameters": 5},

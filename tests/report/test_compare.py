@@ -11,7 +11,7 @@ import pytest
 import evaluate
 from report.collection.compare import Comparison, as_table, compare
 from report.collection.figure import draw_comparison
-from report.collection.long_table import long_table
+from report.collection.report import long_table
 from report.collection.runs import collect
 from tests.program.test_train import run
 from tests.report.free_run_runs import LOST, NO_FREE_RUN, add_run

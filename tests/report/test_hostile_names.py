@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from report.collection.long_table import write_long
+from report.collection.report import write_long
 from report.output import Section, as_csv, latex, markdown, save_figure, spreadsheet
 
 FORMULAS = ("=cmd|' /C calc'!A0", "+1+1", "-1+1", "@SUM(A1)", "\t=1", "\r=1", "＝1+1", "=", "-")

@@ -10,7 +10,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from tensorboard.plugins.hparams import metadata
 
 import train
-from report.collection.long_table import long_table
+from report.collection.report import long_table
 from report.collection.runs import collect
 from report.collection.scores import scores_of
 from report.run.hparams import numbers, swept

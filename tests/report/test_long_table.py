@@ -11,8 +11,8 @@ import pytest
 from omegaconf import OmegaConf
 
 import evaluate
-from report.collection import long_table as long_form
-from report.collection.long_table import long_table, write_long
+from report.collection import report as long_form
+from report.collection.report import long_table, write_long
 from report.collection.runs import collect, folders_of
 from runner.config.choices import dotted, plain, read_choices
 from tests.program.test_docs import ROOT, blocks

@@ -10,8 +10,8 @@ import pytest
 from models.linear import EquivalentLinear
 from models.training.doing import doing
 from models.training.identification import Identification
-from runner import fit_progress
-from runner.fit_progress import FitProgress, line_of
+from runner import job as fit_progress
+from runner.job import FitProgress, line_of
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 
 from data.terminal import terminal
 from report.collection.compare import as_table, compare
-from report.collection.long_table import counted, long_table
+from report.collection.report import counted, long_table
 from runner.progress import sweep_tables
 from runner.scores.outcome import require_identified
 from runner.scores.result import read_result, spread_of
