@@ -140,10 +140,6 @@ def main(words: Sequence[str] | None = None) -> None:
         sys.exit(130)
 
 
-if __name__ == "__main__":
-    main()
-
-
 # An inspected record in print: its clock, channels, faults, and what its columns may be.
 
 
@@ -211,3 +207,7 @@ def _channels(record: Inspection) -> Table:
         cells = [f"  {name}", record.units.get(name, ""), *numbers, missing, peaks]
         table.add_row(*(Text(plain(cell)) for cell in cells))
     return table
+
+
+if __name__ == "__main__":
+    main()
