@@ -197,6 +197,8 @@ class BranchElement(Trainable):
         self.begun[e] = of_sizes(law.begun[0], law.sizes, self.sizes)
         self.weights[e] = weight
 
+    laws_are_curves = True
+
     def _physical_parameters(self) -> Iterable[Parameter]:
         self.require_identified(self.scale)
         branches = Branches(self.theta, self.sizes, self.scale[:4])

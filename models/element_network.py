@@ -63,7 +63,7 @@ class ElementNetwork(Composite):
     takes_other_inputs = False
     takes_either_sign = True
 
-    mass_known: bool
+    elements: list[list[str]]
 
     def __init__(
         self,
@@ -360,6 +360,16 @@ class ElementNetwork(Composite):
         yield from self._mass_damping()
         for e, pair in enumerate(self.elements):
             yield from self._law(e, f"r{e + 1}", "–".join(pair))
+
+    def masses(self) -> Tensor | None:
+        return None if self.scale_is_open else self.mass().detach()
+
+    def _springs_and_dampers(self) -> tuple[Tensor, Tensor]:
+        values = {p.name: p.value for p in self.physical_parameters()}
+        numbers = range(1, len(self.elements) + 1)
+        springs = [values[f"r{e}.stiffness"] for e in numbers]
+        dampers = [values.get(f"r{e}.damping", 0.0) for e in numbers]
+        return self.B.new_tensor(springs), self.B.new_tensor(dampers)
 
     def _mass_damping(self) -> Iterable[Parameter]:
         """Damping of the masses, where the model has any."""

@@ -89,6 +89,7 @@ class ElementNetworkBranch(ElementNetwork):
 
     later = (*ElementNetwork.later, "weight")
     takes_either_sign = False
+    laws_are_curves = True
     scale: Tensor  # (4, E): Y [m], V [m/s], F [N] and log k₀
     weight: Tensor  # of the prior on the free run
     begun: Tensor  # (E, L): θ₀

@@ -226,6 +226,10 @@ class ElementNetworkNamed(ElementNetwork):
         }
         return Structure(self.mass().detach().cpu().tolist(), {**parts, **self.mass_dampers()})
 
+    def small_motion(self) -> tuple[Tensor, Tensor, Tensor]:
+        M, C, K = (torch.from_numpy(m) for m in self.structure().linearised())
+        return torch.linalg.solve(M, K), torch.linalg.solve(M, C), torch.eye(len(M)).to(M)
+
     def mass_dampers(self) -> dict[str, Element]:
         """Dampers between the masses and the support by names, none for α = 0."""
         return mass_dampers(float(self.mass_damping), self.mass().detach().cpu().numpy(), self.foot)

@@ -55,6 +55,9 @@ class Estimator(nn.Module):
     mends: ClassVar[bool] = False  # copes with NaN
     later: ClassVar[tuple[str, ...]] = ()  # buffers that older files of weights lack
     takes_other_inputs: ClassVar[bool] = True  # such as a voltage, beside forces and motions
+    laws_are_curves: ClassVar[bool] = False  # which no parameter states
+    elements: list[list[str]] | None = None  # the nodes that each element joins
+    supports: int = 0  # that move
     on_processor: ClassVar[bool] = False  # compiled code does its work, which a GPU cannot run
 
     def __init_subclass__(cls, **more: Any) -> None:
@@ -121,6 +124,21 @@ class Estimator(nn.Module):
     def scale_is_open(self) -> bool:
         """Whether masses and forces share an unknown factor: no force, mass or prior was given."""
         return False
+
+    def small_motion(self) -> tuple[Tensor, Tensor, Tensor] | None:
+        """K (n, n) [1/s²] and C (n, n) [1/s] per unit mass for small motions, Φ (o, n) of outputs.
+
+        None of a model that holds no linear structure.
+        """
+        return None
+
+    def masses(self) -> Tensor | None:
+        """Masses (n,) [kg], where the model knows them."""
+        return None
+
+    def run_with_loops(self, drive: Drive) -> tuple[Response, tuple[Tensor, Tensor] | None]:
+        """The free run; deformations [m] and forces [N] (…, T, E) of elements, where it has any."""
+        return self.free_run(drive), None
 
     def check(self, signals: Record | Drive) -> None:
         """Raise ValueError where a record, or the excitation of a free run, does not fit."""

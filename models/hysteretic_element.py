@@ -108,6 +108,13 @@ class HystereticElement(Composite):
             measures=self.measures.repeat(self.parallel),
         )
 
+    def small_motion(self) -> None:
+        """None: the motion is imposed."""
+        return None
+
+    def run_with_loops(self, drive: Drive) -> tuple[Response, tuple[Tensor, Tensor] | None]:
+        return self.free_run(drive), None
+
     def _physical_parameters(self) -> Iterable[Parameter]:
         self.require_identified(self.identified)
         if self.others is not None:

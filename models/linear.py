@@ -54,6 +54,13 @@ class EquivalentLinear(LinearInWeights):
         self.require_identified(self.weights)
         return weighted(self.state(record), self.weights)
 
+    def small_motion(self) -> tuple[Tensor, Tensor, Tensor] | None:
+        if type(self) is not EquivalentLinear or self.weights.ndim != 2:
+            return None
+        self.require_identified(self.weights)
+        damping, stiffness, _ = self.matrices()
+        return stiffness, damping, torch.eye(self.dofs).to(stiffness)
+
     def _physical_parameters(self) -> Iterable[Parameter]:
         """Entries of M⁻¹K, M⁻¹C and of what the excitation does: a fit to motion knows no more."""
         self.require_identified(self.weights)

@@ -101,6 +101,9 @@ class LinearMotion(Estimator):
         known = record.x is not None and record.v is not None
         return self.quantity == "acceleration" and known
 
+    def small_motion(self) -> tuple[Tensor, Tensor, Tensor] | None:
+        return self.system.small_motion()
+
     def _physical_parameters(self) -> Iterable[Parameter]:
         return self.system.physical_parameters()
 

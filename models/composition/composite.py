@@ -252,6 +252,25 @@ class Composite(Held):
         J, J0 = (u.reshape(flat, *u.shape[-3:]) for u in (trace.jacobian, trace.by_begin))
         return replace(trace, jacobian=projected(J, J0, n).reshape(trace.jacobian.shape))
 
+    def small_motion(self) -> tuple[Tensor, Tensor, Tensor] | None:
+        """The core, with the springs and dampers of the elements for small motions."""
+        self.require_identified(self.identified)
+        composed = self.composition()
+        springs, dampers = self._springs_and_dampers()
+        G, D = composed.G.value, composed.D.value
+        core_k, core_c = (torch.diag(part) for part in composed.core.value)
+        return core_k + (G * springs) @ D, core_c + (G * dampers) @ D, composed.outputs.value
+
+    def _springs_and_dampers(self) -> tuple[Tensor, Tensor]:
+        """Stiffness [N/m] and damping [N s/m] (E,) of small motions."""
+        laws = self.composition().laws.value
+        return laws[:, 0], laws[:, 1]
+
+    def run_with_loops(self, drive: Drive) -> tuple[Response, tuple[Tensor, Tensor] | None]:
+        self.check(drive)
+        trace = self.trace(drive)
+        return trace.response, (trace.deformations, trace.forces)
+
     def element_loops(self, signals: Record | Drive) -> tuple[Tensor, Tensor]:
         """Deformations [m], restoring forces [N] (…, T, E) of the elements in a free run.
 

@@ -9,7 +9,6 @@ from torch import Tensor
 
 from data.record import Truth
 from data.simulation.structure import SUPPORT, Structure
-from models.element_network import ElementNetwork
 from models.estimator import Estimator
 
 SAME = (  # of elements in data/simulation/elements and of models
@@ -29,7 +28,7 @@ def truth_of(structure: Structure, estimator: Estimator) -> dict[str, float]:
 
     Elements that the structure lacks have no stiffness and no damping.
     """
-    if not isinstance(estimator, ElementNetwork) or estimator.dofs != structure.dofs:
+    if estimator.elements is None or estimator.dofs != structure.dofs:
         return {}
     known = {f"x{i}.mass": float(m) for i, m in enumerate(structure.masses, start=1)}
     between: dict[frozenset[str], list[object]] = {}
@@ -44,9 +43,10 @@ def truth_of(structure: Structure, estimator: Estimator) -> dict[str, float]:
     return known
 
 
-def forces_of(structure: Structure, estimator: ElementNetwork, truth: Truth) -> Tensor | None:
+def forces_of(structure: Structure, estimator: Estimator, truth: Truth) -> Tensor | None:
     """True forces (…, T, E) [N] in the elements of a model; None where the pairs are others."""
     names, supports = list(structure.elements.values()), estimator.supports
+    assert estimator.elements is not None
     total = truth.r.new_zeros(*truth.r.shape[:-1], len(estimator.elements))
     places = {_pair(pair, supports): e for e, pair in enumerate(estimator.elements)}
     for i, element in enumerate(names):

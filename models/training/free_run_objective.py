@@ -78,6 +78,8 @@ class FreeRun(Objective):
     (by_noise.py). "equal": all count alike. None: "noise" only where a noisy sensor takes over.
     """
 
+    simulates = True
+
     kept = ("ranked", "extra", "judged", "ends", "shorter", "raised", "present", "remarks")
 
     def __init__(

@@ -28,6 +28,7 @@ class Objective(ABC):
     """Stages of training; each has a solver of its own and starts where the one before ended."""
 
     stages: Sequence[str]  # in words
+    simulates = False  # whether it is the error of a free run
     kept: tuple[str, ...] = ()  # attributes that a checkpoint holds
     shorter = 0  # how often the horizon of the present stage was halved
     raised = 1.0  # what the prior of the present stage is multiplied by

@@ -16,8 +16,6 @@ from data.record import QUANTITIES
 from data.sample import Sensors
 from data.terminal import terminal
 from export.modes import Modes, modes_of
-from models.branch_element import BranchElement
-from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, Parameter
 from models.training.metrics import FREE_RUNS
 from report.describe.tables import WIDTH, print_elements, print_modes, print_rest
@@ -104,7 +102,7 @@ def _print_parameters(
             "no force and no mass was given in training: masses, stiffnesses and forces are known "
             "but for a common factor; model.masses sets it"
         )
-    if isinstance(estimator, BranchElement | ElementNetworkBranch):
+    if estimator.laws_are_curves:
         console.print("laws are curves; below, what they are under a slow push from rest")
     trained = metrics.get("trained_range", {})
     print_elements(console, parameters, trained)

@@ -16,7 +16,6 @@ from torch import Tensor
 from data.sample import Sensors
 from data.simulation.accelerograms import SHORTEST, Accelerogram
 from data.simulation.earthquake import GRAVITY, ground_motion
-from models.element_network import ElementNetwork
 from models.estimator import Estimator
 
 Channels = Mapping[str, np.ndarray]
@@ -131,10 +130,8 @@ class Interface:
 
 def _masses(estimator: Estimator) -> np.ndarray | None:
     """Masses (n,) [kg] of a model that knows them."""
-    if not isinstance(estimator, ElementNetwork) or estimator.scale_is_open:
-        return None
-    mass: Tensor = estimator.mass()
-    return mass.detach().cpu().numpy()
+    mass = estimator.masses()
+    return None if mass is None else mass.cpu().numpy()
 
 
 def _listed(names: object) -> str:

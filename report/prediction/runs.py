@@ -16,9 +16,7 @@ import torch
 from torch import Tensor
 
 from data.record import QUANTITIES, Drive
-from models.composition.composite import Composite
 from models.estimator import Estimator
-from models.hysteretic_element import HystereticElement
 from models.training.trained_range import names_of, outside
 from models.uncertainty.conformal import Band
 from report.prediction.interface import GROUND, IMPOSED, SUPPORTS, Interface
@@ -99,7 +97,7 @@ class Runner:
         u = self.interface.excitation(motion.name, motion.dt, motion.channels, scale, self.lag)
         rest = torch.zeros(self.estimator.dofs, dtype=torch.float64)
         drive = Drive(motion.dt, u, rest, rest, self.hold)
-        response, loops = self._run(drive)
+        response, loops = self.estimator.run_with_loops(drive)
         x, v, a = (s.numpy() for s in (response.x, response.v, response.a))
         signals = [*self._driving(motion, scale), *self._motion(x, v, a, motion, scale)]
         if loops is not None:
@@ -111,15 +109,6 @@ class Runner:
         return Prediction(
             motion.name, scale, motion.dt, self.hold, signals, found, left, bool(self.trained)
         )
-
-    def _run(self, drive: Drive) -> tuple[Any, tuple[Tensor, Tensor] | None]:
-        """The free run, and deformations and forces of its elements where there are any."""
-        model = self.estimator
-        if not isinstance(model, Composite) or isinstance(model, HystereticElement):
-            return model.free_run(drive), None
-        model.check(drive)
-        trace = model.trace(drive)
-        return trace.response, (trace.deformations, trace.forces)
 
     def _driving(self, motion: Motion, scale: float) -> list[Signal]:
         """What drives the model, as it was given."""

@@ -93,7 +93,7 @@ def unmeasured_of(
     if one.truth is None or not signals:
         return signals
     signals[DISPLACEMENT] = replace(signals[DISPLACEMENT], truth=one.truth.x)
-    if isinstance(data, SimulatedData) and isinstance(estimator, ElementNetwork):
+    if isinstance(data, SimulatedData) and estimator.elements is not None:
         forces = forces_of(data.simulation.structure, estimator, one.truth)
         signals[FORCE] = replace(signals[FORCE], truth=forces)
     return signals

@@ -15,7 +15,6 @@ from data.datamodule import Data
 from data.record import Record
 from models.estimator import Estimator
 from models.linear_motion import LinearMotion
-from models.training.free_run_objective import FreeRun
 from models.training.identification import Identification
 from models.training.metrics import FREE_RUNS, free_run_score
 
@@ -51,7 +50,7 @@ def verdict_of(
 
 def judged_by_free_run(module: Identification) -> bool:
     """Whether the model was trained on its free run."""
-    return module.solver is not None and isinstance(module.objective, FreeRun)
+    return module.solver is not None and module.objective.simulates
 
 
 def judged(
