@@ -30,7 +30,6 @@ from models.named_element import NamedElement
 from models.physical.laws import branch_law, composed_laws, named_law
 from models.prandtl_ishlinskii import PrandtlIshlinskii
 from models.sliders.fit import LINEAR
-from models.sliding_mass import SlidingMass
 
 
 @dataclass(frozen=True)
@@ -94,8 +93,6 @@ def _of(estimator: Estimator) -> Iterator[Values]:
         yield from _linear(estimator)
     elif isinstance(estimator, ModalNetwork):
         yield from _modes(estimator)
-    elif isinstance(estimator, SlidingMass):
-        yield from _sliding_mass(estimator)
 
 
 def _composite(model: Composite) -> Iterator[Values]:
@@ -202,9 +199,3 @@ def _sliders(model: PrandtlIshlinskii) -> Iterator[Values]:
         yield f"r1.{name}", value * size, unit, about, False
     for j, width in enumerate(w for w in model.widths.tolist() if w > 0.0):
         yield f"r1.slider_{j + 1}.half_width", width * way, "m", about, False
-
-
-def _sliding_mass(model: SlidingMass) -> Iterator[Values]:
-    units = {"gain": "m/s² per unit", "dry_friction": "of the input", "offset": "of the input"}
-    for name, value in model._facts(model.mass).items():
-        yield f"x1.{name}", float(value), units[name], "", False
