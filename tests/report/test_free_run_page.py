@@ -29,7 +29,7 @@ def runs(tmp_path):
             lost = LOST if (system, seed) == ("bouc_wen", 1) else 12.5
             add_run(folder, lost, model="vwnn_forward", **case)
             add_run(folder, 1.75, model="element_network", train_records=1, **case)
-            noisy = {"model": "element_network_accelerations", "scenario": "noisy"}
+            noisy = {"model": "element_network", "scenario": "noisy"}
             add_run(folder, 0.5, settings=NOISY, **noisy, **case)
     return folder
 
