@@ -2,17 +2,13 @@
 
     model = torch.hub.load(CLONE, "element_network", source="local", weights="bouc_wen")
     table = torch.hub.load(CLONE, "list_pretrained", source="local")
-    program = torch.hub.load(CLONE, "exported", source="local", name="element_network/bouc_wen")
 
-The packages here are called `data` and `models`, as many others are. `exported` imports none of
-them; the others say so in one line where a package of that name is there already.
+The packages here are called `data` and `models`, as many others are. Where a package of that name
+is there already, the entries say so in one line.
 """
 
-import hashlib
 import importlib
-import io
 import json
-import lzma
 import sys
 from pathlib import Path
 from typing import Any
@@ -21,7 +17,6 @@ dependencies = ["torch", "numpy", "numba", "omegaconf", "safetensors", "lightnin
 
 _CLONE = Path(__file__).resolve().parent
 _OURS = ("data", "models")
-_EXPORTED = "exported.pt2.xz"
 
 
 def _entries() -> dict[str, Any]:
@@ -40,8 +35,7 @@ def _require_ours() -> None:
         if not any(Path(place).resolve().is_relative_to(_CLONE) for place in places if place):
             raise ImportError(
                 f"a package {name!r} of {places[-1]} is imported already, and hides this hub's "
-                f"{name!r}; load the hub's model before it, in a process of its own, or take "
-                'torch.hub.load(…, "exported", name=…), which imports nothing'
+                f"{name!r}; load the hub's model before it, or in a process of its own"
             )
 
 
@@ -54,28 +48,6 @@ def list_pretrained(system: str | None = None, model: str | None = None) -> Any:
     """The published models: name, errors, parameters, size, licence, what they were told."""
     _require_ours()
     return importlib.import_module("models.zoo.table").list_pretrained(system, model)
-
-
-def exported(name: str) -> Any:
-    """torch.export.ExportedProgram of a model's free run; imports nothing of this project.
-
-        x, v, a = exported("element_network/bouc_wen").module()(u, x0, v0)
-
-    u (B, T, m), x0 and v0 (B, n), x, v and a (B, T, n), float64. Raises ValueError for a name that
-    is not published, for a model without such a program, and for a file that was changed.
-    """
-    import torch
-
-    known = {n: e["files"] for n, e in _entries().items() if _EXPORTED in e["files"]}
-    fitting = [n for n in known if name in (n, n.rpartition(".v")[0])]
-    if not fitting:
-        raise ValueError(f"{name!r} has no exported program; there are {', '.join(known)}")
-    newest = max(fitting, key=lambda n: int(n.rpartition(".v")[2]))
-    packed = (_CLONE / "zoo" / newest / _EXPORTED).read_bytes()
-    own, expected = hashlib.sha256(packed).hexdigest(), known[newest][_EXPORTED]["sha256"]
-    if own != expected:
-        raise ValueError(f"{newest}/{_EXPORTED}: SHA-256 {own}, expected {expected}")
-    return torch.export.load(io.BytesIO(lzma.decompress(packed)))
 
 
 def _entrypoint(kind: str, systems: list[str]) -> Any:

@@ -28,7 +28,7 @@ from runner.config.command_line import command_errors
 
 RATE, FINER, NOISE = 120, 16, 0.01  # Hz, substeps of a sample, m/s²
 SLIDERS, SHARE, DAMPING = 20, 0.08, 0.0015
-MODEL = "element_network_accelerations"
+WORDS = ("model=element_network", "model/reads=accelerations")
 
 
 def stiffness_of(storeys: int, turning: float) -> np.ndarray:
@@ -122,11 +122,11 @@ def main() -> None:
     for storeys in asked.storeys:
         for draw in range(asked.draws):
             folder = asked.folder / f"{storeys}_storeys_{draw}"
-            run = folder / MODEL
+            run = folder / "element_network"
             folder.mkdir(parents=True, exist_ok=True)
             if not (run / "metrics.json").is_file():
                 records = ",".join(map(str, written(folder, storeys, draw)))
-                words = [f"data.path=[{records}]", "data.test=triangles", f"model={MODEL}"]
+                words = [f"data.path=[{records}]", "data.test=triangles", *WORDS]
                 words += ["data=measured", "figures=false", f"hydra.run.dir={run}"]
                 subprocess.run([sys.executable, "train.py", *words], check=False)
             if not (run / "metrics.json").is_file():

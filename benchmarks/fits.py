@@ -24,11 +24,7 @@ from runner.config.command_line import command_errors
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")
 ROWS = [  # of the leaderboard: model, system, records
     *(("element_network", system, records) for system in SYSTEMS for records in (1, 8)),
-    *(
-        (model, system, 8)
-        for model in ("latent_hysteresis_network", "element_network_tanh")
-        for system in SYSTEMS
-    ),
+    *(("latent_hysteresis_network", system, 8) for system in SYSTEMS),
 ]
 ALIKE = ("figures=false", "baselines=none")
 HEAD = "| fit | seed | before [s] | now [s] | ratio | error before [%] | now [%] |"

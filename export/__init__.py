@@ -1,1 +1,1 @@
-"""A model leaves the house: C, FMU, OpenSees, MATLAB, ONNX, torch.export, JSON."""
+"""A model leaves the house: C, FMU, OpenSees, JSON."""

@@ -7,9 +7,6 @@
 c         C99 without dependencies: controllers, microcontrollers, anything that compiles
 fmu       Functional Mock-up Unit, FMI 2 and 3: Simulink, Modelica, co-simulation
 opensees  script with stock materials for OpenSeesPy
-matlab    function of a step and a script, for MATLAB and Octave
-onnx      graph for ONNX Runtime
-pt2       program of torch.export, for PyTorch
 json      parameters with names and units
 
 All or nothing is written: where one target cannot take the model, the line says which and why.

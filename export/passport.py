@@ -48,11 +48,6 @@ class Passport:
         ]
 
 
-def _wrapped(line: str) -> list[str]:
-    indent = " " * (len(line) - len(line.lstrip()) + 2)
-    return textwrap.wrap(line, WIDTH, subsequent_indent=indent)
-
-
 def passport_of(
     cfg: DictConfig, metrics: Mapping[str, Any], sensors: Sensors, kind: str
 ) -> Passport:

@@ -21,8 +21,5 @@ TARGETS = {
     "c": Target("export.c", "anything that compiles C99: controllers, Simulink's S-functions"),
     "fmu": Target("export.fmu", "Simulink, Modelica and other co-simulation by FMI 2 or 3"),
     "opensees": Target("export.opensees", "OpenSeesPy, stock materials"),
-    "matlab": Target("export.matlab", "MATLAB and Octave"),
-    "onnx": Target("export.onnx", "ONNX Runtime"),
-    "pt2": Target("export.pt2", "PyTorch, without this project"),
     "json": Target("export.json", "people and programs that want the parameters"),
 }

@@ -37,7 +37,7 @@ COLOUR = 0.95  # of its next sample is the one before, where it is coloured: 0.2
 YIELDS, STAYS = (0.2, 0.5), (2.0, 4.0)  # of the elastic deformation: yield displacements
 BRACE = (0.25, 0.6)  # of the storeys' mean stiffness
 WORDS = (  # of train.py, as small as the structures are
-    "model=element_network_accelerations",
+    *("model=element_network", "model/reads=accelerations"),
     *("model.hinges=0", "model.units=2", "model.cubic=false"),
     *("objective.starts=6", "objective.finalists=2", "objective.start_iterations=10"),
     "objective.horizons=[300,null]",

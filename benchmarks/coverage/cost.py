@@ -27,7 +27,7 @@ QUIET = ("baselines=none", "figures=false", "trainer.enable_progress_bar=false")
 NOISY = ("scenario=noisy", "scenario.level=0.05")
 CASES = {
     "chain that yields, one unit": (
-        *("model=element_network_accelerations", "system=bilinear", *NOISY),
+        *("model=element_network", "model/reads=accelerations", "system=bilinear", *NOISY),
         *("model.hinges=0", "model.units=1", "model.cubic=false", "data.train_records=2"),
     ),
 }

@@ -8,24 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.io import savemat
-from scipy.signal import butter, cheby1, cheby2, ellip, sosfilt, sosfiltfilt
-from scipy.special import wrightomega
+from scipy.signal import butter, sosfiltfilt
 
-from benchmarks.stand_ins.drives import Coupled, Positioner, counted, moves, positioned
 from benchmarks.stand_ins.systems import (
-    STEPS,
     Structure,
-    Tanks,
     band_limited,
-    filled,
     multisine,
     respond,
 )
-from data.public.splits import CED, EMPS, F16, SILVERBOX, TANKS, WIENER_HAMMERSTEIN
+from data.public.splits import F16, SILVERBOX
 
 
 def _save(folder: Path, path: str, variables: dict[str, np.ndarray]) -> None:
@@ -115,117 +109,7 @@ def aircraft(
     return std
 
 
-FILTERS: dict[
-    str, Callable[[int, float], np.ndarray]
-] = {  # by kind and order at the rate `fs`; kHz of the benchmark's sampling rate
-    "chebyshev": lambda n, fs: cheby1(n, 0.5, 4.4e3, fs=fs, output="sos"),
-    "inverse": lambda n, fs: cheby2(n, 40.0, 5.0e3, fs=fs, output="sos"),
-    "butterworth": lambda n, fs: butter(n, 3.0e3, fs=fs, output="sos"),
-    "elliptic": lambda n, fs: ellip(n, 1.0, 30.0, 3.6e3, fs=fs, output="sos"),
-    "high_pass": lambda n, fs: butter(n, 4.0e2, "highpass", fs=fs, output="sos"),
-    "resonant": lambda n, fs: np.tile(_resonance(2.2e3, 0.1, fs), (n // 2, 1)),
-}
-CURVES: dict[str, Callable[[np.ndarray], np.ndarray]] = {  # of a signal of RMS 0.4 V or so
-    "diode": lambda x: x + 0.05 - 0.09 * wrightomega(np.log(0.05 / 0.09) + (x + 0.05) / 0.09),
-    "saturation": lambda x: 0.3 * np.tanh(x / 0.3),
-    "dead_zone": lambda x: x - 0.15 * np.tanh(x / 0.1),
-    "parabola": lambda x: 0.6 * x + 0.5 * x * x,
-}
-
-
-def _resonance(hertz: float, ratio: float, fs: float) -> np.ndarray:
-    """A pair of poles with a gain of 1 at rest, as a second-order section (1, 6)."""
-    poles = np.exp(2.0 * np.pi * hertz / fs * (-ratio + 1j * np.sqrt(1.0 - ratio**2)))
-    a = np.array([1.0, -2.0 * poles.real, abs(poles) ** 2])
-    return np.r_[a.sum(), 0.0, 0.0, a][None]
-
-
-def chain(
-    folder: Path,
-    seed: int = 0,
-    before: tuple[str, int] = ("chebyshev", 3),
-    curve: str = "diode",
-    after: tuple[str, int] = ("inverse", 3),
-    noise: float = 2e-4,
-) -> np.ndarray:
-    """Filter, static curve, filter as `wiener_hammerstein` [V]: filtered noise from rest to rest.
-
-    Analogue filters: they work at 24 times the sampling rate, as does the curve.
-    """
-    rng, rate, samples = np.random.default_rng(seed), 51200.0, 188000
-    fs = 2 * STEPS * rate
-    u = np.zeros(samples)
-    sos = butter(6, 1e4, fs=rate, output="sos")
-    u[5000:-3000] = sosfiltfilt(sos, rng.standard_normal(samples))[5000:-3000]
-    u *= 0.6 / u[5000:-3000].std()
-    x = sosfilt(FILTERS[before[0]](before[1], fs), band_limited(u)[:-1])
-    w = CURVES[curve](x)
-    rest = CURVES[curve](np.zeros(1))[0]
-    y = sosfilt(FILTERS[after[0]](after[1], fs), w - rest)[:: 2 * STEPS]
-    y = y + 0.01 + noise * rng.standard_normal(samples)
-    signals = {"uBenchMark": u[:, None], "yBenchMark": y[:, None], "fs": np.array([[rate]])}
-    _save(folder, WIENER_HAMMERSTEIN, signals)
-    return np.array([noise])
-
-
-def tanks(folder: Path, seed: int = 0, noise: float = 0.02, **law: Any) -> np.ndarray:
-    """Two tanks as `cascaded_tanks`: pump [V] to level [V], 4 s a sample, both run over at times.
-
-    Both records begin at the same levels, which nobody knows.
-    """
-    rng, dt, samples = np.random.default_rng(seed), 4.0, 1024
-    system = Tanks(**law)
-    signals = {"Ts": np.array([[dt]])}
-    for name in ("Est", "Val"):
-        u = multisine(samples, dt, (0.0, 0.0144), rng)[0]
-        u = 3.3 + 1.1 * u / u.std()
-        y = filled(system, u, dt)
-        signals |= {f"u{name}": u[:, None], f"y{name}": y[:, None]}
-        signals[f"y{name}"] = y[:, None] + noise * rng.standard_normal((samples, 1))
-    _save(folder, TANKS, signals)
-    return np.array([noise])
-
-
-def positioner(folder: Path, seed: int = 0, noise: float = 1e-4, **law: Any) -> np.ndarray:
-    """A mass with friction under a controller as `emps`: voltage [V] to position [m], 24.8 s.
-
-    Both records follow the same wanted motion; in the test the voltage has pulses besides. The
-    controller reads the position without the noise.
-    """
-    rng, dt, samples = np.random.default_rng(seed), 1e-3, 24841
-    wanted, pushes = moves(samples, dt, rng), np.zeros(samples)
-    for number, path in enumerate(EMPS):
-        for _ in range(12 * number):
-            start = rng.integers(500, samples - 500)
-            push = rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 0.8)
-            pushes[start : start + rng.integers(20, 80)] += push
-        u, q = positioned(Positioner(**law), wanted, pushes, dt)
-        measured = q + noise * rng.standard_normal(samples)
-        signals = {"vir": u, "qm": measured, "qg": wanted, "t": dt * np.arange(samples)}
-        _save(folder, path, {name: signal[:, None] for name, signal in signals.items()})
-    return np.array([noise])
-
-
-def drives(folder: Path, seed: int = 0, noise: float = 0.02, **law: Any) -> np.ndarray:
-    """Two coupled drives as `ced`: voltage [V] to speed without direction [ticks/s], 50 Hz.
-
-    The voltage is held for a tenth of a second each; about no mean, so that nothing linear follows.
-    """
-    rng, dt = np.random.default_rng(seed), 0.02
-    signals: dict[str, np.ndarray] = {}
-    for number, level in (("11", 1.0), ("12", 2.0)):
-        u = np.repeat(rng.uniform(-level, level, 110), 5)
-        y = counted(Coupled(**law), u, dt) + noise * rng.standard_normal(len(u))
-        signals |= {f"u{number}": u[50:, None], f"z{number}": y[50:, None]}  # it turns already
-    _save(folder, CED, signals)
-    return np.array([noise])
-
-
 STAND_INS: dict[str, Callable[..., np.ndarray]] = {
     "silverbox": circuit,
     "f16": aircraft,
-    "wiener_hammerstein": chain,
-    "cascaded_tanks": tanks,
-    "emps": positioner,
-    "ced": drives,
 }

@@ -121,33 +121,3 @@ def _at_half_steps(spectrum: np.ndarray, samples: int) -> np.ndarray:
     wide = np.zeros(samples * STEPS + 1, dtype=complex)
     wide[: len(spectrum)] = spectrum
     return np.fft.irfft(wide, n=2 * STEPS * samples) * 2 * STEPS * samples
-
-
-@dataclass(frozen=True)
-class Tanks:
-    """Two tanks with open outlets: flow c √level, into the lower one and out [V, 1/s]."""
-
-    pump: float = 0.045  # inflow per volt
-    outlets: tuple[float, float] = (0.058, 0.052)
-    areas: tuple[float, float] = (1.0, 1.0)
-    heights: tuple[float, float] = (9.2, 10.0)  # above which they run over
-    caught: float = 0.5  # share of the upper one's overflow that falls into the lower one
-    begin: tuple[float, float] = (4.0, 5.2)  # levels
-    offset: float = 0.1  # of the sensor
-    full: float = 10.0  # largest reading
-
-
-def filled(system: Tanks, u: np.ndarray, dt: float, steps: int = 400) -> np.ndarray:
-    """Readings (T,) of the lower tank under an inflow that is held between samples."""
-    one, two = system.begin
-    y, h = np.empty(len(u)), dt / steps
-    for t, pump in enumerate(u):
-        y[t] = min(two + system.offset, system.full)
-        for _ in range(steps):
-            between = system.outlets[0] * np.sqrt(max(one, 0.0))
-            one += h * (system.pump * max(pump, 0.0) - between) / system.areas[0]
-            over = max(one - system.heights[0], 0.0) * system.areas[0]
-            one = min(one, system.heights[0])
-            two += h * (between - system.outlets[1] * np.sqrt(max(two, 0.0))) / system.areas[1]
-            two = min(two + system.caught * over / system.areas[1], system.heights[1])
-    return y

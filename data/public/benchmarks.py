@@ -10,20 +10,12 @@ from data.public.files import Files, download
 from data.public.splits import (
     BOUC_WEN,
     BOUC_WEN_TESTS,
-    CED,
-    EMPS,
     F16,
     SILVERBOX,
-    TANKS,
-    WIENER_HAMMERSTEIN,
     Splits,
     bouc_wen,
-    cascaded_tanks,
-    ced,
-    emps,
     f16,
     silverbox,
-    wiener_hammerstein,
 )
 from data.simulation.scenario import FullState, Scenario
 
@@ -90,43 +82,6 @@ BENCHMARKS = {
         input_unit="N",
         hold="band_limited",
         band=(2.0, 15.0),
-    ),
-    # J. Schoukens, J. Suykens & L. Ljung, SYSID 2009; Gaussian noise, filtered at 10 kHz
-    "wiener_hammerstein": Benchmark(
-        loader="WienerHammerBenchMark",
-        page=f"{PAGES}/wiener-hammerstein",
-        files=(WIENER_HAMMERSTEIN,),
-        read=wiener_hammerstein,
-        hold="band_limited",
-        band=(0.0, 10000.0),
-    ),
-    # M. Schoukens, P. Mattsson, T. Wigren & J. P. Noël, Cascaded tanks benchmark, 2016
-    "cascaded_tanks": Benchmark(
-        loader="Cascaded_Tanks",
-        page=f"{PAGES}/cascaded-tanks",
-        files=(TANKS,),
-        read=cascaded_tanks,
-        hold="zero_order",
-        band=(0.0, 0.0144),
-    ),
-    # A. Janot, M. Gautier & M. Brunot, Data set and reference models of EMPS, 2019
-    "emps": Benchmark(
-        loader="EMPS",
-        page=f"{PAGES}/emps",
-        files=EMPS,
-        read=emps,
-        quantity="displacement",
-        unit="m",  # the input is the voltage of the motor's drive
-        hold="zero_order",
-    ),
-    # T. Wigren & M. Schoukens, Coupled electric drives data set and reference models, 2017
-    "ced": Benchmark(
-        loader="CED",
-        page=f"{PAGES}/coupled-electric-drives",
-        files=(CED,),
-        read=ced,
-        unit="ticks/s",
-        hold="zero_order",
     ),
 }
 

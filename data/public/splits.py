@@ -38,10 +38,6 @@ def _f16_name(kind: str, level: int) -> str:
 
 
 SILVERBOX = "Silverbox/SilverboxFiles/SNLS80mV.mat"
-TANKS = "Cascaded_Tanks/CascadedTanksFiles/dataBenchmark.mat"
-WIENER_HAMMERSTEIN = "WienerHammerBenchMark/WienerHammerBenchMark.mat"
-EMPS = ("EMPS/DATA_EMPS.mat", "EMPS/DATA_EMPS_PULSES.mat")
-CED = "CED/DATAUNIF.MAT"
 F16_KINDS, F16_LEVELS = ("FullMSine", "SineSw"), range(1, 8)
 F16 = tuple(
     f"F16/F16GVT_Files/BenchmarkData/{_f16_name(k, n)}" for k in F16_KINDS for n in F16_LEVELS
@@ -64,42 +60,6 @@ def silverbox(files: Files) -> Splits:
     seen = int(0.75 * len(multisine.u))
     inner = arrow.cut("arrow_no_extrapolation", 0, 32000)
     return [multisine.cut("multisine", 0, seen)], [multisine.cut("multisine", seen), arrow, inner]
-
-
-def wiener_hammerstein(files: Files) -> Splits:
-    """One record of filtered noise, cut in two."""
-    u, y, rate = files.load(WIENER_HAMMERSTEIN, "uBenchMark", "yBenchMark", "fs")
-    whole = Series("all", 1.0 / _positive("fs", rate), _column(u), _column(y), 50, "unknown")
-    return [whole.cut("train", 5200, 105200)], [whole.cut("test", 105200, 184000)]
-
-
-def cascaded_tanks(files: Files) -> Splits:
-    """A training and a test record, each with its own input."""
-    u, y, u_test, y_test, dt = files.load(TANKS, "uEst", "yEst", "uVal", "yVal", "Ts")
-    train = Series("train", _positive("Ts", dt), _column(u), _column(y), 50, "unknown")
-    return [train], [replace(train, name="test", u=_column(u_test), y=_column(y_test))]
-
-
-def emps(files: Files) -> Splits:
-    """Voltage and position of a drive; the test record has pulses besides."""
-    both = []
-    for name, path in zip(("train", "test"), EMPS, strict=True):
-        voltage, position, t = files.load(path, "vir", "qm", "t")
-        dt = _positive("the step of t", np.diff(t.ravel()[:2]))
-        both.append(Series(name, dt, _column(voltage), _column(position), 20, "unknown"))
-    return [both[0]], [both[1]]
-
-
-def ced(files: Files) -> Splits:
-    """Two records, of a low and a high input; the first 400 samples of each train."""
-    train: list[Series] = []
-    test: list[Series] = []
-    for name, u_name, y_name in (("low", "u11", "z11"), ("high", "u12", "z12")):
-        u, y = files.load(CED, u_name, y_name)
-        whole = Series(name, 0.02, _column(u), _column(y), 10, "unknown")
-        train.append(whole.cut(name, 0, 400))
-        test.append(whole.cut(name, 400))
-    return train, test
 
 
 def f16(files: Files) -> Splits:

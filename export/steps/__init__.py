@@ -24,12 +24,9 @@ KINDS = {  # file of this folder → the estimators whose steps it has
     "neural_state_space": ("NeuralStateSpace",),
     "recurrent": ("Recurrent",),
     "sliders": ("PrandtlIshlinskii",),
-    "sliding_mass": ("SlidingMass",),
-    "tanks": ("TankCascade",),
     "vwnn": ("VWNN",),
     "online": ("Online",),
     "vwnn_forward": ("ForwardVWNN",),
-    "wiener_hammerstein": ("WienerHammerstein",),
 }
 FILES = {name: file for file, names in KINDS.items() for name in names}
 INTEGRATE = ("recurrent", "vwnn", "vwnn_forward")  # what they estimate, whatever that is

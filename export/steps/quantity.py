@@ -27,6 +27,4 @@ def named_by(step: Step, quantity: str, integrates: bool = False) -> Step:
         array = "output" if "output" in arrays else "a"
         names = [f"{letter}{i + 1}" for i in range(step.state[array].size)]
         return replace(step, outputs=[(array, names, unit)])
-    if arrays == ["x", "v"] and quantity == "output":  # a position, in whatever unit
-        return replace(step, outputs=[("x", ["y1"], ""), ("v", ["y_dot1"], "1/s")])
     return step

@@ -78,9 +78,8 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
         raise ValueError(f"{shown(model)!r} stands in place of a model; see --help")
     if (model.get("priors") or model.get("ties")) and not _can_state(model):
         raise ValueError(
-            "model.priors and model.ties are for element_network, element_network_accelerations, "
-            f"element_network_tanh and hysteretic_element; model={model.get('name', '')} has no "
-            "parameters that they could be of: leave them out"
+            "model.priors and model.ties are for element_network and hysteretic_element; "
+            f"model={model.get('name', '')} has no parameters that they could be of: leave them out"
         )
     more: dict[str, Any] = {}
     sensors = data.sensors if isinstance(data, Data) else data

@@ -24,6 +24,4 @@ PUBLISHED = {  # by benchmark and test series
     ("f16", "FullMSine_Level2"): Published(16.2, GOALS + ", over levels 2, 4 and 6", True),
     ("f16", "FullMSine_Level4"): Published(16.2, GOALS + ", over levels 2, 4 and 6", True),
     ("f16", "FullMSine_Level6"): Published(16.2, GOALS + ", over levels 2, 4 and 6", True),
-    ("wiener_hammerstein", "test"): Published(0.24e-3, GOALS),
-    ("cascaded_tanks", "test"): Published(0.396, GOALS),
 }

@@ -43,7 +43,6 @@ from runner.scores.spread import ESCAPED
 FILE = "beyond.json"
 MODELS = (
     "element_network",
-    "element_network_tanh",
     "latent_hysteresis_network",
     "vwnn_forward",
     "linear",

@@ -30,7 +30,6 @@ from report.zoo.entry_config import (
     require_command,
     without_folders,
 )
-from report.zoo.exported import write_exported
 from report.zoo.licence import Licence
 from report.zoo.picture import picture_of
 from report.zoo.scores import is_simulated, over_seeds
@@ -133,7 +132,6 @@ def _write(
     np.savez_compressed(folder / "golden.npz", allow_pickle=False, **golden)
     picture = picture_of(model, record, colour_of(str(cfg.model.name)))
     (folder / "picture.svg").write_text(picture, encoding="utf-8")
-    write_exported(run, folder)
     card = Card(name, cfg, kept, sensors, type(model).__name__, licence, command, record)
     (folder / "card.md").write_text(card.text(), encoding="utf-8")
 

@@ -16,9 +16,6 @@ from data.simulation.scenario import FullState
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "bouc_wen_benchmark"
 ARCHIVES = {  # whose presence tells the package that nothing is to be downloaded
     "silverbox": "Silverbox/SilverboxFiles.zip",
-    "cascaded_tanks": "Cascaded_Tanks/CascadedTanksFiles.zip",
-    "emps": "EMPS/EMPS.zip",
-    "ced": "CED/FULLTEXT01.zip",
     "f16": "F16/F16GVT_Files.zip",
 }
 PERIOD, NOISE = 8192, 7e-6
@@ -28,21 +25,9 @@ def contents(name: str) -> dict[str, dict[str, np.ndarray]]:
     """Random signals under the names and in the shapes of the official files."""
     rng = np.random.default_rng(0)
     noise = rng.standard_normal
-    row, column = {"size": (1, 127500)}, {"size": (600, 1)}
     files = BENCHMARKS[name].files
     if name == "silverbox":
-        return {files[0]: {"V1": noise(**row), "V2": noise(**row)}}
-    if name == "wiener_hammerstein":
-        u, y = noise((188000, 1)), noise((188000, 1))
-        return {files[0]: {"uBenchMark": u, "yBenchMark": y, "fs": np.array([[51200.0]])}}
-    if name == "cascaded_tanks":
-        names = ("uEst", "yEst", "uVal", "yVal")
-        return {files[0]: {n: noise(**column) for n in names} | {"Ts": np.array([[4.0]])}}
-    if name == "emps":
-        t = {"t": 1e-3 * np.arange(600.0)[:, None]}
-        return {f: {n: noise(**column) for n in ("qm", "qg", "vir")} | t for f in files}
-    if name == "ced":
-        return {files[0]: {n: noise((500, 1)) for n in ("u11", "u12", "z11", "z12")}}
+        return {files[0]: {"V1": noise((1, 127500)), "V2": noise((1, 127500))}}
     if name == "f16":
         sizes = {f: 300 if "FullMSine" in f else 400 for f in F16}
         rate = {"Fs": np.array([[400.0]])}

@@ -48,14 +48,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", sorted(set(BENCHMARKS) - {"bouc_wen", "f16"}))
-def test_splits_are_those_of_the_package(name, folder):
+def test_silverbox_has_the_packages_splits(folder):
     package = pytest.importorskip("nonlinear_benchmarks", reason="extra `benchmarks` not installed")
-    load = getattr(package, BENCHMARKS[name].loader)
-    official = load(
+    official = package.Silverbox(
         dir_placement=str(folder), atleast_2d=True, always_return_tuples_of_datasets=True
     )
-    series = BENCHMARKS[name].read(loaded(name, folder).files)
+    series = BENCHMARKS["silverbox"].read(loaded("silverbox", folder).files)
     for mine, theirs in zip(series, official, strict=True):
         for one, other in zip(mine, theirs, strict=True):
             np.testing.assert_array_equal(one.u, other.u)
@@ -138,18 +136,18 @@ def test_other_layouts_hold_the_same_series(name, layout, folder, tmp_path):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("u11,z11\n1,2\n", "has no variable 'u12'|has no variable 'z12'"),
-        ("u11,u12,z11,z12\n1,2,3\n", "damaged"),
-        ("u11,u12,z11,z12\n", "damaged|empty"),
-        ("u11,u12,z11,z12\n1,2,x,4\n2,3,4,5\n", "empty or not finite"),
+        ("V1\n1\n", "has no variable 'V2'"),
+        ("V1,t,V2\n1,2\n", "damaged"),
+        ("V1,V2\n", "damaged|empty"),
+        ("V1,V2\n1,x\n2,3\n", "empty or not finite"),
     ],
 )
 def test_a_wrong_table_is_one_line(text, match, tmp_path):
-    (tmp_path / "DATAUNIF.csv").write_text(text)
+    (tmp_path / "SNLS80mV.csv").write_text(text)
     with pytest.raises(ValueError, match=match) as error:
-        loaded("ced", tmp_path)
+        loaded("silverbox", tmp_path)
     assert "\n" not in str(error.value)
-    assert "DATAUNIF.csv" in str(error.value)
+    assert "SNLS80mV.csv" in str(error.value)
 
 
 def test_a_missing_file_is_named_with_its_place_and_its_page(tmp_path):
@@ -166,7 +164,7 @@ def test_an_unknown_benchmark_and_a_scenario_are_refused(folder):
     with pytest.raises(ValueError, match=r"data\.name=silver: choose bouc_wen, silverbox"):
         loaded("silver", folder)
     with pytest.raises(ValueError, match="scenario=full_state"):
-        BenchmarkData("ced", Noisy(0.1), folder=str(folder))
+        BenchmarkData("silverbox", Noisy(0.1), folder=str(folder))
 
 
 class Bomb:
@@ -179,10 +177,10 @@ class Bomb:
 @pytest.mark.parametrize("damage", ["cut", "text", "pickle", "empty", "other", "cells", "short"])
 def test_a_damaged_file_is_one_line(damage, folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    path = Path("DATAUNIF.MAT")
-    names = ("u11", "u12", "z11", "z12")
+    path = Path("SNLS80mV.mat")
+    names = ("V1", "V2")
     if damage == "cut":
-        whole = (folder / "CED/DATAUNIF.MAT").read_bytes()
+        whole = (folder / "Silverbox/SilverboxFiles/SNLS80mV.mat").read_bytes()
         path.write_bytes(whole[: len(whole) // 2])
     elif damage in ("text", "empty"):
         path.write_text("<html>try later</html>" * 20 if damage == "text" else "")
@@ -194,8 +192,8 @@ def test_a_damaged_file_is_one_line(damage, folder, tmp_path, monkeypatch):
         savemat(path, {n: np.array([[{"a": 1}, "b"]], dtype=object) for n in names})
     else:
         savemat(path, {n: np.zeros((300, 1)) for n in names})
-    with pytest.raises(ValueError, match=r"DATAUNIF\.MAT|series low") as error:
-        loaded("ced", tmp_path)
+    with pytest.raises(ValueError, match=r"SNLS80mV\.mat|series multisine") as error:
+        loaded("silverbox", tmp_path)
     assert "\n" not in str(error.value)
     assert not Path("unpickled").exists()
 
@@ -204,13 +202,15 @@ def test_a_failed_download_is_one_line(tmp_path, monkeypatch):
     def fail(**_: object) -> None:
         raise Exception("Download failed after 5 attempts: <urlopen error>\nno route to host")
 
-    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", types.SimpleNamespace(CED=fail))
-    with pytest.raises(ValueError, match=r"CED could not be downloaded to .*5 attempts") as error:
-        loaded("ced", tmp_path / "new", download=True)
+    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", types.SimpleNamespace(Silverbox=fail))
+    with pytest.raises(
+        ValueError, match=r"Silverbox could not be downloaded to .*5 attempts"
+    ) as error:
+        loaded("silverbox", tmp_path / "new", download=True)
     assert "\n" not in str(error.value)
     monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", None)
     with pytest.raises(ValueError, match=r"pip install -c constraints\.txt -e '\.\[benchmarks\]'"):
-        loaded("ced", tmp_path / "new", download=True)
+        loaded("silverbox", tmp_path / "new", download=True)
 
 
 def test_what_is_missing_is_downloaded_once_and_only_on_request(tmp_path, monkeypatch):
@@ -218,18 +218,18 @@ def test_what_is_missing_is_downloaded_once_and_only_on_request(tmp_path, monkey
 
     def fetch(dir_placement: str, **_: object) -> None:
         calls.append(dir_placement)
-        prepare(Path(dir_placement), contents("ced"))
+        prepare(Path(dir_placement), contents("silverbox"))
 
-    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", types.SimpleNamespace(CED=fetch))
+    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", types.SimpleNamespace(Silverbox=fetch))
     with pytest.raises(ValueError, match="not in"):
-        loaded("ced", tmp_path / "new")
+        loaded("silverbox", tmp_path / "new")
     for _ in range(2):
-        loaded("ced", tmp_path / "new", download=True)
+        loaded("silverbox", tmp_path / "new", download=True)
     assert calls == [str(tmp_path / "new")]
 
 
 def test_the_initialisation_window_is_not_counted(folder):
-    data = prepared("cascaded_tanks", folder)
+    data = prepared("silverbox", folder)
     for split in ("train", "test"):
         (batch,) = data.loader(split)
         assert batch.warmup == 50
@@ -244,7 +244,7 @@ def test_the_metric_is_the_packages(folder):
     metrics = pytest.importorskip(
         "nonlinear_benchmarks.error_metrics", reason="extra `benchmarks` not installed"
     )
-    record = loaded("cascaded_tanks", folder).make_records()["test"][0]
+    record = loaded("silverbox", folder).make_records()["test"][0]
     estimate = 0.9 * record.a
     theirs = metrics.RMSE(record.a.numpy(), estimate.numpy(), n_init=record.warmup)
     np.testing.assert_allclose(official_rmse(estimate, record), theirs, rtol=1e-12)
@@ -329,9 +329,9 @@ def test_windows_begin_at_rest_for_their_state_is_not_known(folder):
 
 
 def test_hold_can_be_chosen(folder):
-    assert loaded("ced", folder, hold="linear").make_records()["test"][0].hold == "linear"
+    assert loaded("silverbox", folder, hold="linear").make_records()["test"][0].hold == "linear"
     with pytest.raises(ValueError, match="hold=cubic"):
-        loaded("ced", folder, hold="cubic")
+        loaded("silverbox", folder, hold="cubic")
 
 
 def test_the_command_line_names_the_benchmark(folder, tmp_path):

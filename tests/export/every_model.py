@@ -9,7 +9,6 @@ import numpy as np
 import torch
 
 from data.record import Drive, Record
-from models.block_structured.chain import Layout as BlockLayout
 from models.estimator import Estimator
 from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion
@@ -20,13 +19,8 @@ from models.polynomial import ModalPolynomial
 from models.prandtl_ishlinskii import PrandtlIshlinskii
 from models.recurrent import Recurrent
 from models.restoring_force_surface import RestoringForceSurface
-from models.sliding_mass import SlidingMass
-from models.tank_cascade import TankCascade
-from models.tanks.fit import RAMPS, centre
-from models.tanks.run_compiled import OWN, SHARED
 from models.vwnn import VWNN
 from models.vwnn_forward import ForwardVWNN
-from models.wiener_hammerstein import WienerHammerstein
 
 DT = 0.01
 
@@ -191,48 +185,6 @@ def modal(outputs: int, inputs: int, elements: int, substeps: int = 3) -> Estima
     return model
 
 
-def sliding_mass(knots: int) -> Estimator:
-    """Friction that falls with the speed, then rises, and differs both ways."""
-    model = SlidingMass(1, 1, DT, knots=knots)
-    curve = -0.1 + 0.15 * np.linspace(0.0, 1.0, knots) ** 2
-    theta = np.r_[1.3, 0.05, np.log(0.9), curve, 1.5 * curve]
-    model.theta.data.copy_(torch.from_numpy(theta))
-    model.count.fill_(knots)
-    model.knots[:knots] = torch.linspace(0.1, 1.0, knots, dtype=torch.float64)
-    model.scales.copy_(torch.tensor([1.1, 0.7, 0.02, 0.03], dtype=torch.float64))
-    return model
-
-
-def tanks(number: int) -> Estimator:
-    """Tanks that run over under a large input."""
-    model = TankCascade(1, 1, DT, tanks=number)
-    theta, _ = centre(number)
-    theta[:SHARED] = np.log(0.08), -0.2, 0.05, 0.48
-    for at in range(SHARED, len(theta), OWN + len(RAMPS)):
-        theta[at], theta[at + 2 : at + 4] = np.log(0.06), (0.45, 0.4)
-        theta[at + OWN : at + OWN + len(RAMPS)] = -3.0
-    model.theta.data.copy_(torch.from_numpy(theta))
-    model.scales.copy_(torch.tensor([0.1, 0.8, 3.0, 0.01], dtype=torch.float64))
-    model.levels[0] = 0.3
-    return model
-
-
-def wiener_hammerstein(sections: int, finer: int) -> Estimator:
-    """Lightly damped filters before and after a curve of several ramps."""
-    rng = np.random.default_rng(sections)
-    model = WienerHammerstein(1, 1, DT, poles=2 * sections, finer=finer, ramps=4)
-    layout = BlockLayout(sections, max(sections - 1, 0), 4, finer)
-    parts = {name: rng.standard_normal(shape) for name, shape in layout.shapes.items()}
-    for a in ("a1", "a2"):
-        turn = np.linspace(0.2, 1.4, len(parts[a]))
-        parts[a] = np.stack([-2.0 * 0.97 * np.cos(turn), np.full(len(turn), 0.97**2)], axis=1)
-    model.counts.copy_(torch.tensor([layout.before, layout.after, layout.ramps, 1]))
-    model.theta.data.fill_(0.0)
-    model.theta.data[: layout.size] = torch.from_numpy(layout.join(parts))
-    model.scales.copy_(torch.tensor([1.2, 0.3, 0.1, 1.0], dtype=torch.float64))
-    return model
-
-
 PAIRS = [["u1", "u1_dot"], ["u1", "u2"]]
 MODELS: dict[str, Callable[[int], Estimator]] = {
     "linear": linear,
@@ -263,10 +215,6 @@ MODELS: dict[str, Callable[[int], Estimator]] = {
     "neural_state_space_one_input": lambda n: neural_state_space(n, 1),
     "modal_network": lambda n: modal(n, 2, 2),
     "linear_modes": lambda n: modal(n, 1, 0, substeps=1),
-    "sliding_mass": lambda n: sliding_mass(n),
-    "tank_cascade": lambda n: tanks(min(n, 4)),
-    "wiener_hammerstein": lambda n: wiener_hammerstein(min(n, 6), 4),
-    "wiener_hammerstein_at_its_rate": lambda n: wiener_hammerstein(min(n, 6), 1),
     "lstm_integrated": lambda n: recurrent(n, "lstm", 1, states=False),
 }
 

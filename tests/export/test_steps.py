@@ -88,11 +88,9 @@ def test_what_has_no_step_says_so_in_one_line():
     ("name", "quantity", "expected"),
     [
         ("linear_modes", "acceleration", [("output", ["a1"], "m/s2")]),
-        ("wiener_hammerstein", "output", [("output", ["y1"], "")]),
+        ("linear_modes", "output", [("output", ["y1"], "")]),
         ("vwnn", "force", [("a", ["r1"], "N")]),
         ("gru_integrated", "displacement", [("a", ["x1"], "m")]),
-        ("sliding_mass", "displacement", [("x", ["x1"], "m"), ("v", ["v1"], "m/s")]),
-        ("sliding_mass", "output", [("x", ["y1"], ""), ("v", ["y_dot1"], "1/s")]),
         ("linear", "acceleration", [(n, [f"{n}1"], u) for n, u in MOTION]),
     ],
 )
@@ -138,11 +136,10 @@ def test_a_step_names_what_goes_in_and_out(name):
             assert part.flags.c_contiguous
 
 
-@pytest.mark.parametrize(("name", "size"), [("modal_network", 1e5), ("sliding_mass", 1e3)])
-def test_a_run_that_left_its_bounds_is_lost_from_there(name, size):
-    model = MODELS[name](1)
+def test_a_run_that_left_its_bounds_is_lost_from_there():
+    model = MODELS["modal_network"](1)
     given = drive(1, model.inputs, 60)
-    given = replace(given, u=size * given.u)
+    given = replace(given, u=1e5 * given.u)
     given.u[:10] = 0.0
     lost = np.isnan(model.free_run(given).a.numpy())
     step = step_of(model)

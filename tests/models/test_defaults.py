@@ -14,8 +14,6 @@ from runner.config.compose import CONF, composed
 
 VARIANTS = {  # config → the settings that make it another model, or another way of solving
     "model=chebyshev_restoring_force": {"basis"},
-    "model=element_network_accelerations": {"from_accelerations", "prior"},
-    "model=element_network_tanh": {"hinges", "cubic", "tanhs", "early_prior", "prior"},
     "model=linear_modes": {"elements"},
     "model=lstm": {"cell"},
     "model=online_polynomial": {"fits"},

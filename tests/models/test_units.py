@@ -50,12 +50,8 @@ STATED = (
     "moment_frame",  # its masses are given: test_moment_frame.py
     "online_linear",  # its features have units, and so has adaptation.variance
 )
-SISO = ("sliding_mass", "tank_cascade", "wiener_hammerstein")
 SHORTER = {
     **SMALLER,
-    "models.TankCascade": {"draws": 40},
-    "models.WienerHammerstein": {"poles": 2, "ramps": 4, "iterations": 3, "allocations": 1},
-    "models.SlidingMass": {"iterations": 3, "knots": 4, "prior": 1e-6},
     "models.VWNN": {"stages": 1},
     "models.ElementNetworkBranch": {
         **SMALLER["models.ElementNetworkBranch"],
@@ -95,15 +91,14 @@ def in_units(record: Record, length: float, force: float, time: float) -> Record
 
 @pytest.fixture(scope="module")
 def records(bilinear_record) -> dict[str, Record]:
-    """A motion, an element's force under it, and one displacement under one force."""
+    """A motion, and an element's force under it."""
     whole = replace(bilinear_record, truth=None).window(0, 160)
     y, r = bilinear_record.truth.y[:160, :1], bilinear_record.truth.r[:160, :1]
     rate = torch.gradient(y, spacing=whole.dt, dim=0)[0]
     element = Record(
         whole.dt, r.clone(), r.new_zeros(160, 0), s=y.clone(), s_dot=rate, quantity="force"
     )
-    one = Record(whole.dt, whole.x[:, :1], whole.f[:, :1], quantity="displacement")
-    return {"structure": whole, "element": element, "one": one}
+    return {"structure": whole, "element": element}
 
 
 @cache
@@ -146,9 +141,7 @@ def errors(name: str, record: Record, folder) -> dict[str, float]:
 
 
 def record_for(name: str, records: dict[str, Record]) -> Record:
-    if config(name).model._target_ not in NO_STRUCTURE:
-        return records["structure"]
-    return records["one" if name in SISO else "element"]
+    return records["element" if config(name).model._target_ in NO_STRUCTURE else "structure"]
 
 
 @pytest.mark.parametrize("name", MODELS)

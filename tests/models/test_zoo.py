@@ -24,7 +24,7 @@ ENTRIES = entries()
 MEGABYTE = 1_000_000
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")
 KINDS = (
-    *("element_network", "element_network_tanh", "latent_hysteresis_network"),
+    *("element_network", "latent_hysteresis_network"),
     *("vwnn", "vwnn_forward", "gru", "lstm", "neural_state_space", "residual_mlp", "global_mlp"),
     *("linear", "power_series_residual", "power_series_restoring_force"),
 )
@@ -207,7 +207,7 @@ def test_an_element_may_leave_the_envelope_where_the_excitation_does_not():
 
 def test_an_earthquake_shakes_a_base_and_masses_alike():
     ground = Accelerogram("pulse", 0.02, 0.1 * torch.sin(torch.arange(200) * 0.3).numpy())
-    frame = load_pretrained("element_network_accelerations/shake_table_frame")
+    frame = load_pretrained("element_network/shake_table_frame")
     drive = frame.shaken(ground)
     assert drive.dt == frame.model.dt
     assert drive.u.shape == (478, 1)

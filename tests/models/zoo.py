@@ -31,16 +31,13 @@ SMALLER = {  # what a class is built with here, so that it is identified in a se
     "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
     "models.ModalNetwork": {"modes": 3, "elements": 0, "iterations": 3},
 }
-NO_STRUCTURE = (  # elements alone, one input and one output, or a frame on a shaken base
+NO_STRUCTURE = (  # elements alone, or a frame on a shaken base
     "models.BranchElement",
     "models.HystereticElement",
     "models.MomentFrame",
     "models.NamedElement",
     "models.PrandtlIshlinskii",
     "models.RestoringForceSurface",
-    "models.SlidingMass",
-    "models.TankCascade",
-    "models.WienerHammerstein",
 )
 
 

@@ -49,11 +49,6 @@ ELEMENT_TESTS = {  # models of an imposed motion
     "prandtl_ishlinskii",
     "restoring_force_surface",
 }
-ONE_CHANNEL = {
-    "sliding_mass",
-    "tank_cascade",
-    "wiener_hammerstein",
-}  # models of one input and one output
 SHAKEN = {"moment_frame"}  # models of one input and given masses
 
 
@@ -104,7 +99,7 @@ FOLLOWED = {"element_network_branch": "bilinear"}  # equilibrium leaves others o
 
 def pairs() -> list[tuple[str, str]]:
     """Every model on one mass, and on one system of several, which take turns."""
-    models = sorted(set(choices("model")) - ELEMENT_TESTS - ONE_CHANNEL - SHAKEN)
+    models = sorted(set(choices("model")) - ELEMENT_TESTS - SHAKEN)
     turns = ["bilinear", "bouc_wen", "polynomial", "shear_frame"]
     second = [(m, FOLLOWED.get(m, turns[k % len(turns)])) for k, m in enumerate(models)]
     return [*((model, "single_oscillator") for model in models), *second]
@@ -207,7 +202,7 @@ def test_every_set_of_baselines_builds(baselines):
         estimator_from(node, data)
 
 
-@pytest.mark.parametrize("model", sorted(ELEMENT_TESTS | ONE_CHANNEL | SHAKEN))
+@pytest.mark.parametrize("model", sorted(ELEMENT_TESTS | SHAKEN))
 def test_name_of_a_config_is_its_file_name(model):
     """Of those that are not fitted here; `fits` looks at the others'."""
     cfg = composed(f"model={model}", "system=measured")

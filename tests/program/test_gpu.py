@@ -30,20 +30,17 @@ ELEMENTS = {
     "branch_element", "hysteretic_element", "named_element", "prandtl_ishlinskii",
     "restoring_force_surface",
 }  # fmt: skip
-ONE_CHANNEL = {"tank_cascade", "wiener_hammerstein"}
 MASSES, RUNS_AWAY = [3.0e4, 2.5e4], 500.0  # kg, percent
 MODELS = sorted(path.stem for path in (CONF / "model").glob("*.yaml"))
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory) -> Path:
-    """A record of an element, one of a mass, and one of two floors on a shaken base."""
+    """A record of an element, and one of two floors on a shaken base."""
     folder, t = tmp_path_factory.mktemp("records"), 0.01 * np.arange(900.0)
     u, rate = np.sin(3.0 * t) * (1.0 + 0.3 * t), np.gradient(np.sin(3.0 * t) * (1.0 + 0.3 * t), t)
     tables = {
         "element": {"s1": 0.01 * u, "s_dot1": 0.01 * rate, "r1": 100.0 * np.tanh(u)},
-        "slider": {"f1": u, "x1": 0.01 * np.tanh(u)},
-        "mass": {"f1": u, "a1": np.convolve(np.tanh(u), 0.2 * 0.8 ** np.arange(50.0))[:900]},
     }
     tables["frame"] = shaken_frame()
     for name, signals in tables.items():
@@ -72,10 +69,6 @@ def words(model: str, files: Path) -> list[str]:
     if model == "moment_frame":
         rest = ["data.initial_state=rest", f"model.masses={MASSES}"]
         return ["data=measured", f"data.path={files}/frame.csv", *rest]
-    if model == "sliding_mass":
-        return ["data=measured", f"data.path={files}/slider.csv", "data.quantity=displacement"]
-    if model in ONE_CHANNEL:
-        return ["data=measured", f"data.path={files}/mass.csv"]
     return SIMULATED
 
 

@@ -24,7 +24,8 @@ pytestmark = [
 DT = 0.01
 QUIET = ["trainer.enable_progress_bar=false", "figures=false"]
 NETWORK = [  # a small one, and little training
-    "model=element_network_accelerations", "model.units=1", "model.hinges=0", "model.cubic=false",
+    "model=element_network", "model/reads=accelerations",
+    "model.units=1", "model.hinges=0", "model.cubic=false",
     "objective.starts=1", "objective.finalists=1", "objective.horizons=[null]",
     "solver.iterations=3",
 ]  # fmt: skip
@@ -207,7 +208,7 @@ def test_a_network_that_diverges_is_no_result_and_says_so(records, tmp_path, mon
     assert run(train, monkeypatch, *words, f"hydra.run.dir={folder}") == 1
     told = capsys.readouterr()
     (line,) = told.err.splitlines()
-    assert line.startswith("error: element_network_accelerations is not identified: its free run ")
+    assert line.startswith("error: element_network is not identified: its free run ")
     assert "NOT IDENTIFIED" in told.out
     verdict = numbers(folder)["verdict"]
     assert verdict["identified"] is False

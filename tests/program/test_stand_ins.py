@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.stand_ins.drives import Coupled, Positioner, counted, positioned
-from benchmarks.stand_ins.files import STAND_INS, aircraft, chain, drives, positioner, tanks
+from benchmarks.stand_ins.files import STAND_INS, aircraft
 from benchmarks.stand_ins.systems import Structure, multisine, respond
 from data.public.benchmarks import BENCHMARKS
 from data.public.datamodule import BenchmarkData
@@ -64,58 +63,6 @@ def test_a_hysteretic_joint_behind_hidden_modes_is_recovered_to_the_noise(joint)
         with torch.no_grad():
             error = official_rmse(model(record), record)
         assert (error < 1.5 * noise).all()
-
-
-def test_filters_and_curve_are_those_of_the_layout_and_begin_at_rest(tmp_path):
-    noise = chain(tmp_path)
-    data = BenchmarkData("wiener_hammerstein", FullState(), folder=str(tmp_path))
-    (train,), (test,) = (data.make_records()[split] for split in ("train", "test"))
-    assert (train.samples, test.samples) == (100_000, 78_800)
-    assert data.dt == pytest.approx(1.0 / 51200.0)
-    u, y = data.files.load("WienerHammerBenchMark/WienerHammerBenchMark.mat", "uBenchMark",
-                           "yBenchMark")  # fmt: skip
-    assert np.abs(u[:4000]).max() == 0.0
-    assert y[:4000].std() == pytest.approx(float(noise[0]), rel=0.1)
-
-
-def test_tanks_run_over_and_begin_at_the_same_levels(tmp_path):
-    noise = tanks(tmp_path)
-    data = BenchmarkData("cascaded_tanks", FullState(), folder=str(tmp_path))
-    (train,), (test,) = (data.make_records()[split] for split in ("train", "test"))
-    assert float(train.a.max()) == pytest.approx(10.0, abs=0.1)
-    assert abs(float(train.a[0] - test.a[0])) < 5.0 * noise[0]
-    assert not torch.equal(train.f, test.f)
-
-
-def test_a_positioner_follows_what_is_wanted_and_its_test_has_pulses(tmp_path):
-    noise = positioner(tmp_path)
-    data = BenchmarkData("emps", FullState(), folder=str(tmp_path))
-    (train,), (test,) = (data.make_records()[split] for split in ("train", "test"))
-    assert (train.samples, test.samples, train.warmup) == (24841, 24841, 20)
-    (wanted,) = data.files.load("EMPS/DATA_EMPS.mat", "qg")
-    assert np.abs(train.a.numpy() - wanted).max() < 0.01
-    assert float(train.a[:200].std()) == pytest.approx(float(noise[0]), rel=0.2)  # at rest
-    assert float((test.f - train.f).abs().max()) > 0.3
-
-
-def test_a_positioner_without_a_stribeck_effect_ends_at_the_speed_that_a_force_holds():
-    """A large voltage, held by the limit: β u = o + dry + viscous v."""
-    system = Positioner(breaking=(19.0, 21.0), exponent=1.0)
-    _, q = positioned(system, np.full(6000, 1e3), np.zeros(6000), 1e-3)
-    speed = (35.0 * 10.0 + 3.2 - 19.0) / 150.0
-    assert np.diff(q)[-1] / 1e-3 == pytest.approx(speed, rel=1e-3)
-
-
-def test_coupled_drives_are_read_without_their_direction(tmp_path):
-    u = np.repeat([1.0, -1.0], 200)
-    y = counted(Coupled(dry=0.0, corner=1e-6), u, 0.02)
-    assert y[199] == pytest.approx(27.0 / 14.0, rel=1e-3)  # gain over both dampings
-    assert y[-1] == pytest.approx(y[199], rel=1e-3)
-    noise = drives(tmp_path)
-    data = BenchmarkData("ced", FullState(), folder=str(tmp_path))
-    records = data.make_records()
-    assert [r.samples for r in records["train"] + records["test"]] == [400, 400, 100, 100]
-    assert all(float(r.a.min()) > -5.0 * noise[0] for r in records["train"])
 
 
 def test_the_command_writes_files(tmp_path, monkeypatch, capsys):

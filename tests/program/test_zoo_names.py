@@ -124,13 +124,6 @@ print(len(table), sorted(seconds)[len(seconds) // 2], float(motion.a.abs().max()
 """
 COLLIDES = f"""
 import data, models
-name = "element_network/bouc_wen"
-program = torch.hub.load({str(CLONE)!r}, "exported", source="local", name=name)
-u, rest = torch.ones(1, 9, 3, dtype=torch.float64), torch.zeros(1, 3, dtype=torch.float64)
-print(float(program.module()(u, rest, rest)[2].abs().max()))
-places = [getattr(m, "__file__", None) or "" for m in sys.modules.values()]
-ours = [p for p in places if p.startswith({str(CLONE)!r}) and not p.startswith(sys.prefix)]
-assert not [p for p in ours if not p.endswith("hubconf.py")]
 assert data.MINE and models.MINE
 try:
     torch.hub.load({str(CLONE)!r}, "element_network", source="local", weights="bouc_wen")
@@ -152,14 +145,10 @@ def own_process(folder: Path, code: str) -> str:
 
 def test_the_hub_loads_offline_beside_the_user_s_own_packages(tmp_path):
     count, seconds, _ = own_process(tmp_path, LOADS).split()
-    assert int(count) >= 13
+    assert int(count) >= 12
     assert float(seconds) < 0.3  # each, beyond imports
 
 
-def test_an_exported_program_imports_nothing_and_others_say_what_hides_them(tmp_path):
-    largest, line = own_process(tmp_path, COLLIDES).splitlines()
-    rest = torch.zeros(3)
-    own = load_pretrained(NAME).model.free_run(Drive(0.01, torch.ones(9, 3), rest, rest)).a
-    assert float(largest) == pytest.approx(float(own.abs().max()), rel=1e-9)
+def test_the_hub_says_which_package_hides_its_own(tmp_path):
+    (line,) = own_process(tmp_path, COLLIDES).splitlines()
     assert "imported already, and hides this hub's 'data'" in line
-    assert "exported" in line

@@ -29,7 +29,7 @@ def runs(tmp_path):
             lost = LOST if (system, seed) == ("bouc_wen", 1) else 12.5
             add_run(folder, lost, model="vwnn_forward", **case)
             add_run(folder, 1.75, model="element_network", train_records=1, **case)
-            noisy = {"model": "element_network_accelerations", "scenario": "noisy"}
+            noisy = {"model": "element_network", "scenario": "noisy"}
             add_run(folder, 0.5, settings=NOISY, **noisy, **case)
     return folder
 
@@ -49,7 +49,7 @@ def test_all_is_filled_in_and_the_figures_are_beside_it(runs, tmp_path):
     assert "of the 20 runs 1 diverged and 0\nfailed" in text
     assert "| `element_network` | 0.75 (0.25 – 1.25) † | 0.75 (0.25 – 1.25) † |" in text
     assert "| `vwnn_forward` | 12.50 | diverged (12.50 – diverged) |" in text
-    assert "**Incomplete:** no runs of polynomial yet; the experiment names `element" in text
+    assert "**Incomplete:** no runs of polynomial yet; the experiment names `latent" in text
     counts = re.findall(r"(\d+) of `", text.partition("made by earlier code: ")[2].split("\n")[0])
     assert sum(map(int, counts)) == 20
     assert "There is none among these." in text

@@ -103,7 +103,7 @@ def test_tables_count_what_is_no_result_and_keep_its_numbers(runs, capsys):
 @pytest.mark.parametrize("width", [80, 120, 160])
 def test_a_sweep_s_table_fits_the_terminal_and_breaks_no_word(runs, width, capsys):
     for run in runs:
-        run.metrics["model"] = "element_network_accelerations"
+        run.metrics["model"] = "latent_hysteresis_network"
         run.metrics["scenario"] = "integrated"
         run.metrics["system"] = "frame_tested_on_northridge"
     (table,) = sweep_tables([("data.test=northridge model.hinges=3", run) for run in runs], width)
@@ -111,5 +111,5 @@ def test_a_sweep_s_table_fits_the_terminal_and_breaks_no_word(runs, width, capsy
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= width
     words = " ".join(lines).split()
-    told = ["accelerations", "northridge", "model.hinges=3", "identified", "15.00"]
+    told = ["network", "northridge", "model.hinges=3", "identified", "15.00"]
     assert [word for word in told if not any(w.endswith(word) for w in words)] == []

@@ -1,1 +1,0 @@
-"""Free runs as graphs of tensors: what the targets pt2 and onnx write."""

@@ -1,1 +1,0 @@
-"""A mass that slides: its exact run between corners and its derivatives; start and training."""

@@ -1,1 +1,0 @@
-"""Tanks in a row: their free run and its derivatives, compiled; training from many draws."""
