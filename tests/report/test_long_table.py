@@ -227,12 +227,12 @@ def test_runs_that_make_no_table_of_the_paper_still_make_the_long_one(tmp_path, 
 
 
 def test_the_example_of_the_docs_reads_the_table(tmp_path, monkeypatch, capsys):
-    (example,) = blocks(ROOT / "docs" / "comparing.md", "python")
+    (example,) = blocks(ROOT / "docs" / "sweeps.md", "python")
     for seed, cutoff in enumerate((20.0, 50.0)):
         add_run(tmp_path / "runs" / "cutoffs", 5.0, seed=seed, cutoff=cutoff)
     monkeypatch.chdir(tmp_path)
     write_long(long_table(collect([Path("runs/cutoffs")])), Path("runs/cutoffs/results"))
-    exec(compile(example, "comparing.md", "exec"), {})
+    exec(compile(example, "sweeps.md", "exec"), {})
     printed = capsys.readouterr().out
     assert "bilinear 20.0              1     3.0  3.0" in printed
     assert "finished    2" in printed
