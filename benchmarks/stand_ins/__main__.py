@@ -10,9 +10,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from report.benchmarks.rows import NOISE
+
 from benchmarks.stand_ins.files import STAND_INS
 from data.arguments import Parser
-from report.benchmarks.rows import NOISE
 from runner.config.command_line import command_errors
 
 

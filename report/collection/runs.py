@@ -72,15 +72,6 @@ def earlier_code(runs: Iterable[Result]) -> str:
     return f"runs made by earlier code: {names}" if names else ""
 
 
-def stated(fault: str) -> str:
-    """A paragraph of a page on what its runs lack; "" where they lack nothing."""
-    return f"\n**Incomplete:** {fault}.\n" if fault else ""
-
-
-def has_runs(folder: Path) -> bool:
-    return any(folder.rglob(METRICS)) or any(folder.rglob(FAILED))
-
-
 def results_folder(folders: Path | Sequence[Path]) -> Path:
     """results/ in the folder of the runs, or in the one that holds all of several."""
     folders = [folders] if isinstance(folders, Path) else folders
