@@ -136,10 +136,10 @@ def config(model: str) -> str:
 
 def places_of(node) -> list:
     """Every value below a node, as its holder and key."""
-    inner = node.items() if isinstance(node, dict) else enumerate(node)
     if not isinstance(node, dict | list):
         return []
-    return [place for key, value in inner for place in ((node, key), *places_of(value))]
+    pairs = node.items() if isinstance(node, dict) else enumerate(node)
+    return [place for key, value in pairs for place in ((node, key), *places_of(value))]
 
 
 @given(st.data())

@@ -207,9 +207,9 @@ KINDS: dict[str, Any] = {  # what a file may be instead of a file
 
 def places_of(node: Any) -> list[tuple[Any, Any]]:
     """Every value below a node, as its holder and key."""
-    pairs = node.items() if isinstance(node, dict) else enumerate(node)
     if not isinstance(node, dict | list):
         return []
+    pairs = node.items() if isinstance(node, dict) else enumerate(node)
     return [place for key, inner in pairs for place in ((node, key), *places_of(inner))]
 
 
@@ -244,9 +244,9 @@ def test_a_tampered_file_is_read_or_refused(finished, tmp_path_factory, source):
     runs = tmp_path_factory.mktemp("runs")
     folder = shutil.copytree(finished, runs / "one")
     tamper(folder / source.draw(st.sampled_from((CONFIG, METRICS, CHECKPOINT))), source)
-    (result,) = collect([runs])
-    assert result.status in STATUSES
-    long_table([result])
+    results = collect([runs])
+    assert {result.status for result in results} <= set(STATUSES)
+    long_table(results)
     with contextlib.suppress(ValueError):
         read_run(folder)
     assert not Path("executed").exists()

@@ -1,4 +1,4 @@
-"""A model fitted as train.py fits it, and its error on motions."""
+"""A model fitted to records as train.py fits it, and its error in free run."""
 
 from __future__ import annotations
 
@@ -17,13 +17,11 @@ from models.training.assemble import estimator_from, objective_from, solver_from
 from models.training.objective import restore, state_of
 from models.training.solvers.solver import hurry
 from models.training.trainable import require_trainable
-from runner.config.compose import CONF
-
-Facts = dict[str, Any]
+from runner.config.compose import CONF, prepare_hydra
 
 
-def fitted(words: Sequence[str], batch: Record) -> tuple[Estimator, Facts]:
-    """The model of a command line, fitted to a batch of records; what its identification tells."""
+def fit(words: Sequence[str], batch: Record) -> tuple[Estimator, dict[str, Any]]:
+    """The model of a command line, fitted to a batch; and what its identification reports."""
     cfg = _composed(tuple(words))
     inputs = batch.excitation.shape[-1]
     estimator = estimator_from(cfg.model, Sensors(batch.dt, batch.dofs, inputs))
@@ -58,12 +56,13 @@ def fitted(words: Sequence[str], batch: Record) -> tuple[Estimator, Facts]:
 
 @cache
 def _composed(words: tuple[str, ...]) -> DictConfig:
+    prepare_hydra()
     with initialize_config_dir(str(CONF), version_base="1.3"):
         return compose("train", list(words))
 
 
 @torch.no_grad()
-def error(model: Estimator, records: Sequence[Record]) -> float:
+def free_run_error(model: Estimator, records: Sequence[Record]) -> float:
     """Relative RMS error of free runs over all records [%]; not finite where one diverged."""
     errors = sum(float(((model.free_run(r.drive()).a - r.a) ** 2).sum()) for r in records)
     return 100.0 * (errors / sum(float((r.a**2).sum()) for r in records)) ** 0.5
