@@ -22,7 +22,7 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.timing import seconds_of
+from benchmarks.table import seconds_of
 from data.arguments import Parser
 from data.record import Drive
 from export.c_source import source_of

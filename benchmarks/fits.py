@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from statistics import median
 
 from benchmarks.same_numbers import ROOT, run_in
+from benchmarks.table import show
 from data.arguments import Parser
 from runner.config.command_line import command_errors
 
@@ -27,7 +29,6 @@ ROWS = [  # of the leaderboard: model, system, records
     *(("latent_hysteresis_network", system, 8) for system in SYSTEMS),
 ]
 ALIKE = ("figures=false", "baselines=none")
-HEAD = "| fit | seed | before [s] | now [s] | ratio | error before [%] | now [%] |"
 
 
 def fitted(tree: Path, python: Path, words: Sequence[str], folder: Path) -> tuple[float, float]:
@@ -41,34 +42,24 @@ def fitted(tree: Path, python: Path, words: Sequence[str], folder: Path) -> tupl
     return metrics["fit_seconds"], metrics["free_run"]["relative_rms_percent"]
 
 
-def compare(trees: dict[Path, Path], seeds: int, output: Path, shorter: Sequence[str]) -> None:
-    """Print a row for each fit in both trees {tree: its interpreter}, the old tree first."""
-    ratios: dict[str, list[float]] = {}
-    for side, (tree, python) in zip(("old", "new"), trees.items(), strict=True):
-        fitted(
-            tree, python, [f"model={ROWS[0][0]}", "data.duration=5"], output / f"{side}-compiles"
+def rows(trees: dict[Path, Path], seeds: int, output: Path, shorter: Sequence[str]) -> Iterator:
+    """A row for each fit in both trees {tree: its interpreter}, the old tree first."""
+    sides = list(zip(("old", "new"), trees.items(), strict=True))
+    ratios = []
+    for side, (tree, python) in sides:
+        words = [f"model={ROWS[0][0]}", "data.duration=5"]
+        fitted(tree, python, words, output / f"{side}-compiles")
+    for seed, (model, system, records) in product(range(seeds), ROWS):
+        words = [f"model={model}", f"system={system}", f"data.train_records={records}"]
+        words += [f"seed={seed}", *shorter]
+        (before, error), (now, error_now) = (
+            fitted(tree, python, words, output / f"{side}-{model}-{system}-{records}-{seed}")
+            for side, (tree, python) in sides
         )
-    print(HEAD)
-    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: |")
-    for seed in range(seeds):
-        for model, system, records in ROWS:
-            words = [f"model={model}", f"system={system}", f"data.train_records={records}"]
-            words += [f"seed={seed}", *shorter]
-            name = f"{model}-{system}-{records}-{seed}"
-            (before, error), (now, error_now) = (
-                fitted(tree, python, words, output / f"{side}-{name}")
-                for side, (tree, python) in zip(("old", "new"), trees.items(), strict=True)
-            )
-            fit = f"{model}, {system}, {records}"
-            ratios.setdefault(fit, []).append(before / now)
-            print(
-                f"| {fit} | {seed} | {before:.1f} | {now:.1f} | {before / now:.2f} "
-                f"| {error:.3g} | {error_now:.3g} |",
-                flush=True,
-            )
-    for fit, several in ratios.items():
-        print(f"{fit}: {median(several):.2f} (median)")
-    print(f"all: {median(r for several in ratios.values() for r in several):.2f} (median)")
+        ratios.append(before / now)
+        numbers = f"{before:.1f}", f"{now:.1f}", f"{before / now:.2f}"
+        yield [f"{model}, {system}, {records}", *numbers, f"{error:.3g}", f"{error_now:.3g}"]
+    yield ["median of the ratios", "", "", f"{median(ratios):.2f}", "", ""]
 
 
 def main() -> None:
@@ -85,13 +76,10 @@ def main() -> None:
     if trees[0] == trees[1] or not all((tree / "train.py").is_file() for tree in trees):
         parser.error(f"{trees[0]} and {trees[1]} must be two checkouts of the project")
     pythons = [options.python_old.absolute(), options.python_new.absolute()]
-    shorter = ["data.duration=10"] if options.quick else []
-    compare(
-        dict(zip(trees, pythons, strict=True)),
-        1 if options.quick else options.seeds,
-        options.output.resolve(),
-        shorter,
-    )
+    seeds, shorter = (1, ["data.duration=10"]) if options.quick else (options.seeds, [])
+    head = ("model, system, records", "old [s]", "new [s]", "ratio", "old [%]", "new [%]")
+    pairs = dict(zip(trees, pythons, strict=True))
+    show("", head, rows(pairs, seeds, options.output.resolve(), shorter))
 
 
 if __name__ == "__main__":

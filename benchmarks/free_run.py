@@ -6,21 +6,17 @@
 An element network of 3 DOFs and 6 elements, 5,000 samples with 2 substeps. Compiled beside the same
 equations in PyTorch (models/composition/simulate.py), to which the tests hold it, and beside the
 zoo's integrator of the true structure (data/simulation/motion.py). Derivatives: forward
-sensitivities by all parameters at once, beside as many runs as finite differences would take,
-and beside PyTorch's forward mode along as many directions, over the first samples only and scaled
-up: every sample takes it the same time. The best of three where it is short; one thread.
+sensitivities by all parameters at once, beside as many runs as finite differences would take. The
+best of three where it is short; one thread.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from rich.console import Console
 from rich.table import Table
-from torch.func import functional_call, jvp
 
-from benchmarks.timing import seconds_of
+from benchmarks.table import seconds_of
 from data.arguments import Parser
 from data.record import Drive, Record
 from data.simulation.elements import Bilinear
@@ -34,7 +30,6 @@ from models.element_network import ElementNetwork
 from runner.config.command_line import command_errors
 
 PAIRS = (("s1", "x1"), ("x1", "x2"), ("x1", "x3"), ("x2", "x3"), ("x3", "s3"), ("s2", "x2"))
-FIRST, FIRST_QUICK = 100, 10  # samples over which PyTorch differentiates
 
 
 def frame() -> Simulation:
@@ -55,30 +50,6 @@ def frame() -> Simulation:
     return Simulation(structure, excitation, FullState(), dt=0.01, duration=50.0)
 
 
-class Run(torch.nn.Module):
-    """The reference in PyTorch as a module's forward."""
-
-    def __init__(self, network: ElementNetwork) -> None:
-        super().__init__()
-        self.network = network
-
-    def forward(self, drive: Drive) -> torch.Tensor:
-        return simulate(self.network.composition(), drive, self.network.substeps).a
-
-
-def by_pytorch(network: ElementNetwork, drive: Drive, count: int) -> Callable[[], object]:
-    """Derivatives along `count` directions by forward mode."""
-    module = Run(network)
-    name = "network.laws.stiffness.theta"
-    theta = module.get_parameter(name).detach()
-    along = torch.randn(count, theta.numel(), dtype=theta.dtype)
-
-    def acceleration(value: torch.Tensor) -> torch.Tensor:
-        return functional_call(module, {name: value}, (drive,))
-
-    return lambda: torch.vmap(lambda t: jvp(acceleration, (theta,), (t,))[1])(along)
-
-
 def many(drive: Drive, count: int) -> Drive:
     """The same excitation, `count` times."""
     rest = drive.x0.expand(count, -1)
@@ -93,7 +64,7 @@ def measure(quick: bool) -> Table:
     network = ElementNetwork(3, 3, record.dt, units=2)
     network.identify([record])
     drive = record.drive()
-    count, first = (10, FIRST_QUICK) if quick else (1000, FIRST)
+    count = 10 if quick else 1000
     drives, f = many(drive, count), record.f.numpy()
     parameters = sum(p.numel() for p in network.parameters() if p.requires_grad)
     with torch.no_grad():
@@ -103,8 +74,6 @@ def measure(quick: bool) -> Table:
         torch_batch = min(seconds_of(lambda: simulate(network.composition(), drives, 2), 1))
         truth = min(seconds_of(lambda: simulate_structure(simulation.structure, f, 0.01), 3))
         jacobian = min(seconds_of(lambda: network.trace(drive, derivatives=True), 3))
-        start = record.window(0, first).drive()
-        torch_some = min(seconds_of(by_pytorch(network, start, parameters), 1))
     table = Table(title=f"{record.samples} samples, {parameters} parameters", title_justify="left")
     for column in ("what", "seconds", "of the compiled"):
         table.add_column(column, justify="left" if column == "what" else "right")
@@ -116,7 +85,6 @@ def measure(quick: bool) -> Table:
         ("  in PyTorch, one batch", torch_batch, batch),
         ("derivatives by all parameters, compiled", jacobian, jacobian),
         ("  by finite differences, as many runs", parameters * one, jacobian),
-        ("  by PyTorch's forward mode, scaled up", torch_some * record.samples / first, jacobian),
     ]
     for what, time_taken, reference in rows:
         table.add_row(what, f"{time_taken:.4g}", f"{time_taken / reference:.3g}")

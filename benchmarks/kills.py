@@ -1,21 +1,17 @@
 """Does a sweep that is killed again and again end like an undisturbed one?
 
-    python -m benchmarks.kills                      # 60 runs, 20 kills; 20 times several commands
-    python -m benchmarks.kills --quick              # 3 runs, 1 process, 1 kill; once two commands
+    python -m benchmarks.kills                      # 60 runs, 20 kills: half an hour
+    python -m benchmarks.kills --quick              # 3 runs, 1 process, 1 kill
 
 SIGKILL of the whole process group at random moments: most while runs train and write, some while
 programs start. After each kill the same command goes on; the last one is left alone. Then every
 result is compared with that of a sweep in another folder: metrics.json but for times and versions,
-the tensors of the checkpoints bit by bit, and the tables of the runs. Damaged is a folder that
-looked finished after a kill, or at the end, and could not be read.
-
-Then the same command is started twice and four times at once in one folder, runs and sweeps in
-turn: one works, each other one is told so in one line, and the results are whole.
+and the tensors of the checkpoints bit by bit. Damaged is a folder that looked finished after a
+kill, or at the end, and could not be read.
 """
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import random
@@ -33,9 +29,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 
 from data.arguments import Parser
-from report.run.evaluation import report_runs
 from runner.config.command_line import command_errors
-from runner.config.compose import composed
 from runner.folder.run_files import CHECKPOINT, CONFIG, METRICS
 from runner.folder.run_folder import read_run
 
@@ -59,11 +53,6 @@ def command(folder: Path, runs: int) -> list[str]:
     launcher = "basic" if runs == 3 else "joblib"  # whose processes cost seconds to start
     words = [*WORDS, f"hydra/launcher={launcher}", seeds, f"hydra.sweep.dir={folder}"]
     return [sys.executable, "train.py", "-m", *words]
-
-
-def command_of_one(folder: Path) -> list[str]:
-    words = [*WORDS[1:], "model=residual_mlp", f"hydra.run.dir={folder}"]
-    return [sys.executable, "train.py", *words]
 
 
 def start(words: list[str]) -> subprocess.Popen:
@@ -127,39 +116,6 @@ def disturb(
     return hurt, hits
 
 
-def together(folder: Path, count: int, runs: int, whole: Path) -> bool:
-    """Start a command so many times at once, for a sweep or for one run (runs=1); whether all is
-    well.
-
-    A command that comes late may find the work of the first one done, and end well too.
-    """
-    words = command_of_one(folder / "run") if runs == 1 else command(folder, runs)
-    processes = [start(words) for _ in range(count)]
-    errors = [process.communicate()[1] for process in processes]
-    statuses = [process.returncode for process in processes]
-    (of_one,) = (whole / name for name in finished(whole) if name.startswith("residual_mlp"))
-    done = [(folder / name, of_one if runs == 1 else whole / name) for name in finished(folder)]
-    equal = sum(same(run, other) for run, other in done)
-    told = sum(
-        status == 1 and error.startswith("error: ") and " is in use by " in error
-        for status, error in zip(statuses, errors, strict=True)
-    )
-    well = statuses.count(0)
-    what = "run" if runs == 1 else "sweep"
-    print(f"{count} commands, one {what}: {well} did it, {told} were told, {equal} of {runs} equal")
-    sys.stdout.flush()
-    return well >= 1 and well + told == count and equal == runs and not damaged(folder)
-
-
-def all_together(folder: Path, times: int, whole: Path) -> int:
-    """Several commands at once, `times` times; how often all was well. whole: what one does."""
-    well = 0
-    for number in range(times):
-        count, runs = (2, 4)[number % 2], (1, 3)[number // 2 % 2]
-        well += together(folder / f"together{number}", count, runs, whole)
-    return well
-
-
 def damaged(folder: Path) -> list[str]:
     """Runs that look finished and are not: a file cannot be read, or was left half-written."""
     names = []
@@ -191,40 +147,14 @@ def without_times(content: Any) -> Any:
     return {key: without_times(value) for key, value in kept.items()}
 
 
-def tables(folder: Path, names: Sequence[str]) -> dict[str, list]:
-    """The rows of every table that is written of a sweep, by file; without times.
-
-    names: rooms of the report, whose tables are written beside those of evaluate.py.
-    """
-    output = folder.with_name(f"{folder.name}_tables")
-    rooms = [("-m", f"report.{room}", folder, "--output", output) for room in names]
-    report_runs(composed(f"runs={folder}", f"output={output}", config="evaluate"))
-    for words in rooms:
-        command = [sys.executable, *map(str, words)]
-        subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
-    by_file = {}
-    for path in output.glob("*.csv"):
-        with path.open(encoding="utf-8") as file:
-            rows = [r for r in csv.DictReader(file) if "seconds" not in r.get("metric", "")]
-        by_file[path.name] = [without_times({**row, "run": _name(row)}) for row in rows]
-    return by_file
-
-
-def _name(row: dict[str, str]) -> str:
-    """A run's folder in any sweep."""
-    return Path(row.get("run", "")).name
-
-
 def main(words: Sequence[str] | None = None) -> int:
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=60, help="a multiple of three")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
-    parser.add_argument("--together", type=int, default=20, help="times; 0: none")
-    parser.add_argument("--quick", action="store_true", help="3 runs, 1 kill, once two commands")
+    parser.add_argument("--quick", action="store_true", help="3 runs, 1 kill")
     arguments = parser.parse_args(words)
-    usual = (arguments.runs, arguments.kills, arguments.together)
-    runs, kills, times = (3, 1, 1) if arguments.quick else usual
+    runs, kills = (3, 1) if arguments.quick else (arguments.runs, arguments.kills)
     if runs < 3 or runs % 3 or kills < 1:
         parser.error(f"--runs={runs} must be a multiple of three, --kills={kills} at least 1")
     with tempfile.TemporaryDirectory(prefix="kills") as folder:
@@ -237,18 +167,10 @@ def main(words: Sequence[str] | None = None) -> int:
         hurt += len(damaged(broken))
         done = finished(broken)
         equal = sum(same(broken / name, whole / name) for name in done & finished(whole))
-        rooms = () if arguments.quick else ("paper", "free_run")
-        alike = tables(broken, rooms) == tables(whole, rooms)
-        one = whole
-        if times and runs > 3:  # what is begun together is the sweep of one seed
-            undisturbed(one := Path(folder) / "one", 3)
-        well = all_together(Path(folder), times, one)
-    print(f"several commands at once: {well} of {times} times well")
-    print("tables equal" if alike else "tables differ")
     print(f"{len(done)} results, {hurt} damaged, {equal} equal to the undisturbed sweep, ", end="")
     print(f"{kills} kills, {hits} of them in work")
-    lost = status != 0 or not alike or hurt > 0 or not len(done) == equal == runs
-    return int(lost or well < times or hits <= kills / 2)
+    lost = status != 0 or hurt > 0 or not len(done) == equal == runs
+    return int(lost or hits <= kills / 2)
 
 
 if __name__ == "__main__":

@@ -23,9 +23,8 @@ from functools import partial
 from pathlib import Path
 
 import torch
-from torch.func import functional_call, grad, stack_module_state, vmap
 
-from benchmarks.timing import seconds_of
+from benchmarks.table import seconds_of
 from data.arguments import Parser
 from data.record import Record
 from models.mlp import GlobalMLP
@@ -81,27 +80,6 @@ def least_squares(order: int, B: int, T: int) -> Make:
     return on
 
 
-def stacked(seeds: int, hidden: Sequence[int], T: int) -> Make:
-    """Loss and gradient of networks of so many seeds, each on a record of its own, at once."""
-
-    def on(device: torch.device) -> Work:
-        torch.manual_seed(0)
-        networks = [GlobalMLP(DOFS, DOFS, DT, hidden) for _ in range(seeds)]
-        given = record(seeds, T)
-        for model in networks:
-            model.identify([given])
-        u, y = networks[0].state(given).to(device), given.a.to(device)
-        own = [model.network.to(device) for model in networks]
-        theta, fixed = stack_module_state(own)
-
-        def loss(weights, scales, u, y):  # type: ignore[no-untyped-def]
-            return (functional_call(own[0], (weights, scales), (u,)) - y).square().mean()
-
-        return partial(vmap(grad(loss)), theta, fixed, u, y)
-
-    return on
-
-
 def cases(quick: bool) -> dict[str, Make]:
     T = 500 if quick else 8000
     mlp = partial(partial, GlobalMLP, DOFS, DOFS, DT)
@@ -116,18 +94,12 @@ def cases(quick: bool) -> dict[str, Make]:
     if quick:
         return found
     return found | {
-        "MLP, 10-10, 16 records": gradient(mlp(hidden=(10, 10)), 16, T),
-        "MLP, 64-64, 1 record": gradient(mlp(hidden=(64, 64)), 1, T),
         "MLP, 64-64, 16 records": gradient(mlp(hidden=(64, 64)), 16, T),
-        "64 MLPs, 10-10, a record each, stacked": stacked(64, (10, 10), T),
-        "LSTM, 32 neurons, 16 records": gradient(lstm(hidden=32), 16, T // 4),
         "LSTM, 128 neurons, 16 records": gradient(lstm(hidden=128), 16, T // 4),
         "neural state space, 64 neurons, 256 windows of 100": gradient(
             states(memory=8, hidden=64), 256, 100
         ),
-        "VWNN of second order, 16 records": least_squares(2, 16, T),
         "VWNN of second order, 128 records": least_squares(2, 128, T),
-        "VWNN of third order, 1 record": least_squares(3, 1, T),
         "VWNN of third order, 16 records": least_squares(3, 16, T),
     }
 

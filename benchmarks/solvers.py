@@ -15,42 +15,32 @@ from __future__ import annotations
 
 import copy
 import math
-import os
-import platform
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from functools import cache
-from importlib import import_module
 from statistics import median
 
 import numpy as np
 import torch
-from hydra import compose, initialize_config_dir
-from omegaconf import DictConfig
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
+from benchmarks.table import show
 from data.arguments import Parser
 from data.record import Record
 from models.training.assemble import data_from, estimator_from, solver_from
 from models.training.problem import Problem
 from models.training.trainable import Trainable
 from runner.config.command_line import command_errors
-from runner.config.compose import CONF, prepare_hydra
+from runner.config.compose import composed
 from runner.job import quiet_lightning
 
 NETWORKS = {  # choices; errors [%], the paper's among them: 2.4, 0.12
     "residual MLP 12-15-3, bilinear": ("residual_mlp", "bilinear", (4.0, 3.0, 2.4, 2.2)),
     "global MLP 9-10-10-3, polynomial": ("global_mlp", "polynomial", (3.0, 1.0, 0.5, 0.12)),
 }
-INSTALL = "pip install -c constraints.txt -e '.[bench]'"
-OURS = "our LM, every=4"  # what the others are compared with
 UNLIMITED = 10**9  # iterations
 WARM_UP = 0.5  # s at most of every solver before the first measurement: imports, first calls
 
@@ -98,17 +88,10 @@ class WatchedProblem(Problem):
         return value
 
 
-@cache
-def composed(*choices: str) -> DictConfig:
-    prepare_hydra()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("train", [*choices, "seed=0"])
-
-
 def ours(problem: WatchedProblem, *choices: str) -> None:
     """A solver of conf/solver with its defaults, bar the limits of iterations and of progress."""
     unlimited = [f"solver.iterations={UNLIMITED}", "solver.change=0"]
-    solver = solver_from(composed(*choices, *unlimited).solver)(problem.free)
+    solver = solver_from(composed(*choices, *unlimited, "seed=0").solver)(problem.free)
     problem.watch.start = time.perf_counter()
     while not solver.finished:
         solver.solve(problem)
@@ -151,37 +134,13 @@ def scipy_least_squares(problem: WatchedProblem, method: str) -> None:
     least_squares(errors, start, jacobian, method=method, **options)
 
 
-class Weighted(nn.Module):
-    """A network whose outputs are so scaled that the mean of their squared errors is ours."""
-
-    def __init__(self, problem: Problem) -> None:
-        super().__init__()
-        self.network, self.weight = problem.module, problem.weight
-
-    def forward(self, u: Tensor) -> Tensor:
-        return self.weight * self.network(u)
-
-
-def torch_levenberg_marquardt(problem: WatchedProblem) -> None:
-    """The package of that name with the settings of its README, the whole record as one batch."""
-    tlm = import_module("torch_levenberg_marquardt")
-    settings = {"learning_rate": 1.0, "attempts_per_step": 10, "solve_method": "qr"}
-    solver = tlm.training.LevenbergMarquardtModule(Weighted(problem), **settings)  # loss: MSELoss
-    u, y, stop = problem.u, problem.weight * problem.y, False
-    problem.watch.start = time.perf_counter()
-    while not stop:
-        _, loss, stop, _ = solver.training_step(u, y)
-        problem.watch.note(float(loss))
-
-
 SOLVERS: dict[str, tuple[Callable[..., None], tuple[str, ...]]] = {
-    OURS: (ours, ("solver=levenberg_marquardt", "solver.every=4")),
+    "our LM, every=4": (ours, ("solver=levenberg_marquardt", "solver.every=4")),
     "our LM, every=1": (ours, ("solver=levenberg_marquardt", "solver.every=1")),
     "our LBFGS": (ours, ("solver=lbfgs",)),
     "torch.optim.LBFGS": (torch_lbfgs, ()),
     "scipy least_squares, trf": (scipy_least_squares, ("trf",)),
     "scipy least_squares, lm": (scipy_least_squares, ("lm",)),
-    "torch-levenberg-marquardt": (torch_levenberg_marquardt, ()),
 }
 
 
@@ -189,7 +148,7 @@ def identified(
     model: str, system: str, seed: int, settings: Sequence[str]
 ) -> tuple[Trainable, Record]:
     """The study's first motion; weights as `python train.py` draws them with this seed."""
-    cfg = composed(f"model={model}", f"system={system}", *settings)
+    cfg = composed(f"model={model}", f"system={system}", "seed=0", *settings)
     data = data_from(cfg)
     data.setup()
     torch.manual_seed(seed)
@@ -207,38 +166,16 @@ def measure(name: str, start: tuple[Trainable, Record], limit: float, goal: floa
     return watch
 
 
-def cells(watches: list[Watch], errors: Iterable[float], peers: list[Watch]) -> list[str]:
-    """Median times to each error, as multiples of the median of `peers`; the best error, when."""
-    row = []
-    for error in errors:
-        taken, base = (median(w.reached(error) for w in side) for side in (watches, peers))
-        ratio = f" ×{taken / base:.1f}" if math.isfinite(base) else ""
-        row.append(f"{taken:.2f} s{ratio}" if math.isfinite(taken) else "not reached")
-    got, ran = median(w.best for w in watches), median(w.ran for w in watches)
-    return [*row, f"{got:.3g} % in {ran:.1f} s"]
-
-
-def compare(
-    title: str, console: Console, seeds: range, limit: float, settings: Sequence[str]
-) -> None:
-    """The table of one network. settings: of the data."""
+def rows(title: str, seeds: range, limit: float, settings: Sequence[str]) -> Iterator[list[str]]:
+    """Of every solver the median seconds to each error, and the smallest error that it reached."""
     model, system, errors = NETWORKS[title]
     starts = [identified(model, system, seed, settings) for seed in seeds]
-    table = Table(title=f"{title}: s to an error, × {OURS}; {len(seeds)} start(s)")
-    for name in ("solver", *(f"{error:g} %" for error in errors), "got"):
-        table.add_column(name, justify="left" if name == "solver" else "right", no_wrap=True)
-    peers: list[Watch] = []
     for name in SOLVERS:
-        try:
-            measure(name, starts[0], min(WARM_UP, limit / 2.0), 0.0)
-        except ModuleNotFoundError:
-            table.add_row(f"{name}:\n{escape(INSTALL)}")
-            continue
-        with console.status(f"{title}: {name}"):
-            watches = [measure(name, start, limit, min(errors)) for start in starts]
-        peers = peers or watches
-        table.add_row(name, *cells(watches, errors, peers))
-    console.print(table)
+        measure(name, starts[0], min(WARM_UP, limit / 2.0), 0.0)
+        watches = [measure(name, start, limit, min(errors)) for start in starts]
+        taken = [median(watch.reached(error) for watch in watches) for error in errors]
+        got = f"{median(watch.best for watch in watches):.3g} %"
+        yield [name, *(f"{s:.2f} s" if math.isfinite(s) else "–" for s in taken), got]
 
 
 def main() -> None:
@@ -248,12 +185,11 @@ def main() -> None:
     torch.set_num_threads(1)
     threadpool_limits(1)
     quiet_lightning()
-    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, 1 thread"
-    print(f"{machine}; torch {torch.__version__}")
     seeds, limit = (range(1), 0.3) if options.quick else (range(2), 8.0)
     settings = ["data.duration=10"] if options.quick else []
-    for title in NETWORKS:
-        compare(title, Console(width=130), seeds, limit, settings)
+    for title, (_, _, errors) in NETWORKS.items():
+        head = ("solver", *(f"{error:g} %" for error in errors), "got")
+        show(f"{title}: time to an error", head, rows(title, seeds, limit, settings))
 
 
 if __name__ == "__main__":

@@ -26,12 +26,11 @@ import torch
 from scipy.signal import lfilter
 
 from data.arguments import Parser
-from data.record import Record, stack
-from data.windows import WindowDataset
+from data.record import Record
 from models.vwnn import VWNN
 from runner.config.command_line import command_errors
 
-DT, DOFS, WINDOW = 0.01, 3, 5000  # s, –, samples
+DT, DOFS = 0.01, 3  # [s], –
 CHUNK = 1 << 16  # samples filtered at a time
 TARGET_MB = 2000.0  # for 10 million samples
 
@@ -50,26 +49,16 @@ def one_record(samples: int) -> Record:
     return Record(DT, coloured_noise(samples, 0), coloured_noise(samples, 1))
 
 
-def one_batch(samples: int) -> Record:
-    """As many records of WINDOW samples, handed out as one batch of windows."""
-    seeds = range(samples // WINDOW)
-    records = [
-        Record(DT, coloured_noise(WINDOW, 2 * i), coloured_noise(WINDOW, 2 * i + 1)) for i in seeds
-    ]
-    windows = WindowDataset(records, length=WINDOW)
-    return stack([windows[i] for i in range(len(windows))])
-
-
 def peak_megabytes() -> float:
     """Largest resident memory of this process so far."""
     unit = 1 if platform.system() == "Darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
-def measure(samples: int, batched: bool, threads: int) -> dict[str, float]:
+def measure(samples: int, threads: int) -> dict[str, float]:
     """Seconds of one identification, and peak memory before and after it."""
     torch.set_num_threads(threads)
-    record = one_batch(samples) if batched else one_record(samples)
+    record = one_record(samples)
     before = peak_megabytes()
     model = VWNN(DOFS, DOFS, DT)
     start = time.perf_counter()
@@ -78,10 +67,10 @@ def measure(samples: int, batched: bool, threads: int) -> dict[str, float]:
     return {"seconds": seconds, "before": before, "peak": peak_megabytes()} | solution
 
 
-def in_own_process(samples: int, batched: bool, threads: int, repeats: int) -> dict[str, float]:
+def in_own_process(samples: int, threads: int, repeats: int) -> dict[str, float]:
     """The run of median time among `repeats`."""
     command = [sys.executable, "-m", "benchmarks.vwnn_scaling", "--samples", str(samples)]
-    command += ["--threads", str(threads), *(["--batched"] if batched else [])]
+    command += ["--threads", str(threads)]
     runs = []
     for _ in range(repeats):
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
@@ -90,13 +79,12 @@ def in_own_process(samples: int, batched: bool, threads: int, repeats: int) -> d
     return next(run for run in runs if run["seconds"] == middle)
 
 
-def table(title: str, batched: bool, options: argparse.Namespace) -> None:
+def table(options: argparse.Namespace) -> None:
     """One row per number of samples; the largest are run once."""
-    print(f"\n{title}\n")
-    print(f"{'samples':>9}  {'s':>7}  {'s per 1e6':>9}  {'MB before':>9}  {'MB peak':>7}  rank")
+    print(f"\n{'samples':>9}  {'s':>7}  {'s per 1e6':>9}  {'MB before':>9}  {'MB peak':>7}  rank")
     for samples in [10**5] if options.quick else [10**4, 10**5, 10**6, 10**7]:
         repeats = 1 if options.quick or samples > 10**6 else 5
-        run = in_own_process(samples, batched, options.threads, repeats)
+        run = in_own_process(samples, options.threads, repeats)
         print(
             f"{samples:>9.0e}  {run['seconds']:>7.2f}  {1e6 * run['seconds'] / samples:>9.2f}  "
             f"{run['before']:>9.0f}  {run['peak']:>7.0f}  {run['rank']:>4.0f}",
@@ -109,10 +97,9 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="1e5 samples, once each")
     parser.add_argument("--threads", type=int, default=1, help="of torch")
     parser.add_argument("--samples", type=int, help="measure this number alone and print JSON")
-    parser.add_argument("--batched", action="store_true", help="with --samples: as one batch")
     options = parser.parse_args()
     if options.samples is not None:
-        print(json.dumps(measure(options.samples, options.batched, options.threads)))
+        print(json.dumps(measure(options.samples, options.threads)))
         return
     print(
         f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, {options.threads} "
@@ -120,8 +107,7 @@ def main() -> None:
         f"{VWNN(DOFS, DOFS, DT).activation.features} features; "
         f"target for 1e7 samples: {TARGET_MB:.0f} MB"
     )
-    table("One long record", False, options)
-    table(f"Records of {WINDOW} samples as one batch of windows", True, options)
+    table(options)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,6 @@ class GridSweeper(_Loaded):
 
 
 class TuningSweeper(_Loaded):
-    """Of experiment=tune_…: settings proposed by Optuna, judged on held-back training motion."""
+    """Of experiment=tune_vwnn: settings proposed by Optuna, judged on held-back training motion."""
 
     module = "runner.tuning"

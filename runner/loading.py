@@ -1,4 +1,4 @@
-"""Heavy packages loaded quickly; `python -m benchmarks.start_up` measures it."""
+"""Heavy packages loaded quickly."""
 
 from __future__ import annotations
 

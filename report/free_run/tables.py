@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from itertools import groupby
 from pathlib import Path
 
+from report.about import contains
 from report.free_run.rows import Row
 from report.output import Section, as_csv, latex, sections_markdown, write_texts
 from runner.scores.spread import percent
@@ -41,6 +42,7 @@ COLUMNS: Columns = {
     "one step": lambda row: row.errors.words(row.one_step_percent),
     "fit [s]": lambda row: percent(row.fit_seconds),
     "parameters": lambda row: "" if row.parameters is None else str(row.parameters),
+    "law inside": lambda row: contains(row.model, row.system),
 }
 
 

@@ -1,8 +1,7 @@
-"""Runs of the study → the paper's tables and figures, and the page docs/results.md. No training.
+"""Runs of the study → the paper's tables and figures. No training.
 
 python -m report.paper                            of the runs in runs/study
 python -m report.paper FOLDER … --output FOLDER   as far as the runs of some folders allow
-python -m report.paper --page docs/results.md     the whole page
 """
 
 from __future__ import annotations
@@ -13,8 +12,9 @@ from pathlib import Path
 from data.arguments import Parser
 from data.terminal import terminal
 from report.collection.runs import read_runs, results_folder, run_folders
-from report.usual import CLOSE_FIT, OUTSIDE, STUDY
 from runner.config.command_line import command_errors
+
+STUDY = Path("runs/study")
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -22,25 +22,14 @@ def main(words: Sequence[str] | None = None) -> None:
     add = parser.add_argument
     add("folders", nargs="*", type=Path, default=[STUDY], help=f"of the runs; {STUDY} without any")
     add("--output", type=Path, help="of tables and figures; results/ in the folder of the runs")
-    add("--page", type=Path, help="to write, with its figures beside it: docs/results.md")
-    add("--outside", type=Path, default=OUTSIDE, help="runs of experiment=outside")
-    add("--close-fit", type=Path, default=CLOSE_FIT, help="runs of experiment=close_fit")
     with command_errors():
         options = parser.parse_args(words)
         run_folders(options.folders)
-        report_paper(
-            options.folders, options.output, options.page, options.outside, options.close_fit
-        )
+        report_paper(options.folders, options.output)
 
 
-def report_paper(
-    folders: Sequence[Path],
-    output: Path | None = None,
-    page: Path | None = None,
-    outside: Path = OUTSIDE,
-    close_fit: Path = CLOSE_FIT,
-) -> None:
-    """Write and print tables and figures, as far as the runs allow; and the page, if asked for.
+def report_paper(folders: Sequence[Path], output: Path | None = None) -> None:
+    """Write and print tables and figures, as far as the runs allow.
 
     Raises ValueError where no run belongs to a table of the paper.
     """
@@ -49,7 +38,6 @@ def report_paper(
     from report.output import printed
     from report.paper.cells import study_cells
     from report.paper.figures import draw_study
-    from report.paper.page import write_page
     from report.paper.tables import hits, printed_sections, write_tables
 
     output = output or results_folder(folders)
@@ -64,9 +52,6 @@ def report_paper(
     paths = write_tables(cells, output) + draw_study(runs, output)
     console.print(f"{len(paths)} files in {output}", soft_wrap=True)
     tell_ended(console, runs)
-    if page is not None:
-        write_page(page, runs, cells, output, outside, close_fit)
-        console.print(f"page in {page}", soft_wrap=True)
 
 
 if __name__ == "__main__":

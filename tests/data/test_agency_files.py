@@ -8,7 +8,6 @@ import zipfile
 import numpy as np
 import pytest
 
-from benchmarks.attack.record_files.agencies import cosmos, csmip_v1, csmip_v2, peer, uff58
 from data.inspect.guesses import suggest
 from data.measured.datamodule import MeasuredData
 from data.measured.files.table import FileError, read_table
@@ -16,6 +15,7 @@ from data.measured.files.zipped import unpacked
 from data.measured.mend import Mending
 from data.measured.reading import read_records
 from data.simulation.scenario import FullState
+from tests.agency_files import cosmos, csmip_v1, csmip_v2, peer, uff58
 
 DT, T = 0.02, 1500
 PLACES = {1: "90 Deg, Ground: West", 13: "90 Deg, Roof: Center"}

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from benchmarks.unplanted import motions
-from benchmarks.unplanted.isolated import Bearing, alone
-from benchmarks.unplanted.opensees import opensees
+from benchmarks.opensees import opensees, prepare_steps
 from data.simulation.element_test import force
 from data.simulation.elements import (
     FrictionPendulum,
@@ -182,14 +180,58 @@ def test_hysteretic(seed):
     assert far[1] < 0.05 * far[0] or far[1] < 1e-6
 
 
+def single_friction_pendulum(
+    y: np.ndarray, rate: np.ndarray, step: float, weight: float, radius: float
+) -> np.ndarray:
+    """OpenSees' singleFPBearing with VelDependent friction (0.04 to 0.1) under imposed motion."""
+    ops = opensees()
+    ops.wipe()
+    ops.model("basic", "-ndm", 2, "-ndf", 3)
+    ops.node(0, 0.0, 0.0)
+    ops.node(1, 0.0, 0.0)
+    ops.fix(0, 1, 1, 1)
+    ops.fix(1, 0, 0, 1)
+    ops.frictionModel("VelDependent", 1, 0.04, 0.1, 20.0)
+    ops.uniaxialMaterial("Elastic", 1, 1e5 * weight / radius)
+    ops.uniaxialMaterial("Elastic", 2, 0.0)
+    along = ["-P", 1, "-Mz", 2, "-orient", 0.0, 1.0, 0.0, -1.0, 0.0, 0.0]
+    along += ["-iter", 50, 1e-11 * weight]
+    ops.element("singleFPBearing", 1, 0, 1, 1, radius, 0.04 * weight / 2e-3, *along)
+    ops.timeSeries("Constant", 9)
+    ops.pattern("Plain", 9, 9)
+    ops.load(1, 0.0, -weight, 0.0)
+    ops.constraints("Transformation")
+    ops.numberer("RCM")
+    ops.system("BandGeneral")
+    ops.test("NormDispIncr", 1e-10, 30)
+    ops.algorithm("Newton")
+    ops.integrator("LoadControl", 1.0)
+    ops.analysis("Static")
+    assert ops.analyze(1) == 0
+    ops.loadConst("-time", 0.0)
+    ops.wipeAnalysis()
+    motion = {"-disp": y, "-vel": rate, "-accel": np.gradient(rate, step)}
+    for i, values in enumerate(motion.values(), start=10):
+        ops.timeSeries("Path", i, "-dt", step, "-values", *values.tolist(), "-useLast")
+    ops.pattern("MultipleSupport", 1)
+    ops.groundMotion(1, "Plain", "-disp", 10, "-vel", 11, "-accel", 12)
+    ops.imposedMotion(1, 1, 1)
+    prepare_steps(ops, 1e-12 * float(np.abs(y).mean()))
+    force = np.zeros_like(y)
+    for n in range(1, len(y)):
+        assert ops.analyze(1, step) == 0
+        force[n] = -ops.eleForce(1)[0]
+    return force
+
+
 def test_single_friction_pendulum():
     """A large radius, as OpenSees has its own geometry; what sticks is a spring there."""
     if opensees() is None:
         pytest.skip("needs openseespy: pip install -c constraints.txt -e '.[opensees]'")
-    step = motions.DT / motions.FINE
+    step = DT / 8.0
     y = random_motion(step)
     rate = CubicSpline(step * np.arange(len(y)), y)(step * np.arange(len(y)), 1)
-    theirs = alone(Bearing(20.0, 0.04, 0.1, 20.0, 2e-3), 1e6)(y, rate)
+    theirs = single_friction_pendulum(y, rate, step, weight=1e6, radius=20.0)
     far = {}
     for share in (0.0, 1.0):
         ours = FrictionPendulum(

@@ -16,6 +16,7 @@ from omegaconf import OmegaConf
 
 import data
 import models
+from benchmarks import opensees, unplanted
 from data.measured.files import table
 from data.measured.reading import read_record
 from data.record import stack
@@ -197,6 +198,26 @@ def test_the_table_of_the_readme_is_that_of_the_results():
     rows = [line for line in README.read_text("utf-8").splitlines() if line.startswith("| `")]
     assert len(rows) > 3
     assert set(rows) <= set(results)
+
+
+def test_every_figure_of_the_readmes_table_has_its_evidence():
+    evidence = (ROOT / "docs" / "evidence.md").read_text("utf-8")
+    rows = [line for line in README.read_text("utf-8").splitlines() if line.startswith("| `")]
+    assert len(rows) > 3
+    for row in rows:
+        model, *figures = (cell.strip(" †‡") for cell in row.strip("|").split("|"))
+        assert f"{'; '.join(figures)} |" in evidence, model
+
+
+def test_every_command_of_the_evidence_can_be_given():
+    """Modules are looked for with those of all pages; here experiments, and cases by name."""
+    evidence = (ROOT / "docs" / "evidence.md").read_text("utf-8")
+    experiments = {path.stem for path in (ROOT / "conf" / "experiment").rglob("*.yaml")}
+    assert set(re.findall(r"experiment=(\w+)", evidence)) <= experiments
+    for script, cases in (("unplanted", unplanted.CASES), ("opensees", opensees.CASES)):
+        named = re.findall(rf'benchmarks\.{script} --cases "([^"]+)"', evidence)
+        assert named
+        assert set(named) <= set(cases)
 
 
 def test_the_version_is_one():

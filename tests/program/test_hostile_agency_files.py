@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
-import random
+import tempfile
 import time
 import zipfile
-from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
 
-from benchmarks.attack.record_files.agencies import csmip_v2
-from benchmarks.attack.record_files.agency_cases import agency_file, universal_file
-from benchmarks.attack.record_files.archives import zipped
 from data.inspect.picture import draw, spectrum
 from data.measured.files.columns import FileError
 from data.measured.files.table import read_table
 from data.measured.files.zipped import unpacked
 from data.measured.reading import read_records
+from tests.agency_files import csmip_v2
+from tests.hostile_records import File, record_files
 
 HEAD = "CORRECTED ACCELEROGRAM\n"
 SERIES = "1 points of accel data equally spaced at .02 sec, in cm/sec2. (8f10.3)\n     1.000\n"
@@ -99,24 +98,20 @@ def test_a_picture_of_any_size_of_signal(tmp_path, size):
     assert (tmp_path / "p.png").stat().st_size > 1000
 
 
-@pytest.mark.parametrize("number", range(40))
-def test_generated_files_are_read_or_refused_in_a_line(tmp_path, number):
-    """The attack in small: agencies' files, some in archives."""
-    draw_from = random.Random(number)
-    case = agency_file(draw_from)
-    if number % 10 == 0 and importlib.util.find_spec("pyuff"):
-        case = universal_file(draw_from)
-    if number % 3 == 0:
-        case = zipped(draw_from, replace(case, what=""))
-    path = tmp_path / f"record{case.suffix}"
-    case.write(path)
-    try:
-        records = read_records(path, case.mapped)
-    except ValueError as error:
-        assert len(str(error).splitlines()) == 1  # noqa: PT017
-    else:
-        assert all(len(u) > 1 for raw in records.values() for u in raw.channels.values())
-    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+@settings(deadline=None, max_examples=200, derandomize=True)
+@given(record_files())
+def test_any_file_is_read_or_refused_in_a_line(file: File):
+    """Of every format, odd, damaged, in archives; nothing is left beside it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"record{file.suffix}"
+        path.write_bytes(file.content)
+        try:
+            records = read_records(path, file.mapped)
+        except ValueError as error:
+            assert len(str(error).splitlines()) == 1  # noqa: PT017
+        else:
+            assert all(len(u) > 1 for raw in records.values() for u in raw.channels.values())
+        assert list(Path(folder).iterdir()) == [path]
 
 
 def test_a_good_one_among_the_generated(tmp_path):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-import random
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -13,14 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
-from benchmarks.attack.attempt import BAD, judged
-from benchmarks.attack.targets import command_lines, configs
 from data import Excitation, Structure
 from data.annotations import expectation, fits
 from models import Estimator
+from models.training.assemble import assembled
 from models.training.build import build
 from runner import job
-from runner.config.command_line import read_words
+from runner.config.command_line import read_words, refusals
 from runner.config.compose import composed
 from runner.config.settings import check_settings
 from runner.folder.lock import release_all
@@ -121,23 +120,49 @@ def test_any_value_fits_an_annotation_or_not(value, annotation):
         assert not isinstance(value, bool)
 
 
-@pytest.mark.parametrize("number", range(25))
-def test_generated_configs_are_refused_in_a_line_or_built(number):
-    draw = random.Random(f"test {number}")
-    attempt = TARGETS["configs"].attempt(draw, Path())
-    verdict = judged(attempt)
-    assert verdict.outcome not in BAD, (attempt.what, verdict)
+ODD = VALUES | st.sampled_from((
+    {"_target_": "os.system", "command": "touch executed"}, {"_target_": "data.Record"},
+    {"_target_": "models.VWNN", "_partial_": True}, {"_target_": None}, {"_args_": [1]},
+    "\\${oc.env:HOME}", "\\${", "???", "\x1b[31m", "../x", "x" * 10**5, 10**400,
+))  # fmt: skip
 
 
-@pytest.mark.parametrize("number", range(6))
-def test_generated_command_lines_end_in_a_line_or_a_run(number):
-    draw = random.Random(f"test {number}")
-    attempt = TARGETS["command_lines"].attempt(draw, Path())
-    verdict = judged(attempt)
-    assert verdict.outcome not in BAD, (attempt.what, verdict)
+@cache
+def config(model: str) -> str:
+    """The resolved config of a small run, as JSON: each use changes a copy of its own."""
+    cfg = composed(f"model={model}", "data.duration=1")
+    return json.dumps(OmegaConf.to_container(cfg, resolve=True))
 
 
-TARGETS = {"configs": configs.Target(), "command_lines": command_lines.Target()}
+def places_of(node) -> list:
+    """Every value below a node, as its holder and key."""
+    if not isinstance(node, dict | list):
+        return []
+    pairs = node.items() if isinstance(node, dict) else enumerate(node)
+    return [place for key, value in pairs for place in ((node, key), *places_of(value))]
+
+
+@given(st.data())
+@settings(deadline=None, max_examples=60, derandomize=True)
+def test_a_changed_config_is_refused_in_a_line_or_built(source):
+    model = source.draw(st.sampled_from(("vwnn", "linear", "element_network")))
+    content = json.loads(config(model))
+    holder, key = source.draw(st.sampled_from(places_of(content)))
+    if isinstance(holder, dict):
+        key = source.draw(st.sampled_from((key, key, "extra")))
+    holder[key] = source.draw(ODD)
+    try:
+        with refusals():
+            cfg = OmegaConf.create(content)
+            check_settings(cfg)
+            _, module, _ = assembled(cfg)
+    except SystemExit as error:
+        assert len(str(error).splitlines()) == 1  # noqa: PT017
+    except ValueError as error:
+        assert len(str(error).splitlines()) == 1  # noqa: PT017
+    else:
+        assert isinstance(module.estimator, Estimator)
+    assert not Path("executed").exists()
 
 
 def test_an_option_that_unpickles_is_refused(monkeypatch):
@@ -163,8 +188,6 @@ MISTYPED = [
     ["-m", "live.samples", "--replay", "nothing.csv"],
     ["-m", "report.paper", "nothing"],
     ["-m", "report.free_run", "nothing"],
-    ["-m", "report.online", "learnt", "nothing"],
-    ["-m", "report.tuning", "nothing"],
 ]
 ONE_BY_ONE = """
 import json, os, runpy, sys, tempfile, traceback

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import signal
 import subprocess
@@ -16,7 +17,6 @@ from hypothesis import strategies as st
 
 import data
 import models
-from benchmarks.attack.library.arguments import ELEMENTS, MODELS
 from data import (
     Excitation,
     FullState,
@@ -32,6 +32,7 @@ from data.simulation.damage import StiffnessLoss
 from data.simulation.motion import simulate
 from models.layers import least_squares
 from models.layers.least_squares import LeastSquares
+from tests.data.named_laws import LAWS
 
 # the integrator is called a part at a time
 
@@ -170,16 +171,25 @@ VALUES = st.one_of(
 )  # fmt: skip
 
 
-@settings(deadline=None, max_examples=150, derandomize=True)
+SIZES = {"dofs": 1, "inputs": 1, "dt": 0.01}
+MODELS = [
+    *(models.EquivalentLinear, models.VWNN, models.GlobalMLP, models.ResidualMLP, models.Recurrent),
+    *(models.NeuralStateSpace, models.ModalPolynomial, models.ElementNetwork, models.Online),
+    *(models.LatentHysteresisNetwork, models.HystereticElement, models.PrandtlIshlinskii),
+]
+GOOD = [  # a class, arguments that it takes, and the names of all that it may take
+    *((type(law), vars(law), sorted(vars(law))) for law in LAWS.values()),
+    *((model, SIZES, sorted(inspect.signature(model).parameters)) for model in MODELS),
+]
+
+
+@settings(deadline=None, max_examples=300, derandomize=True)
 @given(st.data())
 def test_whatever_an_argument_is_it_is_taken_or_refused_in_a_line(source):
-    front, known = source.draw(st.sampled_from([(models, MODELS), (data, ELEMENTS)]))
-    name = source.draw(st.sampled_from(sorted(known)))
-    sizes = {"dofs": 1, "inputs": 1, "dt": 0.01} if front is models else {"between": ("s1", "x1")}
-    arguments = {**sizes, **known[name]}
-    arguments[source.draw(st.sampled_from(sorted(arguments)))] = source.draw(VALUES)
+    make, arguments, names = source.draw(st.sampled_from(GOOD))
+    name = source.draw(st.sampled_from(names))
     try:
-        getattr(front, name)(**arguments)
+        make(**{**arguments, name: source.draw(VALUES)})
     except ValueError as error:
         assert len(str(error).splitlines()) == 1  # noqa: PT017
 

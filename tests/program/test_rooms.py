@@ -15,7 +15,7 @@ import data
 import models
 
 ROOT = Path(__file__).parents[2]
-FLOORS = ("data", "models", "runner", "export", "report", "live", "studies")  # from the ground up
+FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "benchmarks")  # on the roof
 ABOVE = {"hydra_plugins": ("runner",)}  # a porch: imports these alone
 

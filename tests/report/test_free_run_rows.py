@@ -5,17 +5,12 @@ from __future__ import annotations
 import csv
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from report.collection.runs import read_runs
-from report.free_run.figures import error_curves, errors_over_seeds
-from report.free_run.questions import answers, question_rows
 from report.free_run.tables import COLUMNS, sections
 from report.output import as_csv, escaped, latex, sections_markdown
-from runner.scores.result import Result
 from runner.scores.spread import quantile
 from tests.report.free_run_runs import LOST, NO_FREE_RUN, add_run, rows_of
 
@@ -147,51 +142,3 @@ def test_latex_escapes_and_keeps_its_columns(tmp_path):
         r"a--b \& \textasciitilde{}\textasciicircum{}\{\textbackslash{}\}"
     )
     assert escaped("[[ground,x1]]").startswith("{}[")
-
-
-def entries_with_noise(folder: Path) -> tuple[list[Result], list[Result]]:
-    """The leaderboard's runs at level 0.05 on seeds 0–3, and a question's at others on 0–1."""
-    for seed in range(4):
-        noisy = {"scenario": "noisy", "settings": {"level": 0.05}}
-        add_run(folder / "usual", 5.0 + seed, seed=seed, **noisy)
-    for seed in range(2):
-        for level in (0.2, 0.01):
-            noisy = {"scenario": "noisy", "settings": {"level": level}}
-            add_run(folder / "asked", 100 * level, seed=seed, grid="more_noise", **noisy)
-        add_run(folder / "asked", 40.0, seed=seed, scenario="noisy", settings={"level": 0.05},
-                grid="topology", elements=[["ground", "x1"]])  # fmt: skip
-    asked, usual = (read_runs(folder / name) for name in ("asked", "usual"))
-    return asked, usual
-
-
-def test_a_question_stands_beside_the_leaderboards_runs_at_its_seeds(tmp_path):
-    rows = question_rows(*entries_with_noise(tmp_path))
-    assert [(row.varied, row.value, row.errors.runs, row.errors.median) for row in rows] == [
-        ("model.elements", "[[ground,x1]]", 2, 40.0),
-        ("model.elements", "null", 2, 5.5),
-        ("scenario.level", "0.01", 2, 1.0),
-        ("scenario.level", "0.05", 2, 5.5),
-        ("scenario.level", "0.2", 2, 20.0),
-    ]
-
-
-def test_curves_are_the_medians_and_what_diverged_stands_at_the_edge(tmp_path):
-    asked, usual = entries_with_noise(tmp_path)
-    add_run(tmp_path / "lost", LOST, scenario="noisy", settings={"level": 0.3}, grid="more_noise")
-    lost = read_runs(tmp_path / "lost")
-    found = answers([*asked, *lost], usual)
-    curve = found["bilinear", "scenario.level", "linear"]
-    (axes,) = error_curves({("bilinear", "linear"): curve}, "scenario.level").axes
-    line, edge = axes.lines
-    assert line.get_xydata()[:3].tolist() == [[1.0, 1.0], [5.0, 5.5], [20.0, 20.0]]
-    assert math.isnan(line.get_ydata()[3])
-    assert edge.get_xdata().tolist() == [30.0]
-
-
-def test_the_picture_over_seeds_counts_what_diverged(tmp_path):
-    for seed, error in enumerate((9.0, 10.0, LOST, LOST, LOST)):
-        add_run(tmp_path, error, seed=seed)
-        add_run(tmp_path, 5.0 + seed, seed=seed, model="vwnn")
-    (axes,) = errors_over_seeds(read_runs(tmp_path)).axes
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["vwnn", "linear"]
-    assert [text.get_text() for text in axes.texts] == ["3"]

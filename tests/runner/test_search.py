@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -13,19 +12,12 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.plugins import Plugins
-from joblib import Parallel
 from omegaconf import open_dict
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
 import train
-from data.record import stack
-from models.baselines import TwoPoint
 from models.training.assemble import data_from, estimator_from
 from models.training.metrics import score
-from report.tuning import onset
-from report.tuning.cases import read_cases
-from report.tuning.onset import FILE, ONSET, after_onset, onsets, score_cases
-from report.tuning.page import write_tuning_page
 from runner.config.choices import plain
 from runner.config.compose import CONF, placed, prepare_hydra
 from runner.config.identity import identity_of
@@ -253,11 +245,10 @@ def test_without_optuna_one_line_says_what_to_install(tmp_path, monkeypatch, cap
     assert "pip install -c constraints.txt -e '.[optuna]'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["tune_vwnn", "tune_polynomial", "tune_networks"])
-def test_searches_and_tables_share_no_seed(name):
+def test_a_search_and_the_tables_share_no_seed():
     prepare_hydra()
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("train", placed([f"experiment={name}"]), return_hydra_config=True)
+        cfg = compose("train", placed(["experiment=tune_vwnn"]), return_hydra_config=True)
     sweeper = cfg.hydra.sweeper
     parser = OverridesParser.create()
 
@@ -277,8 +268,8 @@ def test_searches_and_tables_share_no_seed(name):
 def small_search(tmp_path_factory) -> Path:
     """A real one, of two trials."""
     folder = tmp_path_factory.mktemp("tune")
-    words = ["-m", *QUICK, "hydra/launcher=basic", "experiment=tune_polynomial", "seed=80,81"]
-    words += ["model=power_series_residual", "model.order=3", "hydra.sweeper.trials=2"]
+    words = ["-m", *QUICK, "hydra/launcher=basic", "experiment=tune_vwnn", "seed=80,81"]
+    words += ["hydra.sweeper.trials=2"]
     words += ["data.duration=6"]
     words += ["system=bilinear", "hydra.sweeper.final.seed='60,61'", f"hydra.sweep.dir={folder}"]
     with pytest.MonkeyPatch.context() as monkeypatch:
@@ -298,82 +289,3 @@ def test_a_real_search_is_judged_by_what_its_runs_held_back(small_search):
     assert len(judged) == 4
     assert told["best_percent"] <= told["first_percent"]
     assert min(judged) <= told["best_percent"] <= max(judged)
-
-
-@pytest.fixture(scope="module")
-def small_warmup(tmp_path_factory) -> Path:
-    """The runs of experiment=tune_warmup on one system, short."""
-    folder = tmp_path_factory.mktemp("warmup")
-    words = ["-m", *QUICK, "hydra/launcher=basic", "experiment=tune_warmup", "system=bilinear"]
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        assert run(train, monkeypatch, *words, f"hydra.sweep.dir={folder}") == 0
-    return folder
-
-
-def test_the_page_is_filled_from_finished_runs(small_search, small_warmup, tmp_path, monkeypatch):
-    (case,) = read_cases([small_search, tmp_path / "none"])
-    page = tmp_path / "docs" / "tuning.md"
-    for path in small_search.glob(f"*/{FILE}"):
-        path.unlink()
-    with pytest.raises(ValueError, match=r"python -m report\.tuning\.onset"):
-        write_tuning_page(page, [case], small_warmup)
-    monkeypatch.setattr(onset, "Parallel", partial(Parallel, backend="sequential"))
-    assert score_cases([case]) == 4
-    with pytest.raises(ValueError, match="experiment=tune_warmup"):
-        write_tuning_page(page, [case], tmp_path / "none")
-    assert not page.exists()
-    write_tuning_page(page, [case], small_warmup)
-    text = page.read_text("utf-8")
-    assert "$" not in text
-    assert (page.parent / "figures" / "tuning.png").is_file()
-    errors = []
-    for name in final_folders(case, "tuned"):
-        metrics = json.loads((small_search / name / "metrics.json").read_text())
-        errors.append(metrics["test"]["relative_rms_percent"])
-    assert f"{median(errors):.2f} ({min(errors):.2f} – {max(errors):.2f}) |" in text
-    assert "Not run for this page: `tune_vwnn`, `tune_networks`." in text
-    assert f"ridge {case.search['best']['model.ridge']:.3g}" in text
-    runs = [read_run(path.parent) for path in small_warmup.glob("*/metrics.json")]
-    held = {
-        (c.model.cutoff, c.data.warmup): m["validation"]["relative_rms_percent"] for c, m in runs
-    }
-    assert f"| bilinear | 50 rad/s | {held[50, 0]:.2f} | {held[50, 100]:.2f} |" in text
-    assert f"| bilinear | 200 rad/s | {held[200, 0]:.2f} | {held[200, 100]:.2f} |" in text
-
-
-def final_folders(case, way: str) -> list[str]:
-    return case.search["final"][way]
-
-
-def test_the_first_second_is_left_out_as_in_the_search(small_search):
-    (case,) = read_cases([small_search])
-    folder = case.folders["tuned"][60]
-    cfg, _ = read_run(folder)
-    data = data_from(cfg)
-    data.setup()
-    (record,) = data.records["test"]
-    late = record.window(0, record.samples, ONSET)
-    line = TwoPoint(data.dofs, data.inputs, data.dt)
-    scores = after_onset(cfg, folder)
-    assert scores.line == pytest.approx(score(line, [stack([late])])["relative_rms_percent"])
-    assert scores.model != case.errors("tuned")[60]
-
-
-def test_a_scored_onset_is_kept_while_the_run_is_the_same(small_search, monkeypatch):
-    (case,) = read_cases([small_search])
-    monkeypatch.setattr(onset, "Parallel", partial(Parallel, backend="sequential"))
-    score_cases([case])
-    path = case.folders["tuned"][60] / FILE
-    content = json.loads(path.read_text())
-    assert onsets(case, "tuned")[60].model == content["scores"]["model"]
-    path.write_text(json.dumps({**content, "scores": {"model": 1.0, "line": None}}))
-    score_cases([case])
-    assert onsets(case, "tuned")[60].model == 1.0
-    path.write_text(json.dumps({**content, "origin": {}}))
-    score_cases([case])
-    assert json.loads(path.read_text()) == content
-
-
-def test_no_search_no_page_and_the_command_that_makes_one(tmp_path):
-    with pytest.raises(ValueError, match="experiment=tune_vwnn"):
-        read_cases([tmp_path])

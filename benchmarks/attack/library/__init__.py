@@ -1,1 +1,0 @@
-"""Strange calls of the library: arguments, records, and what is done with them."""

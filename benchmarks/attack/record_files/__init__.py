@@ -1,1 +1,0 @@
-"""Files of records to attack with: every format, good, with odd content, and damaged."""

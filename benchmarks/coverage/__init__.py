@@ -1,1 +1,0 @@
-"""Do intervals hold the truth? Counted over simulated noisy records."""

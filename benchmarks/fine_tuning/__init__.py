@@ -1,1 +1,0 @@
-"""A published model as the start of training on a changed structure."""

@@ -1,0 +1,68 @@
+"""A model fitted to records as train.py fits it, and its error in free run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+
+from data.record import Record
+from data.sample import Sensors
+from models.estimator import Estimator
+from models.training.assemble import estimator_from, objective_from, solver_from
+from models.training.objective import restore, state_of
+from models.training.solvers.solver import hurry
+from models.training.trainable import require_trainable
+from runner.config.compose import CONF, prepare_hydra
+
+
+def fit(words: Sequence[str], batch: Record) -> tuple[Estimator, dict[str, Any]]:
+    """The model of a command line, fitted to a batch; and what its identification reports."""
+    cfg = _composed(tuple(words))
+    inputs = batch.excitation.shape[-1]
+    estimator = estimator_from(cfg.model, Sensors(batch.dt, batch.dofs, inputs))
+    facts = estimator.identify([batch])
+    free = [p for p in estimator.parameters() if p.requires_grad]
+    if not free:
+        return estimator, facts
+    trainable = require_trainable(estimator)
+    objective, make_solver = objective_from(cfg.objective), solver_from(cfg.solver)
+    objective.prepare(trainable, [batch], measured=False)
+    ends = [(objective.final_loss(trainable, [batch]), state_of(trainable))]
+    objective.begin(trainable, [batch], make_solver, lambda losses: None)
+    stage = 0
+    while stage < len(objective.stages):  # which may become more
+        if stage > 0:
+            objective.enter(trainable, stage)
+            if objective.goes_back:
+                restore(trainable, min(ends, key=lambda end: end[0])[1])
+            if objective.refits:
+                ends = [(objective.final_loss(trainable, [batch]), state_of(trainable))]
+        solver = make_solver(free)
+        if objective.hurries:
+            hurry(solver)
+        while not solver.finished:
+            solver.solve(objective.problem(trainable, batch, stage))
+        ends.append((objective.final_loss(trainable, [batch]), state_of(trainable)))
+        stage += 1
+    restore(trainable, min(ends, key=lambda end: end[0])[1])
+    objective.refine(trainable, [batch], lambda losses: None)
+    return estimator, facts
+
+
+@cache
+def _composed(words: tuple[str, ...]) -> DictConfig:
+    prepare_hydra()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("train", list(words))
+
+
+@torch.no_grad()
+def free_run_error(model: Estimator, records: Sequence[Record]) -> float:
+    """Relative RMS error of free runs over all records [%]; not finite where one diverged."""
+    errors = sum(float(((model.free_run(r.drive()).a - r.a) ** 2).sum()) for r in records)
+    return 100.0 * (errors / sum(float((r.a**2).sum()) for r in records)) ** 0.5

@@ -1,1 +1,0 @@
-"""Published packages on the records of the zoo; `python -m benchmarks.published`."""

@@ -1,1 +1,0 @@
-"""The simulation: accuracy, cost beside scipy, growth."""

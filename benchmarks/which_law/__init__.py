@@ -1,1 +1,0 @@
-"""Which law has an element? Picks among classes, counted over simulated noisy element tests."""

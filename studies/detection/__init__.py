@@ -1,1 +1,0 @@
-"""Change detectors: delays and false alarms."""
