@@ -6,6 +6,8 @@ elements; the text stands in matlab_step.m.txt, the numbers are put into it.
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 from string import Template
 
@@ -13,14 +15,18 @@ import torch
 from torch import Tensor
 
 from export.composite import plain_composite
+from export.names import line_comment, matlab_string
 from export.run import Exported
 from models.composition.laws_compiled import LARGEST, SMALL, TERMS, TERMS_OF_LOGARITHM
 
 FOLDER = Path(__file__).parent
+STEP, RUN = ((FOLDER / f"matlab_{name}.m.txt").read_text("utf-8") for name in ("step", "run"))
+WORDS = set(re.findall(r"\w+", STEP + RUN))  # that the functions use
 
 
 def write(model: Exported, folder: Path) -> list[Path]:
     """NAME.m and NAME_run.m. Raises ValueError for a model that is no composite network."""
+    model = replace(model, name=f"{model.name}_") if model.name in WORDS else model
     texts = {model.name: step_of(model), f"{model.name}_run": run_of(model)}
     paths = [folder / f"{name}.m" for name in texts]
     for path, text in zip(paths, texts.values(), strict=True):
@@ -49,12 +55,12 @@ def step_of(model: Exported) -> str:
         "counts": torch.tensor(c.counts)[None],
     }
     assert n == len(c.core.value[0])
-    return Template((FOLDER / "matlab_step.m.txt").read_text("utf-8")).substitute(
+    return Template(STEP).substitute(
         {name: matrix(value) for name, value in numbers.items()},
         name=model.name,
         units=", ".join(f"{name} [{unit}]" for name, unit in model.plain_inputs),
         elements=", ".join("-".join(pair) for pair in pairs),
-        about="\n".join(f"% {line}".rstrip() for line in model.passport.lines()),
+        about=line_comment(model.lines(), "%"),
         dt=repr(network.dt),
         substeps=network.substeps,
         small=SMALL,
@@ -68,10 +74,10 @@ def run_of(model: Exported) -> str:
     """The function that runs a CSV: an excitation that was not held is linear between samples."""
     held = model.hold == "zero_order"
     columns = model.plain_inputs
-    return Template((FOLDER / "matlab_run.m.txt").read_text("utf-8")).substitute(
+    return Template(RUN).substitute(
         name=model.name,
         units=", ".join(f"{name} [{unit}]" for name, unit in columns),
-        columns=", ".join(f"'{name}'" for name in ("time", *(name for name, _ in columns))),
+        columns=", ".join(matlab_string(name) for name in ("time", *(name for name, _ in columns))),
         hold="held" if held else "linear",
         held=int(held),
     )

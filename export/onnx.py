@@ -31,7 +31,7 @@ def write(model: Exported, folder: Path) -> list[Path]:
         "inputs": json.dumps(model.inputs),
     }
     onnx.helper.set_model_props(graph, facts)
-    graph.doc_string = "\n".join(model.passport.lines())
+    graph.doc_string = "\n".join(model.lines())
     onnx.save(graph, path)
     return [path]
 
