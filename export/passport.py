@@ -109,8 +109,8 @@ def _data(cfg: DictConfig, sensors: Sensors) -> dict[str, Any]:
             f"config.yaml: data.hold={hold}: expected one of {', '.join(HOLDS)}; repeat the run"
         )
     facts: dict[str, Any] = {
-        "system": str(cfg.system.name),
-        "scenario": str(cfg.scenario.name),
+        "system": cfg.system.get("name", "unknown"),
+        "scenario": cfg.scenario.get("name", "unknown"),
         "seed": int(cfg.seed),
         "dt_s": sensors.dt,
         "records": data.get("train_records"),

@@ -14,9 +14,13 @@ from export.names import channels_of, identifier, inputs_of, plain_unit
 from export.passport import Passport, passport_of
 from models.estimator import Estimator
 from models.training.metrics import FREE_RUNS
+from runner.config.schema import ANYTHING, PERCENT, require
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_files import require_finished
 from runner.folder.run_folder import read_run
+
+INTERVAL = {"name": str, "status": str, "half": PERCENT, "believed": PERCENT, ...: ANYTHING}
+UNCERTAINTY = {"parameters": [INTERVAL], ...: ANYTHING}
 
 
 @dataclass(frozen=True)
@@ -79,8 +83,15 @@ def read_exported(folder: Path) -> Exported:
         sensors,
         {str(key): value for key, value in cfg.model.items() if key != "about"},
         passport.facts["trained_on"]["hold"],
-        {p["name"]: p for p in metrics.get("uncertainty", {}).get("parameters", [])},
+        _intervals(metrics.get("uncertainty", {})),
     )
+
+
+def _intervals(uncertainty: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """What a run found of each parameter's interval; nothing of those that lack a part of it."""
+    require(uncertainty, UNCERTAINTY, "metrics.json: uncertainty")
+    listed = uncertainty.get("parameters", [])
+    return {p["name"]: p for p in listed if {"name", "status", "half"} <= p.keys()}
 
 
 def require_sound(folder: Path, metrics: Mapping[str, Any]) -> None:
