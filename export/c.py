@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from export.c_source import Source, source_of
+from export.names import c_comment, c_string
 from export.run import Exported
 from export.step import Step
 from export.steps import online, step_of
@@ -38,7 +39,7 @@ def step_for(model: Exported) -> Step:
 
 
 def _named(step: Step, model: Exported) -> Step:
-    own = [(name, unit.replace("²", "2")) for name, unit in model.inputs]
+    own = model.plain_inputs
     if all(name == f"u{i + 1}" for i, (name, _) in enumerate(own)):
         return step  # the run does not know better than the model
     return replace(step, inputs=[*own, *step.inputs[len(own) :]])
@@ -46,13 +47,13 @@ def _named(step: Step, model: Exported) -> Step:
 
 def told_of(model: Exported) -> list[str]:
     """Lines for a comment."""
-    return [*model.passport.lines(), f"excitation between samples in training: {model.hold}"]
+    return [*model.lines(), f"excitation between samples in training: {model.hold}"]
 
 
 def program_of(step: Step, source: Source, hold: str) -> str:
     """A program that reads time and excitation as CSV and writes time and all outputs."""
     name, big = source.name, source.name.upper()
-    header = ",".join(["time", *(n for _, names, _ in step.outputs for n in names)])
+    header = ",".join(["time", *(n for _, names, _ in step.outputs for n in names)]) + "\n"
     prints = [
         f"    for (i = 0; i < {big}_{array.upper()}; ++i) {{\n"
         f'        printf(",%.17g", m->{array}[i]);\n    }}'
@@ -62,10 +63,13 @@ def program_of(step: Step, source: Source, hold: str) -> str:
     moves = f"{name}_step(&m, {'m.u' if zero_order else 'u'}, time - before)"
     jumps = f"\n        {name}_excite(&m, u);" if zero_order else ""
     columns = ", ".join(["time", *(n for n, _ in step.inputs)])
-    return f"""/* Runs a CSV of {columns}, with one line of names, through the model:
-
-   cc -std=c99 -O2 {name}.c {name}_main.c -lm -o {name}
-   ./{name} < excitation.csv > motion.csv */
+    about = [
+        f"Runs a CSV of {columns}, with one line of names, through the model:",
+        "",
+        f"cc -std=c99 -O2 {name}.c {name}_main.c -lm -o {name}",
+        f"./{name} < excitation.csv > motion.csv",
+    ]
+    return f"""{c_comment(about)}
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -108,7 +112,7 @@ int main(void)
     while ((c = getchar()) != '\\n' && c != EOF) {{
     }}
     {name}_init(&m);
-    printf("{header}\\n");
+    printf({c_string(header)});
     while ((said = read(&time, u)) == 1) {{
         if (line == 2) {{
             {name}_begin(&m, rest, rest, u);

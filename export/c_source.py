@@ -12,16 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from export.c_header import comment, header_of
-from export.names import spelled
+from export.c_header import header_of
+from export.names import c_comment, identifier
 from export.step import SIGNALS, Step
 from export.translate.program import Function, Program, array_of, wrapped
 from export.translate.scope import TAKEN
 from export.translate.tables import numbers_of, table
 from export.translate.values import DOUBLE, Value, known_value, number
 
-FMI = "begin_motion fail get_value go_on instance jump model set_value start_anew tell_fault values"
-RESERVED = TAKEN | set(FMI.split()) | {"main"}  # names that a program of ours has already
+OWN = """
+begin_motion fail get_value go_on instance jump model set_value start_anew tell_fault values
+variables fmi2 fmi3 print read reset time before line comma said rest count parts part start first
+last math stdio stdlib string stddef stdarg stdint stdbool printf scanf fprintf getchar stdin stderr
+memset memcpy memmove size_t calloc free snprintf strcmp offsetof
+"""
+RESERVED = TAKEN | set(OWN.split())  # names and files that a program of ours has already
 SAME_STEP = 1e-3  # relative: steps that agree to this are one
 FEW = 4  # numbers that are set one by one
 
@@ -37,7 +42,7 @@ class Source:
 
 def source_of(step: Step, name: str, told: Sequence[str] = ()) -> Source:
     """A step as C. told: lines about the model, for a comment. Raises ValueError if it cannot."""
-    name = spelled(name)
+    name = identifier(name)
     name = f"{name}_" if name in RESERVED else name
     tuned = {array for array, *_ in step.parameters}
     held = {**step.state, **{n: v for n, v in step.numbers.items() if n in tuned}}
@@ -48,7 +53,7 @@ def source_of(step: Step, name: str, told: Sequence[str] = ()) -> Source:
     used = {n for function, _ in made for n in function.parameters}
     constants = [table(n, v) for n, v in tables.items() if n in used and isinstance(v, np.ndarray)]
     parts = [
-        comment([f"{name}: a model of a structure.", *told]),
+        c_comment([f"{name}: a model of a structure.", *told]),
         f'#include "{name}.h"\n\n#include <math.h>\n#include <string.h>',
         *constants,
         text,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from xml.sax.saxutils import quoteattr
+from xml.etree.ElementTree import Element, SubElement
 
 BASES = {"kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "J": (1, 2, -2)}
 NAMES = ("kg", "m", "s")
@@ -25,15 +25,12 @@ def powers_of(unit: str) -> tuple[int, int, int] | None:
     return total[0], total[1], total[2]
 
 
-def definitions(units: Iterable[str], version: str) -> list[str]:
-    """Lines of <UnitDefinitions>."""
-    lines = ["  <UnitDefinitions>"]
-    for unit in sorted({u for u in units if u} | ({"s"} if version == "3" else set())):
-        powers = powers_of(unit)
-        if powers is None:
-            lines.append(f"    <Unit name={quoteattr(unit)}/>")
-            continue
-        words = [f'{name}="{p}"' for name, p in zip(NAMES, powers, strict=True) if p]
-        inside = " ".join(["<BaseUnit", *words]) + "/>"
-        lines.append(f"    <Unit name={quoteattr(unit)}>{inside}</Unit>")
-    return [*lines, "  </UnitDefinitions>"] if len(lines) > 1 else []
+def definitions(units: Iterable[str], version: str) -> Element | None:
+    """<UnitDefinitions>; None without a unit."""
+    found, names = Element("UnitDefinitions"), {u for u in units if u}
+    for unit in sorted(names | ({"s"} if version == "3" else set())):
+        one, powers = SubElement(found, "Unit", name=unit), powers_of(unit)
+        if powers is not None:
+            pairs = zip(NAMES, powers, strict=True)
+            SubElement(one, "BaseUnit", {name: str(power) for name, power in pairs if power})
+    return found if len(found) else None

@@ -115,7 +115,7 @@ def _compiled(folder: Path, name: str, version: int) -> dict[str, Path]:
         except subprocess.TimeoutExpired:
             raise ValueError(f"{compiler} took over {WAITING:g} s; export to=c instead") from None
         if said.returncode:
-            raise ValueError(f"{compiler} failed: {said.stderr.strip().splitlines()[0]}")
+            raise ValueError(f"{compiler} failed: {(said.stderr.split(chr(10)) or [''])[0]}")
         found[f"binaries/{old if version == 2 else new}/{target.name}"] = target
     if not found:
         raise ValueError("an FMU needs a compiler: install gcc, or export to=c and build elsewhere")

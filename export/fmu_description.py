@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from xml.sax.saxutils import escape, quoteattr
+from html import escape
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
 from export.fmi_units import definitions
+from export.names import printable
 from export.step import Step
 
 WORDS = {
@@ -22,11 +24,13 @@ WORDS = {
 
 
 CAUSES = {  # causality, variability
-    "input": 'causality="input" variability="continuous"',
-    "output": 'causality="output" variability="continuous"',
-    "parameter": 'causality="parameter" variability="fixed"',
-    "tunable": 'causality="parameter" variability="tunable"',
+    "input": {"causality": "input", "variability": "continuous"},
+    "output": {"causality": "output", "variability": "continuous"},
+    "parameter": {"causality": "parameter", "variability": "fixed"},
+    "tunable": {"causality": "parameter", "variability": "tunable"},
 }
+TOOL = {"generationTool": "structural-model-zoo", "variableNamingConvention": "flat"}
+LONGEST = 1000  # characters of a description
 
 
 @dataclass(frozen=True)
@@ -70,86 +74,80 @@ def variables_of(step: Step) -> list[Variable]:
 def description2(
     step: Step, name: str, variables: list[Variable], token: str, told: Sequence[str]
 ) -> str:
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{token}"',
-        f"    description={quoteattr(' '.join(told)[:1000])}",
-        '    generationTool="structural-model-zoo" variableNamingConvention="flat">',
-        f'  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="true"',
-        '      canInterpolateInputs="true" canGetAndSetFMUstate="true"',
-        '      canSerializeFMUstate="true" canNotUseMemoryManagementFunctions="true">',
-        f'    <SourceFiles><File name="fmi2.c"/><File name="{name}.c"/></SourceFiles>',
-        "  </CoSimulation>",
-        *definitions({v.unit for v in variables}, "2"),
-        '  <LogCategories><Category name="logStatusError"/></LogCategories>',
-        f'  <DefaultExperiment startTime="0.0" stopTime="{1000 * step.dt!r}" '
-        f'stepSize="{step.dt!r}"/>',
-        "  <ModelVariables>",
-    ]
+    said = {"description": printable(" ".join(told))[:LONGEST]}
+    named = {"fmiVersion": "2.0", "modelName": name, "guid": token}
+    root = Element("fmiModelDescription", {**named, **said, **TOOL})
+    able = ("canHandleVariableCommunicationStepSize", "canInterpolateInputs",
+            "canGetAndSetFMUstate", "canSerializeFMUstate",
+            "canNotUseMemoryManagementFunctions")  # fmt: skip
+    unit = SubElement(root, "CoSimulation", modelIdentifier=name, **dict.fromkeys(able, "true"))
+    sources = SubElement(unit, "SourceFiles")
+    for file in ("fmi2.c", f"{name}.c"):
+        SubElement(sources, "File", name=file)
+    _before_variables(root, step, variables, "2")
+    listed = SubElement(root, "ModelVariables")
     for reference, variable in enumerate(variables):
-        lines.append(
-            f"    <ScalarVariable name={quoteattr(variable.name)} "
-            f'valueReference="{reference}" {CAUSES[variable.causality]}{_said(variable)}>'
-            f"<Real{_real(variable)}/></ScalarVariable>"
-        )
+        SubElement(SubElement(listed, "ScalarVariable", _variable(variable, reference)), "Real",
+                   _real(variable))  # fmt: skip
+    structure = SubElement(root, "ModelStructure")
     outputs = [i + 1 for i, v in enumerate(variables) if v.causality == "output"]
     for kind in ("Outputs", "InitialUnknowns"):
-        if kind == "Outputs":
-            lines += ["  </ModelVariables>", "  <ModelStructure>"]
-        lines += [f"    <{kind}>", *(f'      <Unknown index="{i}"/>' for i in outputs)]
-        lines += [f"    </{kind}>"]
-    return "\n".join([*lines, "  </ModelStructure>", "</fmiModelDescription>", ""])
+        part = SubElement(structure, kind)
+        for i in outputs:
+            SubElement(part, "Unknown", index=str(i))
+    return _text(root)
 
 
 def description3(
     step: Step, name: str, variables: list[Variable], token: str, told: Sequence[str]
 ) -> str:
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<fmiModelDescription fmiVersion="3.0" modelName="{name}" instantiationToken="{token}"',
-        f"    description={quoteattr(' '.join(told)[:1000])}",
-        '    generationTool="structural-model-zoo" variableNamingConvention="flat">',
-        f'  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="true"',
-        '      canGetAndSetFMUState="true" canSerializeFMUState="true"/>',
-        *definitions({v.unit for v in variables}, "3"),
-        '  <LogCategories><Category name="logStatusError"/></LogCategories>',
-        f'  <DefaultExperiment startTime="0.0" stopTime="{1000 * step.dt!r}" '
-        f'stepSize="{step.dt!r}"/>',
-        "  <ModelVariables>",
-        f'    <Float64 name="time" valueReference="{len(variables)}" causality="independent" '
-        'variability="continuous" unit="s"/>',
-    ]
+    said = {"description": printable(" ".join(told))[:LONGEST]}
+    named = {"fmiVersion": "3.0", "modelName": name, "instantiationToken": token}
+    root = Element("fmiModelDescription", {**named, **said, **TOOL})
+    able = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUState",
+            "canSerializeFMUState")  # fmt: skip
+    SubElement(root, "CoSimulation", modelIdentifier=name, **dict.fromkeys(able, "true"))
+    _before_variables(root, step, variables, "3")
+    listed = SubElement(root, "ModelVariables")
+    SubElement(listed, "Float64", name="time", valueReference=str(len(variables)),
+               causality="independent", variability="continuous", unit="s")  # fmt: skip
     for reference, variable in enumerate(variables):
-        lines.append(
-            f"    <Float64 name={quoteattr(variable.name)} "
-            f'valueReference="{reference}" {CAUSES[variable.causality]}{_said(variable)}'
-            f"{_real(variable)}/>"
-        )
+        SubElement(listed, "Float64", _variable(variable, reference) | _real(variable))
+    structure = SubElement(root, "ModelStructure")
     outputs = [i for i, v in enumerate(variables) if v.causality == "output"]
-    lines += ["  </ModelVariables>", "  <ModelStructure>"]
     for kind in ("Output", "InitialUnknown"):
-        lines += [f'    <{kind} valueReference="{i}"/>' for i in outputs]
-    return "\n".join([*lines, "  </ModelStructure>", "</fmiModelDescription>", ""])
+        for i in outputs:
+            SubElement(structure, kind, valueReference=str(i))
+    return _text(root)
+
+
+def _before_variables(root: Element, step: Step, variables: list[Variable], version: str) -> None:
+    units = definitions({v.unit for v in variables}, version)
+    if units is not None:
+        root.append(units)
+    SubElement(SubElement(root, "LogCategories"), "Category", name="logStatusError")
+    times = {"startTime": "0.0", "stopTime": repr(1000 * step.dt), "stepSize": repr(step.dt)}
+    SubElement(root, "DefaultExperiment", times)
+
+
+def _text(root: Element) -> str:
+    indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(root, "unicode")}\n'
 
 
 def build_description(name: str) -> str:
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?>\n'
-        '<fmiBuildDescription fmiVersion="3.0">\n'
-        f'  <BuildConfiguration modelIdentifier="{name}">\n'
-        '    <SourceFileSet language="C99">\n'
-        f'      <SourceFile name="fmi3.c"/>\n      <SourceFile name="{name}.c"/>\n'
-        "    </SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n"
-    )
+    root = Element("fmiBuildDescription", fmiVersion="3.0")
+    build = SubElement(root, "BuildConfiguration", modelIdentifier=name)
+    files = SubElement(build, "SourceFileSet", language="C99")
+    for file in ("fmi3.c", f"{name}.c"):
+        SubElement(files, "SourceFile", name=file)
+    return _text(root)
 
 
 def documentation(name: str, variables: list[Variable], told: Sequence[str]) -> str:
-    rows = [
-        f"<tr><td>{escape(v.name)}</td><td>{v.causality}</td><td>{escape(v.unit)}</td>"
-        f"<td>{escape(v.said)}</td></tr>"
-        for v in variables
-    ]
-    lines = [f"<p>{escape(line)}</p>" for line in told]
+    cells = [(v.name, v.causality, v.unit, v.said) for v in variables]
+    rows = [f"<tr>{''.join(f'<td>{html(one)}</td>' for one in row)}</tr>" for row in cells]
+    lines = [f"<p>{html(line)}</p>" for line in told]
     return "\n".join(
         [
             "<!DOCTYPE html>",
@@ -166,12 +164,17 @@ def documentation(name: str, variables: list[Variable], told: Sequence[str]) -> 
     )
 
 
-def _said(variable: Variable) -> str:
-    return f" description={quoteattr(variable.said)}" if variable.said else ""
+def html(text: str) -> str:
+    return escape(printable(text), quote=False)
 
 
-def _real(variable: Variable) -> str:
+def _variable(variable: Variable, reference: int) -> dict[str, str]:
+    said = {"description": variable.said} if variable.said else {}
+    named = {"name": variable.name, "valueReference": str(reference)}
+    return {**named, **CAUSES[variable.causality], **said}
+
+
+def _real(variable: Variable) -> dict[str, str]:
     """What FMI 2 and 3 say of the number of a variable."""
-    unit = f" unit={quoteattr(variable.unit)}" if variable.unit else ""
-    start = "" if variable.start is None else f' start="{variable.start!r}"'
-    return unit + start
+    unit = {"unit": variable.unit} if variable.unit else {}
+    return unit if variable.start is None else {**unit, "start": repr(variable.start)}

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from export.names import plain_values
 from export.run import Exported
 from models.estimator import Estimator
 from runner.scores.headline import interval_in
@@ -23,7 +24,7 @@ def write(model: Exported, folder: Path) -> list[Path]:
 
 def content_of(model: Exported) -> dict[str, Any]:
     """What the file holds. Numbers that are not finite are null."""
-    return {
+    content = {
         "model": model.name,
         "dt_s": model.estimator.dt,
         "hold": model.hold,
@@ -32,9 +33,11 @@ def content_of(model: Exported) -> dict[str, Any]:
         "parameters": [
             p | interval_in(model.intervals.get(p["name"])) for p in parameters(model.estimator)
         ],
-        "settings": _plain(model.config),
+        "settings": model.config,
         "passport": model.passport.facts,
     }
+    plain: dict[str, Any] = plain_values(content)
+    return plain
 
 
 def parameters(estimator: Estimator) -> Iterable[dict[str, Any]]:
@@ -54,14 +57,3 @@ def _numbers(estimator: Estimator) -> Iterable[tuple[str, float]]:
     for name, values in estimator.named_parameters():
         for i, value in enumerate(values.detach().flatten().tolist()):
             yield (name if values.numel() == 1 else f"{name}[{i + 1}]"), value
-
-
-def _plain(value: Any) -> Any:
-    """Lists and mappings of a config as JSON has them."""
-    if hasattr(value, "items"):
-        return {str(key): _plain(inner) for key, inner in value.items()}
-    if hasattr(value, "__iter__") and not isinstance(value, str):
-        return [_plain(inner) for inner in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -16,6 +16,7 @@ from string import Template
 
 import torch
 
+from export.names import python_comment
 from export.opensees_laws import Material, material_of
 from export.opensees_named import named_materials
 from export.run import Exported
@@ -58,11 +59,11 @@ def script_of(model: Exported) -> str:
         )
     elements = joined(network, model)
     notes = [f"{e.name}: {note}" for e in elements for m in e.materials for note in m.notes]
-    told = [*model.passport.lines(), "", *(notes or ["every term of every law is here"])]
+    told = [*model.lines(), "", *(notes or ["every term of every law is here"])]
     text = Template(SCRIPT.read_text("utf-8"))
     return text.substitute(
         name=model.name,
-        about="\n".join(f"# {line}".rstrip() for line in told),
+        about=python_comment(told),
         masses=_listed(f"{mass!r}" for mass in network.mass().detach().tolist()),
         supports=network.supports,
         forced=[i + 1 for i in network.forced],

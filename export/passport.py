@@ -5,7 +5,6 @@ The same facts twice: as data, for metadata, and as lines of plain words, for co
 
 from __future__ import annotations
 
-import textwrap
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,45 +12,61 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from data.public.benchmarks import BENCHMARKS
+from data.record import HOLDS, QUANTITIES
 from data.sample import Sensors
+from export.names import plain_values, wrap
 from models.training.metrics import FREE_RUNS
 from models.training.trained_range import OTHER
 from runner.config.compose import CONF
+from runner.config.schema import ANYTHING, NUMBER, require
 
 ERROR = "relative_rms_percent"
-WIDTH = 90  # of a line
 MOST_NAMED = 12  # channels of a kind that are named one by one in words
+TEXTS = (str, [(str, *NUMBER)], None)
+DATA_KIND = {  # of `data` in config.yaml, what a passport tells of it
+    **{"train_records": (int, None), "benchmark": (str, None), "hold": (str, None)},
+    **dict.fromkeys(("duration", "split"), (NUMBER, None)),
+    **{"path": (str, [str], None), "train": TEXTS, ...: ANYTHING},
+}
 
 
 @dataclass(frozen=True)
 class Passport:
-    """Facts of an exported model, plain values alone: `json.dumps(facts)` works."""
+    """Facts of an exported model, plain values alone, all text printable: JSON takes them."""
 
     facts: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "facts", plain_values(self.facts))
 
     def lines(self) -> list[str]:
         """The facts in words, some 90 characters a line at most."""
         f = self.facts
-        told = [
+        return wrap([
             f"{f['model']} ({f['class']}), identified with {f['software']}, code {f['code']}, "
             f"config {f['config']}",
             f"trained on: {trained_on_words(f['trained_on'])}",
             f"error: {_errors(f['error_percent'], f['quantity'])}",
             *_range_lines(f["trained_range"]),
             f"licence: of this code {f['licence']['code']}; of the data {f['licence']['data']}",
-        ]
-        return [
-            part for line in told for part in textwrap.wrap(line, WIDTH, subsequent_indent="  ")
-        ]
+        ])  # fmt: skip
 
 
 def passport_of(
     cfg: DictConfig, metrics: Mapping[str, Any], sensors: Sensors, kind: str
 ) -> Passport:
-    """The passport of a finished run from its config and metrics. kind: the estimator's class."""
+    """The passport of a finished run from its config and metrics. kind: the estimator's class.
+
+    Raises ValueError, naming the key, where the config holds something else than it tells.
+    """
+    if sensors.quantity not in QUANTITIES:
+        raise ValueError(
+            f"sensors.json: quantity={sensors.quantity}: expected one of {', '.join(QUANTITIES)}; "
+            "repeat the run"
+        )
     identity = metrics.get("identity", {})
     return Passport(
         {
@@ -85,26 +100,33 @@ def software() -> str:
 
 def _data(cfg: DictConfig, sensors: Sensors) -> dict[str, Any]:
     """Names, numbers and lengths of the records, as far as the config knows them."""
-    data = cfg.data
+    data = OmegaConf.to_container(cfg.data, resolve=True)
+    assert isinstance(data, dict)
+    require(data, DATA_KIND, "config.yaml: data")
+    hold = data.get("hold") or _hold(data.get("benchmark"))
+    if hold not in HOLDS:
+        raise ValueError(
+            f"config.yaml: data.hold={hold}: expected one of {', '.join(HOLDS)}; repeat the run"
+        )
     facts: dict[str, Any] = {
-        "system": str(cfg.system.name),
-        "scenario": str(cfg.scenario.name),
+        "system": cfg.system.get("name", "unknown"),
+        "scenario": cfg.scenario.get("name", "unknown"),
         "seed": int(cfg.seed),
         "dt_s": sensors.dt,
         "records": data.get("train_records"),
         "duration_s": data.get("duration"),
         "files": [],
         "benchmark": data.get("benchmark"),
-        "hold": data.get("hold") or _hold(data.get("benchmark")),
+        "hold": hold,
     }
     if data.get("path") is not None:
-        paths = [data.path] if isinstance(data.path, str) else list(data.path)
+        paths = [data["path"]] if isinstance(data["path"], str) else data["path"]
         facts["files"] = [Path(path).name for path in paths]
     named = data.get("train")
     if named is not None:
-        facts["parts"] = [named] if isinstance(named, str) else list(named)
+        facts["parts"] = [named] if isinstance(named, str) else named
     elif facts["files"] and data.get("split") is not None:
-        facts["share"] = float(data.split)
+        facts["share"] = float(data["split"])
     return facts
 
 
@@ -150,15 +172,15 @@ def _range_lines(ranges: Mapping[str, Mapping[str, Any]]) -> list[str]:
         return ["range of training: not stored by this run"]
     lines = ["largest in training (beyond it nobody measured what the model does):"]
     for kind, one in ranges.items():
-        unit = f" {one['unit']}" if one["unit"] else ""
-        lows = one.get("lowest") if kind == OTHER else None
-        values = [f"{v:.3g}" for v in one["largest"]]
+        unit = f" {one['unit']}" if one.get("unit") else ""
+        lows, largest = one.get("lowest") if kind == OTHER else None, one.get("largest", [])
+        values = [f"{v:.3g}" for v in largest]
         if lows is not None:
-            values = [f"{low:.3g} to {value}" for low, value in zip(lows, values, strict=True)]
-        pairs = [f"{n} {v}" for n, v in zip(one["names"], values, strict=False)]
+            values = [f"{low:.3g} to {value}" for low, value in zip(lows, values, strict=False)]
+        pairs = [f"{n} {v}" for n, v in zip(one.get("names", []), values, strict=False)]
         more = len(pairs) - MOST_NAMED
         if more > 0:
-            most = max(one["largest"][MOST_NAMED:])
+            most = max(largest[MOST_NAMED:])
             pairs = [*pairs[:MOST_NAMED], f"{more} more, {most:.3g} at most"]
         lines.append(f"  {kind}: {', '.join(pairs)}{unit}")
     return lines

@@ -5,19 +5,22 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from data.sample import Sensors
-from export.names import inputs_of
+from export.names import channels_of, identifier, inputs_of, plain_unit
 from export.passport import Passport, passport_of
 from models.estimator import Estimator
 from models.training.metrics import FREE_RUNS
+from runner.config.schema import ANYTHING, PERCENT, require
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_files import require_finished
 from runner.folder.run_folder import read_run
 
-LONGEST_NAME = 40
+INTERVAL = {"name": str, "status": str, "half": PERCENT, "believed": PERCENT, ...: ANYTHING}
+UNCERTAINTY = {"parameters": [INTERVAL], ...: ANYTHING}
 
 
 @dataclass(frozen=True)
@@ -32,18 +35,26 @@ class Exported:
     hold: str = "linear"  # of the excitation in training
     intervals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # by parameter
 
-    @property
-    def inputs(self) -> list[tuple[str, str]]:
-        """Name and unit of each channel of excitation."""
+    @cached_property
+    def _channels(self) -> tuple[list[tuple[str, str]], list[str]]:
         names = self.passport.facts["trained_range"].get("excitation", {}).get("names")
         if not names or len(names) != self.estimator.inputs:
             names = [name for name, _ in inputs_of(self.estimator)]
-        return [(name, self._unit(name)) for name in names]
+        return channels_of(names, [self._unit(name) for name in names])
+
+    @property
+    def inputs(self) -> list[tuple[str, str]]:
+        """Name, an identifier, and unit of each channel of excitation."""
+        return self._channels[0]
 
     @property
     def plain_inputs(self) -> list[tuple[str, str]]:
         """The same with units of plain letters, for files that programs read."""
-        return [(name, unit.replace("²", "2")) for name, unit in self.inputs]
+        return [(name, plain_unit(unit)) for name, unit in self.inputs]
+
+    def lines(self) -> list[str]:
+        """What every file says of the model: its passport, and how the run names its channels."""
+        return [*self.passport.lines(), *self._channels[1]]
 
     def _unit(self, name: str) -> str:
         if re.fullmatch(r"f\d+", name):
@@ -67,13 +78,20 @@ def read_exported(folder: Path) -> Exported:
     passport = passport_of(cfg, metrics, sensors, type(estimator).__name__)
     return Exported(
         estimator,
-        name_of(str(cfg.model.name)),
+        identifier(cfg.model.name),
         passport,
         sensors,
         {str(key): value for key, value in cfg.model.items() if key != "about"},
         passport.facts["trained_on"]["hold"],
-        {p["name"]: p for p in metrics.get("uncertainty", {}).get("parameters", [])},
+        _intervals(metrics.get("uncertainty", {})),
     )
+
+
+def _intervals(uncertainty: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """What a run found of each parameter's interval; nothing of those that lack a part of it."""
+    require(uncertainty, UNCERTAINTY, "metrics.json: uncertainty")
+    listed = uncertainty.get("parameters", [])
+    return {p["name"]: p for p in listed if {"name", "status", "half"} <= p.keys()}
 
 
 def require_sound(folder: Path, metrics: Mapping[str, Any]) -> None:
@@ -92,9 +110,3 @@ def require_sound(folder: Path, metrics: Mapping[str, Any]) -> None:
                 "a model that diverges is not exported: train with objective=free_run, or another "
                 "model"
             )
-
-
-def name_of(model: str) -> str:
-    """A model's name as a word of letters, digits and underscores that begins with a letter."""
-    word = re.sub(r"[^A-Za-z0-9]+", "_", model).strip("_")[:LONGEST_NAME].rstrip("_")
-    return word if re.match(r"[A-Za-z]", word) else f"model_{word}".rstrip("_")

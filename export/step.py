@@ -9,6 +9,7 @@ m excitations, n DOFs, E elements.
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,8 +17,10 @@ from typing import Any
 import numpy as np
 
 from data.record import Drive
+from export.names import unit_of
 from models.layers.integrate import between
 
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.]*")  # e1.stiffness
 SIGNALS = ("u", "x0", "v0", "first", "last", "dt")  # given with each call, not held
 
 
@@ -51,6 +54,16 @@ class Step:
     any_step: bool = False  # whether `advance` takes any dt; others take their own alone
     holds: tuple[str, ...] = ("linear", "zero_order")  # that it knows
     parameters: list[tuple[str, tuple[int, ...], str, str]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for names that are none, units and numbers: they become code."""
+        tuned = [(name, unit) for _, _, name, unit in self.parameters]
+        given = [(n, unit) for _, names, unit in self.outputs for n in names]
+        for name, unit in (*self.inputs, *given, *tuned):
+            if not NAME.fullmatch(name) or unit_of(unit) != unit:
+                raise ValueError(f"{name!r} [{unit!r}] is no name and unit of a signal")
+        if type(self.substeps) is not int or not isinstance(self.dt, float | int):
+            raise ValueError(f"dt={self.dt!r}, substeps={self.substeps!r}: expected numbers")
 
     def arguments(self, function: Callable[..., None]) -> list[str]:
         """Names of what a function takes. Raises ValueError for one that nobody holds."""

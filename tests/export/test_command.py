@@ -8,7 +8,8 @@ import shutil
 import pytest
 
 from export import __main__ as command
-from export.run import name_of, read_exported
+from export.names import identifier
+from export.run import read_exported
 from export.targets import TARGETS
 
 pytestmark = [
@@ -125,4 +126,4 @@ def test_help_names_every_target(say):
     ("model", "word"), [("my model-2", "my_model_2"), ("3dof", "model_3dof"), ("°", "model")]
 )
 def test_a_name_is_a_word_in_every_language(model, word):
-    assert name_of(model) == word
+    assert identifier(model) == word
