@@ -20,9 +20,11 @@ from joblib import Parallel, delayed
 from omegaconf import DictConfig, OmegaConf
 
 from data.arguments import Parser
+from data.plain_data import read_json
 from data.record import stack
 from data.simulation.motion import EscapedMotionError
 from data.terminal import terminal
+from models.stored.schema import ANYTHING, SCORES, require
 from models.training.assemble import changed, simulated_from
 from models.training.metrics import FreeRunScore
 from report.collection.runs import read_runs, results_folder
@@ -31,8 +33,6 @@ from report.free_run.tables import COLUMNS, Columns, sections, write_rows
 from report.output import printed
 from runner.config.command_line import command_errors
 from runner.config.identity import written_code_version
-from runner.config.plain_data import read_json
-from runner.config.schema import ANYTHING, SCORES, require
 from runner.folder.run import restore
 from runner.folder.run_files import CONFIG
 from runner.folder.run_folder import read_run, write_json

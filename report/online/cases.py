@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from data.arguments import reason
-from runner.config.schema import ANYTHING, NUMBER, require
+from models.stored.schema import ANYTHING, NUMBER, require
 from runner.folder.run_files import METRICS
 from runner.folder.run_folder import read_config, read_metrics
 from runner.progress import print_damaged

@@ -7,6 +7,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from data.plain_data import as_config
 from data.terminal import terminal
 from models.estimator import Estimator
 from models.training.assemble import changed
@@ -24,7 +25,6 @@ from report.run.rescore import (
 )
 from report.run.table import WIDTH
 from runner.config.command_line import absolute
-from runner.config.plain_data import as_config
 from runner.folder.run import restore
 from runner.folder.run_files import results_folder
 from runner.folder.run_folder import read_run, write_json

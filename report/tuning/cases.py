@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from data.arguments import reason
+from data.plain_data import read_json
+from models.stored.schema import ANYTHING, PERCENT, require
 from report.free_run.rows import SYSTEMS
-from runner.config.plain_data import read_json
-from runner.config.schema import ANYTHING, PERCENT, require
 from runner.scores.result import Result, read_result
 from runner.scores.spread import FAILED
 

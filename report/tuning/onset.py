@@ -19,15 +19,15 @@ from joblib import Parallel, delayed
 from omegaconf import DictConfig
 
 from data.arguments import Parser
+from data.plain_data import read_json
 from models.baselines import TwoPoint
+from models.stored.schema import ANYTHING, PERCENT, require
 from models.training.assemble import changed, data_from
 from models.training.metrics import score
 from report.tuning.cases import WAYS, Case, read_cases
 from report.usual import SEARCHES
 from runner.config.command_line import command_errors
 from runner.config.identity import written_code_version
-from runner.config.plain_data import read_json
-from runner.config.schema import ANYTHING, PERCENT, require
 from runner.folder.run import restore
 from runner.folder.run_files import CONFIG
 from runner.folder.run_folder import read_run, write_json

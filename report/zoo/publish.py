@@ -14,8 +14,8 @@ import yaml
 from omegaconf import DictConfig, OmegaConf
 
 from data.record import Record
+from data.regular_file import digest_of
 from data.simulation.datamodule import SimulatedData
-from models.checkpoint import digest_of
 from models.estimator import Estimator
 from models.training.assemble import data_from
 from models.training.metrics import LEFT
