@@ -176,9 +176,12 @@ def _require_numbers(value: Any, key: str) -> None:
     """Raise ValueError for a text that is none of those above, a pickle, and arrays of any size."""
     if key == "use_pickle" and value is not False:
         raise ValueError("it holds a pickle")
-    if key == "sizes":
-        sizes = [size.get("as_int", 1) for size in value]
-        if not all(0 <= size <= _LARGEST for size in sizes) or math.prod(sizes) > _LARGEST:
+    if key == "sizes" and isinstance(value, list):
+        sizes = [size.get("as_int", 1) for size in value if isinstance(size, dict)]
+        if (
+            not all(type(size) is int and 0 <= size <= _LARGEST for size in sizes)
+            or math.prod(sizes) > _LARGEST
+        ):
             raise ValueError(f"it holds an array of {sizes[:8]} numbers")
     if isinstance(value, dict):
         for name, inner in value.items():

@@ -11,7 +11,7 @@ from typing import Any
 
 from data.arguments import plain, print_any_text
 from data.plain_data import read_text
-from models.zoo.index import PREFIX, entry_of
+from models.zoo.index import PREFIX, ROOT, entry_of
 from runner.config.command_line import command_errors
 from runner.folder.run_files import CONFIG, METRICS, require_finished
 
@@ -38,11 +38,11 @@ def show_list(words: Sequence[str]) -> None:
     print(importlib.import_module("models.zoo.table").list_pretrained(**given))
 
 
-def show_card(words: Sequence[str]) -> None:
+def show_card(words: Sequence[str], root: Path = ROOT) -> None:
     names, _ = read(words, (), 1)
     if not names:
         raise ValueError("show which? give MODEL/SYSTEM; python -m models.zoo list has the names")
-    entry = entry_of(names[0])
+    entry = entry_of(names[0], root)
     entry.require_untouched()
     for line in read_text(entry.folder / "card.md").splitlines():
         print(plain(line))
