@@ -367,7 +367,6 @@ MODEL, CONFIG = "archive/models/model.json", "archive/data/weights/model_weights
 UNPICKLING = json.loads(json.dumps(WEIGHTS).replace('"use_pickle": false', '"use_pickle": true'))
 ENUM = '{"__enum__": true, "fqn": "antigravity.geohash", "name": "x"}'
 PROGRAMS = {
-    "sample inputs": {"archive/data/sample_inputs/model.pt": pickled()},
     "weights": {
         CONFIG: json.dumps(UNPICKLING).encode(),
         **{f"archive/data/weights/weight_{i}": pickled() for i in range(4)},
@@ -394,6 +393,14 @@ def test_no_exported_program_runs_code(name, tmp_path, capsys):
         act(tmp_path / "zoo")
     assert "is no exported program: " in refused.getvalue()
     assert "does not run" not in refused.getvalue()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_sample_inputs_of_a_program_are_never_unpickled(tmp_path):
+    (tmp_path / "work").mkdir()
+    packed = repacked(PROGRAM, {"archive/data/sample_inputs/model.pt": pickled()})
+    with watched(tmp_path / "work", str):
+        hub_of(packed)(tmp_path / "zoo")
 
 
 def test_a_program_that_unpacks_to_any_size_is_refused(tmp_path, capsys):
