@@ -215,4 +215,5 @@ def _kinds() -> dict[str, list[str]]:
     return kinds
 
 
-globals().update({kind: _entrypoint(kind, systems) for kind, systems in _kinds().items()})
+_FREE = {kind: systems for kind, systems in _kinds().items() if kind not in globals()}
+globals().update({kind: _entrypoint(kind, systems) for kind, systems in _FREE.items()})

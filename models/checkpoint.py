@@ -84,7 +84,10 @@ def require_built(path: Path, model: Mapping[str, Any], sensors: Sensors) -> Non
     room. Older files do not say what they were built with.
     """
     try:
-        with open_regular(path), safe_open(path, framework="pt") as file:
+        with open_regular(path) as opened:
+            if int.from_bytes(opened.read(8), "little") > HEADER:  # where its length stands
+                raise ValueError(f"its header is larger than {HEADER} bytes")
+        with safe_open(path, framework="pt") as file:
             built = _model_of(file.metadata() or {})[1]
     except (SafetensorError, OSError, *PARSER_ERRORS) as error:
         raise ValueError(f"checkpoint {path} cannot be read ({error}); repeat the run") from None

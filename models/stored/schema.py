@@ -50,7 +50,14 @@ def _unlike(value: Any, *names: str) -> str:
     return f"has {told}: expected as many of each" if len(set(sizes.values())) > 1 else ""
 
 
+def one_of(*words: str) -> Rule:
+    """One of these words."""
+    told = ", ".join(words)
+    return Rule(str, lambda word: "" if word in words else f"is {_short(word)}, expected {told}")
+
+
 ANYTHING = object
+QUANTITY = one_of("acceleration", "velocity", "displacement", "force", "output")  # data/record.py
 NUMBER = (int, float)
 NUMBERS = [NUMBER]
 PERCENT = (NUMBER, None)  # None: it overflowed
@@ -137,9 +144,10 @@ BAND = Rule(
 )
 INTERVAL = needing(
     {
-        **dict.fromkeys(("name", "status", "unit", "about"), str),
+        "name": Rule(str, lambda name: "" if name[:1].isalpha() else "is no name"),
+        **dict.fromkeys(("status", "unit", "about"), str),
         **dict.fromkeys(("value", "truth"), NUMBER),
-        **dict.fromkeys(("half", "white", "model_error", "believed"), PERCENT),
+        **dict.fromkeys(("half", "white", "model_error", "believed"), within(PERCENT, 0.0, 1e308)),
         "combined_with": [str],
         ...: ANYTHING,
     },
@@ -172,7 +180,8 @@ SEED_ROW = needing(
 )
 METRICS_KIND = needing(
     {
-        **dict.fromkeys(("model", "system", "scenario", "quantity"), str),
+        **dict.fromkeys(("model", "system", "scenario"), str),
+        "quantity": QUANTITY,
         **dict.fromkeys(SPLITS, SCORES),
         "verdict": VERDICT,
         "per_record": {...: PER_RECORD},
@@ -187,7 +196,7 @@ METRICS_KIND = needing(
         "parameters": COUNT,
         "simulation_error": PERCENT,
         "identification": {...: ANYTHING},
-        "training": {"prior": PERCENT, ...: ANYTHING},
+        "training": {"prior": within(PERCENT, 0.0, 1e30), ...: ANYTHING},
         "benchmark": ({"unit": str, ...: ANYTHING}, None),
         "online": {"ways": {...: ONLINE_WAY}, "learnt_percent": {...: PERCENT}, ...: ANYTHING},
         "over_seeds": [SEED_ROW],  # of an entry of the zoo
@@ -220,7 +229,7 @@ SENSORS_KIND = Rule(
             "dofs": within(int, 1, CHANNELS),
             "inputs": within(int, 0, CHANNELS),
             "forced": ([int], str, None),
-            "quantity": str,
+            "quantity": QUANTITY,
             "channels": [Rule(str, lambda name: "" if name else "is empty, expected a name")],
             "units": {...: str},
             ...: ANYTHING,

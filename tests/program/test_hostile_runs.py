@@ -25,8 +25,11 @@ from hypothesis import strategies as st
 from omegaconf import DictConfig
 
 import hubconf
+from data.record import QUANTITIES
 from data.sample import Sensors
 from export.__main__ import main as export
+from models.stored import run
+from models.stored.schema import METRICS_KIND, QUANTITY, SENSORS_KIND, require
 from models.training.assemble import estimator_from
 from models.zoo.index import ROOT
 from models.zoo.pretrained import load_pretrained
@@ -493,3 +496,59 @@ def test_an_entry_s_config_stays_text(tmp_path, monkeypatch):
     index["entries"][f"{ENTRY}.v1"]["files"] = facts_of(config.parent)
     (tmp_path / "index.json").write_text(json.dumps(index), "utf-8")
     assert load_pretrained(ENTRY, tmp_path).config["grid"] == "${oc.env:HOSTILE_SECRET}"
+
+
+def test_the_quantities_of_the_schema_are_those_of_records():
+    for quantity in QUANTITIES:
+        require(quantity, QUANTITY)
+    with pytest.raises(ValueError, match=f"expected {', '.join(QUANTITIES)}"):
+        require("jerk", QUANTITY)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"quantity": "jerk"}, "quantity is 'jerk', expected acceleration"),
+        ({"seed": -1}, "seed is -1, expected 0 to"),
+        ({"trained_range": {"rate": {"unit": "", "names": ["a"], "largest": []}}},
+         "trained_range.rate has 0 largest, 1 names: expected as many of each"),
+        ({"trained_range": {"rate": {"unit": ""}}}, "trained_range.rate lacks names, largest"),
+        ({"verdict": {"identified": False}}, "verdict lacks reason"),
+        ({"uncertainty": {"parameters": [{"name": "a"}]}}, "lacks value, half, status"),
+        ({"uncertainty": {"bands": {"method": "conformal"}}}, "lacks factor, floor, memory_s"),
+        ({"per_record": {"a": {}}}, "per_record.a lacks test"),
+    ],
+)  # fmt: skip
+def test_numbers_that_do_not_fit_together_are_named(changed, said):
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        require({"model": "a", "system": "b", "scenario": "c", **changed}, METRICS_KIND)
+    assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"dt": 0}, "dt is 0, expected 1e-09 to"),
+        ({"dt": 1e308}, "dt is 1e+308"),
+        ({"dofs": 10**9}, "dofs is 1000000000, expected 1 to"),
+        ({"inputs": -1}, "inputs is -1"),
+        ({"forced": [4]}, "has forced=4, and its DOFs are 1 to 3"),
+        ({"forced": "roof"}, "expected base"),
+        ({"forced": [1, 1]}, "expected each once"),
+        ({"channels": [""]}, "is empty"),
+    ],
+)
+def test_sensors_that_do_not_fit_together_are_named(changed, said):
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        require({"dt": 0.01, "dofs": 3, "inputs": 3, **changed}, SENSORS_KIND)
+    assert said in str(error.value)
+
+
+def test_a_model_of_another_size_than_its_weights_is_not_built(runs, tmp_path, monkeypatch):
+    """10 000 masses with elements between all pairs fill the memory."""
+    folder = shutil.copytree(runs["network"], tmp_path / "run")
+    sensors = json.loads((folder / "sensors.json").read_text("utf-8"))
+    (folder / "sensors.json").write_text(json.dumps(sensors | {"dofs": 10_000, "forced": None}))
+    monkeypatch.setattr(run, "estimator_from", None)  # calling it would be another error
+    with pytest.raises(ValueError, match="was stored with dofs=3; this model has dofs=10000"):
+        load_run(folder)
