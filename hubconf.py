@@ -9,6 +9,7 @@ is there already, the entries say so in one line.
 
 import importlib
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,32 @@ _CLONE = Path(__file__).resolve().parent
 _OURS = ("data", "models")
 
 
+_LARGEST = 2**24  # bytes of a file, packed or not
+_NAME = re.compile(r"\w{1,64}/[\w-]{1,64}\.v[1-9]\d{0,8}", re.ASCII)
+
+
 def _entries() -> dict[str, Any]:
-    index = json.loads((_CLONE / "zoo" / "index.json").read_text("utf-8"))
-    entries: dict[str, Any] = index["entries"]
+    """{name: {file: {sha256, bytes}}}. Raises ValueError where the index is none."""
+    path = _CLONE / "zoo" / "index.json"
+    try:
+        content = json.loads(_read(path, _LARGEST))
+        entries = {name: entry["files"] for name, entry in content["entries"].items()}
+        if odd := [name for name in entries if not _NAME.fullmatch(name)]:
+            raise ValueError(f"{odd[0]!r}, expected MODEL/SYSTEM.vN")
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(f"{path} is damaged ({error!r}); git checkout -- zoo") from None
     return entries
+
+
+def _read(path: Path, limit: int) -> bytes:
+    """Content of a file. Raises ValueError for a link, what is no file, and more than `limit`."""
+    for place in (path, *path.relative_to(_CLONE / "zoo").parents):
+        if (_CLONE / "zoo" / place).is_symlink() and place != Path():
+            raise ValueError(f"{path} is reached by a link")
+    if not path.is_file() or path.stat().st_size > limit:
+        raise ValueError(f"{path} is no file of {limit} bytes at most")
+    with path.open("rb") as file:
+        return file.read(limit)
 
 
 def _require_ours() -> None:
@@ -71,4 +94,5 @@ def _kinds() -> dict[str, list[str]]:
     return kinds
 
 
-globals().update({kind: _entrypoint(kind, systems) for kind, systems in _kinds().items()})
+_FREE = {kind: systems for kind, systems in _kinds().items() if kind not in globals()}
+globals().update({kind: _entrypoint(kind, systems) for kind, systems in _FREE.items()})

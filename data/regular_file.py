@@ -5,6 +5,7 @@ Opening a pipe waits for a writer, a device never ends, and a file with holes cl
 
 from __future__ import annotations
 
+import hashlib
 import io
 import os
 import stat
@@ -31,3 +32,9 @@ def read_regular(path: Path, limit: int) -> bytes:
     if len(content) > limit:
         raise ValueError(f"{path} is larger than {limit} bytes, more than such a file can have")
     return content
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256, which stands for every bit of a file. Raises OSError or ValueError for no file."""
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -18,10 +18,10 @@ from data.public.benchmarks import BENCHMARKS
 from data.record import HOLDS, QUANTITIES
 from data.sample import Sensors
 from export.names import plain_values, wrap
+from models.stored.schema import ANYTHING, NUMBER, require
 from models.training.metrics import FREE_RUNS
 from models.training.trained_range import OTHER
 from runner.config.compose import CONF
-from runner.config.schema import ANYTHING, NUMBER, require
 
 ERROR = "relative_rms_percent"
 MOST_NAMED = 12  # channels of a kind that are named one by one in words

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,9 @@ from safetensors.torch import save
 
 from data.annotations import shown
 from data.checked import built_with
-from data.regular_file import open_regular
+from data.plain_data import PARSER_ERRORS
+from data.regular_file import digest_of, open_regular
+from data.sample import Sensors
 from models.estimator import Estimator
 
 HEADER = 2**20  # bytes of names and shapes at most
@@ -37,12 +39,6 @@ def save_estimator(estimator: Estimator, path: Path, name: str) -> None:
     os.replace(aside, path)
 
 
-def digest_of(path: Path) -> str:
-    """Stands for every bit of a file. Raises OSError or ValueError for one that is no file."""
-    with open_regular(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def load_estimator(estimator: Estimator, path: Path, name: str, digest: str | None = None) -> None:
     """Restore `estimator` from a file, which has this digest if one is given.
 
@@ -59,7 +55,7 @@ def load_estimator(estimator: Estimator, path: Path, name: str, digest: str | No
         with safe_open(path, framework="pt") as file:
             stored, built = _model_of(file.metadata() or {})
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, ValueError) as error:
+    except (SafetensorError, OSError, *PARSER_ERRORS) as error:
         raise ValueError(f"checkpoint {path} cannot be read ({error}); repeat the run") from None
     if stored != name:
         raise ValueError(f"checkpoint {path} holds the model {stored!r}; expected {name!r}")
@@ -79,6 +75,25 @@ def load_estimator(estimator: Estimator, path: Path, name: str, digest: str | No
             "take both from the same run"
         )
     estimator.load_state_dict(tensors)
+
+
+def require_built(path: Path, model: Mapping[str, Any], sensors: Sensors) -> None:
+    """Raise ValueError where weights are of other settings than a config, or of other channels.
+
+    Asked before a model is built: the sizes in a config may be anything, those of weights take
+    room. Older files do not say what they were built with.
+    """
+    try:
+        with open_regular(path) as opened:
+            if int.from_bytes(opened.read(8), "little") > HEADER:  # where its length stands
+                raise ValueError(f"its header is larger than {HEADER} bytes")
+        with safe_open(path, framework="pt") as file:
+            built = _model_of(file.metadata() or {})[1]
+    except (SafetensorError, OSError, *PARSER_ERRORS) as error:
+        raise ValueError(f"checkpoint {path} cannot be read ({error}); repeat the run") from None
+    channels = {"dofs": sensors.dofs, "inputs": sensors.inputs, "dt": sensors.dt}
+    said = {key: value for key, value in model.items() if isinstance(value, bool | int | float)}
+    require_same(built, said | channels, path)
 
 
 def _model_of(metadata: dict[str, str]) -> tuple[Any, Any]:

@@ -30,10 +30,10 @@ from optuna.trial import TrialState
 from rich.table import Table
 from rich.text import Text
 
+from data.plain_data import read_json
 from data.terminal import Terminal, terminal
 from runner.config.choices import typed
 from runner.config.identity import EVERY_CLASS, code_version
-from runner.config.plain_data import read_json
 from runner.folder.run_files import METRICS
 from runner.folder.run_folder import read_metrics, write_json
 from runner.scores.outcome import validation_error

@@ -8,15 +8,25 @@ simulate, its estimates one step ahead from a motion at rest.
 
 from __future__ import annotations
 
+import io
+import math
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from data.plain_data import LARGEST
 from data.record import HOLDS, Drive, Record
 from models.estimator import Estimator, NoFreeRunError
 
 SAMPLES, EVERY = 160, 16  # of the motion, and between the samples that are kept
+DIMENSIONS = {"u": 2, "unit": 1, "motion": 2}
+ZIP_ERRORS = (  # of zipfile, on damaged archives, and on those that ask for a password
+    zipfile.BadZipFile, zlib.error, KeyError, EOFError, NotImplementedError, RuntimeError,
+    OverflowError,
+)  # fmt: skip
 STEPS = 2**14  # whole numbers from zero to the largest excitation
 
 
@@ -56,10 +66,39 @@ def golden_of(model: Estimator, u: torch.Tensor, hold: str, bound: float) -> dic
     return golden | {"motion": run(model, golden)[EVERY - 1 :: EVERY]}
 
 
+def read_golden(path: Path) -> dict[str, np.ndarray]:
+    """What golden.npz holds. Raises ValueError for another file, OSError for none.
+
+    An array takes the room of its bytes, whatever its header says.
+    """
+    try:
+        with zipfile.ZipFile(path) as file:
+            golden = {name: _array(file, name) for name in DIMENSIONS}
+        channels = golden["u"].shape[1]
+        if len(golden["unit"]) != channels + 1 or golden["unit"][-1] not in range(len(HOLDS)):
+            raise ValueError(f"{channels} channels have not as many units and a hold")
+    except (*ZIP_ERRORS, ValueError) as error:
+        raise ValueError(f"{path} holds no golden motion ({error})") from None
+    return golden
+
+
+def _array(file: zipfile.ZipFile, name: str) -> np.ndarray:
+    with file.open(f"{name}.npy") as member:
+        content = member.read(LARGEST + 1)
+    header = io.BytesIO(content)
+    np.lib.format.read_magic(header)
+    shape, _, dtype = np.lib.format.read_array_header_1_0(header)
+    rest = len(content) - header.tell()
+    if dtype.kind not in "if" or len(shape) != DIMENSIONS[name]:
+        raise ValueError(f"{name} is {dtype} {shape}")
+    if math.prod(shape) * dtype.itemsize != rest or len(content) > LARGEST:
+        raise ValueError(f"{name} {shape} has {rest} bytes")
+    return np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
+
+
 def difference(model: Estimator, path: Path) -> float:
     """Largest difference from the golden motion, relative to the largest value of each column."""
-    with np.load(path, allow_pickle=False) as file:
-        golden = dict(file)
+    golden = read_golden(path)
     motion, then = run(model, golden)[EVERY - 1 :: EVERY], golden["motion"]
     if motion.shape != then.shape:
         return float("inf")

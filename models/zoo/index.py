@@ -7,19 +7,68 @@ of every file. A published version never changes: what is better becomes the nex
 from __future__ import annotations
 
 import difflib
-import hashlib
-import json
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from data.plain_data import LARGEST, read_json
+from data.regular_file import digest_of
+from models.stored.schema import COUNT, NUMBER, PERCENT, Rule, needing, require, within
+
 ROOT = Path(__file__).parents[2] / "zoo"
 PREFIX = "zoo:"  # of a name where a run's folder may stand, too
 FORMAT = 1
-INDEX, EMPTY = "index.json", '{"format": 1, "entries": {}}'
-NAME = re.compile(r"(\w+)/([\w-]+)\.v([1-9]\d*)")
+INDEX = "index.json"
+NAME = re.compile(r"(\w{1,64})/([\w-]{1,64})\.v([1-9]\d{0,8})", re.ASCII)
+
+
+BACK = "git checkout -- zoo brings it back"
+FILES = (  # of an entry
+    *("card.md", "config.yaml", "exported.pt2.xz", "golden.npz", "metrics.json"),
+    *("model.safetensors", "picture.svg", "sensors.json"),
+)
+NEEDED = ("card.md", "config.yaml", "metrics.json", "model.safetensors", "sensors.json")
+SHA256 = re.compile(r"[0-9a-f]{64}")
+FILE = needing(
+    {
+        "sha256": Rule(str, lambda own: "" if SHA256.fullmatch(own) else "is no SHA-256"),
+        "bytes": within(int, 0, LARGEST),
+    },
+    *("sha256", "bytes"),
+)
+
+
+def _odd_files(files: Mapping[str, Any]) -> str:
+    odd = sorted(set(files) - set(FILES))
+    return f"has {odd[0]!r}, which is no file of an entry" if odd else ""
+
+
+def _odd_names(names: Mapping[str, Any]) -> str:
+    odd = [name for name in names if not NAME.fullmatch(name)]
+    return f"has {odd[0]!r}, expected MODEL/SYSTEM.vN" if odd else ""
+
+
+FACTS = needing(
+    {
+        "free_run_percent": (NUMBER, str),  # a word where there is none
+        "one_step_percent": PERCENT,
+        "parameters": COUNT,
+        **dict.fromkeys(("quantity", "licence", "data_licence"), str),
+        "files": Rule(needing({...: FILE}, *NEEDED), _odd_files),
+    },
+    *("free_run_percent", "one_step_percent", "parameters", "licence", "files"),
+)
+INDEX_KIND = needing(
+    {
+        "format": within(int, FORMAT, FORMAT),
+        "told": {...: str},
+        "entries": Rule({...: FACTS}, _odd_names),
+    },
+    *("format", "entries"),
+)
 
 
 @dataclass(frozen=True)
@@ -49,19 +98,24 @@ class Entry:
         return sum(file["bytes"] for file in self.facts["files"].values())
 
     def require_untouched(self) -> None:
-        """Raise ValueError, naming the file, where one is not what was published."""
+        """Raise ValueError, naming the file, where one is not what was published.
+
+        Links are not followed, and no file is read that has not its published size.
+        """
+        for place in (self.folder.parent, self.folder):
+            if place.is_symlink() or not place.is_dir():
+                raise ValueError(f"zoo:{self.name}: {place} is no folder; {BACK}")
         for name, published in self.facts["files"].items():
             path = self.folder / name
-            if not path.is_file() or path.is_symlink():
-                raise ValueError(
-                    f"zoo:{self.name} lacks {name}; git checkout -- zoo brings it back"
-                )
-            own = digest_of(path)
-            if own != published["sha256"]:
-                raise ValueError(
-                    f"zoo:{self.name}: {name} is not the published file: SHA-256 {own}, expected "
-                    f"{published['sha256']}; git checkout -- zoo brings it back"
-                )
+            if path.is_symlink() or not path.is_file():
+                raise ValueError(f"zoo:{self.name} lacks {name}; {BACK}")
+            if (size := path.stat().st_size) != published["bytes"]:
+                told = f"{size} bytes, expected {published['bytes']}"
+            elif (own := digest_of(path)) != published["sha256"]:
+                told = f"SHA-256 {own}, expected {published['sha256']}"
+            else:
+                continue
+            raise ValueError(f"zoo:{self.name}: {name} is not the published file: {told}; {BACK}")
         if more := {path.name for path in self.folder.iterdir()} - set(self.facts["files"]):
             raise ValueError(
                 f"zoo:{self.name} holds {', '.join(sorted(more))}, which was not published; "
@@ -69,39 +123,24 @@ class Entry:
             )
 
 
-def digest_of(path: Path) -> str:
-    """SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 def entries(root: Path = ROOT) -> list[Entry]:
     """All published versions, by name. Raises ValueError where the index is no index."""
     path = root / INDEX
+    if not os.path.lexists(path):
+        return []
     try:
-        text = path.read_text("utf-8") if path.is_file() else EMPTY
-        content = json.loads(text)
-        if content["format"] != FORMAT:
-            raise ValueError(f"format {content['format']!r}, this version reads {FORMAT}")
-        told = content.get("told", {})
-        found = [
-            Entry(name, root / name, facts, str(told.get(name.partition("/")[0], "")))
-            for name, facts in content["entries"].items()
-        ]
-        for entry in found:
-            _require_plain(entry)
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        if path.is_symlink():
+            raise ValueError("it is a link")
+        content = read_json(path)
+        require(content, INDEX_KIND)
+    except ValueError as error:
         raise ValueError(f"{path} is damaged ({error}); git checkout -- zoo") from None
+    told = content.get("told", {})
+    found = [
+        Entry(name, root / name, facts, told.get(name.partition("/")[0], ""))
+        for name, facts in content["entries"].items()
+    ]
     return sorted(found, key=lambda entry: (entry.model, entry.system, entry.version))
-
-
-def _require_plain(entry: Entry) -> None:
-    """Raise ValueError for a name that could lead out of the zoo, and for facts of no entry."""
-    names = list(entry.facts["files"])
-    if not NAME.fullmatch(entry.name) or not all(re.fullmatch(r"[\w.-]+", n) for n in names):
-        raise ValueError(f"{entry.name!r} holds {names}")
-    for file in entry.facts["files"].values():
-        if not (isinstance(file["sha256"], str) and isinstance(file["bytes"], int)):
-            raise ValueError(f"{entry.name}: a file without its SHA-256 and size")
 
 
 def entry_of(name: str, root: Path = ROOT) -> Entry:

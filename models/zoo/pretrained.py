@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,16 +9,17 @@ from typing import Any
 
 import numpy as np
 import torch
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
+from data.plain_data import read_text
 from data.record import Drive
 from data.sample import Sensors
 from data.simulation.accelerograms import Accelerogram
 from data.simulation.earthquake import GRAVITY
-from models.checkpoint import load_estimator
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, NoFreeRunError
-from models.training.assemble import estimator_from
+from models.stored.folder import read_run
+from models.stored.run import restore, sensors_of
 from models.training.trained_range import outside, range_of_drive, warnings_of
 from models.zoo.index import ROOT, entry_of
 
@@ -100,22 +100,15 @@ def load_pretrained(name: str, root: Path = ROOT) -> Pretrained:
     """
     entry = entry_of(name, root)
     entry.require_untouched()
-    cfg = OmegaConf.load(entry.folder / "config.yaml")
-    assert isinstance(cfg, DictConfig)
-    metrics, sensors = (
-        json.loads((entry.folder / file).read_text("utf-8"))
-        for file in ("metrics.json", "sensors.json")
-    )
-    built_for = Sensors(**sensors)
+    cfg, metrics = read_run(entry.folder)
     with torch.random.fork_rng(devices=[]):  # starting weights, which are overwritten
-        estimator = estimator_from(cfg.model, built_for)
-    load_estimator(estimator, entry.folder / "model.safetensors", str(cfg.model.name))
-    plain: Any = OmegaConf.to_container(cfg)
+        estimator = restore(cfg, entry.folder)
+    plain: Any = OmegaConf.to_container(cfg, resolve=True)
     return Pretrained(
         name=entry.name,
-        model=estimator.eval().requires_grad_(False),
+        model=estimator.requires_grad_(False),
         config=plain,
         metrics=metrics,
-        sensors=built_for,
-        card=(entry.folder / "card.md").read_text("utf-8"),
+        sensors=sensors_of(cfg, entry.folder),
+        card=read_text(entry.folder / "card.md"),
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
+from data.arguments import plain
 from models.zoo.index import ROOT, Entry, entries
 
 COLUMNS = ("name", "free run %", "one step %", "parameters", "kB", "licence", "told")
@@ -45,7 +46,7 @@ def _aligned(line: Sequence[str], widths: Sequence[int]) -> str:
 
 
 def _text(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else shorten(str(value), WIDEST)
+    return f"{value:.3g}" if isinstance(value, float) else plain(shorten(str(value), WIDEST))
 
 
 def list_pretrained(

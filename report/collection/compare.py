@@ -15,10 +15,10 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from models.stored.schema import SPLITS
 from report.collection.runs import chosen
 from report.collection.scores import scores_of
 from runner.config.choices import typed
-from runner.config.schema import SPLITS
 from runner.scores.result import Result, spread_of
 from runner.scores.spread import DIVERGED, ESCAPED, FAILED, NOT_IDENTIFIED, Spread, percent
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from runner.config.schema import SPLITS
+from models.stored.schema import SPLITS
 from runner.scores.conformal import FREE_RUN, ONE_STEP
 from runner.scores.headline import believed, headline
 

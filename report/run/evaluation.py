@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from data.datamodule import Data
+from data.plain_data import as_config
 from data.record import QUANTITIES, Record
 from data.sample import Sensors
 from data.terminal import terminal
@@ -43,7 +44,6 @@ from report.run.table import (
 )
 from runner.config.command_line import absolute
 from runner.config.compose import composed
-from runner.config.plain_data import as_config
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_files import results_folder
 from runner.folder.run_folder import read_run, write_json, write_text

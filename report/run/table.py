@@ -120,7 +120,8 @@ def rows_of(name: str, scores: Mapping[str, Any]) -> list[tuple[str, Mapping[str
     first: Mapping[str, Any] = next(iter(one_step.values()))
     rows: list[tuple[str, Mapping[str, Any]]] = [(name, one_step)]
     for way in sorted(key for key, value in first.items() if isinstance(value, dict)):
-        others = {split: of_split.get(way, {}) for split, of_split in one_step.items()}
+        found = {split: of_split.get(way) for split, of_split in one_step.items()}
+        others = {split: value for split, value in found.items() if isinstance(value, dict)}
         rows.append((f"  {way.replace('_', ' ')}", others))
     free = {split: scores[key] for split, key in FREE_RUNS.items() if key in scores}
     if free:

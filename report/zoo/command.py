@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from data.arguments import print_any_text
-from models.zoo.index import PREFIX, entry_of
+from data.arguments import plain, print_any_text
+from data.plain_data import read_text
+from models.zoo.index import PREFIX, ROOT, entry_of
 from runner.config.command_line import command_errors
 from runner.folder.run_files import CONFIG, METRICS, require_finished
 
@@ -37,13 +38,14 @@ def show_list(words: Sequence[str]) -> None:
     print(importlib.import_module("models.zoo.table").list_pretrained(**given))
 
 
-def show_card(words: Sequence[str]) -> None:
+def show_card(words: Sequence[str], root: Path = ROOT) -> None:
     names, _ = read(words, (), 1)
     if not names:
         raise ValueError("show which? give MODEL/SYSTEM; python -m models.zoo list has the names")
-    entry = entry_of(names[0])
+    entry = entry_of(names[0], root)
     entry.require_untouched()
-    print((entry.folder / "card.md").read_text("utf-8"), end="")
+    for line in read_text(entry.folder / "card.md").splitlines():
+        print(plain(line))
 
 
 def verify(words: Sequence[str]) -> None:

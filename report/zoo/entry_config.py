@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
+from data.plain_data import as_config
 from runner.config.choices import dotted, plain
 from runner.config.compose import CONF, composed
 from runner.config.identity import INERT
@@ -48,12 +49,17 @@ def entry_config(cfg: DictConfig) -> dict[str, Any]:
     return scrubbed
 
 
-def with_records(cfg: DictConfig, records: Path) -> DictConfig:
+def with_records(values: Mapping[str, Any], records: Path) -> DictConfig:
     """An entry's config with its records where they are."""
-    text = OmegaConf.to_yaml(cfg).replace(RECORDS, str(records))
-    found = OmegaConf.create(text)
-    assert isinstance(found, DictConfig)
-    return found
+
+    def placed(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: placed(inner) for key, inner in value.items()}
+        if isinstance(value, list):
+            return [placed(inner) for inner in value]
+        return value.replace(RECORDS, str(records)) if isinstance(value, str) else value
+
+    return as_config(placed(values))
 
 
 def command_of(values: Mapping[str, Any]) -> str:

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import yaml
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
+from data.plain_data import read_text, read_yaml
 from data.record import Record
+from data.regular_file import digest_of
 from data.simulation.datamodule import SimulatedData
-from models.checkpoint import digest_of
 from models.estimator import Estimator
 from models.training.assemble import data_from
 from models.training.metrics import LEFT
@@ -138,7 +139,7 @@ def _write(
 
 def require_same_values(path: Path, values: Mapping[str, Any]) -> None:
     """Raise ValueError where a config is read back as something else."""
-    if OmegaConf.to_container(OmegaConf.load(path)) != values:
+    if read_yaml(read_text(path)) != values:
         raise ValueError(f"{path} cannot be read back as it was written")
 
 

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
+from data.plain_data import as_config
 from models.zoo.golden import difference
 from models.zoo.index import ROOT, Entry, entries
 from models.zoo.pretrained import Pretrained, load_pretrained
@@ -42,11 +43,10 @@ def facts_of(entry: Entry, records: Path | None, root: Path) -> Iterator[str]:
     """What was held against what was published, and how well it agreed. Raises ValueError."""
     pretrained = load_pretrained(entry.name, root)
     yield f"{len(entry.facts['files'])} files as published"
-    cfg = OmegaConf.create(pretrained.config)
-    assert isinstance(cfg, DictConfig)
+    cfg = as_config(pretrained.config)
     yield f"golden {_golden(entry, pretrained):.1e}"
     if records is not None:
-        cfg = with_records(cfg, records.resolve())
+        cfg = with_records(pretrained.config, records.resolve())
     if not is_simulated(cfg) and record_gone(cfg) is not None:
         yield f"numbers not recomputed: say records=FOLDER, see {RECORDS} in its config.yaml"
         return

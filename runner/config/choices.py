@@ -10,8 +10,8 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from runner.config.plain_data import read_text, read_yaml
-from runner.config.schema import CHOICES_KIND, require
+from data.plain_data import read_text, read_yaml
+from models.stored.schema import CHOICES_KIND, require
 
 UNTOLD = ("_target_", "about")  # the class and the words of a choice, which its name stands for
 

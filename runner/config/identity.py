@@ -19,8 +19,9 @@ from omegaconf import DictConfig
 
 import data
 import models
+from data.plain_data import read_text
+from models.stored.schema import front_name
 from runner.config.choices import plain
-from runner.config.plain_data import read_text
 from runner.config.statements import keep_parsed, parsed_file
 
 ROOT = Path(__file__).parents[2]
@@ -73,13 +74,6 @@ def _without_words(node: dict[str, Any]) -> dict[str, Any]:
     """The same without what choices say about themselves."""
     kept = {key: value for key, value in node.items() if key != WORDS}
     return {k: _without_words(v) if isinstance(v, dict) else v for k, v in kept.items()}
-
-
-def front_name(target: str) -> str:
-    """A class as the fronts name it: `models.mlp.GlobalMLP`, as older configs say, is theirs."""
-    room, _, place = target.partition(".")
-    name = place.rpartition(".")[2]
-    return f"{room}.{name}" if name in FRONTS.get(room, {}) else target
 
 
 def targets_of(node: Any) -> frozenset[str]:

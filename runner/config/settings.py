@@ -14,11 +14,11 @@ from typing import Any, Literal
 from omegaconf import DictConfig, OmegaConf
 
 from data.annotations import fits, require, shown
-from runner.config.plain_data import MISSING
+from data.plain_data import MISSING
+from models.stored.schema import LARGEST_SEED, MOST_THREADS
 
 Group = Mapping[str, Any]
 TEXTS = str | list[str] | None
-MOST_THREADS, LARGEST_SEED = 1024, 2**32 - 1  # of PyTorch's and NumPy's generators
 
 
 @dataclass(frozen=True)

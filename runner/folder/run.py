@@ -11,10 +11,13 @@ from typing import Any
 from omegaconf import DictConfig
 
 from data.parallel import take_threads
+from data.regular_file import digest_of
 from data.sample import Sensors
-from models.checkpoint import digest_of, load_estimator, save_estimator
+from models.checkpoint import save_estimator
 from models.estimator import Estimator
-from models.training.assemble import data_from, estimator_from
+from models.stored import run as stored
+from models.stored.folder import read_run
+from models.stored.run import sensors_of as sensors_of
 from models.training.resume import fault_of
 from runner.config.choices import plain
 from runner.config.identity import identity_of
@@ -32,9 +35,6 @@ from runner.folder.run_files import (
 )
 from runner.folder.run_folder import (
     config_text,
-    read_metrics,
-    read_run,
-    read_sensors,
     write_json,
     write_text,
 )
@@ -117,31 +117,10 @@ class Run:
         release(self.folder)
 
 
-def sensors_of(cfg: DictConfig, folder: Path) -> Sensors:
-    """What a run's model was built for; runs of earlier layouts need their records for it."""
-    path = folder / SENSORS
-    if not os.path.lexists(path):
-        return data_from(cfg).sensors
-    try:
-        return Sensors(**read_sensors(folder))
-    except (ValueError, TypeError, OSError) as error:
-        raise ValueError(f"{path} is damaged ({error}); repeat the run") from None
-
-
 def restore(cfg: DictConfig, folder: Path) -> Estimator:
-    """The identified estimator of a run, of the size and time step it was identified with.
-
-    Its records are not looked at: they may be gone. Raises ValueError where the file is not the one
-    that the run wrote.
-    """
+    """The identified estimator of a run, on the threads of its config; see models/stored/run.py."""
     take_threads(cfg.threads)  # the same threads, the same bits
-    try:
-        estimator = estimator_from(cfg.model, sensors_of(cfg, folder))
-    except (MemoryError, RuntimeError) as error:  # PyTorch's, for sizes that nobody has
-        raise ValueError(f"{folder}: its model cannot be built: {_first(error)}") from None
-    digest = read_metrics(folder).get("checkpoint")  # runs of older code have none
-    load_estimator(estimator, folder / CHECKPOINT, cfg.model.name, digest)
-    return estimator.eval()
+    return stored.restore(cfg, folder)
 
 
 def load_run(folder: str | Path) -> Estimator:
@@ -159,7 +138,3 @@ def load_run(folder: str | Path) -> Estimator:
     place = run_folder(str(folder))
     cfg, _ = read_run(place)
     return restore(cfg, place).requires_grad_(False)
-
-
-def _first(error: Exception) -> str:
-    return (str(error) or "not enough memory").partition("\n")[0]

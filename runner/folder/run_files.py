@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from hydra.utils import to_absolute_path
 
+from models.stored.folder import CHECKPOINT as CHECKPOINT
+from models.stored.folder import CONFIG as CONFIG
+from models.stored.folder import METRICS as METRICS
+from models.stored.folder import SENSORS as SENSORS
+from models.stored.folder import require_finished as require_finished
 from models.zoo import index as zoo
 
 EVENTS = "events.out.tfevents.*"  # TensorBoard's
-CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
-SENSORS = "sensors.json"
 EARLIER = "metrics.earlier.json"  # of earlier code, while a sweep has the run to do again
 FAILED = "failed.json"  # why a run of a sweep has no metrics.json
 PROGRESS = "training.ckpt"
@@ -31,16 +33,6 @@ def results_folder(folder: Path) -> Path:
     """Where what is made of a run is written: beside it; of a published model, in runs/zoo/."""
     name = zoo.published(folder)
     return folder if name is None else Path(to_absolute_path("runs")) / "zoo" / name
-
-
-def require_finished(folder: Path) -> None:
-    """Raise ValueError for a folder that holds no finished run."""
-    for name in (CONFIG, CHECKPOINT, METRICS):
-        if not os.path.lexists(folder / name):
-            raise ValueError(
-                f"{folder} is not a finished run: it has no {name}; "
-                "give the folder that train.py wrote (hydra.run.dir)"
-            )
 
 
 def require_folders(names: str | Sequence[str] | None) -> None:

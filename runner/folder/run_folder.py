@@ -1,4 +1,4 @@
-"""A run's folder: what is written, in which order, and how it is read back.
+"""A run's folder: what is written, and in which order; models/stored/folder.py reads it back.
 
 config.yaml        every choice, resolved; with the code, all that is needed to repeat the run
 sensors.json       time step, DOFs and channels: what a model is rebuilt for, without its records
@@ -20,16 +20,15 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from data.arguments import reason
+from models.stored.folder import read_config as read_config
+from models.stored.folder import read_metrics as read_metrics
+from models.stored.folder import read_run as read_run
+from models.stored.folder import read_values
+from models.stored.schema import FAILURE_KIND
 from runner.config.choices import plain
-from runner.config.identity import code_version, front_name, targets_of
-from runner.config.plain_data import as_config, read_json, read_text, read_yaml
-from runner.config.schema import CONFIG_KIND, FAILURE_KIND, METRICS_KIND, SENSORS_KIND, require
-from runner.config.settings import TRAIN
+from runner.config.identity import code_version, targets_of
 from runner.folder.lock import hold
-from runner.folder.run_files import CONFIG, FAILED, METRICS, SENSORS, require_finished
-
-NEEDED = ("system", "scenario", "model", "data", "excitation", "seed", "threads")  # of a config
+from runner.folder.run_files import CONFIG, FAILED
 
 
 def settings_of(choice: Mapping[str, Any]) -> dict[str, Any]:
@@ -80,76 +79,9 @@ def read_failure(folder: Path) -> dict[str, Any]:
 
     In older runs the reason alone tells that a motion escaped.
     """
-    failure: dict[str, Any] = _read(folder / FAILED, FAILURE_KIND)
-    if "reason" not in failure:
-        raise ValueError(f"{FAILED} has no reason")
+    failure: dict[str, Any] = read_values(folder / FAILED, FAILURE_KIND)
     return {
         "escaped": "motion escaped at t =" in failure["reason"],
         **{"own": False, "code": ""},
         **failure,
     }
-
-
-def read_metrics(folder: Path) -> dict[str, Any]:
-    """Numbers of a finished run. Raises ValueError where the file holds none."""
-    return _read(folder / METRICS, METRICS_KIND)
-
-
-def read_sensors(folder: Path) -> dict[str, Any]:
-    """What a run's model was built for. Raises ValueError where the file holds something else."""
-    return _read(folder / SENSORS, SENSORS_KIND)
-
-
-def _read(path: Path, kind: Any) -> dict[str, Any]:
-    """Content of a JSON file, of the types in runner/config/schema.py."""
-    content = read_json(path)
-    try:
-        require(content, kind)
-    except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from None
-    plain_data: dict[str, Any] = content
-    return plain_data
-
-
-def read_run(folder: Path) -> tuple[DictConfig, dict[str, Any]]:
-    """Config and metrics of a finished run. Raises ValueError where there is none.
-
-    The config is plain data: what looks like an interpolation in it is text, and the run's records
-    are never downloaded. Configs of earlier layouts, which name classes by their modules, are read
-    as today's.
-    """
-    require_finished(folder)
-    try:
-        cfg = as_config(_by_front(read_config(folder)))
-        metrics = read_metrics(folder)
-    except (ValueError, OSError) as error:
-        raise ValueError(f"{folder} is damaged: {reason(error)}; repeat the run") from None
-    if "download" in cfg.data:
-        cfg.data.download = False
-    return cfg, metrics
-
-
-def read_config(folder: Path) -> dict[str, Any]:
-    """Resolved values of a run. Raises ValueError for what is no config of one."""
-    try:
-        content: dict[str, Any] = read_yaml(read_text(folder / CONFIG))
-        require(content, CONFIG_KIND)
-        if missing := [key for key in NEEDED if key not in content]:
-            raise ValueError(f"it lacks {', '.join(missing)}")
-        for key in ("seed", "threads"):
-            TRAIN[key].check(key, content[key])
-    except ValueError as error:
-        raise ValueError(f"{CONFIG}: {error}") from None
-    return content
-
-
-def _by_front(node: Any) -> Any:
-    """The same with every `_target_` as the fronts name it."""
-    if isinstance(node, list):
-        return [_by_front(value) for value in node]
-    if isinstance(node, dict):
-        plain_ones = {key: _by_front(value) for key, value in node.items()}
-        if isinstance(node.get("_target_"), str):
-            plain_ones["_target_"] = front_name(node["_target_"])
-        return plain_ones
-    return node

@@ -21,5 +21,6 @@ def finished(folder: Path, *words: str) -> Path:
     run = Run.begin(folder, cfg, data.sensors)
     estimator.identify(data.loader("train"))
     run.save(estimator)
-    run.finish({})
+    names = ("model", "system", "scenario")
+    run.finish({name: cfg[name].name for name in names})
     return folder

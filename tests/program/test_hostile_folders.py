@@ -20,11 +20,11 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
 import train
+from data.plain_data import as_config, read_json, read_yaml
+from models.stored.schema import METRICS_KIND, require
 from models.training.resume import fault_of, seal
 from report.collection.report import long_table
 from report.collection.runs import collect, read_runs
-from runner.config.plain_data import as_config, read_json, read_yaml
-from runner.config.schema import METRICS_KIND, require
 from runner.folder.lock import RUN, HeldError, hold, release, sweep_held
 from runner.folder.run import restore
 from runner.folder.run_files import CHECKPOINT, CONFIG, METRICS

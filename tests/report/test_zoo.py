@@ -117,7 +117,9 @@ def test_what_identified_nothing_or_is_no_run_is_not_published(run, tmp_path):
     with pytest.raises(ValueError, match="expected MODEL/SYSTEM"):
         publish.publish(run, "../x/y", Licence(), root=tmp_path / "zoo")
     folder = finished(tmp_path / "run", "model=linear")
-    (folder / "metrics.json").write_text('{"verdict": {"identified": false, "reason": "noise"}}')
+    metrics = json.loads((folder / "metrics.json").read_text())
+    metrics["verdict"] = {"identified": False, "reason": "noise"}
+    (folder / "metrics.json").write_text(json.dumps(metrics))
     with pytest.raises(ValueError, match="identified nothing: noise"):
         publish.publish(folder, None, Licence(), root=tmp_path / "zoo")
     assert not entries(tmp_path / "zoo")

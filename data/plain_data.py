@@ -77,13 +77,28 @@ def _require_shallow(text: str) -> None:
 def read_json(path: Path) -> Any:
     """Values of a JSON file. Raises OSError where there is none, ValueError where it is damaged."""
     try:
-        content = json.loads(read_text(path), parse_constant=_no_number, parse_float=_finite)
-    except PARSER_ERRORS as error:
-        raise ValueError(f"{path.name}: {_first_line(error)}") from None
-    try:
-        require_plain(content)
+        return loads(read_text(path))
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from None
+
+
+def loads(text: str) -> Any:
+    """Values of a JSON text. Raises ValueError where it is none, or not of plain values."""
+    try:
+        content = json.loads(
+            text, parse_constant=_no_number, parse_float=_finite, object_pairs_hook=_each_once
+        )
+    except PARSER_ERRORS as error:
+        raise ValueError(_first_line(error)) from None
+    require_plain(content)
+    return content
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A mapping whose keys differ: of two alike, a person reads one and a program the other."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        raise ValueError("it has a key twice in one mapping")
     return content
 
 

@@ -1,0 +1,91 @@
+"""Files of a finished run, or of an entry of the zoo, read back as plain data.
+
+Nothing is resolved, built or fetched because a file says so; what is read has the types, sizes and
+keys of models/stored/schema.py.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+
+from data.arguments import reason
+from data.plain_data import as_config, read_json, read_text, read_yaml
+from models.stored.schema import CONFIG_KIND, METRICS_KIND, SENSORS_KIND, front_name, require
+
+CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
+SENSORS = "sensors.json"
+
+
+def require_finished(folder: Path) -> None:
+    """Raise ValueError for a folder that holds no finished run."""
+    for name in (CONFIG, CHECKPOINT, METRICS):
+        if not os.path.lexists(folder / name):
+            raise ValueError(
+                f"{folder} is not a finished run: it has no {name}; "
+                "give the folder that train.py wrote (hydra.run.dir)"
+            )
+
+
+def read_run(folder: Path) -> tuple[DictConfig, dict[str, Any]]:
+    """Config and metrics of a finished run. Raises ValueError where there is none.
+
+    The config is plain data: what looks like an interpolation in it is text, and the run's records
+    are never downloaded. Configs of earlier layouts, which name classes by their modules, are read
+    as today's.
+    """
+    require_finished(folder)
+    try:
+        cfg = as_config(_by_front(read_config(folder)))
+        metrics = read_values(folder / METRICS, METRICS_KIND)
+    except (ValueError, OSError) as error:
+        raise ValueError(f"{folder} is damaged: {reason(error)}; repeat the run") from None
+    if "download" in cfg.data:
+        cfg.data.download = False
+    return cfg, metrics
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """Resolved values of a run. Raises ValueError for what is no config of one."""
+    try:
+        content: dict[str, Any] = read_yaml(read_text(folder / CONFIG))
+        require(content, CONFIG_KIND)
+    except ValueError as error:
+        raise ValueError(f"{CONFIG}: {error}") from None
+    return content
+
+
+def read_metrics(folder: Path) -> dict[str, Any]:
+    """Numbers of a finished run, as far as it has any. Raises ValueError where the file is none."""
+    return read_values(folder / METRICS, METRICS_KIND)
+
+
+def read_sensors(folder: Path) -> dict[str, Any]:
+    """What a run's model was built for. Raises ValueError where the file holds something else."""
+    return read_values(folder / SENSORS, SENSORS_KIND)
+
+
+def read_values(path: Path, kind: Any) -> dict[str, Any]:
+    """Content of a JSON file, of the kind of models/stored/schema.py that it has to be of."""
+    content = read_json(path)
+    try:
+        require(content, kind)
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from None
+    values: dict[str, Any] = content
+    return values
+
+
+def _by_front(node: Any) -> Any:
+    """The same with every `_target_` as the fronts name it."""
+    if isinstance(node, list):
+        return [_by_front(value) for value in node]
+    if isinstance(node, dict):
+        plain_ones = {key: _by_front(value) for key, value in node.items()}
+        if isinstance(node.get("_target_"), str):
+            plain_ones["_target_"] = front_name(node["_target_"])
+        return plain_ones
+    return node

@@ -1,0 +1,336 @@
+"""What the files of a run hold: types, sizes and needed keys of all values that programs use.
+
+A kind is a type, None, a tuple of kinds of which one has to fit, [kind] for a list, {key: kind} for
+a mapping, where `...` stands for all other keys; or a Rule, which asks for more than a kind does.
+Keys may be absent unless a rule needs them: older runs lack some.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import data
+import models
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A kind, and what else holds for its values. fault: what is wrong with one; "" for nothing."""
+
+    kind: Any
+    fault: Callable[[Any], str]
+
+
+def needing(kind: Any, *keys: str) -> Rule:
+    """A mapping that has these keys."""
+
+    def fault(value: Any) -> str:
+        lacking = [key for key in keys if key not in value]
+        return f"lacks {', '.join(lacking)}" if lacking else ""
+
+    return Rule(kind, fault)
+
+
+def within(kind: Any, low: float, high: float) -> Rule:
+    """A number from `low` to `high`; nothing, where the kind allows that."""
+
+    def fault(value: Any) -> str:
+        inside = value is None or low <= value <= high
+        return "" if inside else f"is {_short(value)}, expected {low:.12g} to {high:.12g}"
+
+    return Rule(kind, fault)
+
+
+def _unlike(value: Any, *names: str) -> str:
+    """Lists of a mapping, those that are there, have one length."""
+    sizes = {name: len(value[name]) for name in names if name in value}
+    told = ", ".join(f"{size} {name}" for name, size in sizes.items())
+    return f"has {told}: expected as many of each" if len(set(sizes.values())) > 1 else ""
+
+
+def one_of(*words: str) -> Rule:
+    """One of these words."""
+    told = ", ".join(words)
+    return Rule(str, lambda word: "" if word in words else f"is {_short(word)}, expected {told}")
+
+
+ANYTHING = object
+QUANTITY = one_of("acceleration", "velocity", "displacement", "force", "output")  # data/record.py
+NUMBER = (int, float)
+NUMBERS = [NUMBER]
+PERCENT = (NUMBER, None)  # None: it overflowed
+TEXTS = (str, [str], None)
+COUNT = within(int, 0, 2**53)
+CHANNELS = 10_000  # DOFs or inputs at most: a model of all pairs would fill the memory before
+NEEDED = ("system", "scenario", "model", "data", "excitation", "seed", "threads")  # of a config
+MOST_THREADS, LARGEST_SEED = 1024, 2**32 - 1  # of PyTorch's and NumPy's generators
+SEED, THREADS = within(int, 0, LARGEST_SEED), within((int, None), 1, MOST_THREADS)
+OTHER = "other input"  # a kind of the trained range, which has two ends
+SCORES: dict[Any, Any] = {
+    "none": str,
+    "left_after_s": ([NUMBER], None),
+    **{f"per_dof_{of}{true}": [PERCENT] for of in ("percent", "rms") for true in ("", "_true")},
+    **{f"relative_rms_percent{true}": PERCENT for true in ("", "_true")},
+}
+SCORES[...] = (NUMBER, None, SCORES)  # another way in which the model estimates
+SPLITS = ("train", "validation", "test", "free_run_train", "free_run_validation", "free_run")
+ONLINE_WAY: dict[Any, Any] = {
+    "settle_s": {...: PERCENT},
+    "worst_percent": PERCENT,
+    "unstable_s": PERCENT,
+}
+
+
+def _unexplained(verdict: Any) -> str:
+    return "lacks reason" if verdict.get("identified") is False and "reason" not in verdict else ""
+
+
+VERDICT = Rule(
+    {
+        "identified": (bool, None),  # None: nothing to judge
+        "reason": str,
+        "by": str,
+        "lost": str,  # test motions on which the free run diverges
+        **dict.fromkeys(("error_percent", "linear_percent"), PERCENT),
+    },
+    _unexplained,
+)
+
+
+def range_kind(*lists: str) -> Rule:
+    """The range of a kind of signal: a name for each channel, and its ends."""
+    ends = {"unit": str, "names": [str], **dict.fromkeys(lists, NUMBERS)}
+    return Rule(
+        needing(ends, *ends),
+        lambda value: (
+            _unlike(value, *lists, "names")
+            or (
+                ""
+                if "lowest" in lists or "lowest" not in value
+                else f"has lowest; only {OTHER} has"
+            )
+        ),
+    )
+
+
+TRAINED_RANGE = {OTHER: range_kind("lowest", "largest"), ...: range_kind("largest")}
+OUTSIDE_VALUES: dict[Any, Any] = {
+    **dict.fromkeys(("kind", "name", "unit"), str),
+    **dict.fromkeys(("largest", "trained"), NUMBER),
+    "times": PERCENT,
+    "channels": int,
+}
+OUTSIDE = needing(OUTSIDE_VALUES, *OUTSIDE_VALUES)
+CONFORMAL = ("factor", "floor", "memory_s", "others", "records")
+
+
+def _open_band(band: Any) -> str:
+    """What a band lacks to be drawn, or to be told of."""
+    held = ("mean_half_widths",) if "covered_percent" in band else ()
+    known = band.get("method") == "conformal"
+    return needing(dict, *CONFORMAL, *held).fault(band) if known else ""
+
+
+BAND = Rule(
+    {
+        **dict.fromkeys(("none", "method"), str),
+        **{key: [within(NUMBER, 0.0, 1e300)] for key in ("factor", "floor")},
+        **{"others": [NUMBER], "records": int, "memory_s": within(NUMBER, 1e-12, 1e12)},
+        **{"covered_percent": NUMBER, "mean_half_width": PERCENT, "mean_half_widths": [PERCENT]},
+    },
+    lambda band: _open_band(band) or _unlike(band, "factor", "floor", "mean_half_widths"),
+)
+INTERVAL = needing(
+    {
+        "name": Rule(str, lambda name: "" if name[:1].isalpha() else "is no name"),
+        **dict.fromkeys(("status", "unit", "about"), str),
+        **dict.fromkeys(("value", "truth"), NUMBER),
+        **dict.fromkeys(("half", "white", "model_error", "believed"), within(PERCENT, 0.0, 1e308)),
+        "combined_with": [str],
+        ...: ANYTHING,
+    },
+    *("name", "value", "half", "status"),
+)
+PRIOR = {"stated": str, "contradicted": bool, "records_alone": NUMBER, "fit": NUMBER}
+FINDING = {"significant": bool, "kind": str, "name": str, "gain": NUMBER}
+COLOUR = {"channel": int, "times": NUMBER, "frequency_hz": NUMBER}
+UNCERTAINTY = Rule(
+    {
+        **dict.fromkeys(("bands", "one_step_bands"), BAND),
+        "parameters": [INTERVAL],
+        "none": str,
+        "priors": [needing({**PRIOR, ...: ANYTHING}, *PRIOR)],
+        "criticism": [needing({**FINDING, ...: ANYTHING}, *FINDING)],
+        "coloured": [needing({**COLOUR, ...: ANYTHING}, *COLOUR)],
+        **dict.fromkeys(("noise", "counts"), NUMBERS),
+        ...: ANYTHING,
+    },
+    lambda value: "lacks noise" if "counts" in value and "noise" not in value else "",
+)
+PER_RECORD = needing({"test": SCORES, "free_run": SCORES}, "test")
+SEED_ROW = needing(
+    {
+        **{"seed": SEED, "escaped": str, "none": str},
+        **dict.fromkeys(("one_step_percent", "free_run_percent"), PERCENT),
+        ...: ANYTHING,
+    },
+    "seed",
+)
+METRICS_KIND = needing(
+    {
+        **dict.fromkeys(("model", "system", "scenario"), str),
+        "quantity": QUANTITY,
+        **dict.fromkeys(SPLITS, SCORES),
+        "verdict": VERDICT,
+        "per_record": {...: PER_RECORD},
+        "uncertainty": UNCERTAINTY,
+        "trained_range": TRAINED_RANGE,
+        "outside_trained_range": [OUTSIDE],
+        "scenario_settings": {...: ANYTHING},
+        "seed": SEED,
+        "identity": {...: str},
+        "checkpoint": str,
+        "fit_seconds": NUMBER,
+        "parameters": COUNT,
+        "simulation_error": PERCENT,
+        "identification": {...: ANYTHING},
+        "training": {"prior": within(PERCENT, 0.0, 1e30), ...: ANYTHING},
+        "benchmark": ({"unit": str, ...: ANYTHING}, None),
+        "online": {"ways": {...: ONLINE_WAY}, "learnt_percent": {...: PERCENT}, ...: ANYTHING},
+        "over_seeds": [SEED_ROW],  # of an entry of the zoo
+        ...: ANYTHING,
+    },
+    *("model", "system", "scenario"),
+)
+FAILURE_KIND = needing(
+    {"reason": str, "own": bool, "escaped": bool, "code": str, ...: ANYTHING}, "reason"
+)
+
+
+def _unfit_sensors(sensors: Any) -> str:
+    """What does not fit together of the channels that a model was built for."""
+    dofs, inputs, forced = sensors["dofs"], sensors["inputs"], sensors.get("forced")
+    if isinstance(forced, str) and forced != "base":
+        return f"has forced={_short(forced)}, expected base, or numbers of DOFs"
+    listed = forced if isinstance(forced, list) else []
+    if odd := [number for number in listed if not 1 <= number <= dofs]:
+        return f"has forced={odd[0]}, and its DOFs are 1 to {dofs}"
+    if len(set(listed)) < len(listed) or len(listed) > inputs:
+        return f"has {len(listed)} numbers in forced for {inputs} inputs: expected each once"
+    return ""
+
+
+SENSORS_KIND = Rule(
+    needing(
+        {
+            "dt": within(NUMBER, 1e-9, 1e9),  # s
+            "dofs": within(int, 1, CHANNELS),
+            "inputs": within(int, 0, CHANNELS),
+            "forced": ([int], str, None),
+            "quantity": QUANTITY,
+            "channels": [Rule(str, lambda name: "" if name else "is empty, expected a name")],
+            "units": {...: str},
+            ...: ANYTHING,
+        },
+        *("dt", "dofs", "inputs"),
+    ),
+    _unfit_sensors,
+)
+CHOICES_KIND: dict[Any, Any] = {  # of a config, dotted
+    **dict.fromkeys(("model.name", "system.name", "scenario.name"), str),
+    "seed": int,
+    "grid": (str, None),
+    "data.train_records": (int, None),
+    ...: ANYTHING,
+}
+NAMED = needing({"name": str, "_target_": str, ...: ANYTHING}, "name")
+BUILT = needing({"_target_": str, ...: ANYTHING}, "_target_")
+DATA = needing(
+    {
+        "_target_": str,
+        **dict.fromkeys(("path", "train", "test"), TEXTS),
+        **dict.fromkeys(("folder", "benchmark", "hold"), (str, None)),
+        **dict.fromkeys(("split", "duration"), PERCENT),
+        "train_records": (COUNT, None),
+        ...: ANYTHING,
+    },
+    "_target_",
+)
+BLOCK: dict[Any, Any] = {...: ANYTHING}
+CONFIG_KIND = needing(
+    {
+        **dict.fromkeys(("model", "system", "scenario"), NAMED),
+        "data": DATA,
+        **dict.fromkeys(("adaptation", "solver", "objective"), (BUILT, None)),
+        **dict.fromkeys(("excitation", "damage", "baselines"), (BLOCK, None)),
+        "seed": SEED,
+        "threads": THREADS,
+        ...: ANYTHING,
+    },
+    *NEEDED,
+)
+FRONTS = {"data": data.PUBLIC, "models": models.PUBLIC}
+WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or false"}
+
+
+def require(value: Any, kind: Any, place: str = "") -> None:
+    """Raise ValueError, with the place, where a value is not of its kind."""
+    for one in kind if isinstance(kind, tuple) else (kind,):
+        if fits_outside(value, one):
+            break
+    else:
+        raise ValueError(f"{place or 'it'} is {_short(value)}, expected {_words(kind)}")
+    if isinstance(one, Rule):
+        require(value, one.kind, place)
+        if fault := one.fault(value):
+            raise ValueError(f"{place or 'it'} {fault}")
+    elif isinstance(one, dict):
+        others = one.get(..., ANYTHING)
+        for key, inner in value.items():
+            if (of_key := one.get(key, others)) is not ANYTHING:
+                require(inner, of_key, f"{place}.{key}".lstrip("."))
+    elif isinstance(one, list):
+        for inner in value:
+            require(inner, one[0], f"a value of {place}")
+
+
+def _kinds(kind: Any) -> list[Any]:
+    if isinstance(kind, Rule):
+        return _kinds(kind.kind)
+    return [k for one in kind for k in _kinds(one)] if isinstance(kind, tuple) else [kind]
+
+
+def fits_outside(value: Any, kind: Any) -> bool:
+    """Whether a value fits, whatever is inside it; true and false are no numbers."""
+    if isinstance(kind, Rule):
+        return fits_outside(value, kind.kind)
+    if isinstance(kind, type):
+        return isinstance(value, kind) and not (isinstance(value, bool) and kind in (int, float))
+    if isinstance(kind, tuple):
+        return any(fits_outside(value, one) for one in kind)
+    return value is None if kind is None else isinstance(value, type(kind))
+
+
+def _words(kind: Any) -> str:
+    kinds = [one for one in _kinds(kind) if one is not int or float not in _kinds(kind)]
+    return " or ".join(dict.fromkeys(map(_word, kinds)))
+
+
+def _word(kind: Any) -> str:
+    if isinstance(kind, dict):
+        return "a mapping"
+    return "a list" if isinstance(kind, list) else WORDS.get(kind, "nothing")
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) < 60 else f"{text[:60]}…"
+
+
+def front_name(target: str) -> str:
+    """A class as the fronts name it: `models.mlp.GlobalMLP`, as older configs say, is theirs."""
+    room, _, place = target.partition(".")
+    name = place.rpartition(".")[2]
+    return f"{room}.{name}" if name in FRONTS.get(room, {}) else target

@@ -1,0 +1,554 @@
+"""Run folders and entries of the zoo that a stranger wrote, given to all commands that read them.
+
+In small here; HOSTILE_EXAMPLES=5000 pytest tests/program/test_hostile_runs.py tries that many.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import lzma
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from omegaconf import DictConfig
+
+import hubconf
+from data.record import QUANTITIES
+from data.sample import Sensors
+from export.__main__ import main as export
+from models.stored import run
+from models.stored.schema import METRICS_KIND, QUANTITY, SENSORS_KIND, require
+from models.training.assemble import estimator_from
+from models.zoo.index import ROOT
+from models.zoo.pretrained import load_pretrained
+from models.zoo.table import list_pretrained
+from report.describe import description
+from report.describe.__main__ import main as describe
+from report.prediction.predict import predict
+from report.run.evaluation import evaluate
+from report.zoo import command, verify
+from runner.config.command_line import command_errors, one_line_errors
+from runner.config.compose import composed
+from runner.folder.run import load_run
+from runner.job import job_errors
+from tests.hostile_files import (
+    PYTHON,
+    TEXTS,
+    Change,
+    Payload,
+    changes,
+    odd_values,
+    places_of,
+    require_lines,
+    watched,
+)
+from tests.program.planted_runs import DT, forced, plant
+
+EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "0"))
+HOSTILE = settings(
+    deadline=None,
+    derandomize=not EXAMPLES,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+)
+FILES = ("config.yaml", "metrics.json", "sensors.json", "model.safetensors")
+SCORES = {"relative_rms_percent": 1.0, "per_dof_percent": [1.0] * 3, "per_dof_rms": [0.1] * 3}
+BAND = {
+    "method": "conformal", "records": 5, "factor": [2.0] * 3, "floor": [0.1] * 3, "memory_s": 1.0,
+    "others": [0.9] * 5, "covered_percent": 95.0, "mean_half_width": 0.1,
+    "mean_half_widths": [0.1] * 3,
+}  # fmt: skip
+INTERVAL = {
+    "value": 400.0, "half": 1.0, "white": 1.0, "model_error": 3.0, "believed": 1.0, "unit": "N/m",
+    "about": "x1–x2", "combined_with": ["r1.damping"],
+}  # fmt: skip
+METRICS: dict[str, Any] = {  # beside those of a planted run
+    "seed": 0,
+    "quantity": "acceleration",
+    **dict.fromkeys(("train", "test", "free_run_train", "free_run"), SCORES),
+    "per_record": {"a": {"test": SCORES, "free_run": SCORES}},
+    "identity": {"config": "a", "code": "b"},
+    "parameters": 9,
+    "simulation_error": 1e-7,
+    "training": {"solver": "LBFGS", "iterations": 3, "prior": 0.1},
+    "uncertainty": {
+        "bands": BAND,
+        "one_step_bands": BAND,
+        "parameters": [
+            {"name": "r1.stiffness", "status": "determined", **INTERVAL},
+            {"name": "r2.yield_displacement", "status": "only in a combination", **INTERVAL},
+            {"name": "x1.mass", "status": "given", **INTERVAL, "half": None, "truth": 1.0},
+        ],
+        "priors": [{"stated": "r1", "contradicted": True, "records_alone": 2.0, "fit": 1.0}],
+        "criticism": [{"significant": True, "kind": "law", "name": "r1", "gain": 0.1}],
+        "coloured": [{"channel": 1, "times": 9.0, "frequency_hz": 2.0}],
+        "noise": [0.1] * 3,
+        "counts": [1.0] * 3,
+    },
+}
+
+
+def network(folder: Path) -> Path:
+    words = ("model=element_network", "system=bilinear", "data.duration=2")
+    return plant(folder, *forced(3), *words, **METRICS)
+
+
+def black_box(folder: Path) -> Path:
+    sensors, words = Sensors(DT, 3, 3, [1, 2, 3]), ("model=vwnn", "model.order=1")
+    model = estimator_from(composed(*words).model, sensors)
+    model.weights.data.fill_(0.0)  # type: ignore[union-attr, operator]
+    return plant(folder, model, sensors, *words, "system=bilinear", "data.duration=2", **METRICS)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("runs")
+    return {"network": network(folder / "network"), "black_box": black_box(folder / "black_box")}
+
+
+def _describe(run: Path) -> None:
+    describe([f"run={run}", "output=told/a.json"])
+
+
+def _predict(run: Path) -> None:
+    with one_line_errors("predict"), job_errors():
+        predict(PREDICT.copy(), run, Path("predicted"))
+
+
+def _evaluate(run: Path) -> None:
+    with one_line_errors("evaluate"), job_errors():
+        evaluate(EVALUATE.copy(), run, "again")
+
+
+def _score(run: Path) -> None:
+    with one_line_errors("evaluate"), job_errors():
+        evaluate(SCORE.copy(), run, "again")
+
+
+def _export(run: Path) -> None:
+    with command_errors():
+        export([f"run={run}", "to=json", "output=exported"])
+
+
+def _load(run: Path) -> None:
+    with command_errors():
+        load_run(run)
+
+
+WORDS = ("run=here", "figures=false", "threads=1")
+PREDICT: DictConfig = composed(
+    *WORDS, "excitation.seed=5", "excitation.duration=1", config="predict"
+)
+EVALUATE: DictConfig = composed(*WORDS, "seeds=[5]", config="evaluate")
+SCORE: DictConfig = composed(*WORDS, config="evaluate")
+COMMANDS: dict[str, Callable[[Path], None]] = {
+    "describe": _describe, "predict": _predict, "evaluate": _evaluate, "score": _score,
+    "export": _export, "load": _load,
+}  # fmt: skip
+
+
+def try_command(act: Callable[[Path], None], work: Path, place: Path) -> None:
+    """Raise AssertionError or the error itself where a command does not end as promised."""
+    printed, error, status = io.StringIO(), io.StringIO(), 0
+    with (
+        watched(work, lambda: printed.getvalue() + error.getvalue()),
+        redirect_stdout(printed),
+        redirect_stderr(error),
+    ):
+        try:
+            act(place)
+        except SystemExit as end:
+            status = int(end.code or 0)
+    require_lines(status, error.getvalue(), printed.getvalue())
+
+
+def try_run(run: Path, name: str, changed: list[tuple[str, Change]], sealed: bool) -> None:
+    with tempfile.TemporaryDirectory() as temporary:
+        place = shutil.copytree(run, Path(temporary) / "run")
+        for file, change in changed:
+            if _small(place / file):
+                change.apply(place / file)
+        if sealed:
+            seal_run(place)
+        work = Path(temporary) / "work"
+        work.mkdir()
+        try_command(COMMANDS[name], work, place)
+
+
+def _small(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink() and path.stat().st_size < 2**22
+
+
+def seal_run(place: Path) -> None:
+    """Let metrics.json name the digest of the weights that are there, where it can."""
+    metrics, weights = place / "metrics.json", place / "model.safetensors"
+    if _small(metrics) and _small(weights):
+        try:
+            content = json.loads(metrics.read_text("utf-8"))
+            content["checkpoint"] = hashlib.sha256(weights.read_bytes()).hexdigest()
+            metrics.write_text(json.dumps(content), "utf-8")
+        except (ValueError, TypeError, RecursionError):
+            pass
+
+
+CHANGED = st.lists(
+    st.sampled_from(FILES[:3] * 3 + FILES[3:]).flatmap(
+        lambda name: st.tuples(st.just(name), changes(name))
+    ),
+    min_size=1,
+    max_size=2,
+)
+
+
+@pytest.mark.filterwarnings("ignore")
+@settings(HOSTILE, max_examples=EXAMPLES or 60)
+@given(
+    st.sampled_from(("network", "black_box")),
+    st.sampled_from(tuple(COMMANDS)),
+    CHANGED,
+    st.booleans(),
+)
+def test_a_run_of_a_stranger_is_read_or_refused_in_one_line(runs, kind, name, changed, sealed):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(description, "save_figure", lambda *a: [])
+        try_run(runs[kind], name, changed, sealed)
+
+
+ENTRY = "linear/bilinear"
+OF_ENTRY = (*FILES, "card.md", "golden.npz", "exported.pt2.xz", "index.json")
+LINKED = ("", "entry", "model")  # which folder is a link
+
+
+def _list(root: Path) -> None:
+    with command_errors():
+        print(list_pretrained(root=root))
+
+
+def _show(root: Path) -> None:
+    with command_errors():
+        command.show_card([ENTRY], root)
+
+
+def _verify(root: Path) -> None:
+    with command_errors():
+        verify.verify([], root=root)
+
+
+def _pretrained(root: Path) -> None:
+    with command_errors():
+        load_pretrained(ENTRY, root)
+
+
+def _hub(root: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch, command_errors():
+        patch.setattr(hubconf, "_CLONE", root.parent)
+        hubconf.exported(ENTRY)
+
+
+OF_ZOO = {"list": _list, "show": _show, "verify": _verify, "load": _pretrained, "hub": _hub}
+
+
+def facts_of(entry: Path) -> dict[str, Any]:
+    """Digests and sizes of the files that are there."""
+    files = [path for path in entry.iterdir() if _small(path)]
+    digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return {p.name: {"sha256": digests[p.name], "bytes": p.stat().st_size} for p in files}
+
+
+def small_zoo(root: Path) -> dict[str, Any]:
+    """A zoo of one entry; what its index says."""
+    index: dict[str, Any] = json.loads((ROOT / "index.json").read_text("utf-8"))
+    name = f"{ENTRY}.v1"
+    shutil.copytree(ROOT / name, root / name)
+    index["entries"] = {name: index["entries"][name]}
+    (root / "index.json").write_text(json.dumps(index), "utf-8")
+    return index
+
+
+def try_zoo(name: str, file: str, change: Change, sealed: bool, linked: str) -> None:
+    with tempfile.TemporaryDirectory() as temporary:
+        root, work = Path(temporary) / "zoo", Path(temporary) / "work"
+        work.mkdir()
+        index = small_zoo(root)
+        entry = root / f"{ENTRY}.v1"
+        change.apply((root if file == "index.json" else entry) / file)
+        if sealed and file != "index.json":
+            index["entries"][f"{ENTRY}.v1"]["files"] = facts_of(entry)
+            (root / "index.json").write_text(json.dumps(index), "utf-8")
+        if linked:
+            place = entry if linked == "entry" else entry.parent
+            place.rename(Path(temporary) / "elsewhere")
+            place.symlink_to(Path(temporary) / "elsewhere")
+        try_command(OF_ZOO[name], work, root)
+
+
+@pytest.mark.filterwarnings("ignore")
+@settings(HOSTILE, max_examples=EXAMPLES or 60)
+@given(
+    st.sampled_from(tuple(OF_ZOO)),
+    st.sampled_from((*OF_ENTRY, "index.json", "index.json")).flatmap(
+        lambda name: st.tuples(st.just(name), changes(name))
+    ),
+    st.booleans(),
+    st.sampled_from(LINKED + ("",) * 7),
+)
+def test_an_entry_of_a_stranger_is_read_or_refused_in_one_line(name, changed, sealed, linked):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verify, "_numbers", lambda *a: 0.0)
+        try_zoo(name, *changed, sealed, linked)
+
+
+def repacked(packed: bytes, members: dict[str, bytes]) -> bytes:
+    """A packed program with some members of its archive replaced, or added."""
+    found = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(lzma.decompress(packed))) as old,
+        zipfile.ZipFile(found, "w") as new,
+    ):
+        for name in {**dict.fromkeys(old.namelist()), **members}:
+            new.writestr(name, members.get(name) if name in members else old.read(name))
+    return lzma.compress(found.getvalue())
+
+
+PROGRAM = (ROOT / f"{ENTRY}.v1" / "exported.pt2.xz").read_bytes()
+with zipfile.ZipFile(io.BytesIO(lzma.decompress(PROGRAM))) as archive:
+    GRAPH = json.loads(archive.read("archive/models/model.json"))
+    WEIGHTS = json.loads(archive.read("archive/data/weights/model_weights_config.json"))
+
+
+def hub_of(packed: bytes) -> Callable[[Path], None]:
+    """The hub on a zoo whose program is this one, run once it is loaded."""
+
+    def act(root: Path) -> None:
+        index = small_zoo(root)
+        entry = root / f"{ENTRY}.v1"
+        (entry / "exported.pt2.xz").write_bytes(packed)
+        index["entries"][f"{ENTRY}.v1"]["files"] = facts_of(entry)
+        (root / "index.json").write_text(json.dumps(index), "utf-8")
+        with pytest.MonkeyPatch.context() as patch, command_errors():
+            patch.setattr(hubconf, "_CLONE", root.parent)
+            program = hubconf.exported(ENTRY)
+            try:
+                rest = torch.zeros(2, 3, dtype=torch.float64)
+                program.module()(torch.zeros(2, 5, 3, dtype=torch.float64), rest, rest)
+            except Exception as error:  # a graph may be wrong: it may not run code
+                raise ValueError("it does not run") from error
+
+    return act
+
+
+def pickled() -> bytes:
+    found = io.BytesIO()
+    torch.save(Payload(), found)
+    return found.getvalue()
+
+
+def with_text(key: str, text: Any) -> bytes:
+    """The graph with all values of a key replaced."""
+
+    def replaced(node: Any) -> Any:
+        if isinstance(node, dict):
+            return {k: text if k == key else replaced(v) for k, v in node.items()}
+        return [replaced(v) for v in node] if isinstance(node, list) else node
+
+    return json.dumps(replaced(GRAPH)).encode()
+
+
+MODEL, CONFIG = "archive/models/model.json", "archive/data/weights/model_weights_config.json"
+UNPICKLING = json.loads(json.dumps(WEIGHTS).replace('"use_pickle": false', '"use_pickle": true'))
+ENUM = '{"__enum__": true, "fqn": "antigravity.geohash", "name": "x"}'
+PROGRAMS = {
+    "weights": {
+        CONFIG: json.dumps(UNPICKLING).encode(),
+        **{f"archive/data/weights/weight_{i}": pickled() for i in range(4)},
+    },
+    "older weights": {"archive/data/weights/model.pt": pickled()},
+    "constants": {"archive/data/constants/custom_obj_0": pickled()},
+    "another member": {"archive/data/aotinductor/model.so": b"x"},
+    "a size": {MODEL: with_text("expr_str", PYTHON)},
+    "a guard": {MODEL: with_text("guards_code", [PYTHON])},
+    "an operator": {MODEL: with_text("target", "torch.os.system")},
+    "a file": {MODEL: with_text("target", "torch.ops.aten.from_file.default")},
+    "a module": {MODEL: with_text("out_spec", f"[1, {ENUM}]")},
+}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_no_exported_program_runs_code(name, tmp_path, capsys):
+    (tmp_path / "work").mkdir()
+    act = hub_of(repacked(PROGRAM, PROGRAMS[name]))
+    refused = io.StringIO()
+    told = watched(tmp_path / "work", refused.getvalue)
+    with redirect_stderr(refused), told, pytest.raises(SystemExit):
+        act(tmp_path / "zoo")
+    assert "is no exported program: " in refused.getvalue()
+    assert "does not run" not in refused.getvalue()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_sample_inputs_of_a_program_are_never_unpickled(tmp_path):
+    (tmp_path / "work").mkdir()
+    packed = repacked(PROGRAM, {"archive/data/sample_inputs/model.pt": pickled()})
+    with watched(tmp_path / "work", str):
+        hub_of(packed)(tmp_path / "zoo")
+
+
+def test_a_program_that_unpacks_to_any_size_is_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        hub_of(lzma.compress(bytes(2**26)))(tmp_path / "zoo")
+    assert "does not unpack" in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("ignore")
+@settings(HOSTILE, max_examples=EXAMPLES // 5 or 15)
+@given(
+    st.sampled_from((MODEL, CONFIG)),
+    st.lists(st.tuples(st.floats(0, 0.999), odd_values() | st.sampled_from(TEXTS)), min_size=1),
+)
+def test_an_exported_program_of_a_stranger_is_loaded_or_refused(member, changed):
+    content = json.loads(json.dumps(GRAPH if member == MODEL else WEIGHTS))
+    for where, value in changed:
+        places = places_of(content)
+        holder, key = places[int(where * len(places))]
+        holder[key] = value
+    packed = repacked(PROGRAM, {member: json.dumps(content).encode()})
+    with tempfile.TemporaryDirectory() as temporary:
+        (Path(temporary) / "work").mkdir()
+        try_command(hub_of(packed), Path(temporary) / "work", Path(temporary) / "zoo")
+
+
+def test_an_index_of_any_size_is_refused_unread(tmp_path):
+    index = tmp_path / "index.json"
+    with index.open("wb") as file:
+        file.truncate(2**40)
+    with pytest.raises(ValueError, match="is larger than"):
+        list_pretrained(root=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"bytes": -1}, "bytes is -1"),
+        ({"bytes": True}, "bytes is True"),
+        ({"bytes": 1.5}, "bytes is 1.5"),
+        ({"bytes": 2**40}, "expected 0 to"),
+        ({"sha256": "x"}, "is no SHA-256"),
+        ({"sha256": None}, "sha256 is None"),
+    ],
+)
+def test_an_index_of_other_types_is_named(changed, said, tmp_path):
+    index = small_zoo(tmp_path)
+    index["entries"][f"{ENTRY}.v1"]["files"]["card.md"] |= changed
+    (tmp_path / "index.json").write_text(json.dumps(index), "utf-8")
+    with pytest.raises(ValueError, match="is damaged") as error:
+        load_pretrained(ENTRY, tmp_path)
+    assert said in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["..", "a/b", "sub", "../../x", "card.md/", "x.py"])
+def test_an_entry_has_files_of_an_entry_alone(name, tmp_path):
+    index = small_zoo(tmp_path)
+    files = index["entries"][f"{ENTRY}.v1"]["files"]
+    files[name] = files["card.md"]
+    (tmp_path / "index.json").write_text(json.dumps(index), "utf-8")
+    with pytest.raises(ValueError, match="is damaged"):
+        load_pretrained(ENTRY, tmp_path)
+
+
+def test_a_file_of_another_size_is_not_read(tmp_path, monkeypatch):
+    small_zoo(tmp_path)
+    with (tmp_path / f"{ENTRY}.v1" / "golden.npz").open("wb") as file:
+        file.truncate(2**40)
+    with pytest.raises(ValueError, match=r"golden\.npz is not the published file: 1099511627776"):
+        load_pretrained(ENTRY, tmp_path)
+
+
+@pytest.mark.parametrize("place", ["linear", f"{ENTRY}.v1", f"{ENTRY}.v1/card.md", "index.json"])
+def test_a_link_in_the_zoo_is_refused(place, tmp_path):
+    root = tmp_path / "zoo"
+    small_zoo(root)
+    shutil.move(root / place, tmp_path / "elsewhere")
+    (root / place).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ValueError, match=r"zoo"):
+        load_pretrained(ENTRY, root)
+
+
+def test_an_entry_s_config_stays_text(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOSTILE_SECRET", "told")
+    index = small_zoo(tmp_path)
+    config = tmp_path / f"{ENTRY}.v1" / "config.yaml"
+    text = config.read_text("utf-8")
+    assert "grid: null" in text
+    config.write_text(text.replace("grid: null", "grid: ${oc.env:HOSTILE_SECRET}"), "utf-8")
+    index["entries"][f"{ENTRY}.v1"]["files"] = facts_of(config.parent)
+    (tmp_path / "index.json").write_text(json.dumps(index), "utf-8")
+    assert load_pretrained(ENTRY, tmp_path).config["grid"] == "${oc.env:HOSTILE_SECRET}"
+
+
+def test_the_quantities_of_the_schema_are_those_of_records():
+    for quantity in QUANTITIES:
+        require(quantity, QUANTITY)
+    with pytest.raises(ValueError, match=f"expected {', '.join(QUANTITIES)}"):
+        require("jerk", QUANTITY)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"quantity": "jerk"}, "quantity is 'jerk', expected acceleration"),
+        ({"seed": -1}, "seed is -1, expected 0 to"),
+        ({"trained_range": {"rate": {"unit": "", "names": ["a"], "largest": []}}},
+         "trained_range.rate has 0 largest, 1 names: expected as many of each"),
+        ({"trained_range": {"rate": {"unit": ""}}}, "trained_range.rate lacks names, largest"),
+        ({"verdict": {"identified": False}}, "verdict lacks reason"),
+        ({"uncertainty": {"parameters": [{"name": "a"}]}}, "lacks value, half, status"),
+        ({"uncertainty": {"bands": {"method": "conformal"}}}, "lacks factor, floor, memory_s"),
+        ({"per_record": {"a": {}}}, "per_record.a lacks test"),
+    ],
+)  # fmt: skip
+def test_numbers_that_do_not_fit_together_are_named(changed, said):
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        require({"model": "a", "system": "b", "scenario": "c", **changed}, METRICS_KIND)
+    assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"dt": 0}, "dt is 0, expected 1e-09 to"),
+        ({"dt": 1e308}, "dt is 1e+308"),
+        ({"dofs": 10**9}, "dofs is 1000000000, expected 1 to"),
+        ({"inputs": -1}, "inputs is -1"),
+        ({"forced": [4]}, "has forced=4, and its DOFs are 1 to 3"),
+        ({"forced": "roof"}, "expected base"),
+        ({"forced": [1, 1]}, "expected each once"),
+        ({"channels": [""]}, "is empty"),
+    ],
+)
+def test_sensors_that_do_not_fit_together_are_named(changed, said):
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        require({"dt": 0.01, "dofs": 3, "inputs": 3, **changed}, SENSORS_KIND)
+    assert said in str(error.value)
+
+
+def test_a_model_of_another_size_than_its_weights_is_not_built(runs, tmp_path, monkeypatch):
+    """10 000 masses with elements between all pairs fill the memory."""
+    folder = shutil.copytree(runs["network"], tmp_path / "run")
+    sensors = json.loads((folder / "sensors.json").read_text("utf-8"))
+    (folder / "sensors.json").write_text(json.dumps(sensors | {"dofs": 10_000, "forced": None}))
+    monkeypatch.setattr(run, "estimator_from", None)  # calling it would be another error
+    with pytest.raises(ValueError, match="was stored with dofs=3; this model has dofs=10000"):
+        load_run(folder)
