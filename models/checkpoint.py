@@ -16,6 +16,7 @@ from safetensors.torch import save
 from data.annotations import shown
 from data.checked import built_with
 from data.regular_file import open_regular
+from data.whole_file import whole_file
 from models.estimator import Estimator
 
 HEADER = 2**20  # bytes of names and shapes at most
@@ -30,11 +31,10 @@ def save_estimator(estimator: Estimator, path: Path, name: str) -> None:
         key: value.detach().cpu().contiguous() for key, value in estimator.state_dict().items()
     }
     tensors = tensors or {"empty": torch.zeros(0)}  # the format has no empty file
-    aside = path.with_suffix(".part")
     # one entry: the format writes several in an order of its own, which differs from call to call
     model = json.dumps({"name": name, "built": built_with(estimator)})
-    aside.write_bytes(save(tensors, metadata={"model": model}))
-    os.replace(aside, path)
+    with whole_file(path) as aside:
+        aside.write_bytes(save(tensors, metadata={"model": model}))
 
 
 def digest_of(path: Path) -> str:

@@ -21,10 +21,10 @@ from hydra.core.utils import JobReturn, JobStatus
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
 
+from data.whole_file import write_text
 from runner.composed_once import ComposedOnce
 from runner.folder.lock import sweep_held
 from runner.folder.run_files import CONFIG
-from runner.folder.run_folder import write_text
 from runner.launch.launcher import reason_of
 from runner.progress import Watch, is_finished, print_summary, reasons, would_fail_again
 

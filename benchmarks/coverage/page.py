@@ -10,8 +10,8 @@ from string import Template
 from typing import Any
 
 from benchmarks.coverage.cases import BANDS
+from data.whole_file import write_text
 from models.uncertainty.intervals import COMBINATION, DETERMINED, UNEXCITED
-from runner.folder.run_folder import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
 SHOWN = "shown"

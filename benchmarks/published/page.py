@@ -11,7 +11,7 @@ from string import Template
 from benchmarks.published import narx, sindy, subnet
 from benchmarks.published.measure import ESCAPE, PACKAGES, Result
 from benchmarks.published.table import COLUMNS, as_markdown, error, percent, rows
-from runner.folder.run_folder import write_text
+from data.whole_file import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
 PRINTED = {"bouc_wen": "Bouc–Wen"}

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.published.measure import Result
-from runner.folder.run_folder import write_text
+from data.whole_file import write_text
 
 COLUMNS = ("system", "records", "model", "version", "error [%]", "diverged", "fit [s]")
 LEFT = ("system", "model", "version", "package", "why", "seeds")

@@ -9,7 +9,7 @@ from string import Template
 from typing import Any
 
 from benchmarks.unplanted.structures import CASES, HELD_BACK
-from runner.folder.run_folder import write_text
+from data.whole_file import write_text
 from runner.scores.spread import percent, quantile
 
 TEMPLATE = Path(__file__).with_name("page.md")

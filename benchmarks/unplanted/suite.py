@@ -33,6 +33,7 @@ from benchmarks.unplanted.page import table, write_page
 from benchmarks.unplanted.structures import CASES, HELD_BACK, Case, records
 from data.arguments import Parser
 from data.record import Record, stack
+from data.whole_file import write_text
 from models.baselines import Zero
 from models.composition.branch_law import learned
 from models.element_network_branch import ElementNetworkBranch
@@ -40,7 +41,7 @@ from models.element_network_named import ElementNetworkNamed
 from models.estimator import Estimator
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
-from runner.folder.run_folder import write_json, write_text
+from runner.folder.run_folder import write_json
 
 CHAIN = ("model.elements=chain", "model.forced=[]")
 STIFFER = {  # twins: by how much their elements are stiffer

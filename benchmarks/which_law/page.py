@@ -11,8 +11,8 @@ from typing import Any
 
 from benchmarks.which_law.cases import SETS, laws
 from benchmarks.which_law.elements import CLASSES
+from data.whole_file import write_text
 from report.candidates.table import OTHER, Candidate, recommended
-from runner.folder.run_folder import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
 NONE = "none"  # of the candidates is a model of the records

@@ -7,13 +7,13 @@ from pathlib import Path
 from string import Template
 
 from data.public.benchmarks import BENCHMARKS
+from data.whole_file import write_text
 from report.benchmarks.published import PUBLISHED
 from report.benchmarks.rows import Row, rows_of, without_rows
 from report.benchmarks.stored import store, stored, told, with_stored
 from report.collection.runs import earlier_code, has_runs, read_runs, stated
 from report.output import markdown
 from report.usual import BENCHMARKED, STAND_INS
-from runner.folder.run_folder import write_text
 from runner.scores.result import Result
 from runner.scores.spread import quantile
 

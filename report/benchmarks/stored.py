@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from data.whole_file import write_text
 from report.benchmarks.rows import Row, in_order
-from runner.folder.run_folder import write_text
 
 
 def stored(page: Path) -> dict[str, list[Row]]:

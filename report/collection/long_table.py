@@ -10,7 +10,6 @@ reason, without a metric; runner/scores/spread.py says how such runs count.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ import pyarrow.compute  # type: ignore[import-untyped]
 import pyarrow.csv  # type: ignore[import-untyped]
 import pyarrow.parquet  # type: ignore[import-untyped]
 
+from data.whole_file import whole_file
 from report.collection.runs import chosen
 from report.collection.scores import Score, scores_of
 from report.output import spreadsheet
@@ -94,9 +94,8 @@ def write_long(table: pa.Table, folder: Path) -> list[Path]:
         "results.csv": lambda table, path: pa.csv.write_csv(_for_spreadsheets(table), path),
     }
     for name, write in writers.items():
-        aside = folder / f"{name}.part"
-        write(table, aside)
-        os.replace(aside, folder / name)
+        with whole_file(folder / name) as aside:
+            write(table, aside)
     return [folder / name for name in writers]
 
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from string import Template
 
+from data.whole_file import write_text
 from models.training.metrics import FREE_RUNS
 from report.about import about, contains, told
 from report.collection.grids import grids_of, seeds_of
@@ -32,7 +33,6 @@ from report.free_run.tables import COLUMNS, Columns, Title, case, records_of, se
 from report.output import code, markdown, sections_markdown
 from report.usual import LEADERBOARD
 from report.usual import QUESTIONS as ASKED
-from runner.folder.run_folder import write_text
 from runner.scores.result import Result, against_true
 from runner.scores.spread import DIVERGED, ESCAPED, FAILED, percent, quantile
 

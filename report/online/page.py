@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from string import Template
 
+from data.whole_file import write_text
 from report.collection.runs import collect, earlier_code, stated
 from report.online.cases import read_online
 from report.online.tables import learning_table, settling_tables, stability_table
 from report.usual import ONLINE, STABILITY
-from runner.folder.run_folder import write_text
 
 TEMPLATE = Path(__file__).with_name("page.md")
 NEEDS = {  # of the page: what makes it

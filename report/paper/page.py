@@ -14,13 +14,13 @@ from pathlib import Path
 from statistics import median, quantiles
 from string import Template
 
+from data.whole_file import write_text
 from report.collection.runs import earlier_code, read_runs, stated
 from report.output import code, markdown
 from report.paper.cells import OWN, SETTINGS, Cell, as_configured, error_of, of
 from report.paper.changes import COLUMNS, rows_of
 from report.paper.tables import NOT_PAIRED, by_label, cells_markdown, hits
 from report.usual import CLOSE_FIT, OUTSIDE, STUDY
-from runner.folder.run_folder import write_text
 from runner.scores.result import Result, spread_of
 from runner.scores.spread import ESCAPED, FAILED, percent
 

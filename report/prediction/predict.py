@@ -14,6 +14,7 @@ from rich.console import Console
 
 from data.record import HOLDS
 from data.terminal import terminal
+from data.whole_file import write_text
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.physical.parameters import scale_is_open
@@ -27,7 +28,7 @@ from report.prediction.peaks import peaks_of, row_of
 from report.prediction.runs import Prediction, Runner
 from report.prediction.table import WIDTH, print_many, print_one
 from runner.folder.run import restore, sensors_of
-from runner.folder.run_folder import read_run, write_text
+from runner.folder.run_folder import read_run
 from runner.scores.conformal import FREE_RUN, stored_band
 
 FEW = 10  # runs whose histories are written unless that is asked for

@@ -19,6 +19,7 @@ from data.datamodule import Data
 from data.record import QUANTITIES, Record
 from data.sample import Sensors
 from data.terminal import terminal
+from data.whole_file import write_text
 from models.estimator import Estimator
 from models.linear_motion import LinearMotion
 from models.training.assemble import changed, data_from
@@ -38,7 +39,7 @@ from report.run.table import (
 )
 from runner.config.compose import composed
 from runner.folder.run import sensors_of
-from runner.folder.run_folder import write_json, write_text
+from runner.folder.run_folder import write_json
 from runner.scores.conformal import covered
 from runner.scores.outcome import each_record, per_record
 from runner.scores.verdict import CANNOT

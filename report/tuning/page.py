@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from data.whole_file import write_text
 from report.about import colour_of
 from report.collection.figure import scale
 from report.collection.runs import collect, earlier_code, stated
@@ -27,7 +28,6 @@ from report.tuning.tables import (
     warmup_rows,
 )
 from report.usual import SEARCHES
-from runner.folder.run_folder import write_text
 
 MARKS: dict[str, dict[str, Any]] = {  # of a seed
     "configured": {"color": "#888888", "marker": "|", "linestyle": "", "markersize": 9},

@@ -12,6 +12,7 @@ from omegaconf import DictConfig
 
 from data.parallel import take_threads
 from data.sample import Sensors
+from data.whole_file import write_text
 from models.checkpoint import digest_of, load_estimator, save_estimator
 from models.estimator import Estimator
 from models.training.assemble import data_from, estimator_from
@@ -36,7 +37,6 @@ from runner.folder.run_folder import (
     read_run,
     read_sensors,
     write_json,
-    write_text,
 )
 
 
