@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 
+from runner.composed_once import has_own_name
 from runner.folder.run_files import FAILED, METRICS
 from runner.grids import GridSweeper, print_lost, unfinished
 from runner.progress import would_fail_again
@@ -57,6 +58,12 @@ class TuningSweeper(GridSweeper):
     def work(self, arguments: list[str], folder: Path) -> None:
         from runner.search import print_searches, write_searches
 
+        assert self.config is not None
+        if not has_own_name(self.config):
+            raise ValueError(
+                "hydra.sweep.subdir: the runs of a search are named after their choices; leave it "
+                "out"
+            )
         searches = self.searches(arguments, folder)
         while unfinished := [search for search in searches if search.left > 0]:
             trials = [search.ask() for search in unfinished]  # one of each: they fill the cores
@@ -112,11 +119,6 @@ class TuningSweeper(GridSweeper):
     def _config(self, job: list[str]) -> Any:
         assert self.config is not None
         return self.loader.shared(self.config, job)
-
-    def folders(self, jobs: Sequence[list[str]]) -> dict[Path, list[str]]:
-        """Jobs by the folders of their runs."""
-        assert self.config is not None
-        return {self.loader.folder(self.config, job): job for job in jobs}
 
     def final_jobs(self, search: Search, more: Sequence[str]) -> list[list[str]]:
         """Runs on the fresh seeds; none where the config names none."""

@@ -56,7 +56,8 @@ def reason_of(error: BaseException) -> str:
         return f"{error.full_key} must be given: {error.full_key}=…; see --help"
     if isinstance(error, InterpolationToMissingValueError):
         missing = str(error).splitlines()[0].rpartition(": ")[2]
-        return f"{missing} must be given, {error.full_key} needs it: {missing}=…; see --help"
+        needs = f", {error.full_key} needs it" if error.full_key else ""
+        return f"{missing} must be given{needs}: {missing}=…; see --help"
     if isinstance(error, OmegaConfBaseException):
         first = (str(error).splitlines() or ["an interpolation cannot be resolved"])[0]
         return f"{error.full_key}: {first}; see --help" if error.full_key else first
