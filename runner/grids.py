@@ -14,6 +14,7 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -37,8 +38,8 @@ class GridSweeper(BasicSweeper):
     def __init__(
         self,
         max_batch_size: int | None = None,
-        params: Mapping[str, str] | None = None,
-        grids: Mapping[str, Mapping[str, str] | None] | None = None,
+        params: Mapping[str, Any] | None = None,
+        grids: Mapping[str, Any] | None = None,
         retry_failed: bool = False,
     ) -> None:
         super().__init__(max_batch_size, dict(params or {}))

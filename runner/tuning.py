@@ -36,12 +36,14 @@ class TuningSweeper(GridSweeper):
     def __init__(
         self,
         trials: int,
-        tuned: Mapping[str, str],
-        final: Mapping[str, str] | None = None,
+        tuned: Mapping[str, Any],
+        final: Mapping[str, Any] | None = None,
         sampler_seed: int = 0,
         **grids: Any,
     ) -> None:
         super().__init__(**grids)
+        if trials < 1:
+            raise ValueError(f"hydra.sweeper.trials={trials} must be 1 or more")
         self.trials, self.tuned, self.final = trials, tuned, dict(final or {})
         self.sampler_seed = sampler_seed
 
