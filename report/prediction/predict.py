@@ -12,7 +12,7 @@ import torch
 from omegaconf import DictConfig
 from rich.console import Console
 
-from data.record import HOLDS
+from data.record import HOLDS, require_bearable
 from data.terminal import terminal
 from data.whole_file import write_text
 from models.composition.composite import Composite
@@ -66,6 +66,10 @@ def predict(cfg: DictConfig, folder: Path, output: Path) -> list[Prediction]:
     about = f"{metrics['model']} identified on {metrics['system']}"
     cores = cfg.threads or len(os.sched_getaffinity(0))
     predictions = runner.many(motions, scales, max(1, cores))
+    for motion in motions:
+        for channel, values in motion.channels.items():
+            largest = max(abs(scale) for scale in scales)
+            require_bearable(f"{motion.name}: {channel} × {largest:g}", largest * values)
     output.mkdir(parents=True, exist_ok=True)
     if len(motions) * len(scales) == 1:
         found = [next(predictions)]
