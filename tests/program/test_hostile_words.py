@@ -124,7 +124,7 @@ def test_no_command_line_ends_in_a_traceback(line, finished, tmp_path_factory):
 def test_words_of_hydra_end_in_one_line_that_names_them(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     place = f"hydra.sweep.dir={tmp_path}"
-    assert run(train, monkeypatch, "model=linear", *QUICK, *words, place) == 1
+    assert run(train, monkeypatch, *words, "model=linear", *QUICK, place) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: hydra")
     assert error.count("\n") == 1
