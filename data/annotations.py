@@ -10,7 +10,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from data.arguments import plain
 
 NUMBERS = {float: "a number", int: "a whole number"}
-WORDS = {bool: "true or false", str: "text", type(None): "null"}
+WORDS = {bool: "true or false", str: "text", type(None): "null", Any: "anything"}
 LARGEST = 2**63  # of a whole number
 SHOWN = 60  # characters of a value in a message
 

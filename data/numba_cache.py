@@ -15,9 +15,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numba
-
 from data.private_folder import private_folder
+
+try:
+    import numba
+except ValueError as error:  # it reads its settings when it is loaded
+    raise ValueError(f"numba: {error} Look at NUMBA_… in the environment") from None
 
 Compiler = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -79,6 +82,8 @@ def compilers(
                     no_cfunc_wrapper=True,
                     no_cpython_wrapper=inline,
                 )(function)
+                if numba.config.DISABLE_JIT:  # for a debugger: Python runs the function as it is
+                    return function
                 return _for_any_number(_hidden(made) if inline else made)
             finally:
                 numba.config.CACHE_DIR = before

@@ -15,12 +15,23 @@ from torch import Tensor
 
 from data.annotations import shown
 
+LARGEST_SIGNAL = 1e100  # in any unit: squares of larger ones, and of what they cause, overflow
 SAME_STEP = 1e-3  # relative: time steps of two files or crystals that agree to this are one
 
 
 def all_finite(u: Tensor) -> bool:
     """Whether no value is NaN or infinite: a finite sum has neither, and takes a fifth as long."""
     return bool(torch.isfinite(u.sum())) or bool(torch.isfinite(u).all())
+
+
+def require_bearable(name: str, u: Any) -> None:
+    """Raise ValueError for an array or a tensor with finite values beyond `LARGEST_SIGNAL`."""
+    size = abs(u)
+    if ((size > LARGEST_SIGNAL) & (size < float("inf"))).any():
+        raise ValueError(
+            f"{name} has values beyond {LARGEST_SIGNAL:g}, whose squares no computer holds; look "
+            "at its unit and its scale"
+        )
 
 
 def same_step(dt: float, other: float) -> bool:
@@ -225,8 +236,9 @@ class Record:
         return {name: signal for name, signal in named.items() if signal is not None}
 
     def require_finite(self) -> None:
-        """Raise ValueError naming the first sample that is NaN or infinite."""
+        """Raise ValueError naming the first sample that is NaN or infinite, and too large ones."""
         for name, signal in self.signals().items():
+            require_bearable(name, signal)
             if not all_finite(signal):
                 bad = torch.nonzero(~torch.isfinite(signal))[0]
                 raise ValueError(

@@ -15,6 +15,7 @@ import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from data.whole_file import whole_file
 from export.c import step_for, told_of
 from export.c_source import Source, source_of
 from export.fmu_description import (
@@ -52,12 +53,8 @@ def write_fmus(step: Step, name: str, told: Sequence[str], folder: Path) -> list
     made = []
     for version in (2, 3):
         path = folder / f"{source.name}-fmi{version}.fmu"
-        aside = path.with_suffix(".part")
-        try:
+        with whole_file(path) as aside:
             _write_one(aside, version, step, source, variables, token, told)
-            aside.replace(path)
-        finally:
-            aside.unlink(missing_ok=True)
         made.append(path)
     return made
 

@@ -10,6 +10,8 @@ from runner.loaded_late import LoadedLate
 
 
 class _Loaded(LoadedLate, Launcher):
+    key = "hydra.launcher"
+
     def launch(self, *jobs: Any, **settings: Any) -> Any:
         return self.loaded.launch(*jobs, **settings)
 

@@ -10,6 +10,8 @@ from runner.loaded_late import LoadedLate
 
 
 class _Loaded(LoadedLate, Sweeper):
+    key = "hydra.sweeper"
+
     def sweep(self, *jobs: Any, **settings: Any) -> Any:
         return self.loaded.sweep(*jobs, **settings)
 

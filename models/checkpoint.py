@@ -18,6 +18,7 @@ from data.checked import built_with
 from data.plain_data import PARSER_ERRORS
 from data.regular_file import digest_of, open_regular
 from data.sample import Sensors
+from data.whole_file import whole_file
 from models.estimator import Estimator
 
 HEADER = 2**20  # bytes of names and shapes at most
@@ -32,11 +33,10 @@ def save_estimator(estimator: Estimator, path: Path, name: str) -> None:
         key: value.detach().cpu().contiguous() for key, value in estimator.state_dict().items()
     }
     tensors = tensors or {"empty": torch.zeros(0)}  # the format has no empty file
-    aside = path.with_suffix(".part")
     # one entry: the format writes several in an order of its own, which differs from call to call
     model = json.dumps({"name": name, "built": built_with(estimator)})
-    aside.write_bytes(save(tensors, metadata={"model": model}))
-    os.replace(aside, path)
+    with whole_file(path) as aside:
+        aside.write_bytes(save(tensors, metadata={"model": model}))
 
 
 def load_estimator(estimator: Estimator, path: Path, name: str, digest: str | None = None) -> None:

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from data.checked import checked
-from data.record import Drive, Record, Response, all_finite, same_step
+from data.record import Drive, Record, Response, all_finite, require_bearable, same_step
 
 
 class NoFreeRunError(ValueError):
@@ -227,6 +227,7 @@ def _drive(estimator: Estimator, drive: Any) -> Drive:
     for name, u in (("u", drive.u), ("x0", drive.x0), ("v0", drive.v0)):
         if not all_finite(u):
             raise ValueError(f"{name} of the free run is not finite; mend or cut the record")
+        require_bearable(f"{name} of the free run", u)
     return drive
 
 

@@ -16,8 +16,8 @@ from rich.table import Table
 from rich.text import Text
 
 from data.arguments import plain
+from data.whole_file import whole_file, write_text
 from report.style import words_as_they_stand
-from runner.folder.run_folder import write_text
 
 FORMULAS = tuple("=+-@＝＋－＠")  # first characters of a formula in some spreadsheet
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|[+-]?(nan|inf)")
@@ -174,5 +174,6 @@ def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # drawn as a box
         _laid_out(figure)
         for path in paths:
-            figure.savefig(path, dpi=150)
+            with whole_file(path) as aside:
+                figure.savefig(aside, format=path.suffix[1:], dpi=150)
     return paths

@@ -6,6 +6,7 @@ config of every run, in whichever process runs it; each process keeps what it ha
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from pathlib import Path
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from omegaconf import DictConfig, OmegaConf, open_dict
 
+from runner.config.identity import run_name
 from runner.seeds import SeedsOf
 
 KEPT = 50  # configs
@@ -32,17 +34,22 @@ class Composed:
     @cached_property
     def usual(self) -> bool:
         """Whether folders are named as usual, and differ in nothing but the seed."""
-        raw = OmegaConf.to_container(self.cfg.hydra.sweep, resolve=False)
-        assert isinstance(raw, dict)
-        return raw["subdir"] == OWN_NAME and self.seeds.alone
+        return has_own_name(self.cfg) and self.seeds.alone
+
+
+def has_own_name(cfg: DictConfig) -> bool:
+    """Whether the folder of a run is named after its choices, as nobody chose another name."""
+    raw = OmegaConf.to_container(cfg.hydra.sweep, resolve=False)
+    assert isinstance(raw, dict)
+    return bool(raw["subdir"] == OWN_NAME)
 
 
 _composed: dict[tuple[str, ...], Composed] = {}  # of this process
 
 
-def _seed_of(overrides: Sequence[str]) -> tuple[int | None, list[str]]:
-    """The seed, if one is given, and the other words."""
-    seeds = [word for word in overrides if word.startswith("seed=")]
+def seed_of(overrides: Sequence[str]) -> tuple[int | None, list[str]]:
+    """The seed, if a whole number is given, and the other words."""
+    seeds = [word for word in overrides if re.fullmatch(r"seed=(0|[1-9][0-9]{0,17})", word)]
     number = int(seeds[0].removeprefix("seed=")) if len(seeds) == 1 else None
     return number, [word for word in overrides if word not in seeds]
 
@@ -62,24 +69,30 @@ class ComposedOnce(ConfigLoaderImpl):
 
     def shared(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:
         """The config of a run, changed by the next call."""
-        seed, rest = _seed_of(sweep_overrides)
-        if seed is None:
+        seed, rest = seed_of(sweep_overrides)
+        cfg = None if seed is None else self._kept(master_config, sweep_overrides, rest).cfg
+        if cfg is None or not has_own_name(cfg):  # another name may hold any of Hydra's values
             return self._composed(master_config, sweep_overrides)
-        cfg = self._kept(master_config, sweep_overrides, rest).cfg
         with open_dict(cfg):
             OmegaConf.update(cfg, "seed", seed)
             cfg.hydra.overrides.task = sweep_overrides
         return cfg
 
-    def folder(self, master_config: DictConfig, sweep_overrides: list[str]) -> Path:
-        """The folder of a run."""
-        seed, rest = _seed_of(sweep_overrides)
+    def place(self, master_config: DictConfig, sweep_overrides: list[str]) -> tuple[Path, str]:
+        """The folder of a run, and the name that follows from the run's choices."""
+        seed, rest = seed_of(sweep_overrides)
         if seed is not None:
             kept = self._kept(master_config, sweep_overrides, rest)
             if kept.usual:
-                return Path(kept.cfg.hydra.sweep.dir) / kept.seeds.name(seed)
+                name = kept.seeds.name(seed)
+                return Path(kept.cfg.hydra.sweep.dir) / name, name
         cfg = self.shared(master_config, sweep_overrides)
-        return Path(cfg.hydra.sweep.dir) / cfg.hydra.sweep.subdir
+        folder = Path(cfg.hydra.sweep.dir) / cfg.hydra.sweep.subdir
+        return folder, folder.name if has_own_name(cfg) else run_name(cfg)
+
+    def folder(self, master_config: DictConfig, sweep_overrides: list[str]) -> Path:
+        """The folder of a run."""
+        return self.place(master_config, sweep_overrides)[0]
 
     def load_sweep_config(
         self, master_config: DictConfig, sweep_overrides: list[str]

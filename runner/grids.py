@@ -14,6 +14,7 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -21,10 +22,12 @@ from hydra.core.utils import JobReturn, JobStatus
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
 
+from data.whole_file import write_text
 from runner.composed_once import ComposedOnce
+from runner.config.compose import GROUPS
 from runner.folder.lock import sweep_held
 from runner.folder.run_files import CONFIG
-from runner.folder.run_folder import write_text
+from runner.folder.run_folder import read_metrics
 from runner.launch.launcher import reason_of
 from runner.progress import Watch, is_finished, print_summary, reasons, would_fail_again
 
@@ -35,8 +38,8 @@ class GridSweeper(BasicSweeper):
     def __init__(
         self,
         max_batch_size: int | None = None,
-        params: Mapping[str, str] | None = None,
-        grids: Mapping[str, Mapping[str, str] | None] | None = None,
+        params: Mapping[str, Any] | None = None,
+        grids: Mapping[str, Any] | None = None,
         retry_failed: bool = False,
     ) -> None:
         super().__init__(max_batch_size, dict(params or {}))
@@ -59,14 +62,17 @@ class GridSweeper(BasicSweeper):
 
     def work(self, arguments: list[str], folder: Path) -> None:
         """The sweep, in its folder, where no other command works."""
-        if not self.finish(self.jobs(arguments)):
+        jobs = self.jobs(arguments)
+        if doubles := self.asked - len(jobs):
+            print(f"{doubles} of {self.asked} runs are the same as others, and done once with them")
+        if not self.finish(jobs):
             sys.exit(1)
 
     def jobs(self, arguments: list[str]) -> dict[Path, list[str]]:
         """Overrides of each run by its folder; runs that are the same are one."""
         assert self.config is not None
         parser = OverridesParser.create(config_loader=self.loader)
-        folders: dict[Path, list[str]] = {}
+        jobs: list[list[str]] = []
         for name, grid in self.grids.items():
             if grid is None:  # left out
                 continue
@@ -78,8 +84,35 @@ class GridSweeper(BasicSweeper):
             named = {"grid": name} if name else {}  # the run keeps it
             words = [f"{key}={value}" for key, value in {**self.params, **grid, **named}.items()]
             overrides = parser.parse_overrides([*words, *arguments])
-            for job in self.split_arguments(overrides, None)[0]:
-                folders.setdefault(self.loader.folder(self.config, list(job)), list(job))
+            jobs += map(list, self.split_arguments(overrides, None)[0])
+        self.asked = len(jobs)
+        return self.folders(jobs)
+
+    def folders(self, jobs: Sequence[list[str]]) -> dict[Path, list[str]]:
+        """Words of each run by its folder; runs of the same choices are one.
+
+        Raises ValueError for folders that would hold two runs, or a run inside of another's.
+        """
+        assert self.config is not None
+        folders: dict[Path, list[str]] = {}
+        taken: dict[Path, tuple[str, list[str]]] = {}
+        for job in jobs:
+            folder, name = self.loader.place(self.config, job)
+            own, other = taken.setdefault(folder.resolve(), (name, job))
+            if own != name:
+                raise ValueError(
+                    f"hydra.sweep.subdir puts {_apart(job, other)} and {_apart(other, job)} into "
+                    f"one folder, {folder}; {_remedy(job, other)}"
+                )
+            if other is job:
+                folders[folder] = job
+        for place, (name, job) in taken.items():
+            if outer := next((p for p in place.parents if p in taken), None):
+                raise ValueError(
+                    f"hydra.sweep.subdir puts {_apart(job, taken[outer][1])} inside of another "
+                    f"run's folder, {outer}; {_remedy(job, taken[outer][1])}"
+                )
+            require_no_other(place, name)
         return folders
 
     def hopeful(self, jobs: Mapping[Path, list[str]]) -> dict[Path, list[str]]:
@@ -105,6 +138,32 @@ class GridSweeper(BasicSweeper):
         """Let the launcher do the jobs."""
         assert self.launcher is not None
         return self.launcher.launch(list(jobs.values()), initial_job_idx=0)
+
+
+def _apart(job: Sequence[str], other: Sequence[str]) -> str:
+    """The words of a run that another run does not have."""
+    return " ".join(word for word in job if word not in other) or "a run"
+
+
+def _remedy(job: Sequence[str], other: Sequence[str]) -> str:
+    """The words that would tell the folders of two runs apart."""
+    keys = [word.partition("=")[0] for word in job if word not in other]
+    names = [f"${{{key}.name}}" if key in GROUPS else f"${{{key}}}" for key in keys]
+    template = "-".join(names) or "${run_name:}"
+    return f"say hydra.sweep.subdir='{template}', or leave it out"
+
+
+def require_no_other(folder: Path, name: str) -> None:
+    """Raise ValueError where a folder holds the results of a run of another name."""
+    try:
+        digest = read_metrics(folder).get("identity", {}).get("config")
+    except (ValueError, OSError):  # damaged, or not there
+        return
+    if digest is not None and not name.endswith(digest):
+        raise ValueError(
+            f"hydra.sweep.subdir puts a run into {folder}, which holds the results of other "
+            "choices; choose another hydra.sweep.subdir or hydra.sweep.dir, or leave them out"
+        )
 
 
 def keep_grid(folder: Path, job: Sequence[str]) -> None:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 
+from runner.composed_once import has_own_name
 from runner.folder.run_files import FAILED, METRICS
 from runner.grids import GridSweeper, print_lost, unfinished
 from runner.progress import would_fail_again
@@ -35,12 +36,14 @@ class TuningSweeper(GridSweeper):
     def __init__(
         self,
         trials: int,
-        tuned: Mapping[str, str],
-        final: Mapping[str, str] | None = None,
+        tuned: Mapping[str, Any],
+        final: Mapping[str, Any] | None = None,
         sampler_seed: int = 0,
         **grids: Any,
     ) -> None:
         super().__init__(**grids)
+        if trials < 1:
+            raise ValueError(f"hydra.sweeper.trials={trials} must be 1 or more")
         self.trials, self.tuned, self.final = trials, tuned, dict(final or {})
         self.sampler_seed = sampler_seed
 
@@ -57,6 +60,12 @@ class TuningSweeper(GridSweeper):
     def work(self, arguments: list[str], folder: Path) -> None:
         from runner.search import print_searches, write_searches
 
+        assert self.config is not None
+        if not has_own_name(self.config):
+            raise ValueError(
+                "hydra.sweep.subdir: the runs of a search are named after their choices; leave it "
+                "out"
+            )
         searches = self.searches(arguments, folder)
         while unfinished := [search for search in searches if search.left > 0]:
             trials = [search.ask() for search in unfinished]  # one of each: they fill the cores
@@ -112,11 +121,6 @@ class TuningSweeper(GridSweeper):
     def _config(self, job: list[str]) -> Any:
         assert self.config is not None
         return self.loader.shared(self.config, job)
-
-    def folders(self, jobs: Sequence[list[str]]) -> dict[Path, list[str]]:
-        """Jobs by the folders of their runs."""
-        assert self.config is not None
-        return {self.loader.folder(self.config, job): job for job in jobs}
 
     def final_jobs(self, search: Search, more: Sequence[str]) -> list[list[str]]:
         """Runs on the fresh seeds; none where the config names none."""

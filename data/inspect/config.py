@@ -18,6 +18,7 @@ import yaml
 from data.arguments import plain
 from data.measured.channels import signal_of
 from data.measured.finding import Finding
+from data.whole_file import write_text
 
 OWN = Path(__file__).parents[2] / "conf" / "data"
 
@@ -89,7 +90,7 @@ def write_config(
         *(f"  {line}" for line in inner),
     ]
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(text) + "\n", encoding="utf-8")
+    write_text(path, "\n".join(text) + "\n")
 
 
 def _channels(channels: Mapping[str, str], guesses: Mapping[str, str]) -> Iterator[str]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from data.arguments import label
+from data.whole_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,7 +89,8 @@ def draw(
     grid[-1, 1].set_xlabel("frequency [Hz]" if timed else "frequency [1/sample]")
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # drawn as a box
-        figure.savefig(path, dpi=110)
+        with whole_file(path) as aside:
+            figure.savefig(aside, format=path.suffix[1:] or "png", dpi=110)
 
 
 def _history(axes: Axes, signal: np.ndarray, dt: float) -> None:

@@ -18,6 +18,7 @@ from data.measured.files.zipped import unpacked
 from data.measured.named_units import unit_in_name
 from data.measured.raw_record import RawRecord
 from data.measured.units import to_si
+from data.record import require_bearable
 
 SUFFIXES = suffixes_of(FORMATS)
 PLACES = (*SUFFIXES, ".zip")
@@ -240,6 +241,8 @@ def assembled(
     clocks = {
         c.removeprefix("time of "): signals.pop(c) for c in list(signals) if c.startswith("time")
     }
+    for channel, u in signals.items():
+        require_bearable(f"{path.name}: {channel}", u)
     notes_ = tuple(dict.fromkeys(notes))
     return _on_one_clock(path, signals, clocks, places, tables, notes_, align)
 

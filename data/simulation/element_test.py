@@ -15,6 +15,7 @@ from data.simulation.elements.polynomial import Polynomial
 from data.simulation.motion import EscapedMotionError, Motion, simulate
 from data.simulation.path import follow
 from data.simulation.structure import Structure
+from data.whole_file import whole_file
 
 
 def force(element: Element, y: np.ndarray, dt: float, rate: np.ndarray | None = None) -> np.ndarray:
@@ -75,7 +76,8 @@ def write(path: str | Path, element: Element, y: np.ndarray, dt: float) -> None:
     r = force(element, y, dt)
     table = np.column_stack([dt * np.arange(y.size), y, _rate(y, dt), r])
     header = "time,s1,s_dot1,r1"
-    np.savetxt(path, table, fmt="%.10g", delimiter=",", header=header, comments="")
+    with whole_file(Path(path)) as aside:
+        np.savetxt(aside, table, fmt="%.10g", delimiter=",", header=header, comments="")
 
 
 def growing_cycles(amplitude: float, cycles: int, dt: float, frequency: float) -> np.ndarray:

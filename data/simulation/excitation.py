@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from data.checked import checked
+from data.record import require_bearable
 from data.simulation.structure import Structure
 
 Signal = tuple[np.ndarray, np.ndarray]  # values (T, c) and their rates (T, c)
@@ -272,6 +273,8 @@ class Excitation:
         if self.support is not None:
             s, s_dot = self.support.draw(samples, dt, structure.supports, record, rng)
             support, velocity = grow * s, grow * s_dot + growth * s
+        for name, u in (("force", force), ("support", support), ("velocity", velocity)):
+            require_bearable(f"excitation: the {name}", u)
         return force, support, velocity
 
     def _growth(self, t: np.ndarray) -> Signal:

@@ -19,6 +19,7 @@ import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 
 from data.regular_file import open_regular
+from data.whole_file import whole_file
 
 MARK = b"\nsha256 "  # before the digest, at the end of the file
 TAIL = len(MARK) + 64
@@ -45,10 +46,9 @@ class SaveProgress(Callback):
         if trainer.should_stop or time.monotonic() - self.saved < self.seconds:
             return
         if not has_nan(pl_module.state_dict()):
-            aside = self.path.with_suffix(".part")
-            trainer.save_checkpoint(aside)
-            seal(aside)
-            os.replace(aside, self.path)
+            with whole_file(self.path) as aside:
+                trainer.save_checkpoint(aside)
+                seal(aside)
         self.saved = time.monotonic()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ import pyarrow.parquet  # type: ignore[import-untyped]
 from rich.console import Console
 
 from data.terminal import terminal
+from data.whole_file import whole_file
 from report.collection.compare import as_table, compare, in_common
 from report.collection.figure import draw_comparison
 from report.collection.runs import chosen, collect, results_folder
@@ -140,9 +140,8 @@ def write_long(table: pa.Table, folder: Path) -> list[Path]:
         "results.csv": lambda table, path: pa.csv.write_csv(_for_spreadsheets(table), path),
     }
     for name, write in writers.items():
-        aside = folder / f"{name}.part"
-        write(table, aside)
-        os.replace(aside, folder / name)
+        with whole_file(folder / name) as aside:
+            write(table, aside)
     return [folder / name for name in writers]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data.whole_file import whole_file
 from report.prediction.runs import Prediction
 
 FORMATS = ("csv", "parquet")
@@ -40,15 +41,15 @@ def require_format(name: str) -> None:
 def write_history(prediction: Prediction, path: Path, about: str) -> None:
     """Write all columns of a prediction; `path` ends in .csv or .parquet."""
     columns = columns_of(prediction)
-    aside = path.with_name(path.name + ".part")
     if path.suffix == ".parquet":
         import pyarrow as pa  # type: ignore[import-untyped,unused-ignore]
         import pyarrow.parquet as pq  # type: ignore[import-untyped,unused-ignore]
 
         table = pa.table(columns).replace_schema_metadata({"about": about})
-        pq.write_table(table, aside)
+        with whole_file(path) as aside:
+            pq.write_table(table, aside)
     else:
         head = ",".join(columns)
         table = np.column_stack(list(columns.values()))
-        np.savetxt(aside, table, fmt="%.9g", delimiter=",", header=head, comments="")
-    aside.replace(path)
+        with whole_file(path) as aside:
+            np.savetxt(aside, table, fmt="%.9g", delimiter=",", header=head, comments="")

@@ -23,6 +23,7 @@ from data.measured.places import record_places
 from data.measured.raw_record import RawRecord, between
 from data.measured.reading import read_records
 from data.memory import require_memory
+from data.record import require_bearable
 from data.simulation.accelerograms import EARTHQUAKES, FAR_FIELD, read_event
 from data.simulation.earthquake import GRAVITY
 from data.simulation.excitation import (
@@ -101,6 +102,8 @@ def _mended(
 ) -> Motion:
     """A record as a motion of the model's time step, or of its own where the model takes any."""
     raw = replace(raw, channels=interface.chosen(raw.name, raw.channels))
+    for channel, u in raw.channels.items():
+        require_bearable(f"{raw.name}: {channel}", u)
     raw = replace(raw, clocks={c: t for c, t in raw.clocks.items() if c in raw.channels})
     require_common_time(raw)
     raw = between(raw, cfg.start, cfg.stop)
@@ -132,7 +135,9 @@ def _mended(
         channels = {GROUND: size * channels[GROUND]}
         done.append(f"times {size:.4g}, to a peak of {cfg.peak:g} g")
     quiet = cfg.quiet if cfg.quiet is not None else QUIET if GROUND in channels else 0.0
-    rest = np.zeros(round(quiet / dt))
+    samples = quiet / dt
+    require_memory(100.0 * samples * len(channels), f"excitation.quiet={quiet:g} s", "shorten it")
+    rest = np.zeros(round(samples))
     channels = {c: np.concatenate([u, _after(c, u, rest)]) for c, u in channels.items()}
     return Motion(raw.name, dt, channels, [*raw.notes, *done])
 

@@ -12,8 +12,9 @@ import torch
 from omegaconf import DictConfig
 from rich.console import Console
 
-from data.record import HOLDS
+from data.record import HOLDS, require_bearable
 from data.terminal import terminal
+from data.whole_file import write_text
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.training.metrics import FREE_RUNS
@@ -26,7 +27,7 @@ from report.prediction.peaks import peaks_of, row_of
 from report.prediction.runs import Prediction, Runner
 from report.prediction.table import WIDTH, print_many, print_one
 from runner.folder.run import restore, sensors_of
-from runner.folder.run_folder import read_run, write_text
+from runner.folder.run_folder import read_run
 from runner.scores.conformal import FREE_RUN, stored_band
 
 FEW = 10  # runs whose histories are written unless that is asked for
@@ -64,6 +65,10 @@ def predict(cfg: DictConfig, folder: Path, output: Path) -> list[Prediction]:
     about = f"{metrics['model']} identified on {metrics['system']}"
     cores = cfg.threads or len(os.sched_getaffinity(0))
     predictions = runner.many(motions, scales, max(1, cores))
+    for motion in motions:
+        for channel, values in motion.channels.items():
+            largest = max(abs(scale) for scale in scales)
+            require_bearable(f"{motion.name}: {channel} × {largest:g}", largest * values)
     output.mkdir(parents=True, exist_ok=True)
     if len(motions) * len(scales) == 1:
         found = [next(predictions)]

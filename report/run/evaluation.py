@@ -15,6 +15,7 @@ from data.plain_data import as_config
 from data.record import QUANTITIES, Record
 from data.sample import Sensors
 from data.terminal import terminal
+from data.whole_file import write_text
 from models.estimator import Estimator
 from models.linear_motion import LinearMotion
 from models.training.assemble import changed, data_from
@@ -46,7 +47,7 @@ from runner.config.command_line import absolute
 from runner.config.compose import composed
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_files import results_folder
-from runner.folder.run_folder import read_run, write_json, write_text
+from runner.folder.run_folder import read_run, write_json
 from runner.scores.conformal import covered
 from runner.scores.outcome import each_record, per_record
 from runner.scores.verdict import CANNOT

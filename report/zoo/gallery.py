@@ -7,6 +7,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from data.whole_file import write_text
 from models.zoo.index import ROOT, Entry, entries
 from report.zoo.publish import total_bytes
 
@@ -16,7 +17,7 @@ PAGE = ROOT.parent / "docs" / "zoo.md"
 
 def write_page(page: Path = PAGE, root: Path = ROOT) -> Path:
     """Write the page; returns where it is."""
-    page.write_text(page_of(root), encoding="utf-8")
+    write_text(page, page_of(root))
     return page
 
 

@@ -17,6 +17,7 @@ from data.plain_data import read_text, read_yaml
 from data.record import Record
 from data.regular_file import digest_of
 from data.simulation.datamodule import SimulatedData
+from data.whole_file import write_text
 from models.estimator import Estimator
 from models.training.assemble import data_from
 from models.training.metrics import LEFT
@@ -146,7 +147,7 @@ def require_same_values(path: Path, values: Mapping[str, Any]) -> None:
 def write_compact(path: Path, content: Mapping[str, Any]) -> None:
     """JSON without spaces: an entry is small."""
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    write_text(path, text + "\n")
 
 
 def facts_of(folder: Path, licence: Licence) -> dict[str, Any]:
@@ -178,11 +179,7 @@ def write_index(root: Path, new: Mapping[str, Any]) -> None:
         "told": {model: " ".join(told(model).split()) for model in models},
         "entries": found,
     }
-    aside = root / f".{INDEX}.part"
-    aside.write_text(
-        json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n", encoding="utf-8"
-    )
-    os.replace(aside, root / INDEX)
+    write_compact(root / INDEX, content)
 
 
 def total_bytes(root: Path = ROOT) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import errno
 import os
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -43,6 +44,10 @@ def fail(message: str) -> None:
     print(f"error: {plain(' '.join(message.split()))}", file=sys.stderr)
 
 
+OF_HYDRA = re.compile(  # keys of Hydra's own settings that a person may type
+    r"hydra\.(run\.dir|sweep\.(dir|subdir)|mode|searchpath|(launcher|sweeper)(\.[^\W_][\w-]*)+)"
+    r"|hydra/launcher"
+)
 EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException)
 
 
@@ -56,7 +61,8 @@ def reason_of(error: BaseException) -> str:
         return f"{error.full_key} must be given: {error.full_key}=…; see --help"
     if isinstance(error, InterpolationToMissingValueError):
         missing = str(error).splitlines()[0].rpartition(": ")[2]
-        return f"{missing} must be given, {error.full_key} needs it: {missing}=…; see --help"
+        needs = f", {error.full_key} needs it" if error.full_key else ""
+        return f"{missing} must be given{needs}: {missing}=…; see --help"
     if isinstance(error, OmegaConfBaseException):
         first = (str(error).splitlines() or ["an interpolation cannot be resolved"])[0]
         return f"{error.full_key}: {first}; see --help" if error.full_key else first
@@ -99,6 +105,13 @@ def read_words() -> None:
         )
     overrides = OverridesParser.create().parse_overrides(parser.parse_args().overrides)
     for override in overrides:
+        key = override.key_or_group
+        if re.match(r"hydra\b", key) and not OF_HYDRA.fullmatch(key):
+            raise ValueError(
+                f"{shown(key)} is no setting of this program; of Hydra's it has hydra.run.dir, "
+                "hydra.sweep.dir, hydra.sweep.subdir, hydra.mode, hydra.searchpath, "
+                "hydra/launcher, hydra.launcher.… and hydra.sweeper.…"
+            )
         value = override.value()
         names = value if isinstance(value, list) else [value]
         free = override.is_delete() or override.is_sweep_override()

@@ -15,8 +15,10 @@ from hydra import compose, initialize_config_dir
 from hydra._internal import defaults_list
 from hydra._internal.hydra import Hydra
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.plugins import Plugins
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
+from data.annotations import shown
 from data.arguments import print_any_text
 from runner.config.identity import run_name
 
@@ -143,6 +145,7 @@ def prepare_hydra() -> None:
     print_any_text()
     os.environ["HYDRA_FULL_ERROR"] = "1"
     Hydra.get_mode = _mode  # type: ignore[method-assign]
+    Hydra.compose_config = _compose_config  # type: ignore[method-assign]
     defaults_list._create_interpolation_map = _choices_so_far
     if not OmegaConf.has_resolver("help"):
         OmegaConf.register_new_resolver("help", help_text)
@@ -158,6 +161,36 @@ def _mode(self: Hydra, config_name: str | None, overrides: list[str]) -> Any:
     if any("hydra.mode" in word or word.startswith(("-c", "--c")) for word in sys.argv[1:]):
         return _mode_of_config(self, config_name, overrides)
     return None
+
+
+_compose_config_of_hydra = Hydra.compose_config
+
+
+def _compose_config(self: Hydra, *args: Any, **more: Any) -> DictConfig:
+    """A composed config. Raises ValueError for a launcher or a sweeper that Hydra does not have."""
+    cfg = _compose_config_of_hydra(self, *args, **more)
+    for key in ("launcher", "sweeper"):
+        node = OmegaConf.to_container(cfg.hydra, resolve=False)[key]  # type: ignore[index, call-overload]
+        require_plugin(f"hydra.{key}", node)
+    return cfg
+
+
+def require_plugin(key: str, node: Any) -> None:
+    """Raise ValueError unless a node names a plugin of Hydra, and no other class inside of it."""
+    targets = [*_targets(node)]
+    known = Plugins.instance().class_name_to_class
+    if len(targets) != 1 or not isinstance(node, dict) or node.get("_target_") not in known:
+        named = " and ".join(map(shown, targets)) or shown(node)
+        raise ValueError(f"{key}: {named} is no plugin of Hydra; choose with hydra/launcher=…")
+
+
+def _targets(node: Any) -> Iterator[Any]:
+    """Every `_target_` in a node."""
+    if isinstance(node, dict):
+        yield from ([node["_target_"]] if "_target_" in node else [])
+    inner = node.values() if isinstance(node, dict) else node if isinstance(node, list) else ()
+    for value in inner:
+        yield from _targets(value)
 
 
 _choices_of_hydra = defaults_list._create_interpolation_map

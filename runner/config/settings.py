@@ -6,6 +6,7 @@ What stands inside a choice, such as model.cutoff, is held against its class: mo
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,10 +29,14 @@ class Setting:
     annotation: Any
     inside: Callable[[Any], bool] = lambda value: True
     words: str = ""
+    endless: bool = False  # infinity is a value
 
     def check(self, key: str, value: Any) -> None:
         """Raise ValueError, naming `key`, for a value of another type or out of range."""
         require(key, value, self.annotation, "see --help")
+        numbers = value if isinstance(value, list) else [value]
+        if not self.endless and any(isinstance(n, float) and math.isinf(n) for n in numbers):
+            raise ValueError(f"{key}={shown(value)} must be finite; see --help")
         if not self.inside(value):
             raise ValueError(f"{key}={shown(value)} must be {self.words}")
 
@@ -50,7 +55,7 @@ TRAIN = {
     **dict.fromkeys(("excitation", "damage"), Setting(Group | None)),
     "threads": THREADS,
     "figures": Setting(bool),
-    "checkpoint_seconds": Setting(float, lambda s: s >= 0.0, "0 or more, .inf to save none"),
+    "checkpoint_seconds": Setting(float, lambda s: s >= 0.0, "0 or more, inf to save none", True),
     "max_fail": Setting(int, lambda n: n >= 1, "1 or more"),
     "grid": Setting(str | None),
     "start": Setting(str | None),
@@ -148,9 +153,7 @@ def check_settings(cfg: DictConfig, settings: Mapping[str, Setting] = TRAIN) -> 
 def check_excitation(excitation: DictConfig) -> None:
     """Raise ValueError, naming the key, for a motion of a prediction that cannot be used."""
     _check(OmegaConf.to_container(excitation, resolve=True), EXCITATION, "excitation.")
-    for key, value in (excitation.mend or {}).items():
-        if key in MENDING:
-            MENDING[key].check(f"excitation.mend.{key}", value)
+    _check(excitation.mend or {}, MENDING, "excitation.mend.")
     check_files(OmegaConf.create({"excitation": excitation}))
 
 

@@ -13,6 +13,7 @@ from omegaconf import DictConfig
 from data.parallel import take_threads
 from data.regular_file import digest_of
 from data.sample import Sensors
+from data.whole_file import write_text
 from models.checkpoint import save_estimator
 from models.estimator import Estimator
 from models.stored import run as stored
@@ -36,7 +37,6 @@ from runner.folder.run_files import (
 from runner.folder.run_folder import (
     config_text,
     write_json,
-    write_text,
 )
 
 

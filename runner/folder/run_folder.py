@@ -13,13 +13,13 @@ failed.json        in a sweep: why there are no numbers
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from data.whole_file import write_text
 from models.stored.folder import read_config as read_config
 from models.stored.folder import read_metrics as read_metrics
 from models.stored.folder import read_run as read_run
@@ -39,13 +39,6 @@ def settings_of(choice: Mapping[str, Any]) -> dict[str, Any]:
 def config_text(cfg: DictConfig) -> str:
     """The content of config.yaml."""
     return OmegaConf.to_yaml(cfg, resolve=True)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    aside = path.with_name(path.name + ".part")
-    aside.write_text(text, encoding="utf-8")
-    os.replace(aside, path)
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:

@@ -13,7 +13,7 @@ from hydra._internal.core_plugins.basic_launcher import BasicLauncher
 from hydra.core.utils import JobReturn, setup_globals
 from omegaconf import open_dict
 
-from runner.composed_once import ComposedOnce
+from runner.composed_once import ComposedOnce, seed_of
 from runner.side_by_side import can_be_batched, run_batch
 
 
@@ -34,17 +34,15 @@ class BatchedLauncher(BasicLauncher):
         """Jobs by what they have in common, then by seed."""
         groups: dict[tuple[str, ...], dict[int, Sequence[str]]] = {}
         for job in jobs:
-            seed = [word for word in job if word.startswith("seed=")]
-            rest = tuple(word for word in job if word not in seed)
-            number = int(seed[0].removeprefix("seed=")) if seed else 0
-            groups.setdefault(rest, {})[number] = job
+            seed, rest = seed_of(job)
+            groups.setdefault(tuple(rest), {})[seed or 0] = job
         return groups
 
     def _together(self, jobs: dict[int, Sequence[str]]) -> list[Sequence[str]]:
         """Run the jobs of a group; returns those that have to be run alone."""
         assert self.hydra_context is not None
         assert self.config is not None
-        seeds = [seed for seed in jobs if seed >= 0]
+        seeds = list(jobs)
         loader = self.hydra_context.config_loader
         assert isinstance(loader, ComposedOnce)  # the sweeper's
         cfg = loader.load_sweep_config(self.config, list(jobs[seeds[0]]))
@@ -54,4 +52,4 @@ class BatchedLauncher(BasicLauncher):
             return list(jobs.values())
         folders = [loader.folder(self.config, list(jobs[seed])) for seed in seeds]
         left = run_batch(cfg, seeds, folders)
-        return [jobs[seed] for seed in jobs if seed in left or seed < 0]
+        return [jobs[seed] for seed in jobs if seed in left]

@@ -17,6 +17,7 @@ from getpass import getuser
 from pathlib import Path
 from typing import Any
 
+from data.whole_file import write_text
 from runner.launch.launcher import SweepLauncher, Worker
 from runner.launch.processes import run_side_by_side
 
@@ -29,7 +30,7 @@ class Share:
 
     def __call__(self, jobs: list[list[str]], lost: Path) -> None:
         reasons = run_side_by_side(self.worker, jobs, self.processes)
-        lost.write_text(json.dumps(reasons), encoding="utf-8")
+        write_text(lost, json.dumps(reasons))
 
     def checkpoint(self, jobs: list[list[str]], lost: Path) -> Any:
         """The work that submitit queues again when the time of the job is up."""

@@ -3,13 +3,31 @@
 from __future__ import annotations
 
 import os
+import resource
+import signal
 import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
 import pytest
+from matplotlib.figure import Figure
+from report.collection.report import write_long
 
 import train
+from data.inspect.config import write_config
+from data.inspect.picture import draw
+from data.simulation import element_test
+from data.simulation.elements import Polynomial
+from data.whole_file import write_text
+from models.baselines import Zero
+from models.checkpoint import save_estimator
+from report.output import save_figure
+from report.prediction.histories import write_history
+from report.prediction.runs import Prediction, Signal
+from report.zoo.publish import write_compact
 from runner.folder.run_files import CHECKPOINT
 from runner.progress import is_finished
 from tests.program.test_train import numbers, run
@@ -108,3 +126,56 @@ def test_a_sweep_tells_it_and_goes_on_where_there_is_room(
     assert run(train, monkeypatch, *words) == 0
     assert "3 done" in capfd.readouterr().out
     assert results(folder / "sweep") == undisturbed
+
+
+def _figure() -> Figure:
+    figure = Figure()
+    figure.subplots().plot([0.0, 1.0])
+    return figure
+
+
+TIME = np.linspace(0.0, 10.0, 2000)
+SIGNAL = Signal("x", "x", "m", ["1"], np.sin(TIME)[:, None])
+PREDICTION = Prediction("quake", 1.0, 0.005, "linear", [SIGNAL], [], None)
+WRITERS: dict[str, Callable[[Path], object]] = {
+    "text.csv": lambda path: write_text(path, "1,2\n" * 1000),
+    "index.json": lambda path: write_compact(path, {"entry": "x" * 4000}),
+    "model.safetensors": lambda path: save_estimator(Zero(500, 500, 0.01), path, "zero" * 1000),
+    "results.parquet": lambda path: write_long(pa.table({"value": TIME}), path.parent),
+    "history.csv": lambda path: write_history(PREDICTION, path, "about"),
+    "history.parquet": lambda path: write_history(PREDICTION, path, "about"),
+    "loops.png": lambda path: save_figure(_figure(), path.parent, "loops"),
+    "record.png": lambda path: draw(path, "t", {"a": TIME}, {"a": 1.0}, {"a": None}, {}),
+    "record.yaml": lambda path: write_config(path, {"path": "x" * 4000}, {}, []),
+    "test.csv": lambda path: element_test.write(
+        path, Polynomial(between=("s1", "x1"), stiffness=1.0), 0.1 * np.sin(TIME), 0.005
+    ),
+}
+
+
+@contextmanager
+def _files_of_at_most(size: int) -> Iterator[None]:
+    """No file of this process grows beyond `size` bytes; more is an OSError, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_what_does_not_fit_leaves_the_folder_as_it_was(name, tmp_path):
+    path = tmp_path / name
+    with _files_of_at_most(1000), pytest.raises(OSError, match="large"):
+        WRITERS[name](path)
+    assert not list(tmp_path.iterdir())
+    path.write_text("earlier")
+    with _files_of_at_most(1000), pytest.raises(OSError, match="large"):
+        WRITERS[name](path)
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+    assert path.read_text() == "earlier"
+    WRITERS[name](path)
+    assert path.stat().st_size > 1000

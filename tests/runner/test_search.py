@@ -16,12 +16,13 @@ from omegaconf import open_dict
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
 import train
+from data.whole_file import write_text
 from models.training.assemble import data_from, estimator_from
 from models.training.metrics import score
 from runner.config.choices import plain
 from runner.config.compose import CONF, placed, prepare_hydra
 from runner.config.identity import identity_of
-from runner.folder.run_folder import config_text, read_run, write_failure, write_text
+from runner.folder.run_folder import config_text, read_run, write_failure
 from runner.scores.outcome import validation_error
 from runner.search import distribution, start_of
 from tests.program.test_every_config import composed

@@ -138,6 +138,60 @@ def test_numbers_of_earlier_code_do_not_stand_for_a_run_that_was_lost(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["metrics.earlier.json"]
 
 
+SEEDS = ["seed=1 and seed=0", "/same;", "'${seed}'"]
+
+
+@pytest.mark.parametrize(
+    ("words", "subdir", "named"),
+    [
+        *(
+            (["seed=0,1", f"hydra/launcher={launcher}"], "same", SEEDS)
+            for launcher in ("basic", "batched", "joblib", "ray", "slurm")
+        ),
+        (["seed=0,1"], "${model.name}", ["seed=1 and seed=0", "/linear;", "'${seed}'"]),
+        (["model=linear,two_point"], "a/../b", ["model=two_point", "/b;", "'${model.name}'"]),
+        (["model.name=a,a/b"], "${model.name}", ["model.name=a/b inside", "/a;"]),
+    ],
+)
+def test_two_runs_in_one_folder_are_refused_before_the_first(
+    words, subdir, named, tmp_path, monkeypatch, capsys
+):
+    place = [f"hydra.sweep.dir={tmp_path}", f"hydra.sweep.subdir={subdir}"]
+    words = ["-m", *QUICK, "model=linear", *words, *place]
+    assert run(train, monkeypatch, *words) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: hydra.sweep.subdir puts ")
+    assert error.count("\n") == 1
+    assert all(part in error for part in named)
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_a_folder_of_other_choices_is_refused(tmp_path, monkeypatch, capsys):
+    words = ["-m", *QUICK, f"hydra.sweep.dir={tmp_path}", "hydra.sweep.subdir=mine-${seed}"]
+    assert run(train, monkeypatch, *words, "model=linear", "seed=0,1") == 0
+    before = results(tmp_path)
+    assert run(train, monkeypatch, *words, "model=linear", "seed=0,1") == 0
+    assert "2 done (2 of them before)" in capsys.readouterr().out
+    assert run(train, monkeypatch, *words, "model=two_point", "seed=0,1") == 1
+    assert "mine-0, which holds the results of other choices" in capsys.readouterr().err
+    assert results(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", [[], ["hydra.sweep.subdir=mine"]])
+def test_runs_of_the_same_choices_are_one_and_that_is_said(name, tmp_path, monkeypatch, capsys):
+    words = ["-m", *QUICK, "model=linear", f"hydra.sweep.dir={tmp_path}", *name]
+    assert run(train, monkeypatch, *words, "seed=0,0") == 0
+    printed = capsys.readouterr().out
+    assert "1 of 2 runs are the same as others" in printed
+    assert "1 done, 0 failed" in printed
+
+
+def test_a_name_of_all_words_tells_seeds_apart(tmp_path, monkeypatch):
+    place = [f"hydra.sweep.dir={tmp_path}", "hydra.sweep.subdir='${hydra.job.override_dirname}'"]
+    assert run(train, monkeypatch, "-m", *QUICK, "model=linear", "seed=0,1", *place) == 0
+    assert len(results(tmp_path)) == 2
+
+
 LAUNCHERS = {"basic": [], "batched": [], "joblib": ["hydra.launcher.n_jobs=1"]}
 
 

@@ -1,0 +1,190 @@
+"""Whatever is typed after a program ends in a result or in a line, never in a traceback.
+
+HOSTILE_WORDS=2000 python -m pytest -n 0 tests/program/test_hostile_words.py    the long form
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import chdir
+from pathlib import Path
+from types import FrameType
+
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+from hypothesis import HealthCheck, given, settings
+
+import evaluate
+import predict
+import train
+from data.inspect import __main__ as inspect_command
+from export import __main__ as export_command
+from live import __main__ as live_command
+from report.zoo import command as zoo_command
+from runner.folder.lock import release_all
+from tests.hostile_words import command_lines
+from tests.program.test_train import run
+
+EXAMPLES = int(os.environ.get("HOSTILE_WORDS", "40"))
+SECONDS = 10  # of a line that asks for much work: it is no traceback until then
+QUICK = ["data.duration=2", "figures=false", "trainer.enable_progress_bar=false", "max_fail=1"]
+CLI: dict[str, Callable[[], object]] = {
+    "train": train.cli,
+    "evaluate": evaluate.cli,
+    "predict": predict.cli,
+    "live": live_command.main,
+    "export": export_command.cli,
+    "models.zoo": lambda: zoo_command.cli(""),
+    "data.inspect": inspect_command.main,
+}
+
+
+class _TimeUp(BaseException):
+    """Raised where a line asks for more work than a test may do."""
+
+
+def _time_up(number: int, frame: FrameType | None) -> None:
+    raise _TimeUp
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Iterator[Path]:
+    """A finished run; the alarm rings for lines that take long."""
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert run(train, monkeypatch, *QUICK, "model=linear", f"hydra.run.dir={folder}") == 0
+    before = signal.signal(signal.SIGALRM, _time_up)
+    yield folder
+    signal.signal(signal.SIGALRM, before)
+
+
+def _give(program: str, words: list[str], finished: Path) -> int:
+    """Exit status of a line; what it raises is a traceback."""
+    more = {
+        "train": ["hydra.run.dir=run", *QUICK, *words],
+        "evaluate": [f"run={finished}", *words],
+        "predict": [f"run={finished}", "figures=false", "output=out", *words],
+        "export": [f"run={finished}", *words],
+    }
+    GlobalHydra.instance().clear()
+    sys.argv = [f"{program}.py", *more.get(program, words)]
+    signal.alarm(SECONDS)
+    try:
+        CLI[program]()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    except _TimeUp:
+        return 0
+    finally:
+        signal.alarm(0)
+        release_all()
+    return 0
+
+
+@settings(
+    max_examples=EXAMPLES, deadline=None, database=None,
+    derandomize="HOSTILE_WORDS" not in os.environ, suppress_health_check=list(HealthCheck),
+)  # fmt: skip
+@given(line=command_lines())
+def test_no_command_line_ends_in_a_traceback(line, finished, tmp_path_factory):
+    program, words = line
+    argv, folder = sys.argv, tmp_path_factory.mktemp("place")
+    stdin, sys.stdin = sys.stdin, open(os.devnull)  # noqa: SIM115
+    try:
+        with chdir(folder), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            _give(program, words, finished)
+    finally:
+        sys.stdin.close()
+        sys.argv, sys.stdin = argv, stdin
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["hydra.launcher._target_=os.system"],
+        ["-m", "hydra.sweeper._target_=os.system", "seed=0"],
+        ["-m", "hydra.sweeper=null", "seed=0"],
+        ["-m", "~hydra/launcher", "seed=0"],
+        ["+hydra.callbacks.a._target_=os.system"],
+        ["hydra.verbose=3"],
+        ["+hydra.job.env_copy=[1]"],
+        ["-m", "hydra.sweeper.grids=x", "seed=0"],
+        ["-m", "+hydra.sweeper.foo=1", "seed=0"],
+        ["-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs=foo", "seed=0"],
+        ["-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs={_target_:builtins.print}"],
+        ["-m", "hydra/launcher=slurm", "hydra.launcher.hours=inf", "seed=0"],
+    ],
+)
+def test_words_of_hydra_end_in_one_line_that_names_them(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    place = f"hydra.sweep.dir={tmp_path}"
+    assert run(train, monkeypatch, *words, "model=linear", *QUICK, place) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: hydra")
+    assert error.count("\n") == 1
+    assert not list(tmp_path.rglob("config.yaml"))
+
+
+@pytest.mark.parametrize("key", ["duration", "quiet", "std", "peak", "scale", "lag", "dt", "stop"])
+@pytest.mark.parametrize("value", ["inf", "-inf", "nan"])
+def test_numbers_of_a_prediction_are_finite(key, value, finished, tmp_path, monkeypatch, capsys):
+    words = [f"run={finished}", f"output={tmp_path / 'out'}", "excitation.kind=gaussian"]
+    assert run(predict, monkeypatch, *words, f"excitation.{key}={value}") == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: excitation.{key}=")
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["excitation.seed=3", "excitation.scale=1e160"], "1e+160 has values beyond 1e+100"),
+        (["excitation.kind=gaussian", "excitation.std=1e160"], "beyond 1e+100"),
+        (["excitation.seed=3", "excitation.duration=1e300"], "excitation.duration=1e+300"),
+    ],
+)
+def test_motions_that_no_square_holds_are_refused(
+    words, named, finished, tmp_path, monkeypatch, capsys
+):
+    place = [f"run={finished}", f"output={tmp_path / 'out'}", "figures=false"]
+    assert run(predict, monkeypatch, *place, *words) == 1
+    error = capsys.readouterr().err
+    assert named in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("size", ["1e160", "1e300"])
+def test_a_record_that_no_square_holds_is_refused(size, tmp_path, monkeypatch, capsys):
+    rows = [f"{0.01 * i},{i % 7},{size if i == 50 else i % 5}" for i in range(200)]
+    record = tmp_path / "record.csv"
+    record.write_text("\n".join(["time,f1,a1", *rows]) + "\n")
+    words = ["data=measured", f"data.path={record}", "model=linear", "figures=false"]
+    assert run(train, monkeypatch, *words, f"hydra.run.dir={tmp_path / 'run'}") == 1
+    error = capsys.readouterr().err
+    assert "a1" in error
+    assert "beyond 1e+100" in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("setting", ["NUMBA_DISABLE_JIT=1", "NUMBA_NUM_THREADS=0"])
+def test_settings_of_numba_work_or_are_named(setting, tmp_path):
+    name, _, value = setting.partition("=")
+    words = ["model=linear", "baselines=none", "data.calibration_records=0", *QUICK]
+    done = subprocess.run(
+        [sys.executable, str(Path(train.__file__)), *words, f"hydra.run.dir={tmp_path}"],
+        env={**os.environ, name: value}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "Traceback" not in done.stderr
+    if done.returncode:
+        assert "NUMBA_" in done.stderr
+        assert done.stderr.count("\n") == 1
+    else:
+        assert (tmp_path / "metrics.json").is_file()
