@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import random
 import shutil
 import subprocess
 import sys
@@ -13,12 +12,11 @@ from pathlib import Path
 
 import pytest
 import torch
-from hypothesis import example, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
 import train
-from benchmarks.attack.tampering import BOMBS, mutation
 from data.plain_data import as_config, read_json, read_yaml
 from models.stored.schema import METRICS_KIND, require
 from models.training.resume import fault_of, seal
@@ -29,6 +27,7 @@ from runner.folder.run import restore
 from runner.folder.run_files import CHECKPOINT, CONFIG, METRICS
 from runner.folder.run_folder import config_text, read_run, write_failure
 from runner.scores.result import DAMAGED, FINISHED, STATUSES
+from tests.hostile_files import BOMBS, changes
 from tests.program.test_train import run
 
 ROOT = Path(__file__).parents[2]
@@ -154,18 +153,20 @@ def test_a_changed_bit_of_the_model_is_refused(copy):
         restore(cfg, copy)
 
 
-@pytest.mark.parametrize("number", range(40))
-def test_a_tampered_file_is_read_or_refused(number, finished, tmp_path, capsys):
-    """The attack in small; the whole of it: python -m benchmarks.attack --only run_folders."""
-    draw = random.Random(number)
-    file = draw.choice((CONFIG, METRICS, "sensors.json", CHECKPOINT))
-    folder = shutil.copytree(finished, tmp_path / "runs" / "one")
-    (tmp_path / "runs" / "one").joinpath("kept").touch()
-    what, mutate = mutation(draw, file)
-    mutate(folder / file)
-    (result,) = collect([tmp_path / "runs"]) or (None,)
-    assert result.status in STATUSES, what
-    long_table([result])
+@settings(deadline=None, max_examples=40, derandomize=True, suppress_health_check=HealthCheck)
+@given(
+    st.sampled_from((CONFIG, METRICS, "sensors.json", CHECKPOINT)).flatmap(
+        lambda name: st.tuples(st.just(name), changes(name))
+    )
+)
+def test_a_tampered_file_is_listed_and_read_or_refused(finished, tmp_path_factory, changed):
+    file, change = changed
+    folder = shutil.copytree(finished, tmp_path_factory.mktemp("runs") / "one")
+    change.apply(folder / file)
+    (result,) = collect([folder.parent]) or (None,)
+    if result is not None:
+        assert result.status in STATUSES
+        long_table([result])
     with contextlib.suppress(ValueError):
         read_run(folder)
 
