@@ -14,7 +14,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from matplotlib.figure import Figure
-from report.collection.report import write_long
 
 import train
 from data.inspect.config import write_config
@@ -24,6 +23,7 @@ from data.simulation.elements import Polynomial
 from data.whole_file import write_text
 from models.baselines import Zero
 from models.checkpoint import save_estimator
+from report.collection.report import write_long
 from report.output import save_figure
 from report.prediction.histories import write_history
 from report.prediction.runs import Prediction, Signal
