@@ -18,17 +18,23 @@ def seconds_of(work: Callable[[], object], repeats: int) -> list[float]:
 
 
 def show(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Print a row as soon as it is there, the first column to the left, the others to the right."""
-    widths = [max(len(name), 9) for name in head]
-    widths[0] = max(80 - sum(widths[1:]) - 2 * len(widths[1:]), len(head[0]))
+    """Print a table of 80 columns, each row once it is there: names to the left, numbers aligned.
+
+    A name that is too long for its column stands on a line of its own.
+    """
+    widths = [max(len(name), 9) for name in head[1:]]
+    room = max(80 - sum(widths) - 2 * len(widths), 1)
     if title:
         print(f"\n{title}\n")
-    _print(head, widths)
+    _print(head, room, widths)
     for row in rows:
-        _print(row, widths)
+        _print(row, room, widths)
 
 
-def _print(row: Sequence[object], widths: Sequence[int]) -> None:
+def _print(row: Sequence[object], room: int, widths: Sequence[int]) -> None:
     first, *others = (str(cell) for cell in row)
-    cells = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
-    print("  ".join([first.ljust(widths[0]), *cells]).rstrip(), flush=True)
+    if len(first) > room:
+        print(first)
+        first = ""
+    cells = [cell.rjust(width) for cell, width in zip(others, widths, strict=True)]
+    print("  ".join([first.ljust(room), *cells]).rstrip(), flush=True)

@@ -42,6 +42,10 @@ def test_tables_have_80_columns_and_aligned_numbers(capsys):
     *_, head, first, second = capsys.readouterr().out.splitlines()
     assert {len(head), len(first), len(second)} == {80}
     assert first.index("1.0") == second.index("10.0") + 1
+    show("", ("model", "error"), [["a name " * 12, "1.0"]])
+    *_, name, number = capsys.readouterr().out.splitlines()
+    assert name.startswith("a name")
+    assert number == "1.0".rjust(80)
 
 
 def test_the_error_of_a_fit_in_free_run_is_that_of_another_motion():
