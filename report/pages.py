@@ -92,7 +92,7 @@ class Product:
     def _stale(self, folder: Path) -> Iterator[str]:
         runs = [run.folder for run in collect([folder]) if run.finished]
         if other := sum(not is_finished(run) for run in runs):
-            yield f"{other} of {len(runs)} runs in {folder} are of other code"
+            yield f"{other} of {len(runs)} runs in {folder} are of another results version"
         made = max((path.stat().st_mtime for path in folder.rglob("metrics.json")), default=0.0)
         if self.files[0].is_file() and self.files[0].stat().st_mtime < made:
             yield f"older than the runs in {folder}"

@@ -10,7 +10,7 @@ from data.public.benchmarks import BENCHMARKS
 from report.benchmarks.published import PUBLISHED
 from report.benchmarks.rows import Row, rows_of, without_rows
 from report.benchmarks.stored import store, stored, told, with_stored
-from report.collection.runs import earlier_code, has_runs, read_runs, stated
+from report.collection.runs import has_runs, other_version, read_runs, stated
 from report.output import markdown
 from report.usual import BENCHMARKED, STAND_INS
 from runner.folder.run_folder import write_text
@@ -38,7 +38,7 @@ def write_benchmarks_page(page: Path, official: Path, stand_ins: Path) -> None:
         raise ValueError(f"no runs in {official} and {stand_ins}; {NEEDS[BENCHMARKED]} makes them")
     now = {"official": rows_of(runs[official]), "stand_ins": rows_of(runs[stand_ins])}
     rows = {kind: with_stored(now[kind], before.get(kind, [])) for kind in now}
-    faults = [earlier_code([*runs[official], *runs[stand_ins]]), told(now, before)]
+    faults = [other_version([*runs[official], *runs[stand_ins]]), told(now, before)]
     texts = {
         "official": official_table(rows["official"], runs[official]),
         "stand_ins": stand_ins_table(rows["stand_ins"]),

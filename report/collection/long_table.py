@@ -51,7 +51,7 @@ def long_table(runs: Sequence[Result]) -> pa.Table:
     return table
 
 
-HEAD = ("run", "model", "system", "scenario", "seed", "code", "status", "reason", "split")
+HEAD = ("run", "model", "system", "scenario", "seed", "results", "status", "reason", "split")
 
 
 def _runs_table(runs: Sequence[Result]) -> pa.Table:
@@ -59,7 +59,7 @@ def _runs_table(runs: Sequence[Result]) -> pa.Table:
     columns: dict[str, Any] = {"run": [_from_here(run.folder) for run in runs]}
     columns |= {name: [getattr(run, name) for run in runs] for name in HEAD[1:4]}
     columns["seed"] = pa.array([_whole(run.seed) for run in runs], pa.int64())
-    columns["code"] = [run.code for run in runs]
+    columns["results"] = pa.array([_whole(run.results) for run in runs], pa.int64())
     columns |= {"status": [run.verdict for run in runs], "reason": [run.why for run in runs]}
     choices = {name: _column(values) for name, values in chosen(runs).items()}
     return pa.table(columns | choices)
@@ -71,8 +71,8 @@ def _from_here(folder: Path) -> str:
     return (absolute.relative_to(here) if here in absolute.parents else absolute).as_posix()
 
 
-def _whole(seed: Any) -> int | None:
-    return seed if isinstance(seed, int) else None
+def _whole(number: Any) -> int | None:
+    return number if isinstance(number, int) else None
 
 
 def _column(values: Sequence[Any]) -> pa.Array:

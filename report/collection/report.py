@@ -15,6 +15,7 @@ from report.collection.long_table import counted, long_table, write_long
 from report.collection.runs import collect, results_folder
 from report.output import save_figure
 from report.style import titled
+from runner.config.identity import RESULTS
 from runner.progress import is_finished, print_not_identified, reasons
 from runner.scores.result import Result
 
@@ -48,9 +49,9 @@ def report_by(
 
 
 def tell_ended(console: Console, runs: Sequence[Result]) -> None:
-    """Which runs are of other code, why some have no numbers, and others no model."""
+    """Whether runs are of another version, why some have no numbers, and others no model."""
     if any(run.finished and not is_finished(run.folder) for run in runs):
-        console.print("some of these runs were made by other code than this; repeat the sweep")
+        console.print(f"some of these runs are not of results version {RESULTS}; repeat the sweep")
     for line in reasons({run.folder.name: run.reason for run in runs if not run.finished}):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     print_not_identified(console, runs)

@@ -65,11 +65,11 @@ def read_runs(folders: Path | Sequence[Path]) -> list[Result]:
     raise ValueError(f"no run in {_listed(folders)} has ended yet")
 
 
-def earlier_code(runs: Iterable[Result]) -> str:
-    """Which finished runs were made by earlier code, model by model; "" where there are none."""
+def other_version(runs: Iterable[Result]) -> str:
+    """Which finished runs are of another results version, by model; "" where there are none."""
     counts = Counter(run.model for run in runs if run.finished and not is_finished(run.folder))
     names = ", ".join(f"{count} of `{model}`" for model, count in counts.items())
-    return f"runs made by earlier code: {names}" if names else ""
+    return f"runs of another results version: {names}" if names else ""
 
 
 def stated(fault: str) -> str:

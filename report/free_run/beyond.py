@@ -30,11 +30,10 @@ from report.free_run.rows import Row, case_of, rank, row_of
 from report.free_run.tables import COLUMNS, Columns, sections, write_rows
 from report.output import printed
 from runner.config.command_line import command_errors
-from runner.config.identity import written_code_version
+from runner.config.identity import RESULTS
 from runner.config.plain_data import read_json
 from runner.config.schema import ANYTHING, SCORES, require
 from runner.folder.run import restore
-from runner.folder.run_files import CONFIG
 from runner.folder.run_folder import read_run, write_json
 from runner.job import quiet_lightning
 from runner.scores.result import FREE_RUN, Result
@@ -67,8 +66,8 @@ def beyond_config(cfg: DictConfig, change: str) -> DictConfig:
 
 
 def score_beyond(run: Result) -> None:
-    """Write the scores of a run under all changes, unless they are there and of this code."""
-    origin = {"run": run.metrics.get("identity"), "code": written_code_version(run.folder / CONFIG)}
+    """Write the scores of a run under all changes, unless they are there and of this version."""
+    origin = {"run": run.metrics.get("identity"), "results": RESULTS}
     path = run.folder / FILE
     kept = _read(path)
     scores = kept["scores"] if kept.get("origin") == origin else {}

@@ -17,7 +17,7 @@ from string import Template
 from models.training.metrics import FREE_RUNS
 from report.about import about, contains, told
 from report.collection.grids import grids_of, seeds_of
-from report.collection.runs import earlier_code, stated
+from report.collection.runs import other_version, stated
 from report.free_run.beyond import AS_TRAINED, FILE, LARGER, STD, STEPS, beyond_rows, chosen
 from report.free_run.beyond import BEYOND_COLUMNS as BEYOND
 from report.free_run.questions import (
@@ -89,7 +89,7 @@ def _missing(rows: Sequence[Row], runs: Sequence[Result]) -> str:
         names = ", ".join(f"`{model}`" for model in lacking)
         lines.append(f"the experiment names {names} too, which were not run yet")
     lines += _fewer_seeds(runs)
-    if earlier := earlier_code(runs):
+    if earlier := other_version(runs):
         lines.append(earlier)
     return stated("; ".join(lines))
 

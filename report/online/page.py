@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from string import Template
 
-from report.collection.runs import collect, earlier_code, stated
+from report.collection.runs import collect, other_version, stated
 from report.online.cases import read_online
 from report.online.tables import learning_table, settling_tables, stability_table
 from report.usual import ONLINE, STABILITY
@@ -27,5 +27,5 @@ def write_online_page(page: Path, online: Path, stability: Path, settling: str =
         "stable": stability_table(read_online(stability)),
     }
     texts = {name: "\n".join(lines) for name, lines in tables.items()}
-    texts["earlier"] = stated(earlier_code(collect([online, stability])))
+    texts["earlier"] = stated(other_version(collect([online, stability])))
     write_text(page, Template(TEMPLATE.read_text("utf-8")).substitute(texts))

@@ -14,7 +14,7 @@ from pathlib import Path
 from statistics import median, quantiles
 from string import Template
 
-from report.collection.runs import earlier_code, read_runs, stated
+from report.collection.runs import other_version, read_runs, stated
 from report.output import code, markdown
 from report.paper.cells import OWN, SETTINGS, Cell, as_configured, error_of, of
 from report.paper.changes import COLUMNS, rows_of
@@ -90,7 +90,7 @@ def _facts(runs: Sequence[Result], cells: Sequence[Cell]) -> Iterator[tuple[str,
     seeds = {run.seed for run in usual}
     yield "seeds", f"{min(seeds)} … {max(seeds)}"
     yield "runs", str(len(runs))
-    yield "earlier", stated(earlier_code(runs))
+    yield "earlier", stated(other_version(runs))
     for lost in (FAILED, ESCAPED):
         yield lost, str(sum(run.status == lost for run in runs))
 

@@ -25,11 +25,10 @@ from models.training.metrics import score
 from report.tuning.cases import WAYS, Case, read_cases
 from report.usual import SEARCHES
 from runner.config.command_line import command_errors
-from runner.config.identity import written_code_version
+from runner.config.identity import RESULTS
 from runner.config.plain_data import read_json
 from runner.config.schema import ANYTHING, PERCENT, require
 from runner.folder.run import restore
-from runner.folder.run_files import CONFIG
 from runner.folder.run_folder import read_run, write_json
 from runner.job import quiet_lightning
 
@@ -53,9 +52,9 @@ def onsets(case: Case, way: str) -> dict[int, Onset]:
 
 
 def write_onset(folder: Path) -> None:
-    """Score a finished run, unless its scores are there and of this run and this code."""
+    """Score a finished run, unless its scores are there, of this run and this version."""
     cfg, metrics = read_run(folder)
-    origin = {"run": metrics.get("identity"), "code": written_code_version(folder / CONFIG)}
+    origin = {"run": metrics.get("identity"), "results": RESULTS}
     path = folder / FILE
     if _read(path).get("origin") != origin:
         write_json(path, {"origin": origin, "scores": asdict(after_onset(cfg, folder))})

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from report.about import colour_of
 from report.collection.figure import scale
-from report.collection.runs import collect, earlier_code, stated
+from report.collection.runs import collect, other_version, stated
 from report.free_run.rows import SYSTEMS
 from report.tuning.cases import WAYS, Case
 from report.tuning.onset import onsets
@@ -56,7 +56,7 @@ def write_tuning_page(page: Path, cases: Sequence[Case], warmup: Path = WARMUP) 
 
 def _facts(cases: Sequence[Case], warmup: Path) -> Iterator[tuple[str, str]]:
     results = (run for case in cases for of_way in case.results.values() for run in of_way.values())
-    yield "earlier", stated(earlier_code(results))
+    yield "earlier", stated(other_version(results))
     yield "errors", as_markdown(error_rows(cases))
     yield "settings", as_markdown(setting_rows(cases))
     if any(len(onsets(c, way)) < len(c.metrics[way]) for c in cases for way in WAYS):

@@ -57,7 +57,7 @@ METRICS_KIND: dict[Any, Any] = {
     "outside_trained_range": [OUTSIDE],
     "scenario_settings": {...: ANYTHING},
     "seed": int,
-    "identity": {...: str},
+    "identity": {"config": str, "results": int, ...: ANYTHING},
     "checkpoint": str,
     "fit_seconds": NUMBER,
     "parameters": int,
@@ -71,7 +71,7 @@ FAILURE_KIND: dict[Any, Any] = {
     "reason": str,
     "own": bool,
     "escaped": bool,
-    "code": str,
+    "results": int,
     ...: ANYTHING,
 }
 SENSORS_KIND: dict[Any, Any] = {

@@ -21,8 +21,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from data.arguments import reason
-from runner.config.choices import plain
-from runner.config.identity import code_version, front_name, targets_of
+from runner.config.identity import RESULTS, front_name
 from runner.config.plain_data import as_config, read_json, read_text, read_yaml
 from runner.config.schema import CONFIG_KIND, FAILURE_KIND, METRICS_KIND, SENSORS_KIND, require
 from runner.config.settings import TRAIN
@@ -70,9 +69,8 @@ def write_failure(
     hold(folder)
     if cfg is not None:
         write_text(folder / CONFIG, config_text(cfg))
-    code = "" if cfg is None else code_version(targets_of(plain(cfg)))
-    content = {"reason": reason, "own": own, "escaped": escaped, "code": code, "trace": trace}
-    write_json(folder / FAILED, content)
+    content = {"reason": reason, "own": own, "escaped": escaped, "results": RESULTS}
+    write_json(folder / FAILED, content | {"trace": trace})
 
 
 def read_failure(folder: Path) -> dict[str, Any]:
@@ -85,7 +83,7 @@ def read_failure(folder: Path) -> dict[str, Any]:
         raise ValueError(f"{FAILED} has no reason")
     return {
         "escaped": "motion escaped at t =" in failure["reason"],
-        **{"own": False, "code": ""},
+        **{"own": False, "results": None},
         **failure,
     }
 

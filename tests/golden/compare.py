@@ -12,17 +12,36 @@ import platform as machine
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 import scipy
 import torch
 
+from runner.config.identity import RESULTS
+
 FILE = Path(__file__).with_name("values.json")
 TOLERANCE = 1e-9
 LOOSER: dict[str, float] = {}
 HASHES = ("sha256", "text")  # last words of labels
+ABSENT = "(absent)"
+
+
+class Difference(NamedTuple):
+    """A label, dotted by commas, and its values; ABSENT where one side has none."""
+
+    label: str
+    kept: Any
+    now: Any
+
+    @property
+    def of_numbers(self) -> bool:
+        """Whether a result is another: neither a case that came or went, nor another C source."""
+        return ABSENT not in (self.kept, self.now) and not self.label.endswith("text")
+
+    def __str__(self) -> str:
+        return f"{self.label}: {self.now}, kept is {self.kept}"
 
 
 def platform() -> dict[str, str]:
@@ -38,37 +57,48 @@ def platform() -> dict[str, str]:
 
 
 def read() -> dict[str, Any]:
-    """{"platform": …, "cases": {case: {label: value}}}; no cases where the file is not there."""
+    """{"platform": …, "results": version, "cases": {case: {label: value}}}; empty without file."""
     if not FILE.is_file():
-        return {"platform": {}, "cases": {}}
+        return {"platform": {}, "results": RESULTS, "cases": {}}
     content: dict[str, Any] = json.loads(FILE.read_text("utf-8"))
     return content
 
 
 def write(cases: dict[str, Any]) -> None:
     """Keep these values as those of this platform; floats as digits that give them back exactly."""
-    content = {"platform": platform(), "cases": {name: cases[name] for name in sorted(cases)}}
+    content = {"platform": platform(), "results": RESULTS, "cases": dict(sorted(cases.items()))}
     FILE.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", "utf-8")
 
 
-def differences(case: str, kept: Any, now: Any, exact: bool) -> list[str]:
-    """A line for each label whose values differ, and for each that one side lacks."""
+def fault_of(found: list[Difference], results: int) -> str:
+    """Why values of a results version do not fit to this code's, and what to do; "" where they do.
+
+    A number that changed is a new results version, and the kept values are those of the newest.
+    """
+    if any(difference.of_numbers for difference in found) and results == RESULTS:
+        return (
+            f"numbers differ from those of results version {RESULTS}: mend the change, or, where "
+            "they have to differ, raise RESULTS in runner/config/identity.py; then --make"
+        )
+    if results != RESULTS:
+        return f"kept is results version {results}, this code's is {RESULTS}: --make"
+    return "values differ, and no number does: python -m tests.golden --make" if found else ""
+
+
+def differences(case: str, kept: Any, now: Any, exact: bool) -> list[Difference]:
+    """All labels whose values differ, and those that one side lacks."""
     tolerance = 0.0 if exact else LOOSER.get(case, TOLERANCE)
     return list(_differences(case, kept, json.loads(json.dumps(now)), tolerance))
 
 
-def _differences(label: str, kept: Any, now: Any, tolerance: float) -> Iterator[str]:
+def _differences(label: str, kept: Any, now: Any, tolerance: float) -> Iterator[Difference]:
     if isinstance(kept, dict) and isinstance(now, dict):
         for key in sorted({*kept, *now}):
-            here = f"{label}, {key}"
-            if key not in now:
-                yield f"{here}: is gone"
-            elif key not in kept:
-                yield f"{here}: is new"
-            elif not (tolerance and key.endswith(HASHES)):
-                yield from _differences(here, kept[key], now[key], tolerance)
+            if not (tolerance and key.endswith(HASHES)):
+                inner = (side.get(key, ABSENT) for side in (kept, now))
+                yield from _differences(f"{label}, {key}", *inner, tolerance)
     elif not _agree(kept, now, tolerance):
-        yield f"{label}: {now}, kept is {kept}"
+        yield Difference(label, kept, now)
 
 
 def _agree(kept: Any, now: Any, tolerance: float) -> bool:

@@ -50,7 +50,9 @@ def test_all_is_filled_in_and_the_figures_are_beside_it(runs, tmp_path):
     assert "| `element_network` | 0.75 (0.25 – 1.25) † | 0.75 (0.25 – 1.25) † |" in text
     assert "| `vwnn_forward` | 12.50 | diverged (12.50 – diverged) |" in text
     assert "**Incomplete:** no runs of polynomial yet; the experiment names `element" in text
-    counts = re.findall(r"(\d+) of `", text.partition("made by earlier code: ")[2].split("\n")[0])
+    counts = re.findall(
+        r"(\d+) of `", text.partition("runs of another results version: ")[2].split("\n")[0]
+    )
     assert sum(map(int, counts)) == 20
     assert "There is none among these." in text
     assert "| `linear` | 3.00 → 33.00 | 3.00 → 33.00 |" in text

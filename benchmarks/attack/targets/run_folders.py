@@ -27,7 +27,6 @@ from report.paper.cells import study_cells
 from report.run.rescore import print_evaluation, require_scores, score_seeds
 from report.tuning.cases import read_cases
 from runner.config.command_line import one_line_errors
-from runner.config.identity import EVERY_CLASS, code_version
 from runner.folder.run import restore
 from runner.folder.run_files import EVENTS
 from runner.folder.run_folder import read_run
@@ -50,9 +49,6 @@ SLOW = ("whole", "elsewhere", "compared")  # of USES
 class Target:
     name = "run_folders"
 
-    def __init__(self) -> None:
-        code_version(EVERY_CLASS)  # the forks inherit what was read
-
     def prepare(self, folder: Path) -> None:
         """One finished run of each kind of RUNS, and a search."""
         os.chdir(folder)
@@ -70,7 +66,7 @@ class Target:
             "reason": "the fit failed",
             "own": True,
             "escaped": False,
-            "code": "",
+            "results": 1,
             "trace": "",
         }
         (folder / "vwnn" / "failed.json").write_text(json.dumps(reason), "utf-8")
