@@ -23,7 +23,9 @@ from runner.config.identity import RESULTS
 
 FILE = Path(__file__).with_name("values.json")
 TOLERANCE = 1e-9
-LOOSER: dict[str, float] = {}
+LOOSER = {  # fits that end where a step gains little: without AVX2 they end 1.4e-8 elsewhere
+    **dict.fromkeys(("named", "named_element"), 1e-6),
+}
 HASHES = ("sha256", "text")  # last words of labels
 ABSENT = "(absent)"
 
