@@ -46,8 +46,8 @@ class Passport:
         """The facts in words, some 90 characters a line at most."""
         f = self.facts
         return wrap([
-            f"{f['model']} ({f['class']}), identified with {f['software']}, code {f['code']}, "
-            f"config {f['config']}",
+            f"{f['model']} ({f['class']}), identified with {f['software']}, results "
+            f"version {f['results']}, config {f['config']}",
             f"trained on: {trained_on_words(f['trained_on'])}",
             f"error: {_errors(f['error_percent'], f['quantity'])}",
             *_range_lines(f["trained_range"]),
@@ -73,7 +73,7 @@ def passport_of(
             "model": str(cfg.model.name),
             "class": kind,
             "software": software(),
-            "code": identity.get("code", "unknown"),
+            "results": identity.get("results", "unknown"),
             "config": identity.get("config", "unknown"),
             "dt_s": sensors.dt,
             "quantity": sensors.quantity,

@@ -19,8 +19,8 @@ from rich.text import Text
 from data.arguments import plain
 from data.terminal import terminal
 from runner.config.choices import varying
-from runner.config.identity import written_code_version
-from runner.folder.run_files import CONFIG, EARLIER, FAILED, METRICS
+from runner.config.identity import RESULTS, is_current
+from runner.folder.run_files import EARLIER, FAILED, METRICS
 from runner.folder.run_folder import read_failure, read_metrics
 from runner.scores.result import Result, read_result, spread_of
 from runner.scores.spread import DIVERGED, NOT_IDENTIFIED, percent
@@ -31,19 +31,18 @@ LONGEST = 20  # of a line in the first column of a narrow table
 
 
 def is_finished(folder: Path) -> bool:
-    """Whether a run is complete and was made by this code. The folder's name tells its config."""
+    """Whether a run is complete and of this results version. The folder's name tells its config."""
     try:
-        code = read_metrics(folder).get("identity", {}).get("code")
-        return code is not None and code == written_code_version(folder / CONFIG)
+        return is_current(read_metrics(folder))
     except (ValueError, OSError):  # damaged, or not there
         return False
 
 
 def would_fail_again(folder: Path) -> bool:
-    """Whether a run failed by its own fault, not by that of a disk or a machine, in this code."""
+    """Whether a run failed by its own fault, not a disk's or a machine's, in this version."""
     try:
         failure = read_failure(folder)
-        return failure["own"] and failure["code"] == written_code_version(folder / CONFIG)
+        return failure["own"] and failure["results"] == RESULTS
     except (ValueError, OSError):  # damaged, or not there
         return False
 
@@ -54,8 +53,8 @@ class Watch:
     def __init__(self, folders: list[Path], total: int, hopeless: int = 0) -> None:
         """`folders`: what is to be run, of `total` runs; `hopeless`: failed before, left alone.
 
-        Numbers of earlier code are put aside; broken off, a sweep gives them back to runs that it
-        has not begun.
+        Numbers of another results version are put aside; broken off, a sweep gives them back to
+        runs that it has not begun.
         """
         for folder in folders:
             (folder / FAILED).unlink(missing_ok=True)

@@ -33,7 +33,7 @@ from rich.text import Text
 from data.plain_data import read_json
 from data.terminal import Terminal, terminal
 from runner.config.choices import typed
-from runner.config.identity import EVERY_CLASS, code_version
+from runner.config.identity import RESULTS
 from runner.folder.run_files import METRICS
 from runner.folder.run_folder import read_metrics, write_json
 from runner.scores.outcome import validation_error
@@ -95,7 +95,7 @@ class Search:
         self.trials, self.sampler_seed = trials, sampler_seed
         self.name = " ".join(word for word in case if not word.startswith("experiment="))
         content = {key: distribution_to_json(of_key) for key, of_key in space.items()}
-        text = json.dumps([content, self.case, self.seeds, sampler_seed, code_version(EVERY_CLASS)])
+        text = json.dumps([content, self.case, self.seeds, sampler_seed, RESULTS])
         digest = hashlib.sha256(text.encode()).hexdigest()[:10]
         self.study = optuna.create_study(
             storage=f"sqlite:///{folder / STORAGE}",

@@ -13,7 +13,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from runner.config.choices import plain
-from runner.config.identity import choices_text, code_version, digest, name_of, targets_of
+from runner.config.identity import choices_text, digest, identity_of, name_of
 from runner.folder.run_folder import config_text
 
 APART = 8123456789012345678  # a seed that stands nowhere else in a config
@@ -35,10 +35,6 @@ class SeedsOf:
         before, after = choices_text(self.values(APART)).split(f'"seed": {APART}')
         return f'{before}"seed": ', after
 
-    @cached_property
-    def _code(self) -> str:
-        return code_version(targets_of(self.content))
-
     def values(self, seed: int) -> dict[str, Any]:
         """The resolved values for a seed."""
         return {**self.content, "seed": seed}
@@ -46,9 +42,9 @@ class SeedsOf:
     def name(self, seed: int) -> str:
         return name_of(self.values(seed), self._digest(seed))
 
-    def identity(self, seed: int) -> dict[str, str]:
+    def identity(self, seed: int) -> dict[str, Any]:
         """As `identity_of` of the values."""
-        return {"config": self._digest(seed), "code": self._code}
+        return identity_of(self.content, self._digest(seed))
 
     def _digest(self, seed: int) -> str:
         return digest(str(seed).join(self._around))

@@ -139,7 +139,7 @@ class TuningSweeper(GridSweeper):
         """
         pending = self.hopeful(unfinished(jobs))
         for folder in pending:
-            for name in (FAILED, METRICS):  # of other code, or of a run that was lost
+            for name in (FAILED, METRICS):  # of another results version, or of a run that was lost
                 (folder / name).unlink(missing_ok=True)
         if pending:
             print_lost(self.launch(pending))

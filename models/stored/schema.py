@@ -190,7 +190,7 @@ METRICS_KIND = needing(
         "outside_trained_range": [OUTSIDE],
         "scenario_settings": {...: ANYTHING},
         "seed": SEED,
-        "identity": {...: str},
+        "identity": {"config": str, "results": int, ...: ANYTHING},
         "checkpoint": str,
         "fit_seconds": NUMBER,
         "parameters": COUNT,
@@ -205,7 +205,7 @@ METRICS_KIND = needing(
     *("model", "system", "scenario"),
 )
 FAILURE_KIND = needing(
-    {"reason": str, "own": bool, "escaped": bool, "code": str, ...: ANYTHING}, "reason"
+    {"reason": str, "own": bool, "escaped": bool, "results": int, ...: ANYTHING}, "reason"
 )
 
 

@@ -31,7 +31,7 @@ class SaveProgress(Callback):
     identity: of the run; the file holds it. Weights that are not numbers any more are not saved.
     """
 
-    def __init__(self, path: Path, identity: Mapping[str, str], seconds: float) -> None:
+    def __init__(self, path: Path, identity: Mapping[str, Any], seconds: float) -> None:
         if not seconds >= 0.0:
             raise ValueError(f"checkpoint_seconds={seconds} must not be negative; .inf saves none")
         self.path, self.identity, self.seconds = path, dict(identity), seconds
@@ -64,14 +64,14 @@ def has_nan(state: Mapping[str, Any]) -> bool:
     return any(bool(value.isnan().any()) for value in state.values())
 
 
-def fault_of(path: Path, identity: Mapping[str, str]) -> str:
+def fault_of(path: Path, identity: Mapping[str, Any]) -> str:
     """Why a file is not the half-done training of this run, in words; "" where it is."""
     try:
         if not _sealed(path):
             return "is damaged, or of earlier code"
         checkpoint = torch.load(path, map_location="cpu", weights_only=True)
         if checkpoint["identity"] != dict(identity):
-            return "is of other choices or other code"
+            return "is of other choices or another results version"
         return "holds weights that are not numbers" if has_nan(checkpoint["state_dict"]) else ""
     except FileNotFoundError:
         return "is not there"

@@ -82,7 +82,7 @@ def compare(runs: Sequence[Result], by: Sequence[str], metric: str, split: str) 
 
 def labels_of(runs: Sequence[Result]) -> dict[str, list[Any]]:
     """{key: label of each run} of all that runs may be told apart by."""
-    names = ("model", "system", "scenario", "seed", "code")
+    names = ("model", "system", "scenario", "seed", "results")
     return {name: [getattr(run, name) for run in runs] for name in names} | chosen(runs)
 
 

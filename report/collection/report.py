@@ -22,6 +22,7 @@ from report.collection.runs import chosen, collect, results_folder
 from report.collection.scores import Score, scores_of
 from report.output import save_figure, spreadsheet
 from report.style import titled
+from runner.config.identity import RESULTS
 from runner.progress import is_finished, print_not_identified, reasons
 from runner.scores.result import FINISHED, VERDICTS, Result
 from runner.scores.spread import DIVERGED
@@ -56,9 +57,9 @@ def report_by(
 
 
 def tell_ended(console: Console, runs: Sequence[Result]) -> None:
-    """Which runs are of other code, why some have no numbers, and others no model."""
+    """Whether runs are of another version, why some have no numbers, and others no model."""
     if any(run.finished and not is_finished(run.folder) for run in runs):
-        console.print("some of these runs were made by other code than this; repeat the sweep")
+        console.print(f"some of these runs are not of results version {RESULTS}; repeat the sweep")
     for line in reasons({run.folder.name: run.reason for run in runs if not run.finished}):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     print_not_identified(console, runs)
@@ -66,8 +67,8 @@ def tell_ended(console: Console, runs: Sequence[Result]) -> None:
 
 # A collection of runs → one long table, Parquet and CSV: a row per run, split and metric.
 #
-# Columns: run, model, system, scenario, seed, code, status, reason, split, estimate, metric, dof,
-# value; then every choice that is not the same in all runs, by its dotted name. What diverged has
+# Columns: run, model, system, scenario, seed, results, status, reason, split, estimate, metric,
+# dof, value; then every choice that differs between runs, by its dotted name. What diverged has
 # an infinite value. A run whose model is not identified says so, with the reason, beside its
 # numbers. A run without numbers (failed, escaped, unfinished or damaged) has one row with the
 # reason, without a metric; runner/scores/spread.py says how such runs count.
@@ -97,7 +98,7 @@ def long_table(runs: Sequence[Result]) -> pa.Table:
     return table
 
 
-HEAD = ("run", "model", "system", "scenario", "seed", "code", "status", "reason", "split")
+HEAD = ("run", "model", "system", "scenario", "seed", "results", "status", "reason", "split")
 
 
 def _runs_table(runs: Sequence[Result]) -> pa.Table:
@@ -105,7 +106,7 @@ def _runs_table(runs: Sequence[Result]) -> pa.Table:
     columns: dict[str, Any] = {"run": [_from_here(run.folder) for run in runs]}
     columns |= {name: [getattr(run, name) for run in runs] for name in HEAD[1:4]}
     columns["seed"] = pa.array([_whole(run.seed) for run in runs], pa.int64())
-    columns["code"] = [run.code for run in runs]
+    columns["results"] = pa.array([_whole(run.results) for run in runs], pa.int64())
     columns |= {"status": [run.verdict for run in runs], "reason": [run.why for run in runs]}
     choices = {name: _column(values) for name, values in chosen(runs).items()}
     return pa.table(columns | choices)
@@ -117,8 +118,8 @@ def _from_here(folder: Path) -> str:
     return (absolute.relative_to(here) if here in absolute.parents else absolute).as_posix()
 
 
-def _whole(seed: Any) -> int | None:
-    return seed if isinstance(seed, int) else None
+def _whole(number: Any) -> int | None:
+    return number if isinstance(number, int) else None
 
 
 def _column(values: Sequence[Any]) -> pa.Array:

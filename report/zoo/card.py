@@ -265,8 +265,8 @@ Or where a run's folder may stand: `python predict.py run=zoo:{self.name} {motio
             f"## Made by\n\n```sh\n{self.command}\n```\n\n"
             f"Trained on {trained_on_words(facts['trained_on'])}: "
             f"{self.metrics['parameters']} parameters; {solver}, "
-            f"{self.metrics['fit_seconds']:.3g} s. {software()}, code {facts['code']}, "
-            f"config {facts['config']}; {libraries}."
+            f"{self.metrics['fit_seconds']:.3g} s. {software()}, results version "
+            f"{facts['results']}, config {facts['config']}; {libraries}."
         )
 
     def _licences(self) -> str:

@@ -46,7 +46,7 @@ class Run:
 
     folder: Path
     choices: dict[str, Any]
-    identity: dict[str, str]
+    identity: dict[str, Any]
 
     @classmethod
     def begin(cls, folder: Path, cfg: DictConfig, sensors: Sensors) -> Run:

@@ -15,7 +15,7 @@ from models.stored.folder import require_finished as require_finished
 from models.zoo import index as zoo
 
 EVENTS = "events.out.tfevents.*"  # TensorBoard's
-EARLIER = "metrics.earlier.json"  # of earlier code, while a sweep has the run to do again
+EARLIER = "metrics.earlier.json"  # of another results version, until a sweep has repeated the run
 FAILED = "failed.json"  # why a run of a sweep has no metrics.json
 PROGRESS = "training.ckpt"
 FREE_RUN = "free_run"  # of the test motion, in metrics.json

@@ -25,8 +25,7 @@ from models.stored.folder import read_metrics as read_metrics
 from models.stored.folder import read_run as read_run
 from models.stored.folder import read_values
 from models.stored.schema import FAILURE_KIND
-from runner.config.choices import plain
-from runner.config.identity import code_version, targets_of
+from runner.config.identity import RESULTS
 from runner.folder.lock import hold
 from runner.folder.run_files import CONFIG, FAILED
 
@@ -62,9 +61,8 @@ def write_failure(
     hold(folder)
     if cfg is not None:
         write_text(folder / CONFIG, config_text(cfg))
-    code = "" if cfg is None else code_version(targets_of(plain(cfg)))
-    content = {"reason": reason, "own": own, "escaped": escaped, "code": code, "trace": trace}
-    write_json(folder / FAILED, content)
+    content = {"reason": reason, "own": own, "escaped": escaped, "results": RESULTS}
+    write_json(folder / FAILED, content | {"trace": trace})
 
 
 def read_failure(folder: Path) -> dict[str, Any]:
@@ -75,6 +73,6 @@ def read_failure(folder: Path) -> dict[str, Any]:
     failure: dict[str, Any] = read_values(folder / FAILED, FAILURE_KIND)
     return {
         "escaped": "motion escaped at t =" in failure["reason"],
-        **{"own": False, "code": ""},
+        **{"own": False, "results": None},
         **failure,
     }

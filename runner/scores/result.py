@@ -108,9 +108,9 @@ class Result:
         return self.choices.get("grid") or ""
 
     @property
-    def code(self) -> str | None:
-        """Of the run's identity."""
-        return self.metrics.get("identity", {}).get("code")
+    def results(self) -> int | None:
+        """The results version; None of runs before there was one."""
+        return self.metrics.get("identity", {}).get("results")
 
     def error(self, split: str, estimate: str = "", dof: int | None = None) -> float | None:
         """Relative RMS error in percent; infinite where it diverged, None where there is none."""

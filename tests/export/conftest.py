@@ -36,7 +36,7 @@ def exported(estimator: Estimator, name: str = "model", hold: str = "linear") ->
         "model": name,
         "class": type(estimator).__name__,
         "software": "structural-model-zoo",
-        "code": "by hand",
+        "results": "by hand",
         "config": "by hand",
         "dt_s": estimator.dt,
         "quantity": "acceleration",

@@ -26,7 +26,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
     pytest.mark.filterwarnings("ignore:.*litlogger.*"),
 ]
-RUN = {"config": "one", "code": "two"}
+RUN = {"config": "one", "results": 2}
 
 
 class Motions(Data):
@@ -124,7 +124,7 @@ def test_only_the_own_file_is_gone_on_from(tmp_path):
     with pytest.raises(KilledError):
         trained("lbfgs", tmp_path, KillAfter(1))
     path = tmp_path / "training.ckpt"
-    assert fault_of(path, {**RUN, "code": "three"})
+    assert fault_of(path, {**RUN, "results": 3})
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     assert fault_of(path, RUN)

@@ -176,7 +176,7 @@ def test_a_tampered_file_is_listed_and_read_or_refused(finished, tmp_path_factor
 @given(st.data())
 def test_no_flipped_bit_of_half_done_training_is_taken(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("half") / "training.ckpt"
-    identity = {"config": "a", "code": "b"}
+    identity = {"config": "a", "results": 1}
     torch.save({"identity": identity, "state_dict": {"w": torch.arange(9.0)}}, path)
     assert fault_of(path, identity) == "is damaged, or of earlier code"
     seal(path)

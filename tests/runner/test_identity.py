@@ -1,125 +1,102 @@
-"""The identity of a run's code: what it does counts, neither where it stands nor how it is told."""
+"""What a run's numbers follow from: its choices and the results version; stamps of older runs."""
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 from pathlib import Path
 
 import pytest
 
-from runner.config import identity, statements
-from runner.config.identity import ROOT, code_version, front_name, targets_of, written_code_version
+from models.zoo.index import ROOT as ZOO
+from runner import stamp
+from runner.config.compose import composed
+from runner.config.identity import RESULTS, front_name, identity_of
+from runner.folder.run_folder import read_failure, read_metrics, read_run
+from runner.progress import is_finished, would_fail_again
+from runner.seeds import SeedsOf
 
-TARGETS = frozenset({"models.VWNN", "data.Structure"})
+OLDER = Path(__file__).parent / "earlier_layout"  # runs that say which code made them
+FAILURE = {"reason": "the fit failed", "own": True, "escaped": False, "trace": ""}
+
+
+def identity(*words: str) -> dict:
+    cfg = composed(*words)
+    return SeedsOf(cfg).identity(cfg.seed)
 
 
 @pytest.fixture
-def tree(tmp_path) -> Path:
-    """A copy of the code that makes numbers."""
-    for room in ("data", "models", "runner"):
-        shutil.copytree(ROOT / room, tmp_path / room, ignore=shutil.ignore_patterns("__pycache__"))
-    return tmp_path
+def older(tmp_path) -> Path:
+    """A finished run of version 0.11.0, an hour old."""
+    run = Path(shutil.copytree(OLDER / "vwnn", tmp_path / "sweep" / "older"))
+    os.utime(run / "metrics.json", (1e9, 1e9))
+    return run
 
 
-def change(path: Path, before: str, after: str) -> None:
-    text = path.read_text("utf-8")
-    assert before in text
-    path.write_text(text.replace(before, after), "utf-8")
+def test_a_choice_that_changes_numbers_is_another_identity():
+    own = identity()
+    assert own["results"] == RESULTS
+    assert identity("figures=false", "checkpoint_seconds=1") == own
+    for word in ("seed=1", "model.cutoff=51", "data.dt=0.02", "model=linear"):
+        assert identity(word)["config"] != own["config"], word
 
 
-@pytest.fixture(autouse=True)
-def afresh():
-    """Files that change while the program runs are read again."""
-    yield
-    afresh_now()
+def test_an_identity_for_a_seed_is_that_of_its_values():
+    seeds = SeedsOf(composed())
+    assert seeds.identity(3) == identity_of(seeds.values(3)) == identity("seed=3")
 
 
-def afresh_now() -> None:
-    identity._read.cache_clear()
-    identity._code_of.cache_clear()
-    statements._kept.cache_clear()
+def test_classes_of_older_configs_are_named_as_the_fronts_do():
+    assert front_name("models.mlp.GlobalMLP") == "models.GlobalMLP"
+    assert front_name("models.GlobalMLP") == "models.GlobalMLP"
+    assert front_name("somebody.GlobalMLP") == "somebody.GlobalMLP"
 
 
-def of(tree: Path) -> str:
-    afresh_now()
-    return code_version(TARGETS, tree)
+def test_a_run_without_a_results_version_is_read_and_is_not_finished(older):
+    assert read_run(older)[1]["model"] == "vwnn"
+    assert not is_finished(older)
 
 
-def test_a_copy_elsewhere_is_the_same_code(tree):
-    assert of(tree) == code_version(TARGETS, ROOT)
+def test_a_stamped_run_is_finished_and_as_old_as_before(older, capsys):
+    before = read_metrics(older)
+    stamp.main([str(older.parent)])
+    assert "1 of 1 runs were given results version" in capsys.readouterr().out
+    after = read_metrics(older)
+    assert after.pop("identity") == {**before.pop("identity"), "results": stamp.OF_0_11}
+    assert after == before
+    assert (older / "metrics.json").stat().st_mtime == 1e9
+    assert is_finished(older) == (stamp.OF_0_11 == RESULTS)
+    written = (older / "metrics.json").read_bytes()
+    stamp.main([str(older)])
+    assert "0 of 1" in capsys.readouterr().out
+    assert (older / "metrics.json").read_bytes() == written
 
 
-def test_words_do_not_count(tree):
-    before = of(tree)
-    path = tree / "models" / "vwnn.py"
-    text = path.read_text("utf-8")
-    path.write_text('"""Another sentence."""\n# and a comment\n' + text.partition('"""\n\n')[2])
-    change(tree / "models" / "estimator.py", "must be positive", "has to be positive")
-    assert of(tree) == before
+def test_runs_of_other_versions_and_published_ones_are_left_alone(older, capsys):
+    metrics = read_metrics(older)
+    metrics["identity"]["results"] = RESULTS + 1
+    (older / "metrics.json").write_text(json.dumps(metrics))
+    published = next(ZOO.glob("*/*/metrics.json")).parent
+    before = {path: path.read_bytes() for path in (older, published) for path in path.iterdir()}
+    stamp.main([str(older), str(published)])
+    assert "0 of 2" in capsys.readouterr().out
+    assert {path: path.read_bytes() for path in before} == before
 
 
-def test_a_moved_file_is_the_same_code(tree):
-    before = of(tree)
-    (tree / "models" / "layers" / "filters.py").rename(tree / "models" / "low_pass.py")
-    change(tree / "models" / "vwnn.py", "models.layers.filters", "models.low_pass")
-    for path in (tree / "models").rglob("*.py"):
-        path.write_text(path.read_text("utf-8").replace("models.layers.filters", "models.low_pass"))
-    assert of(tree) == before
+def test_failures_are_stamped_and_damaged_files_named(tmp_path, capsys):
+    for name, text in (("failed", json.dumps(FAILURE | {"code": "a"})), ("damaged", "{")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "failed.json").write_text(text)
+    assert not would_fail_again(tmp_path / "failed")
+    stamp.main([str(tmp_path)])
+    said = capsys.readouterr()
+    assert "1 of 2" in said.out
+    assert "damaged" in said.err
+    assert read_failure(tmp_path / "failed")["results"] == stamp.OF_0_11
+    assert would_fail_again(tmp_path / "failed") == (stamp.OF_0_11 == RESULTS)
 
 
-def test_a_changed_equation_is_other_code(tree):
-    before = of(tree)
-    change(tree / "models" / "layers" / "filters.py", "math.exp(-", "math.exp(-2.0 * ")
-    assert of(tree) != before
-
-
-def test_what_a_package_gathers_counts(tree):
-    """`from data.simulation.elements import Takeda` leads to the file of the law."""
-    named = frozenset({"models.NamedElement"})
-    before = code_version(named, tree)
-    change(tree / "data" / "simulation" / "elements" / "takeda.py", "slope = max(", "slope = min(")
-    afresh_now()
-    assert code_version(named, tree) != before
-
-
-def test_what_a_run_does_not_use_does_not_count(tree):
-    before = of(tree)
-    path = tree / "models" / "recurrent.py"
-    path.write_text(path.read_text("utf-8") + "\nOTHER = 1\n")
-    assert of(tree) == before
-    assert code_version(frozenset({"models.Recurrent"}), tree) != code_version(
-        frozenset({"models.Recurrent"}), ROOT
-    )
-
-
-def test_a_config_names_its_code_in_any_layout(tmp_path):
-    content = {"model": {"_target_": "models.VWNN"}, "system": [{"_target_": "data.Structure"}]}
-    assert targets_of(content) == TARGETS
-    path = tmp_path / "config.yaml"
-    path.write_text("a:\n  _target_: models.vwnn.VWNN\nb:\n  _target_: data.structure.Structure\n")
-    assert written_code_version(path) == code_version(TARGETS)
-    assert written_code_version(tmp_path / "none.yaml") == ""
-    assert front_name("os.path.Here") == "os.path.Here"
-
-
-def test_what_was_parsed_is_kept_on_disk_by_its_text(tree, tmp_path, monkeypatch):
-    file = tmp_path / "kept.json"
-    monkeypatch.setattr(statements, "_file", lambda: file)
-    monkeypatch.setattr(statements, "ROOT", tree)
-    before = of(tree)
-    with monkeypatch.context() as patched:
-        patched.delattr(statements, "_parsed")
-        assert of(tree) == before  # nothing is parsed
-    change(tree / "models" / "layers" / "filters.py", "math.exp(-", "math.exp(-2.0 * ")
-    changed = of(tree)
-    assert changed != before
-    file.write_text("damaged")
-    assert of(tree) == changed
-
-
-@pytest.mark.parametrize("text", ["", "null", "[1]", '{"a": 3}', '{"a": [1]}'])
-def test_a_file_of_something_else_is_parsed_again(text, tmp_path, monkeypatch):
-    file = tmp_path / "kept.json"
-    file.write_text(text)
-    monkeypatch.setattr(statements, "_file", lambda: file)
-    assert statements._on_disk() == {}
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(ValueError, match="there is no folder"):
+        stamp.main([str(tmp_path / "nowhere")])

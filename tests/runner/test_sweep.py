@@ -15,7 +15,7 @@ import train
 from report.collection.runs import read_runs
 from runner.config.choices import plain
 from runner.config.compose import CONF, placed, prepare_hydra
-from runner.config.identity import config_digest, run_name
+from runner.config.identity import RESULTS, config_digest, run_name
 from runner.folder import run as run_module
 from runner.folder.run_folder import config_text, read_failure
 from runner.progress import Watch, is_finished
@@ -105,12 +105,12 @@ def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):
 
 
 def test_a_repeat_that_is_broken_off_keeps_what_it_has_not_begun(tmp_path, monkeypatch):
-    """Numbers of earlier code are better than none; the run that was begun is a broken-off one."""
+    """Earlier numbers are better than none; the run that was begun is a broken-off one."""
     words = ["-m", *QUICK, "model=linear", "seed=0,1,2", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 0
     before = {path: path.read_bytes() for path in tmp_path.glob("*/metrics.json")}
     for path in before:
-        path.write_text(path.read_text().replace('"code": "', '"code": "earlier'))
+        path.write_text(path.read_text().replace(f'"results": {RESULTS}', '"results": -1'))
     starts = []
 
     def broken_off(own, *given):
@@ -122,15 +122,15 @@ def test_a_repeat_that_is_broken_off_keeps_what_it_has_not_begun(tmp_path, monke
     start = run_module.Run.start
     monkeypatch.setattr(run_module.Run, "start", broken_off)
     assert run(train, monkeypatch, *words) == 130
-    left = {path for path in before if "earlier" in path.read_text()}
+    left = {path for path in before if '"results": -1' in path.read_text()}
     assert left == {path for path in before if path.parent != starts[0]}
     monkeypatch.setattr(run_module.Run, "start", start)
     assert run(train, monkeypatch, *words) == 0
-    assert all("earlier" not in path.read_text() for path in before)
+    assert all('"results": -1' not in path.read_text() for path in before)
     assert not list(tmp_path.glob("*/metrics.earlier.json"))
 
 
-def test_numbers_of_earlier_code_do_not_stand_for_a_run_that_was_lost(tmp_path):
+def test_numbers_of_an_earlier_version_do_not_stand_for_a_run_that_was_lost(tmp_path):
     """A sweep that ends by itself counts such a run as lost; its earlier numbers stay aside."""
     (tmp_path / "metrics.json").write_text("{}")
     with Watch([tmp_path], 1):
@@ -209,13 +209,13 @@ def test_a_sweep_without_a_folder_goes_on_in_its_own(launcher, tmp_path, monkeyp
     assert [len(list(sweep.iterdir())) for sweep in (tmp_path / "runs").iterdir()] == other
 
 
-def test_results_of_other_code_are_made_again(tmp_path, monkeypatch):
+def test_runs_of_another_results_version_are_repeated(tmp_path, monkeypatch):
     words = ["-m", *QUICK, "model=linear", "seed=0", f"hydra.sweep.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 0
     (folder,) = (path.parent for path in tmp_path.glob("*/metrics.json"))
     assert is_finished(folder)
     metrics = json.loads((folder / "metrics.json").read_text())
-    metrics["identity"]["code"] = "0123456789"
+    metrics["identity"]["results"] = RESULTS - 1
     (folder / "metrics.json").write_text(json.dumps(metrics))
     assert not is_finished(folder)
 
