@@ -134,7 +134,8 @@ def narx(records: list[Record], seed: int, seconds: float) -> Simulator:
 def sindy(records: list[Record], seed: int, seconds: float) -> Simulator:
     """PySINDy: degree 3 of scaled x, v and f; the threshold that is best on held-back motion."""
     ps, dofs, dt = import_module("pysindy"), records[0].dofs, records[0].dt
-    states = [torch.cat([r.x, r.v], dim=1).numpy() for r in records if r.x is not None]
+    known = [(r.x, r.v) for r in records if r.x is not None and r.v is not None]
+    states = [torch.cat(pair, dim=1).numpy() for pair in known]
     rates = [torch.cat([r.v, r.a], dim=1).numpy() for r in records if r.v is not None]
     forces = [r.f.numpy() for r in records]
     size, push = (np.sqrt(np.mean(np.concatenate(u) ** 2, axis=0)) for u in (states, forces))

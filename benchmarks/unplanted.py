@@ -165,8 +165,9 @@ def record(structure: Structure, peak: float, seed: int, samples: int) -> Record
     s = peak * ground(np.random.default_rng(seed), seed % 2 == 1, samples)[:, None]
     s_dot = np.gradient(s, DT, axis=0, edge_order=2)
     motion = simulate(structure, np.zeros((samples, structure.dofs)), DT, s, s_dot)
-    x, v, a, s, s_dot = (torch.from_numpy(u) for u in (motion.x, motion.v, motion.a, s, s_dot))
-    return Record(DT, a, a.new_zeros(samples, 0), x, v, s, s_dot)
+    signals = (motion.a, np.zeros((samples, 0)), motion.x, motion.v, s, s_dot)
+    a, f, x, v, support, rate = map(torch.from_numpy, signals)
+    return Record(DT, a, f, x, v, support, rate)
 
 
 def noisy(record: Record, noise: float, seed: int) -> Record:

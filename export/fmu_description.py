@@ -80,7 +80,9 @@ def description2(
     able = ("canHandleVariableCommunicationStepSize", "canInterpolateInputs",
             "canGetAndSetFMUstate", "canSerializeFMUstate",
             "canNotUseMemoryManagementFunctions")  # fmt: skip
-    unit = SubElement(root, "CoSimulation", modelIdentifier=name, **dict.fromkeys(able, "true"))
+    unit = SubElement(
+        root, "CoSimulation", {"modelIdentifier": name, **dict.fromkeys(able, "true")}
+    )
     sources = SubElement(unit, "SourceFiles")
     for file in ("fmi2.c", f"{name}.c"):
         SubElement(sources, "File", name=file)
@@ -106,7 +108,7 @@ def description3(
     root = Element("fmiModelDescription", {**named, **said, **TOOL})
     able = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUState",
             "canSerializeFMUState")  # fmt: skip
-    SubElement(root, "CoSimulation", modelIdentifier=name, **dict.fromkeys(able, "true"))
+    SubElement(root, "CoSimulation", {"modelIdentifier": name, **dict.fromkeys(able, "true")})
     _before_variables(root, step, variables, "3")
     listed = SubElement(root, "ModelVariables")
     SubElement(listed, "Float64", name="time", valueReference=str(len(variables)),

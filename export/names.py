@@ -65,9 +65,9 @@ def motion_of(model: Estimator) -> list[tuple[str, list[str], str]]:
 
 def elements_of(model: Estimator, count: int) -> list[str]:
     """A name for every element: the nodes that it joins, where the model knows them."""
-    pairs = getattr(model, "elements", None)
-    known = isinstance(pairs, list) and len(pairs) == count
-    return identifiers(["_".join(map(str, pair)) for pair in pairs] if known else [""] * count, "e")
+    pairs = model.elements or []
+    known = ["_".join(pair) for pair in pairs] if len(pairs) == count else [""] * count
+    return identifiers(known, "e")
 
 
 def identifier(text: str) -> str:

@@ -58,6 +58,7 @@ def one_of(*words: str) -> Rule:
 
 ANYTHING = object
 QUANTITY = one_of("acceleration", "velocity", "displacement", "force", "output")  # data/record.py
+HOLD = one_of("linear", "zero_order", "band_limited")  # data/record.py
 NUMBER = (int, float)
 NUMBERS = [NUMBER]
 PERCENT = (NUMBER, None)  # None: it overflowed
@@ -251,7 +252,8 @@ DATA = needing(
     {
         "_target_": str,
         **dict.fromkeys(("path", "train", "test"), TEXTS),
-        **dict.fromkeys(("folder", "benchmark", "hold"), (str, None)),
+        **dict.fromkeys(("folder", "benchmark"), (str, None)),
+        "hold": (HOLD, None),
         **dict.fromkeys(("split", "duration"), PERCENT),
         "train_records": (COUNT, None),
         ...: ANYTHING,
