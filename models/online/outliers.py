@@ -24,7 +24,7 @@ from torch import Tensor
 
 FADE = 1000  # samples in which the largest of late falls to 1/e
 YOUNG = 20  # first samples in motion, which are judged together
-PATIENCE = 200  # samples in which they are waited for; a structure may rest after a first twitch
+PATIENCE = 1000  # samples in which they are waited for; a structure may rest after a first twitch
 WINDOW = 12  # samples in which a far value may prove the first of an event, itself counted
 EVENT = 5  # values out of the ordinary among them, of one channel, from which on it is one
 NEWEST = 3  # values that nothing came after yet that could be compared

@@ -160,7 +160,8 @@ def test_nothing_in_the_input_is_executed(run, lines, tmp_path):
     rows = lines.splitlines()
     rows[50] = ",".join([cell] * len(rows[0].split(",")))
     header = rows[0] + ',"$(touch written)",`touch written`'
-    assert run("-", "--rate", "100", text="\n".join([header, *rows[1:]]))[0] == 0
+    # every line is two cells short, and none is usable
+    assert run("-", "--rate", "100", text="\n".join([header, *rows[1:]]))[0] == 1
     assert run("-", "--rate", "100", text="\n".join(rows))[0] == 0
     assert not target.exists()
     assert not Path("written").exists()
