@@ -18,7 +18,7 @@ from live.log import EstimatesFile, Scalars
 from live.model import stream_from_nothing, stream_of_run
 from live.monitor import LiveMonitor
 from live.source import Source, source_of
-from live.view import LiveView, summary
+from live.view import LiveView, no_sound_sample, summary
 from models.online.stream import Stream
 from runner.folder.run_files import run_folder
 
@@ -45,6 +45,8 @@ def live(args: argparse.Namespace, kind: str, settings: Sequence[str], cfg: Dict
             stack.callback(log.close)
         status = _watch(source, monitor, alarm, logs, view)
         view.tell()
+        if status == 0 and not monitor.sound:
+            raise ValueError(no_sound_sample(monitor, source.lines))
     for line in summary(monitor, source.lines):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     return status

@@ -21,10 +21,11 @@ SCALARS = 20.0  # a second: measured and estimated acceleration
 class EstimatesFile:
     """Columns time [s], a1 …, estimate1 … [m/s²], alarm (a DOF, mostly empty). NaN: not measured.
 
-    Raises OSError where the file exists, unless `force`.
+    A file without an estimate does not stay. Raises OSError where the file exists, unless `force`.
     """
 
     def __init__(self, path: Path, dofs: int, force: bool = False) -> None:
+        self.path, self.written = path, False
         self.file = path.open("w" if force else "x", encoding="utf-8", buffering=1)
         numbers = range(1, dofs + 1)
         heads = ["time", *(f"a{i}" for i in numbers), *(f"estimate{i}" for i in numbers), "alarm"]
@@ -38,9 +39,12 @@ class EstimatesFile:
         values = [round(time, 9), *a.tolist(), *estimate.tolist()]
         dof = "" if raised is None else str(raised.alarm.dof)
         self.file.write(",".join(map(repr, values)) + f",{dof}\n")
+        self.written = True
 
     def close(self) -> None:
         self.file.close()
+        if not self.written:
+            self.path.unlink()
 
 
 class Scalars:

@@ -15,6 +15,8 @@ import numpy as np
 from data.sample import Sample
 from models.detection.detector import Alarm
 from models.online.guard import Event
+from models.online.outliers import PATIENCE
+from models.online.outliers import WINDOW as WINDOW_OF_EVENT
 from models.online.scores import WINDOW
 from models.online.stream import Stream
 
@@ -38,10 +40,14 @@ class LiveMonitor:
     def __init__(self, stream: Stream, period: float) -> None:
         n, dt = stream.estimator.dofs, stream.estimator.dt
         self.stream, self.period = stream, period
-        W = max(2, round(WINDOW / dt))
+        self.shown = max(2, round(WINDOW / dt))  # samples of the running error
+        W = max(self.shown, PATIENCE + WINDOW_OF_EVENT)  # in which a sample may yet be refused
         self.measured, self.estimated = np.zeros((W, n)), np.zeros((W, n))
-        self.squares = np.zeros((2, n))  # Σ of errors and of measurements, since the beginning
+        self.numbers = np.full(W, -1)  # of these samples in the stream
+        self.squares = np.zeros((2, n))  # Σ of errors and of measurements, of the samples before
         self.samples, self.overruns = 0, 0
+        self.sound = False  # whether any sample was
+        self.replays = 0  # of the stream, as known here
         self.time = 0.0  # [s] of the newest sample
         self.taken = array("d", bytes(8 * TIMED))  # [s], of the newest samples
         self.alarms: deque[TimedAlarm] = deque(maxlen=100)
@@ -50,17 +56,31 @@ class LiveMonitor:
 
     def add_sample(self, sample: Sample, estimate: np.ndarray) -> None:
         """Take over a sample and its estimate (n,)."""
-        row = self.samples % len(self.measured)
-        self.samples += 1
-        self.time = self.stream.watch.time
-        a = math.nan if sample.a is None else sample.a.numpy()
-        self.measured[row], self.estimated[row] = a, estimate
-        if self.stream.watch.bad:  # what was refused says nothing about the model
-            self.measured[row] = math.nan
-        error, size = (self.measured[row] - estimate) ** 2, self.measured[row] ** 2
-        if np.isfinite(error).all():
+        watch, row = self.stream.watch, self.samples % len(self.measured)
+        error, size = (self.measured[row] - self.estimated[row]) ** 2, self.measured[row] ** 2
+        if np.isfinite(error).all():  # of the sample that gives way to this one
             self.squares[0] += error
             self.squares[1] += size
+        self.samples += 1
+        self.time, self.numbers[row] = watch.time, watch.sample
+        a = math.nan if sample.a is None else sample.a.numpy()
+        self.measured[row], self.estimated[row] = a, estimate
+        if watch.bad:  # what was refused says nothing about the model
+            self.measured[row] = math.nan
+        elif not self.sound:
+            self.sound = bool(np.isfinite(a).all())
+        if watch.replays != self.replays:
+            self.replays = watch.replays
+            self._take_back([e.sample for e in watch.events if e.kind == "outlier"])
+
+    def _take_back(self, refused: list[int]) -> None:
+        """Leave out samples that proved outliers, and those after them until this was known.
+
+        They were estimated by a model that is no more.
+        """
+        late = np.isin(self.numbers, refused) & np.isfinite(self.measured).all(axis=1)
+        if late.any():
+            self.measured[self.numbers >= self.numbers[late].min()] = math.nan
 
     def add_time(self, seconds: float, late: float) -> None:
         """Take over how long the newest sample took, and how long after its due time it ended."""
@@ -87,23 +107,18 @@ class LiveMonitor:
         return events[-1] if events else None
 
     def window(self) -> tuple[np.ndarray, np.ndarray]:
-        """Measured and estimated (≤ W, n) [m/s²] over the last WINDOW seconds, oldest first."""
-        W = len(self.measured)
-        if self.samples < W:
-            return self.measured[: self.samples], self.estimated[: self.samples]
-        shift = -(self.samples % W)
-        return np.roll(self.measured, shift, axis=0), np.roll(self.estimated, shift, axis=0)
+        """Measured and estimated (≤ shown, n) [m/s²] over the last WINDOW seconds, oldest first."""
+        rows = np.arange(max(self.samples - self.shown, 0), self.samples) % len(self.measured)
+        return self.measured[rows], self.estimated[rows]
 
     def running_error(self) -> tuple[float, np.ndarray]:
         """Error (Eq. 21) in percent over the last WINDOW seconds, total and of each DOF (n,)."""
-        measured, estimated = self.window()
-        error, size = (measured - estimated) ** 2, measured**2
-        sound = np.isfinite(error).all(axis=1)
-        return _percent(error[sound].sum(axis=0), size[sound].sum(axis=0))
+        return _percent(*_squares(*self.window()))
 
     def error(self) -> tuple[float, np.ndarray]:
         """Error (Eq. 21) in percent since the beginning, total and of each DOF (n,)."""
-        return _percent(*self.squares)
+        missed, measured = _squares(self.measured, self.estimated)
+        return _percent(self.squares[0] + missed, self.squares[1] + measured)
 
     def latency(self) -> tuple[float, float]:
         """Median and 99.9th percentile [s] of the time that a sample took."""
@@ -112,6 +127,13 @@ class LiveMonitor:
             return math.nan, math.nan
         middle, most = np.quantile(taken, [0.5, 0.999])
         return float(middle), float(most)
+
+
+def _squares(measured: np.ndarray, estimated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Σ (n,) of the squares of errors and of measurements, of the sound ones of samples (W, n)."""
+    error = (measured - estimated) ** 2
+    sound = np.isfinite(error).all(axis=1)
+    return error[sound].sum(axis=0), (measured[sound] ** 2).sum(axis=0)
 
 
 def _percent(error: np.ndarray, size: np.ndarray) -> tuple[float, np.ndarray]:

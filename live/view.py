@@ -160,6 +160,7 @@ DONE = {
     "not_finite": "replaced",
     "outlier": "replaced",
     "saturated": "replaced",
+    "restarted": "the model was worse than none and has begun anew",
 }
 
 
@@ -180,6 +181,20 @@ def alarm_line(raised: TimedAlarm) -> str:
     """Time, DOF and size of an alarm."""
     alarm = raised.alarm
     return f"ALARM at {raised.time:.1f} s: DOF {alarm.dof}, {alarm.size:.1f} times the threshold"
+
+
+def no_sound_sample(monitor: LiveMonitor, lines: SampleLines | None) -> str:
+    """What is wrong with a run in which there was nothing to compare an estimate with."""
+    if lines is not None and lines.bad:
+        found = f"{lines.bad:,} bad lines, the last: {plain(lines.faults[-1])}"
+    else:
+        found = f"{monitor.samples:,} samples"
+    if monitor.last_event is not None:
+        found += f"; {event_line(monitor)}"
+    return (
+        f"not one sound sample came: {found}; send lines of finite numbers, as many as the "
+        "header has names"
+    )
 
 
 def summary(monitor: LiveMonitor, lines: SampleLines | None) -> list[str]:

@@ -23,18 +23,20 @@ from torch import Tensor, nn
 from data.checked import checked
 from data.record import Record
 from data.sample import INPUTS, Sample
-from models.online.outliers import Ranges, lone
+from models.online.outliers import Ranges, first_is_lone, lone
 
 EVENTS = 1000  # newest ones that are kept: a stream may last for months
+CHANGING = ["events", "kinds", "still_bad", "bad", "before", "same", "largest"]  # in place
+CHANGING += ["missed", "measured"]
 
 
 @dataclass(frozen=True)
 class Event:
-    """The first of one or more bad samples in a row."""
+    """The first of one or more bad samples in a row, or that after which a model restarted."""
 
     sample: int  # number, from 0, dropped ones counted
     time: float  # [s]
-    kind: str  # dropped, repeated, not_finite, outlier or saturated
+    kind: str  # dropped, repeated, not_finite, outlier, saturated or restarted
     channel: str  # a1, f2, …; "all" where the sample did not come, or came twice
 
 
@@ -92,7 +94,10 @@ class Guard(nn.Module):
         signals = torch.cat(list(record.signals().values()), dim=-1)
         records = signals.reshape(signals.shape[:-2].numel(), *signals.shape[-2:])
         pairs = zip(records, moving.reshape(len(records), -1), strict=True)
-        return any(lone(signal, when, self.outlier) for signal, when in pairs)
+        return any(
+            lone(signal, when, self.outlier) or first_is_lone(signal, when, self.outlier)
+            for signal, when in pairs
+        )
 
 
 class Watch:
@@ -109,14 +114,17 @@ class Watch:
         self.before = [nan] * dofs
         self.same = [0] * dofs  # values in a row that equal the one before
         self.largest = [0.0] * dofs  # |ẍ| so far
+        self.missed = [0.0] * dofs  # Σ (a − â)², of sound samples in motion since the last review
+        self.measured = [0.0] * dofs  # Σ a² of the same
         self.unsettled = 0  # samples until something may be learnt again
         self.ranges = Ranges(guard.outlier)
+        self.replays = 0  # how often samples were gone through again
         self.blind = 0  # samples until an innovation tells about its acceleration again
 
     def snapshot(self) -> Watch:
         """A watch of its own in the same state."""
         other = copy(self)
-        for name in ("events", "kinds", "still_bad", "bad", "before", "same", "largest"):
+        for name in CHANGING:
             setattr(other, name, copy(getattr(self, name)))
         other.ranges = self.ranges.copy()
         return other
@@ -158,9 +166,14 @@ class Watch:
         return self.ranges.limits is not None
 
     def strays(self, sample: Sample) -> bool:
-        """Whether an input of a sample is an outlier, as far as can be said of it now."""
+        """Whether an input of a sample may be an outlier: far off, or the first in motion."""
         signals = ((name, getattr(sample, name)) for name in INPUTS)
-        return any(u is not None and self.ranges.far(name, u.tolist()) for name, u in signals)
+        pairs = [(name, u.tolist()) for name, u in signals if u is not None]
+        return any(self.ranges.begins(u) or self.ranges.far(name, u) for name, u in pairs)
+
+    def strays_after(self, a: Tensor, estimate: Tensor) -> bool:
+        """Whether an acceleration (n,) may be an outlier: far off, or the first in motion."""
+        return self.ranges.begins(a.tolist()) or bool(self.far(a, estimate))
 
     def mended(self, sample: Sample) -> Sample:
         """The sample with the last sound values where its own are not finite, or outliers."""
@@ -217,6 +230,7 @@ class Watch:
         if self.bad:
             self.unsettled = self.guard.settle
             return kept, False
+        self._compare(values, estimate.tolist(), bool(sample.excitation.any()))
         settled = self.unsettled == 0
         self.unsettled -= not settled
         return kept, settled
@@ -228,6 +242,29 @@ class Watch:
         self.blind -= self.blind > 0
         if ranges.young and (any(values) or bool(sample.excitation.any())):
             ranges.young -= 1
+
+    def _compare(self, values: list[float], estimates: list[float], moving: bool) -> None:
+        """Take a sound sample over into the sums by which a model is compared with none."""
+        for i, (value, estimate) in enumerate(zip(values, estimates, strict=True)):
+            if moving or value != 0.0:
+                error = value - estimate
+                self.missed[i] += error * error
+                self.measured[i] += value * value
+
+    def squares(self) -> tuple[float, float]:
+        """Σ (a − â)² and Σ a² of sound samples in motion since they were asked for last."""
+        sums = sum(self.missed), sum(self.measured)
+        self.missed, self.measured = ([0.0] * len(self.before) for _ in range(2))
+        return sums
+
+    def keep_history(self, other: Watch) -> None:
+        """Take over the events of another watch, and the number and time of its newest sample."""
+        self.events, self.kinds = other.events, other.kinds
+        self.sample, self.time, self.replays = other.sample, other.time, other.replays
+
+    def restart(self) -> None:
+        """Name the newest sample as that after which the model is one begun anew."""
+        self._add(Event(self.sample, self.time, "restarted", "all"))
 
     def bounded(self, estimate: Tensor) -> Tensor:
         """An estimate (n,) made finite and limited to the largest acceleration measured so far."""

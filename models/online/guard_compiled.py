@@ -15,8 +15,8 @@ from models.online.outliers import KEPT
 
 HERE = Path(__file__)
 _, inlined = compilers(HERE)
-ROWS = range(8)
-LAST, LEVEL, STEP, QUANTUM, ERROR, BEFORE, SAME, LARGEST = ROWS
+ROWS = range(10)
+LAST, LEVEL, STEP, QUANTUM, ERROR, BEFORE, SAME, LARGEST, MISSED, MEASURED = ROWS
 
 
 @inlined
@@ -72,10 +72,14 @@ def take_input(f, numbers):
 
 @inlined
 def take_output(a, estimate, moving, numbers):
-    """Widen the ranges by an acceleration (n,), and count values that repeat."""
+    """Widen the ranges by an acceleration (n,), count values that repeat, and sum squares."""
     for j in range(a.size):
+        error = a[j] - estimate[j]
         _take(a[j], numbers, j)
-        numbers[ERROR, j] = max(abs(a[j] - estimate[j]), KEPT * numbers[ERROR, j])
+        numbers[ERROR, j] = max(abs(error), KEPT * numbers[ERROR, j])
+        if moving or a[j] != 0.0:
+            numbers[MISSED, j] += error * error
+            numbers[MEASURED, j] += a[j] * a[j]
         if a[j] == numbers[BEFORE, j]:
             numbers[SAME, j] += moving or a[j] != 0.0
         else:

@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 
 from models.online.guard import Watch
-from models.online.guard_compiled import BEFORE, LARGEST, ROWS, SAME
+from models.online.guard_compiled import BEFORE, LARGEST, MEASURED, MISSED, ROWS, SAME
 
 RANGE = ("last", "level", "step", "quantum", "error")  # the first rows, of `Range`
 
@@ -28,7 +28,7 @@ class Ordinary:
     def take(self, watch: Watch) -> bool:
         """Whether the next sample may be an ordinary one; the numbers are then taken over."""
         ranges = watch.ranges
-        waiting = ranges.young, ranges.left, watch.blind, watch.unsettled
+        waiting = ranges.young, ranges.first, ranges.left, watch.blind, watch.unsettled
         if any(waiting) or watch.bad or watch.repeats or ranges.of.keys() != self.numbers.keys():
             return False
         for name, numbers in self.numbers.items():
@@ -36,6 +36,7 @@ class Ordinary:
                 numbers[: len(RANGE), j] = [getattr(one, row) for row in RANGE]
         own = self.numbers["a"]
         own[BEFORE], own[SAME], own[LARGEST] = watch.before, watch.same, watch.largest
+        own[MISSED], own[MEASURED] = watch.missed, watch.measured
         watch.still_bad = set()
         self.taken = True
         return True
@@ -46,6 +47,7 @@ class Ordinary:
             for one, values in zip(watch.ranges.of[name], numbers.T.tolist(), strict=True):
                 for row, value in zip(RANGE, values[: len(RANGE)], strict=True):
                     setattr(one, row, value)
-        before, same, largest = self.numbers["a"][[BEFORE, SAME, LARGEST]].tolist()
-        watch.before, watch.same, watch.largest = before, list(map(int, same)), largest
+        own = self.numbers["a"].tolist()
+        watch.before, watch.same = own[BEFORE], list(map(int, own[SAME]))
+        watch.largest, watch.missed, watch.measured = (own[k] for k in (LARGEST, MISSED, MEASURED))
         self.taken = False

@@ -5,24 +5,34 @@ of late: |Δu| |e| > times² max|Δu| max|e|, both maxima fading in FADE samples
 innovation is the recursive least M-estimate of Zou, Chan & Ng (2000), with the hard limit of
 Hampel's identifier; the largest of late stands in for their median, as innovations of sound data
 come in bursts. Whether a far value was alone is known some samples later (`models/online/hold.py`).
+
+The first samples in motion have nothing before them. They are taken as they come and judged once
+there are enough: the same product, with the distance from the median as the step, is then compared
+with the largest of all the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
+from itertools import pairwise
 from math import exp, inf, isfinite
+from statistics import median
 
 import torch
 from torch import Tensor
 
 FADE = 1000  # samples in which the largest of late falls to 1/e
-YOUNG = 20  # first samples in motion, which nothing can be compared with
+YOUNG = 20  # first samples in motion, which are judged together
+PATIENCE = 1000  # samples in which they are waited for; a structure may rest after a first twitch
 WINDOW = 12  # samples in which a far value may prove the first of an event, itself counted
 EVENT = 5  # values out of the ordinary among them, of one channel, from which on it is one
 NEWEST = 3  # values that nothing came after yet that could be compared
 BEYOND = 2.0  # times the largest of late is out of the ordinary: sound data grow by less
 KEPT = exp(-1.0 / FADE)
+
+Channel = tuple[str, int]  # signal and place in it
+Limits = dict[Channel, tuple[float, float]]  # sound values lie around the first, by the second
 
 
 class Range:
@@ -68,9 +78,10 @@ class Ranges:
         self.of: dict[str, list[Range]] = {}  # by signal
         self.young = YOUNG  # samples in motion that are still to come
         self.left = 0  # samples of the window behind an outlier that are still to come
-        self.window: dict[tuple[str, int], list[float]] = {}  # |values| in it, by channel
-        self.unusual: dict[tuple[str, int], int] = {}  # how many of them are out of the ordinary
-        self.limits: dict[tuple[str, int], float] | None = None  # while an event is repeated
+        self.window: dict[Channel, list[float]] = {}  # values in it, by channel
+        self.unusual: dict[Channel, int] = {}  # how many of them are out of the ordinary
+        self.first = False  # whether the window is that of the first samples in motion
+        self.limits: Limits | None = None  # while samples are gone through again
 
     def copy(self) -> Ranges:
         """Ranges of their own that are equal."""
@@ -85,9 +96,10 @@ class Ranges:
     ) -> list[int]:
         """Channels of a signal whose values are far off."""
         if self.limits is not None:
-            limits = self.limits
-            return [i for i, u in enumerate(values) if abs(u) > limits.get((name, i), inf)]
-        if self.times is None or self.young:
+            limits = (self.limits.get((name, i), (0.0, inf)) for i in range(len(values)))
+            pairs = enumerate(zip(values, limits, strict=True))
+            return [i for i, (u, (middle, radius)) in pairs if abs(u - middle) > radius]
+        if self.times is None or self.young or self.first:
             return []
         ranges, times, found = self._of(name, len(values)), self.times, []
         for i, value in enumerate(values):
@@ -105,16 +117,16 @@ class Ranges:
     ) -> None:
         """Take over a signal's measured values and those that were kept instead of wrong ones."""
         for i, one in enumerate(self._of(name, len(values))):
+            if (self.left or self.first) and isfinite(values[i]):
+                self.window.setdefault((name, i), []).append(values[i])
             if self.left:
-                if isfinite(values[i]):
-                    self.window.setdefault((name, i), []).append(abs(values[i]))
                 if one.unusual(values[i]):
                     self.unusual[name, i] = self.unusual.get((name, i), 0) + 1
             elif not (wrong is not None and wrong[i]):
                 one.take(kept[i], None if errors is None else errors[i])
             one.last = kept[i]
 
-    def event(self) -> dict[tuple[str, int], float] | None:
+    def event(self) -> Limits | None:
         """None unless what seemed an outlier lasts; then the limits of the channels in the event.
 
         What exceeds by far all that came after it, in the event itself, is no part of it.
@@ -122,15 +134,27 @@ class Ranges:
         if self.times is None or max(self.unusual.values(), default=0) < EVENT:
             return None
         much = self.times**2
-        for sizes in self.window.values():
+        window = {channel: list(map(abs, values)) for channel, values in self.window.items()}
+        for sizes in window.values():
             newest, before = max(sizes[-NEWEST:]), max(sizes[:-NEWEST], default=0.0)
             if self.left and newest > much * before > 0.0:
                 return None  # let us see what comes after it
-        return {channel: much * _of_event(u, much) for channel, u in self.window.items()}
+        return {channel: (0.0, much * _of_event(u, much)) for channel, u in window.items()}
+
+    def begins(self, values: Sequence[float]) -> bool:
+        """Whether a signal's values are the first in motion."""
+        return self.times is not None and self.young > 0 and not self.first and any(values)
+
+    def of_first(self) -> Limits | None:
+        """Limits of channels with outliers among the first samples; None: not known yet."""
+        if self.times is None or self.young:
+            return None
+        return limits_of_first(self.window, self.times)
 
     def watch(self) -> None:
-        """Begin the window behind an outlier."""
-        self.left, self.window, self.unusual = WINDOW, {}, {}
+        """Begin the window behind an outlier, or that of the first samples in motion."""
+        self.first = self.young > 0
+        self.left, self.window, self.unusual = 0 if self.first else WINDOW, {}, {}
 
     def _of(self, name: str, channels: int) -> list[Range]:
         ranges = self.of.get(name)
@@ -146,6 +170,55 @@ def _of_event(sizes: Sequence[float], much: float) -> float:
         if size <= much * largest:
             largest = max(largest, size)
     return largest or inf
+
+
+def limits_of_first(window: Mapping[Channel, Sequence[float]], times: float) -> Limits | None:
+    """Limits of the channels whose first values hold outliers; None: let us see what comes after.
+
+    An onset is told from an outlier by what follows it.
+    """
+    limits: Limits = {}
+    for channel, values in window.items():
+        middle = median(values)
+        found, radius = _far_from_others(values, middle, times)
+        if found and max(found) >= len(values) - WINDOW:
+            return None
+        if found:
+            limits[channel] = middle, radius
+    return limits
+
+
+def _far_from_others(
+    values: Sequence[float], middle: float, times: float
+) -> tuple[list[int], float]:
+    """Places of values far from all the others, fewer than an event's; the others' radius."""
+    steps = [abs(later - sooner) for sooner, later in pairwise([0.0, *values]) if later != sooner]
+    quantum = min(steps, default=0.0)
+    far = [abs(value - middle) for value in values]
+    order = sorted(range(len(values)), key=lambda k: far[k] * abs(values[k]), reverse=True)
+    for count in range(min(EVENT, len(values)) - 1, 0, -1):
+        others, least = order[count:], order[count - 1]
+        radius, level = max(far[k] for k in others), max(abs(values[k]) for k in others)
+        bound = times**2 * max(radius, quantum) * max(level, quantum)
+        if far[least] * abs(values[least]) > bound:
+            return order[:count], radius
+    return [], inf
+
+
+def first_is_lone(signals: Tensor, moving: Tensor, times: float) -> bool:
+    """Whether the first samples in motion of signals (T, C) hold an outlier, as a stream judges."""
+    begun = (moving | (signals != 0.0).any(dim=-1)).nonzero()
+    if not len(begun):
+        return False
+    first = int(begun[0])
+    enough = (moving[first : first + PATIENCE].cumsum(dim=0) >= YOUNG).nonzero()
+    columns = signals[first : first + PATIENCE].T.tolist()
+    for end in range(int(enough[0]) + 1, len(columns[0]) + 1) if len(enough) else ():
+        window = {("", i): values[:end] for i, values in enumerate(columns)}
+        limits = limits_of_first(window, times)
+        if limits is not None:
+            return bool(limits)
+    return False
 
 
 def lone(signal: Tensor, moving: Tensor, times: float) -> bool:

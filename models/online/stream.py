@@ -10,6 +10,7 @@ The estimate at k is made before a[k] is used. n DOFs; heads j with P_j features
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import inf
 from typing import Any
 
 import torch
@@ -21,6 +22,7 @@ from models.linear_in_weights import LinearInWeights
 from models.online.guard import Event, Guard, Watch
 from models.online.hold import Hold
 from models.online.laws.law import Adapted, Law
+from models.online.restart import Restart
 
 CHANGING = ["states", "memory", "sample", "previous", "newest"]
 CHANGING += ["_came_twice", "_phi", "_outputs", "_known"]
@@ -55,6 +57,7 @@ class Stream:
         self._outputs = self.newest
         self._known: Tensor | None = None
         self._hold: Hold | None = None
+        self._restart = Restart(self.states)
         self._reads = [name for name in estimator.reads if name not in ("a", "f")]
 
     @property
@@ -98,12 +101,14 @@ class Stream:
             return
         if self.sample is None:
             raise ValueError("no sample is waiting for its acceleration; call estimate first")
-        self._held(self.update, a, a is not None and bool(self.watch.far(a, self.newest)))
+        self._held(self.update, a, a is not None and self.watch.strays_after(a, self.newest))
         known, sound = self.watch.judged(a, self.sample, self.newest)
         self._learn(self.sample, known, sound)
         self.previous, self.sample = self.sample, None
         if self._hold is not None and not self.watch.repeats:
             self._hold = self._hold.decided(self)
+        if self.watch.sample >= self._restart.due and not self.watch.repeats:
+            self._restart.review(self)
 
     def _held(self, call: Callable[[Any], Any], argument: Any, stray: bool) -> None:
         """Keep a call, and the stream as it is before, where a value is far off or lately was."""
@@ -112,7 +117,31 @@ class Stream:
         if stray and self._hold is None:
             self._hold = Hold(self)
         if self._hold is not None:
-            self._hold.calls.append((call, argument))
+            self._hold.calls.append((self.law, call, argument))
+        if self._restart.rival is not None:
+            getattr(self._restart.rival, call.__name__)(argument)
+
+    @property
+    def holds(self) -> bool:
+        """Whether samples are held until it is known whether one was an outlier."""
+        return self._hold is not None
+
+    def begin_anew(self) -> Stream:
+        """A stream of the same model in its first state, which never restarts."""
+        anew = type(self)(self.estimator, self.law, self._restart.states, self.watch.guard)
+        anew._restart.due = inf
+        return anew
+
+    def squares(self) -> tuple[float, float]:
+        """Σ (a − â)² and Σ a² of sound samples in motion since they were asked for last."""
+        return self.watch.squares()
+
+    def take_over(self, rival: Stream) -> None:
+        """Go on in the state of a stream that had the same samples, and name the restart."""
+        snapshot = rival.snapshot()
+        snapshot["watch"].keep_history(self.watch)
+        self.restore(snapshot)
+        self.watch.restart()
 
     def snapshot(self) -> dict[str, Any]:
         """All that a sample changes, as it is now."""

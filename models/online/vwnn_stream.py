@@ -72,7 +72,12 @@ class VWNNStream(Stream):
             return super().step(sample)
         self.watch.sample, self.watch.time, self.watch.sound = self.watch.sample + 1, time, sample
         self.previous, self.newest = sample, torch.from_numpy(self._prediction)
-        return self.newest
+        estimate, restart = self.newest, self._restart
+        if restart.rival is not None:
+            restart.rival.step(sample)
+        if self.watch.sample >= restart.due:
+            restart.review(self)
+        return estimate
 
     def _fits(self, sample: Sample) -> bool:
         """Whether a sample may be as it should be, as far as can be said before its values."""
@@ -116,7 +121,12 @@ class VWNNStream(Stream):
     def weights(self) -> list[Tensor]:
         return [torch.from_numpy(self._weights.copy())]
 
+    def squares(self) -> tuple[float, float]:
+        self._end_ordinary()
+        return super().squares()
+
     def snapshot(self) -> dict[str, Any]:
+        self._end_ordinary()
         arrays = [u.copy() for u in self._changing()]
         return super().snapshot() | {"arrays": arrays, "prediction": self._prediction, "f": self._f}
 

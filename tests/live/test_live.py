@@ -160,10 +160,38 @@ def test_nothing_in_the_input_is_executed(run, lines, tmp_path):
     rows = lines.splitlines()
     rows[50] = ",".join([cell] * len(rows[0].split(",")))
     header = rows[0] + ',"$(touch written)",`touch written`'
-    assert run("-", "--rate", "100", text="\n".join([header, *rows[1:]]))[0] == 0
+    # every line is two cells short, and none is usable
+    assert run("-", "--rate", "100", text="\n".join([header, *rows[1:]]))[0] == 1
     assert run("-", "--rate", "100", text="\n".join(rows))[0] == 0
     assert not target.exists()
     assert not Path("written").exists()
+
+
+@pytest.mark.parametrize(
+    ("rows", "found"),
+    [
+        ([], "0 samples"),
+        (["x", "0,1", "y,z,1"], "3 bad lines, the last: line 4: 'y' is no number"),
+        (["0.00,,", "0.01,nan,nan"], "2 samples; events: 2 not_finite; the last: not_finite, a1"),
+    ],
+)
+def test_a_run_without_one_sound_sample_is_no_success(run, rows, found):
+    words = ("-", "--rate", "100", "--output", "made.csv")
+    status, out, err = run(*words, text="\n".join(["t,f1,a1", *rows]))
+    assert status == 1
+    assert err.count("\n") == 1
+    assert f"not one sound sample came: {found}" in err
+    assert "relative error" not in out
+    assert Path("made.csv").exists() == found.startswith("2 samples")
+
+
+def test_an_outlier_at_the_beginning_is_no_part_of_the_error(run, lines):
+    rows = lines.splitlines()
+    rows[1] = rows[1].rpartition(",")[0] + ",1e9"
+    sound, hit = (run("-", "--rate", "100", text="\n".join(u)) for u in (lines.splitlines(), rows))
+    assert "1 outlier; the last: outlier, a3, at 0.000 s" in hit[1]
+    errors = [float(said[1].split("relative error ")[1].split()[0]) for said in (sound, hit)]
+    assert errors[1] < 1.2 * errors[0]
 
 
 @pytest.mark.parametrize(

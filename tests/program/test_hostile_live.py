@@ -6,6 +6,8 @@ import io
 import math
 import random
 import socket
+from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,9 +21,14 @@ from data.sample import Sample
 from data.stream.lines import LONGEST, SampleLines
 from live.monitor import LiveMonitor
 from live.view import TOLD, LiveView
+from models.online.adaptive import Online
 from models.online.guard import Guard
+from models.online.laws.frozen import Frozen
+from models.online.laws.normalised_gradient import NormalisedGradient
+from models.online.laws.random_walk import RandomWalk
 from models.online.laws.recursive_least_squares import RecursiveLeastSquares
-from models.online.stream import Stream
+from models.online.outliers import YOUNG
+from models.online.stream import Stream, started
 from models.online.vwnn_stream import VWNNStream
 from models.vwnn import VWNN
 
@@ -93,7 +100,7 @@ def test_without_the_scale_one_outlier_ruins_the_model():
     hit[700] = 1e6
     estimates, stream = follow(hit, f, outlier=None)
     assert error(estimates, a) > 100.0
-    assert not stream.events
+    assert [event.kind for event in stream.events] == ["restarted"]
 
 
 def test_the_readable_stream_does_as_the_compiled_one():
@@ -115,6 +122,155 @@ def test_outliers_anywhere_are_named(seed, size, at):
     estimates, stream = follow(hit["a1"], hit["f1"])
     assert [(e.sample, e.kind, e.channel) for e in stream.events] == [(at, "outlier", name)]
     assert error(estimates, a) < 1.2 * error(follow(a, f)[0], a)
+
+
+# The first samples
+
+LAWS = {
+    "recursive_least_squares": RecursiveLeastSquares(),
+    "forgetting": RecursiveLeastSquares(0.999),
+    "random_walk": RandomWalk(),
+    "normalised_gradient": NormalisedGradient(),
+    "frozen": Frozen(),
+}
+BAD: dict[str, Callable[[float], float]] = {
+    "nan": lambda u: math.nan,
+    "inf": lambda u: math.inf,
+    "1e9": lambda u: 1e9,
+    "-1e9": lambda u: -1e9,
+    "1e300": lambda u: 1e300,
+    "a thousand times": lambda u: 1e3 * u,
+    "thirty times": lambda u: 30.0 * u,
+    "five times": lambda u: 5.0 * u,
+}
+
+
+@cache
+def trained() -> Online:
+    """A model that has learnt from a motion."""
+    model = Online(1, 1, DT, law=RecursiveLeastSquares(variance=1e4))
+    model.identify([record_of(*shaken(99))])
+    return model
+
+
+def stream_by(law: str, begins: str, kind: type[Stream] = VWNNStream) -> Stream:
+    """A stream from nothing or from a trained model, adapted by a law."""
+    model = trained()
+    states = started(model.estimator, LAWS[law], from_nothing=begins == "nothing")
+    return kind(model.estimator, LAWS[law], states)
+
+
+def late_error(stream: Stream, a: np.ndarray, f: np.ndarray, truth: np.ndarray) -> float:
+    """Relative error of the second half."""
+    samples = zip(torch.from_numpy(a), torch.from_numpy(f), strict=True)
+    estimates = np.stack([stream.step(Sample(f=u, a=y)).numpy() for y, u in samples])
+    half = slice(len(a) // 2, None)
+    return float(np.linalg.norm((estimates - truth)[half]) / np.linalg.norm(truth[half]))
+
+
+def replaced(u: np.ndarray, at: int, how: str) -> np.ndarray:
+    bad = u.copy()
+    bad[at] = BAD[how](float(u[at, 0]))
+    return bad
+
+
+def check_replacement(law: str, begins: str, seed: int, at: int, how: str, where: str) -> None:
+    """One bad sample among the first hundred leaves the model as good, or it begins anew."""
+    a, f = shaken(seed)
+    sound = stream_by(law, begins)
+    expected = late_error(sound, a, f, a)
+    assert not sound.events
+    stream = stream_by(law, begins)
+    bad = (replaced(u, at, how) if name in where else u for name, u in (("a", a), ("f", f)))
+    error_of_bad = late_error(stream, *bad, a)
+    assert error_of_bad <= 1.2 * expected or stream.watch.kinds["restarted"]
+
+
+REPLACEMENTS = (
+    st.sampled_from([*LAWS]),
+    st.sampled_from(["nothing", "trained"]),
+    st.integers(0, 10**6),
+    st.one_of(st.integers(0, 25), st.integers(0, 99)),
+    st.sampled_from([*BAD]),
+    st.sampled_from(["a", "f", "af"]),
+)
+
+
+@QUICK
+@given(*REPLACEMENTS)
+def test_any_bad_sample_among_the_first_is_survived(law, begins, seed, at, how, where):
+    check_replacement(law, begins, seed, at, how, where)
+
+
+@pytest.mark.slow
+@settings(QUICK, max_examples=3000)
+@given(*REPLACEMENTS)
+def test_any_bad_sample_among_the_first_is_survived_however_often(
+    law, begins, seed, at, how, where
+):
+    check_replacement(law, begins, seed, at, how, where)
+
+
+@pytest.mark.parametrize("kind", [Stream, VWNNStream])
+@pytest.mark.parametrize("places", [[0], [7], [19], [3, 11], [4, 5]])
+def test_outliers_among_the_first_are_named_and_as_if_they_had_not_come(kind, places):
+    """The weights are those of a stream in which these values were missing."""
+    a, f = shaken(5)
+    hit, missing = a.copy(), a.copy()
+    hit[places], missing[places] = 1e9, math.nan
+    streams = [stream_by("recursive_least_squares", "nothing", kind) for _ in range(2)]
+    for stream, values in zip(streams, (hit, missing), strict=True):
+        late_error(stream, values[:300], f[:300], a[:300])
+    kinds = [[(e.sample, e.channel) for e in stream.events] for stream in streams]
+    assert kinds[0] == kinds[1]
+    assert set(streams[0].watch.kinds) == {"outlier"}
+    assert torch.equal(streams[0].weights[0], streams[1].weights[0])
+    assert Guard().finds(record_of(hit, f))
+
+
+def test_a_sudden_onset_among_the_first_is_no_outlier():
+    """Nor is one after rest, nor after a twitch of one bit at rest."""
+    for begin in range(1, 32):
+        rest = np.random.default_rng(begin).standard_normal((begin, 1)) * 1e-4
+        for quiet in (rest, 0.0 * rest, 1e-3 * (np.arange(begin)[:, None] == begin // 2)):
+            a, f = (np.concatenate([quiet, u])[:400] for u in shaken(begin))
+            estimates, stream = follow(a, f)
+            plain_estimates, plain = follow(a, f, outlier=None)
+            assert not stream.events
+            if begin < YOUNG or not quiet.all():  # else what came meanwhile is gone through again
+                assert np.array_equal(estimates, plain_estimates)
+            assert torch.equal(stream.weights[0], plain.weights[0])
+            assert not Guard().finds(record_of(a, f))
+
+
+# A model that is worse than none
+
+
+@pytest.mark.parametrize("law", ["recursive_least_squares", "random_walk", "normalised_gradient"])
+@pytest.mark.parametrize("kind", [Stream, VWNNStream])
+def test_a_ruined_model_begins_anew_once_and_says_so(law, kind):
+    a, f = shaken(6)
+    hit = a.copy()
+    hit[30] = 1e9
+    stream = stream_by(law, "nothing", kind)
+    stream.watch.guard.outlier, stream.watch.ranges.times = None, None
+    assert late_error(stream, hit, f, a) < 1.2
+    assert [(e.kind, e.channel) for e in stream.events] == [("restarted", "all")]
+    assert stream.events[0].sample < T // 2
+
+
+def test_a_hopeless_model_does_not_restart_and_is_tried_ever_more_seldom():
+    rng = np.random.default_rng(0)
+    a, f = rng.standard_normal((2, 6000, 1))
+    law = RecursiveLeastSquares(0.9)  # follows the noise: an error of several times the signal
+    stream = VWNNStream(VWNN(1, 1, DT), law)
+    tries = []
+    for y, u in zip(torch.from_numpy(a), torch.from_numpy(f), strict=True):
+        stream.step(Sample(f=u, a=y))
+        tries.append(stream._restart.rival is not None)
+    assert not stream.events
+    assert sum(tries[:2000]) > 300
+    assert sum(tries[3000:]) < 0.35 * 3000
 
 
 # Honest data

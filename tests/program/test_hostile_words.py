@@ -1,6 +1,6 @@
 """Whatever is typed after a program ends in a result or in a line, never in a traceback.
 
-HOSTILE_WORDS=2000 python -m pytest -n 0 tests/program/test_hostile_words.py    the long form
+HOSTILE_EXAMPLES=2000 python -m pytest -n 0 tests/program/test_hostile_words.py    the long form
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from runner.folder.lock import release_all
 from tests.hostile_words import command_lines
 from tests.program.test_train import run
 
-EXAMPLES = int(os.environ.get("HOSTILE_WORDS", "40"))
+EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "40"))
 SECONDS = 10  # of a line that asks for much work: it is no traceback until then
 QUICK = ["data.duration=2", "figures=false", "trainer.enable_progress_bar=false", "max_fail=1"]
 CLI: dict[str, Callable[[], object]] = {
@@ -88,7 +88,7 @@ def _give(program: str, words: list[str], finished: Path) -> int:
 
 @settings(
     max_examples=EXAMPLES, deadline=None, database=None,
-    derandomize="HOSTILE_WORDS" not in os.environ, suppress_health_check=list(HealthCheck),
+    derandomize="HOSTILE_EXAMPLES" not in os.environ, suppress_health_check=list(HealthCheck),
 )  # fmt: skip
 @given(line=command_lines())
 def test_no_command_line_ends_in_a_traceback(line, finished, tmp_path_factory):
