@@ -306,6 +306,7 @@ def schema_of(version: str) -> Any:
     return SCHEMAS[version]
 
 
+OTHER_PROGRAM = (("config", "data", "hold"), "zero_order")  # a choice, of which code is made
 COUNTS: Counter[str] = Counter()
 
 
@@ -320,7 +321,7 @@ def test_text_anywhere_in_a_run_stays_text(tame, changed):
     for path in output.glob("*"):
         path.unlink()
     COUNTS["tried"] += 1
-    run = tampered(RUN, changed)
+    run = tampered(RUN, [pair for pair in changed if pair != OTHER_PROGRAM])
     try:
         write_run(tame.folder, run, digest_of(tame.folder / "model.safetensors"))
         found = files_of(tame.folder, output)
