@@ -99,7 +99,7 @@ def fits(*overrides: str) -> dict:
 
 
 SMALL = {"vwnn_forward": ["data.duration=10"]}  # it simulates
-FOLLOWED = {"element_network_branch": "bilinear"}  # equilibrium leaves others open: unplanted.md
+FOLLOWED = {"element_network_branch": "bilinear"}  # equilibrium leaves others open: results.md
 
 
 def pairs() -> list[tuple[str, str]]:
