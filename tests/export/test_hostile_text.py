@@ -66,7 +66,14 @@ RUN: dict[str, Any] = {
         "trained_range": RANGES,
         "uncertainty": {
             "parameters": [
-                {"name": "x1.mass", "status": "determined", "half": 0.1, "unit": "kg", "about": "x"}
+                {
+                    "name": "x1.mass",
+                    "status": "determined",
+                    "value": 2.0,
+                    "half": 0.1,
+                    "unit": "kg",
+                    "about": "x",
+                }
             ]
         },
     },
