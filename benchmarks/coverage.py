@@ -116,7 +116,8 @@ def draw(rng: np.random.Generator, dofs: int, kind: str) -> Structure:
     if kind == "hardening":  # by 0.1 to 1 of the linear force at the largest deformation
         for i in range(dofs):
             cubic = float(stiffness[i] * rng.uniform(0.1, 1.0) / largest[i] ** 2)
-            elements[f"r{i + 1}"] = replace(elements[f"r{i + 1}"], cubic_stiffness=cubic)
+            spring = {"stiffness": stiffness[i], "damping": damping[i], "cubic_stiffness": cubic}
+            elements[f"r{i + 1}"] = Polynomial(between=pairs[i], **spring)
         return Structure(masses.tolist(), elements)
     resting = [int(rng.integers(dofs))] if kind != "brace" and rng.uniform() < 0.5 else []
     for i in range(dofs):

@@ -165,8 +165,8 @@ def record(structure: Structure, peak: float, seed: int, samples: int) -> Record
     s = peak * ground(np.random.default_rng(seed), seed % 2 == 1, samples)[:, None]
     s_dot = np.gradient(s, DT, axis=0, edge_order=2)
     motion = simulate(structure, np.zeros((samples, structure.dofs)), DT, s, s_dot)
-    x, v, a, s, s_dot = (torch.from_numpy(u) for u in (motion.x, motion.v, motion.a, s, s_dot))
-    return Record(DT, a, a.new_zeros(samples, 0), x, v, s, s_dot)
+    a, *others = (torch.from_numpy(u) for u in (motion.a, motion.x, motion.v, s, s_dot))
+    return Record(DT, a, a.new_zeros(samples, 0), *others)
 
 
 def noisy(record: Record, noise: float, seed: int) -> Record:
