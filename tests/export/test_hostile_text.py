@@ -60,7 +60,12 @@ RUN: dict[str, Any] = {
         **{"channels": ["f1", "g"], "units": {"f1": "N", "g": "kN"}, "topology": "chain"},
     },
     "metrics": {
-        **{"model": NAME, "system": "frame", "identity": {"code": "abc", "config": "def"}},
+        **{
+            "model": NAME,
+            "system": "frame",
+            "scenario": "full_state",
+            "identity": {"code": "abc", "config": "def"},
+        },
         **{"test": {"relative_rms_percent": 1.0}, "free_run": {"none": "no such run"}},
         "verdict": {"identified": True, "reason": "", "by": "free run"},
         "trained_range": RANGES,
