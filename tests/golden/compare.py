@@ -26,8 +26,8 @@ TOLERANCE = 1e-9
 LOOSER = {  # fits that end where a step gains little: without AVX2 they end 1.4e-8 elsewhere
     **dict.fromkeys(("named", "named_element"), 1e-6),
 }
-# Where a product and a sum may round once (models/composition/branch_law_compiled.py), they do so or
-# not as functions were compiled with their caller or read from the cache: 1e-13 of a branch law.
+# Whether a product and a sum round once, where compiled code may do so, depends on which functions
+# were compiled together with their caller, which read from the cache: 1e-13 of a branch law.
 CONTRACTED = ("branch", "branch_element")
 HASHES = ("sha256", "text")  # last words of labels
 ABSENT = "(absent)"
