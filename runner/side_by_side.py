@@ -68,7 +68,7 @@ def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) ->
     shared, places = data_from(cfg), dict(zip(seeds, folders, strict=True))
     seeds_of = SeedsOf(cfg)
     assert isinstance(shared, SimulatedData)
-    first = next(filter(_simulated, map(shared.of_seed, seeds)), None)
+    first = next(filter(_simulates, map(shared.of_seed, seeds)), None)
     try:
         error = None if first is None else first.own_error()
     except ValueError:  # said by the first run, when it is done alone
@@ -100,7 +100,7 @@ def _run_group(
     places: dict[int, Path],
     device: str,
 ) -> list[int]:
-    ready = {seed: own for seed, own in data.items() if _simulated(own)}
+    ready = {seed: own for seed, own in data.items() if _simulates(own)}
     try:
         _run_side_by_side(cfg, seeds_of, ready, places, device)
     except ValueError:  # said by the run it concerns, when it is done alone
@@ -108,7 +108,7 @@ def _run_group(
     return [seed for seed in data if seed not in ready]
 
 
-def _simulated(data: SimulatedData) -> bool:
+def _simulates(data: SimulatedData) -> bool:
     """Whether all motions of a run are there and none escaped."""
     try:
         data.setup()

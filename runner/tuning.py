@@ -67,7 +67,7 @@ class TuningSweeper(GridSweeper):
                 "out"
             )
         searches = self.searches(arguments, folder)
-        while unfinished := [search for search in searches if search.left > 0]:
+        while unfinished := [search for search in searches if search.remaining > 0]:
             trials = [search.ask() for search in unfinished]  # one of each: they fill the cores
             folders = [self.folders(trial.jobs) for trial in trials]
             self.run({f: job for of_trial in folders for f, job in of_trial.items()})

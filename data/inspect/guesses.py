@@ -133,11 +133,11 @@ def _is_element_test(
         return False
     rate = of.get("v", np.gradient(of["x"]))
     law = [np.ones_like(rate), of["x"], rate, np.sign(rate), of["x"] ** 3]
-    without, with_mass = (_left(of["f"], c) for c in (law, [*law, of["a"]]))
+    without, with_mass = (_residual_norm(of["f"], c) for c in (law, [*law, of["a"]]))
     return with_mass > EXPLAINED * without
 
 
-def _left(force: np.ndarray, causes: Sequence[np.ndarray]) -> float:
+def _residual_norm(force: np.ndarray, causes: Sequence[np.ndarray]) -> float:
     """Norm of what a linear combination of causes leaves of a force."""
     table = np.stack([c / (np.abs(c).max() or 1.0) for c in causes], axis=1)
     known = np.linalg.lstsq(table, force, rcond=1e-8)[0]

@@ -79,7 +79,7 @@ def motions_of(
         if not interface.takes_ground:
             raise ValueError(
                 f"an earthquake is an acceleration of the ground, and the model is driven by "
-                f"{interface.wanted}; give a file (excitation.path)"
+                f"{interface.requirement}; give a file (excitation.path)"
             )
     else:
         raws = _generated(cfg, run, interface, model_dt)
@@ -101,7 +101,7 @@ def _mended(
     any_step: bool,
 ) -> Motion:
     """A record as a motion of the model's time step, or of its own where the model takes any."""
-    raw = replace(raw, channels=interface.chosen(raw.name, raw.channels))
+    raw = replace(raw, channels=interface.driving_channels(raw.name, raw.channels))
     for channel, u in raw.channels.items():
         require_bearable(f"{raw.name}: {channel}", u)
     raw = replace(raw, clocks={c: t for c, t in raw.clocks.items() if c in raw.channels})

@@ -172,7 +172,7 @@ def evaluate_records(
     scores = {
         "together": _together(estimator, records),
         "records": per_record(estimator, records),
-        "beside": _beside(run, data, records),
+        "beside": _opponents(run, data, records),
         "outside_trained_range": left,
     }
     sure = metrics.get("uncertainty", {})
@@ -238,7 +238,7 @@ def _together(estimator: Estimator, records: Mapping[str, Record]) -> dict[str, 
     return {"test": score(estimator, every), FREE_RUNS["test"]: free_run_score(estimator, every)}
 
 
-def _beside(run: DictConfig, data: Data, records: Mapping[str, Record]) -> dict[str, Any]:
+def _opponents(run: DictConfig, data: Data, records: Mapping[str, Record]) -> dict[str, Any]:
     """Free runs of what a model has to be better than: no motion, and the run's linear system."""
     name = "rigid" if data.forced == "base" else "zero"
     still = {"relative_rms_percent": 100.0, "per_dof_percent": [100.0] * data.dofs}

@@ -48,7 +48,7 @@ def print_intervals(
     for row in rows[:MOST]:
         part, _, quantity = row["name"].partition(".")
         name = f"{part} {row['about']}" if "–" in row["about"] else part
-        value, *half = told(row["value"], row["half"] if both else believed(row))
+        value, *half = value_and_half(row["value"], row["half"] if both else believed(row))
         half += (
             [f"{row['model_error']:.2g}" if row["model_error"] is not None else ""] if both else []
         )
@@ -70,7 +70,7 @@ def _unit(row: Mapping[str, Any]) -> str:
     return f"[{row['unit']}]" if row["unit"] else ""
 
 
-def told(value: float, half: float | None) -> tuple[str, str]:
+def value_and_half(value: float, half: float | None) -> tuple[str, str]:
     """A value to the digits that its interval leaves, and the half width to two."""
     if half is None:
         return plain(value, 5), "given"

@@ -157,15 +157,15 @@ def _print_medians(results: dict[str, Any], console: Console) -> None:
             escaped=sum("failed" in r for r in results.values()),
         )
         if errors:
-            console.print(f"{name}: median {spread.text()} %, seeds: {spread.counted()}")
+            console.print(f"{name}: median {spread.text()} %, seeds: {spread.counts()}")
 
 
-def alike(some: Any, others: Any) -> bool:
+def agree(some: Any, others: Any) -> bool:
     """The same numbers, up to `ROUNDING`, relative, under the same names."""
     if isinstance(some, dict) and isinstance(others, dict):
-        return some.keys() == others.keys() and all(alike(some[k], others[k]) for k in some)
+        return some.keys() == others.keys() and all(agree(some[k], others[k]) for k in some)
     if isinstance(some, list) and isinstance(others, list):
-        return len(some) == len(others) and all(map(alike, some, others))
+        return len(some) == len(others) and all(map(agree, some, others))
     if isinstance(some, float) and isinstance(others, float):
         return math.isclose(some, others, rel_tol=ROUNDING)
     return bool(some == others)
@@ -176,7 +176,7 @@ def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Co
     ours = {key: value for key, value in scores.items() if key != "uncertainty"}
     shared = [key for key in ours if key in metrics]  # runs of older code have no free run
     exact = all(ours[key] == metrics[key] for key in shared)
-    if not exact and not all(alike(ours[key], metrics[key]) for key in shared):
+    if not exact and not all(agree(ours[key], metrics[key]) for key in shared):
         raise ValueError(
             "the scores differ from metrics.json; the code or the libraries changed since the run "
             f"(made with {metrics.get('versions')})"

@@ -106,7 +106,7 @@ def sampled(
     parameters, for priors that are none, and where the two runs do not agree.
     """
     theta = free_vector(model)
-    chosen = _chosen(model, names, found.samples)
+    chosen = _sampled_numbers(model, names, found.samples)
     prior = stated_prior(model, stated, chosen)
     likelihood = Likelihood(model, batches, found)
     posterior = Posterior(likelihood, prior, chosen)
@@ -130,7 +130,7 @@ def sampled(
             tempered(count, posterior.prior, particles, draw, start, _noting(console))
             for draw in draws
         ]
-        return _told(model, posterior, runs, best, covariance)
+        return _summary(model, posterior, runs, best, covariance)
     finally:
         set_free_vector(model, theta)
 
@@ -156,7 +156,7 @@ def _noting(console: Console) -> Any:
     return note
 
 
-def _chosen(model: Trainable, names: Sequence[str], samples: int) -> np.ndarray:
+def _sampled_numbers(model: Trainable, names: Sequence[str], samples: int) -> np.ndarray:
     """Numbers (p,) of the free parameters that are sampled."""
     P = len(free_vector(model))
     if names:
@@ -216,7 +216,7 @@ def _slope(model: Trainable, name: str, j: int) -> float:
     return float(slopes(model, values)[names.index(name), j])
 
 
-def _told(
+def _summary(
     model: Trainable,
     posterior: Posterior,
     runs: list[Sampled],

@@ -101,7 +101,7 @@ class Spread:
         """Whether a value lies between the smallest and the largest finite one."""
         return bool(self.finite) and min(self.finite) <= value <= max(self.finite)
 
-    def counted(self) -> str:
+    def counts(self) -> str:
         """How many runs, and how many of them were lost: "20, 2 escaped"."""
         counts = {DIVERGED: self.diverged, FAILED: self.failed, ESCAPED: self.escaped}
         counts[NOT_IDENTIFIED] = self.unidentified

@@ -60,7 +60,7 @@ def uncertainty_of(
     content = _parameters(estimator, found, data, lacking) | _residual(found, data.dt)
     content |= _priors(estimator, found)
     if findings:
-        content |= {"criticism": _told(findings), "lacking": lacking}
+        content |= {"criticism": _reportable(findings), "lacking": lacking}
     return content | {"bands": _bands(estimator, found, tested)}
 
 
@@ -169,7 +169,7 @@ def _priors(estimator: Trainable, found: Laplace) -> dict[str, Any]:
     return {"priors": listed}
 
 
-def _told(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+def _reportable(findings: Sequence[Finding]) -> list[dict[str, Any]]:
     """What is significant, and the best of each kind."""
     best = {finding.kind: finding for finding in reversed(findings)}
     return [asdict(f) for f in findings if f.significant or f is best[f.kind]]

@@ -42,10 +42,10 @@ def verdict_of(
     if judged_by_free_run(module):
         scores = results[FREE_RUNS["train"]]
         linear = linear_percent(data, baselines)
-        return judged("free run", scores, data.forced == "base", linear)
+        return judgement("free run", scores, data.forced == "base", linear)
     if module.estimator.identified_parameters == 0:
         return {"identified": None, "reason": "the estimate has nothing to identify"}
-    return judged("one step", results["train"], data.forced == "base", None)
+    return judgement("one step", results["train"], data.forced == "base", None)
 
 
 def judged_by_free_run(module: Identification) -> bool:
@@ -53,7 +53,7 @@ def judged_by_free_run(module: Identification) -> bool:
     return module.solver is not None and module.objective.simulates
 
 
-def judged(
+def judgement(
     way: str, scores: Mapping[str, Any], on_base: bool, linear: float | None
 ) -> dict[str, Any]:
     """The verdict on errors in percent on the training motion. linear: None where there is none."""
@@ -86,7 +86,7 @@ def lost_on(runs: Mapping[str, Mapping[str, Any]], beyond: Mapping[str, bool]) -
     runs: scores of the free run of each test motion; beyond: whether that motion leaves the range
     that was trained, where nobody knows what the structure does.
     """
-    lost = {name: scores["left_after_s"] for name, scores in runs.items() if _left(scores)}
+    lost = {name: scores["left_after_s"] for name, scores in runs.items() if _diverges(scores)}
     told = [
         f"{name} at {min(left):.3g} s" + (", outside the trained range" if beyond[name] else "")
         for name, left in lost.items()
@@ -94,7 +94,7 @@ def lost_on(runs: Mapping[str, Mapping[str, Any]], beyond: Mapping[str, bool]) -
     return f"its free run diverges on test motions: {'; '.join(told)}" if told else ""
 
 
-def _left(scores: Mapping[str, Any]) -> bool:
+def _diverges(scores: Mapping[str, Any]) -> bool:
     return bool(scores.get("left_after_s"))
 
 

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from models.training.metrics import FREE_RUNS
 from report.run.criticism import sentences
-from report.run.intervals import beyond_training, print_intervals, told, which_to_believe
+from report.run.intervals import beyond_training, print_intervals, value_and_half, which_to_believe
 
 
 @pytest.mark.parametrize(
@@ -23,7 +23,7 @@ from report.run.intervals import beyond_training, print_intervals, told, which_t
     ],
 )
 def test_a_value_has_the_digits_that_its_interval_leaves(value, half, shown):
-    assert told(value, half) == shown
+    assert value_and_half(value, half) == shown
 
 
 def parameter(name: str, **more) -> dict:
