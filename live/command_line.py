@@ -1,4 +1,4 @@
-"""What a live run is told: its source of samples, and the config of its model."""
+"""The command line of a live run: its source of samples, and the config of its model."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--run",
         metavar="FOLDER",
-        help="a finished run, or zoo:MODEL/SYSTEM; else begin from nothing",
+        help="a finished run, or zoo:MODEL/SYSTEM; else an untrained model",
     )
     parser.add_argument("--replay", metavar="PATH", help="a record, as data=measured reads it")
     parser.add_argument("--speed", type=float, default=1.0, help="of records; inf does not wait")

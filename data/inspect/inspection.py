@@ -125,7 +125,7 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         del guesses[clock]
     columns = {c: x for c, x in columns.items() if time is None or c != clock}
     if not columns:
-        raise FileError(f"{path.name}: nothing stands beside the clock {clock!r}; add a signal")
+        raise FileError(f"{path.name}: the clock {clock!r} is the only column; add a signal")
     signals = {c: signal_of(g) for c, g in guesses.items() if g != "time"}
     own = {c: told_units.get(c, DIMENSIONS[s][1]) for c, s in signals.items()}
     in_si = {c: s for c, s in signals.items() if to_si(own[c], s) == 1.0}

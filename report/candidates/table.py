@@ -133,7 +133,7 @@ def print_candidates(
     console.print(table)
     choice = recommended(found)
     if choice is None:
-        console.print("none of them is a model of these records")
+        console.print("no candidate models these records")
         return
     odds, of = odds_of_kind(choice, found), " of its class" if choice.kind else ""
     console.print(
@@ -143,7 +143,7 @@ def print_candidates(
     better = min((c.error for c in found if c.kind == OTHER), default=math.inf)
     if choice.kind and choice.kind != OTHER and choice.error > AS_GOOD * better:
         less = 100.0 * (1.0 - better / choice.error)
-        console.print(f"no class is exact: a law of none of them errs by {less:.0f} % less")
+        console.print(f"no class is exact: the error of a law outside them is {less:.0f} % smaller")
 
 
 class PrintCandidates(Callback):

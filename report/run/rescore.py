@@ -46,7 +46,7 @@ ROUNDING = 1e-9  # by which other code, libraries or machines may differ
 
 
 def require_scores(metrics: dict[str, Any], dofs: int) -> None:
-    """Raise ValueError where a run's numbers are not those of a model with so many DOFs."""
+    """Raise ValueError where metrics.json lacks names, or errors of each of the model's `dofs`."""
     names = ("model", "system", "scenario")
     lacking = [name for name in names if name not in metrics]
     per_dof = metrics.get("test", {}).get("per_dof_percent", ())
@@ -73,8 +73,8 @@ def score_seeds(
 ) -> dict[str, Any]:
     """{seed: {split: scores}}: the test motions; for the run's own, the training motions too.
 
-    A seed whose motion escapes is kept, with the reason under `failed`. Under `uncertainty` stands
-    what the bands of `uncertainty`, as `metrics.json` has them, hold of the test motions.
+    A seed whose motion escapes is kept, with the reason under `failed`. `uncertainty`
+    of a seed is the coverage of the bands of `uncertainty`, as `metrics.json` has them.
     """
     results: dict[str, Any] = {}
     for seed in seeds:
@@ -103,7 +103,7 @@ def scores_of(estimator: Estimator, data: Data, splits: tuple[str, ...]) -> dict
 
 
 def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: bool) -> None:
-    """Table of the scores beside the run's own, or the statement that they are equal."""
+    """Print the scores and the run's own, or that both are equal."""
     rows = [row for seed, scores in results.items() for row in rows_of(f"seed {seed}", scores)]
     if altered:
         rows += rows_of("as trained", metrics)
@@ -141,8 +141,8 @@ def print_stored(metrics: dict[str, Any], gone: Path) -> None:
     console.print(error_table(titled(metrics, title), rows, dofs, quantity, console.width))
     print_verdict(console, metrics)
     console.print(
-        f"neither scored again nor drawn: the record {gone} is gone; put it back, or name another "
-        "one to score the model on (data.path=FILE)",
+        f"not scored again: the record {gone} is missing; put it back, or name another one to "
+        "score the model on (data.path=FILE)",
         markup=False,
     )
 
@@ -172,7 +172,7 @@ def agree(some: Any, others: Any) -> bool:
 
 
 def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Console) -> None:
-    """Raises ValueError unless the scores are those of the run, but for rounding."""
+    """Raises ValueError unless the scores are those of the run, up to rounding."""
     ours = {key: value for key, value in scores.items() if key != "uncertainty"}
     shared = [key for key in ours if key in metrics]  # runs of older code have no free run
     exact = all(ours[key] == metrics[key] for key in shared)

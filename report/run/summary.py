@@ -155,9 +155,7 @@ def _print_identified(console: Console, metrics: dict[str, Any]) -> None:
     )
     if metrics["training"]:
         console.print(
-            "{solver}: {iterations} iterations, stopped at: {stopped}".format_map(
-                metrics["training"]
-            )
+            "{solver}: {iterations} iterations, stopped: {stopped}".format_map(metrics["training"])
         )
     for key, value in solution.items():
         if isinstance(value, str) and value:
@@ -165,8 +163,8 @@ def _print_identified(console: Console, metrics: dict[str, Any]) -> None:
 
 
 LABELS = {  # of what a fit says of itself, where the key is no label
-    "left_open": "not determined by the records",
-    "linear_stiffness": "stiffness of the equivalent linear system [N/m]",
+    "left_open": "not determined by the motion",
+    "linear_stiffness": "equivalent linear stiffness [N/m]",
     "laws_off_held_back_percent": "held-out force error [%]",
     "laws_off_percent": "force error [%]",
     "forces_off_percent": "force error [%]",
@@ -229,6 +227,6 @@ def _print_limits(console: Console, metrics: dict[str, Any]) -> None:
             console.print(f"{record}: {'; '.join(notes)}")
     if metrics["escaped"]:
         console.print(
-            f"{len(metrics['escaped'])} simulated motions diverged and are left out; metrics.json "
-            "lists them"
+            f"{len(metrics['escaped'])} simulated motions escaped and are excluded; "
+            "metrics.json lists them"
         )

@@ -140,7 +140,7 @@ def _better(metrics: Mapping[str, Any]) -> str:
     better = [
         f"{n} ({percent(e)} %)" for n, e in error.items() if e is not None and own and e < own
     ]
-    return f". Better on the test motion: {', '.join(better)}" if better else ""
+    return f"; smaller error on the test motion: {', '.join(better)}" if better else ""
 
 
 def print_outside(console: Console, start: str, found: Iterable[Mapping[str, Any]]) -> None:

@@ -31,8 +31,8 @@ from runner.scores.headline import HEADLINE
 
 MOST = 30  # parameters that particles can follow
 FEWEST = 10  # samples for each of them
-DRAWN = 1000  # particles whose physical parameters are told
-AS_PRIOR = 0.5  # of the prior's standard deviation: the records hardly tell a parameter
+DRAWN = 1000  # particles whose physical parameters are kept
+AS_PRIOR = 0.5  # of the prior's standard deviation: the records say little of a parameter
 AGAINST = 3.0  # standard deviations of a prior: the data are against it
 SHOWN = 6  # parameters of a corner figure
 
@@ -113,7 +113,7 @@ def sampled(
     if len(chosen) < len(theta):
         console.print(
             f"{len(chosen)} of {len(theta)} parameters are sampled; the others stay at the fit, "
-            "which makes intervals too narrow where they go together",
+            "which makes intervals too narrow where they are correlated",
             markup=False,
         )
     try:
@@ -284,10 +284,10 @@ def print_samples(console: Console, samples: Samples, intervals: Sequence[Interv
             [label, f"{np.nanmean(own):.4g}", f"{low:.4g}", f"{high:.4g}", normal,
              f"{fit.value:.4g} ± {fit.half:.2g}", samples.told[q]]
         )  # fmt: skip
-    head = ["parameter", "mean", "2.5 %", "97.5 %", "Laplace", "by the fit", "told"]
+    head = ["parameter", "mean", "2.5 %", "97.5 %", "Laplace", "by the fit", "status"]
     console.print(printed(Section(head, lines), left=(0, 6)))
     if "against its prior" in samples.told:
-        console.print(Text("records and a stated prior contradict each other", style="yellow"))
+        console.print(Text("the records contradict a stated prior", style="yellow"))
     one, other = (run.log_evidence for run in samples.runs)
     console.print(
         f"log evidence {0.5 * (one + other):.2f} ± {0.5 * abs(one - other):.2f} (two runs); it "

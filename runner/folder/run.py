@@ -81,7 +81,7 @@ class Run:
             (self.folder / name).unlink(missing_ok=True)
         if fault := fault_of(self.progress, self.identity):
             if os.path.lexists(self.progress):
-                print(f"{self.progress} {fault}; training begins anew", file=sys.stderr)
+                print(f"{self.progress} {fault}; training starts again", file=sys.stderr)
             self.progress.unlink(missing_ok=True)
             for events in self.folder.glob(EVENTS):
                 events.unlink(missing_ok=True)

@@ -198,4 +198,4 @@ def require_identified(metrics: Mapping[str, Any]) -> None:
             f"{metrics['model']} is not identified: {metrics['verdict']['reason']}"
         )
     if lost := metrics["verdict"].get("lost"):
-        raise NotIdentifiedError(f"{metrics['model']} is no model of the test motion: {lost}")
+        raise NotIdentifiedError(f"{metrics['model']} does not model the test motion: {lost}")

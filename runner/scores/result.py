@@ -25,7 +25,7 @@ from runner.scores.spread import ESCAPED, FAILED, NOT_IDENTIFIED, Spread
 FINISHED, UNFINISHED, DAMAGED = "finished", "unfinished", "damaged"
 STATUSES = (FINISHED, FAILED, ESCAPED, UNFINISHED, DAMAGED)
 VERDICTS = (FINISHED, NOT_IDENTIFIED, *STATUSES[1:])  # what a person is told of a run
-NOT_SCORED = "the run is older than the free-run score; repeat it"
+NOT_SCORED = "this older run has no free-run score; repeat it"
 ERROR = "relative_rms_percent"
 
 

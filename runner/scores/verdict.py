@@ -1,9 +1,9 @@
 """Whether a fit identified anything: the model against nothing, a rigid body and a linear one.
 
-Judged on the training motion alone. A test motion on which the free run diverges is told beside the
-verdict, for no numbers stand for it. A model that was trained on its free
-run is judged by its free run; every other one by its estimates one step ahead, for which the free
-run is information. A motionless structure is at 100 % by definition of the error (Eq. 21).
+Judged on the training motion alone. A test motion on which the free run diverges has no error and
+is reported with the verdict. A model that was trained on its free run is judged by its free run;
+every other one by its estimates one step ahead, for which the free run is information. A
+motionless structure is at 100 % by definition of the error (Eq. 21).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def _fault(way: str, scores: Mapping[str, Any], on_base: bool, linear: float | N
     what = f"its {'free run' if way == 'free run' else 'estimate'} of the training motion"
     error, left = scores.get(ERROR), scores.get("left_after_s")
     if left:
-        return f"{what} diverges, {min(left):.3g} s after it begins"
+        return f"{what} diverges after {min(left):.3g} s"
     if error is None:
         return f"{what} overflows"
     if error >= STILL:
@@ -87,11 +87,11 @@ def lost_on(runs: Mapping[str, Mapping[str, Any]], beyond: Mapping[str, bool]) -
     that was trained, where nobody knows what the structure does.
     """
     lost = {name: scores["left_after_s"] for name, scores in runs.items() if _diverges(scores)}
-    told = [
+    motions = [
         f"{name} at {min(left):.3g} s" + (", outside the trained range" if beyond[name] else "")
         for name, left in lost.items()
     ]
-    return f"its free run diverges on test motions: {'; '.join(told)}" if told else ""
+    return f"its free run diverges on test motions: {'; '.join(motions)}" if motions else ""
 
 
 def _diverges(scores: Mapping[str, Any]) -> bool:

@@ -64,7 +64,7 @@ def test_clock_channels_and_faults_are_told(run, vibration):
     assert status == 0
     assert "a1       m/s^2     -1        1" in out
     assert "2.5" in out
-    assert "must be mended: dropped samples: 1 gap of 3 samples (0.03 s) after 4.99 s" in out
+    assert "must be corrected: dropped samples: 1 gap of 3 samples (0.03 s) after 4.99 s" in out
 
 
 def test_the_module_runs_from_the_command_line(vibration):

@@ -180,7 +180,7 @@ def test_a_run_without_one_sound_sample_is_no_success(run, rows, found):
     status, out, err = run(*words, text="\n".join(["t,f1,a1", *rows]))
     assert status == 1
     assert err.count("\n") == 1
-    assert f"not one sound sample came: {found}" in err
+    assert f"no valid sample arrived: {found}" in err
     assert "relative error" not in out
     assert Path("made.csv").exists() == found.startswith("2 samples")
 
