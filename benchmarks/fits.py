@@ -1,6 +1,6 @@
 """How much sooner do fits of networks of elements end than in an earlier checkout, at what error?
 
-    python -m benchmarks.fits OLD_TREE                          # beside this checkout
+    python -m benchmarks.fits OLD_TREE                          # and this checkout
     python -m benchmarks.fits OLD_TREE NEW_TREE --quick
     python -m benchmarks.fits OLD_TREE --python-old OLD_TREE/.venv/bin/python
 

@@ -1,4 +1,4 @@
-"""The terminal. Text from files and folders is printed as it stands: it commands nothing."""
+"""The terminal. Text from files and folders is printed unchanged and commands nothing."""
 
 from __future__ import annotations
 

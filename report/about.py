@@ -1,4 +1,4 @@
-"""What conf/model says about a model: what it is told, whether it contains the truth, its colour.
+"""What conf/model says about a model: prior knowledge, whether it contains the truth, its colour.
 
     about:
       told: what the model knows of the structure before it sees any data

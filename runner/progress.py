@@ -192,13 +192,13 @@ def reasons(failed: dict[str, str]) -> list[str]:
 
 
 def print_damaged(runs: Mapping[str, str]) -> None:
-    """Say which folders {name: reason} cannot be read, and are left out."""
+    """Print which folders {name: reason} cannot be read, and are omitted."""
     for line in reasons(dict(runs)):
         print(line.replace("failed", "damaged", 1), file=sys.stderr)
 
 
 def varied_settings(jobs: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
-    """For each run the settings that vary in the sweep, but for what has a column of its own."""
+    """For each run the settings that vary in the sweep and have no column."""
     words = [dict(_name_and_value(word) for word in job) for job in jobs.values()]
     names = sorted(name for name in varying(words) if name not in OWN)
     return {
@@ -215,7 +215,7 @@ def _name_and_value(word: str) -> tuple[str, str]:
 def sweep_tables(runs: Sequence[tuple[str, Result]], width: int) -> Iterator[Table]:
     """Median (min – max) over the seeds of each case: (varied settings, run) of every run.
 
-    A table for each system and scenario. In less than `WIDE` columns ranges stand below medians,
+    A table for each system and scenario. In less than `WIDE` columns ranges are below medians,
     and what was varied or lost below the model.
     """
     cases: dict[tuple[str, str], dict[tuple[str, str], list[Result]]] = {}

@@ -46,7 +46,7 @@ optuna.logging.set_verbosity(optuna.logging.WARNING)
 
 
 def distribution(override: Override) -> BaseDistribution:
-    """The distribution that Hydra's words stand for: interval(a,b), range(a,b), choice(a,b).
+    """The distribution that Hydra's words describe: interval(a,b), range(a,b), choice(a,b).
 
     range(a,b) is without b; tag(log,…) draws the logarithm evenly. Raises ValueError for other
     words, which cannot be searched.

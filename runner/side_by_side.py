@@ -1,9 +1,9 @@
 """Many runs that differ in their seed alone, fitted and scored side by side.
 
 What a run alone does one after the other, is done here for S seeds at once: motions on all cores,
-least squares and free runs batched. Numbers and files are those of runs alone, to rounding, but for
+least squares and free runs batched. Numbers and files are as in single runs, to rounding, except
 the missing TensorBoard logs and the simulation's own error, which is measured on the first run and
-told of all of them.   Records (S, R, T, c): R records of each of S runs.
+reported for all of them.   Records (S, R, T, c): R records of each of S runs.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def can_be_batched(cfg: DictConfig) -> bool:
 def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) -> list[int]:
     """Do the runs of `seeds`; returns those that must be done alone, because something is amiss.
 
-    Such are runs of which a motion escaped, and all of a batch whose closed form has no solution.
-    Every core has runs of its own, each on one thread: PyTorch would start as many for each.
+    Such are runs with an escaped motion, and all runs of a batch whose closed form has no solution.
+    Every core does its own runs, each on one thread: PyTorch would start as many for each.
     """
     shared, places = data_from(cfg), dict(zip(seeds, folders, strict=True))
     seeds_of = SeedsOf(cfg)
@@ -163,7 +163,7 @@ def fit_runs(
 
 
 def replicate_weights(estimator: Estimator, runs: int) -> None:
-    """Weights (S, P, n) instead of (P, n): each of S runs has weights of its own."""
+    """Weights (S, P, n) instead of (P, n): one set for each of S runs."""
     for weights in estimator.parameters():
         weights.data = weights.data.repeat(runs, *[1] * weights.ndim)
 

@@ -86,7 +86,7 @@ class TuningSweeper(GridSweeper):
             sys.exit(1)
 
     def searches(self, arguments: list[str], folder: Path) -> list[Search]:
-        """One search for each combination of the words that are not tuned, but for the seeds."""
+        """One search for each combination of the words that are not tuned, except the seeds."""
         from runner.search import Search, distribution, start_of  # Optuna, as in `sweep`
 
         parser = OverridesParser.create(config_loader=self.loader)

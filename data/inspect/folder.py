@@ -65,7 +65,7 @@ def unlike(one: Inspection, other: Inspection) -> list[str]:
 
 
 def of_folder(records: Sequence[Inspection]) -> dict[str, str]:
-    """{channel: file:column} of files with the same columns, one of which stands on the base.
+    """{channel: file:column} of files with the same columns, one of which is on the base.
 
     The axis is that along which the base shakes most. Empty where no file is named for the base,
     or where the files are as long as separate events are.

@@ -49,7 +49,7 @@ def suggest(
     values: Mapping[str, np.ndarray] | None = None,
     title: str = "",
 ) -> dict[str, str]:
-    """{column: channel} by units, names and places; columns that say nothing are left out.
+    """{column: channel} by units, names and places; columns that say nothing are omitted.
 
     places: of sensors, as agencies say them; values (T,) by column tell an element test from a
     structure under a force, and so does the title, such as a file's name. A stuck sensor is
@@ -85,7 +85,7 @@ def _driven(signals: dict[str, str | None], places: Mapping[str, str]) -> dict[s
     """Where the base's acceleration was measured, its velocity and displacement say no more.
 
     Nor do velocities and displacements of the very sensor that measured an acceleration, which are
-    integrals of it: those of agencies.
+    integrals of it, as agencies publish them.
     """
     if "s_ddot" not in signals.values() or "a" not in signals.values():
         return signals

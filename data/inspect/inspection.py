@@ -155,7 +155,7 @@ def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> s
 
 
 def _facts(table: Table) -> dict[str, str]:
-    """Columns that hold a fact beside the series, or nothing, and what to say of each."""
+    """Columns that hold a single fact, or nothing, and a note on each."""
     said = {}
     for name, values in table.columns.items():
         finite = np.flatnonzero(np.isfinite(values))

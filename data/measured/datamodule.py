@@ -181,7 +181,7 @@ class MeasuredData(Data):
         """The rest of an element test behind its first part, of which it is the memory.
 
         Slack, damage and the largest excursions of the first part decide the force of the rest, and
-        the motion that made them was imposed. What tells of an unknown beginning is the first part.
+        the motion that made them was imposed. The first part determines an unknown initial state.
         """
         (first,), (rest,) = records["train"], records["test"]
         if rest.quantity != "force" or rest.initial_state != "unknown":

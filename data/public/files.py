@@ -74,7 +74,7 @@ class Files:
 
 
 def _similar(place: Path) -> Path | None:
-    """A file of the same name but for its case; else the .csv of that name."""
+    """A file of the same name in another case; else the .csv of that name."""
     names = [place.name.lower(), f"{place.stem.lower()}.csv"]
     beside = sorted(place.parent.iterdir()) if place.parent.is_dir() else []
     found = [one for one in beside if one.name.lower() in names and one.is_file()]

@@ -34,7 +34,7 @@ VARY = ("elements", "masses", "hinges", "tanhs", "units", "cubic", "rounded")
 class Candidate:
     """A fit: what it may do, and how it does. error [%]: free run of unseen records.
 
-    kind: class of laws that it stands for, perhaps with others; "" where it is one of its own.
+    kind: class of laws that it represents, perhaps with others; "" where it has no class.
     """
 
     words: str
@@ -85,7 +85,7 @@ def _candidate(words: str, kind: str, metrics: Mapping[str, Any]) -> Candidate:
 
 
 def recommended(found: Sequence[Candidate]) -> Candidate | None:
-    """Of those nearly as good as the best on unseen motion, the one with the fewest parameters.
+    """The candidate of fewest parameters among those almost as good as the best on unseen motion.
 
     A law of no class is taken only where every class errs by far more.
     """

@@ -81,7 +81,7 @@ def compare(runs: Sequence[Result], by: Sequence[str], metric: str, split: str) 
 
 
 def labels_of(runs: Sequence[Result]) -> dict[str, list[Any]]:
-    """{key: label of each run} of all that runs may be told apart by."""
+    """{key: label of each run} of everything by which runs may be compared."""
     names = ("model", "system", "scenario", "seed", "results")
     return {name: [getattr(run, name) for run in runs] for name in names} | varied_choices(runs)
 

@@ -1,4 +1,4 @@
-"""Grids of an experiment, by name: what was asked for, beside the runs that keep the name."""
+"""Grids of an experiment, by name: the requested runs, saved with the runs that keep the name."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ HEAD = ("run", "model", "system", "scenario", "seed", "results", "status", "reas
 
 
 def _runs_table(runs: Sequence[Result]) -> pa.Table:
-    """A row for each run: who it is, what became of it, and what it chose that others did not."""
+    """A row for each run: its name, status and the choices that vary."""
     columns: dict[str, Any] = {"run": [_from_here(run.folder) for run in runs]}
     columns |= {name: [getattr(run, name) for run in runs] for name in HEAD[1:4]}
     columns["seed"] = pa.array([_whole(run.seed) for run in runs], pa.int64())
@@ -123,7 +123,7 @@ def _whole(number: Any) -> int | None:
 
 
 def _column(values: Sequence[Any]) -> pa.Array:
-    """Numbers as numbers, truths as truths, else all as words; null beside numbers is no number."""
+    """Numbers as numbers, truths as truths, else all as words; null among numbers is no number."""
     numbers = [None if value == "null" else value for value in values]
     kinds = {type(value) for value in numbers if value is not None}
     if kinds == {bool} or kinds == {int}:

@@ -27,9 +27,9 @@ FORCES, SUPPORTS, BASE, IMPOSED = "forces", "supports", "base", "imposed"
 class Interface:
     """Names of the channels that a model reads, and what a ground acceleration is to it.
 
-    kind: forces on DOFs; motions of supports, beside forces if there are any; the acceleration of
+    kind: forces on DOFs; motions of supports, with forces if there are any; the acceleration of
     a common base; or deformations imposed on elements. others: inputs that no scale factor is for.
-    masses (n,) [kg]: through them a ground acceleration stands for forces −m s̈; None: it does not.
+    masses (n,) [kg]: with them a ground acceleration is applied as forces −m s̈; None: it cannot be.
     """
 
     kind: str

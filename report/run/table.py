@@ -35,8 +35,8 @@ def error_table(
 ) -> Table:
     """Relative RMS error in percent: one row per method, the splits in total and per DOF.
 
-    Where `width` columns of the terminal do not hold errors per DOF, those of the training motion
-    are left out, then those of the test motion; `metrics.json` has them all.
+    Where `width` columns of the terminal do not hold errors per DOF, the training motion's
+    are omitted, then the test motion's; `metrics.json` has them all.
 
     A row is a name and {split: scores}, or {"failed": reason}. Where the sensors erred, a second
     row gives the error against the true signals.

@@ -39,7 +39,7 @@ SHOWN = 6  # parameters of a corner figure
 
 @dataclass(frozen=True)
 class Samples:
-    """Physical parameters of particles, beside a Normal distribution about the mode.
+    """Physical parameters of particles, and a Normal distribution about the mode.
 
     values (D, Q): of draws; mode, deviation (Q,): of Laplace's approximation of the same posterior.
     """
@@ -269,7 +269,7 @@ def _word(gradient: np.ndarray, particles: np.ndarray, prior: Prior) -> str:
 
 
 def print_samples(console: Console, samples: Samples, intervals: Sequence[Interval]) -> None:
-    """Marginals beside Laplace's approximation, the evidence, and how well two runs agree."""
+    """Print marginals, Laplace's approximation, the evidence, and how well two runs agree."""
     lines = []
     fitted = {i.name: i for i in intervals}
     for q, name in enumerate(samples.names):

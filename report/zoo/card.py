@@ -30,7 +30,7 @@ IDENTIFIERS = {"MIT": "mit", "BSD-2-Clause": "bsd-2-clause", "CC-BY-SA-4.0": "cc
 
 @dataclass(frozen=True)
 class Card:
-    """Everything that a card tells of one entry."""
+    """Everything that a card says of one entry."""
 
     name: str
     cfg: DictConfig

@@ -68,7 +68,7 @@ def _number(value: Any) -> str:
 
 
 def _prior_table(found: list[Entry]) -> Iterator[str]:
-    """What each kind of model was told of the structure."""
+    """Prior knowledge of the structure, by kind of model."""
     yield "| model | told beforehand |"
     yield "| --- | --- |"
     for model in dict.fromkeys(entry.model for entry in found):

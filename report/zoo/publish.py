@@ -170,7 +170,7 @@ def facts_of(folder: Path, licence: Licence) -> dict[str, Any]:
 
 
 def write_index(root: Path, new: Mapping[str, Any]) -> None:
-    """The index with new entries beside those that are there."""
+    """The index with new entries added."""
     known = {entry.name: dict(entry.facts) for entry in entries(root)}
     found = dict(sorted((known | dict(new)).items()))
     models = dict.fromkeys(name.partition("/")[0] for name in found)

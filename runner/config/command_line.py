@@ -135,7 +135,7 @@ def _first(override: Override) -> str | None:
 
 @contextmanager
 def refusals() -> Iterator[None]:
-    """Bad settings of one run end the program before Hydra adds lines of its own."""
+    """Bad settings of one run end the program before Hydra adds its lines."""
     try:
         yield
     except EXPECTED as error:

@@ -1,6 +1,6 @@
 """What the settings outside of the choices must be: held against types and ranges before any work.
 
-What stands inside a choice, such as model.cutoff, is held against its class: models/training/build.
+Settings inside a choice, such as model.cutoff, are checked in models/training/build.
 """
 
 from __future__ import annotations

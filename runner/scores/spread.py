@@ -3,7 +3,7 @@
 One meaning everywhere:
 
 diverged  an estimate overflowed or its free run left: infinite, the worst of all
-failed    the run ended with an error of its own: infinite too, where runs of its case have a number
+failed    the run ended with an error: infinite too, where runs of its case have a number
 escaped   the structure's own motion left every bound, before any estimator ran. That belongs to the
           draw: every method lacks the same seeds, and none of them can be judged there. Such runs
           are counted and take no part in median, quartiles and range
