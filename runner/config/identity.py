@@ -44,7 +44,7 @@ def choices_text(content: dict[str, Any]) -> str:
 
 
 def name_of(content: dict[str, Any], digest: str = "") -> str:
-    """Folder within a sweep of the run with these resolved values; digest: their digest, if known."""
+    """Folder within a sweep of the run with these resolved values; digest: of these values, if known."""
     names = (content[part]["name"] for part in ("model", "system", "scenario"))
     return "-".join((*names, f"seed{content['seed']}", digest or config_digest(content)))
 
@@ -60,7 +60,7 @@ def _without_words(node: dict[str, Any]) -> dict[str, Any]:
 
 
 def identity_of(content: dict[str, Any], digest: str = "") -> dict[str, Any]:
-    """What a run's numbers follow from; digest: the digest of these resolved values, if known."""
+    """What a run's numbers follow from; digest: of these resolved values, if known."""
     return {"config": digest or config_digest(content), "results": RESULTS}
 
 
