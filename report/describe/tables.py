@@ -85,7 +85,7 @@ def _beyond(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
 def _cell(quantity: str, value: float) -> str:
     """Of seven characters, or eight below zero, so that six columns fit: 2.71e-5."""
     if quantity.endswith("_ratio") and abs(value) < 1000.0:
-        return f"{value:.3f}"
+        return f"{value:z.3f}"
     if value == 0.0 or 1e-3 <= abs(value) < 1e4:
         return number(value, 4 if abs(value) >= 0.01 else 3)
     return f"{value:.2e}".replace("e-0", "e-").replace("e+0", "e")

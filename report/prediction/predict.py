@@ -153,7 +153,7 @@ def _print_motions(
             listed = ", ".join(names[:4]) + (f" … ({len(names)} motions)" if names[4:] else "")
             console.print(f"{listed}: {'; '.join(done)}")
     if any(GROUND in motion.channels for motion in motions) and interface.kind != SUPPORTS:
-        how = ", applied as forces −m s̈" if interface.masses is not None else ""
+        how = " (applied as forces −m s̈)" if interface.masses is not None else ""
         console.print(
             f"the ground moves{how}: displacements and velocities are relative to it, "
             "accelerations absolute"

@@ -36,8 +36,8 @@ from report.run.rescore import (
 )
 from report.run.table import (
     WIDTH,
-    error_table,
     merged_rows,
+    print_errors,
     print_outside,
     print_verdict,
     titled,
@@ -264,8 +264,7 @@ def _print(
     about = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     rows = list(_rows(scores))
     quantity = data.sensors.quantity
-    table = error_table(titled(metrics, about), rows, data.dofs, quantity, console.width, ("test",))
-    console.print(table)
+    print_errors(console, titled(metrics, about), rows, data.dofs, quantity, ("test",))
     first = next(iter(scores["records"].values()))
     for line in why_no_free_run({metrics["model"]: first}):
         console.print(line)

@@ -30,7 +30,7 @@ from report.run.identified import picture
 from report.run.online_figures import online_figures
 from report.run.table import (
     WIDTH,
-    error_table,
+    print_errors,
     print_outside,
     print_verdict,
     rows_of,
@@ -110,10 +110,8 @@ def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: 
     dofs = len(metrics["test"]["per_dof_percent"])
     title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     console = terminal(WIDTH)
-    table = error_table(
-        titled(metrics, title), rows, dofs, metrics.get("quantity", "acceleration"), console.width
-    )
-    console.print(table)
+    quantity = metrics.get("quantity", "acceleration")
+    print_errors(console, titled(metrics, title), rows, dofs, quantity)
     print_verdict(console, metrics)
     for line in why_no_free_run({metrics["model"]: next(iter(results.values()))}):
         console.print(line, markup=False)
@@ -138,7 +136,7 @@ def print_stored(metrics: dict[str, Any], gone: Path) -> None:
     title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     rows, dofs = rows_of("as stored", metrics), len(metrics["test"]["per_dof_percent"])
     console, quantity = terminal(WIDTH), metrics.get("quantity", "acceleration")
-    console.print(error_table(titled(metrics, title), rows, dofs, quantity, console.width))
+    print_errors(console, titled(metrics, title), rows, dofs, quantity)
     print_verdict(console, metrics)
     console.print(
         f"not scored again: the record {gone} is missing; put it back, or name another one to "

@@ -22,12 +22,11 @@ from report.run.hparams import numbers, swept
 from report.run.intervals import print_intervals
 from report.run.table import (
     WIDTH,
-    error_table,
     merged_rows,
+    print_errors,
     print_outside,
     print_verdict,
     record_rows,
-    rows_of,
     titled,
     why_no_free_run,
 )
@@ -163,6 +162,9 @@ def _print_identified(console: Console, metrics: dict[str, Any]) -> None:
 
 
 LABELS = {  # of what a fit says of itself, where the key is no label
+    "memory": "memory of the law, by element",
+    "sides": "tension and compression, by element",
+    "law_prior": "weight of the law's prior, by element",
     "left_open": "not determined by the motion",
     "linear_stiffness": "equivalent linear stiffness [N/m]",
     "laws_off_held_back_percent": "held-out force error [%]",
@@ -191,16 +193,16 @@ def label_of(key: str) -> str:
 def _print_errors(console: Console, metrics: dict[str, Any]) -> None:
     """Tables of errors, of the model and of plain opponents; the verdict."""
     methods = {metrics["model"]: metrics, **metrics["baselines"]}
-    rows = rows_of(metrics["model"], metrics)
+    rows = merged_rows(metrics["model"], metrics)
     if metrics["paper"]:  # one step ahead, so it stands above the free run
         rows.insert(1, ("  paper, its settings", metrics["paper"]))
     for name, scores in metrics["baselines"].items():
         rows += merged_rows(name, scores)
     dofs, quantity = len(metrics["test"]["per_dof_percent"]), metrics["quantity"]
-    console.print(error_table("", rows, dofs, quantity, console.width))
+    print_errors(console, "", rows, dofs, quantity)
     if records := record_rows(metrics):
         about = f"{metrics['model']}, each test record"
-        console.print(error_table(about, records, dofs, quantity, console.width, ("test",)))
+        print_errors(console, about, records, dofs, None, ("test",))
     for line in why_no_free_run(methods):
         console.print(line)
     for name, scores in metrics["baselines"].items():
@@ -224,7 +226,7 @@ def _print_limits(console: Console, metrics: dict[str, Any]) -> None:
         )
     for record, notes in metrics["records"].items():
         if EACH in record:
-            console.print(f"{record}: {'; '.join(notes)}")
+            console.print(f"{record.partition(':')[0]} motion: {'; '.join(notes)}")
     if metrics["escaped"]:
         console.print(
             f"{len(metrics['escaped'])} simulated motions escaped and are excluded; "

@@ -25,32 +25,40 @@ CAPTION = (
 )
 
 
-def error_table(
+def print_errors(
+    console: Console,
     title: str | Text,
     rows: Iterable[tuple[str, Mapping[str, Any]]],
     dofs: int,
-    quantity: str = "acceleration",
+    quantity: str | None,
+    splits: Sequence[str] = SPLITS,
+) -> None:
+    """Print `error_table` below its title; what the errors are, unless `quantity` is None."""
+    if title:
+        console.print(title)
+    console.print(error_table(rows, dofs, console.width, splits))
+    if quantity is not None:
+        console.print(CAPTION.format(quantity=quantity))
+
+
+def error_table(
+    rows: Iterable[tuple[str, Mapping[str, Any]]],
+    dofs: int,
     width: int = WIDTH,
     splits: Sequence[str] = SPLITS,
 ) -> Table:
     """Relative RMS error in percent: one row per method, the splits in total and per DOF.
 
-    Where `width` columns of the terminal do not hold errors per DOF, the training motion's
-    are omitted, then the test motion's; `metrics.json` has them all.
+    A single DOF has no columns. Where `width` columns of the terminal do not hold errors per DOF,
+    the training motion's are omitted, then the test motion's; `metrics.json` has them all.
 
     A row is a name and {split: scores}, or {"failed": reason}. Where the sensors erred, a second
     row gives the error against the true signals.
     """
-    table = Table(
-        title=title or None,
-        title_justify="left",
-        caption=CAPTION.format(quantity=quantity),
-        caption_justify="left",
-    )
+    table = Table()
     lines = list(_lines(rows, dofs, splits))
-    heads = {
-        s: [f"{s}\n{c}" for c in ("total", *(f"x{i + 1}" for i in range(dofs)))] for s in splits
-    }
+    columns = ["total", *(f"x{i + 1}" for i in range(dofs) if dofs > 1)]
+    heads = {split: [f"{split}\n{column}" for column in columns] for split in splits}
     shown = _shown(heads, lines, width)
     table.add_column("", overflow="fold")
     for split in splits:
@@ -121,13 +129,13 @@ def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
         console.print(Text(lost, style="red"))
     elif verdict.get("identified") is None and verdict.get("reason"):
         console.print(f"not judged: {verdict['reason']}")
-    elif verdict.get("identified"):
+    elif verdict.get("identified") and verdict.get("by") in WAYS:
         console.print(f"identified: {_evidence(verdict)}{_better(metrics)}")
 
 
 def _evidence(verdict: Mapping[str, Any]) -> str:
     """The errors by which a model counts as identified."""
-    own, linear = percent(verdict["error_percent"]), verdict.get("linear_percent")
+    own, linear = percent(verdict.get("error_percent")), verdict.get("linear_percent")
     beside = "" if linear is None else f", of the equivalent linear system {percent(linear)} %"
     return f"error {WAYS[verdict['by']]} on the training motion {own} %{beside}"
 
@@ -135,11 +143,9 @@ def _evidence(verdict: Mapping[str, Any]) -> str:
 def _better(metrics: Mapping[str, Any]) -> str:
     """The plain opponents whose error on the test motion is smaller, in the way of the verdict."""
     key = FREE_RUNS["test"] if metrics["verdict"]["by"] == "free run" else "test"
-    error = {n: m.get(key, {}).get(ERROR) for n, m in {"": metrics, **metrics["baselines"]}.items()}
-    own = error.pop("")
-    better = [
-        f"{n} ({percent(e)} %)" for n, e in error.items() if e is not None and own and e < own
-    ]
+    own = metrics.get(key, {}).get(ERROR)
+    errors = {n: s.get(key, {}).get(ERROR) for n, s in metrics.get("baselines", {}).items()}
+    better = [f"{n} ({percent(e)} %)" for n, e in errors.items() if e and own and e < own]
     return f"; smaller error on the test motion: {', '.join(better)}" if better else ""
 
 

@@ -44,7 +44,7 @@ def choices_text(content: dict[str, Any]) -> str:
 
 
 def name_of(content: dict[str, Any], digest: str = "") -> str:
-    """Folder within a sweep of the run with these resolved values; digest: of these values, if known."""
+    """Folder within a sweep of the run with these resolved values; digest: theirs, if known."""
     names = (content[part]["name"] for part in ("model", "system", "scenario"))
     return "-".join((*names, f"seed{content['seed']}", digest or config_digest(content)))
 

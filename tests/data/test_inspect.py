@@ -145,10 +145,10 @@ def test_records_of_a_folder_that_differ_in_rate_or_unit_are_told_in_a_line(run,
     ):
         rows = np.column_stack((t, np.cos(3.0 * t), size * np.sin(3.0 * t)))[::step]
         np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="time,f1,a1", comments="")
-    lines = [line for line in run(".")[1].splitlines() if " beside " in line]
+    lines = [line for line in run(".")[1].splitlines() if " differ: " in line]
     assert len(lines) == 2
-    assert "slow.csv beside one.csv: other rates, 50 Hz and 100 Hz" in lines[0]
-    assert "x_g.csv beside one.csv: times as large: a1 981" in lines[1]
+    assert "slow.csv and one.csv differ: other rates, 50 Hz and 100 Hz" in lines[0]
+    assert "x_g.csv and one.csv differ: times as large: a1 981" in lines[1]
 
 
 def test_nothing_moves_the_cursor(run, tmp_path):

@@ -338,7 +338,7 @@ def test_gradients_go_through_a_free_run(bilinear_record):
 
 
 def printed(rows) -> list[list[str]]:
-    table = error_table("", rows, 2)
+    table = error_table(rows, 2)
     return list(zip(*(column.cells for column in table.columns), strict=True))
 
 
