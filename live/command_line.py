@@ -94,7 +94,7 @@ def run_config(folder: Path, words: Sequence[str]) -> DictConfig:
     other = [word for word in words if _head(word) not in (*GROUPS, *KEYS)]
     if other:
         raise ValueError(
-            f"{other[0]}: a run brings its model along; beside --run there may stand "
+            f"{other[0]}: the model is that of --run, which allows only "
             f"{', '.join(f'{name}=' for name in GROUPS)} seed= and data.…="
         )
     merged = OmegaConf.merge(cfg, OmegaConf.from_dotlist(keys))

@@ -56,7 +56,7 @@ def _decreasing(time: np.ndarray, steps: np.ndarray) -> Finding:
         text = f"all {len(time)} times are {time[0]:.6g} s; {_WITHOUT}"
         return Finding("duplicate times", "", text, True)
     at = int(back[0])
-    cause = "the clock started anew or the rows are out of order"
+    cause = "the clock restarted or the rows are out of order"
     if any(abs(-steps[at] / full - 1.0) < 0.01 for full in COUNTERS):
         cause = "the counter ran over"
     text = (

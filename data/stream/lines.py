@@ -154,7 +154,7 @@ class SampleLines:
         if len(self.names) > CHANNELS:
             raise ValueError(
                 f"the input names {len(self.names):,} channels; expected at most {CHANNELS}; send "
-                "those of the model alone"
+                "only the model's"
             )
         for signal in ("a", "x", "v", "s", "s_dot"):
             if places[signal] and f"{signal}{len(places[signal])}" not in self.names:

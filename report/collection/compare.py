@@ -73,7 +73,7 @@ def compare(runs: Sequence[Result], by: Sequence[str], metric: str, split: str) 
         same = [runs[i] for i in places]
         spread = spread_of(same, lambda run: of_folder[run.folder])
         groups.append(Group(of_group, spread, len(same) - len(spread.values) - spread.escaped))
-    notes = [f"{lacking} runs have no {' or '.join(by)} and are left out"] if lacking else []
+    notes = [f"{lacking} runs have no {' or '.join(by)} and are omitted"] if lacking else []
     if mixed := _mixed(labels, by, list(members.values())):
         notes.append(f"within a group there also vary {', '.join(mixed)}; see by=[…]")
     groups.sort(key=lambda group: [_order(label) for label in group.labels])

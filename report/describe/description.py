@@ -103,7 +103,7 @@ def _print_parameters(
             "up to a common factor; model.masses sets it"
         )
     if estimator.laws_are_curves:
-        console.print("laws are general curves; values below are those of a slow monotonic push")
+        console.print("laws are general curves; the values below are of a slow monotonic push")
     trained = metrics.get("trained_range", {})
     print_elements(console, parameters, trained)
     print_rest(console, parameters, trained)

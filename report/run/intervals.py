@@ -146,7 +146,7 @@ def beyond_training(metrics: Mapping[str, Any], uncertainty: Mapping[str, Any]) 
     return (
         f"neither interval holds for other motions: the free-run error is {percent(errors[1])} % "
         f"on the test motion, {percent(errors[0])} % in training, and the residual is not white; "
-        "the parameters are those of the training motion"
+        "the parameters fit the training motion"
     )
 
 

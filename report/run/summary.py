@@ -221,7 +221,7 @@ def _print_limits(console: Console, metrics: dict[str, Any]) -> None:
         print_outside(console, "test motion ", metrics["outside_trained_range"])
     elif metrics["simulation_error"] > 1e-5:
         console.print(
-            f"the simulation itself is off by {metrics['simulation_error']:.1e} (relative RMS); "
+            f"the simulation has a relative RMS error of {metrics['simulation_error']:.1e}; "
             "lower data.tolerance"
         )
     for record, notes in metrics["records"].items():

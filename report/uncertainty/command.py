@@ -140,7 +140,7 @@ def _laplace(
     print_intervals(console, content, both=True)
     beyond = beyond_training(run.metrics, content)
     if not which_to_believe(headline(content)):
-        believe = "" if beyond else ": use those of noise alone"
+        believe = "" if beyond else ": use ± noise"
         console.print(
             f"both kinds agree within a factor of 2 where parameters are determined{believe}",
             markup=False,

@@ -166,7 +166,7 @@ def _sampled_numbers(model: Trainable, names: Sequence[str], samples: int) -> np
     if len(chosen) > MOST:
         raise ValueError(
             f"{len(chosen)} parameters are more than the {MOST} that particles can follow; name "
-            "those of interest (parameter=r1.stiffness,r1.damping: the others stay at the fit), or "
+            "some of them (parameter=r1.stiffness,r1.damping: the others stay at the fit), or "
             "train a smaller model (such as model.units=1 model.hinges=0)"
         )
     if samples < FEWEST * len(chosen):

@@ -83,7 +83,7 @@ def one_line_errors(config: str) -> Iterator[None]:
     except EXPECTED as error:
         fail(reason_of(error))
     except KeyboardInterrupt:
-        fail("interrupted; the unfinished run has no metrics.json, a sweep goes on from here")
+        fail("interrupted; the unfinished run has no metrics.json, a sweep continues from here")
         sys.exit(130)
     else:
         return

@@ -45,7 +45,7 @@ def _is_name(value: str) -> bool:
     return 0 < len(value) <= 100 and not set(value) & set("/\\\n\t") and value.strip(". ") == value
 
 
-NAME = Setting(str, _is_name, "a name: text that can stand in a folder's name, without / or \\")
+NAME = Setting(str, _is_name, "a name: text that can be part of a folder's name, without / or \\")
 THREADS = Setting(
     int | None, lambda n: n is None or 1 <= n <= MOST_THREADS, f"1 to {MOST_THREADS}, or null"
 )

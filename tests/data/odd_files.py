@@ -245,7 +245,7 @@ ODD = {
     "constant channel": Odd(constant_channel, ("constant channel in Acc_spare",),
                             config={"leave": "Acc_spare"}),
     "negative time": Odd(negative_time, ("no faults found", "s_ddot1=Ground a1=Roof")),
-    "two records in one": Odd(concatenated, ("decreasing times", "the clock started anew"),
+    "two records in one": Odd(concatenated, ("decreasing times", "the clock restarted"),
                               refused="runs backwards"),
     "rounded stamps": Odd(rounded_stamps, ("of 3 samples (0.03333 s)", "dt = 0.0111111 s (90 Hz)"),
                           config={"mend.fill": 0.04}),

@@ -232,7 +232,7 @@ def test_a_run_says_what_does_not_fit(run, online, lines):
     status, _, err = run("-", *where, "--rate", "50", text=lines)
     assert (status, "the run every 0.01 s" in err) == (1, True)
     status, _, err = run("test", *where, "model.estimator.cutoff=10")
-    assert (status, "a run brings its model along" in err) == (1, True)
+    assert (status, "the model is that of --run" in err) == (1, True)
 
 
 def test_weights_that_do_not_enter_linearly_are_refused(run, tmp_path):

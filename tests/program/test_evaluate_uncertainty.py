@@ -44,7 +44,7 @@ def test_laplace_has_both_kinds_and_says_which_to_believe(run, capsys):
     evaluated(run, "uncertainty=laplace")
     said = " ".join(capsys.readouterr().out.split())
     assert "± model error" in said
-    assert "use those of noise alone" in said or "use ± model error" in said
+    assert ": use ± noise" in said or "use ± model error" in said
 
 
 def test_a_profile_has_a_table_and_a_figure(run, capsys):
