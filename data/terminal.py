@@ -46,5 +46,5 @@ class Terminal(Console):
 
 
 def terminal(width: int) -> Terminal:
-    """The terminal, or so many columns where the output goes elsewhere."""
+    """The terminal, or `width` columns where the output goes elsewhere."""
     return Terminal(width=None if Console().is_terminal else width)

@@ -151,7 +151,7 @@ def _scalar(value: Any) -> str:
 def literal(text: str) -> str:
     """Text that OmegaConf, which resolves it once, gives back as it is.
 
-    k backslashes before ${ become 2 k + 1: pairs stand for one each, the last keeps the ${ from
+    k backslashes before ${ become 2 k + 1: a pair becomes one, the last keeps the ${ from
     being an interpolation. Three question marks alone would mean that a value is missing.
     """
     if text == "???":

@@ -58,7 +58,7 @@ def inspections(
     align: str | None = None,
     **reader: Any,
 ) -> list[Inspection]:
-    """That of a file or a folder, those of all files of a zip archive; as `inspection`."""
+    """One inspection of a file or a folder, one of each file of a zip archive."""
     of_folder = any(":" in where for where in channels.values())
     if of_folder or not is_archive(path):
         return [inspection(path, channels, units, align, **reader)]

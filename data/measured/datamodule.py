@@ -178,7 +178,7 @@ class MeasuredData(Data):
     def _behind_what_it_remembers(
         self, records: dict[str, list[Record]]
     ) -> dict[str, list[Record]]:
-        """The rest of an element test behind its first part, of which it is the memory.
+        """The rest of an element test, run from the start of its file for the law's memory.
 
         Slack, damage and the largest excursions of the first part decide the force of the rest, and
         the motion that made them was imposed. The first part determines an unknown initial state.

@@ -1,4 +1,4 @@
-"""Where a record begins to move after a quiet start, and what sensors show at rest.   T samples.
+"""Where a record begins to move after a quiet start, and its offsets.   T samples.
 
 A start is quiet while no channel stirs: no response, and no excitation.  What comes later is never
 looked at, so that a training motion's beginning does not depend on its end.

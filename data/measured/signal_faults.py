@@ -113,7 +113,7 @@ def _missing(name: str, signal: np.ndarray, clock: tuple[float, float]) -> Itera
 
 
 def _zero_first_row(raw: RawRecord) -> Iterator[Finding]:
-    """First row of a logger that was not ready; a structure at rest begins smoothly."""
+    """First row of a logger that was not ready; a quiet structure begins smoothly."""
     channels = raw.channels
     if not channels or any(len(s) < 22 or s[0] != 0.0 for s in channels.values()):
         return
@@ -177,7 +177,7 @@ def _saturation(name: str, values: np.ndarray, stats: Statistics) -> Iterator[Fi
 def _spikes(
     name: str, values: np.ndarray, stats: Statistics, clock: tuple[float, float]
 ) -> Iterator[Finding]:
-    """Single samples far from both neighbours and from nearly all others."""
+    """Single samples far from both neighbours and from almost all others."""
     start, dt = clock
     some = values[:: max(1, len(values) // 100_000)]
     some = some[np.isfinite(some)]

@@ -1,6 +1,6 @@
 """Files of the public benchmarks → their official training and test series.
 
-Splits and state-initialisation windows are those of the package `nonlinear-benchmarks` 1.0.1, and
+Splits and state-initialisation windows are from the package `nonlinear-benchmarks` 1.0.1, and
 tests compare them. Training series get the same window, for they too begin in an unknown state:
 models that can estimate a state take it from the window, for all others the motion begins at rest.
 """
@@ -80,7 +80,7 @@ def bouc_wen(files: Files) -> Splits:
 
     All periods are in the steady state, the first too: they differ from each other by noise alone
     (1.04e-5 m between any two). They share their excitation, so a held-out one shows how well a
-    model fits, not what it does with another excitation. `start_1` … and `end_1` … are for that:
+    model fits, not its response to another excitation. `start_1` … and `end_1` … are for that:
     the first three quarters, less what the unknown initial state may touch, and the last quarter.
     """
     u, y = files.load(BOUC_WEN[0], "u")[0], files.load(BOUC_WEN[1], "y")[0]
