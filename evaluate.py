@@ -37,7 +37,7 @@ def main(cfg: DictConfig) -> None:
         if cfg.run is not None:
             require_finished(absolute(run_folder(cfg.run)))
         require_folders(cfg.runs)
-    with refusals(), loading():  # takes seconds: a mistyped word is told before
+    with refusals(), loading():  # takes seconds: a mistyped word is reported before
         from report.run.evaluation import evaluate, report_runs
         from runner.job import job_errors
 

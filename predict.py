@@ -37,7 +37,7 @@ def main(cfg: DictConfig) -> None:
         check_excitation(cfg.excitation)
         folder = absolute(run_folder(cfg.run))
         require_finished(folder)
-    with refusals(), loading():  # takes seconds: a mistyped word is told before
+    with refusals(), loading():  # takes seconds: a mistyped word is reported before
         from report.prediction.predict import label_of, predict
         from runner.job import job_errors
 

@@ -34,7 +34,7 @@ def main(cfg: DictConfig) -> float | None:
         with refusals():
             check_settings(cfg)
             check_files(cfg)
-    with refusals(), loading():  # takes seconds: a mistyped word is told before
+    with refusals(), loading():  # takes seconds: a mistyped word is reported before
         from report.run.summary import log_run, print_run
         from runner.job import identify, job_errors
         from runner.scores.outcome import require_identified, validation_error

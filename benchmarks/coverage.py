@@ -96,7 +96,7 @@ def judge(kind: str, number: int) -> dict[str, Any]:
 
 
 def draw(rng: np.random.Generator, dofs: int, kind: str) -> Structure:
-    """A chain whose elements yield, but for one at times; or harden; or have a brace beside."""
+    """A chain whose elements yield, sometimes all but one; or harden; or have a parallel brace."""
     masses = np.exp(rng.uniform(np.log(0.5), np.log(3.0), dofs))
     omega = 2.0 * np.pi * rng.uniform(1.0, 2.0)
     stiffness = omega**2 * masses.mean() * np.exp(rng.uniform(-0.4, 0.4, dofs)) * dofs

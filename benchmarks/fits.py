@@ -1,6 +1,6 @@
 """How much sooner do fits of networks of elements end than in an earlier checkout, at what error?
 
-    python -m benchmarks.fits OLD_TREE                          # beside this checkout
+    python -m benchmarks.fits OLD_TREE                          # and this checkout
     python -m benchmarks.fits OLD_TREE NEW_TREE --quick
     python -m benchmarks.fits OLD_TREE --python-old OLD_TREE/.venv/bin/python
 
@@ -31,7 +31,7 @@ ROWS = [  # of the leaderboard: model, system, records
 ALIKE = ("figures=false", "baselines=none")
 
 
-def fitted(tree: Path, python: Path, words: Sequence[str], folder: Path) -> tuple[float, float]:
+def measure(tree: Path, python: Path, words: Sequence[str], folder: Path) -> tuple[float, float]:
     """Seconds of a fit and its error in free run [%]. Raises RuntimeError where it fails."""
     path = folder / "metrics.json"
     if not path.is_file():
@@ -48,12 +48,12 @@ def rows(trees: dict[Path, Path], seeds: int, output: Path, shorter: Sequence[st
     ratios = []
     for side, (tree, python) in sides:
         words = [f"model={ROWS[0][0]}", "data.duration=5"]
-        fitted(tree, python, words, output / f"{side}-compiles")
+        measure(tree, python, words, output / f"{side}-compiles")
     for seed, (model, system, records) in product(range(seeds), ROWS):
         words = [f"model={model}", f"system={system}", f"data.train_records={records}"]
         words += [f"seed={seed}", *shorter]
         (before, error), (now, error_now) = (
-            fitted(tree, python, words, output / f"{side}-{model}-{system}-{records}-{seed}")
+            measure(tree, python, words, output / f"{side}-{model}-{system}-{records}-{seed}")
             for side, (tree, python) in sides
         )
         ratios.append(before / now)

@@ -3,10 +3,10 @@
     python -m benchmarks.free_run            # one record of 50 s, a thousand of them, one Jacobian
     python -m benchmarks.free_run --quick    # short records, a few of them, for CI
 
-An element network of 3 DOFs and 6 elements, 5,000 samples with 2 substeps. Compiled beside the same
-equations in PyTorch (models/composition/simulate.py), to which the tests hold it, and beside the
+An element network of 3 DOFs and 6 elements, 5,000 samples with 2 substeps. Compiled, against the
+same equations in PyTorch (models/composition/simulate.py), with which tests compare it, and the
 zoo's integrator of the true structure (data/simulation/motion.py). Derivatives: forward
-sensitivities by all parameters at once, beside as many runs as finite differences would take. The
+sensitivities by all parameters at once, against as many runs as finite differences would take. The
 best of three where it is short; one thread.
 """
 

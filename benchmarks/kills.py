@@ -4,8 +4,8 @@
     python -m benchmarks.kills --quick              # 3 runs, 1 process, 1 kill
 
 SIGKILL of the whole process group at random moments: most while runs train and write, some while
-programs start. After each kill the same command goes on; the last one is left alone. Then every
-result is compared with that of a sweep in another folder: metrics.json but for times and versions,
+programs start. After each kill the same command goes on; the last one is not killed. Then every
+result is compared with a sweep's in another folder: metrics.json except times and versions,
 and the tensors of the checkpoints bit by bit. Damaged is a folder that looked finished after a
 kill, or at the end, and could not be read.
 """

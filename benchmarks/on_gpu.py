@@ -6,7 +6,7 @@
 The first table has milliseconds of what a fit repeats, on one thread, on all threads and on the
 GPU: loss and gradient of networks, all of the least squares of a VWNN. B records of T samples,
 three masses. The second has seconds of `train.py` for eight seeds, imports included, one after the
-other and as many at once as `joblib` is told, on the processor and on the GPU.
+other and as many at once as `joblib` is given, on the processor and on the GPU.
 Without a GPU its columns are empty.
 """
 
@@ -45,7 +45,7 @@ Make = Callable[[torch.device], Work]
 
 
 def record(B: int, T: int) -> Record:
-    """Noise: what it costs does not depend on what it means."""
+    """Noise: the cost does not depend on the values."""
     draw = torch.Generator().manual_seed(0)
     a, f, x, v = torch.randn(4, B, T, DOFS, generator=draw, dtype=torch.float64)
     return Record(DT, a, f, x, v)

@@ -99,7 +99,7 @@ class Chain:
 
 
 def prepare_steps(ops: Any, near: float) -> None:
-    """Newmark's method, each step in equilibrium but for displacements of less than `near`."""
+    """Newmark's method, each step in equilibrium up to displacements of less than `near`."""
     ops.constraints("Transformation")
     ops.numberer("RCM")
     ops.system("FullGeneral")

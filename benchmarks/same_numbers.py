@@ -1,10 +1,10 @@
 """Do two checkouts of the project compute the same numbers, to the last digit?
 
-    python -m benchmarks.same_numbers OLD_TREE                  # beside this checkout
+    python -m benchmarks.same_numbers OLD_TREE                  # and this checkout
     python -m benchmarks.same_numbers OLD_TREE NEW_TREE --quick
     python -m benchmarks.same_numbers OLD_TREE --python-old OLD_TREE/.venv/bin/python
 
-The same command lines run in both trees; every metrics.json is compared but for times, `identity`
+The same command lines run in both trees; every metrics.json is compared except times, `identity`
 and `versions`. Prints a line for each run, and exits with 1 where a digit differs, a run is missing
 or a command fails. Keys that the new tree alone writes are listed and are no difference.
 """
@@ -91,7 +91,7 @@ def results(folder: Path) -> dict[str, Any]:
 
 
 def differences(old: Any, new: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """(dotted key, old value, new value) of all that differs; MISSING stands for no value."""
+    """(dotted key, old value, new value) of all that differs; MISSING for no value."""
     if isinstance(old, dict) and isinstance(new, dict):
         for name in (name for name in {**old, **new} if name not in LEFT_OUT):
             inner = f"{key}.{name}" if key else name

@@ -1,4 +1,4 @@
-"""How accurate is the simulation, what does it cost beside scipy, how does the cost grow?
+"""How accurate is the simulation, what does it cost against scipy, how does the cost grow?
 
     python -m benchmarks.simulation            # three minutes
     python -m benchmarks.simulation --quick    # seconds: shorter and fewer records
@@ -44,7 +44,7 @@ GIVE_UP = 20.0  # seconds of scipy
 
 
 def load(system: str) -> Structure:
-    """The structure of conf/system; the forces stand here, so that numbers stay comparable."""
+    """The structure of conf/system; the forces are given here, so that numbers stay comparable."""
     cfg = OmegaConf.load(CONF / "system" / f"{system}.yaml")
     structure: Structure = instantiate(cfg.structure, _convert_="all")
     return structure

@@ -3,7 +3,7 @@
     python -m benchmarks.sweeps            # 1,000 runs of the VWNN; 250 of them in a row
     python -m benchmarks.sweeps --quick    # 40 runs
 
-Whole commands are timed, imports included, beside an empty sweep of the same command (all of its
+Whole commands are timed, imports included, against an empty sweep of the same command (all of its
 runs finished before), which is the cost of a sweep without its runs.
 """
 

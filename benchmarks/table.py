@@ -20,7 +20,7 @@ def seconds_of(work: Callable[[], object], repeats: int) -> list[float]:
 def show(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table of 80 columns, each row once it is there: names to the left, numbers aligned.
 
-    A name that is too long for its column stands on a line of its own.
+    A name that is too long for its column has a separate line.
     """
     widths = [max(len(name), 9) for name in head[1:]]
     room = max(80 - sum(widths) - 2 * len(widths), 1)

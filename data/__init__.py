@@ -1,7 +1,7 @@
 """What happens before any estimator sees a number: structures, motions, sensors, records.
 
 Every public class by its name, loaded when it is first used: `from data import Structure`. The same
-names stand in configs as `_target_: data.Structure`.
+names appear in configs as `_target_: data.Structure`.
 """
 
 from __future__ import annotations

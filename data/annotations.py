@@ -18,7 +18,7 @@ SHOWN = 60  # characters of a value in a message
 def fits(value: Any, annotation: Any) -> bool:
     """Whether a value is of an annotated type; a whole number is a float, true and NaN are none.
 
-    Text must be printable (a tabulator divides columns): it will stand in messages, tables and
+    Text must be printable (a tabulator divides columns): it will appear in messages, tables and
     names of files.
     """
     origin, inner = get_origin(annotation), get_args(annotation)

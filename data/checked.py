@@ -1,6 +1,6 @@
 """Arguments of public classes, held against their annotations where an object is made.
 
-`@checked` above a class does that for its constructor; under `@dataclass` it stands above that.
+`@checked` above a class does that for its constructor; with `@dataclass` it is placed above that.
 """
 
 from __future__ import annotations

@@ -18,6 +18,8 @@ from data.record import Escape, Record, stack
 from data.sample import Sensors
 from data.windows import WindowDataset, after_rest, cut
 
+EACH = "each record"  # under which `notes` has what holds for every record of a split
+
 
 class Data(LightningDataModule):
     """Training and test records of one structure: the base class of all sources of records.

@@ -9,9 +9,9 @@ BLINK = 10_000_000  # inner steps of compiled work, some tenths of a second
 
 
 def interruptible(work: Callable[[], object], steps: int) -> None:
-    """Call compiled `work` that holds no lock; beyond a blink in a thread of its own.
+    """Call compiled `work` that holds no lock; in a separate thread if it takes long.
 
-    Python hears Ctrl-C between two of its own statements alone, and compiled work is one of them.
+    Python hears Ctrl-C only between two Python statements, and compiled work is one of them.
     The thread of a call that was broken off ends with its work, or with the program.
     """
     if steps <= BLINK:

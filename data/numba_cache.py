@@ -34,7 +34,7 @@ def _cache_folder(sources: Sequence[Path]) -> str | None:
 
 
 def _for_any_number(compiled: Any) -> Any:
-    """Call f(0) and f(n) alike: numba would compile f anew for every number that a caller names."""
+    """Call f(0) and f(n) alike: numba would compile f again for every number of a caller."""
     template = compiled.get_call_template
     compiled.get_call_template = lambda args, kws: template(
         tuple(numba.types.unliteral(arg) for arg in args), kws
@@ -55,7 +55,7 @@ def _hidden(inlined: Any) -> Any:
 def compilers(
     *sources: Path, contract: bool = False, reassociate: bool = False
 ) -> tuple[Compiler, Compiler]:
-    """Two decorators for functions that stand in `sources` and call each other.
+    """Two decorators for functions that are defined in `sources` and call each other.
 
     The first compiles at the first call in a fresh clone, later ones read the cache; the second
     compiles into its callers, for functions whose call costs more than they do. `contract` lets

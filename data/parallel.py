@@ -44,7 +44,7 @@ def threads() -> int:
 def in_threads(
     work: Callable[[Item], Result], items: Sequence[Item], steps: int = BLINK + 1
 ) -> list[Result]:
-    """Results of compiled `work`, so many inner steps an item, on every item, in their order.
+    """Results of compiled `work` on every item, in their order; each takes a number of inner steps.
 
     Ctrl-C is heard meanwhile. The threads of a call that was broken off end with their work, or
     with the program. This thread works, too, where an item is done in a blink: a new one may wait

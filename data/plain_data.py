@@ -1,4 +1,4 @@
-"""YAML and JSON of a run's folder, read as plain data: whatever stands in them is text or a number.
+"""YAML and JSON of a run's folder, read as plain data: all of it is text or a number.
 
 Nothing is resolved, built or fetched because a file says so, and what no run writes is refused:
 pipes, files of any size, trees of any depth, aliases that unfold to billions of values.
@@ -118,7 +118,7 @@ def _finite(word: str) -> float:
 def require_plain(content: Any) -> None:
     """Raise ValueError unless all is mappings, lists, texts, numbers and nothing, in some measure.
 
-    An alias in YAML is a value that stands in many places: it counts in each of them.
+    An alias in YAML is a value at many places: it counts at each of them.
     """
     level: list[Any] = [content]
     count, depth = 1, 0
@@ -148,7 +148,7 @@ def _require_scalar(value: Any) -> None:
 
 
 def as_config(content: dict[str, Any]) -> DictConfig:
-    """A config whose texts are those of `content`, also where they look like interpolations.
+    """A config with the texts of `content`, also where they look like interpolations.
 
     Raises ValueError for a value that was never given (???).
     """

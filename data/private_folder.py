@@ -1,6 +1,6 @@
 """A folder for what a program keeps between its runs, where nobody else can write.
 
-Whoever can write there decides what the next run does: beside the code, else among the user's own
+Whoever can write there decides what the next run does: with the code, else among the user's own
 caches, else nowhere.
 """
 

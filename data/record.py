@@ -35,7 +35,7 @@ def require_bearable(name: str, u: Any) -> None:
 
 
 def same_step(dt: float, other: float) -> bool:
-    """Whether two time steps [s] are one, but for rounding and the drift of clocks."""
+    """Whether two time steps [s] are one, up to rounding and the drift of clocks."""
     return abs(dt - other) <= SAME_STEP * abs(other)
 
 
@@ -331,7 +331,7 @@ def _tensors(record: Record) -> list[Tensor]:
 
 @dataclass(frozen=True)
 class Escape:
-    """A motion that escaped: which record of which split, and when [s].
+    """A motion that escaped: split, record and time [s].
 
     redrawn: motions that were drawn instead until one stayed; 0: the record was left out.
     """

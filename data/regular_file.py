@@ -35,6 +35,6 @@ def read_regular(path: Path, limit: int) -> bytes:
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256, which stands for every bit of a file. Raises OSError or ValueError for no file."""
+    """SHA-256 of a file. Raises OSError or ValueError for no file."""
     with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

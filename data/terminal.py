@@ -1,4 +1,4 @@
-"""The terminal. Text from files and folders is printed as it stands: it commands nothing."""
+"""The terminal. Text from files and folders is printed unchanged and commands nothing."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console, ConsoleOptions
 from rich.segment import Segment
+from rich.text import Text
 
 from data.arguments import plain
 
@@ -21,6 +22,18 @@ class Terminal(Console):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(markup=False, emoji=False, **options)
+        self.headed = ""
+
+    def heading(self, text: str) -> None:
+        """Print a heading with what is printed next; none where another heading comes first."""
+        self.headed = text
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print, below the heading that waits for it."""
+        text, self.headed = self.headed, ""
+        if text:
+            super().print(Text(f"\n{text}", style="bold"))
+        super().print(*objects, **options)
 
     def render(self, renderable: Any, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for segment in super().render(renderable, options):
@@ -33,5 +46,5 @@ class Terminal(Console):
 
 
 def terminal(width: int) -> Terminal:
-    """The terminal, or so many columns where the output goes elsewhere."""
+    """The terminal, or `width` columns where the output goes elsewhere."""
     return Terminal(width=None if Console().is_terminal else width)

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all: beside their place first, then renamed."""
+"""Files that are written whole or not at all: under another name first, then renamed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Where to write what `path` is to hold, in its folder.
 
     The file takes its place at the end of the block. Where the block or the disk fails, `path`
-    stays what it was and nothing else is left. Raises OSError where the file cannot take its place.
+    is unchanged and nothing else remains. Raises OSError where the file cannot take its place.
     """
     aside = path.with_name(f"{path.name}.part")
     try:

@@ -2,7 +2,7 @@
 
 A window of `length` samples begins with `warmup` samples that filters may use and metrics do not
 count. By default a window is a whole record; windows follow each other so that every counted sample
-is counted once (`stride = length − warmup`), and what is left at the end is not used.
+is counted once (`stride = length − warmup`), and a rest at the end is not used.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MOVING = ("f", "v", "s_dot")  # what is nil at rest; an acceleration is, too
 
 
 def cut(shortest: int, length: int | None, stride: int | None, warmup: int) -> tuple[int, int]:
-    """Length and stride of the windows of records of which the shortest has so many samples.
+    """Length and stride of the windows of records; `samples`: of the shortest.
 
     Raises ValueError for windows that do not fit.
     """

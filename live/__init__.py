@@ -1,1 +1,1 @@
-"""Live models beside a shaking structure: `python -m live`."""
+"""Live models of a shaking structure: `python -m live`."""

@@ -1,7 +1,7 @@
-"""An on-line model beside a shaking structure: measured against estimated, sample by sample.
+"""An on-line model of a shaking structure: measured against estimated, sample by sample.
 
-python -m live simulation --run FOLDER                a finished run, its system anew
-python -m live simulation system=bouc_wen             a model that begins from nothing
+python -m live simulation --run FOLDER                a finished run, its system simulated again
+python -m live simulation system=bouc_wen             an untrained model
 python -m live test --run FOLDER --speed 10           the run's test record
 python -m live --replay record.csv --speed inf        as data=measured reads it
 python -m live - --rate 120                           CSV or JSON lines, standard input
@@ -42,7 +42,7 @@ def main(words: Sequence[str] | None = None) -> None:
         args = parser().parse_intermixed_args(words)
         kind, settings = split_words(args)
         cfg = config_of(kind, args, settings)
-        with loading():  # takes seconds: a mistyped word is told before
+        with loading():  # takes seconds: a mistyped word is reported before
             from live.live import live
 
         status = live(args, kind, settings, cfg)

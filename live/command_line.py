@@ -1,4 +1,4 @@
-"""What a live run is told: its source of samples, and the config of its model."""
+"""The command line of a live run: its source of samples, and the config of its model."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--run",
         metavar="FOLDER",
-        help="a finished run, or zoo:MODEL/SYSTEM; else begin from nothing",
+        help="a finished run, or zoo:MODEL/SYSTEM; else an untrained model",
     )
     parser.add_argument("--replay", metavar="PATH", help="a record, as data=measured reads it")
     parser.add_argument("--speed", type=float, default=1.0, help="of records; inf does not wait")
@@ -94,7 +94,7 @@ def run_config(folder: Path, words: Sequence[str]) -> DictConfig:
     other = [word for word in words if _head(word) not in (*GROUPS, *KEYS)]
     if other:
         raise ValueError(
-            f"{other[0]}: a run brings its model along; beside --run there may stand "
+            f"{other[0]}: the model is that of --run, which allows only "
             f"{', '.join(f'{name}=' for name in GROUPS)} seed= and data.…="
         )
     merged = OmegaConf.merge(cfg, OmegaConf.from_dotlist(keys))

@@ -155,12 +155,12 @@ def status_line(monitor: LiveMonitor, lines: SampleLines | None) -> str:
 
 
 DONE = {
-    "dropped": "bridged by estimates, or begun anew at rest",
+    "dropped": "bridged by estimates, or restarted at rest",
     "repeated": "left out",
     "not_finite": "replaced",
     "outlier": "replaced",
     "saturated": "replaced",
-    "restarted": "the model was worse than none and has begun anew",
+    "restarted": "the model was worse than none and was restarted",
 }
 
 
@@ -192,7 +192,7 @@ def no_sound_sample(monitor: LiveMonitor, lines: SampleLines | None) -> str:
     if monitor.last_event is not None:
         found += f"; {event_line(monitor)}"
     return (
-        f"not one sound sample came: {found}; send lines of finite numbers, as many as the "
+        f"no valid sample arrived: {found}; send lines of finite numbers, as many as the "
         "header has names"
     )
 
@@ -211,7 +211,7 @@ def summary(monitor: LiveMonitor, lines: SampleLines | None) -> list[str]:
     if monitor.last_event is not None:
         text.append(event_line(monitor))
     if lines is not None and lines.mistimed:
-        text.append(f"time stamps that did not fit: {lines.mistimed:,}")
+        text.append(f"time stamps off the sampling grid: {lines.mistimed:,}")
     if lines is not None and lines.bad:
         text.append(f"bad lines: {lines.bad:,}; the last: {plain(lines.faults[-1])}")
     if monitor.first_alarm is not None:

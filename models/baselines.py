@@ -69,7 +69,7 @@ class Extrapolation(Estimator):
 
     def free_run(self, drive: Drive) -> Response:
         raise NoFreeRunError(
-            "an extrapolation of measured accelerations knows no excitation; "
+            "an extrapolation of measured accelerations has no excitation; "
             "from rest it would stay at zero for ever"
         )
 

@@ -166,7 +166,7 @@ class BranchElement(Trainable):
     def restart(self, generator: torch.Generator) -> None:
         """Draw envelope, stiffness and sharpness anew; choose anew where that is asked for."""
         if not self.tests and not self.samples:
-            raise ValueError("BranchElement starts anew from its identification; identify it")
+            raise ValueError("BranchElement restarts from its identification; identify it")
         if self.choice.open:
             self._choose(int(torch.randint(2**31, (1,), generator=generator)))
             return

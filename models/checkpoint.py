@@ -49,7 +49,7 @@ def load_estimator(estimator: Estimator, path: Path, name: str, digest: str | No
     try:
         with open_regular(path) as opened:
             if os.fstat(opened.fileno()).st_size > size + HEADER:
-                raise ValueError("larger than the model in the config beside it")
+                raise ValueError("larger than the model of the config")
         if digest is not None and digest_of(path) != digest:
             raise ValueError("not the file that the run wrote")
         with safe_open(path, framework="pt") as file:
@@ -71,7 +71,7 @@ def load_estimator(estimator: Estimator, path: Path, name: str, digest: str | No
     ]
     if differ:
         raise ValueError(
-            f"checkpoint {path} does not fit the config beside it: {', '.join(differ)}; "
+            f"checkpoint {path} does not fit the config of its folder: {', '.join(differ)}; "
             "take both from the same run"
         )
     estimator.load_state_dict(tensors)

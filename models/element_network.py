@@ -398,9 +398,7 @@ class ElementNetwork(Composite):
     def restart(self, generator: torch.Generator) -> None:
         """Go back to the identified springs and dampers; spread hinges and limits anew."""
         if self.linear is None:
-            raise ValueError(
-                "ElementNetwork starts anew from its identification; identify it first"
-            )
+            raise ValueError("ElementNetwork restarts from its identification; identify it first")
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         self.laws.start(*self.linear, places)
         self.start_as_stated()

@@ -217,7 +217,7 @@ class ElementNetworkBranch(ElementNetwork):
         """Fit the laws to equilibrium anew, from other starts."""
         if not self.tests:
             raise ValueError(
-                "ElementNetworkBranch starts anew from its identification; identify it first"
+                "ElementNetworkBranch restarts from its identification; identify it first"
             )
         self._fit(int(torch.randint(2**31, (1,), generator=generator)))
 

@@ -190,7 +190,7 @@ class HystereticElement(Composite):
     def restart(self, generator: torch.Generator) -> None:
         """Go back to the identified springs and dampers; spread hinges and limits anew."""
         if self.linear is None:
-            raise ValueError("HystereticElement starts anew from its identification; identify it")
+            raise ValueError("HystereticElement restarts from its identification; identify it")
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         self.laws.start(*self.linear, places)
         self.start_as_stated()

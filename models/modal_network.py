@@ -137,8 +137,8 @@ class ModalNetwork(Estimator):
         records = list(batches)
         if self.inputs == 0:
             raise ValueError(
-                "nothing drives the records, and a modal network is told by its excitation; give "
-                "a force or a motion of the base, or choose another model"
+                "nothing drives the records, and a modal network is identified from "
+                "excitation; give a force or a motion of the base, or choose another model"
             )
         signals = [one for record in records for one in Signals.of(record.to("cpu"))]
         scale = Scale.of(signals)

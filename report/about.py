@@ -1,4 +1,4 @@
-"""What conf/model says about a model: what it is told, whether it contains the truth, its colour.
+"""What conf/model says about a model: prior knowledge, whether it contains the truth, its colour.
 
     about:
       told: what the model knows of the structure before it sees any data
@@ -42,7 +42,7 @@ def about(model: str) -> Mapping[str, Any]:
     return block
 
 
-def told(model: str) -> str:
+def prior_knowledge(model: str) -> str:
     """What the model knows of the structure before it sees any data; "" where nobody says."""
     return str(about(model).get("told", ""))
 

@@ -2,7 +2,7 @@
 
 What a model is compared with is drawn wide and pale beneath it, so that both show where they
 coincide. Lines differ in dash or mark too, for pictures are printed in grey. A model's colour
-stands in conf/model (report/about.py). Colours are distinct to the colour-blind: Okabe & Ito
+is set in conf/model (report/about.py). Colours are distinct to the colour-blind: Okabe & Ito
 (2008), and of Tol (2021) what they lack.
 """
 
@@ -104,7 +104,7 @@ def mark_lost(axes: Axes, place: float, count: int, colour: str) -> None:
 
 
 def percent_ticks(axes: Axes) -> None:
-    """Ticks that fit in beside each other: more of them within a decade."""
+    """Ticks that do not overlap: more of them within a decade."""
     low, high = axes.get_xlim()
     decades = np.log10(high / low)
     multiples = [1.0] if decades > 2.0 else [1.0, 2.0, 5.0]

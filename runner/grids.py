@@ -53,7 +53,7 @@ class GridSweeper(BasicSweeper):
         super().setup(hydra_context=context, task_function=task_function, config=config)
 
     def sweep(self, arguments: list[str]) -> None:
-        """Do all runs that are left, in the sweep's folder; exit status 1 unless all are done."""
+        """Do all unfinished runs, in the sweep's folder; exit status 1 unless all are done."""
         assert self.config is not None
         folder = Path(self.config.hydra.sweep.dir)
         folder.mkdir(parents=True, exist_ok=True)
@@ -120,7 +120,7 @@ class GridSweeper(BasicSweeper):
         return {f: job for f, job in jobs.items() if self.retry_failed or not would_fail_again(f)}
 
     def finish(self, jobs: Mapping[Path, list[str]]) -> bool:
-        """Do the jobs that are left, with progress and a summary; whether all are done then."""
+        """Do the unfinished jobs, with progress and a summary; whether all are done then."""
         left = unfinished(jobs)
         for folder, job in jobs.items():
             if folder not in left:

@@ -1,4 +1,4 @@
-"""A Hydra plugin that stands for a class of ours until that class is needed."""
+"""A Hydra plugin that replaces a class of ours until that class is needed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class LoadedLate:
     """Hands over to the class of the same name in `module`, which `setup` loads.
 
     Hydra imports all plugins whenever a config is composed. PyTorch takes seconds to load, and a
-    mistyped word is told before.
+    mistyped word is reported before.
     """
 
     module: str

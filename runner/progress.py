@@ -140,10 +140,10 @@ def print_summary(
     console = terminal(160)
     runs = [(known or {}).get(folder) or read_result(folder) for folder in folders]
     done = [run for run in runs if run.finished]
-    failed = [run for run in runs if run.ended and not run.finished]
+    failed = [run for run in runs if run.has_ended and not run.finished]
     if done:
-        told = told_apart(jobs)
-        ended = [(told[run.folder], run) for run in runs if run.ended]
+        told = varied_settings(jobs)
+        ended = [(told[run.folder], run) for run in runs if run.has_ended]
         for table in sweep_tables(ended, console.width):
             console.print(table)
         console.print("median (min – max) over the runs of a row")
@@ -192,14 +192,14 @@ def reasons(failed: dict[str, str]) -> list[str]:
 
 
 def print_damaged(runs: Mapping[str, str]) -> None:
-    """Say which folders {name: reason} cannot be read, and are left out."""
+    """Print which folders {name: reason} cannot be read, and are omitted."""
     for line in reasons(dict(runs)):
         print(line.replace("failed", "damaged", 1), file=sys.stderr)
 
 
-def told_apart(jobs: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
-    """For each run the settings that vary in the sweep, but for what has a column of its own."""
-    words = [dict(_parted(word) for word in job) for job in jobs.values()]
+def varied_settings(jobs: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
+    """For each run the settings that vary in the sweep and have no column."""
+    words = [dict(_name_and_value(word) for word in job) for job in jobs.values()]
     names = sorted(name for name in varying(words) if name not in OWN)
     return {
         folder: " ".join(f"{name}={of_run[name]}" for name in names if name in of_run)
@@ -207,7 +207,7 @@ def told_apart(jobs: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
     }
 
 
-def _parted(word: str) -> tuple[str, str]:
+def _name_and_value(word: str) -> tuple[str, str]:
     name, _, value = word.partition("=")
     return name, value
 
@@ -215,7 +215,7 @@ def _parted(word: str) -> tuple[str, str]:
 def sweep_tables(runs: Sequence[tuple[str, Result]], width: int) -> Iterator[Table]:
     """Median (min – max) over the seeds of each case: (varied settings, run) of every run.
 
-    A table for each system and scenario. In less than `WIDE` columns ranges stand below medians,
+    A table for each system and scenario. In less than `WIDE` columns ranges are below medians,
     and what was varied or lost below the model.
     """
     cases: dict[tuple[str, str], dict[tuple[str, str], list[Result]]] = {}
@@ -234,10 +234,10 @@ def sweep_tables(runs: Sequence[tuple[str, Result]], width: int) -> Iterator[Tab
             train = spread_of(group, lambda run: run.error("train"))
             test = spread_of(group, lambda run: run.error("test"))
             free = spread_of(group, lambda run: run.free_run)
-            cells = [model, *([settings] if varied else []), test.counted()]
+            cells = [model, *([settings] if varied else []), test.counts()]
             errors = [spread.text() for spread in (train, test, free)]
             if width < WIDE:
-                count, *lost = test.counted().split(", ")
+                count, *lost = test.counts().split(", ")
                 below = (_in_lines(text, "  ") for text in (*settings.split(), *lost))
                 cells = ["\n".join((_in_lines(model), *below)), count]
                 errors = [text.replace(" (", "\n(") for text in errors]

@@ -40,7 +40,7 @@ def with_other_topology(
 
 
 def preferred(data: Data, first: Fitted, rival: Fitted) -> Fitted:
-    """The better of two on held-back motion, all pairs only if clearly; it says what it beat.
+    """The better of two on held-back motion, all pairs only if clearly; it names the other.
 
     The topology of the data becomes that of the preferred.
     """

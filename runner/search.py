@@ -46,7 +46,7 @@ optuna.logging.set_verbosity(optuna.logging.WARNING)
 
 
 def distribution(override: Override) -> BaseDistribution:
-    """The distribution that Hydra's words stand for: interval(a,b), range(a,b), choice(a,b).
+    """The distribution that Hydra's words describe: interval(a,b), range(a,b), choice(a,b).
 
     range(a,b) is without b; tag(log,…) draws the logarithm evenly. Raises ValueError for other
     words, which cannot be searched.
@@ -106,8 +106,8 @@ class Search:
             self.study.enqueue_trial(dict(start))
 
     @property
-    def left(self) -> int:
-        """How many trials are left."""
+    def remaining(self) -> int:
+        """How many trials remain to be done."""
         return self.trials - len(self.study.get_trials(False, (TrialState.COMPLETE,)))
 
     def ask(self) -> Trial:
@@ -164,7 +164,7 @@ class Trial:
         """Take the median error of the runs in these folders for the trial's, and print it."""
         value = median(map(error_in, folders))
         self.search.study.tell(self.number, value)
-        done = self.search.trials - self.search.left
+        done = self.search.trials - self.search.remaining
         text = "failed" if math.isinf(value) else f"{percent(value)} %"
         best = self.search.study.best_value
         lowest = "–" if math.isinf(best) else f"{percent(best)} %"

@@ -1,9 +1,9 @@
 """Many runs that differ in their seed alone, fitted and scored side by side.
 
 What a run alone does one after the other, is done here for S seeds at once: motions on all cores,
-least squares and free runs batched. Numbers and files are those of runs alone, to rounding, but for
+least squares and free runs batched. Numbers and files are as in single runs, to rounding, except
 the missing TensorBoard logs and the simulation's own error, which is measured on the first run and
-told of all of them.   Records (S, R, T, c): R records of each of S runs.
+reported for all of them.   Records (S, R, T, c): R records of each of S runs.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ def can_be_batched(cfg: DictConfig) -> bool:
 def run_batch(cfg: DictConfig, seeds: Sequence[int], folders: Sequence[Path]) -> list[int]:
     """Do the runs of `seeds`; returns those that must be done alone, because something is amiss.
 
-    Such are runs of which a motion escaped, and all of a batch whose closed form has no solution.
-    Every core has runs of its own, each on one thread: PyTorch would start as many for each.
+    Such are runs with an escaped motion, and all runs of a batch whose closed form has no solution.
+    Every core does its own runs, each on one thread: PyTorch would start as many for each.
     """
     shared, places = data_from(cfg), dict(zip(seeds, folders, strict=True))
     seeds_of = SeedsOf(cfg)
     assert isinstance(shared, SimulatedData)
-    first = next(filter(_simulated, map(shared.of_seed, seeds)), None)
+    first = next(filter(_simulates, map(shared.of_seed, seeds)), None)
     try:
         error = None if first is None else first.own_error()
     except ValueError:  # said by the first run, when it is done alone
@@ -100,7 +100,7 @@ def _run_group(
     places: dict[int, Path],
     device: str,
 ) -> list[int]:
-    ready = {seed: own for seed, own in data.items() if _simulated(own)}
+    ready = {seed: own for seed, own in data.items() if _simulates(own)}
     try:
         _run_side_by_side(cfg, seeds_of, ready, places, device)
     except ValueError:  # said by the run it concerns, when it is done alone
@@ -108,7 +108,7 @@ def _run_group(
     return [seed for seed in data if seed not in ready]
 
 
-def _simulated(data: SimulatedData) -> bool:
+def _simulates(data: SimulatedData) -> bool:
     """Whether all motions of a run are there and none escaped."""
     try:
         data.setup()
@@ -163,7 +163,7 @@ def fit_runs(
 
 
 def replicate_weights(estimator: Estimator, runs: int) -> None:
-    """Weights (S, P, n) instead of (P, n): each of S runs has weights of its own."""
+    """Weights (S, P, n) instead of (P, n): one set for each of S runs."""
     for weights in estimator.parameters():
         weights.data = weights.data.repeat(runs, *[1] * weights.ndim)
 

@@ -4,7 +4,7 @@
 
 Name folders whose runs version 0.11.0 made. Until then a run said which code had made it, as a hash
 that later versions cannot compute: no file tells runs of 0.11.0 from earlier ones, which may have
-other numbers. Runs that have a results version, and published ones, are left as they are.
+other numbers. Runs that have a results version, and published ones, are unchanged.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ class TuningSweeper(GridSweeper):
                 "out"
             )
         searches = self.searches(arguments, folder)
-        while unfinished := [search for search in searches if search.left > 0]:
+        while unfinished := [search for search in searches if search.remaining > 0]:
             trials = [search.ask() for search in unfinished]  # one of each: they fill the cores
             folders = [self.folders(trial.jobs) for trial in trials]
             self.run({f: job for of_trial in folders for f, job in of_trial.items()})
@@ -86,7 +86,7 @@ class TuningSweeper(GridSweeper):
             sys.exit(1)
 
     def searches(self, arguments: list[str], folder: Path) -> list[Search]:
-        """One search for each combination of the words that are not tuned, but for the seeds."""
+        """One search for each combination of the words that are not tuned, except the seeds."""
         from runner.search import Search, distribution, start_of  # Optuna, as in `sweep`
 
         parser = OverridesParser.create(config_loader=self.loader)

@@ -93,14 +93,14 @@ def _save(console: Console, record: Inspection, args: argparse.Namespace) -> Non
     if args.picture is not None:
         target = Path(args.picture or f"{record.path.resolve().stem}.png")
         if target.exists() and not args.force:
-            raise ValueError(f"{target} exists; --force draws it anew")
+            raise ValueError(f"{target} exists; --force draws it again")
         save_picture(target, record)
         console.print(Text(f"  picture: {target}"), soft_wrap=True)
     if args.config is not None:
         target = config_path(args.config, record.path)
         if target.exists() and not args.force:
             raise ValueError(
-                f"{target} exists; --force writes it anew, --config takes another place"
+                f"{target} exists; --force overwrites it, --config takes another place"
             )
         save_config(target, record, args)
         train = command(target, record.guesses.values() or record.raw.channels)
@@ -152,21 +152,21 @@ def show(console: Console, record: Inspection) -> None:
         console.print(Text(f"  {plain(line)}"))
     console.print(_channels(record))
     for finding in record.findings:
-        style, mark = ("red", "must be mended") if finding.blocks else ("yellow", "note")
+        style, mark = ("red", "must be corrected") if finding.blocks else ("yellow", "note")
         text = Text(f"  {mark}: ", style=style) + Text(plain(str(finding)))
         console.print(text, soft_wrap=True)
     if not record.findings:
-        console.print(Text("  nothing wrong was found", style="green"))
+        console.print(Text("  no faults found", style="green"))
     if record.guesses:
         words = [f"{channel}={shlex.quote(column)}" for column, channel in record.guesses.items()]
-        console.print(Text("  what these columns may be; you decide:", style="cyan"))
+        console.print(Text("  proposed channels; check them:", style="cyan"))
         console.print(Text(plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
         lack = lacking(record.guesses)
         if lack:
             console.print(Text(f"  {lack}", style="yellow"), soft_wrap=True)
     elif not any(CHANNEL.fullmatch(name) for name in record.raw.channels):
         example = shlex.quote(next(iter(record.raw.channels)))
-        advice = f"  say what each column is: --channels a1={plain(example)} …"
+        advice = f"  name the columns: --channels a1={plain(example)} …"
         console.print(Text(advice, style="cyan"))
 
 

@@ -27,7 +27,7 @@ def config_path(wanted: str, record: Path) -> Path:
     """FOLDER/data/NAME.yaml, where Hydra looks for data=NAME under --config-dir FOLDER.
 
     wanted: a folder, or the .yaml file itself. Raises ValueError for a name that the project's own
-    configs have, which come before those of --config-dir.
+    configs have, which come before --config-dir.
     """
     place = Path(wanted)
     taken = {path.stem for path in OWN.glob("*.yaml")}
@@ -128,7 +128,7 @@ def _number(text: str) -> float:
 
 
 def _dumped(settings: Mapping[str, Any]) -> list[str]:
-    """A line of YAML for each value; composed and resolved once it is what it was."""
+    """A line of YAML for each value; unchanged once composed and resolved."""
     return [f"{_scalar(key)}: {_value(value)}" for key, value in settings.items()]
 
 
@@ -151,7 +151,7 @@ def _scalar(value: Any) -> str:
 def literal(text: str) -> str:
     """Text that OmegaConf, which resolves it once, gives back as it is.
 
-    k backslashes before ${ become 2 k + 1: pairs stand for one each, the last keeps the ${ from
+    k backslashes before ${ become 2 k + 1: a pair becomes one, the last keeps the ${ from
     being an interpolation. Three question marks alone would mean that a value is missing.
     """
     if text == "???":

@@ -28,7 +28,7 @@ def show_folders(console: Console, wanted: Sequence[str], records: Sequence[Insp
         channels = of_folder([record for record in records if record.path.parent == folder])
         if channels:
             words = [f"{channel}={shlex.quote(where)}" for channel, where in channels.items()]
-            text = f"{folder}: one record of these files, perhaps; you decide:"
+            text = f"{folder}: these files may be one record; proposed channels, check them:"
             console.print(Text(plain(text), style="cyan"), soft_wrap=True)
             console.print(Text(plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
 
@@ -42,7 +42,7 @@ def show_siblings(console: Console, records: Sequence[Inspection]) -> None:
     for record in records:
         one = first.setdefault((record.path.parent, frozenset(record.raw.channels)), record)
         if found := unlike(one, record):
-            text = f"{record.path.name} beside {one.path.name}: {'; '.join(found)}"
+            text = f"{record.path.name} and {one.path.name} differ: {'; '.join(found)}"
             console.print(Text(plain(text), style="yellow"), soft_wrap=True)
 
 
@@ -65,7 +65,7 @@ def unlike(one: Inspection, other: Inspection) -> list[str]:
 
 
 def of_folder(records: Sequence[Inspection]) -> dict[str, str]:
-    """{channel: file:column} of files with the same columns, one of which stands on the base.
+    """{channel: file:column} of files with the same columns, one of which is on the base.
 
     The axis is that along which the base shakes most. Empty where no file is named for the base,
     or where the files are as long as separate events are.

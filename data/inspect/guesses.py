@@ -49,7 +49,7 @@ def suggest(
     values: Mapping[str, np.ndarray] | None = None,
     title: str = "",
 ) -> dict[str, str]:
-    """{column: channel} by units, names and places; columns that say nothing are left out.
+    """{column: channel} by units, names and places; columns that say nothing are omitted.
 
     places: of sensors, as agencies say them; values (T,) by column tell an element test from a
     structure under a force, and so does the title, such as a file's name. A stuck sensor is
@@ -85,7 +85,7 @@ def _driven(signals: dict[str, str | None], places: Mapping[str, str]) -> dict[s
     """Where the base's acceleration was measured, its velocity and displacement say no more.
 
     Nor do velocities and displacements of the very sensor that measured an acceleration, which are
-    integrals of it: those of agencies.
+    integrals of it, as agencies publish them.
     """
     if "s_ddot" not in signals.values() or "a" not in signals.values():
         return signals
@@ -133,11 +133,11 @@ def _is_element_test(
         return False
     rate = of.get("v", np.gradient(of["x"]))
     law = [np.ones_like(rate), of["x"], rate, np.sign(rate), of["x"] ** 3]
-    without, with_mass = (_left(of["f"], c) for c in (law, [*law, of["a"]]))
+    without, with_mass = (_residual_norm(of["f"], c) for c in (law, [*law, of["a"]]))
     return with_mass > EXPLAINED * without
 
 
-def _left(force: np.ndarray, causes: Sequence[np.ndarray]) -> float:
+def _residual_norm(force: np.ndarray, causes: Sequence[np.ndarray]) -> float:
     """Norm of what a linear combination of causes leaves of a force."""
     table = np.stack([c / (np.abs(c).max() or 1.0) for c in causes], axis=1)
     known = np.linalg.lstsq(table, force, rcond=1e-8)[0]

@@ -58,7 +58,7 @@ def inspections(
     align: str | None = None,
     **reader: Any,
 ) -> list[Inspection]:
-    """That of a file or a folder, those of all files of a zip archive; as `inspection`."""
+    """One inspection of a file or a folder, one of each file of a zip archive."""
     of_folder = any(":" in where for where in channels.values())
     if of_folder or not is_archive(path):
         return [inspection(path, channels, units, align, **reader)]
@@ -125,7 +125,7 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         del guesses[clock]
     columns = {c: x for c, x in columns.items() if time is None or c != clock}
     if not columns:
-        raise FileError(f"{path.name}: nothing stands beside the clock {clock!r}; add a signal")
+        raise FileError(f"{path.name}: the clock {clock!r} is the only column; add a signal")
     signals = {c: signal_of(g) for c, g in guesses.items() if g != "time"}
     own = {c: told_units.get(c, DIMENSIONS[s][1]) for c, s in signals.items()}
     in_si = {c: s for c, s in signals.items() if to_si(own[c], s) == 1.0}
@@ -155,7 +155,7 @@ def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> s
 
 
 def _facts(table: Table) -> dict[str, str]:
-    """Columns that hold a fact beside the series, or nothing, and what to say of each."""
+    """Columns that hold a single fact, or nothing, and a note on each."""
     said = {}
     for name, values in table.columns.items():
         finite = np.flatnonzero(np.isfinite(values))

@@ -40,7 +40,7 @@ def spectrum(signal: np.ndarray, dt: float) -> Spectrum | None:
 
 
 def dominant(spectrum: Spectrum | None, count: int = 3) -> list[float]:
-    """Frequencies [Hz] of the highest peaks that stand 10 dB above their surroundings' median."""
+    """Frequencies [Hz] of the highest peaks that are 10 dB above their surroundings' median."""
     from scipy.ndimage import median_filter  # slow to import
     from scipy.signal import find_peaks  # slow to import
 

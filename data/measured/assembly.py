@@ -112,7 +112,7 @@ def _driven_by_base(
     if f is not None or ground.shape[-1] != 1:
         raise ValueError(
             f"{name}: the channels {', '.join(channels)} mix a support's acceleration "
-            "with forces or a second one; base excitation takes s_ddot1 beside "
+            "with forces or a second one; base excitation takes s_ddot1 with "
             "accelerations a1, …, or displacements x1, … relative to the base"
         )
     return torch.neg(ground)

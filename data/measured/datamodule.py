@@ -13,7 +13,7 @@ from glob import escape
 
 import numpy as np
 
-from data.datamodule import Data
+from data.datamodule import EACH, Data
 from data.measured.assembly import (
     OUTPUTS,
     REFERENCES,
@@ -146,8 +146,9 @@ class MeasuredData(Data):
         held, others = held_back(raws, calibration, {"train": train, "test": test})
         parts = split_records(others, train, test, split)
         if train is None and test is None and len(others) > 1:
-            told = "the last of them, as nobody said which; data.test=[…] does"
-            self.notes[f"tested on {_few(list(parts['test']))} of {len(others)} records"] = [told]
+            self.notes[f"tested on {_few(list(parts['test']))} of {len(others)} records"] = [
+                "the last of them; data.test=[…] chooses others"
+            ]
         return parts | {"calibration": held} if held else parts
 
     def make_records(self) -> dict[str, list[Record]]:
@@ -177,16 +178,17 @@ class MeasuredData(Data):
     def _behind_what_it_remembers(
         self, records: dict[str, list[Record]]
     ) -> dict[str, list[Record]]:
-        """The rest of an element test behind its first part, of which it is the memory.
+        """The rest of an element test, run from the start of its file for the law's memory.
 
         Slack, damage and the largest excursions of the first part decide the force of the rest, and
-        the motion that made them was imposed. What tells of an unknown beginning is the first part.
+        the motion that made them was imposed. The first part determines an unknown initial state.
         """
         (first,), (rest,) = records["train"], records["test"]
         if rest.quantity != "force" or rest.initial_state != "unknown":
             return records
-        told = "runs from the beginning of its file, and the rest is scored"
-        self.notes["test: each record"] = [told]
+        self.notes[f"test: {EACH}"] = [
+            "simulated from the start of its file; only the part after the training part is scored"
+        ]
         return {**records, "test": [rest.behind(first)]}
 
     def make_calibration(self) -> list[Record]:
@@ -210,8 +212,10 @@ class MeasuredData(Data):
         count = stated or max(1, round(TELLING * length))
         if split == "train":
             self.cut["warmup"] = count  # of every window of them
-        told = f"its state is not known where it begins: the first {count * unknown[0].dt:.4g} s"
-        self.notes[f"{split}: each record"] = [f"{told} tell of it, and are not scored"]
+        first = f"the first {count * unknown[0].dt:.4g} s"
+        self.notes[f"{split}: {EACH}"] = [
+            f"unknown initial state: {first} are used to estimate it and are not scored"
+        ]
         marked = [replace(r, warmup=count) for r in unknown]
         return [marked.pop(0) if r.initial_state == "unknown" else r for r in records]
 

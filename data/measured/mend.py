@@ -32,7 +32,7 @@ class Mending:
     """Repairs of a record before anything is fitted; none by default.
 
     fill: gaps of NaN, infinite or lost samples up to this length are interpolated by PCHIP; of two
-    samples at one time the second is left out.
+    samples at one time the second is omitted.
     resample: to this rate by quintic splines; sensors with clocks of their own come to one grid
     over their common time. To a lower rate, all channels first pass a zero-phase low-pass at 0.8 of
     the new Nyquist frequency.
@@ -148,7 +148,7 @@ Channels = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Sampled:
-    """One channel and its times; rounded stamps are replaced by the even times they stand for."""
+    """One channel and its times; rounded stamps are replaced by even times."""
 
     time: np.ndarray  # (T,) [s]
     values: np.ndarray  # (T,)

@@ -1,6 +1,6 @@
 """Units at the end of a column's name: cm of disp_cm, kN of force_kN and force_kN2, ms of t_ms.
 
-Only words that are hardly anything else: the g of acc_g may stand for the ground, the in of
+Only unambiguous words: the g of acc_g may mean the ground, the in of
 force_in for what goes in.
 """
 

@@ -1,4 +1,4 @@
-"""Where a record begins to move after a quiet start, and what sensors show at rest.   T samples.
+"""Where a record begins to move after a quiet start, and its offsets.   T samples.
 
 A start is quiet while no channel stirs: no response, and no excitation.  What comes later is never
 looked at, so that a training motion's beginning does not depend on its end.
@@ -72,6 +72,6 @@ def without_quiet_start(raw: RawRecord) -> RawRecord:
     channels = {c: u[first:] - rest.get(c, 0.0) for c, u in raw.channels.items()}
     if rest:
         shown = ", ".join(f"{c} {offset:.3g}" for c, offset in rest.items())
-        note += f"; taken off, as they stand at rest (SI): {shown}"
+        note += f"; offsets of the quiet part subtracted (SI): {shown}"
     later = None if raw.time is None else raw.time[first:]
     return replace(raw, time=later, channels=channels, notes=(*raw.notes, note))

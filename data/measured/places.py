@@ -1,4 +1,4 @@
-"""Files and folders that are records, read and named; a record that lacks a channel is left out."""
+"""Files and folders that are records, read and named; a record that lacks a channel is omitted."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROW = re.compile(r"[-+.\d][-+.,;:\d\seEdDnNaAiIfF|/]*")  # a line of numbers, cl
 def record_places(path: str | Sequence[str], channels: Mapping[str, str] | None) -> list[Path]:
     """Files and folders that are one record each, or zip archives of such.
 
-    Of a folder these are its files, or those of its folders of events; where channels name files
+    Of a folder these are its files, or its event folders' files; where channels name files
     (file.csv:column), the folders that hold them. Raises ValueError for a path without a file.
     """
     patterns = [path] if isinstance(path, str) else list(path)

@@ -2,7 +2,7 @@
 
 Well below its first resonance a structure follows its base: an absolute acceleration is then that
 of the base itself, H(f) = 1; a relative one is +(f/f₁)² of it; and where a displacement of the base
-stands for its acceleration, H(f) = −(2πf)².  Slope, sign and size of H tell which.
+stands for its acceleration, H(f) = −(2πf)².  Slope, sign and size of H decide which.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def _of_gain(name: str, h: Transfer, accelerations: str) -> list[Finding]:
 
 
 def _units(name: str, gain: float) -> str:
-    """What to check where a response is `gain` times what it should be, and which units do that."""
+    """What to check where a response is `gain` times too large, and which units cause that."""
     pairs = {(a, b): UNITS[b] / UNITS[a] for a in UNITS for b in UNITS if a != b}
     far = {pair: abs(float(np.log(gain / ratio))) for pair, ratio in pairs.items()}
     fitting = sorted((pair for pair in pairs if far[pair] <= NEAR), key=lambda pair: far[pair])

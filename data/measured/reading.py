@@ -128,7 +128,7 @@ def files_of(archive: Path, folder: Path) -> list[Path]:
 
 
 def files_in(folder: Path) -> list[Path]:
-    """Files of a folder that can hold records, else those of its folders of events.
+    """Files of a folder that can hold records, else the files of its folders of events.
 
     Raises ValueError for a folder without any.
     """
@@ -300,7 +300,7 @@ def _first(clock: np.ndarray) -> float:
 
 
 def stated_dt(tables: Iterable[Table]) -> float | None:
-    """Time step [s] that a file states beside its columns, as dt or fs; None where none does."""
+    """Time step [s] that a file states outside its columns, as dt or fs; None where none does."""
     for table in tables:
         for key, value in table.facts.items():
             if not 1e-300 < value < 1e300:

@@ -113,7 +113,7 @@ def _missing(name: str, signal: np.ndarray, clock: tuple[float, float]) -> Itera
 
 
 def _zero_first_row(raw: RawRecord) -> Iterator[Finding]:
-    """First row of a logger that was not ready; a structure at rest begins smoothly."""
+    """First row of a logger that was not ready; a quiet structure begins smoothly."""
     channels = raw.channels
     if not channels or any(len(s) < 22 or s[0] != 0.0 for s in channels.values()):
         return
@@ -149,7 +149,7 @@ def _offset(name: str, signal: str, stats: Statistics) -> Iterator[Finding]:
         signal in MOTIONS
         and abs(stats.mean) > (0.2 if signal in ACCELERATIONS else 3.0) * stats.std
     ):
-        text = f"mean of {stats.mean:.4g} beside a deviation of {stats.std:.3g}; "
+        text = f"mean of {stats.mean:.4g}, standard deviation {stats.std:.3g}; "
         yield Finding("offset", name, f"{text}data.mend.detrend=mean removes it")
 
 
@@ -177,7 +177,7 @@ def _saturation(name: str, values: np.ndarray, stats: Statistics) -> Iterator[Fi
 def _spikes(
     name: str, values: np.ndarray, stats: Statistics, clock: tuple[float, float]
 ) -> Iterator[Finding]:
-    """Single samples far from both neighbours and from nearly all others."""
+    """Single samples far from both neighbours and from almost all others."""
     start, dt = clock
     some = values[:: max(1, len(values) // 100_000)]
     some = some[np.isfinite(some)]
@@ -214,7 +214,7 @@ def _drift(name: str, values: np.ndarray, stats: Statistics) -> Iterator[Finding
     left = means - means.mean() - climb * place
     if abs(climb) > 0.5 * stats.std and left.var() < 0.1 * means.var():
         text = (
-            f"the mean moves by {climb:.4g} from beginning to end, beside a deviation of "
+            f"the mean moves by {climb:.4g} from beginning to end, standard deviation "
             f"{stats.std:.3g}; unless the structure did so, data.mend.detrend=linear or "
             "data.mend.high_pass removes it"
         )

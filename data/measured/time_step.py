@@ -56,7 +56,7 @@ def _decreasing(time: np.ndarray, steps: np.ndarray) -> Finding:
         text = f"all {len(time)} times are {time[0]:.6g} s; {_WITHOUT}"
         return Finding("duplicate times", "", text, True)
     at = int(back[0])
-    cause = "the clock started anew or the rows are out of order"
+    cause = "the clock restarted or the rows are out of order"
     if any(abs(-steps[at] / full - 1.0) < 0.01 for full in COUNTERS):
         cause = "the counter ran over"
     text = (
@@ -88,7 +88,7 @@ def _of_lattice(lattice: Lattice) -> float:
 
 
 def neat(dt: float, samples: int, error: float = 0.0) -> float:
-    """The round step or rate that a step stands for: 0.01 for 0.009999999999999998.
+    """The round step or rate of a step: 0.01 for 0.009999999999999998.
 
     Round is what has four digits at most, and drifts by less than a tenth of a sample over all, or
     by less than the relative `error` of the step.
@@ -102,7 +102,7 @@ def neat(dt: float, samples: int, error: float = 0.0) -> float:
 
 
 def even_times(time: np.ndarray) -> np.ndarray:
-    """Times (T,) [s] of the even samples that rounded stamps stand for; others as they are."""
+    """Times (T,) [s] of the even samples behind rounded stamps; others unchanged."""
     lattice = lattice_of(time)
     if lattice is None:
         return time

@@ -29,12 +29,12 @@ class BenchmarkData(Data):
     `train` and `test` name series by patterns as in a shell; None takes the usual series.
     `calibration` names official series of either kind that nothing but bands is made from.
     `folder` holds the files, by default the cache of the package nonlinear-benchmarks, which
-    fetches missing files only with `download`. `samples` trains on a stretch of so many at a random
-    place, which begins in an unknown motion. `hold` says what the input does between samples,
+    fetches missing files only with `download`. `samples` trains on a stretch of that length at a
+    random place, which begins in an unknown motion. `hold`: the input between samples,
     None: the benchmark's own. The official state-initialisation window is the warm-up of the
     records; `warmup` may lengthen it.
 
-    Attributes beside those of all data: `unit` of the output, `band` [Hz] of the excitation where
+    Attributes in addition to `Data`: `unit` of the output, `band` [Hz] of the excitation where
     it is known, `noise` (RMS, by output) where periods repeat, `published` RMSE by method.
     Raises ValueError for an unknown benchmark or series, files that are missing or damaged, and a
     test series that was trained on.
@@ -145,7 +145,7 @@ class WindowsFromRest(WindowDataset):
     """Windows of records whose first state was not measured: parts of a record begin at rest.
 
     All windows have the official warm-up if they are longer than that; else windows that end
-    within the official warm-up are left out. Raises ValueError where no window is left.
+    within the official warm-up are omitted. Raises ValueError where no window remains.
     """
 
     def __init__(

@@ -41,7 +41,7 @@ class Files:
         parts = Path(path).parts
         places = [self.folder.joinpath(*parts[k:]) for k in range(len(parts))]
         there = next((place for place in places if place.is_file()), None)
-        return there or next((like for like in map(_alike, places) if like is not None), None)
+        return there or next((like for like in map(_similar, places) if like is not None), None)
 
     def missing(self, paths: Sequence[str]) -> list[str]:
         """Those of `paths` that are not in the folder."""
@@ -71,8 +71,8 @@ class Files:
         return [np.asarray(stored[name], dtype=np.float64) for name in variables]
 
 
-def _alike(place: Path) -> Path | None:
-    """A file of the same name but for its case; else the .csv of that name."""
+def _similar(place: Path) -> Path | None:
+    """A file of the same name in another case; else the .csv of that name."""
     names = [place.name.lower(), f"{place.stem.lower()}.csv"]
     beside = sorted(place.parent.iterdir()) if place.parent.is_dir() else []
     found = [one for one in beside if one.name.lower() in names and one.is_file()]

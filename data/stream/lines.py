@@ -3,7 +3,7 @@
     t,s_ddot1,a1,a2,a3                       {"t": 0.00, "f": [0.1], "a": [0.0, 0.0, 0.1]}
     0.0000,0.11,0.02,0.01,0.03               {"t": 0.01, "f": [0.2], "a": [0.1, null, 0.1]}
 
-Channels are named as in data/measured/channels.py; other columns are left out. Nothing in a line is
+Channels are named as in data/measured/channels.py; other columns are omitted. Nothing in a line is
 executed; a line that is no sample is counted, reported and left out.   n DOFs.
 """
 
@@ -154,7 +154,7 @@ class SampleLines:
         if len(self.names) > CHANNELS:
             raise ValueError(
                 f"the input names {len(self.names):,} channels; expected at most {CHANNELS}; send "
-                "those of the model alone"
+                "only the model's"
             )
         for signal in ("a", "x", "v", "s", "s_dot"):
             if places[signal] and f"{signal}{len(places[signal])}" not in self.names:

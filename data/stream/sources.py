@@ -19,7 +19,7 @@ LOOPBACK = "127.0.0.1"
 def paced(record: Record, speed: float = 1.0) -> Iterator[tuple[float, Sample]]:
     """The samples of one record (T, ·), each with the moment at which it was due.
 
-    speed: 1 is the pace of the sensors, inf does not wait. Moments [s] are those of
+    speed: 1 is the pace of the sensors, inf does not wait. Moments [s] are of
     `time.perf_counter`. Raises ValueError for a speed that is not positive.
     """
     if not speed > 0.0:

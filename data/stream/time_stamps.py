@@ -65,7 +65,7 @@ class TimeStamps:
         if self.time < time < self.time + LEAP:
             self.note = f"a gap of {time - self.time:g} s"
             return self._advance(time)
-        self.note = f"the clock was set, by {time - self.time:g} s; time goes on from there"
+        self.note = f"the clock was set, by {time - self.time:g} s; time continues from there"
         self.origin = stamp - (self.time + self.dt)
         return self._advance(self.time + self.dt)
 

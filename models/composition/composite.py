@@ -330,7 +330,7 @@ class Composite(Held):
             return None
         if not self.begins_anew(record):
             raise ValueError(
-                "runs begin anew at measured x and v, which this record or model lacks; set "
+                "runs restart from measured x and v, which this record or model lacks; set "
                 f"objective.restart=false, or {record.remedy_of_state}"
             )
         x, v = (record.x, record.v) if self.has_states(record) else self._motion(record)

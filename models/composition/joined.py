@@ -35,7 +35,7 @@ def nodes_of(elements: Sequence[Sequence[str]] | str, dofs: int, supports: int) 
         return all_pairs(dofs, supports)
     if supports > 1:
         raise ValueError(
-            f"model.elements={elements} stands on one support, there are {supports}; name the "
+            f"model.elements={elements} is for one support, there are {supports}; name the "
             "pairs that are joined"
         )
     nodes = ["s1" if supports else "ground", *(f"x{i + 1}" for i in range(dofs))]

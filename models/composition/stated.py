@@ -207,7 +207,7 @@ def _shared(coefficients: Coefficients, tied: Sequence[Sequence[int]]) -> torch.
     before = torch.arange(count) if coefficients.rows is None else coefficients.rows
     flat = [row for rows in tied for row in rows]
     if len(set(flat)) < len(flat):
-        raise ValueError("model.ties: a parameter stands in two groups; join them to one")
+        raise ValueError("model.ties: a parameter is in two groups; join them to one")
     if any(int(before[row]) < 0 for row in flat):
         raise ValueError("model.ties: model.masses gives a mass of them; give all of the group")
     first = {row: rows[0] for rows in tied for row in rows}

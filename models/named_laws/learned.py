@@ -61,7 +61,9 @@ class LearnedLaws(nn.Module):
         """Raises ValueError where the law is none of those that there are."""
         number = int(self.law[e])
         if number not in LAWS:
-            raise ValueError(f"the law of element {e + 1} has the number {number}; identify anew")
+            raise ValueError(
+                f"the law of element {e + 1} has the number {number}; identify it again"
+            )
         candidate = LAWS[number]
         q = self.numbers[e].detach().cpu().numpy()[: len(candidate.parameters)]
         return Fit(candidate, Units(*self.units[e].tolist()), np.array(q))

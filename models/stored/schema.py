@@ -186,6 +186,7 @@ METRICS_KIND = needing(
         **dict.fromkeys(SPLITS, SCORES),
         "verdict": VERDICT,
         "per_record": {...: PER_RECORD},
+        "baselines": {...: {**dict.fromkeys(SPLITS, SCORES), "failed": str, ...: ANYTHING}},
         "uncertainty": UNCERTAINTY,
         "trained_range": TRAINED_RANGE,
         "outside_trained_range": [OUTSIDE],

@@ -75,7 +75,7 @@ def simulated_from(cfg: DictConfig) -> SimulatedData:
 def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
     """An estimator of the size of the data, or of what sensors send, not yet identified."""
     if not isinstance(model, DictConfig):
-        raise ValueError(f"{shown(model)!r} stands in place of a model; see --help")
+        raise ValueError(f"{shown(model)!r} is not a model; see --help")
     if (model.get("priors") or model.get("ties")) and not _can_state(model):
         raise ValueError(
             "model.priors and model.ties are for element_network and hysteretic_element; "

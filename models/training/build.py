@@ -31,7 +31,7 @@ def build(node: Any, kind: type, **more: Any) -> Any:
     for what the class itself refuses.
     """
     if not isinstance(node, DictConfig):
-        raise ValueError(f"{shown(node)!r} stands in place of a {kind.__name__}; see --help")
+        raise ValueError(f"{shown(node)!r} is not a {kind.__name__}; see --help")
     key = _key_of(node)
     content: Any = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
     if not isinstance(content, dict) or "_target_" not in content:

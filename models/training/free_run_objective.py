@@ -169,7 +169,7 @@ class FreeRun(Objective):
         if self.restart and self.horizons != [None] and not anew:
             self._grow(min(record.samples - onset(record) for record in records))
         if anew and not all(estimator.has_states(record) for record in records):
-            self.remarks = ["runs in training begin anew at x and v reconstructed from the motion"]
+            self.remarks = ["runs in training restart from x and v reconstructed from the motion"]
         _, deviation = estimator.pull(True)
         if deviation.numel() and (self.select or (self.select is None and measured)):
             self.priors = [float(p) for p in self.select or PRIORS]
@@ -202,7 +202,7 @@ class FreeRun(Objective):
         lengths = dict.fromkeys(max(SHORTEST, round(part * samples)) for part in PARTS)
         self.horizons = [*(length for length in lengths if length < samples), None]
         parts = _listed(self.horizons)
-        self.remarks = [f"without x and v no run begins anew; stages take the first {parts}"]
+        self.remarks = [f"without x and v no run restarts; stages take the first {parts}"]
 
     @property
     def refits(self) -> bool:

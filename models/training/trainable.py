@@ -141,7 +141,7 @@ def windows_of(record: Record, horizon: int, warmup: int) -> tuple[Drive, Tensor
         raise ValueError(f"horizon={horizon}, warmup={warmup}: expected at least 1 and 0 samples")
     if record.x is None or record.v is None:
         raise ValueError(
-            "runs begin anew at measured x and v, which the record lacks; set "
+            "runs restart from measured x and v, which the record lacks; set "
             f"objective.horizons=[null], or {record.remedy_of_state}"
         )
     device, last = record.a.device, record.samples - 1

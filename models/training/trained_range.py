@@ -30,7 +30,7 @@ def range_of(estimator: Estimator, records: Iterable[Record]) -> Range:
 
     Kinds: excitation, what is estimated, displacement and velocity where they are measured, and
     deformation and rate of each element of a composite model. A run that diverges has none. Other
-    inputs, such as a temperature, are no motion about zero: their least is told, too ("lowest").
+    inputs, such as a temperature, are no motion about zero: their least is kept, too ("lowest").
     """
     largest: dict[str, Tensor] = {}
     others: list[tuple[Tensor, Tensor]] = []

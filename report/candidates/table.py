@@ -34,7 +34,7 @@ VARY = ("elements", "masses", "hinges", "tanhs", "units", "cubic", "rounded")
 class Candidate:
     """A fit: what it may do, and how it does. error [%]: free run of unseen records.
 
-    kind: class of laws that it stands for, perhaps with others; "" where it is one of its own.
+    kind: class of laws that it represents, perhaps with others; "" where it has no class.
     """
 
     words: str
@@ -85,7 +85,7 @@ def _candidate(words: str, kind: str, metrics: Mapping[str, Any]) -> Candidate:
 
 
 def recommended(found: Sequence[Candidate]) -> Candidate | None:
-    """Of those nearly as good as the best on unseen motion, the one with the fewest parameters.
+    """The candidate of fewest parameters among those almost as good as the best on unseen motion.
 
     A law of no class is taken only where every class errs by far more.
     """
@@ -133,7 +133,7 @@ def print_candidates(
     console.print(table)
     choice = recommended(found)
     if choice is None:
-        console.print("none of them is a model of these records")
+        console.print("no candidate models these records")
         return
     odds, of = odds_of_kind(choice, found), " of its class" if choice.kind else ""
     console.print(
@@ -143,7 +143,7 @@ def print_candidates(
     better = min((c.error for c in found if c.kind == OTHER), default=math.inf)
     if choice.kind and choice.kind != OTHER and choice.error > AS_GOOD * better:
         less = 100.0 * (1.0 - better / choice.error)
-        console.print(f"no class is exact: a law of none of them errs by {less:.0f} % less")
+        console.print(f"no class is exact: the error of a law outside them is {less:.0f} % smaller")
 
 
 class PrintCandidates(Callback):

@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from models.stored.schema import SPLITS
-from report.collection.runs import chosen
+from report.collection.runs import varied_choices
 from report.collection.scores import scores_of
 from runner.config.choices import typed
 from runner.scores.result import Result, spread_of
@@ -73,7 +73,7 @@ def compare(runs: Sequence[Result], by: Sequence[str], metric: str, split: str) 
         same = [runs[i] for i in places]
         spread = spread_of(same, lambda run: of_folder[run.folder])
         groups.append(Group(of_group, spread, len(same) - len(spread.values) - spread.escaped))
-    notes = [f"{lacking} runs have no {' or '.join(by)} and are left out"] if lacking else []
+    notes = [f"{lacking} runs have no {' or '.join(by)} and are omitted"] if lacking else []
     if mixed := _mixed(labels, by, list(members.values())):
         notes.append(f"within a group there also vary {', '.join(mixed)}; see by=[…]")
     groups.sort(key=lambda group: [_order(label) for label in group.labels])
@@ -81,9 +81,9 @@ def compare(runs: Sequence[Result], by: Sequence[str], metric: str, split: str) 
 
 
 def labels_of(runs: Sequence[Result]) -> dict[str, list[Any]]:
-    """{key: label of each run} of all that runs may be told apart by."""
+    """{key: label of each run} of everything by which runs may be compared."""
     names = ("model", "system", "scenario", "seed", "results")
-    return {name: [getattr(run, name) for run in runs] for name in names} | chosen(runs)
+    return {name: [getattr(run, name) for run in runs] for name in names} | varied_choices(runs)
 
 
 def in_common(runs: Sequence[Result]) -> str:
@@ -104,10 +104,10 @@ def _key(key: str, labels: dict[str, list[Any]], runs: Sequence[Result]) -> str:
         if same:
             why = "follows from the system; take by=system"
         raise ValueError(f"by={key} {why}; there vary {', '.join(vary) or 'nothing'}")
-    raise ValueError(f"by={key}: no such choice varies here{_nearest(key, vary)}")
+    raise ValueError(f"by={key}: no such choice varies here{_hint(key, vary)}")
 
 
-def _nearest(word: str, known: Sequence[str]) -> str:
+def _hint(word: str, known: Sequence[str]) -> str:
     near = difflib.get_close_matches(word, known, n=3, cutoff=0.5)
     if near:
         return f"; did you mean {' or '.join(near)}?"
@@ -123,9 +123,9 @@ def _number(known: set[str], metric: str, split: str) -> str:
     if not splits:
         raise ValueError("none of these runs is finished; there is nothing to compare")
     if split not in splits:
-        raise ValueError(f"split={split}: these runs have none such{_nearest(split, splits)}")
+        raise ValueError(f"split={split}: these runs have none such{_hint(split, splits)}")
     metrics = sorted(k.partition("/")[2] for k in known if k.startswith((f"{split}/", "run/")))
-    raise ValueError(f"metric={metric}: there is none such in {split}{_nearest(metric, metrics)}")
+    raise ValueError(f"metric={metric}: there is none such in {split}{_hint(metric, metrics)}")
 
 
 def _mixed(

@@ -1,8 +1,8 @@
-"""One picture of a comparison: lines over a number, or every run beside its name.
+"""One picture of a comparison: lines over a number, or a row for every run.
 
 Over a number: median and range over the runs, a line for each model or other label. Over words:
 a row for each, every run a mark, the median a bar. A panel for each system and scenario. What
-diverged stands at the upper edge.
+diverged is drawn at the upper edge.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def _series(comparison: Comparison, group: Group, x: int | None) -> str:
 
 
 def _coloured(names: Iterable[str]) -> dict[str, str]:
-    """A model's colour is the same in all pictures; others take those that are left."""
+    """A model's colour is the same in all pictures; others take the remaining colours."""
     taken = {name: colours()[name] for name in names if name in colours()}
     left = cycle([colour for colour in SERIES if colour not in taken.values()] or SERIES)
     return {name: taken.get(name) or next(left) for name in names}

@@ -18,7 +18,7 @@ from data.terminal import terminal
 from data.whole_file import whole_file
 from report.collection.compare import as_table, compare, in_common
 from report.collection.figure import draw_comparison
-from report.collection.runs import chosen, collect, results_folder
+from report.collection.runs import collect, results_folder, varied_choices
 from report.collection.scores import Score, scores_of
 from report.output import save_figure, spreadsheet
 from report.style import titled
@@ -35,7 +35,7 @@ def report_collection(folders: Sequence[Path], output: Path | None) -> None:
     runs = collect(folders)
     paths = write_long(long_table(runs), output or results_folder(folders))
     console = terminal(WIDTH)
-    console.print(f"{counted(runs)}; every number in {paths[0]} and .csv", soft_wrap=True)
+    console.print(f"{status_counts(runs)}; every number in {paths[0]} and .csv", soft_wrap=True)
     tell_ended(console, runs)
 
 
@@ -47,7 +47,7 @@ def report_by(
     comparison = compare(runs, by, metric, split)
     console = terminal(WIDTH)
     console.print(as_table(comparison))
-    console.print(counted(runs), *comparison.notes, sep="\n", soft_wrap=True, markup=False)
+    console.print(status_counts(runs), *comparison.notes, sep="\n", soft_wrap=True, markup=False)
     print_not_identified(console, runs)
     name = f"{comparison.number} by {' '.join(comparison.by)}"
     figure = titled(draw_comparison(comparison), in_common(runs))
@@ -102,13 +102,13 @@ HEAD = ("run", "model", "system", "scenario", "seed", "results", "status", "reas
 
 
 def _runs_table(runs: Sequence[Result]) -> pa.Table:
-    """A row for each run: who it is, what became of it, and what it chose that others did not."""
+    """A row for each run: its name, status and the choices that vary."""
     columns: dict[str, Any] = {"run": [_from_here(run.folder) for run in runs]}
     columns |= {name: [getattr(run, name) for run in runs] for name in HEAD[1:4]}
     columns["seed"] = pa.array([_whole(run.seed) for run in runs], pa.int64())
     columns["results"] = pa.array([_whole(run.results) for run in runs], pa.int64())
     columns |= {"status": [run.verdict for run in runs], "reason": [run.why for run in runs]}
-    choices = {name: _column(values) for name, values in chosen(runs).items()}
+    choices = {name: _column(values) for name, values in varied_choices(runs).items()}
     return pa.table(columns | choices)
 
 
@@ -123,7 +123,7 @@ def _whole(number: Any) -> int | None:
 
 
 def _column(values: Sequence[Any]) -> pa.Array:
-    """Numbers as numbers, truths as truths, else all as words; null beside numbers is no number."""
+    """Numbers as numbers, truths as truths, else all as words; null among numbers is no number."""
     numbers = [None if value == "null" else value for value in values]
     kinds = {type(value) for value in numbers if value is not None}
     if kinds == {bool} or kinds == {int}:
@@ -160,7 +160,7 @@ def _for_spreadsheets(table: pa.Table) -> pa.Table:
     return pa.table(columns, names=[spreadsheet(name) for name in table.column_names])
 
 
-def counted(runs: Sequence[Result]) -> str:
+def status_counts(runs: Sequence[Result]) -> str:
     """How many there are of each status, in a line."""
     counts = dict.fromkeys(VERDICTS, 0)
     for run in runs:

@@ -59,7 +59,7 @@ def read_runs(folders: Path | Sequence[Path]) -> list[Result]:
     folders = [folders] if isinstance(folders, Path) else list(folders)
     every = collect(folders)
     print_damaged({run.folder.name: run.reason for run in every if run.status == DAMAGED})
-    if runs := [run for run in every if run.ended]:
+    if runs := [run for run in every if run.has_ended]:
         return runs
     raise ValueError(f"no run in {_listed(folders)} has ended yet")
 
@@ -77,7 +77,7 @@ def _listed(folders: Sequence[Path]) -> str:
 NAMES = ("model.name", "system.name", "scenario.name", "seed")  # they name a run's case
 
 
-def chosen(runs: Sequence[Result]) -> dict[str, list[Any]]:
+def varied_choices(runs: Sequence[Result]) -> dict[str, list[Any]]:
     """Choices that vary; a system's dozens of settings only where its name does not tell them."""
     systems = [run.choices.get("system.name") for run in runs]
     found = {}

@@ -35,7 +35,7 @@ class Score(NamedTuple):
 
 
 def scores_of(metrics: Mapping[str, Any]) -> Iterator[Score]:
-    """Every number of a run's metrics.json, but for those of its baselines."""
+    """Every number of a run's metrics.json, except its baselines'."""
     for name in OF_THE_RUN:
         if isinstance(metrics.get(name), int | float):
             yield Score("", "", name, None, float(metrics[name]))

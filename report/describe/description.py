@@ -48,7 +48,7 @@ def describe(folder: Path, output: Path | None) -> dict[str, Any]:
         write_json(output, content)
         console.print(f"all {len(parameters)} parameters: {output}", soft_wrap=True)
     elif parameters:
-        console.print(f"all {len(parameters)} parameters, as numbers: output=FILE.json")
+        console.print(f"output=FILE.json writes all {len(parameters)} parameters")
     if modes is not None and len(modes.frequencies):
         place = results_folder(folder) / "description" if output is None else output.parent
         name = "modes" if output is None else f"{output.stem}_modes"
@@ -70,7 +70,7 @@ def _print_about(
     free = metrics.get(FREE_RUNS["test"], {})
     error = free.get("relative_rms_percent")
     if error is not None:
-        console.print(f"its free run of the test motion errs by {error:.3g} %")
+        console.print(f"free-run error of the test motion: {error:.3g} %")
     elif free:
         console.print(f"free run of the test motion: {free.get('none', 'diverges')}")
     symbol, unit = QUANTITIES[sensors.quantity]
@@ -94,16 +94,16 @@ def _print_parameters(
         read = ", ".join(signals.get(name, name) for name in estimator.reads)
         console.print(
             f"a black box of {estimator.identified_parameters} identified parameters: it reads "
-            f"{read}, and holds no physical parameter"
+            f"{read} and has no physical parameters"
         )
         return
     if estimator.scale_is_open:
         console.print(
             "no force and no mass was given in training: masses, stiffnesses and forces are known "
-            "but for a common factor; model.masses sets it"
+            "up to a common factor; model.masses sets it"
         )
     if estimator.laws_are_curves:
-        console.print("laws are curves; below, what they are under a slow push from rest")
+        console.print("laws are general curves; the values below are of a slow monotonic push")
     trained = metrics.get("trained_range", {})
     print_elements(console, parameters, trained)
     print_rest(console, parameters, trained)

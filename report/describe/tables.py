@@ -14,7 +14,7 @@ from report.prediction.table import number
 
 WIDTH = 80
 MOST = 40  # rows of a table; the JSON has all
-SHAPES = 5  # DOFs whose shapes stand in the table
+SHAPES = 5  # DOFs whose shapes are in the table
 HEADS = {  # quantity → heading of the elements' table
     "stiffness": "stiffness\n[N/m]",
     "damping": "damping\n[N s/m]",
@@ -28,8 +28,8 @@ HEADS = {  # quantity → heading of the elements' table
 }
 SPACES = str.maketrans("_.", "  ")
 FEW = 6  # parameters that need no table
-MATTERS = 0.01  # of an element's stiffness: terms that are told
-NO_WORDS = ("post_yield_stiffness",)  # which the ratio tells
+MATTERS = 0.01  # of an element's stiffness: terms that are printed
+NO_WORDS = ("post_yield_stiffness",)  # which the ratio says
 
 
 def print_elements(
@@ -38,8 +38,8 @@ def print_elements(
     """Masses, and a line for each element: what every law has, as far as training went."""
     masses = [p for p in parameters if p.name.endswith(".mass")]
     if masses:
-        told = ", ".join(f"{p.name.partition('.')[0]} {number(p.value)}" for p in masses[:MOST])
-        console.print(f"masses [kg]: {told}{', …' if len(masses) > MOST else ''}")
+        listed = ", ".join(f"{p.name.partition('.')[0]} {number(p.value)}" for p in masses[:MOST])
+        console.print(f"masses [kg]: {listed}{', …' if len(masses) > MOST else ''}")
     elements = _elements(parameters)
     if not elements:
         return
@@ -59,7 +59,7 @@ def print_elements(
         table.add_row(f"{name}{pair}", *(cells.get(head, "–") for head in heads))
     table.caption_justify = "left"
     if any("post_yield_stiffness" in own for own in elements.values()):
-        table.caption = "post-yield: stiffness once all of an element has yielded, over the first"
+        table.caption = "post-yield: stiffness after an element has yielded, over the initial one"
     if len(elements) > MOST:
         table.caption = f"{MOST} of {len(elements)} elements"
     console.print(table)
@@ -73,7 +73,7 @@ def _reached(name: str, trained: Mapping[str, Any]) -> float | None:
 
 
 def _beyond(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
-    """Quantities of an element that its training never reached: no column tells them."""
+    """Quantities of an element that its training never reached: they are not printed."""
     if largest is None:
         return []
     found = ["gap"] if "gap" in own and own["gap"].value > largest else []
@@ -85,7 +85,7 @@ def _beyond(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
 def _cell(quantity: str, value: float) -> str:
     """Of seven characters, or eight below zero, so that six columns fit: 2.71e-5."""
     if quantity.endswith("_ratio") and abs(value) < 1000.0:
-        return f"{value:.3f}"
+        return f"{value:z.3f}"
     if value == 0.0 or 1e-3 <= abs(value) < 1e4:
         return number(value, 4 if abs(value) >= 0.01 else 3)
     return f"{value:.2e}".replace("e-0", "e-").replace("e+0", "e")
@@ -107,7 +107,7 @@ def _elements(parameters: Sequence[Parameter]) -> dict[str, dict[str, Parameter]
 def print_rest(
     console: Console, parameters: Sequence[Parameter], trained: Mapping[str, Any]
 ) -> None:
-    """What laws have beside: terms that come several times, and those of named laws."""
+    """Print further parameters: repeated terms, and those of named laws."""
     elements = _elements(parameters)
     lines = []
     for name, own in list(elements.items())[:MOST]:
@@ -115,16 +115,18 @@ def print_rest(
         words = [*_terms(own, largest), *_others(own, largest)]
         about = next(iter(own.values())).about.partition(", ")[2]
         if words or about:
-            lines.append(f"{name}{f' {about}' if about else ''}: {', '.join(words) or 'no more'}")
+            lines.append(
+                f"{name}{f' {about}' if about else ''}: {', '.join(words) or 'no more terms'}"
+            )
     for line in lines:
         console.print(line)
     others = [p for p in parameters if p.name[0] != "r" and not p.name.endswith(".mass")]
     if others and len(others) <= FEW:
-        told = [
+        words = [
             f"{p.name.replace('_', ' ').replace('.', ' ')} {number(p.value)} {p.unit}".strip()
             for p in others
         ]
-        console.print("; ".join(told))
+        console.print("; ".join(words))
         return
     if others:
         table = Table()
@@ -139,10 +141,10 @@ def print_rest(
 
 
 def _terms(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
-    """Hinges, tanhs and units that are no small part of an element."""
+    """Hinges, tanhs and units that are a notable part of an element."""
     k = abs(own["stiffness"].value) if "stiffness" in own else 0.0
     groups = dict.fromkeys(q.partition(".")[0] for q in own if "." in q)
-    told = []
+    terms = []
     for group in groups:
         at = {q.partition(".")[2]: p.value for q, p in own.items() if q.startswith(f"{group}.")}
         size = at.get("stiffness")
@@ -156,29 +158,29 @@ def _terms(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
         never = ", not reached in training" if beyond else ""
         stiff = f" of {number(size)} N/m" if size is not None else ""
         if place is not None:
-            told.append(f"{group.partition('_')[0]}{stiff} {word} {number(place)} m{never}")
+            terms.append(f"{group.partition('_')[0]}{stiff} {word} {number(place)} m{never}")
         elif at.get("force"):
             saturates = number(at.get("saturates_at"))
-            told.append(f"{number(at['force'])} N that saturate at {saturates} m/s")
-    return told
+            terms.append(f"{number(at['force'])} N that saturate at {saturates} m/s")
+    return terms
 
 
 def _others(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
-    """Parameters of an element that have no column and no term, and some effect."""
+    """Parameters of an element without a column or a term, that have an effect."""
     k = own["stiffness"].value if "stiffness" in own else 0.0
-    told = []
+    others = []
     for q, p in own.items():
         power = {"cubic_stiffness": 2, "quadratic_stiffness": 1}.get(q)
         faint = power and largest and abs(p.value) * largest**power < MATTERS * k
         if q not in HEADS and "." not in q and q not in NO_WORDS and p.value != 0.0 and not faint:
-            told.append(f"{q.replace('_', ' ')} {number(p.value)} {p.unit}".strip())
-    return told
+            others.append(f"{q.replace('_', ' ')} {number(p.value)} {p.unit}".strip())
+    return others
 
 
 def print_modes(console: Console, modes: Modes) -> None:
     """Frequency, damping ratio and shape of small motions."""
     dofs = len(modes.shapes)
-    table = Table(title="small motions about rest", title_justify="left")
+    table = Table(title="modes of small motions", title_justify="left")
     for head in ("mode", "frequency\n[Hz]", "damping\nratio [%]"):
         table.add_column(head, justify="right")
     shown = range(min(dofs, SHAPES)) if dofs > 1 else ()
@@ -189,10 +191,10 @@ def print_modes(console: Console, modes: Modes) -> None:
         cells = [f"{shape[j].real:.3f}" for j in shown]
         table.add_row(str(i), number(frequency), number(100.0 * damping, 3), *cells)
     if not len(modes.frequencies):
-        console.print("small motions do not oscillate")
+        console.print("no modes: small motions do not oscillate")
         return
     console.print(table)
     if dofs > SHAPES:
         console.print(f"shapes of all {dofs} DOFs: in the picture")
     if modes.unstable.any():
-        console.print("modes of negative damping grow: at rest the model is unstable")
+        console.print("modes of negative damping grow: the model is unstable about rest")

@@ -28,7 +28,7 @@ def case_of(run: Result) -> tuple[Any, ...]:
 
 
 def settings_of(run: Result) -> dict[str, Any]:
-    """All choices that may change a number, but for the seeds."""
+    """All choices that may change a number, except the seeds."""
     return {k: value for k, value in run.choices.items() if INERT.isdisjoint(k.split("."))}
 
 

@@ -47,7 +47,7 @@ COLUMNS: Columns = {
 
 
 def sections(rows: Sequence[Row], columns: Columns = COLUMNS, title: Title = case) -> list[Section]:
-    """Rows that follow each other under a title; columns that are empty everywhere are left out."""
+    """Rows that follow each other under a title; columns that are empty everywhere are omitted."""
     filled = {name: text for name, text in columns.items() if any(text(row) for row in rows)}
     result = []
     for name, group in groupby(rows, key=title):

@@ -1,1 +1,1 @@
-"""The paper's tables and figures, ours beside the paper's."""
+"""The paper's tables and figures, with ours and the paper's values."""

@@ -1,4 +1,4 @@
-"""Runs → the cells of the paper's Tables 3–8, ours beside the paper's.
+"""Runs → the cells of the paper's Tables 3–8, with ours and the paper's values.
 
 A cell is one method, split and DOF (or the total), with the spread of our errors over the seeds. On
 the polynomial system some motions escape: such a seed has no motion to identify for any method, so
@@ -104,7 +104,7 @@ class Cell:
 
 
 def study_cells(runs: Sequence[Result]) -> list[Cell]:
-    """Every cell of Tables 3–8 for which there are runs, and those of the baselines."""
+    """Every cell of Tables 3–8 for which there are runs, and the baselines' cells."""
     table_runs = as_configured(runs)
     paper = {cell.key: cell for cell in paper_cells()}
     places = dict.fromkeys((c.table, c.system, c.scenario, c.split, c.dof) for c in paper.values())
@@ -119,7 +119,7 @@ def study_cells(runs: Sequence[Result]) -> list[Cell]:
 
 
 def _printed_as(method: str) -> str:
-    """The paper does not say which residual it fed back: its one value stands beside both."""
+    """The paper does not say which residual it fed back: its one value is compared with both."""
     return method.removesuffix(f"_{OWN_RESIDUAL}")
 
 

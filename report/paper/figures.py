@@ -85,7 +85,7 @@ def _spread_of(runs: Sequence[Result], method: str, system: str, scenario: str) 
 
 
 def errors_over_seeds(runs: Sequence[Result]) -> Figure:
-    """Test error of every method over the seeds, the paper's value beside it; a panel per table."""
+    """Test error of every method over the seeds, with the paper's value; a panel per table."""
     drawn = [s for s in SETTINGS.values() if any(_spread_of(runs, m, *s).finite for m in METHODS)]
     columns = min(3, len(drawn))
     rows = -(-len(drawn) // columns)
@@ -114,7 +114,7 @@ def _printed(method: str, system: str, scenario: str) -> float | None:
 def _spread(axes: Axes, place: int, method: str, errors: Spread) -> None:
     """Box from quartile to quartile, whiskers from smallest to largest, and every seed.
 
-    Of the finite errors; how many seeds were lost stands at the right edge.
+    Of the finite errors; the number of lost seeds is at the right edge.
     """
     mark_lost(axes, place, len(errors.values) - len(errors.finite), colour_of(method))
     if not errors.finite:

@@ -83,7 +83,7 @@ def _loop(
     limits: dict[str, float],
     slopes: dict[str, tuple[float, float]],
 ) -> None:
-    """A loop with dotted lines at ±z_y and ±z_g, and its slopes written beside it."""
+    """A loop with dotted lines at ±z_y and ±z_g, and its slopes as text."""
     motion = slowly(element, TURNS)
     axes.plot(motion.y[:, 0], motion.r[:, 0], color=MEASURED, linewidth=1.2)
     for name, limit in limits.items():
@@ -116,7 +116,7 @@ def _bilinear_marks(e: Bilinear) -> dict[str, Any]:
 
 
 def _slip_marks(e: LimitedSlip) -> dict[str, Any]:
-    """The same, and the gap; k1 stands at the smallest loop, which does not close the gap."""
+    """The same, and the gap; k1 is written at the smallest loop, which does not close the gap."""
     largest, zy, zg, k1, k2 = TURNS[-1], e.yield_displacement, e.gap, e.stiffness, e.gap_stiffness
     loading, unloading = 0.5 * (zg + largest), largest - zy
     slopes = {

@@ -89,7 +89,7 @@ def printed_sections(cells: Sequence[Cell]) -> list[Section]:
     for number, group in groupby(cells, key=lambda cell: cell.table):
         title = f"Table {number}: relative RMS error in %, median (min – max) over the runs"
         lines = [
-            [label, *(t for s in SPLITS for t in _short(splits[s])), splits["test"].ours.counted()]
+            [label, *(t for s in SPLITS for t in _short(splits[s])), splits["test"].ours.counts()]
             for label, splits in by_label(list(group)).items()
         ]
         sections.append(Section(head, lines, title))

@@ -16,7 +16,7 @@ FORMATS = ("csv", "parquet")
 def columns_of(prediction: Prediction) -> dict[str, np.ndarray]:
     """{"time [s]": (T,), "x1 [m]": …}, names that a measured record may have.
 
-    Half widths of the 95 % band, where there is one, stand under "half_a1 [m/s^2]".
+    Half widths of the 95 % band, where there is one, are under "half_a1 [m/s^2]".
     """
     samples = len(prediction.signals[0].values)
     columns = {"time [s]": prediction.dt * np.arange(samples)}

@@ -27,9 +27,9 @@ FORCES, SUPPORTS, BASE, IMPOSED = "forces", "supports", "base", "imposed"
 class Interface:
     """Names of the channels that a model reads, and what a ground acceleration is to it.
 
-    kind: forces on DOFs; motions of supports, beside forces if there are any; the acceleration of
+    kind: forces on DOFs; motions of supports, with forces if there are any; the acceleration of
     a common base; or deformations imposed on elements. others: inputs that no scale factor is for.
-    masses (n,) [kg]: through them a ground acceleration stands for forces −m s̈; None: it does not.
+    masses (n,) [kg]: with them a ground acceleration is applied as forces −m s̈; None: it cannot be.
     """
 
     kind: str
@@ -77,14 +77,14 @@ class Interface:
         return self.kind == BASE or (moved and not self.others)
 
     @property
-    def wanted(self) -> str:
+    def requirement(self) -> str:
         """What a motion has to hold, in words."""
         own = ", ".join(c for c in self.channels if not c.startswith("s_dot"))
         if self.takes_ground and self.kind != BASE:
             return f"{own}, or {GROUND}, the acceleration of the ground"
         return own
 
-    def chosen(self, name: str, channels: Channels) -> dict[str, np.ndarray]:
+    def driving_channels(self, name: str, channels: Channels) -> dict[str, np.ndarray]:
         """Those of some channels that drive the model. Raises ValueError where they lack some."""
         given = {c for c in self.channels if c in channels}
         rates = {f"s_dot{i}" for i in range(1, self.supports + 1) if f"s{i}" in channels}
@@ -95,13 +95,13 @@ class Interface:
         lacking = [c for c in self.channels if c not in given | rates]
         raise ValueError(
             f"{name} has {_listed(channels)} and lacks {_listed(lacking)}: the model is driven by "
-            f"{self.wanted}; name them in excitation.channels"
+            f"{self.requirement}; name them in excitation.channels"
         )
 
     def excitation(
         self, name: str, dt: float, channels: Channels, scale: float, lag: float
     ) -> Tensor:
-        """u (T, m) of `chosen` channels, all but other inputs times `scale`."""
+        """u (T, m) of the driving channels, all but other inputs times `scale`."""
         if self.kind == BASE:
             columns = [-scale * channels[GROUND]]
         elif GROUND in channels and self.kind == SUPPORTS:

@@ -79,7 +79,7 @@ def motions_of(
         if not interface.takes_ground:
             raise ValueError(
                 f"an earthquake is an acceleration of the ground, and the model is driven by "
-                f"{interface.wanted}; give a file (excitation.path)"
+                f"{interface.requirement}; give a file (excitation.path)"
             )
     else:
         raws = _generated(cfg, run, interface, model_dt)
@@ -100,8 +100,8 @@ def _mended(
     model_dt: float,
     any_step: bool,
 ) -> Motion:
-    """A record as a motion of the model's time step, or of its own where the model takes any."""
-    raw = replace(raw, channels=interface.chosen(raw.name, raw.channels))
+    """A record as a motion of the model's time step, or the record's where the model takes any."""
+    raw = replace(raw, channels=interface.driving_channels(raw.name, raw.channels))
     for channel, u in raw.channels.items():
         require_bearable(f"{raw.name}: {channel}", u)
     raw = replace(raw, clocks={c: t for c, t in raw.clocks.items() if c in raw.channels})
@@ -143,7 +143,7 @@ def _mended(
 
 
 def _after(channel: str, u: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """What follows a channel at rest: a position stays, forces and accelerations are nil."""
+    """How a channel continues after its end: a position stays, forces and accelerations are nil."""
     stays = re.fullmatch(r"(s|u)\d+", channel)
     return rest + u[-1] if stays else rest
 

@@ -19,7 +19,7 @@ WORDS = {"loop": "force", "input": "excitation"}
 
 
 def peaks_of(prediction: Prediction, estimator: Estimator) -> list[dict[str, Any]]:
-    """A row per column: largest size, when, and what is left at the end of positions.
+    """A row per column: largest size and its time; of positions also the residual.
 
     All are None for a run that diverged.
     """

@@ -1,4 +1,4 @@
-"""What predict.py does: a run's model, some motions, and what became of them."""
+"""What predict.py does: the response of a run's model to some motions."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ MOST = 100_000
 def predict(cfg: DictConfig, folder: Path, output: Path) -> list[Prediction]:
     """Free runs of a finished run's model under the motions of `cfg`, printed and written.
 
-    Raises ValueError for a model that is no result, unless `cfg.anyway`, and for motions that do
-    not fit the model.
+    Raises ValueError for a model that is not identified, unless `cfg.anyway`, and for motions that
+    do not fit the model.
     """
     require_format(cfg.format)
     scales = _scales(cfg.excitation.scale)
@@ -144,7 +144,7 @@ def _print_motions(
     estimator: Estimator,
     metrics: Mapping[str, Any],
 ) -> None:
-    """What was done to the motions, and what the numbers below mean."""
+    """Print what was done to the motions, and the reference of displacements."""
     notes: dict[tuple[str, ...], list[str]] = {}
     for motion in motions:
         notes.setdefault(tuple(dict.fromkeys(motion.notes)), []).append(motion.name)
@@ -153,7 +153,7 @@ def _print_motions(
             listed = ", ".join(names[:4]) + (f" … ({len(names)} motions)" if names[4:] else "")
             console.print(f"{listed}: {'; '.join(done)}")
     if any(GROUND in motion.channels for motion in motions) and interface.kind != SUPPORTS:
-        how = ", which stands for forces −m s̈" if interface.masses is not None else ""
+        how = " (applied as forces −m s̈)" if interface.masses is not None else ""
         console.print(
             f"the ground moves{how}: displacements and velocities are relative to it, "
             "accelerations absolute"
@@ -162,11 +162,11 @@ def _print_motions(
         console.print("supports move: displacements, velocities and accelerations are absolute")
     if estimator.scale_is_open:
         console.print(
-            "no force and no mass was given in training: forces of elements are known but for a "
+            "no force and no mass was given in training: forces of elements are known up to a "
             "common factor"
         )
     if "trained_range" not in metrics:
-        console.print("the run is older than the range it was trained in; repeat it to be warned")
+        console.print("this older run has no trained range to compare with; repeat it")
 
 
 def _finish_one(
@@ -196,7 +196,7 @@ def _finish_many(
     cfg: DictConfig,
     output: Path,
 ) -> list[Prediction]:
-    """Rows of all runs; their histories too where there are few, or where that is asked for."""
+    """Print and write a row for each run; histories too where there are few, or on request."""
     whole = cfg.histories if cfg.histories is not None else count <= FEW
     found, rows = [], []
     for prediction in predictions:
@@ -209,7 +209,7 @@ def _finish_many(
     print_many(console, found, about)
     write_text(output / "predictions.csv", as_csv(rows))
     if not whole:
-        console.print("histories of each run: histories=true")
+        console.print("only peaks were written; histories=true writes the history of each run")
     if cfg.figures:
         save_figure(draw_many(found, about), output, "predictions")
     return found

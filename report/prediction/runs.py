@@ -102,7 +102,7 @@ class Runner:
         signals = [*self._driving(motion, scale), *self._motion(x, v, a, motion, scale)]
         if loops is not None:
             signals += self._loops(*(s.numpy() for s in loops))
-        left = self._left(a, u, motion.dt)
+        left = self._divergence_time(a, u, motion.dt)
         found = (
             [] if left is not None else outside(self.trained, self._range(u, a, signals, motion.dt))
         )
@@ -170,7 +170,7 @@ class Runner:
             ranged["other input"] = {**self.trained["other input"], **ends}
         return ranged
 
-    def _left(self, a: np.ndarray, u: Tensor, dt: float) -> float | None:
+    def _divergence_time(self, a: np.ndarray, u: Tensor, dt: float) -> float | None:
         """When the outputs were no numbers, or went far beyond what training and drive explain."""
         known = self.trained.get(self.quantity, {}).get("largest")
         gone = ~np.isfinite(a)

@@ -1,4 +1,4 @@
-"""What a person reads of predictions in the terminal, within 80 columns."""
+"""Tables of predictions for the terminal, within 80 columns."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def number(value: float | None, digits: int = 4) -> str:
 def print_one(console: Console, prediction: Prediction, estimator: Estimator, title: str) -> None:
     """Peaks and residuals of a run by DOF and by element, and where it leaves the trained range."""
     if prediction.left is not None:
-        console.print(f"{title}: diverged {prediction.left:.3g} s after it begins")
+        console.print(f"{title}: diverged after {prediction.left:.3g} s")
         return
     rows = peaks_of(prediction, estimator)
     console.print(title)
@@ -42,7 +42,7 @@ def print_one(console: Console, prediction: Prediction, estimator: Estimator, ti
     ]
     console.print(f"largest excitation: {', '.join(driven[:MOST_INPUTS])}")
     if any(row["residual"] is not None for row in rows):
-        console.print(f"left: mean of the last {seconds:.3g} s")
+        console.print(f"residual: mean of the last {seconds:.3g} s")
     for line in _bands(prediction):
         console.print(line)
     for line in warnings_of(prediction.outside):
@@ -61,7 +61,7 @@ def _bands(prediction: Prediction) -> Iterator[str]:
 
 
 def _table(rows: Sequence[dict[str, Any]]) -> Table:
-    """A line for each DOF or element, with the peak of every quantity and what is left."""
+    """A line for each DOF or element, with peaks and residual displacements."""
     table = Table()
     parts = list(dict.fromkeys(row["part"] for row in rows))
     heads = dict.fromkeys((row["quantity"], row["unit"].replace("^2", "²")) for row in rows)
@@ -69,7 +69,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
     for quantity, unit in heads:
         table.add_column(f"{quantity}\n[{unit}]" if unit else quantity, justify="right")
         if quantity in RESIDUAL:
-            table.add_column(f"left\n[{unit}]", justify="right")
+            table.add_column(f"residual\n[{unit}]", justify="right")
     cells = {(row["part"], row["quantity"]): row for row in rows}
     for part in parts[:MOST_PARTS]:
         line = [part]

@@ -1,4 +1,4 @@
-"""The 95 % bands of a run: those it has, or can still be given; what they hold, in a line."""
+"""The 95 % bands of a run: those it has, or can still be given; their coverage, in a line."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from runner.scores.conformal import FREE_RUN, METHOD, ONE_STEP, conformal_bands
 from runner.scores.verdict import CANNOT
 
 ALIKE = 0.8  # of a held-back record in the band of the others, where records are alike
-MOST = 6  # channels whose half widths are told one by one
+MOST = 6  # channels whose half widths are printed one by one
 WAYS = {ONE_STEP: "one step ahead", FREE_RUN: "in free run"}
 
 
 def bands_of_run(
     estimator: Estimator, run: DictConfig, metrics: Mapping[str, Any], records: int | None
 ) -> Mapping[str, Any]:
-    """`uncertainty` of a finished run; with bands where it was made without, by older code say.
+    """`uncertainty` of a finished run; with bands where an older version made it without.
 
     records: how many to hold back, of a simulated structure; None: as the run says.
     """
@@ -49,7 +49,7 @@ def bands_of_run(
 def print_bands(
     console: Console, metrics: Mapping[str, Any], uncertainty: Mapping[str, Any] | None = None
 ) -> None:
-    """What the bands of a run hold, and how wide they are; or why there are none.
+    """Print the coverage and width of a run's bands; or why there are none.
 
     uncertainty: in place of that in `metrics`.
     """
@@ -63,16 +63,16 @@ def print_bands(
 def over_seeds(
     uncertainty: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """`uncertainty` with what its bands hold of all test motions that were scored, by seed."""
-    told = dict(uncertainty)
+    """`uncertainty` with the coverage of its bands on all scored test motions, by seed."""
+    content = dict(uncertainty)
     for key in WAYS:
         shares = [
             r["uncertainty"][key] for r in results.values() if key in r.get("uncertainty", {})
         ]
         if shares:
             mean = sum(s["covered_percent"] for s in shares) / len(shares)
-            told[key] = {**uncertainty[key], **shares[0], "covered_percent": mean}
-    return told
+            content[key] = {**uncertainty[key], **shares[0], "covered_percent": mean}
+    return content
 
 
 def band_lines(uncertainty: Mapping[str, Any], unit: str) -> Iterator[str]:
@@ -80,12 +80,12 @@ def band_lines(uncertainty: Mapping[str, Any], unit: str) -> Iterator[str]:
     bands = uncertainty.get(FREE_RUN) or {}
     if "covered_percent" in bands and bands.get("method") != METHOD:
         share = f"{bands['covered_percent']:.1f} %"
-        yield f"95 % bands of the free run hold {share} of the test samples"
+        yield f"95 % bands of the free run contain {share} of the test samples"
         return
-    told = {way: uncertainty.get(key) or {} for key, way in WAYS.items()}
-    held = {way: band for way, band in told.items() if "covered_percent" in band}
+    bands_of = {way: uncertainty.get(key) or {} for key, way in WAYS.items()}
+    held = {way: band for way, band in bands_of.items() if "covered_percent" in band}
     if not held:
-        if reason := next((band["none"] for band in told.values() if "none" in band), ""):
+        if reason := next((band["none"] for band in bands_of.values() if "none" in band), ""):
             yield f"no 95 % bands: {reason}"
         return
     if len(held) == 2 and len({str(band) for band in held.values()}) == 1:
@@ -96,12 +96,12 @@ def band_lines(uncertainty: Mapping[str, Any], unit: str) -> Iterator[str]:
         parts.append(f"{band['covered_percent']:.1f} %{whose} {way} ({wide})")
         whose = ""
     count = next(iter(held.values()))["records"]
-    yield f"95 % bands from {count} held-back records hold {', '.join(parts)}"
+    yield f"95 % bands from {count} held-back records contain {', '.join(parts)}"
     apart = min(min(band["others"], default=1.0) for band in held.values())
     if apart < ALIKE:
         yield (
-            f"the held-back records differ, {100.0 * apart:.0f} % of one lie in the others' band: "
-            "hold more back (data.calibration_records, data.calibration)"
+            f"the held-back records differ: the band of the others contains {100.0 * apart:.0f} % "
+            "of one; hold more back (data.calibration_records, data.calibration)"
         )
     if "diverges" in (reason := bands.get("none", "")):
         yield f"no 95 % band of the free run: {reason}"

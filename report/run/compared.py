@@ -1,4 +1,4 @@
-"""A model's signals over those that they should be, and their error beside them.
+"""A model's signals over the true or measured ones, and their error.
 
 What is drawn is the part of a record in which most happens; so few cycles of it, where lines lie
 over each other, that an eye can follow them.   T samples, n channels.
@@ -40,7 +40,7 @@ def strong_motion(a: np.ndarray, dt: float, seconds: float | None = None) -> sli
 
 
 def few_cycles(signal: np.ndarray, span: slice, cycles: int = CYCLES) -> slice:
-    """The strongest part of a span of signals (T, n) with so many cycles of the fastest of them."""
+    """The strongest part of a span of signals (T, n) with `cycles` cycles of the fastest."""
     inside = signal[span] - signal[span].mean(axis=0)
     rises = ((inside[:-1] < 0.0) & (inside[1:] >= 0.0)).sum(axis=0).max()
     count = len(inside) if rises <= cycles else max(2, round(len(inside) * cycles / int(rises)))
@@ -110,7 +110,7 @@ def _styles(count: int) -> list[dict[str, Any]]:
 
 
 def _error(axes: Axes, t: np.ndarray, error: np.ndarray, half: np.ndarray | None) -> None:
-    """An error (T,) on an axis of its own, and the band in which 95 % of it should lie."""
+    """An error (T,) on a separate axis, and the band in which 95 % of it should lie."""
     axes.axhline(0.0, color=TRUE, linewidth=0.8)
     axes.plot(t, error, color=ESTIMATED, linewidth=0.6)
     if half is not None:

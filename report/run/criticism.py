@@ -1,4 +1,4 @@
-"""What a run's residual asks for, in sentences."""
+"""What a run's residual suggests, in sentences."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from rich.text import Text
 
 from models.uncertainty.criticism import ELEMENT, INPUT, LAW
 
-MOST = 3  # laws of elements that are told
+MOST = 3  # laws of elements that are printed
 
 
 def print_criticism(console: Console, uncertainty: Mapping[str, Any]) -> None:
-    """A missing element, laws that fall short, a residual that is no noise."""
+    """A missing element, laws that are too simple, a residual that is not noise."""
     for line in sentences(uncertainty):
         console.print(Text(line, style="yellow"))
 
@@ -27,24 +27,26 @@ def sentences(uncertainty: Mapping[str, Any]) -> Iterator[str]:
         ends = first["name"].replace("–", " and ")
         also = f"; next: {others[0]['name']}" if others else ""
         yield (
-            f"the residual asks for an element between {ends}: it would take "
+            f"the residual suggests an element between {ends}, which would explain "
             f"{_share(first)} of it{also}"
         )
         return
     for law in [f for f in found if f["kind"] == LAW][:MOST]:
         share = _share(law)
-        yield f"the law of {law['name']} falls short: more terms would take {share} of the residual"
+        yield f"the law of {law['name']} lacks terms that would explain {share} of the residual"
     inputs = [f for f in found if f["kind"] == INPUT]
     if inputs:
         yield (
             f"the residual still depends on the excitation {inputs[0]['name']} "
             f"({_share(inputs[0])} of it): the model lacks dynamics"
         )
-    for one in uncertainty.get("coloured", []):
-        yield (
-            f"the residual of channel {one['channel']} is not white: {one['times']:.3g} times its "
-            f"median near {one['frequency_hz']:.3g} Hz; the intervals take account of that"
+    if coloured := uncertainty.get("coloured", []):
+        listed = ", ".join(
+            f"channel {one['channel']}: {one['times']:.3g} times its median near "
+            f"{one['frequency_hz']:.3g} Hz"
+            for one in coloured
         )
+        yield f"the residual is not white ({listed}); the intervals account for that"
 
 
 def _share(finding: Mapping[str, Any]) -> str:

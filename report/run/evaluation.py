@@ -36,8 +36,8 @@ from report.run.rescore import (
 )
 from report.run.table import (
     WIDTH,
-    error_table,
     merged_rows,
+    print_errors,
     print_outside,
     print_verdict,
     titled,
@@ -89,7 +89,7 @@ def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict[str, Any]:
 
 
 def _typed(values: Any) -> dict[str, Any]:
-    """What was said of the data, without what was left open."""
+    """The settings that have a value."""
     kept = {key: _typed(v) if isinstance(v, dict) else v for key, v in values.items()}
     return {key: value for key, value in kept.items() if value is not None and value != {}}
 
@@ -162,7 +162,7 @@ def evaluate_records(
 ) -> dict[str, Any]:
     """Scores of a run's model on new records, printed and saved in `output`, with pictures or not.
 
-    typed: what was said of the records. Raises ValueError for records that do not fit the model.
+    typed: settings of the records. Raises ValueError for records that do not fit the model.
     """
     data = new_data(run, typed)
     require_same_kind(sensors_of(run, folder), data.sensors)
@@ -172,7 +172,7 @@ def evaluate_records(
     scores = {
         "together": _together(estimator, records),
         "records": per_record(estimator, records),
-        "beside": _beside(run, data, records),
+        "beside": _opponents(run, data, records),
         "outside_trained_range": left,
     }
     sure = metrics.get("uncertainty", {})
@@ -193,7 +193,7 @@ def evaluate_records(
 
 
 def new_data(run: DictConfig, typed: Mapping[str, Any]) -> Data:
-    """The records of other files under "train", read as the run's were, but for what is `typed`."""
+    """The records of other files under "train", read as those of the run, except for `typed`."""
     if odd := [key for key in OF_SIMULATIONS if key in typed]:
         raise ValueError(
             f"data.{odd[0]} is of simulated motions, data.path of measured ones; leave one out"
@@ -223,8 +223,8 @@ def require_same_kind(run: Sensors, new: Sensors) -> None:
         words = {"base": "the acceleration of its base (s_ddot1)"}
         theirs = [words.get(str(s.forced), "forces or support motions") for s in (run, new)]
         raise ValueError(
-            f"{theirs[0]} moved the structure of the run, {theirs[1]} those of the records; name "
-            "the channels (data.channels)"
+            f"the run was driven by {theirs[0]}, the records by {theirs[1]}; name the channels "
+            "(data.channels)"
         )
 
 
@@ -238,8 +238,8 @@ def _together(estimator: Estimator, records: Mapping[str, Record]) -> dict[str, 
     return {"test": score(estimator, every), FREE_RUNS["test"]: free_run_score(estimator, every)}
 
 
-def _beside(run: DictConfig, data: Data, records: Mapping[str, Record]) -> dict[str, Any]:
-    """Free runs of what a model has to be better than: no motion, and the run's linear system."""
+def _opponents(run: DictConfig, data: Data, records: Mapping[str, Record]) -> dict[str, Any]:
+    """Free runs of the plain opponents: no motion, and the run's linear system."""
     name = "rigid" if data.forced == "base" else "zero"
     still = {"relative_rms_percent": 100.0, "per_dof_percent": [100.0] * data.dofs}
     beside: dict[str, Any] = {name: dict.fromkeys(records, still)}
@@ -264,8 +264,7 @@ def _print(
     about = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     rows = list(_rows(scores))
     quantity = data.sensors.quantity
-    table = error_table(titled(metrics, about), rows, data.dofs, quantity, console.width, ("test",))
-    console.print(table)
+    print_errors(console, titled(metrics, about), rows, data.dofs, quantity, ("test",))
     first = next(iter(scores["records"].values()))
     for line in why_no_free_run({metrics["model"]: first}):
         console.print(line)
@@ -274,24 +273,24 @@ def _print(
         print_bands(console, metrics, {k: metrics["uncertainty"][k] | v for k, v in held.items()})
     _print_range(console, scores["outside_trained_range"], "trained_range" in metrics)
     for name, notes in data.notes.items():
-        console.print(f"{name.removeprefix('train: ')}: {'; '.join(notes) or 'as it is'}")
+        console.print(f"{name.removeprefix('train: ')}: {'; '.join(notes) or 'read as it is'}")
 
 
 def _print_range(console: Console, left: Mapping[str, Any], known: bool) -> None:
     for name, found in left.items():
         print_outside(console, f"{name}: ", found)
     if not known:
-        console.print("the run is older than the range it was trained in; repeat it to be warned")
+        console.print("this older run has no trained range to compare with; repeat it")
 
 
 def _rows(scores: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """By record: estimates and free run, one row where they are the same; what stands beside."""
+    """By record: estimates and free run, one row where both agree; then the plain opponents."""
     together = {"all records": scores["together"]} if len(scores["records"]) > 1 else {}
     for name, of_record in {**scores["records"], **together}.items():
         yield from merged_rows(name, of_record)
-        for beside, of_each in scores["beside"].items():
+        for opponent, of_each in scores["beside"].items():
             if name in of_each and "none" not in of_each[name]:
-                yield f"  {beside}, free run", {"test": of_each[name]}
+                yield f"  {opponent}, free run", {"test": of_each[name]}
 
 
 def table_of(records: Mapping[str, Any], unit: str) -> list[dict[str, Any]]:

@@ -18,7 +18,7 @@ FILES = ("path", "folder")  # where things lie is no choice that changes a numbe
 
 
 def swept(content: Mapping[str, Any]) -> dict[str, int | float | bool | str]:
-    """The choices that a person sweeps; a system is told by its name alone."""
+    """The choices that a person sweeps; a system is identified by its name alone."""
     found: dict[str, Any] = {
         name: content[name]["name"] for name in ("model", "system", "scenario")
     }

@@ -29,7 +29,7 @@ def matched(
 ) -> dict[str, tuple[int, float]]:
     """Of each element of a structure, which of a model's joins its nodes, and in which direction.
 
-    Elements that the model has not are left out.
+    Elements that the model lacks are omitted.
     """
     found = {nodes(pair): e for e, pair in enumerate(pairs)}
     places = {}
@@ -42,7 +42,7 @@ def matched(
 
 
 def nodes(pair: Sequence[str]) -> tuple[str, str]:
-    """Supports that stand still are ground."""
+    """Supports without motion are ground."""
     first, second = ("ground" if re.fullmatch(r"s\d+", node) else node for node in pair)
     return first, second
 

@@ -16,20 +16,20 @@ from runner.scores.spread import percent
 
 LARGEST_PLAIN = 1e6  # number that is written without an exponent
 MOST = 40  # rows; metrics.json has all
-TIMES = 2.0  # an interval with a term for the model's error, over that of noise alone: it is told
+TIMES = 2.0  # ratio of intervals, with the model's error over noise alone, that is reported
 
 WIDER = (
-    "the residual asks for more than the model has, so ± is by what parts of the records ask for; "
-    "by noise alone it would be narrower (half in metrics.json)"
+    "the residual shows that the model lacks something: ± is the scatter of the parameters between "
+    "parts of the records; from noise alone it would be narrower (half in metrics.json)"
 )
 
 
 def print_intervals(
     console: Console, uncertainty: Mapping[str, Any], title: str = "", both: bool = False
 ) -> None:
-    """Masses and elements with intervals, the truth beside them where it is known.
+    """Masses and elements with intervals, and the true values where they are known.
 
-    both: intervals with a term for the model's error stand beside those of noise alone.
+    both: two columns, intervals from noise alone and with a term for the model's error.
     """
     rows = sorted(headline(uncertainty), key=_place)
     if not rows:
@@ -38,26 +38,24 @@ def print_intervals(
         return
     known = any("truth" in row for row in rows)
     table = Table(title=title or None, title_justify="left", caption_justify="left")
-    for head in ("", "parameter"):
-        table.add_column(head, no_wrap=True)
+    table.add_column("parameter", no_wrap=True)
     halves = ("± noise", "± model error") if both else ("± 95 %",)
     for head in ("value", *halves, *(("truth",) if known else ())):
         table.add_column(head, justify="right", no_wrap=True)
-    table.add_column("told", overflow="fold")
+    table.add_column("status", overflow="fold")
     last = ""
     for row in rows[:MOST]:
         part, _, quantity = row["name"].partition(".")
-        name = f"{part} {row['about']}" if "–" in row["about"] else part
-        value, *half = told(row["value"], row["half"] if both else believed(row))
+        if part != last and "–" in row["about"]:  # an element has several parameters, a mass one
+            table.add_row(f"{part} {row['about']}")
+        last, indent = part, "  " if "–" in row["about"] else f"{part} "
+        value, *half = value_and_half(row["value"], row["half"] if both else believed(row))
         half += (
             [f"{row['model_error']:.2g}" if row["model_error"] is not None else ""] if both else []
         )
         truth = (rounded(row["truth"], believed(row)) if "truth" in row else "–",) if known else ()
         words = f"{quantity.replace('_displacement', 's at').replace('_', ' ')} {_unit(row)}"
-        table.add_row(
-            name if name != last else "", words.strip(), value, *half, *truth, _words(row)
-        )
-        last = name
+        table.add_row(f"{indent}{words.strip()}", value, *half, *truth, _words(row))
     table.caption = _caption(rows)
     console.print(table)
     which = WIDER if uncertainty.get("lacking") and not both else which_to_believe(rows, both)
@@ -70,8 +68,8 @@ def _unit(row: Mapping[str, Any]) -> str:
     return f"[{row['unit']}]" if row["unit"] else ""
 
 
-def told(value: float, half: float | None) -> tuple[str, str]:
-    """A value to the digits that its interval leaves, and the half width to two."""
+def value_and_half(value: float, half: float | None) -> tuple[str, str]:
+    """A value, rounded by its half width, and the half width to two digits; "given" without one."""
     if half is None:
         return plain(value, 5), "given"
     return rounded(value, half), plain(half, 2)
@@ -87,7 +85,7 @@ def rounded(value: float, half: float | None) -> str:
 
 
 def plain(value: float, digits: int) -> str:
-    """So many digits, without an exponent where a person needs none."""
+    """A number to some significant digits, without an exponent below `LARGEST_PLAIN`."""
     if 1.0 <= abs(value) < LARGEST_PLAIN:
         return f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}"
     return f"{value:.{digits}g}"
@@ -108,7 +106,7 @@ def _words(row: Mapping[str, Any]) -> str:
 def _caption(rows: Sequence[Mapping[str, Any]]) -> str | None:
     lines = []
     if any(row["status"] == "only in a combination" for row in rows[:MOST]):
-        lines.append("with …: the records tell it only in a combination with that parameter")
+        lines.append("with …: determined only in combination with that parameter")
     if len(rows) > MOST:
         lines.append(f"{MOST} of {len(rows)}; metrics.json has all")
     return "\n".join(lines) or None
@@ -120,42 +118,42 @@ def contradictions(uncertainty: Mapping[str, Any]) -> list[str]:
     for prior in uncertainty.get("priors", []):
         if prior["contradicted"]:
             lines.append(
-                f"{prior['stated']}: the records contradict it; they alone ask for about "
-                f"{prior['records_alone']:.3g}, the fit has {prior['fit']:.3g}. Mend the prior or "
-                "the model; intervals span both"
+                f"{prior['stated']}: contradicted by the records, which alone give about "
+                f"{prior['records_alone']:.3g}; the fit has {prior['fit']:.3g}. Correct the prior "
+                "or the model; intervals span both"
             )
     return lines
 
 
 def unequal(uncertainty: Mapping[str, Any]) -> str:
-    """A line where channels count by their noise; "" where all count alike."""
+    """A line where channels are weighted by their noise; "" where all weigh the same."""
     counts = uncertainty.get("counts")
     if not counts:
         return ""
     listed = ", ".join(plain(value, 2) for value in counts)
     noise = ", ".join(plain(value, 2) for value in uncertainty["noise"])
     return (
-        f"channels count by their noise ({noise}): errors times {listed}; "
-        "objective.channels=equal lets all count alike"
+        f"channels are weighted by their noise ({noise}): errors times {listed}; "
+        "objective.channels=equal weights all the same"
     )
 
 
 def beyond_training(metrics: Mapping[str, Any], uncertainty: Mapping[str, Any]) -> str:
-    """A line where a residual that is no noise is far larger on motion that was not trained on."""
+    """A line where a residual that is not noise is far larger on motion that was not trained on."""
     errors = [metrics.get(FREE_RUNS[p], {}).get("relative_rms_percent") for p in ("train", "test")]
     if None in errors or not uncertainty.get("coloured") or errors[1] < TIMES * errors[0]:
         return ""
     return (
-        f"believe neither for other motions: the free run errs by {percent(errors[1])} % on the "
-        f"test motion and by {percent(errors[0])} % in training, and the residual is not white; "
-        "these parameters do best on the training motion"
+        f"neither interval holds for other motions: the free-run error is {percent(errors[1])} % "
+        f"on the test motion, {percent(errors[0])} % in training, and the residual is not white; "
+        "the parameters fit the training motion"
     )
 
 
 def which_to_believe(rows: Sequence[Mapping[str, Any]], both: bool = False) -> str:
     """A line where the residual is more than noise; "" where intervals of noise are enough.
 
-    both: the reader has intervals of both kinds before him.
+    both: the table shows intervals of both kinds.
     """
     ratios = sorted(
         row["model_error"] / row["half"]
@@ -166,11 +164,11 @@ def which_to_believe(rows: Sequence[Mapping[str, Any]], both: bool = False) -> s
         return ""
     if both:
         return (
-            f"believe ± model error, {middle:.2g} times as wide in the median: parts of the "
-            "records ask for parameters that differ more than noise explains, so the structure is "
-            "not of the model's kind, and ± noise tells only how well its best fit is known"
+            f"use ± model error, {middle:.2g} times as wide in the median: parts of the records "
+            "give parameters that differ more than noise explains, so the structure is not of the "
+            "model's kind, and ± noise is only the precision of its best fit"
         )
     return (
-        f"parts of the records ask for parameters that differ more than noise explains: believe "
+        f"parts of the records give parameters that differ more than noise explains: use "
         f"intervals {middle:.2g} times as wide (model_error in metrics.json)"
     )

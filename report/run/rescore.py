@@ -30,7 +30,7 @@ from report.run.identified import picture
 from report.run.online_figures import online_figures
 from report.run.table import (
     WIDTH,
-    error_table,
+    print_errors,
     print_outside,
     print_verdict,
     rows_of,
@@ -46,7 +46,7 @@ ROUNDING = 1e-9  # by which other code, libraries or machines may differ
 
 
 def require_scores(metrics: dict[str, Any], dofs: int) -> None:
-    """Raise ValueError where a run's numbers are not those of a model with so many DOFs."""
+    """Raise ValueError where metrics.json lacks names, or errors of each of the model's `dofs`."""
     names = ("model", "system", "scenario")
     lacking = [name for name in names if name not in metrics]
     per_dof = metrics.get("test", {}).get("per_dof_percent", ())
@@ -73,8 +73,8 @@ def score_seeds(
 ) -> dict[str, Any]:
     """{seed: {split: scores}}: the test motions; for the run's own, the training motions too.
 
-    A seed whose motion escapes is kept, with the reason under `failed`. Under `uncertainty` stands
-    what the bands of `uncertainty`, as `metrics.json` has them, hold of the test motions.
+    A seed whose motion escapes is kept, with the reason under `failed`. `uncertainty`
+    of a seed is the coverage of the bands of `uncertainty`, as `metrics.json` has them.
     """
     results: dict[str, Any] = {}
     for seed in seeds:
@@ -103,17 +103,15 @@ def scores_of(estimator: Estimator, data: Data, splits: tuple[str, ...]) -> dict
 
 
 def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: bool) -> None:
-    """Table of the scores beside the run's own, or the statement that they are equal."""
+    """Print the scores and the run's own, or that both are equal."""
     rows = [row for seed, scores in results.items() for row in rows_of(f"seed {seed}", scores)]
     if altered:
         rows += rows_of("as trained", metrics)
     dofs = len(metrics["test"]["per_dof_percent"])
     title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     console = terminal(WIDTH)
-    table = error_table(
-        titled(metrics, title), rows, dofs, metrics.get("quantity", "acceleration"), console.width
-    )
-    console.print(table)
+    quantity = metrics.get("quantity", "acceleration")
+    print_errors(console, titled(metrics, title), rows, dofs, quantity)
     print_verdict(console, metrics)
     for line in why_no_free_run({metrics["model"]: next(iter(results.values()))}):
         console.print(line, markup=False)
@@ -138,11 +136,11 @@ def print_stored(metrics: dict[str, Any], gone: Path) -> None:
     title = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"
     rows, dofs = rows_of("as stored", metrics), len(metrics["test"]["per_dof_percent"])
     console, quantity = terminal(WIDTH), metrics.get("quantity", "acceleration")
-    console.print(error_table(titled(metrics, title), rows, dofs, quantity, console.width))
+    print_errors(console, titled(metrics, title), rows, dofs, quantity)
     print_verdict(console, metrics)
     console.print(
-        f"neither scored again nor drawn: the record {gone} is gone; put it back, or name another "
-        "one to score the model on (data.path=FILE)",
+        f"not scored again: the record {gone} is missing; put it back, or name another one to "
+        "score the model on (data.path=FILE)",
         markup=False,
     )
 
@@ -157,26 +155,26 @@ def _print_medians(results: dict[str, Any], console: Console) -> None:
             escaped=sum("failed" in r for r in results.values()),
         )
         if errors:
-            console.print(f"{name}: median {spread.text()} %, seeds: {spread.counted()}")
+            console.print(f"{name}: median {spread.text()} %, seeds: {spread.counts()}")
 
 
-def alike(some: Any, others: Any) -> bool:
+def agree(some: Any, others: Any) -> bool:
     """The same numbers, up to `ROUNDING`, relative, under the same names."""
     if isinstance(some, dict) and isinstance(others, dict):
-        return some.keys() == others.keys() and all(alike(some[k], others[k]) for k in some)
+        return some.keys() == others.keys() and all(agree(some[k], others[k]) for k in some)
     if isinstance(some, list) and isinstance(others, list):
-        return len(some) == len(others) and all(map(alike, some, others))
+        return len(some) == len(others) and all(map(agree, some, others))
     if isinstance(some, float) and isinstance(others, float):
         return math.isclose(some, others, rel_tol=ROUNDING)
     return bool(some == others)
 
 
 def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Console) -> None:
-    """Raises ValueError unless the scores are those of the run, but for rounding."""
+    """Raises ValueError unless the scores are those of the run, up to rounding."""
     ours = {key: value for key, value in scores.items() if key != "uncertainty"}
     shared = [key for key in ours if key in metrics]  # runs of older code have no free run
     exact = all(ours[key] == metrics[key] for key in shared)
-    if not exact and not all(alike(ours[key], metrics[key]) for key in shared):
+    if not exact and not all(agree(ours[key], metrics[key]) for key in shared):
         raise ValueError(
             "the scores differ from metrics.json; the code or the libraries changed since the run "
             f"(made with {metrics.get('versions')})"

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.console import Console
 from torch import Tensor
 
-from data.datamodule import Data
+from data.datamodule import EACH, Data
 from data.record import QUANTITIES, Record
 from data.terminal import terminal
 from models.training.identification import Identification
@@ -21,12 +22,11 @@ from report.run.hparams import numbers, swept
 from report.run.intervals import print_intervals
 from report.run.table import (
     WIDTH,
-    error_table,
     merged_rows,
+    print_errors,
     print_outside,
     print_verdict,
     record_rows,
-    rows_of,
     titled,
     why_no_free_run,
 )
@@ -118,47 +118,93 @@ def rms_line(metrics: dict[str, Any]) -> str:
 
 
 def print_run(metrics: dict[str, Any], folder: Path) -> None:
-    """Print the table of a run's errors, and its remarks."""
-    methods = {metrics["model"]: metrics, **metrics["baselines"]}
-    rows = rows_of(metrics["model"], metrics)
-    if metrics["paper"]:  # one step ahead, so it stands above the free run
-        rows.insert(len(rows) - 1, ("  paper, its settings", metrics["paper"]))
-    for name, scores in metrics["baselines"].items():
-        rows += merged_rows(name, scores)
-    dofs = len(metrics["test"]["per_dof_percent"])
+    """Print a finished run: what was identified, how good, how sure, its limits, where it is."""
+    console = terminal(WIDTH)
+    _print_identified(console, metrics)
+    console.heading("Error")
+    _print_errors(console, metrics)
+    console.heading("Uncertainty")
+    print_intervals(console, metrics["uncertainty"])
+    print_bands(console, metrics)
+    console.heading("Limits")
+    print_criticism(console, metrics["uncertainty"])
+    _print_limits(console, metrics)
+    console.heading("")
+    console.print(f"\nsaved in {folder}", soft_wrap=True)
+
+
+def _print_identified(console: Console, metrics: dict[str, Any]) -> None:
+    """Model, structure and data; parameters, seconds, and what the fit chose."""
     title = (
         f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}, seed {metrics['seed']}"
     )
-    console = terminal(WIDTH)
-    width = console.width
-    console.print(error_table(titled(metrics, title), rows, dofs, metrics["quantity"], width))
-    if records := record_rows(metrics):
-        about = f"{metrics['model']}, each test record"
-        console.print(error_table(about, records, dofs, metrics["quantity"], width, ("test",)))
-    print_verdict(console, metrics)
-    for line in why_no_free_run(methods):
-        console.print(line, markup=False)
-    solution = ", ".join(
-        f"{key} {'infinite' if value is None else f'{value:.6g}'}"
-        for key, value in metrics["identification"].items()
+    console.print(titled(metrics, title))
+    for record, notes in metrics["records"].items():
+        if EACH not in record:
+            console.print(f"{record}: {'; '.join(notes) or 'read as it is'}")
+    solution = metrics["identification"]
+    sizes = ", ".join(
+        f"{label_of(key)} {'infinite' if value is None else f'{value:.6g}'}"
+        for key, value in solution.items()
         if not isinstance(value, str)
     )
     console.print(
         f"{metrics['parameters']} parameters identified in {metrics['fit_seconds']:.2f} s"
-        + (f" ({solution})" if solution else "")
+        + (f" ({sizes})" if sizes else "")
     )
-    for key, value in metrics["identification"].items():
-        if isinstance(value, str) and value:
-            console.print(f"{key.replace('_', ' ')}: {value}", markup=False)
-    print_intervals(console, metrics["uncertainty"])
-    print_criticism(console, metrics["uncertainty"])
-    print_bands(console, metrics)
     if metrics["training"]:
         console.print(
-            "{solver}: {iterations} iterations, stopped at {stopped}".format_map(
-                metrics["training"]
-            )
+            "{solver}: {iterations} iterations, stopped: {stopped}".format_map(metrics["training"])
         )
+    for key, value in solution.items():
+        if isinstance(value, str) and value:
+            console.print(f"{label_of(key)}: {value}")
+
+
+LABELS = {  # of what a fit says of itself, where the key is no label
+    "memory": "memory of the law, by element",
+    "sides": "tension and compression, by element",
+    "law_prior": "weight of the law's prior, by element",
+    "left_open": "not determined by the motion",
+    "linear_stiffness": "equivalent linear stiffness [N/m]",
+    "laws_off_held_back_percent": "held-out force error [%]",
+    "laws_off_percent": "force error [%]",
+    "forces_off_percent": "force error [%]",
+    "held_back_percent": "held-out error [%]",
+    "held_back_linear_percent": "held-out error of a linear model [%]",
+    "topologies_held_back_percent": "held-out error by topology [%]",
+    "free_run_percent_unrefined": "free-run error before refinement [%]",
+}
+NUMBERED = {  # the same for one element, which the number at the key's end says
+    "held_back_percent": "held-out error by law [%]",
+    "apart_percent": "force error by law [%]",
+}
+
+
+def label_of(key: str) -> str:
+    """What is printed before a value of `identification` in metrics.json."""
+    kind, _, number = key.rpartition("_")
+    if kind in NUMBERED and number.isdigit():
+        return f"element {number}, {NUMBERED[kind]}"
+    words = LABELS.get(key, key.replace("_", " "))
+    return f"{words.removesuffix(' percent')} [%]" if words.endswith(" percent") else words
+
+
+def _print_errors(console: Console, metrics: dict[str, Any]) -> None:
+    """Tables of errors, of the model and of plain opponents; the verdict."""
+    methods = {metrics["model"]: metrics, **metrics["baselines"]}
+    rows = merged_rows(metrics["model"], metrics)
+    if metrics["paper"]:  # one step ahead, so it stands above the free run
+        rows.insert(1, ("  paper, its settings", metrics["paper"]))
+    for name, scores in metrics["baselines"].items():
+        rows += merged_rows(name, scores)
+    dofs, quantity = len(metrics["test"]["per_dof_percent"]), metrics["quantity"]
+    print_errors(console, "", rows, dofs, quantity)
+    if records := record_rows(metrics):
+        about = f"{metrics['model']}, each test record"
+        print_errors(console, about, records, dofs, None, ("test",))
+    for line in why_no_free_run(methods):
+        console.print(line)
     for name, scores in metrics["baselines"].items():
         if "failed" in scores:
             console.print(f"{name} failed: {scores['failed']}")
@@ -166,16 +212,23 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
         console.print(rms_line(metrics))
         for line in benchmark_lines(metrics["benchmark"]) if metrics["benchmark"] else []:
             console.print(line)
+    print_verdict(console, metrics)
+
+
+def _print_limits(console: Console, metrics: dict[str, Any]) -> None:
+    """Where the numbers do not hold: trained range, samples not scored, lost motions."""
+    if metrics["simulation_error"] is None:
         print_outside(console, "test motion ", metrics["outside_trained_range"])
-        for record, notes in metrics["records"].items():
-            console.print(f"{record}: {'; '.join(notes) or 'as it is'}", markup=False)
     elif metrics["simulation_error"] > 1e-5:
         console.print(
-            f"the simulation itself is off by {metrics['simulation_error']:.1e} (relative RMS); "
+            f"the simulation has a relative RMS error of {metrics['simulation_error']:.1e}; "
             "lower data.tolerance"
         )
+    for record, notes in metrics["records"].items():
+        if EACH in record:
+            console.print(f"{record.partition(':')[0]} motion: {'; '.join(notes)}")
     if metrics["escaped"]:
         console.print(
-            f"{len(metrics['escaped'])} motions escaped and are left out, see metrics.json"
+            f"{len(metrics['escaped'])} simulated motions escaped and are excluded; "
+            "metrics.json lists them"
         )
-    console.print(f"saved in {folder}", soft_wrap=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -11,67 +11,100 @@ from rich.text import Text
 
 from models.training.metrics import FREE_RUNS
 from models.training.trained_range import warnings_of
+from runner.scores.spread import percent
 
+ERROR = "relative_rms_percent"
 SPLITS = tuple(FREE_RUNS)
-WIDTH = 120  # of a table that goes elsewhere than to a terminal
-COLUMN, BORDERS = 9, 4  # of an error of one DOF, and around the first column
+WAYS = {"one step": "one step ahead", "free run": "in free run"}
+WIDTH = 80  # of a table that goes elsewhere than to a terminal
+BORDERS = 3  # of a column
 CAPTION = (
-    "relative RMS error of the {quantity} in % (Eq. 21). Rows “free run”: a method's own motion, "
-    "from the excitation and the initial state alone. All other rows: one step ahead, from the "
-    "measured motion"
+    "relative RMS error of the {quantity} in % (Eq. 21). “Free run”: simulated from the "
+    "excitation and the initial state alone. All other rows: one step ahead, from the measured "
+    "motion"
 )
 
 
-def error_table(
+def print_errors(
+    console: Console,
     title: str | Text,
     rows: Iterable[tuple[str, Mapping[str, Any]]],
     dofs: int,
-    quantity: str = "acceleration",
+    quantity: str | None,
+    splits: Sequence[str] = SPLITS,
+) -> None:
+    """Print `error_table` below its title; what the errors are, unless `quantity` is None."""
+    if title:
+        console.print(title)
+    console.print(error_table(rows, dofs, console.width, splits))
+    if quantity is not None:
+        console.print(CAPTION.format(quantity=quantity))
+
+
+def error_table(
+    rows: Iterable[tuple[str, Mapping[str, Any]]],
+    dofs: int,
     width: int = WIDTH,
     splits: Sequence[str] = SPLITS,
 ) -> Table:
     """Relative RMS error in percent: one row per method, the splits in total and per DOF.
 
-    Where `width` columns of the terminal do not hold errors per DOF, those of the training motion
-    are left out, then those of the test motion; `metrics.json` has them all.
+    A single DOF has no columns. Where `width` columns of the terminal do not hold errors per DOF,
+    the training motion's are omitted, then the test motion's; `metrics.json` has them all.
 
     A row is a name and {split: scores}, or {"failed": reason}. Where the sensors erred, a second
     row gives the error against the true signals.
     """
-    table = Table(
-        title=title,
-        title_justify="left",
-        caption=CAPTION.format(quantity=quantity),
-        caption_justify="left",
-    )
-    rows = list(rows)
-    shown = _shown(splits, dofs, width - max((len(name) for name, _ in rows), default=0))
+    table = Table()
+    lines = list(_lines(rows, dofs, splits))
+    columns = ["total", *(f"x{i + 1}" for i in range(dofs) if dofs > 1)]
+    heads = {split: [f"{split}\n{column}" for column in columns] for split in splits}
+    shown = _shown(heads, lines, width)
     table.add_column("", overflow="fold")
-    for split, count in shown.items():
-        for column in ("total", *(f"x{i + 1}" for i in range(count))):
-            head = f"{split} {column}" if column == "total" else column
+    for split in splits:
+        for head in heads[split][: shown[split]]:
             table.add_column(head, justify="right", overflow="fold")
-    for name, scores in rows:
-        if "failed" in scores:
-            table.add_row(name, "failed")
-            continue
-        table.add_row(name, *(c for s, n in shown.items() for c in _cells(scores.get(s, {}), n)))
-        if _differs_from_truth(scores):
-            true = {split: _true(scores[split]) for split in scores}
-            indent = " " * (len(name) - len(name.lstrip()))
-            cells = (c for s, n in shown.items() for c in _cells(true.get(s, {}), n))
-            table.add_row(f"{indent}  against true", *cells)
+    for name, cells in lines:
+        table.add_row(name, *(c for s in splits for c in cells[s][: shown[s]]))
     return table
 
 
-def _shown(splits: Sequence[str], dofs: int, width: int) -> dict[str, int]:
-    """For each split how many DOFs have a column: all, or none where the table gets too wide."""
-    shown = dict.fromkeys(splits, dofs)
-    for split in splits:
-        needed = sum(len(s) + 9 + COLUMN * count for s, count in shown.items())
-        if needed + BORDERS > width:
-            shown[split] = 0
+Cells = Mapping[str, Sequence[str]]  # by split: in total, then per DOF
+
+
+def _lines(
+    rows: Iterable[tuple[str, Mapping[str, Any]]], dofs: int, splits: Sequence[str]
+) -> Iterator[tuple[str, Cells]]:
+    """Names and texts of the lines of a table."""
+    for name, scores in rows:
+        if "failed" in scores:
+            yield name, {split: ["failed", *["–"] * dofs] for split in splits}
+            continue
+        yield name, {split: _cells(scores.get(split, {}), dofs) for split in splits}
+        if _differs_from_truth(scores):
+            indent = " " * (len(name) - len(name.lstrip()))
+            true = {split: _cells(_true(scores.get(split, {})), dofs) for split in splits}
+            yield f"{indent}  against true", true
+
+
+def _shown(heads: Cells, lines: Sequence[tuple[str, Cells]], width: int) -> dict[str, int]:
+    """For each split how many columns are shown: all, or the total alone where all get too wide."""
+    shown = {split: len(of_split) for split, of_split in heads.items()}
+    first = max((len(name) for name, _ in lines), default=0) + BORDERS + 1
+    for split in heads:
+        texts = [
+            [of_line[s][i] for _, of_line in [("", heads), *lines]]
+            for s in heads
+            for i in range(shown[s])
+        ]
+        if first + sum(map(_width, texts)) > width:
+            shown[split] = 1
     return shown
+
+
+def _width(texts: Iterable[str]) -> int:
+    """Of a column with these texts."""
+    return BORDERS + max(len(line) for text in texts for line in text.split("\n"))
 
 
 def titled(metrics: Mapping[str, Any], title: str) -> Text:
@@ -88,11 +121,32 @@ def not_identified(metrics: Mapping[str, Any]) -> str:
 
 
 def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
-    """A line in red where a run's model is no result, or none on a test motion."""
+    """The verdict in a sentence; in red where a run's model is no result on a motion."""
+    verdict = metrics.get("verdict", {})
     if reason := not_identified(metrics):
         console.print(Text(f"not identified: {reason}", style="red"))
-    elif lost := metrics.get("verdict", {}).get("lost"):
+    elif lost := verdict.get("lost"):
         console.print(Text(lost, style="red"))
+    elif verdict.get("identified") is None and verdict.get("reason"):
+        console.print(f"not judged: {verdict['reason']}")
+    elif verdict.get("identified") and verdict.get("by") in WAYS:
+        console.print(f"identified: {_evidence(verdict)}{_better(metrics)}")
+
+
+def _evidence(verdict: Mapping[str, Any]) -> str:
+    """The errors by which a model counts as identified."""
+    own, linear = percent(verdict.get("error_percent")), verdict.get("linear_percent")
+    beside = "" if linear is None else f", of the equivalent linear system {percent(linear)} %"
+    return f"error {WAYS[verdict['by']]} on the training motion {own} %{beside}"
+
+
+def _better(metrics: Mapping[str, Any]) -> str:
+    """The plain opponents whose error on the test motion is smaller, in the way of the verdict."""
+    key = FREE_RUNS["test"] if metrics["verdict"]["by"] == "free run" else "test"
+    own = metrics.get(key, {}).get(ERROR)
+    errors = {n: s.get(key, {}).get(ERROR) for n, s in metrics.get("baselines", {}).items()}
+    better = [f"{n} ({percent(e)} %)" for n, e in errors.items() if e and own and e < own]
+    return f"; smaller error on the test motion: {', '.join(better)}" if better else ""
 
 
 def print_outside(console: Console, start: str, found: Iterable[Mapping[str, Any]]) -> None:
@@ -124,9 +178,8 @@ def rows_of(name: str, scores: Mapping[str, Any]) -> list[tuple[str, Mapping[str
         others = {split: value for split, value in found.items() if isinstance(value, dict)}
         rows.append((f"  {way.replace('_', ' ')}", others))
     free = {split: scores[key] for split, key in FREE_RUNS.items() if key in scores}
-    if free:
-        exists = any("none" not in of_split for of_split in free.values())
-        rows.append(("  free run" if exists else "  no free run", free))
+    if any("none" not in of_split for of_split in free.values()):
+        rows.append(("  free run", free))
     return rows
 
 
@@ -156,9 +209,9 @@ def why_no_free_run(methods: Mapping[str, Mapping[str, Any]]) -> list[str]:
 def _cells(scores: Mapping[str, Any], dofs: int) -> list[str]:
     left = scores.get("left_after_s")
     if left:
-        several = f"{len(left)} left from" if len(left) > 1 else "left at"
+        several = f"{len(left)} diverge\nfrom" if len(left) > 1 else "diverges\nat"
         return [f"{several} {min(left):.1f} s", *["–"] * dofs]
-    per_dof = scores.get("per_dof_percent", [None] * dofs)[:dofs]
+    per_dof = scores.get("per_dof_percent", [None] * dofs)
     values = [scores.get("relative_rms_percent"), *per_dof]
     return ["–" if value is None else f"{value:.2f}" for value in values]
 

@@ -82,7 +82,7 @@ def _require_as_trained(cfg: DictConfig) -> None:
     data = OmegaConf.to_container(cfg.data, resolve=True)
     if cfg.get("scenario") is not None or cfg.seeds is not None or _said(data):
         raise ValueError(
-            "uncertainty= speaks of the records that a run was trained on; leave out scenario, "
+            "uncertainty= uses the records that a run was trained on; leave out scenario, "
             "seeds and data"
         )
 
@@ -96,7 +96,7 @@ def _said(values: Any) -> bool:
 def _finished(run: DictConfig, metrics: dict[str, Any], folder: Path) -> Finished:
     model, name = restore(run, folder), str(run.model.name)
     if (gone := record_gone(run)) is not None:
-        raise ValueError(f"the record {gone} is gone, and intervals come from it; put it back")
+        raise ValueError(f"intervals need the record {gone}, which is missing; put it back")
     if not model.physical_parameters():
         raise ValueError(
             f"{name} is a black box: it has no physical parameter that could have an interval; "
@@ -133,14 +133,14 @@ def _require_known(names: Sequence[str], model: Trainable) -> None:
 def _laplace(
     cfg: DictConfig, run: Finished, names: Sequence[str], console: Console, output: Path
 ) -> dict[str, Any]:
-    """Both kinds of intervals side by side, which is to be believed, what the residual asks for."""
+    """Both kinds of intervals side by side, which to use, what the residual suggests."""
     if names:
-        raise ValueError("parameter= is for uncertainty=profile and smc; laplace tells all of them")
+        raise ValueError("parameter= is for uncertainty=profile and smc; laplace has all of them")
     content = uncertainty_of(run.model, run.found, run.data, [])
     print_intervals(console, content, both=True)
     beyond = beyond_training(run.metrics, content)
     if not which_to_believe(headline(content)):
-        believe = "" if beyond else ": believe those of noise alone"
+        believe = "" if beyond else ": use ± noise"
         console.print(
             f"both kinds agree within a factor of 2 where parameters are determined{believe}",
             markup=False,
@@ -157,8 +157,8 @@ def _profile(
     free = len(free_vector(run.model))
     if free > MOST_PROFILED:
         raise ValueError(
-            f"a profile fits all other parameters anew at every step; of {free} that does not "
-            f"converge, {MOST_PROFILED} are possible: train a smaller model (such as "
+            f"a profile fits all other parameters again at every step, which does not converge for "
+            f"{free}; the limit is {MOST_PROFILED}: train a smaller model (such as "
             "model.units=1 model.hinges=0), or take uncertainty=laplace"
         )
     chosen = list(names) or _open(run.intervals, run.model)
@@ -227,14 +227,14 @@ def print_profiles(
         own = fitted[p.name]
         name = f"{p.name} [{p.unit}]" if p.unit else p.name
         lines.append([name, f"{p.best:.5g}", *ends, f"{own.value:.5g} ± {own.half:.2g}", p.told])
-    head = ["parameter", "likeliest", "from", "to", "by the fit", "told"]
+    head = ["parameter", "likeliest", "from", "to", "by the fit", "status"]
     console.print(printed(Section(head, lines), left=(0, 5)))
     for p in profiles:
         if p.told != "determined":
             reach = f"{p.values.min():.4g} to {p.values.max():.4g}"
             line = (
-                f"{p.name} is {p.told}: from {reach} the other parameters make up for it, all but "
-                f"{p.deviance.max():.2g} of the likelihood (2 log; {THRESHOLD:.3g} would bound it)"
+                f"{p.name} is {p.told}: from {reach} the other parameters compensate for it, up to "
+                f"{p.deviance.max():.2g} in 2 log likelihood ({THRESHOLD:.3g} would bound it)"
                 if p.told == "not identifiable"
                 else f"{p.name} is {p.told} (searched from {reach})"
             )
@@ -250,7 +250,7 @@ def profile_figure(profiles: Sequence[Profile], intervals: Sequence[Interval]) -
     for place, p in enumerate(profiles, start=1):
         axes = figure.add_subplot(rows, columns, place)
         axes.axhline(THRESHOLD, color="#777777", linewidth=0.8, linestyle=":", label="95 %")
-        axes.plot(p.values, p.deviance, "o", color=MEASURED, markersize=3, label="fitted anew")
+        axes.plot(p.values, p.deviance, "o", color=MEASURED, markersize=3, label="fitted")
         own = fitted[p.name]
         grid = np.linspace(p.values.min(), p.values.max(), 200)
         root = np.sqrt(p.deviance) * np.sign(p.values - p.best)  # straight where D is a parabola

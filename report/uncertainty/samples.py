@@ -31,15 +31,15 @@ from runner.scores.headline import HEADLINE
 
 MOST = 30  # parameters that particles can follow
 FEWEST = 10  # samples for each of them
-DRAWN = 1000  # particles whose physical parameters are told
-AS_PRIOR = 0.5  # of the prior's standard deviation: the records hardly tell a parameter
+DRAWN = 1000  # particles whose physical parameters are kept
+AS_PRIOR = 0.5  # of the prior's standard deviation: the records say little of a parameter
 AGAINST = 3.0  # standard deviations of a prior: the data are against it
 SHOWN = 6  # parameters of a corner figure
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Physical parameters of particles, beside a Normal distribution about the mode.
+    """Physical parameters of particles, and a Normal distribution about the mode.
 
     values (D, Q): of draws; mode, deviation (Q,): of Laplace's approximation of the same posterior.
     """
@@ -106,14 +106,14 @@ def sampled(
     parameters, for priors that are none, and where the two runs do not agree.
     """
     theta = free_vector(model)
-    chosen = _chosen(model, names, found.samples)
+    chosen = _sampled_numbers(model, names, found.samples)
     prior = stated_prior(model, stated, chosen)
     likelihood = Likelihood(model, batches, found)
     posterior = Posterior(likelihood, prior, chosen)
     if len(chosen) < len(theta):
         console.print(
             f"{len(chosen)} of {len(theta)} parameters are sampled; the others stay at the fit, "
-            "which makes intervals too narrow where they go together",
+            "which makes intervals too narrow where they are correlated",
             markup=False,
         )
     try:
@@ -130,7 +130,7 @@ def sampled(
             tempered(count, posterior.prior, particles, draw, start, _noting(console))
             for draw in draws
         ]
-        return _told(model, posterior, runs, best, covariance)
+        return _summary(model, posterior, runs, best, covariance)
     finally:
         set_free_vector(model, theta)
 
@@ -156,7 +156,7 @@ def _noting(console: Console) -> Any:
     return note
 
 
-def _chosen(model: Trainable, names: Sequence[str], samples: int) -> np.ndarray:
+def _sampled_numbers(model: Trainable, names: Sequence[str], samples: int) -> np.ndarray:
     """Numbers (p,) of the free parameters that are sampled."""
     P = len(free_vector(model))
     if names:
@@ -166,7 +166,7 @@ def _chosen(model: Trainable, names: Sequence[str], samples: int) -> np.ndarray:
     if len(chosen) > MOST:
         raise ValueError(
             f"{len(chosen)} parameters are more than the {MOST} that particles can follow; name "
-            "those of interest (parameter=r1.stiffness,r1.damping: the others stay at the fit), or "
+            "some of them (parameter=r1.stiffness,r1.damping: the others stay at the fit), or "
             "train a smaller model (such as model.units=1 model.hinges=0)"
         )
     if samples < FEWEST * len(chosen):
@@ -216,7 +216,7 @@ def _slope(model: Trainable, name: str, j: int) -> float:
     return float(slopes(model, values)[names.index(name), j])
 
 
-def _told(
+def _summary(
     model: Trainable,
     posterior: Posterior,
     runs: list[Sampled],
@@ -269,7 +269,7 @@ def _word(gradient: np.ndarray, particles: np.ndarray, prior: Prior) -> str:
 
 
 def print_samples(console: Console, samples: Samples, intervals: Sequence[Interval]) -> None:
-    """Marginals beside Laplace's approximation, the evidence, and how well two runs agree."""
+    """Print marginals, Laplace's approximation, the evidence, and how well two runs agree."""
     lines = []
     fitted = {i.name: i for i in intervals}
     for q, name in enumerate(samples.names):
@@ -284,10 +284,10 @@ def print_samples(console: Console, samples: Samples, intervals: Sequence[Interv
             [label, f"{np.nanmean(own):.4g}", f"{low:.4g}", f"{high:.4g}", normal,
              f"{fit.value:.4g} ± {fit.half:.2g}", samples.told[q]]
         )  # fmt: skip
-    head = ["parameter", "mean", "2.5 %", "97.5 %", "Laplace", "by the fit", "told"]
+    head = ["parameter", "mean", "2.5 %", "97.5 %", "Laplace", "by the fit", "status"]
     console.print(printed(Section(head, lines), left=(0, 6)))
     if "against its prior" in samples.told:
-        console.print(Text("records and a stated prior contradict each other", style="yellow"))
+        console.print(Text("the records contradict a stated prior", style="yellow"))
     one, other = (run.log_evidence for run in samples.runs)
     console.print(
         f"log evidence {0.5 * (one + other):.2f} ± {0.5 * abs(one - other):.2f} (two runs); it "

@@ -1,1 +1,1 @@
-"""Published models: made from finished runs, verified, told of. The command is models.zoo."""
+"""Published models: made from finished runs, verified, described. The command is models.zoo."""

@@ -18,7 +18,7 @@ from data.sample import Sensors
 from export.passport import passport_of, software, trained_on_words
 from models.training.metrics import FREE_RUNS
 from models.training.trained_range import OTHER, warnings_of
-from report.about import told
+from report.about import prior_knowledge
 from report.zoo.licence import Licence
 from report.zoo.scores import ERROR, SEEDS
 from runner.scores.spread import DIVERGED, Spread
@@ -30,7 +30,7 @@ IDENTIFIERS = {"MIT": "mit", "BSD-2-Clause": "bsd-2-clause", "CC-BY-SA-4.0": "cc
 
 @dataclass(frozen=True)
 class Card:
-    """Everything that a card tells of one entry."""
+    """Everything that a card says of one entry."""
 
     name: str
     cfg: DictConfig
@@ -49,8 +49,8 @@ class Card:
         return "\n\n".join(part.strip() for part in parts) + "\n"
 
     @property
-    def _told(self) -> str:
-        return " ".join(told(str(self.cfg.model.name)).split())
+    def _knowledge(self) -> str:
+        return " ".join(prior_knowledge(str(self.cfg.model.name)).split())
 
     @property
     def _quantity(self) -> str:
@@ -115,7 +115,7 @@ class Card:
 
     def _head(self) -> str:
         remark = "" if self._rows else " (what it says of truth is of simulated structures)"
-        known = f"\n\nTold beforehand{remark}: {self._told}." if self._told else ""
+        known = f"\n\nTold beforehand{remark}: {self._knowledge}." if self._knowledge else ""
         return (
             f"# {self.name}\n\n`{self.kind}` identified on {self._data()}.{known}\n\n"
             "![measured motion and the model's own](picture.svg)"
@@ -212,7 +212,7 @@ Or where a run's folder may stand: `python predict.py run=zoo:{self.name} {motio
         spread = self._spread("free_run_percent")
         if spread is not None:
             words = f"free run, test motions of seeds {', '.join(map(str, SEEDS))}: median (range)"
-            rows.append((words, f"{spread.text(_short)}; motions: {spread.counted()}"))
+            rows.append((words, f"{spread.text(_short)}; motions: {spread.counts()}"))
         return (
             f"## How well\n\nRelative RMS error of the {self._quantity} [%] on motions that it was "
             f"not trained on.\n\n"

@@ -87,7 +87,7 @@ def page(words: Sequence[str]) -> None:
 
 
 def late(module: str) -> Any:
-    """A module that loads PyTorch, which takes seconds: a mistyped word is told before."""
+    """A module that loads PyTorch, which takes seconds: a mistyped word is reported before."""
     return importlib.import_module(module)
 
 

@@ -21,7 +21,7 @@ TRIED = ("baselines", "solver", "objective", "scenario", "excitation", "damage")
 
 
 def without_folders(values: Any, folders: Mapping[str, str]) -> Any:
-    """The same with each of these folders replaced. Raises ValueError for a path that is left."""
+    """The same with each of these folders replaced. Raises ValueError for a remaining path."""
     if isinstance(values, dict):
         return {key: without_folders(value, folders) for key, value in values.items()}
     if isinstance(values, list):
@@ -65,7 +65,7 @@ def with_records(values: Mapping[str, Any], records: Path) -> DictConfig:
 def command_of(values: Mapping[str, Any]) -> str:
     """The command of train.py that gives these values.
 
-    Raises ValueError where no choices of conf/ with settings beside them do.
+    Raises ValueError where no choices of conf/ and settings do.
     """
     words = [f"model={values['model']['name']}", f"system={values['system']['name']}"]
     for group in TRIED:

@@ -29,7 +29,7 @@ def page_of(root: Path = ROOT) -> str:
         "count": str(len(found)),
         "kilobytes": f"{total_bytes(root) / 1000.0:.0f}",
         "gallery": "\n\n".join(_of_system(found)),
-        "told": "\n".join(_told(found)),
+        "told": "\n".join(_prior_table(found)),
     }
     return Template(text).substitute(facts)
 
@@ -67,8 +67,8 @@ def _number(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def _told(found: list[Entry]) -> Iterator[str]:
-    """What each kind of model was told of the structure."""
+def _prior_table(found: list[Entry]) -> Iterator[str]:
+    """Prior knowledge of the structure, by kind of model."""
     yield "| model | told beforehand |"
     yield "| --- | --- |"
     for model in dict.fromkeys(entry.model for entry in found):

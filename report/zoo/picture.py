@@ -1,4 +1,4 @@
-"""A picture of a few kilobytes: the free run beside the true motion, and a loop of an element."""
+"""A picture of a few kilobytes: the free run, the true motion, and a loop of an element."""
 
 from __future__ import annotations
 

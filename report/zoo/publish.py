@@ -23,7 +23,7 @@ from models.training.assemble import data_from
 from models.training.metrics import LEFT
 from models.zoo.golden import golden_of
 from models.zoo.index import FORMAT, INDEX, NAME, ROOT, entries
-from report.about import colour_of, told
+from report.about import colour_of, prior_knowledge
 from report.zoo.card import Card
 from report.zoo.entry_config import (
     command_of,
@@ -170,13 +170,13 @@ def facts_of(folder: Path, licence: Licence) -> dict[str, Any]:
 
 
 def write_index(root: Path, new: Mapping[str, Any]) -> None:
-    """The index with new entries beside those that are there."""
+    """The index with new entries added."""
     known = {entry.name: dict(entry.facts) for entry in entries(root)}
     found = dict(sorted((known | dict(new)).items()))
     models = dict.fromkeys(name.partition("/")[0] for name in found)
     content = {
         "format": FORMAT,
-        "told": {model: " ".join(told(model).split()) for model in models},
+        "told": {model: " ".join(prior_knowledge(model).split()) for model in models},
         "entries": found,
     }
     write_compact(root / INDEX, content)

@@ -47,7 +47,7 @@ def over_seeds(estimator: Estimator, cfg: DictConfig) -> list[dict[str, Any]]:
 
 
 def again(estimator: Estimator, cfg: DictConfig) -> dict[str, Any]:
-    """The scores of the test motion under the keys of metrics.json, from the records anew."""
+    """The scores of the test motion under the keys of metrics.json, computed from the records."""
     data = data_from(cfg)
     if isinstance(data, SimulatedData):
         records, _ = data.simulation.records(

@@ -1,4 +1,4 @@
-"""Every published model is what it was: its files, its golden motion, its numbers."""
+"""Every published model is unchanged: its files, its golden motion, its numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COMPARED = ("test", "free_run")
 
 
 def verify(chosen: Sequence[Entry], records: Path | None = None, root: Path = ROOT) -> None:
-    """Print a line for each entry. Raises ValueError, at the end, where one is not what it was.
+    """Print a line for each entry. Raises ValueError, at the end, where one has changed.
 
     records: the folder that holds the folders of measured records; without it the numbers of such
     models are not recomputed, which its line says.

@@ -1,4 +1,4 @@
-"""Choices of a run, dotted as they would be typed: how they are read, written and told apart."""
+"""Choices of a run, dotted as they would be typed: how they are read, written and compared."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def one_line_errors(config: str) -> Iterator[None]:
     except EXPECTED as error:
         fail(reason_of(error))
     except KeyboardInterrupt:
-        fail("interrupted; the unfinished run has no metrics.json, a sweep goes on from here")
+        fail("interrupted; the unfinished run has no metrics.json, a sweep continues from here")
         sys.exit(130)
     else:
         return
@@ -135,7 +135,7 @@ def _first(override: Override) -> str | None:
 
 @contextmanager
 def refusals() -> Iterator[None]:
-    """Bad settings of one run end the program before Hydra adds lines of its own."""
+    """Bad settings of one run end the program before Hydra adds its lines."""
     try:
         yield
     except EXPECTED as error:
@@ -165,7 +165,7 @@ def _explain(error: Exception, config: str) -> str:
         if group.startswith("experiment"):
             group, options = "experiment", [path.stem for path in experiments()]
         return (
-            f"{group}={choice} does not exist{_nearest(choice, options)} "
+            f"{group}={choice} does not exist{_hint(choice, options)} "
             f"(choices: {', '.join(options)})"
         )
     if isinstance(error, OverrideParseException):
@@ -189,10 +189,10 @@ def _no_setting(key: str, config: str) -> str:
     except (HydraException, OmegaConfBaseException, ValueError):
         known, choices = keys_of(config), []
     elsewhere = f" with {' '.join(choices)}" if key in keys_of(config) else ""
-    return f"there is no setting {key!r}{elsewhere}{_nearest(key, known)}; see --help"
+    return f"there is no setting {key!r}{elsewhere}{_hint(key, known)}; see --help"
 
 
-def _nearest(word: str, choices: Sequence[str]) -> str:
+def _hint(word: str, choices: Sequence[str]) -> str:
     near = difflib.get_close_matches(word, choices, n=2, cutoff=0.6)
     return f"; did you mean {' or '.join(near)}?" if near else ""
 

@@ -1,4 +1,4 @@
-"""A command line → the config it stands for; every choice there is, and help on all of them."""
+"""A command line → its config; every choice there is, and help on all of them."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ _choices_of_hydra = defaults_list._create_interpolation_map
 
 
 def _choices_so_far(overrides: Any, defaults_list: list[Any], self_added: bool) -> DictConfig:
-    """What `${group}` among defaults stands for; Hydra collects it for every file, asked or not."""
+    """What `${group}` among defaults resolves to; Hydra collects it for every file."""
     if any(default.is_interpolation() for default in defaults_list):
         return _choices_of_hydra(overrides, defaults_list, self_added)
     return DictConfig({})

@@ -22,7 +22,7 @@ INERT_TRAINER = ("enable_progress_bar", "log_every_n_steps")  # nor do these of 
 
 
 def digest(text: str) -> str:
-    """Ten characters that stand for a text."""
+    """Ten characters of a text's hash."""
     return hashlib.sha256(text.encode()).hexdigest()[:10]
 
 
@@ -43,10 +43,10 @@ def choices_text(content: dict[str, Any]) -> str:
     return json.dumps(content, sort_keys=True, ensure_ascii=False)
 
 
-def name_of(content: dict[str, Any], told: str = "") -> str:
-    """Folder within a sweep of the run with these resolved values; told: their digest, if known."""
+def name_of(content: dict[str, Any], digest: str = "") -> str:
+    """Folder within a sweep of the run with these resolved values; digest: theirs, if known."""
     names = (content[part]["name"] for part in ("model", "system", "scenario"))
-    return "-".join((*names, f"seed{content['seed']}", told or config_digest(content)))
+    return "-".join((*names, f"seed{content['seed']}", digest or config_digest(content)))
 
 
 def run_name(cfg: DictConfig) -> str:
@@ -59,9 +59,9 @@ def _without_words(node: dict[str, Any]) -> dict[str, Any]:
     return {k: _without_words(v) if isinstance(v, dict) else v for k, v in kept.items()}
 
 
-def identity_of(content: dict[str, Any], told: str = "") -> dict[str, Any]:
-    """What a run's numbers follow from; told: the digest of these resolved values, if known."""
-    return {"config": told or config_digest(content), "results": RESULTS}
+def identity_of(content: dict[str, Any], digest: str = "") -> dict[str, Any]:
+    """What a run's numbers follow from; digest: of these resolved values, if known."""
+    return {"config": digest or config_digest(content), "results": RESULTS}
 
 
 def is_current(metrics: Mapping[str, Any]) -> bool:

@@ -1,6 +1,6 @@
 """What the settings outside of the choices must be: held against types and ranges before any work.
 
-What stands inside a choice, such as model.cutoff, is held against its class: models/training/build.
+Settings inside a choice, such as model.cutoff, are checked in models/training/build.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def _is_name(value: str) -> bool:
     return 0 < len(value) <= 100 and not set(value) & set("/\\\n\t") and value.strip(". ") == value
 
 
-NAME = Setting(str, _is_name, "a name: text that can stand in a folder's name, without / or \\")
+NAME = Setting(str, _is_name, "a name: text that can be part of a folder's name, without / or \\")
 THREADS = Setting(
     int | None, lambda n: n is None or 1 <= n <= MOST_THREADS, f"1 to {MOST_THREADS}, or null"
 )

@@ -70,7 +70,7 @@ class Run:
         write_text(self.folder / CONFIG, config)
 
     def _clear(self) -> None:
-        """Take earlier results out of the folder, but for training that this run goes on with."""
+        """Take earlier results out of the folder, except training that this run goes on with."""
         for name in (METRICS, CHECKPOINT, FAILED, PROGRESS):
             if (self.folder / name).is_dir():
                 raise ValueError(
@@ -81,13 +81,13 @@ class Run:
             (self.folder / name).unlink(missing_ok=True)
         if fault := fault_of(self.progress, self.identity):
             if os.path.lexists(self.progress):
-                print(f"{self.progress} {fault}; training begins anew", file=sys.stderr)
+                print(f"{self.progress} {fault}; training starts again", file=sys.stderr)
             self.progress.unlink(missing_ok=True)
             for events in self.folder.glob(EVENTS):
                 events.unlink(missing_ok=True)
 
     def built_for(self, sensors: Sensors) -> None:
-        """Write anew what the model was built for: the records told more while it was fitted."""
+        """Rewrite the model's arguments, which the fit has completed from the records."""
         write_json(self.folder / SENSORS, asdict(sensors))
 
     def withdraw(self) -> None:

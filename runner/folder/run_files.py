@@ -30,7 +30,7 @@ def run_folder(word: str) -> Path:
 
 
 def results_folder(folder: Path) -> Path:
-    """Where what is made of a run is written: beside it; of a published model, in runs/zoo/."""
+    """Folder for results made of a run: its own; of a published model, in runs/zoo/."""
     name = zoo.published(folder)
     return folder if name is None else Path(to_absolute_path("runs")) / "zoo" / name
 

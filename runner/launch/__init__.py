@@ -1,6 +1,6 @@
 """Who does the runs of a sweep: one process, all cores of this machine, a Ray cluster, Slurm.
 
-launcher.py     what the launchers share: a run in a process of its own, the reasons of lost runs
+launcher.py     what the launchers share: one process for each run, the reasons of lost runs
 processes.py    hydra/launcher=joblib: processes side by side on one machine, a lost one replaced
 ray_cluster.py  hydra/launcher=ray
 slurm.py        hydra/launcher=slurm

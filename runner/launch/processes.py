@@ -48,7 +48,7 @@ def _start(worker: Worker, parent: int) -> None:
 def _end_with(parent: int) -> None:
     """End this process when its parent ended: two sweeps must not meet in one folder.
 
-    Asked of the parent itself, by number and time of its start: only Unix tells of a lost parent by
+    Asked of the parent itself, by number and time of its start: only Unix reports a lost parent by
     another number of the parent.
     """
     try:

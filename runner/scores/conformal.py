@@ -64,7 +64,7 @@ def conformal_bands(
         except CANNOT as error:
             found[key] = {"none": _reason(error)}
         else:
-            found[key] = _told(band) | _shares(band, tests, estimates[len(held) :])
+            found[key] = _content(band) | _shares(band, tests, estimates[len(held) :])
     return found
 
 
@@ -101,7 +101,7 @@ def _band(held: Sequence[Record], estimates: Sequence[Tensor]) -> Band:
     return band_from(measured, [y.cpu() for y in estimates], held[0].dt, skips)
 
 
-def _told(band: Band) -> dict[str, Any]:
+def _content(band: Band) -> dict[str, Any]:
     return {
         "method": METHOD,
         "records": len(band.others),

@@ -18,7 +18,7 @@ HEADLINE = (  # quantities of masses and elements that tables tell
 
 
 def headline(uncertainty: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Parameters of masses and elements as a whole, without those of their hinges and units.
+    """Parameters of masses and elements as a whole, without their hinges' and units'.
 
     Without what an element does after it yields, where nothing in training showed that it does.
     """

@@ -41,7 +41,7 @@ def compare_baselines(
 ) -> dict[str, Any]:
     """Errors of each baseline on the same records, one step ahead and in free run.
 
-    One that cannot be built or identified says why; one that means nothing here is left out.
+    One that cannot be built or identified says why; one that is not applicable is omitted.
     """
     results: dict[str, Any] = {}
     for name, baseline in baselines.items():
@@ -136,7 +136,7 @@ def _lost(
 ) -> dict[str, str]:
     """Of a model that was trained on its free run: the test motions on which that run diverges.
 
-    together: scores of its free runs of all test motions; each: those of one motion at a time.
+    together: scores of its free runs of all test motions; each: of one motion at a time.
     """
     if not judged_by_free_run(module) or not together.get("left_after_s"):
         return {}
@@ -198,4 +198,4 @@ def require_identified(metrics: Mapping[str, Any]) -> None:
             f"{metrics['model']} is not identified: {metrics['verdict']['reason']}"
         )
     if lost := metrics["verdict"].get("lost"):
-        raise NotIdentifiedError(f"{metrics['model']} is no model of the test motion: {lost}")
+        raise NotIdentifiedError(f"{metrics['model']} does not model the test motion: {lost}")

@@ -1,4 +1,4 @@
-"""What a public benchmark asks for beside the relative error: its own unit, its band, its noise."""
+"""Scores that a public benchmark adds to the relative error: its unit, its band, its noise."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from runner.scores.spread import ESCAPED, FAILED, NOT_IDENTIFIED, Spread
 FINISHED, UNFINISHED, DAMAGED = "finished", "unfinished", "damaged"
 STATUSES = (FINISHED, FAILED, ESCAPED, UNFINISHED, DAMAGED)
 VERDICTS = (FINISHED, NOT_IDENTIFIED, *STATUSES[1:])  # what a person is told of a run
-NOT_SCORED = "the run is older than the free-run score; repeat it"
+NOT_SCORED = "this older run has no free-run score; repeat it"
 ERROR = "relative_rms_percent"
 
 
@@ -44,7 +44,7 @@ class Result:
         return self.status == FINISHED
 
     @property
-    def ended(self) -> bool:
+    def has_ended(self) -> bool:
         """Whether there is something to tell: numbers, or why there are none."""
         return self.status in (FINISHED, FAILED, ESCAPED)
 
@@ -188,6 +188,6 @@ def spread_of(runs: Sequence[Result], number: Callable[[Result], float | None]) 
     escaped, failed = (sum(run.status == lost for run in runs) for lost in (ESCAPED, FAILED))
     if values or not any(run.finished for run in runs):
         values += [math.inf] * failed
-    without = sum(run.ended for run in runs) - len(values) - escaped
+    without = sum(run.has_ended for run in runs) - len(values) - escaped
     unidentified = sum(run.identified is False for run in runs)
     return Spread(tuple(values), failed, escaped, without, unidentified)

@@ -3,7 +3,7 @@
 One meaning everywhere:
 
 diverged  an estimate overflowed or its free run left: infinite, the worst of all
-failed    the run ended with an error of its own: infinite too, where runs of its case have a number
+failed    the run ended with an error: infinite too, where runs of its case have a number
 escaped   the structure's own motion left every bound, before any estimator ran. That belongs to the
           draw: every method lacks the same seeds, and none of them can be judged there. Such runs
           are counted and take no part in median, quartiles and range
@@ -101,7 +101,7 @@ class Spread:
         """Whether a value lies between the smallest and the largest finite one."""
         return bool(self.finite) and min(self.finite) <= value <= max(self.finite)
 
-    def counted(self) -> str:
+    def counts(self) -> str:
         """How many runs, and how many of them were lost: "20, 2 escaped"."""
         counts = {DIVERGED: self.diverged, FAILED: self.failed, ESCAPED: self.escaped}
         counts[NOT_IDENTIFIED] = self.unidentified

@@ -60,14 +60,14 @@ def uncertainty_of(
     content = _parameters(estimator, found, data, lacking) | _residual(found, data.dt)
     content |= _priors(estimator, found)
     if findings:
-        content |= {"criticism": _told(findings), "lacking": lacking}
+        content |= {"criticism": _reportable(findings), "lacking": lacking}
     return content | {"bands": _bands(estimator, found, tested)}
 
 
 def band_of(estimator: Estimator, found: Laplace | None, record: Record) -> Tensor | None:
     """Half widths (T, n) of the 95 % band about the free run of a record; None where there is none.
 
-    A batch stands for its first record. Samples before those that are scored are NaN.
+    Of a batch the first record counts. Samples before those that are scored are NaN.
     """
     if found is None or not isinstance(estimator, Trainable):
         return None
@@ -82,7 +82,7 @@ def unmeasured_of(
 ) -> Mapping[str, Signal]:
     """Signals of a record that no sensor measured, with 95 % bands; the truth where it is known.
 
-    {} of models without a compiled run. A batch stands for its first record.
+    {} of models without a compiled run. Of a batch the first record counts.
     """
     if found is None or not isinstance(estimator, Composite):
         return {}
@@ -141,7 +141,7 @@ def _residual(found: Laplace, dt: float) -> dict[str, Any]:
 
 
 def _priors(estimator: Trainable, found: Laplace) -> dict[str, Any]:
-    """Each stated prior: what it was, what the records alone say, how far these are apart.
+    """Each stated prior, the value from the records alone, and how far these are apart.
 
     tension: in standard deviations of their difference; colour: variance of noise with the
     residual's spectrum over that of white noise, by which the prior counts.
@@ -169,7 +169,7 @@ def _priors(estimator: Trainable, found: Laplace) -> dict[str, Any]:
     return {"priors": listed}
 
 
-def _told(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+def _reportable(findings: Sequence[Finding]) -> list[dict[str, Any]]:
     """What is significant, and the best of each kind."""
     best = {finding.kind: finding for finding in reversed(findings)}
     return [asdict(f) for f in findings if f.significant or f is best[f.kind]]

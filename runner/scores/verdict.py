@@ -1,9 +1,9 @@
 """Whether a fit identified anything: the model against nothing, a rigid body and a linear one.
 
-Judged on the training motion alone. A test motion on which the free run diverges is told beside the
-verdict, for no numbers stand for it. A model that was trained on its free
-run is judged by its free run; every other one by its estimates one step ahead, for which the free
-run is information. A motionless structure is at 100 % by definition of the error (Eq. 21).
+Judged on the training motion alone. A test motion on which the free run diverges has no error and
+is reported with the verdict. A model that was trained on its free run is judged by its free run;
+every other one by its estimates one step ahead, for which the free run is information. A
+motionless structure is at 100 % by definition of the error (Eq. 21).
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ def verdict_of(
     if judged_by_free_run(module):
         scores = results[FREE_RUNS["train"]]
         linear = linear_percent(data, baselines)
-        return judged("free run", scores, data.forced == "base", linear)
+        return judgement("free run", scores, data.forced == "base", linear)
     if module.estimator.identified_parameters == 0:
         return {"identified": None, "reason": "the estimate has nothing to identify"}
-    return judged("one step", results["train"], data.forced == "base", None)
+    return judgement("one step", results["train"], data.forced == "base", None)
 
 
 def judged_by_free_run(module: Identification) -> bool:
@@ -53,7 +53,7 @@ def judged_by_free_run(module: Identification) -> bool:
     return module.solver is not None and module.objective.simulates
 
 
-def judged(
+def judgement(
     way: str, scores: Mapping[str, Any], on_base: bool, linear: float | None
 ) -> dict[str, Any]:
     """The verdict on errors in percent on the training motion. linear: None where there is none."""
@@ -69,7 +69,7 @@ def _fault(way: str, scores: Mapping[str, Any], on_base: bool, linear: float | N
     what = f"its {'free run' if way == 'free run' else 'estimate'} of the training motion"
     error, left = scores.get(ERROR), scores.get("left_after_s")
     if left:
-        return f"{what} diverges, {min(left):.3g} s after it begins"
+        return f"{what} diverges after {min(left):.3g} s"
     if error is None:
         return f"{what} overflows"
     if error >= STILL:
@@ -86,15 +86,15 @@ def lost_on(runs: Mapping[str, Mapping[str, Any]], beyond: Mapping[str, bool]) -
     runs: scores of the free run of each test motion; beyond: whether that motion leaves the range
     that was trained, where nobody knows what the structure does.
     """
-    lost = {name: scores["left_after_s"] for name, scores in runs.items() if _left(scores)}
-    told = [
+    lost = {name: scores["left_after_s"] for name, scores in runs.items() if _diverges(scores)}
+    motions = [
         f"{name} at {min(left):.3g} s" + (", outside the trained range" if beyond[name] else "")
         for name, left in lost.items()
     ]
-    return f"its free run diverges on test motions: {'; '.join(told)}" if told else ""
+    return f"its free run diverges on test motions: {'; '.join(motions)}" if motions else ""
 
 
-def _left(scores: Mapping[str, Any]) -> bool:
+def _diverges(scores: Mapping[str, Any]) -> bool:
     return bool(scores.get("left_after_s"))
 
 

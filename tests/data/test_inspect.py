@@ -64,7 +64,7 @@ def test_clock_channels_and_faults_are_told(run, vibration):
     assert status == 0
     assert "a1       m/s^2     -1        1" in out
     assert "2.5" in out
-    assert "must be mended: dropped samples: 1 gap of 3 samples (0.03 s) after 4.99 s" in out
+    assert "must be corrected: dropped samples: 1 gap of 3 samples (0.03 s) after 4.99 s" in out
 
 
 def test_the_module_runs_from_the_command_line(vibration):
@@ -145,10 +145,10 @@ def test_records_of_a_folder_that_differ_in_rate_or_unit_are_told_in_a_line(run,
     ):
         rows = np.column_stack((t, np.cos(3.0 * t), size * np.sin(3.0 * t)))[::step]
         np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="time,f1,a1", comments="")
-    lines = [line for line in run(".")[1].splitlines() if " beside " in line]
+    lines = [line for line in run(".")[1].splitlines() if " differ: " in line]
     assert len(lines) == 2
-    assert "slow.csv beside one.csv: other rates, 50 Hz and 100 Hz" in lines[0]
-    assert "x_g.csv beside one.csv: times as large: a1 981" in lines[1]
+    assert "slow.csv and one.csv differ: other rates, 50 Hz and 100 Hz" in lines[0]
+    assert "x_g.csv and one.csv differ: times as large: a1 981" in lines[1]
 
 
 def test_nothing_moves_the_cursor(run, tmp_path):

@@ -325,7 +325,7 @@ def test_the_rest_of_an_element_test_remembers_its_first_part(tmp_path):
     assert test.samples == len(y)
     assert test.warmup == train.samples == len(y) // 2
     assert torch.equal(test.a[: train.samples], train.a)
-    assert any("from the beginning of its file" in str(said) for said in data.notes.values())
+    assert any("from the start of its file" in str(said) for said in data.notes.values())
     r = torch.from_numpy(force(law, test.s[:, 0].numpy(), 0.01, test.s_dot[:, 0].numpy()))
     late = slice(test.warmup, None)
     assert (r[late] - test.a[late, 0]).norm() < 1e-3 * test.a[late].norm()

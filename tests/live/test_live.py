@@ -180,7 +180,7 @@ def test_a_run_without_one_sound_sample_is_no_success(run, rows, found):
     status, out, err = run(*words, text="\n".join(["t,f1,a1", *rows]))
     assert status == 1
     assert err.count("\n") == 1
-    assert f"not one sound sample came: {found}" in err
+    assert f"no valid sample arrived: {found}" in err
     assert "relative error" not in out
     assert Path("made.csv").exists() == found.startswith("2 samples")
 
@@ -232,7 +232,7 @@ def test_a_run_says_what_does_not_fit(run, online, lines):
     status, _, err = run("-", *where, "--rate", "50", text=lines)
     assert (status, "the run every 0.01 s" in err) == (1, True)
     status, _, err = run("test", *where, "model.estimator.cutoff=10")
-    assert (status, "a run brings its model along" in err) == (1, True)
+    assert (status, "the model is that of --run" in err) == (1, True)
 
 
 def test_weights_that_do_not_enter_linearly_are_refused(run, tmp_path):

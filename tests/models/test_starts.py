@@ -236,7 +236,7 @@ def test_a_chain_by_its_name_and_where_all_pairs_are_not_determined():
     assert len(ElementNetwork(3, 1, DT, "all", forced="base").elements) == 6
     assert ElementNetwork(2, 2, DT, "chain", forced=[]).elements == [["s1", "x1"], ["x1", "x2"]]
     assert len(ElementNetwork(5, 5, DT).elements) == 5
-    with pytest.raises(ValueError, match="stands on one support, there are 3"):
+    with pytest.raises(ValueError, match="is for one support, there are 3"):
         ElementNetwork(3, 9, DT, "chain")
 
 

@@ -69,7 +69,9 @@ def test_evaluating_gives_the_same_bands_and_makes_those_that_are_missing(
         assert run(evaluate, monkeypatch, *given) == 0
         out = " ".join(capsys.readouterr().out.split())
         assert "equal to metrics.json" in out
-        told.append(out[out.index("95 % bands from 5 held-back records hold") :].partition(" /")[0])
+        told.append(
+            out[out.index("95 % bands from 5 held-back records contain") :].partition(" /")[0]
+        )
         (path,) = (folder / "evaluation").glob("*/scores.json")
         scores = json.loads(path.read_text())
         for key, band in bands(finished).items():

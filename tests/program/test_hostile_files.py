@@ -72,7 +72,7 @@ def test_a_time_that_is_missing_is_named(run, tmp_path):
     path = write_csv(tmp_path / "gap.csv", clock)
     status, out, err = run("gap.csv")
     assert (status, err) == (0, "")
-    assert "must be mended: NaN run: 1 times are missing, the first at sample 50" in out
+    assert "must be corrected: NaN run: 1 times are missing, the first at sample 50" in out
     for choices in ({}, {"mend": Mending(fill=1.0)}, {"mend": Mending(resample=50.0)}):
         with pytest.raises(ValueError, match=r"times are missing|has gaps without a time"):
             measured(path, **choices)

@@ -71,6 +71,8 @@ METRICS: dict[str, Any] = {  # beside those of a planted run
     "quantity": "acceleration",
     **dict.fromkeys(("train", "test", "free_run_train", "free_run"), SCORES),
     "per_record": {"a": {"test": SCORES, "free_run": SCORES}},
+    "baselines": {"linear": {"test": SCORES, "free_run": SCORES}},
+    "verdict": {"identified": True, "reason": "", "by": "one step", "error_percent": 1.0},
     "identity": {"config": "a", "code": "b"},
     "parameters": 9,
     "simulation_error": 1e-7,
@@ -389,6 +391,7 @@ def test_the_quantities_of_the_schema_are_those_of_records():
         ({"uncertainty": {"parameters": [{"name": "a"}]}}, "lacks value, half, status"),
         ({"uncertainty": {"bands": {"method": "conformal"}}}, "lacks factor, floor, memory_s"),
         ({"per_record": {"a": {}}}, "per_record.a lacks test"),
+        ({"baselines": {"linear": {"test": 3}}}, "baselines.linear.test"),
     ],
 )  # fmt: skip
 def test_numbers_that_do_not_fit_together_are_named(changed, said):

@@ -181,7 +181,7 @@ def test_a_run_on_simulated_motions_is_scored_on_a_file(tmp_path, monkeypatch):
         (["data.path={b}", "data.channels={time: t, f1: Load}"], "no column"),
         (
             ["data.path={b}", "data.channels={time: time, s_ddot1: f1, a1: a1}"],
-            "moved the structure",
+            "the run was driven by",
         ),
         (["data.path={b}", "data.channels={time: time, f1: f1, x1: a1}"], "estimates acceleration"),
     ],

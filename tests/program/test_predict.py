@@ -126,7 +126,7 @@ def test_a_ground_acceleration_is_the_same_to_a_base_to_forces_and_to_supports(
         for made in (shaken, forced, carried)
     }
     found = {name: history(predicted(folder, *words)) for name, folder in runs.items()}
-    assert "stands for forces" in capsys.readouterr().out
+    assert "applied as forces" in capsys.readouterr().out
     for head in ("y1 [m]", "y3 [m]", "r2 [N]", "a3 [m/s^2]"):
         base = found["shaken"][head]
         np.testing.assert_allclose(found["forced"][head], base, atol=1e-7 * np.abs(base).max())

@@ -17,6 +17,7 @@ import evaluate
 import train
 from models.checkpoint import load_estimator, save_estimator
 from models.training.assemble import data_from, estimator_from
+from report.run.summary import label_of, print_run
 from runner.folder.run_folder import read_run
 
 pytestmark = [
@@ -54,6 +55,33 @@ def copy(finished, tmp_path):
     return Path(
         shutil.copytree(finished, tmp_path / "copy", ignore=shutil.ignore_patterns("evaluation"))
     )
+
+
+def test_a_run_prints_what_how_good_how_sure_and_where_in_this_order(finished, capsys):
+    print_run(json.loads((finished / "metrics.json").read_text()), finished)
+    lines = capsys.readouterr().out.splitlines()
+    starts = ("vwnn on bilinear", "273 parameters", "Error", "│ vwnn ", "│ two_point ",
+              "relative RMS error", "identified: error one step ahead", "Uncertainty", "95 % bands",
+              "saved in")  # fmt: skip
+    places = [[i for i, line in enumerate(lines) if line.startswith(start)] for start in starts]
+    assert [len(place) for place in places] == [1] * len(starts)
+    assert places == sorted(places)
+    assert max(map(len, lines[:-1])) <= 80  # the last one is a path
+    assert "Limits" not in lines  # a heading without content
+
+
+@pytest.mark.parametrize(
+    ("key", "label"),
+    [
+        ("laws_off_held_back_percent", "held-out force error [%]"),
+        ("held_back_percent_2", "element 2, held-out error by law [%]"),
+        ("free_run_percent", "free run [%]"),
+        ("element_3", "element 3"),
+        ("rank", "rank"),
+    ],
+)
+def test_values_are_printed_under_words_not_under_keys(key, label):
+    assert label_of(key) == label
 
 
 def numbers(folder: Path) -> dict:

@@ -8,7 +8,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from models.training.assemble import data_from, estimator_from
-from report.about import about, colour_of, colours, contains, models, told
+from report.about import about, colour_of, colours, contains, models, prior_knowledge
 from report.free_run.rows import SYSTEMS
 from report.run.hparams import swept
 from runner.config.choices import dotted, plain
@@ -22,8 +22,8 @@ KEYS = {"told", "contains", "may_contain", "colour", "own_residual_colour"}
 def test_every_model_of_the_leaderboard_says_what_it_is_told():
     experiment = OmegaConf.load(CONF / "experiment" / "free_run" / "free_run.yaml")
     grids = experiment.hydra.sweeper.grids.values()
-    assert all(told(name) for grid in grids for name in grid["model"].split(","))
-    assert told("unheard_of") == ""
+    assert all(prior_knowledge(name) for grid in grids for name in grid["model"].split(","))
+    assert prior_knowledge("unheard_of") == ""
 
 
 @pytest.mark.parametrize("model", models())

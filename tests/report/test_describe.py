@@ -84,7 +84,7 @@ def test_a_black_box_is_called_one(tmp_path, capsys):
     main([f"run={folder}"])
     printed = capsys.readouterr().out
     assert "a black box" in printed
-    assert "holds no physical parameter" in printed
+    assert "has no physical parameters" in printed
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from report.run.rescore import alike, print_evaluation
+from report.run.rescore import agree, print_evaluation
 
 
 def test_medians_over_seeds_count_what_diverged_and_what_escaped(capsys):
@@ -22,6 +22,6 @@ def test_rounding_is_no_difference_and_more_is():
     some = {"test": {"relative_rms_percent": 10.0, "per_dof_percent": [1.0, None]}}
     near = {"test": {"relative_rms_percent": 10.0 + 1e-9, "per_dof_percent": [1.0, None]}}
     far = {"test": {"relative_rms_percent": 10.0 + 1e-7, "per_dof_percent": [1.0, None]}}
-    assert alike(some, near)
-    assert not alike(some, far)
-    assert not alike(some, {"test": {}})
+    assert agree(some, near)
+    assert not agree(some, far)
+    assert not agree(some, {"test": {}})

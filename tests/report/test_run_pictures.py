@@ -19,7 +19,7 @@ from report.run.table import error_table, rows_of
 def test_a_table_leaves_columns_out_before_it_breaks_numbers(width, columns):
     scores = {"relative_rms_percent": 12345.67, "per_dof_percent": [12345.67] * 3}
     rows = rows_of("element_network", {"train": scores, "test": scores, "free_run": scores})
-    table = error_table("a title", rows, 3, width=width)
+    table = error_table(rows, 3, width)
     assert len(table.columns) == columns
     console = Console(width=width)
     with console.capture() as captured:

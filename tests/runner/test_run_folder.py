@@ -72,7 +72,7 @@ def test_a_measured_run_is_rebuilt_and_read_without_its_record(measured, monkeyp
     assert run(evaluate, monkeypatch, f"run={folder}", "figures=false") == 0
     out = " ".join(capsys.readouterr().out.split())
     assert f"{metrics['test']['relative_rms_percent']:.2f}" in out
-    assert f"{record} is gone" in out
+    assert f"{record} is missing" in out
     assert not (folder / "evaluation").exists()
     other = record.with_name("other.csv")
     head, *rows = kept.splitlines()

@@ -30,19 +30,19 @@ def test_diverged_and_failed_runs_are_infinite_and_never_left_out():
     assert (ours.median, *ours.range) == (11.0, 9.0, math.inf)
     assert (ours.runs, ours.diverged, ours.failed) == (5, 1, 1)
     assert ours.text() == "11.00 (9.00 – diverged)"
-    assert ours.counted() == "5, 1 diverged, 1 failed"
+    assert ours.counts() == "5, 1 diverged, 1 failed"
 
 
 def test_a_draw_whose_structure_escaped_is_counted_and_changes_no_statistic():
     ours, without = spread(9.0, ESCAPED, 11.0), spread(9.0, 11.0)
     assert (ours.median, ours.quartiles, ours.range) == (10.0, (9.5, 10.5), (9.0, 11.0))
     assert (ours.median, ours.quartiles) == (without.median, without.quartiles)
-    assert ours.counted() == "3, 1 escaped"
+    assert ours.counts() == "3, 1 escaped"
     assert spread(ESCAPED).text() == "–"
 
 
 def test_unfinished_and_damaged_runs_say_nothing():
-    assert spread(9.0, "unfinished", "damaged").counted() == "1"
+    assert spread(9.0, "unfinished", "damaged").counts() == "1"
 
 
 def test_what_failed_has_no_number_where_no_run_of_its_case_has_one():

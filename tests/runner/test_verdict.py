@@ -8,11 +8,11 @@ import pytest
 
 from data.terminal import terminal
 from report.collection.compare import as_table, compare
-from report.collection.report import counted, long_table
+from report.collection.report import long_table, status_counts
 from runner.progress import sweep_tables
 from runner.scores.outcome import require_identified
 from runner.scores.result import read_result, spread_of
-from runner.scores.verdict import NotIdentifiedError, judged, lost_on
+from runner.scores.verdict import NotIdentifiedError, judgement, lost_on
 
 DIVERGED = {"relative_rms_percent": None, "diverged": 1, "left_after_s": [2.8]}
 
@@ -24,7 +24,7 @@ def scores(percent: float) -> dict:
 @pytest.mark.parametrize(
     ("of_run", "on_base", "linear", "said"),
     [
-        (DIVERGED, False, None, "diverges, 2.8 s after it begins"),
+        (DIVERGED, False, None, "diverges after 2.8 s"),
         (scores(120.0), False, None, "errs by 120 %, no motion at all by 100 %"),
         (scores(120.0), True, None, "moving rigidly with the base by 100 %"),
         (scores(40.0), False, 30.0, "that of the equivalent linear system by 30"),
@@ -35,18 +35,18 @@ def scores(percent: float) -> dict:
     ],
 )
 def test_a_free_run_is_held_against_nothing_and_a_linear_system(of_run, on_base, linear, said):
-    verdict = judged("free run", of_run, on_base, linear)
+    verdict = judgement("free run", of_run, on_base, linear)
     assert verdict["identified"] is (said == "")
     assert said in verdict["reason"]
 
 
 def test_what_cannot_run_free_is_not_judged_by_it():
-    verdict = judged("free run", {"none": "it begins in motion"}, False, 30.0)
+    verdict = judgement("free run", {"none": "it begins in motion"}, False, 30.0)
     assert (verdict["identified"], verdict["reason"]) == (None, "it begins in motion")
 
 
 def test_a_single_run_that_is_no_result_is_an_error():
-    metrics = {"model": "gru", "verdict": judged("free run", DIVERGED, False, None)}
+    metrics = {"model": "gru", "verdict": judgement("free run", DIVERGED, False, None)}
     with pytest.raises(NotIdentifiedError, match="gru is not identified: its free run of the"):
         require_identified(metrics)
     for identified in (True, None):
@@ -58,9 +58,9 @@ def test_a_test_motion_on_which_a_free_run_diverges_is_named_and_no_success():
     lost = lost_on(runs, {"small": False, "large": True, "other": False})
     assert lost.endswith(": large at 2.8 s, outside the trained range; other at 2.8 s")
     assert lost_on({"small": scores(10.0)}, {"small": True}) == ""
-    verdict = judged("free run", scores(10.0), False, None) | {"lost": lost}
+    verdict = judgement("free run", scores(10.0), False, None) | {"lost": lost}
     assert verdict["identified"]
-    with pytest.raises(NotIdentifiedError, match="gru is no model of the test motion: its free"):
+    with pytest.raises(NotIdentifiedError, match="gru does not model the test motion: its free"):
         require_identified({"model": "gru", "verdict": verdict})
 
 
@@ -68,8 +68,8 @@ def test_a_test_motion_on_which_a_free_run_diverges_is_named_and_no_success():
 def runs(tmp_path):
     """Three runs of one case: identified, not identified, and of older code without a verdict."""
     verdicts = (
-        {"verdict": judged("free run", scores(10.0), False, 20.0)},
-        {"verdict": judged("free run", scores(150.0), False, 20.0)},
+        {"verdict": judgement("free run", scores(10.0), False, 20.0)},
+        {"verdict": judgement("free run", scores(150.0), False, 20.0)},
         {},
     )
     for seed, verdict in enumerate(verdicts):
@@ -85,7 +85,7 @@ def test_tables_count_what_is_no_result_and_keep_its_numbers(runs, capsys):
     assert [run.identified for run in runs] == [True, False, None]
     assert [run.status for run in runs] == ["finished"] * 3
     spread = spread_of(runs, lambda run: run.error("test"))
-    assert (spread.values, spread.counted()) == ((10.0, 15.0, 20.0), "3, 1 not identified")
+    assert (spread.values, spread.counts()) == ((10.0, 15.0, 20.0), "3, 1 not identified")
     for width in (80, 160):
         (table,) = sweep_tables([("", run) for run in runs], width)
         terminal(width).print(table)
@@ -95,7 +95,7 @@ def test_tables_count_what_is_no_result_and_keep_its_numbers(runs, capsys):
     assert found["0"] == found["2"] == ("finished", "")
     assert found["1"][0] == "not identified"
     assert "no motion at all" in found["1"][1]
-    assert counted(runs) == "3 runs: 2 finished, 1 not identified"
+    assert status_counts(runs) == "3 runs: 2 finished, 1 not identified"
     comparison = compare(runs, ["seed"], "relative_rms_percent", "test")
     assert "not identified" in [column.header for column in as_table(comparison).columns]
 

@@ -1,1 +1,1 @@
-"""What does a file hold? One reader for each format, each in a file of its own; one table out."""
+"""What does a file hold? One reader and one file for each format; one table out."""

@@ -1,4 +1,4 @@
-"""Files whose library may crash or never end on damage are first read in a process of its own.
+"""Files whose library may crash or never end on damage are first read in a separate process.
 
 SciPy's MAT reader and HDF5 are compiled code that trusts what a file says of itself: a few flipped
 bytes end the whole program without a word, keep it busy for ever, or make it ask for all memory.

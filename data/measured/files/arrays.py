@@ -80,7 +80,7 @@ def one_record(
     """The variables of one record, where arrays are records × samples (× channels).
 
     They are where one has three dimensions, or several share one wide shape; vectors of as many
-    samples, such as the time, belong to every record. Other shapes are left as they are.
+    samples, such as the time, belong to every record. Other shapes are unchanged.
     """
     shape = _records_by_samples(series)
     if shape is None:

@@ -99,7 +99,7 @@ def _parse(path: Path) -> Any:
 
 
 def _lists(path: Path, parsed: Any, contents: Contents) -> dict[str, list[Any]]:
-    """The columns as lists; scalars and text beside the columns go into `contents`."""
+    """The columns as lists; other scalars and text go into `contents`."""
     if isinstance(parsed, list):
         return _rows(path, parsed)
     if not isinstance(parsed, dict):

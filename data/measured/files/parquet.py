@@ -27,7 +27,7 @@ LONGEST_TIME = 64  # bytes of a time as text
 
 
 def read_parquet(path: Path, request: Request) -> Contents:
-    """The number and time columns; text is left out with a note.
+    """The number and time columns; text is omitted with a note.
 
     Raises FileError for nested columns and damage.
     """

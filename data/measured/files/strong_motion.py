@@ -47,7 +47,7 @@ WIDEST = 400  # characters of a line that are looked at for words
 
 @dataclass(frozen=True)
 class Header:
-    """What stands before the first series of a channel; read once, however many series follow."""
+    """The text before the first series of a channel; read once, however many series follow."""
 
     number: str  # of the channel
     place: str  # direction and location of its sensor
@@ -71,7 +71,7 @@ class Block:
 def read_strong_motion(path: Path, request: Request) -> Contents:
     """Series of all channels as columns acc1, vel1, disp1, acc2, …, numbered like the channels.
 
-    Where each sensor stands is in `labels` and in the notes. Raises FileError for blocks that are
+    The place of each sensor is in `labels` and in the notes. Raises FileError for blocks that are
     shorter than announced, counts (raw recorder units), and channels of unequal rates.
     """
     check_size(path, 16.0 * path.stat().st_size, path.stat().st_size)
@@ -224,7 +224,7 @@ def _reals(lines: Sequence[str]) -> tuple[float, ...]:
 
 
 def _channel(header: Sequence[str]) -> tuple[str, str]:
-    """Number of a channel, and where its sensor stands and points."""
+    """Number of a channel, and its sensor's place and direction."""
     number, place = "", ""
     for line in header:
         found, location = CHANNEL.search(line), LOCATION.search(line)

@@ -58,7 +58,7 @@ def read_table(
 ) -> Table:
     """The columns of a file of text, arrays, strong motion or UFF, as its suffix says.
 
-    `skip_rows` lines stand before the header, `delimiter` and `decimal` separate cells and
+    `skip_rows` lines precede the header, `delimiter` and `decimal` separate cells and
     fractions, `header=False` names the columns c1, c2, …; all four for text files only. `group`
     selects a group of an HDF5 or MAT v7.3 file. `columns` names the columns to read, without units.
     `record` is the number of one record in a file of several, counted from 1.

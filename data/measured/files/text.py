@@ -44,7 +44,7 @@ TYPES = {"number": pa.float64(), "integer": pa.int64(), "time": pa.binary(), "te
 
 
 def read_text(path: Path, request: Request) -> Contents:
-    """The number columns of a delimited text file; text columns are left out with a note.
+    """The number columns of a delimited text file; text columns are omitted with a note.
 
     ISO-8601 times become seconds since the first. Raises FileError naming line, column and text.
     """
@@ -224,7 +224,7 @@ def find_fault(
 ) -> None:
     """Raise FileError for the first faulty line within `length` bytes; return if all are right.
 
-    `names` are those of all columns, "" for a column that is not read.
+    `names` are of all columns, "" for a column that is not read.
     """
     for number, text in _lines(path, layout, length):
         if "\0" in text:

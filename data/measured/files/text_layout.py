@@ -144,7 +144,7 @@ def _delimiter(
 
 
 def _detect(rows: Sequence[str], request: Request) -> str | None:
-    """The first delimiter that cuts nearly all rows into equally many cells, more than one."""
+    """The first delimiter that cuts almost all rows into equally many cells, more than one."""
     for delimiter in DELIMITERS:
         if delimiter == request.decimal:
             continue

@@ -1,6 +1,6 @@
 """Universal files (UFF): time responses of data set 58 and 58b, by the package pyuff.
 
-A file is first read in a process of its own (see data/measured/files/apart.py): pyuff trusts what
+A file is first read in a separate process (see data/measured/files/apart.py): pyuff trusts what
 a file says of itself.
 """
 

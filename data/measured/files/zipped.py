@@ -78,7 +78,7 @@ def _is_data(name: str) -> bool:
 
 
 def _plain_names(path: Path, members: list[str]) -> list[str]:
-    """File names without folders; with those of their folders where two would be the same."""
+    """File names without folders; with folders where two would be the same."""
     parts = [
         [_plain(p) for p in re.split(r"[/\\]", m) if p not in ("", ".", "..")] for m in members
     ]
