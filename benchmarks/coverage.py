@@ -102,11 +102,10 @@ def draw(rng: np.random.Generator, dofs: int, kind: str) -> Structure:
     stiffness = omega**2 * masses.mean() * np.exp(rng.uniform(-0.4, 0.4, dofs)) * dofs
     damping = stiffness * rng.uniform(0.01, 0.04, dofs) * 2.0 / omega
     pairs = [("ground" if i == 0 else f"x{i}", f"x{i + 1}") for i in range(dofs)]
-    springs = [
-        Polynomial(between=pairs[i], stiffness=stiffness[i], damping=damping[i])
+    elements: dict[str, Element] = {
+        f"r{i + 1}": Polynomial(between=pairs[i], stiffness=stiffness[i], damping=damping[i])
         for i in range(dofs)
-    ]
-    elements: dict[str, Element] = {f"r{i + 1}": spring for i, spring in enumerate(springs)}
+    }
     if kind == "brace":
         ends = [("ground", "x2"), ("x1", "x3"), ("ground", "x3")][int(rng.integers(3))]
         size = float(stiffness.mean() * rng.uniform(0.25, 0.6))
@@ -117,7 +116,8 @@ def draw(rng: np.random.Generator, dofs: int, kind: str) -> Structure:
     if kind == "hardening":  # by 0.1 to 1 of the linear force at the largest deformation
         for i in range(dofs):
             cubic = float(stiffness[i] * rng.uniform(0.1, 1.0) / largest[i] ** 2)
-            elements[f"r{i + 1}"] = replace(springs[i], cubic_stiffness=cubic)
+            spring = {"stiffness": stiffness[i], "damping": damping[i], "cubic_stiffness": cubic}
+            elements[f"r{i + 1}"] = Polynomial(between=pairs[i], **spring)
         return Structure(masses.tolist(), elements)
     resting = [int(rng.integers(dofs))] if kind != "brace" and rng.uniform() < 0.5 else []
     for i in range(dofs):

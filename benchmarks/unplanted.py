@@ -165,9 +165,8 @@ def record(structure: Structure, peak: float, seed: int, samples: int) -> Record
     s = peak * ground(np.random.default_rng(seed), seed % 2 == 1, samples)[:, None]
     s_dot = np.gradient(s, DT, axis=0, edge_order=2)
     motion = simulate(structure, np.zeros((samples, structure.dofs)), DT, s, s_dot)
-    signals = (motion.a, np.zeros((samples, 0)), motion.x, motion.v, s, s_dot)
-    a, f, x, v, support, rate = map(torch.from_numpy, signals)
-    return Record(DT, a, f, x, v, support, rate)
+    a, *others = (torch.from_numpy(u) for u in (motion.a, motion.x, motion.v, s, s_dot))
+    return Record(DT, a, a.new_zeros(samples, 0), *others)
 
 
 def noisy(record: Record, noise: float, seed: int) -> Record:

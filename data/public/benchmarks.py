@@ -3,21 +3,114 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from data.public.files import Files, download
-from data.public.splits import (
-    BOUC_WEN,
-    BOUC_WEN_TESTS,
-    F16,
-    SILVERBOX,
-    Splits,
-    bouc_wen,
-    f16,
-    silverbox,
-)
+from data.public.series import Series
 from data.simulation.scenario import FullState, Scenario
+
+# Files of the public benchmarks → their official training and test series.
+#
+# Splits and state-initialisation windows are those of the package `nonlinear-benchmarks` 1.0.1,
+# and tests compare them. Training series get the same window, for they too begin in an unknown
+# state: models that can estimate a state take it from the window, for all others the motion
+# begins at rest.
+
+Splits = tuple[list[Series], list[Series]]  # training, test
+
+
+def _column(signal: np.ndarray) -> np.ndarray:
+    """A row or column of samples as (T, 1)."""
+    return signal.reshape(-1, 1)
+
+
+def _positive(name: str, value: np.ndarray) -> float:
+    """The first of some numbers. Raises ValueError unless it is positive."""
+    number = float(value.flat[0]) if value.size else 0.0
+    if not 0.0 < number < np.inf:
+        raise ValueError(
+            f"{name}={number:g} must be positive; is the file the benchmark's own? fetch it again"
+        )
+    return number
+
+
+def _f16_name(kind: str, level: int) -> str:
+    return f"F16Data_{kind}_Level{level}" + ("" if level % 2 else "_Validation") + ".mat"
+
+
+SILVERBOX = "Silverbox/SilverboxFiles/SNLS80mV.mat"
+F16_KINDS, F16_LEVELS = ("FullMSine", "SineSw"), range(1, 8)
+F16 = tuple(
+    f"F16/F16GVT_Files/BenchmarkData/{_f16_name(k, n)}" for k in F16_KINDS for n in F16_LEVELS
+)
+BOUC_WEN = ("BoucWen/uest_multisine.mat", "BoucWen/yest_multisine.mat")
+BOUC_WEN_TESTS = tuple(
+    f"BoucWen/BoucWenFiles/Test signals/Validation signals/{letter}val_{signal}.mat"
+    for signal in ("multisine", "sinesweep")
+    for letter in "uy"
+)
+BOUC_WEN_DT, BOUC_WEN_PERIOD = 1.0 / 750.0, 8192
+BOUC_WEN_DECAY = 1500  # samples until the initial state is forgotten, to 1 % by the damping alone
+
+
+def silverbox(files: Files) -> Splits:
+    """Three quarters of the multisine train; its rest and the arrow, whole and cut, test."""
+    u, y = files.load(SILVERBOX, "V1", "V2")
+    whole = Series("all", 1.0 / 610.35, _column(u), _column(y), 50, "unknown")
+    arrow, multisine = whole.cut("arrow_full", 100, 40575), whole.cut("multisine", 40650, 127400)
+    seen = int(0.75 * len(multisine.u))
+    inner = arrow.cut("arrow_no_extrapolation", 0, 32000)
+    return [multisine.cut("multisine", 0, seen)], [multisine.cut("multisine", seen), arrow, inner]
+
+
+def f16(files: Files) -> Splits:
+    """All three accelerations: at the shaker, on the wing side and on the payload side."""
+    train: list[Series] = []
+    test: list[Series] = []
+    for path in F16:
+        u, y, rate = files.load(path, "Force", "Acceleration", "Fs")
+        name = path.rpartition("F16Data_")[2].removesuffix(".mat").removesuffix("_Validation")
+        y = y if len(y) == u.size else y.T  # a table has its samples in rows
+        series = Series(name, 1.0 / _positive("Fs", rate), _column(u), y, 50, "unknown")
+        (test if "Validation" in path else train).append(series)
+    return train, test
+
+
+def bouc_wen(files: Files) -> Splits:
+    """Four periods of one multisine and, where they are there, the two official test signals.
+
+    All periods are in the steady state, the first too: they differ from each other by noise alone
+    (1.04e-5 m between any two). They share their excitation, so a held-out one shows how well a
+    model fits, not what it does with another excitation. `start_1` … and `end_1` … are for that:
+    the first three quarters, less what the unknown initial state may touch, and the last quarter.
+    """
+    u, y = files.load(BOUC_WEN[0], "u")[0], files.load(BOUC_WEN[1], "y")[0]
+    whole = Series("all", BOUC_WEN_DT, _column(u), _column(y))
+    T, seen = BOUC_WEN_PERIOD, 3 * BOUC_WEN_PERIOD // 4
+    if len(whole.u) != 4 * T or not np.allclose(whole.u[T:], whole.u[:-T]):
+        raise ValueError(f"{BOUC_WEN[0]} is not 4 equal periods of {T} samples")
+    series = []
+    for i in range(4):
+        period = whole.cut(f"period_{i + 1}", i * T, (i + 1) * T)
+        start = replace(period.cut(f"start_{i + 1}", 0, seen), warmup=BOUC_WEN_DECAY)
+        period = replace(period, initial_state="periodic")
+        series += [period, start, replace(period, name=f"end_{i + 1}", warmup=seen)]
+    return series, [*_bouc_wen_tests(files), *series]
+
+
+def _bouc_wen_tests(files: Files) -> list[Series]:
+    """One period of a multisine in its steady state, and a sine sweep from rest; without noise."""
+    tests = []
+    for k, name, begins in ((0, "multisine", "periodic"), (2, "sinesweep", "rest")):
+        paths = BOUC_WEN_TESTS[k : k + 2]
+        if not files.missing(paths):
+            u, y = (files.load(path, Path(path).stem)[0] for path in paths)
+            tests.append(Series(name, BOUC_WEN_DT, _column(u), _column(y), initial_state=begins))
+    return tests
+
 
 PAGES = "https://www.nonlinearbenchmark.org/benchmarks"
 

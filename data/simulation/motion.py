@@ -1,6 +1,6 @@
 """Forces and support motions → the motion of a structure, one record or many on all cores.
 
-How the error falls with the tolerance, and what it costs: docs/simulation.md.
+How the error falls with the tolerance, and what it costs: docs/theory.md.
 T samples, n DOFs, p supports, E elements.
 """
 

@@ -10,8 +10,34 @@ from functools import cached_property
 
 import numpy as np
 
-from models.layers.named_parts import NamedParts
 from models.modal.units_compiled import HINGE, TERMS, UNIT
+
+# Parameters in one list, whose parts have names and shapes.
+
+
+class NamedParts:
+    """Base of layouts: `shapes` says what parts a list of parameters (size,) has, in order."""
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        raise NotImplementedError
+
+    @cached_property
+    def size(self) -> int:
+        return sum(int(np.prod(shape)) for shape in self.shapes.values())
+
+    def split(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """The parts of a list of parameters (size,), each in its shape; views of it."""
+        parts, start = {}, 0
+        for name, shape in self.shapes.items():
+            count = int(np.prod(shape))
+            parts[name] = values[start : start + count].reshape(shape)
+            start += count
+        return parts
+
+    def join(self, parts: dict[str, np.ndarray]) -> np.ndarray:
+        return np.concatenate([np.asarray(parts[name]).ravel() for name in self.shapes])
+
 
 DYNAMIC = ("log_k", "log_c", "gamma", "u0", "G", "D", "laws")  # parts that move the state
 FAMILIES = {  # which terms a law has: numbers of φ, whether hinges, whether units

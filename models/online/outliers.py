@@ -4,7 +4,8 @@ A value is far off where its step from the value before, and its innovation, tog
 of late: |Δu| |e| > times² max|Δu| max|e|, both maxima fading in FADE samples. Rejecting by the
 innovation is the recursive least M-estimate of Zou, Chan & Ng (2000), with the hard limit of
 Hampel's identifier; the largest of late stands in for their median, as innovations of sound data
-come in bursts. Whether a far value was alone is known some samples later (`models/online/hold.py`).
+come in bursts. Whether a far value was alone is known some samples later
+(`models/online/stream.py`).
 
 The first samples in motion have nothing before them. They are taken as they come and judged once
 there are enough: the same product, with the distance from the median as the step, is then compared

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import inf
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
@@ -20,8 +20,8 @@ from data.checked import checked
 from data.sample import Sample
 from models.linear_in_weights import LinearInWeights
 from models.online.guard import Event, Guard, Watch
-from models.online.hold import Hold
 from models.online.laws.law import Adapted, Law
+from models.online.outliers import PATIENCE
 from models.online.restart import Restart
 
 CHANGING = ["states", "memory", "sample", "previous", "newest"]
@@ -217,3 +217,56 @@ def started(estimator: LinearInWeights, law: Law, from_nothing: bool = False) ->
         known = not from_nothing and bool(torch.isfinite(head).all())
         states.append(law.start(head if known else torch.zeros_like(head)))
     return states
+
+
+# What is done with a far value until it is known whether it was alone.
+#
+# An outlier is replaced at once. The stream as it was before is kept for some samples: where what
+# came then lasts, it was an event, such as the first wave of an earthquake; the stream goes back
+# and through these samples again, learning from all of them. Only the estimates made meanwhile
+# stay.
+#
+# The first samples in motion, which nothing can be compared with, are held the other way round:
+# they are learnt from as they come, and gone through again without those that prove outliers.
+
+
+class Holdable(Protocol):
+    """A stream, as far as it is held."""
+
+    watch: Watch
+    law: Law
+
+    def snapshot(self) -> dict[str, Any]:
+        """All that a sample changes, as it is now."""
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go back to a snapshot, which must not be used again."""
+
+
+class Hold:
+    """A stream before an outlier or its first motion, and the calls since, with their law."""
+
+    def __init__(self, stream: Holdable) -> None:
+        self.before = stream.snapshot()
+        self.calls: list[tuple[Law, Callable[[Any], Any], Any]] = []
+        stream.watch.ranges.watch()
+
+    def decided(self, stream: Holdable) -> Hold | None:
+        """None where all is decided; what is then known is held to in going through it again."""
+        ranges = stream.watch.ranges
+        limits = ranges.of_first() if ranges.first else ranges.event()
+        if ranges.first and len(self.calls) > 2 * PATIENCE:
+            limits = {}
+        if limits is None:
+            return self if ranges.left or ranges.first else None
+        if ranges.first and not limits:
+            ranges.first, ranges.window = False, {}
+            return None
+        stream.restore(self.before)
+        ranges, law = stream.watch.ranges, stream.law
+        ranges.limits = limits
+        for stream.law, call, argument in self.calls:
+            call(argument)
+        ranges.limits, stream.law = None, law
+        stream.watch.replays += 1
+        return None

@@ -8,9 +8,8 @@ import h5py
 import numpy as np
 from scipy.io import savemat
 
-from data.public.benchmarks import BENCHMARKS
+from data.public.benchmarks import BENCHMARKS, F16
 from data.public.datamodule import BenchmarkData
-from data.public.splits import F16
 from data.simulation.scenario import FullState
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "bouc_wen_benchmark"

@@ -13,10 +13,9 @@ import pytest
 import torch
 from scipy.io import savemat
 
-from data.public.benchmarks import BENCHMARKS
+from data.public.benchmarks import BENCHMARKS, BOUC_WEN_TESTS
 from data.public.datamodule import BenchmarkData
 from data.public.measures import in_band_rms, noise_floor, official_rmse
-from data.public.splits import BOUC_WEN_TESTS
 from data.simulation.scenario import Noisy
 from models.training.assemble import data_from, estimator_from
 from runner.job import identify

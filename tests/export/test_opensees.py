@@ -19,9 +19,8 @@ import torch
 from data.record import Drive
 from data.simulation.element_test import force
 from data.simulation.elements import FrictionPendulum, Polynomial
-from export.opensees import script_of, write
+from export.opensees import named_materials, script_of, write
 from export.opensees_laws import material_of
-from export.opensees_named import named_materials
 from models import VWNN, ElementNetwork, ElementNetworkNamed
 from models.composition.laws import law as law_of
 from models.composition.laws import units

@@ -16,9 +16,8 @@ from models.linear_in_weights import LinearInWeights
 from models.online.guard import Guard
 from models.online.laws.frozen import Frozen
 from models.online.laws.recursive_least_squares import RecursiveLeastSquares
-from models.online.ordinary import RANGE
 from models.online.stream import Stream
-from models.online.vwnn_stream import VWNNStream
+from models.online.vwnn_stream import RANGE, VWNNStream
 from models.polynomial import ModalPolynomial
 from models.vwnn import VWNN
 

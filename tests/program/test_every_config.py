@@ -95,7 +95,7 @@ def fits(*overrides: str) -> dict:
 
 SMALL = {"vwnn_forward": ["data.duration=10"]}  # it simulates
 FOLLOWED = {
-    "element_network_branch": "bilinear",  # equilibrium leaves others open: unplanted.md
+    "element_network_branch": "bilinear",  # equilibrium leaves others open: results.md
     "power_series_residual": "shear_frame",  # without a memory it errs by 208 % on Bouc–Wen
 }
 

@@ -8,18 +8,15 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import lzma
 import os
 import shutil
 import tempfile
-import zipfile
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from omegaconf import DictConfig
@@ -44,13 +41,8 @@ from runner.config.compose import composed
 from runner.folder.run import load_run
 from runner.job import job_errors
 from tests.hostile_files import (
-    PYTHON,
-    TEXTS,
     Change,
-    Payload,
     changes,
-    odd_values,
-    places_of,
     require_lines,
     watched,
 )
@@ -229,7 +221,7 @@ def test_a_run_of_a_stranger_is_read_or_refused_in_one_line(runs, kind, name, ch
 
 
 ENTRY = "linear/bilinear"
-OF_ENTRY = (*FILES, "card.md", "golden.npz", "exported.pt2.xz", "index.json")
+OF_ENTRY = (*FILES, "card.md", "golden.npz", "index.json")
 LINKED = ("", "entry", "model")  # which folder is a link
 
 
@@ -256,7 +248,7 @@ def _pretrained(root: Path) -> None:
 def _hub(root: Path) -> None:
     with pytest.MonkeyPatch.context() as patch, command_errors():
         patch.setattr(hubconf, "_CLONE", root.parent)
-        hubconf.exported(ENTRY)
+        hubconf._kinds()
 
 
 OF_ZOO = {"list": _list, "show": _show, "verify": _verify, "load": _pretrained, "hub": _hub}
@@ -310,126 +302,6 @@ def test_an_entry_of_a_stranger_is_read_or_refused_in_one_line(name, changed, se
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(verify, "_numbers", lambda *a: 0.0)
         try_zoo(name, *changed, sealed, linked)
-
-
-def repacked(packed: bytes, members: dict[str, bytes]) -> bytes:
-    """A packed program with some members of its archive replaced, or added."""
-    found = io.BytesIO()
-    with (
-        zipfile.ZipFile(io.BytesIO(lzma.decompress(packed))) as old,
-        zipfile.ZipFile(found, "w") as new,
-    ):
-        for name in {**dict.fromkeys(old.namelist()), **members}:
-            new.writestr(name, members.get(name) if name in members else old.read(name))
-    return lzma.compress(found.getvalue())
-
-
-PROGRAM = (ROOT / f"{ENTRY}.v1" / "exported.pt2.xz").read_bytes()
-with zipfile.ZipFile(io.BytesIO(lzma.decompress(PROGRAM))) as archive:
-    GRAPH = json.loads(archive.read("archive/models/model.json"))
-    WEIGHTS = json.loads(archive.read("archive/data/weights/model_weights_config.json"))
-
-
-def hub_of(packed: bytes) -> Callable[[Path], None]:
-    """The hub on a zoo whose program is this one, run once it is loaded."""
-
-    def act(root: Path) -> None:
-        index = small_zoo(root)
-        entry = root / f"{ENTRY}.v1"
-        (entry / "exported.pt2.xz").write_bytes(packed)
-        index["entries"][f"{ENTRY}.v1"]["files"] = facts_of(entry)
-        (root / "index.json").write_text(json.dumps(index), "utf-8")
-        with pytest.MonkeyPatch.context() as patch, command_errors():
-            patch.setattr(hubconf, "_CLONE", root.parent)
-            program = hubconf.exported(ENTRY)
-            try:
-                rest = torch.zeros(2, 3, dtype=torch.float64)
-                program.module()(torch.zeros(2, 5, 3, dtype=torch.float64), rest, rest)
-            except Exception as error:  # a graph may be wrong: it may not run code
-                raise ValueError("it does not run") from error
-
-    return act
-
-
-def pickled() -> bytes:
-    found = io.BytesIO()
-    torch.save(Payload(), found)
-    return found.getvalue()
-
-
-def with_text(key: str, text: Any) -> bytes:
-    """The graph with all values of a key replaced."""
-
-    def replaced(node: Any) -> Any:
-        if isinstance(node, dict):
-            return {k: text if k == key else replaced(v) for k, v in node.items()}
-        return [replaced(v) for v in node] if isinstance(node, list) else node
-
-    return json.dumps(replaced(GRAPH)).encode()
-
-
-MODEL, CONFIG = "archive/models/model.json", "archive/data/weights/model_weights_config.json"
-UNPICKLING = json.loads(json.dumps(WEIGHTS).replace('"use_pickle": false', '"use_pickle": true'))
-ENUM = '{"__enum__": true, "fqn": "antigravity.geohash", "name": "x"}'
-PROGRAMS = {
-    "weights": {
-        CONFIG: json.dumps(UNPICKLING).encode(),
-        **{f"archive/data/weights/weight_{i}": pickled() for i in range(4)},
-    },
-    "older weights": {"archive/data/weights/model.pt": pickled()},
-    "constants": {"archive/data/constants/custom_obj_0": pickled()},
-    "another member": {"archive/data/aotinductor/model.so": b"x"},
-    "a size": {MODEL: with_text("expr_str", PYTHON)},
-    "a guard": {MODEL: with_text("guards_code", [PYTHON])},
-    "an operator": {MODEL: with_text("target", "torch.os.system")},
-    "a file": {MODEL: with_text("target", "torch.ops.aten.from_file.default")},
-    "a module": {MODEL: with_text("out_spec", f"[1, {ENUM}]")},
-}
-
-
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", PROGRAMS)
-def test_no_exported_program_runs_code(name, tmp_path, capsys):
-    (tmp_path / "work").mkdir()
-    act = hub_of(repacked(PROGRAM, PROGRAMS[name]))
-    refused = io.StringIO()
-    told = watched(tmp_path / "work", refused.getvalue)
-    with redirect_stderr(refused), told, pytest.raises(SystemExit):
-        act(tmp_path / "zoo")
-    assert "is no exported program: " in refused.getvalue()
-    assert "does not run" not in refused.getvalue()
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_the_sample_inputs_of_a_program_are_never_unpickled(tmp_path):
-    (tmp_path / "work").mkdir()
-    packed = repacked(PROGRAM, {"archive/data/sample_inputs/model.pt": pickled()})
-    with watched(tmp_path / "work", str):
-        hub_of(packed)(tmp_path / "zoo")
-
-
-def test_a_program_that_unpacks_to_any_size_is_refused(tmp_path, capsys):
-    with pytest.raises(SystemExit):
-        hub_of(lzma.compress(bytes(2**26)))(tmp_path / "zoo")
-    assert "does not unpack" in capsys.readouterr().err
-
-
-@pytest.mark.filterwarnings("ignore")
-@settings(HOSTILE, max_examples=EXAMPLES // 5 or 15)
-@given(
-    st.sampled_from((MODEL, CONFIG)),
-    st.lists(st.tuples(st.floats(0, 0.999), odd_values() | st.sampled_from(TEXTS)), min_size=1),
-)
-def test_an_exported_program_of_a_stranger_is_loaded_or_refused(member, changed):
-    content = json.loads(json.dumps(GRAPH if member == MODEL else WEIGHTS))
-    for where, value in changed:
-        places = places_of(content)
-        holder, key = places[int(where * len(places))]
-        holder[key] = value
-    packed = repacked(PROGRAM, {member: json.dumps(content).encode()})
-    with tempfile.TemporaryDirectory() as temporary:
-        (Path(temporary) / "work").mkdir()
-        try_command(hub_of(packed), Path(temporary) / "work", Path(temporary) / "zoo")
 
 
 def test_an_index_of_any_size_is_refused_unread(tmp_path):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 
 import pytest
+from omegaconf import OmegaConf
 
 from models.training.assemble import data_from, estimator_from
 from report.about import about, colour_of, colours, contains, models, prior_knowledge
-from report.collection.grids import grids_of
 from report.free_run.rows import SYSTEMS
 from report.run.hparams import swept
 from runner.config.choices import dotted, plain
+from runner.config.compose import CONF
 from runner.config.identity import config_digest
 from tests.program.test_every_config import composed
 
@@ -19,7 +20,8 @@ KEYS = {"told", "contains", "may_contain", "colour", "own_residual_colour"}
 
 
 def test_every_model_of_the_leaderboard_says_what_it_is_told():
-    grids = grids_of("free_run").values()
+    experiment = OmegaConf.load(CONF / "experiment" / "free_run" / "free_run.yaml")
+    grids = experiment.hydra.sweeper.grids.values()
     assert all(prior_knowledge(name) for grid in grids for name in grid["model"].split(","))
     assert prior_knowledge("unheard_of") == ""
 

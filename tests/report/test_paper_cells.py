@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from report.collection.grids import asked
 from report.collection.runs import read_runs
 from report.paper.cells import METHODS, Cell, as_configured, of, study_cells
 from report.paper.tables import cells_csv, cells_latex, cells_markdown, hits, write_tables
@@ -183,17 +182,3 @@ def test_hits_are_counted_by_what_the_residual_network_is_fed(tmp_path):
         add_run(tmp_path, error, model="residual_mlp", seed=seed)
     lines = hits(study_cells(read_runs(tmp_path))).splitlines()
     assert [line.split(" (")[0] for line in lines] == ["1 of 2", "1 of 2", "2 of 2"]
-
-
-def test_a_change_is_named_by_the_settings_of_its_grid(tmp_path):
-    """Those of conf/experiment, with the values of the run; a run without a known grid says so."""
-    choices = {"grid": "unfiltered_force", "model": {"unfiltered_excitation": True}}
-    choices["excitation"] = {"force": {"std": 1.7}}
-    for name, more in {"known": choices, "seeds": {"grid": "other_draws"}, "older": {}}.items():
-        (tmp_path / name).mkdir()
-        run = add_run(tmp_path / name, None, model="vwnn")
-        cfg = OmegaConf.merge(OmegaConf.load(run / "config.yaml"), more)
-        OmegaConf.save(cfg, run / "config.yaml")
-    known, older, seeds = (asked(run, "outside") for run in read_runs(tmp_path))
-    assert known == "model.unfiltered_excitation=True excitation.force.std=1.7"
-    assert (seeds, older) == ("the seeds alone", "no grid")

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from models.stored.schema import front_name
 from models.zoo.index import ROOT as ZOO
 from runner import stamp
 from runner.config.compose import composed
-from runner.config.identity import RESULTS, front_name, identity_of
+from runner.config.identity import RESULTS, identity_of
 from runner.folder.run_folder import read_failure, read_metrics, read_run
 from runner.progress import is_finished, would_fail_again
 from runner.seeds import SeedsOf
