@@ -135,8 +135,8 @@ def sindy(records: list[Record], seed: int, seconds: float) -> Simulator:
     """PySINDy: degree 3 of scaled x, v and f; the threshold that is best on held-back motion."""
     ps, dofs, dt = import_module("pysindy"), records[0].dofs, records[0].dt
     assert all(r.x is not None and r.v is not None for r in records)
-    states = [np.concatenate([r.x, r.v], axis=1) for r in records]  # type: ignore[arg-type]
-    rates = [np.concatenate([r.v, r.a], axis=1) for r in records]  # type: ignore[arg-type]
+    states = [np.concatenate([r.x, r.v], axis=1) for r in records]
+    rates = [np.concatenate([r.v, r.a], axis=1) for r in records]
     forces = [r.f.numpy() for r in records]
     size, push = (np.sqrt(np.mean(np.concatenate(u) ** 2, axis=0)) for u in (states, forces))
     x, x_dot, u = [s / size for s in states], [r / size for r in rates], [f / push for f in forces]

@@ -165,8 +165,9 @@ def record(structure: Structure, peak: float, seed: int, samples: int) -> Record
     s = peak * ground(np.random.default_rng(seed), seed % 2 == 1, samples)[:, None]
     s_dot = np.gradient(s, DT, axis=0, edge_order=2)
     motion = simulate(structure, np.zeros((samples, structure.dofs)), DT, s, s_dot)
-    a, *others = (torch.from_numpy(u) for u in (motion.a, motion.x, motion.v, s, s_dot))
-    return Record(DT, a, a.new_zeros(samples, 0), *others)
+    a, x, v = map(torch.from_numpy, (motion.a, motion.x, motion.v))
+    ground_motion, rate = torch.from_numpy(s), torch.from_numpy(s_dot)
+    return Record(DT, a, a.new_zeros(samples, 0), x, v, ground_motion, rate)
 
 
 def noisy(record: Record, noise: float, seed: int) -> Record:
