@@ -30,7 +30,7 @@ def checked(cls: C, finite: bool = True) -> C:
 
     @wraps(init)
     def construct(self: Any, *args: Any, **kwargs: Any) -> None:
-        bound = _signature(cls).bind(*args, **kwargs)
+        bound = constructor_of(cls).bind(*args, **kwargs)
         given = bound.arguments
         infinite = _checked_types(cls, given)
         if not is_dataclass(cls) and "_given" not in vars(self):  # by itself, not by a base
@@ -89,8 +89,10 @@ def built_with(thing: Any) -> dict[str, Any]:
 
 
 @cache
-def _signature(cls: type) -> inspect.Signature:
-    return inspect.signature(cls)
+def constructor_of(cls: type) -> inspect.Signature:
+    """Arguments of a class's constructor, whatever else makes its objects."""
+    bare = inspect.signature(cls.__init__)  # type: ignore[misc]
+    return bare.replace(parameters=[*bare.parameters.values()][1:])
 
 
 @cache

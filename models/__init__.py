@@ -43,7 +43,36 @@ PUBLIC = ESTIMATORS | {
     "OneStep": "models.training.objective",
     "Trainable": "models.training.trainable",
 }
+KINDS = {  # front → its laws → the class that is built
+    "ElementNetwork": {
+        "units": "ElementNetwork",
+        "branch": "ElementNetworkBranch",
+        "named": "ElementNetworkNamed",
+    },
+    "ElementTest": {
+        "units": "HystereticElement",
+        "branch": "BranchElement",
+        "named": "NamedElement",
+    },
+}
 __all__ = list(PUBLIC)
+
+
+def class_name(name: str, laws: Any = None) -> str:
+    """The class that is built where a name and `laws` are given; a list is of named laws.
+
+    Raises ValueError for laws that the class does not have.
+    """
+    if name not in KINDS:
+        return name
+    kinds = KINDS[name]
+    kind = "units" if laws is None else "named" if isinstance(laws, list | tuple) else laws
+    if not isinstance(kind, str) or kind not in kinds:
+        raise ValueError(
+            f"model.laws={kind}: expected {', '.join(kinds)}, or a list of laws by their names, "
+            "such as [MenegottoPinto, SelfCentering]"
+        )
+    return kinds[kind]
 
 
 def __getattr__(name: str) -> Any:

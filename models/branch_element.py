@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -37,6 +37,7 @@ from models.composition.branch_law_compiled import (
     with_turning_points,
 )
 from models.composition.branch_run import Branches
+from models.element_test import ElementTest
 from models.estimator import Parameter
 from models.physical.parameters import branch_law
 from models.starts.branch_choice import (
@@ -56,7 +57,7 @@ NOISE = 5.0  # standard deviations by which a motion has to come back for a turn
 MOST_RAMPS = 200
 
 
-class BranchElement(Trainable):
+class BranchElement(ElementTest, Trainable):
     """Forces r (T, E) from imposed deformations s and rates ṡ, the excitation [s, ṡ] (T, 2 E).
 
     Every estimate is a free run: no measured force is read.
@@ -71,7 +72,6 @@ class BranchElement(Trainable):
 
     reads = ("f",)
     on_processor = True
-    takes_other_inputs = False
     later = ("weights",)
     scale: Tensor  # (5, E): Y [m], V [m/s], F [N], log k₀ and the band of turning points, of Y
     begun: Tensor  # (E, P): θ₀
@@ -89,6 +89,8 @@ class BranchElement(Trainable):
         law_starts: int = 4,
         seed: int = 0,
         unsymmetric: bool | None = None,
+        *,
+        laws: Literal["branch"] = "branch",
     ) -> None:
         super().__init__(dofs, inputs, dt)
         if inputs != 2 * dofs:
@@ -265,11 +267,7 @@ class BranchElement(Trainable):
     def _tests(self, record: Record) -> Iterable[Test]:
         """s, ṡ, r (T, E) of every motion of a record."""
         self.check(record)
-        if record.quantity != "force":
-            raise ValueError(
-                "BranchElement describes the force of an element test; the record holds "
-                f"{record.quantity}: choose element_network or another model"
-            )
+        self.require_force(record)
         u = record.excitation.cpu().reshape(-1, record.samples, 2 * self.dofs)
         r = record.a.cpu().reshape(-1, record.samples, self.dofs)
         for motion, force in zip(u, r, strict=True):

@@ -25,7 +25,7 @@ from models.composition.joined import TOLD, incidence, nodes_of
 from models.composition.laws import SOFTEST, ElementLaws
 from models.composition.simulate import Composition
 from models.composition.stated import typed
-from models.estimator import Parameter
+from models.estimator import ByLaws, Parameter
 from models.physical.parameters import composed_laws
 from models.starts.equilibrium import forces_of, integrated_states
 from models.starts.ladder import Equations, linear_start
@@ -38,10 +38,14 @@ from models.starts.smoothed_states import (
 from models.starts.spectra import Layout, LinearStructure, Spectra
 from models.starts.topology import MOST_PAIRED
 
+Laws = Literal["units", "branch", "named"] | Sequence[str]
 
-class ElementNetwork(Composite):
+
+class ElementNetwork(ByLaws, Composite):
     """Masses and elements from the motion, or from accelerations and forces alone.
 
+    laws: "units", which this class describes; "branch" makes an `ElementNetworkBranch`; "named", or
+    a list of names, an `ElementNetworkNamed`, each with settings of its own.
     elements: the pairs of nodes that are joined, such as [[ground, x1], [x1, x2]]; "chain" for
     ground, x1, x2, … one after the other; "all" for all n(n + 1)/2 pairs; "frame" for a chain that
     bends: three and four nodes in a row are joined, too (composition/joined.py); None for all
@@ -84,6 +88,8 @@ class ElementNetwork(Composite):
         priors: Mapping[str, Any] | None = None,
         ties: Sequence[Sequence[str]] | None = None,
         rounded: bool = True,
+        *,
+        laws: Laws = "units",
     ) -> None:
         super().__init__(dofs, inputs, dt, substeps, prior, from_accelerations, early_prior)
         if forced is None:

@@ -111,6 +111,8 @@ class ElementNetworkBranch(ElementNetwork):
         from_accelerations: bool = False,
         prior: float | None = None,
         unsymmetric: bool | None = None,
+        *,
+        laws: Literal["branch"] = "branch",
     ) -> None:
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False, substeps,

@@ -65,14 +65,14 @@ class ElementNetworkNamed(ElementNetwork):
         elements: Sequence[Sequence[str]] | Literal["chain", "all"] | None = None,
         masses: Sequence[float | None] | None = None,
         forced: Sequence[int] | str | None = None,
-        laws: Sequence[str] | None = None,
+        laws: Literal["named"] | Sequence[str] | None = "named",
         seed: int = 0,
         from_accelerations: bool = False,
     ) -> None:
         if masses is not None and None in masses:
             raise ValueError(
                 f"model.masses={typed(masses)}: named laws need all masses or none; give "
-                "numbers, or choose element_network"
+                "numbers, or choose model.laws=units"
             )
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False,
@@ -81,7 +81,7 @@ class ElementNetworkNamed(ElementNetwork):
         if any(len(nodes) > 2 for nodes in self.elements):
             raise ValueError(
                 "model.elements: a named law joins two nodes; give pairs, or choose "
-                "element_network_branch for a frame that bends"
+                "model.laws=branch for a frame that bends"
             )
         self.candidates, self.seed = require_laws(laws), seed
         self.named = LearnedLaws(len(self.elements))

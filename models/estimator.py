@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import wraps
+from importlib import import_module
 from itertools import chain
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
-from data.checked import checked
+from data.checked import checked, constructor_of
 from data.record import Drive, Record, Response, all_finite, require_bearable, same_step
 
 
@@ -55,6 +56,7 @@ class Estimator(nn.Module):
     mends: ClassVar[bool] = False  # copes with NaN
     later: ClassVar[tuple[str, ...]] = ()  # buffers that older files of weights lack
     takes_other_inputs: ClassVar[bool] = True  # such as a voltage, beside forces and motions
+    reading_other_inputs: ClassVar[str] = "gru, lstm or neural_state_space"  # instead of this one
     laws_are_curves: ClassVar[bool] = False  # which no parameter states
     elements: list[list[str]] | None = None  # the nodes that each element joins
     supports: int = 0  # that move
@@ -65,6 +67,7 @@ class Estimator(nn.Module):
         own = vars(cls)
         if "__init__" in own:
             checked(cls, finite=False)  # their own words do: what is built need not be ours
+            cls.__signature__ = constructor_of(cls)  # type: ignore[attr-defined]  # see ByLaws
         for name, admit in (("identify", _Admitted), ("forward", _record), ("free_run", _drive)):
             if name in own:
                 setattr(cls, name, _checking(own[name], admit))
@@ -231,6 +234,19 @@ def _drive(estimator: Estimator, drive: Any) -> Drive:
     return drive
 
 
+class ByLaws:
+    """A front of several estimators: `laws` says which of them is built, see models.KINDS."""
+
+    def __new__(cls, *args: Any, laws: Any = None, **more: Any) -> Any:
+        """An object of the kind, whose constructor is called next: it is a subclass.
+
+        Raises ValueError for laws that there are not.
+        """
+        front = import_module("models")  # which loads no estimator by itself
+        name = front.class_name(cls.__name__, laws)
+        return super().__new__(cls if name == cls.__name__ else getattr(front, name))
+
+
 class _Admitted(Iterable[Record]):
     """Batches to identify from, each looked at as often as they are iterated.
 
@@ -263,13 +279,3 @@ def weight_matrix(rows: int, columns: int) -> nn.Parameter:
     """Weights (rows, columns) of a closed-form head; NaN until identified."""
     empty = torch.full((rows, columns), torch.nan, dtype=torch.float64)
     return nn.Parameter(empty, requires_grad=False)
-
-
-def require_one_element(name: str, dofs: int, inputs: int) -> None:
-    """Raise ValueError unless there are one force and the two channels of an element under test."""
-    if (dofs, inputs) != (1, 2):
-        raise ValueError(
-            f"{name} takes one force r1 under a deformation s1 and its rate s_dot1; here are "
-            f"{dofs} responses and {inputs} excitations: give it the test of one element "
-            "(data=measured data.quantity=force), or choose a network of elements"
-        )

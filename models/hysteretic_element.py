@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -24,11 +24,12 @@ from models.composition.laws import ElementLaws
 from models.composition.other_inputs import OtherInputs
 from models.composition.simulate import Composition, simulate
 from models.composition.trace import Trace, traced
+from models.element_test import ElementTest
 from models.estimator import Parameter
 from models.physical.parameters import composed_laws
 
 
-class HystereticElement(Composite):
+class HystereticElement(ElementTest, Composite):
     """Forces r (T, E) from imposed deformations s and rates ṡ, the excitation [s, ṡ] (T, 2 E).
 
     Every estimate is a free run: no measured force is read. x and v of the response hold nothing of
@@ -43,6 +44,8 @@ class HystereticElement(Composite):
     Raises ValueError for other channels than an element test's, and for priors and ties that do
     not fit.
     """
+
+    takes_other_inputs = True
 
     def __init__(
         self,
@@ -60,6 +63,8 @@ class HystereticElement(Composite):
         priors: Mapping[str, Any] | None = None,
         ties: Sequence[Sequence[str]] | None = None,
         rounded: bool = True,
+        *,
+        laws: Literal["units"] = "units",
     ) -> None:
         super().__init__(dofs, inputs, dt, 1, prior, from_accelerations=True)
         others = other_inputs or 0
@@ -153,11 +158,7 @@ class HystereticElement(Composite):
         records = [record.to("cpu") for record in batches]
         for record in records:
             self.check(record)
-            if record.quantity != "force":
-                raise ValueError(
-                    "HystereticElement describes the force of an element test; the record holds "
-                    f"{record.quantity}: choose element_network or another model"
-                )
+            self.require_force(record)
             counted = slice(record.warmup, None)
             motions.append(record.excitation[..., counted, :].reshape(-1, self.inputs).cpu())
             forces.append(record.a[..., counted, :].reshape(-1, self.dofs).cpu())

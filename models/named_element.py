@@ -9,28 +9,28 @@ which is held back. All happens in `identify`; no solver is needed.   T samples,
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator, Parameter, require_one_element
+from models.element_test import ElementTest
+from models.estimator import Parameter
 from models.named_laws.choice import chosen
 from models.named_laws.fit import Motion
 from models.named_laws.learned import LearnedLaws, require_laws, told
 from models.physical.parameters import named_law
 
 
-class NamedElement(Estimator):
+class NamedElement(ElementTest):
     """Force (…, T, 1) from the imposed deformation s and rate ṡ of an element test.
 
-    laws: names to choose from (models/named_laws/candidates.py), None: all of them. seed: of the
+    laws: names to choose from (models/named_laws/candidates.py), "named" or None: all. seed: of the
     starts. Every estimate is a free run from rest. Raises ValueError for other channels.
     """
 
-    takes_other_inputs = False
     reads = ("f",)
     on_processor = True
 
@@ -39,11 +39,11 @@ class NamedElement(Estimator):
         dofs: int,
         inputs: int,
         dt: float,
-        laws: Sequence[str] | None = None,
+        laws: Literal["named"] | Sequence[str] | None = "named",
         seed: int = 0,
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        require_one_element("NamedElement", dofs, inputs)
+        self.require_one_element()
         self.candidates, self.seed = require_laws(laws), seed
         self.laws = LearnedLaws(1)
 
@@ -55,11 +55,7 @@ class NamedElement(Estimator):
         """Fit and choose the law; returns it, its parameters in SI units, errors held back."""
         motions = []
         for record in batches:
-            if record.quantity != "force":
-                raise ValueError(
-                    "NamedElement describes the force of an element test; the record holds "
-                    f"{record.quantity}: choose element_network_named or another model"
-                )
+            self.require_force(record)
             motions += _motions(record.excitation, record.a, record.dt, record.warmup)
         fit, errors = chosen(motions, self.candidates, self.seed)
         self.laws.take(0, fit)

@@ -17,14 +17,15 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator, Parameter, require_one_element
+from models.element_test import ElementTest
+from models.estimator import Parameter
 from models.layers.least_squares import require_ridge
 from models.sliders.fit import LINEAR, Motion, Sliders, fitted, number_of
 
 MOST_SLIDERS, MOST_NODES = 6, 200
 
 
-class PrandtlIshlinskii(Estimator):
+class PrandtlIshlinskii(ElementTest):
     """Force (…, T, 1) from the imposed deformation s and rate ṡ of an element test.
 
     Every estimate is a free run. sliders: number; None: one more as long as that lowers the error
@@ -35,7 +36,6 @@ class PrandtlIshlinskii(Estimator):
     Raises ValueError for other channels than an element test's.
     """
 
-    takes_other_inputs = False
     reads = ("f",)
     scale: Tensor  # (3,): half of the way of s [m], largest rate [m/s] and force [N]
     widths: Tensor  # (MOST_SLIDERS,), of the former; nil: no slider
@@ -50,7 +50,7 @@ class PrandtlIshlinskii(Estimator):
         ridge: float = 1e-6,
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        require_one_element("PrandtlIshlinskii", dofs, inputs)
+        self.require_one_element()
         if sliders is not None and not 1 <= sliders <= MOST_SLIDERS:
             raise ValueError(
                 f"model.sliders={sliders}: expected a whole number, 1 to {MOST_SLIDERS}, or null"
@@ -88,11 +88,7 @@ class PrandtlIshlinskii(Estimator):
         """Set the units by what is fitted."""
         signals = []
         for record in records:
-            if record.quantity != "force":
-                raise ValueError(
-                    "PrandtlIshlinskii describes the force of an element test; the record holds "
-                    f"{record.quantity}: choose element_network or another model"
-                )
+            self.require_force(record)
             both = torch.cat([record.excitation, record.a], dim=-1)
             signals.append(both[..., record.warmup :, :].reshape(-1, 3))
         least, most = torch.cat(signals).amin(dim=0), torch.cat(signals).amax(dim=0)

@@ -11,20 +11,19 @@ from collections.abc import Iterable
 from torch import Tensor
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator, require_one_element, weight_matrix
+from models.element_test import ElementTest
+from models.estimator import weight_matrix
 from models.layers.least_squares import LeastSquares, require_ridge
 from models.layers.scaling import Extents
 from models.layers.series import powers, require_order
 
 
-class RestoringForceSurface(Estimator):
+class RestoringForceSurface(ElementTest):
     """Force (T, 1) from the imposed deformation s and rate ṡ of an element test: no memory.
 
     order: of the series in each of both; 1 with ridge=0 is a spring, a damper and their product.
     ridge: ≥ 0, without unit, on scaled columns.
     """
-
-    takes_other_inputs = False
 
     reads = ("f",)
 
@@ -32,7 +31,7 @@ class RestoringForceSurface(Estimator):
         self, dofs: int, inputs: int, dt: float, order: int = 5, ridge: float = 0.0
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        require_one_element("RestoringForceSurface", dofs, inputs)
+        self.require_one_element()
         if not isinstance(order, int) or order < 1:
             raise ValueError(f"model.order={order} must be a whole number, at least 1")
         require_order(order, 1, 1)
@@ -50,11 +49,7 @@ class RestoringForceSurface(Estimator):
         records = list(batches)
         for record in records:
             self.check(record)
-            if record.quantity != "force":
-                raise ValueError(
-                    "RestoringForceSurface describes the force of an element test; the record "
-                    f"holds {record.quantity}: choose a power series or another model"
-                )
+            self.require_force(record)
         self.scale.fit(r.excitation[..., r.warmup :, :] for r in records)
         fit = LeastSquares(self.ridge)
         for record in records:

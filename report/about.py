@@ -21,7 +21,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from runner.config.compose import CONF
+from runner.config.compose import CONF, EARLIER
 
 OTHERS = ("#DDCC77", "#661100", "#6699CC", "#888888")  # of models that name none
 COLOUR = "colour"
@@ -29,17 +29,22 @@ UNITS = ("s", "Hz", "rad/s", "m", "N", "kg", "samples", "seconds")  # as comment
 
 
 def models() -> list[str]:
-    """Names of the models in conf/model."""
-    return sorted(path.stem for path in (CONF / "model").glob("*.yaml"))
+    """Names of the models of conf/, as results bear them."""
+    return sorted(_blocks())
 
 
 @cache
+def _blocks() -> Mapping[str, Mapping[str, Any]]:
+    """{name of a model: what its config says about it}."""
+    paths = [*(CONF / "model").rglob("*.yaml"), *(EARLIER / "model").glob("*.yaml")]
+    read: list[Any] = [OmegaConf.to_container(OmegaConf.load(path)) for path in paths]
+    models = [content.get("model", content) for content in read if content]
+    return {model["name"]: model.get("about", {}) for model in models if "name" in model}
+
+
 def about(model: str) -> Mapping[str, Any]:
     """The block of a model; empty where conf/model has none."""
-    path = CONF / "model" / f"{model}.yaml"
-    cfg: Any = OmegaConf.to_container(OmegaConf.load(path)) if path.is_file() else {}
-    block: Mapping[str, Any] = cfg.get("model", cfg).get("about", {})
-    return block
+    return _blocks().get(model, {})
 
 
 def prior_knowledge(model: str) -> str:
@@ -77,7 +82,7 @@ def unit_of(key: str) -> str:
     """The unit of a setting such as model.cutoff; "" where conf/ names none, or several."""
     group, *_, name = key.split(".") if "." in key else ("", key)
     found, line = set(), re.compile(rf"^ *{re.escape(name)}:[^#\n]*#(.*)$", re.MULTILINE)
-    for path in (CONF / group).glob("*.yaml") if group else ():
+    for path in (CONF / group).rglob("*.yaml") if group else ():
         for comment in line.findall(path.read_text("utf-8")):
             found |= {part.strip() for part in re.split("[,;]", comment)}.intersection(UNITS)
     return found.pop() if len(found) == 1 else ""

@@ -24,7 +24,7 @@ from omegaconf import DictConfig
 
 from data.whole_file import write_text
 from runner.composed_once import ComposedOnce
-from runner.config.compose import GROUPS
+from runner.config.compose import GROUPS, placed
 from runner.folder.lock import sweep_held
 from runner.folder.run_files import CONFIG
 from runner.folder.run_folder import read_metrics
@@ -82,7 +82,9 @@ class GridSweeper(BasicSweeper):
                     "the grid out"
                 )
             named = {"grid": name} if name else {}  # the run keeps it
-            words = [f"{key}={value}" for key, value in {**self.params, **grid, **named}.items()]
+            words = placed(
+                f"{key}={value}" for key, value in {**self.params, **grid, **named}.items()
+            )
             overrides = parser.parse_overrides([*words, *arguments])
             jobs += map(list, self.split_arguments(overrides, None)[0])
         self.asked = len(jobs)

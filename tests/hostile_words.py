@@ -6,7 +6,7 @@ from functools import cache
 
 from hypothesis import strategies as st
 
-from runner.config.compose import CONF, GROUPS, experiments, keys_of
+from runner.config.compose import CONF, EARLIER, GROUPS, experiments, keys_of
 
 NUMBERS = [
     "0", "-1", "1", "3", "1.5", "-0.0", "1e-300", "1e300", "-1e300", "1e160", "1e400", "nan", "inf",
@@ -55,7 +55,7 @@ def choices(group: str) -> list[str]:
     """What a group of choices has."""
     if group == "experiment":
         return [path.stem for path in experiments()]
-    return [path.stem for path in (CONF / group).glob("*.yaml")]
+    return [path.stem for folder in (CONF, EARLIER) for path in (folder / group).glob("*.yaml")]
 
 
 values = st.one_of(

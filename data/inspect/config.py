@@ -50,7 +50,7 @@ def command(config: Path, channels: Iterable[str]) -> str:
     """
     signals = {signal_of(channel) for channel in channels}
     scenario = ["scenario=integrated"] if "a" in signals and not {"x", "v"} <= signals else []
-    model = "hysteretic_element" if "r" in signals else "vwnn"
+    model = "element_test" if "r" in signals else "vwnn"
     if not signals & {"a", "r"} or ("u" in signals and "r" not in signals):
         model = "gru"  # nothing to integrate; other inputs of a structure
     folder = str(Path(os.path.abspath(config)).parent.parent)

@@ -69,7 +69,7 @@ def imposed(
 def write(path: str | Path, element: Element, y: np.ndarray, dt: float) -> None:
     """Write the test of an element as CSV: time [s], s1 [m], s_dot1 [m/s], r1 [N].
 
-    `python train.py data=measured data.quantity=force data.path=… model=hysteretic_element` reads
+    `python train.py data=measured data.quantity=force data.path=… model=element_test` reads
     it. Raises ValueError as `force` does.
     """
     y = np.asarray(y, dtype=float)

@@ -27,9 +27,9 @@ MOST = max(len(law.parameters) for law in LAWS.values())
 def require_laws(laws: Sequence[str] | None) -> list[str]:
     """Names of the laws to choose from. Raises ValueError for others.
 
-    None: all but those whose sides differ, which follow from a law whose sides are alike.
+    None, "named": all but those whose sides differ, which follow from a law whose sides are alike.
     """
-    if laws is None:
+    if laws is None or laws == "named":
         uneven = [law.uneven for law in CANDIDATES.values()]
         return [name for name, law in CANDIDATES.items() if law not in uneven]
     unknown = [name for name in laws if name not in CANDIDATES]

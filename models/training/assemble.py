@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -11,6 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from torch import nn
 from torch.optim import Optimizer
 
+import models
 from data.annotations import shown
 from data.datamodule import Data
 from data.measured.channels import signal_of
@@ -78,18 +80,17 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
         raise ValueError(f"{shown(model)!r} is not a model; see --help")
     if (model.get("priors") or model.get("ties")) and not _can_state(model):
         raise ValueError(
-            "model.priors and model.ties are for element_network and hysteretic_element; "
+            f"model.priors and model.ties are for {_choices_with('priors')}; "
             f"model={model.get('name', '')} has no parameters that they could be of: leave them out"
         )
     more: dict[str, Any] = {}
     sensors = data.sensors if isinstance(data, Data) else data
     others = [] if "y1" in sensors.channels else sensors.channels  # u1 drives a benchmark's y1
     others = [c for c in others if signal_of(c) == "u"]
-    if others and not getattr(class_of(model.get("_target_")), "takes_other_inputs", True):
+    if others and not getattr(class_of(model), "takes_other_inputs", True):
         raise ValueError(
             f"model={model.get('name', '')} has no place for the other inputs {', '.join(others)}; "
-            "take them out of data.channels, or choose hysteretic_element for an element test, or "
-            "gru, lstm or neural_state_space, which read any excitation"
+            f"take them out of data.channels, or choose {class_of(model).reading_other_inputs}"
         )
     if "other_inputs" in model and model.other_inputs is None:
         more["other_inputs"] = len(others)
@@ -103,7 +104,17 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
 
 
 def _can_state(model: DictConfig) -> bool:
-    return "priors" in arguments_of(class_of(model.get("_target_")))
+    return "priors" in arguments_of(class_of(model))
+
+
+def _choices_with(setting: str) -> str:
+    """The elements that have a setting, as a person chooses them."""
+    return " or ".join(
+        f"model={re.sub('(?<=.)(?=[A-Z])', '_', front).lower()} model.laws={laws}"
+        for front, kinds in models.KINDS.items()
+        for laws, name in kinds.items()
+        if setting in arguments_of(getattr(models, name))
+    )
 
 
 def solver_from(solver: DictConfig) -> Callable[[Iterable[nn.Parameter]], Solver]:

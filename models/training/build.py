@@ -8,7 +8,6 @@ annotations of their arguments before the first object is made.
 from __future__ import annotations
 
 import difflib
-import inspect
 from collections.abc import Mapping
 from functools import cache
 from typing import Any, get_type_hints
@@ -18,6 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 import data
 import models
 from data.annotations import require, shown
+from data.checked import constructor_of
 
 FRONTS = {"data": data, "models": models}
 LABELS = ("name", "about")  # of a choice: what tables call it, and what they say of it
@@ -36,7 +36,7 @@ def build(node: Any, kind: type, **more: Any) -> Any:
     content: Any = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
     if not isinstance(content, dict) or "_target_" not in content:
         raise ValueError(f"{key}={shown(content)} has no _target_; {_remedy(key)}")
-    if not issubclass(class_of(content["_target_"]), kind):
+    if not issubclass(class_of(content), kind):
         raise ValueError(
             f"{_below(key, '_target_')}={content['_target_']} is no {kind.__name__}; {_remedy(key)}"
         )
@@ -45,10 +45,13 @@ def build(node: Any, kind: type, **more: Any) -> Any:
     return _object(content, key, more)
 
 
-def class_of(target: Any) -> type:
-    """The class that a `_target_` names. Raises ValueError unless a front lists it."""
+def class_of(node: Mapping[str, Any]) -> type:
+    """The class that `_target_` and `laws` name. Raises ValueError unless a front lists it."""
+    target = node.get("_target_")
     room, _, name = target.partition(".") if isinstance(target, str) else ("", "", "")
     if room in FRONTS and name in FRONTS[room].PUBLIC:
+        if room == "models":
+            name = models.class_name(name, node.get("laws"))
         public: type = getattr(FRONTS[room], name)
         return public
     raise ValueError(
@@ -61,7 +64,7 @@ def class_of(target: Any) -> type:
 def arguments_of(target: type) -> Mapping[str, tuple[Any, bool]]:
     """{name: annotation, whether it must be given} of a class's arguments."""
     hints = get_type_hints(target.__init__)  # type: ignore[misc]
-    parameters = inspect.signature(target).parameters.values()
+    parameters = constructor_of(target).parameters.values()
     return {
         one.name: (hints.get(one.name, Any), one.default is one.empty)
         for one in parameters
@@ -80,7 +83,7 @@ def _check_targets(node: Any, key: str, more: Mapping[str, Any]) -> None:
         _check_targets(value, _below(key, name), {})
     if "_target_" not in node:
         return
-    known = arguments_of(class_of(node["_target_"]))
+    known = arguments_of(class_of(node))
     for name in (name for name in node if name not in ("_target_", *LABELS, *known)):
         near = difflib.get_close_matches(str(name), known, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else f"; it has {', '.join(known)}"
@@ -100,7 +103,7 @@ def _object(node: Any, key: str, more: Mapping[str, Any]) -> Any:
     values = {name: _object(value, _below(key, name), {}) for name, value in node.items()}
     if "_target_" not in node:
         return values
-    target = class_of(values.pop("_target_"))
+    target = class_of(node)
     known = arguments_of(target)
     values = {name: value for name, value in values.items() if name in known}
     for name, value in values.items():

@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 from data.plain_data import as_config
 from runner.config.choices import dotted, plain
 from runner.config.compose import CONF, composed
-from runner.config.identity import INERT
+from runner.config.identity import INERT, with_class_of_laws
 
 RECORDS = "RECORDS"  # stands for the folder that holds the folders of measured records
 ABSOLUTE = re.compile(r"""(?:^|[\s"'=:(,\[])(~?/[\w.-]+/|[A-Za-z]:\\|\.\./)""")
@@ -97,7 +97,10 @@ def _with_choice(words: list[str], group: str) -> Iterator[list[str]]:
 def _differing(words: list[str], values: Mapping[str, Any]) -> list[str]:
     """Dotted settings in which a command and these values differ, of those that change a number."""
     try:
-        own, wanted = dotted(plain(composed(*words))), dotted(values)
+        own, wanted = (
+            dotted({**of, "model": with_class_of_laws(of["model"])})
+            for of in (plain(composed(*words)), values)
+        )
     except Exception:  # a choice that asks for more than stands there
         return ["?"] * 1000
     keys = dict.fromkeys([*wanted, *own])

@@ -29,6 +29,7 @@ from omegaconf.errors import (
 from data.annotations import shown
 from data.arguments import Parser, plain, reason
 from runner.config.compose import (
+    EARLIER,
     EXAMPLES,
     GROUPS,
     composed,
@@ -164,9 +165,10 @@ def _explain(error: Exception, config: str) -> str:
         options = list(error.options)
         if group.startswith("experiment"):
             group, options = "experiment", [path.stem for path in experiments()]
+        earlier = {path.stem for path in (EARLIER / group).glob("*.yaml")}
         return (
             f"{group}={choice} does not exist{_hint(choice, options)} "
-            f"(choices: {', '.join(options)})"
+            f"(choices: {', '.join(option for option in options if option not in earlier)})"
         )
     if isinstance(error, OverrideParseException):
         return (
@@ -176,7 +178,7 @@ def _explain(error: Exception, config: str) -> str:
     cause = getattr(error.__cause__, "full_key", None) or getattr(error.__cause__, "key", None)
     first = " ".join(str(error).splitlines()[:2]).removesuffix(".")
     if first.startswith("Could not override"):
-        key = first.split("'")[1] if "'" in first else str(cause)
+        key = first.split("'")[1].replace("/", ".") if "'" in first else str(cause)
         return _no_setting(key, config)
     return first
 

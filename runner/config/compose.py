@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import TextWrapper
@@ -23,6 +24,7 @@ from data.arguments import print_any_text
 from runner.config.identity import run_name
 
 CONF = Path(__file__).parents[2] / "conf"
+EARLIER = CONF / "earlier"  # names of choices that are settings of others; not in the help
 SHARED = "shared"  # by the experiments of a folder
 GROUPS = (
     "system",
@@ -38,6 +40,22 @@ GROUPS = (
     "trainer",
     "experiment",
 )
+NESTED = ("model.laws", "model.reads")  # groups of choices inside of one
+MODELS = {  # what they are for; the help lists any other below these
+    "the paper's methods": (
+        *("residual_mlp", "global_mlp", "vwnn", "power_series_residual"),
+        *("power_series_restoring_force", "chebyshev_restoring_force"),
+    ),
+    "plain opponents": ("linear", "two_point", "last_value", "filtered_extrapolation"),
+    "simulate structures": (
+        *("element_network", "latent_hysteresis_network", "modal_network", "moment_frame"),
+        *("linear_modes", "neural_state_space", "gru", "lstm", "vwnn_forward"),
+    ),
+    "one element under an imposed motion": (
+        *("element_test", "prandtl_ishlinskii", "restoring_force_surface"),
+    ),
+    "on line": ("online_vwnn", "online_linear", "online_polynomial"),
+}
 NAMED = (  # mappings whose keys are the user's
     *("data.channels.", "data.units."),
     *("excitation.channels.", "excitation.units.", "priors.", "model.priors"),
@@ -90,20 +108,42 @@ Completion in bash: eval "`python train.py -sc install=bash`\""""
 
 def help_text(program: str) -> str:
     """Examples, then each group with its choices (the config's first comment), as wide as shown."""
-    groups = {"train": GROUPS, "evaluate": ("scenario",)}.get(program, ())
+    own = [(group, *(n for n in NESTED if n.startswith(f"{group}."))) for group in GROUPS]
+    groups = {"train": [*chain(*own)], "evaluate": ["scenario"]}.get(program, [])
     columns = min(max(get_terminal_size((80, 24)).columns, 60), 120)
     beside = TextWrapper(columns, subsequent_indent=" " * 28, break_on_hyphens=False)
     beside.break_long_words = False
     lines, usual = [EXAMPLES[program], ""], _defaults(program)
     for group in groups:
         lines.append(f"{group}=")
-        paths = experiments() if group == "experiment" else (CONF / group).glob("*.yaml")
-        for path in sorted(paths, key=lambda path: path.stem):
-            comments = [s for s in path.read_text(encoding="utf-8").splitlines() if s[:1] == "#"]
-            described = [s[1:].strip() for s in comments if "@package" not in s][:1]
-            mark = ["(default)"] if usual.get(group) == path.stem else []
-            lines.extend(beside.wrap(f"    {path.stem:<23} {' '.join([*mark, *described])}"))
+        for purpose, paths in _by_purpose(group):
+            lines.extend([f"  {purpose}"] if purpose else [])
+            for path in paths:
+                mark = "(default) " if usual.get(group) == path.stem else ""
+                lines.extend(beside.wrap(f"    {path.stem:<23} {mark}{_described(path)}"))
     return "\n".join([*lines, "", OTHERS])
+
+
+def _by_purpose(group: str) -> Iterator[tuple[str, list[Path]]]:
+    """The files of a group, those of models by what they are for."""
+    found = experiments() if group == "experiment" else (CONF / _path(group)).glob("*.yaml")
+    paths = sorted(found, key=lambda path: path.stem)
+    known = MODELS if group == "model" else {}
+    for purpose, names in known.items():
+        yield purpose, [path for path in paths if path.stem in names]
+    listed = {name for names in known.values() for name in names}
+    if others := [path for path in paths if path.stem not in listed]:
+        yield "others" if known else "", others
+
+
+def _described(path: Path) -> str:
+    """The first comment of a config; empty where it has none."""
+    comments = [s for s in path.read_text(encoding="utf-8").splitlines() if s[:1] == "#"]
+    return next((s[1:].strip() for s in comments if "@package" not in s), "")
+
+
+def _path(key: str) -> str:
+    return key.replace(".", "/")
 
 
 def _defaults(program: str) -> dict[str, str]:
@@ -119,19 +159,39 @@ def experiments() -> list[Path]:
     return sorted(path for path in paths if path.stem != SHARED)
 
 
-def placed(words: Sequence[str]) -> list[str]:
-    """The same words with experiments by their folder too: experiment=paper/table3 for table3.
+def placed(words: Iterable[str]) -> list[str]:
+    """The same words as Hydra knows them.
 
-    Keys of one's own are added where a mapping has any: data.channels.a1=Roof.
+    Experiments by their folder too: experiment=paper/table3 for table3. A choice inside of another
+    as a group: model/laws=branch for model.laws=branch. Keys of one's own are added where a mapping
+    has any: data.channels.a1=Roof.
     """
+    words = list(words)
     places = {path.stem: f"{path.parent.name}/{path.stem}" for path in experiments()}
-    named = (_listed(word).partition("=") for word in words)
-    return [
-        f"{key}={','.join(places.get(name, name) for name in names.split(','))}"
-        if key == "experiment"
-        else f"{'++' if key.startswith(NAMED) else ''}{key}{equals}{names}"
-        for key, equals, names in named
-    ]
+    found = []
+    for key, equals, names in (_listed(word).partition("=") for word in words):
+        if key == "experiment":
+            names = ",".join(places.get(name, name) for name in names.split(","))
+        elif key in NESTED and all(map(_choices_of(key).__contains__, names.split(","))):
+            key = _path(key)
+        elif key == "model.laws" and names.startswith("[") and _have_laws(words):
+            found.append("model/laws=named")  # what is listed are names
+        elif key.startswith(NAMED):
+            key = f"++{key}"
+        found.append(f"{key}{equals}{names}")
+    return found
+
+
+def _choices_of(group: str) -> list[str]:
+    """What a group inside of another can be."""
+    return [path.stem for path in (CONF / _path(group)).glob("*.yaml")]
+
+
+def _have_laws(words: Sequence[str]) -> bool:
+    """Whether the models of a command line, one or several, all have laws of several kinds."""
+    names = [word.removeprefix("model=") for word in words if word.startswith("model=")]
+    chosen = ",".join(names).split(",")
+    return bool(names) and all((CONF / "model" / name / "named.yaml").is_file() for name in chosen)
 
 
 def _listed(word: str) -> str:

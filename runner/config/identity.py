@@ -9,6 +9,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
+from models import KINDS, class_name
 from runner.config.choices import plain
 
 # The results version. It rises by one in every change after which a run of the same choices has
@@ -34,6 +35,7 @@ def config_digest(content: dict[str, Any]) -> str:
 def choices_text(content: dict[str, Any]) -> str:
     """Every choice that can change a number, always in the same order."""
     content = _without_words({k: v for k, v in content.items() if k not in INERT})
+    content["model"] = with_class_of_laws(content["model"])
     if content.get("start") is None:  # as in runs of older code, which have no such setting
         content.pop("start", None)
     content["data"] = {k: v for k, v in content["data"].items() if k not in INERT_DATA}
@@ -41,6 +43,20 @@ def choices_text(content: dict[str, Any]) -> str:
         del content["data"]["calibration"]
     content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}
     return json.dumps(content, sort_keys=True, ensure_ascii=False)
+
+
+def with_class_of_laws(model: Mapping[str, Any]) -> dict[str, Any]:
+    """A model's settings with the class of its laws in place of their name, as 0.11 said it."""
+    room, _, name = str(model.get("_target_")).partition(".")
+    try:
+        known = class_name(name, model.get("laws"))
+    except ValueError:  # of laws that there are not: no run follows
+        known = name
+    if known == name and name not in KINDS:
+        return dict(model)
+    named = known == KINDS[name]["named"]  # whose classes had a setting of this name before
+    laws = {"laws": model["laws"] if isinstance(model["laws"], list) else None} if named else {}
+    return {k: v for k, v in model.items() if k != "laws"} | {"_target_": f"{room}.{known}"} | laws
 
 
 def name_of(content: dict[str, Any], digest: str = "") -> str:

@@ -316,7 +316,7 @@ def test_other_inputs_of_an_element_are_excitation(tmp_path):
     assert isinstance(element, HystereticElement)
     assert element.others is not None
     branch = OmegaConf.create({"_target_": "models.BranchElement", "name": "branch_element"})
-    with pytest.raises(ValueError, match=r"branch_element has no .* u1; .*hysteretic_element"):
+    with pytest.raises(ValueError, match=r"branch_element has no .* u1; .*model.laws=units"):
         estimator_from(branch, data)
 
 

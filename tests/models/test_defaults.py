@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 from omegaconf import OmegaConf
 
-import models
-from models.training.build import LABELS
-from runner.config.compose import CONF, composed
+from models.training.build import LABELS, class_of
+from runner.config.compose import CONF, EARLIER, composed
 
 VARIANTS = {  # config → the settings that make it another model, or another way of solving
     "model=chebyshev_restoring_force": {"basis"},
@@ -26,13 +25,13 @@ VARIANTS = {  # config → the settings that make it another model, or another w
 CONFIGS = [
     f"{group}={path.stem}"
     for group in ("model", "solver", "objective", "adaptation")
-    for path in sorted((CONF / group).glob("*.yaml"))
+    for path in sorted((*(CONF / group).glob("*.yaml"), *(EARLIER / group).glob("*.yaml")))
 ]
 
 
 def other_than_default(node: dict[str, Any]) -> set[str]:
     """Settings that differ from the default of the class; what is interpolated is no default."""
-    arguments = inspect.signature(getattr(models, node["_target_"].partition(".")[2])).parameters
+    arguments = inspect.signature(class_of(node)).parameters
     differ = set()
     for name, value in node.items():
         if isinstance(value, dict) and "_target_" in value:

@@ -21,8 +21,8 @@ from data.record import Record
 from models.training.assemble import changed, estimator_from, objective_from, solver_from
 from models.training.free_run import simulate
 from models.training.identification import Identification
-from runner.config.compose import CONF, prepare_hydra
-from tests.models.zoo import NO_STRUCTURE, SMALLER
+from runner.config.compose import CONF, EARLIER, prepare_hydra
+from tests.models.zoo import NO_STRUCTURE, SMALLER, class_name
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
@@ -61,7 +61,8 @@ SHORTER = {
     "models.ElementNetworkNamed": {"laws": ["Linear"]},
     "models.BranchElement": {"ramps": 2, "bends": 1, "law_starts": 1},
 }
-MODELS = [path.stem for path in sorted((CONF / "model").glob("*.yaml")) if path.stem not in STATED]
+NAMES = {path.stem for folder in (CONF, EARLIER) for path in (folder / "model").glob("*.yaml")}
+MODELS = sorted(NAMES.difference(STATED))
 SLOW = ("element_network_branch", "element_network_named")  # from the record's own to one side
 
 
@@ -111,7 +112,7 @@ def config(name: str) -> DictConfig:
 def errors(name: str, record: Record, folder) -> dict[str, float]:
     """Relative errors of a model after a few iterations, one step ahead and in free run."""
     cfg = config(name)
-    short = {k: v for k, v in SHORTER.get(cfg.model._target_, {}).items() if k in cfg.model}
+    short = {k: v for k, v in SHORTER.get(class_name(cfg.model), {}).items() if k in cfg.model}
     seed_everything(0, verbose=False)
     data = Held(record)
     few = {"starts": 2, "start_iterations": 1, "finalists": 1} if "starts" in cfg.objective else {}
@@ -141,7 +142,7 @@ def errors(name: str, record: Record, folder) -> dict[str, float]:
 
 
 def record_for(name: str, records: dict[str, Record]) -> Record:
-    return records["element" if config(name).model._target_ in NO_STRUCTURE else "structure"]
+    return records["element" if class_name(config(name).model) in NO_STRUCTURE else "structure"]
 
 
 @pytest.mark.parametrize("name", MODELS)

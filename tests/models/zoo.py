@@ -13,10 +13,11 @@ from models.estimator import Estimator
 from models.modal_network import ModalNetwork
 from models.online.adaptive import Online
 from models.training.assemble import changed, estimator_from
+from models.training.build import class_of
 from models.training.trainable import Trainable
 from models.vwnn import VWNN
 from models.vwnn_forward import ForwardVWNN
-from runner.config.compose import CONF, prepare_hydra
+from runner.config.compose import CONF, EARLIER, prepare_hydra
 
 DT = 0.01
 SMALLER = {  # what a class is built with here, so that it is identified in a second
@@ -41,18 +42,24 @@ NO_STRUCTURE = (  # elements alone, or a frame on a shaken base
 )
 
 
+def class_name(cfg: DictConfig) -> str:
+    """The class that a model's config is built of, that of its laws, as configs would name it."""
+    return f"models.{class_of(cfg).__name__}"
+
+
 def build(cfg: DictConfig, dofs: int, inputs: int, dt: float) -> Estimator:
-    smaller = {k: v for k, v in SMALLER.get(cfg._target_, {}).items() if k in cfg}
+    smaller = {k: v for k, v in SMALLER.get(class_name(cfg), {}).items() if k in cfg}
     return estimator_from(changed(cfg, smaller), Sensors(dt, dofs, inputs))
 
 
 def zoo() -> dict[str, Callable[..., Estimator]]:
-    """name → (dofs, inputs, dt) → estimator, of every file in conf/model but element tests."""
+    """name → (dofs, inputs, dt) → estimator, of conf/model and earlier names, but element tests."""
     prepare_hydra()
-    names = sorted(path.stem for path in (CONF / "model").glob("*.yaml"))
+    paths = (*(CONF / "model").glob("*.yaml"), *(EARLIER / "model").glob("*.yaml"))
+    names = sorted(path.stem for path in paths)
     with initialize_config_dir(str(CONF), version_base="1.3"):
         models = {name: compose("train", [f"model={name}"]).model for name in names}
-    found = {name: cfg for name, cfg in models.items() if cfg._target_ not in NO_STRUCTURE}
+    found = {name: cfg for name, cfg in models.items() if class_name(cfg) not in NO_STRUCTURE}
     return {name: partial(build, cfg) for name, cfg in found.items()}
 
 

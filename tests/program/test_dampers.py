@@ -55,7 +55,7 @@ def test_inspection_names_the_voltage_and_a_model_that_takes_it(folder, tmp_path
     inspect([str(folder / "a.csv"), "--config", str(tmp_path)])
     printed = capsys.readouterr().out
     assert "s1=disp_mm s_dot1=vel u1=voltage_V r1=force_N" in printed
-    assert "model=hysteretic_element" in printed
+    assert "model=element_test" in printed
 
 
 def test_a_damper_is_trained_and_tested_under_other_voltages(trained):

@@ -14,7 +14,7 @@ from data.record import Drive
 from models import MomentFrame
 from models.training.assemble import data_from
 from report.run.summary import log_run
-from runner.config.compose import CONF, composed
+from runner.config.compose import CONF, EARLIER, composed
 from runner.folder.run import load_run
 from runner.job import identify
 from runner.side_by_side import fit_runs
@@ -31,7 +31,9 @@ ELEMENTS = {
     "restoring_force_surface",
 }  # fmt: skip
 MASSES, RUNS_AWAY = [3.0e4, 2.5e4], 500.0  # kg, percent
-MODELS = sorted(path.stem for path in (CONF / "model").glob("*.yaml"))
+MODELS = sorted(
+    path.stem for folder in (CONF, EARLIER) for path in (folder / "model").glob("*.yaml")
+)
 
 
 @pytest.fixture(scope="module")

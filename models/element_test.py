@@ -1,0 +1,39 @@
+"""One element under an imposed motion: what its models share, and one front for their laws.
+
+r = law(s, ṡ)   of units: hysteretic_element.py, branches: branch_element.py, by a name:
+named_element.py, sliders: prandtl_ishlinskii.py, a surface: restoring_force_surface.py
+"""
+
+from __future__ import annotations
+
+from data.record import Record
+from models.estimator import ByLaws, Estimator
+
+
+class ElementTest(ByLaws, Estimator):
+    """Forces r (…, T, E) from imposed deformations s and rates ṡ, the excitation [s, ṡ].
+
+    laws: "units" makes a `HystereticElement`; "branch" a `BranchElement`; "named", or a list of
+    names, a `NamedElement`, each with settings of its own.
+    """
+
+    takes_other_inputs = False
+    reading_other_inputs = "model=element_test model.laws=units"
+
+    def require_one_element(self) -> None:
+        """Raise ValueError unless there are one force and the two channels of its element."""
+        if (self.dofs, self.inputs) != (1, 2):
+            raise ValueError(
+                f"{type(self).__name__} takes one force r1 under a deformation s1 and its rate "
+                f"s_dot1; here are {self.dofs} responses and {self.inputs} excitations: give it "
+                "the test of one element (data=measured data.quantity=force), or choose a network "
+                "of elements"
+            )
+
+    def require_force(self, record: Record) -> None:
+        """Raise ValueError for a record that holds no force of an element."""
+        if record.quantity != "force":
+            raise ValueError(
+                f"{type(self).__name__} describes the force of an element test; the record holds "
+                f"{record.quantity}: choose element_network or another model"
+            )
