@@ -67,7 +67,8 @@ class Estimator(nn.Module):
         own = vars(cls)
         if "__init__" in own:
             checked(cls, finite=False)  # their own words do: what is built need not be ours
-            cls.__signature__ = constructor_of(cls)  # type: ignore[attr-defined]  # see ByLaws
+            # else inspect would take that of `__new__` for it, which `ByLaws` has
+            cls.__signature__ = constructor_of(cls)  # type: ignore[attr-defined, arg-type]
         for name, admit in (("identify", _Admitted), ("forward", _record), ("free_run", _drive)):
             if name in own:
                 setattr(cls, name, _checking(own[name], admit))

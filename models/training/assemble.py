@@ -87,10 +87,11 @@ def estimator_from(model: DictConfig, data: Data | Sensors) -> Estimator:
     sensors = data.sensors if isinstance(data, Data) else data
     others = [] if "y1" in sensors.channels else sensors.channels  # u1 drives a benchmark's y1
     others = [c for c in others if signal_of(c) == "u"]
-    if others and not getattr(class_of(model), "takes_other_inputs", True):
+    chosen: Any = class_of(model)
+    if others and not getattr(chosen, "takes_other_inputs", True):
         raise ValueError(
             f"model={model.get('name', '')} has no place for the other inputs {', '.join(others)}; "
-            f"take them out of data.channels, or choose {class_of(model).reading_other_inputs}"
+            f"take them out of data.channels, or choose {chosen.reading_other_inputs}"
         )
     if "other_inputs" in model and model.other_inputs is None:
         more["other_inputs"] = len(others)

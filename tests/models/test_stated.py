@@ -222,7 +222,7 @@ def test_what_cannot_be_stated_is_refused(stated, said):
 @pytest.mark.parametrize("word", ["model.priors.r1.stiffness=[1,0.1]", "model.ties=[[r1,r2]]"])
 def test_models_without_such_parameters_say_so(model, word):
     cfg = composed(f"model={model}", word)
-    with pytest.raises(ValueError, match="are for element_network and"):
+    with pytest.raises(ValueError, match="are for model=element_network"):
         estimator_from(cfg.model, Sensors(DT, 2, 2))
 
 
