@@ -8,6 +8,7 @@ here: its classes are found in its text, and nothing is imported for that.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -66,7 +67,13 @@ def class_name(name: str, laws: Any = None) -> str:
     if name not in KINDS:
         return name
     kinds = KINDS[name]
-    kind = "units" if laws is None else "named" if isinstance(laws, list | tuple) else laws
+    kind = (
+        "units"
+        if laws is None
+        else "named"
+        if isinstance(laws, Sequence) and not isinstance(laws, str)
+        else laws
+    )
     if not isinstance(kind, str) or kind not in kinds:
         raise ValueError(
             f"model.laws={kind}: expected {', '.join(kinds)}, or a list of laws by their names, "

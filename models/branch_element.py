@@ -36,10 +36,9 @@ from models.composition.branch_law_compiled import (
     law_size,
     with_turning_points,
 )
-from models.composition.branch_run import Branches
+from models.composition.branch_run import Branches, branch_law
 from models.element_test import ElementTest
 from models.estimator import Parameter
-from models.physical.parameters import branch_law
 from models.starts.branch_choice import (
     Choice,
     Chosen,

@@ -27,7 +27,7 @@ from data.record import Drive, Record, Response
 from models.branch_element import BranchElement
 from models.composition.branch_law import learned, of_sizes, sizes
 from models.composition.branch_law_compiled import law_size
-from models.composition.branch_run import Branches, simulate_branches, traced_branches
+from models.composition.branch_run import Branches, branch_law, simulate_branches, traced_branches
 from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import MOST_STEPS
 from models.composition.simulate import Composition
@@ -35,7 +35,6 @@ from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.estimator import Parameter
-from models.physical.parameters import branch_law
 from models.starts.branch_choice import (
     Choice,
     Chosen,

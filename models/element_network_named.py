@@ -38,10 +38,9 @@ from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit, joined, units_of
 from models.named_laws.fit import Motion as ElementTest
 from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, mass_dampers
-from models.named_laws.learned import LearnedLaws, require_laws, told
+from models.named_laws.learned import LearnedLaws, named_law, require_laws, told
 from models.named_laws.storey import Beginning, Storey, residuals
 from models.named_laws.storey import chosen as chosen_storey
-from models.physical.parameters import named_law
 from models.training.doing import doing
 
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none

@@ -154,7 +154,6 @@ class LatentHysteresisNetwork(Composite):
         _start_at(self.shapes, shapes)
         self.typical = typical
 
-    @torch.no_grad()
     def _physical_parameters(self) -> Iterable[Parameter]:
         self.require_identified(self.identified)
         rates = zip(self.stiffness().tolist(), self.damping().tolist(), strict=True)
@@ -164,6 +163,7 @@ class LatentHysteresisNetwork(Composite):
             along = "along " + ", ".join(f"{d:.3g}" for d in direction[:4])
             yield from composed_laws(self.laws, e, f"r{e + 1}", along)
 
+    @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:
         """Draw directions of deformation anew: differences of displacements of unit length."""
         self.require_identified(self.identified)

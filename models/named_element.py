@@ -20,8 +20,7 @@ from models.element_test import ElementTest
 from models.estimator import Parameter
 from models.named_laws.choice import chosen
 from models.named_laws.fit import Motion
-from models.named_laws.learned import LearnedLaws, require_laws, told
-from models.physical.parameters import named_law
+from models.named_laws.learned import LearnedLaws, named_law, require_laws, told
 
 
 class NamedElement(ElementTest):

@@ -5,6 +5,7 @@ E elements, T samples, n coordinates, which are the outputs too; θ (E, L).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,13 +14,16 @@ from torch import Tensor
 
 from data.memory import require_memory
 from data.record import Drive, Response
-from models.composition.branch_law import Branch
+from models.composition.branch_law import LEAST_DAMPER, TAIL, Branch, branch_forces, ramp
 from models.composition.branch_law_compiled import extreme_at, hermite
 from models.composition.branch_run_compiled import run
 from models.composition.simulate import Composition
 from models.composition.trace import Trace, anchors_of, arrays_of, do_all, on_processor
+from models.estimator import Parameter
 from models.layers.integrate import between
 from models.training.room import room
+
+STEPS = 100  # of a push
 
 
 @dataclass(frozen=True)
@@ -153,3 +157,38 @@ def turn_within(law: Branch, y0: Tensor, v0: Tensor, y1: Tensor, v1: Tensor, h: 
     by_y0, by_d0, by_y1, by_d1 = hermite(at)
     law.go_on(by_y0 * y0 + by_d0 * h * v0 + by_y1 * y1 + by_d1 * h * v1, torch.zeros_like(v0))
     law.turn(side)
+
+
+def branch_law(branches: Branches, e: int, part: str, about: str) -> Iterator[Parameter]:
+    """Of element e: its force under a slow push from rest to the largest deformation of training.
+
+    A branch law is curves and has no parameter of its own that is physical, its dampers aside
+    (models/composition/branch_law.py). Stiffness: the secant at a twentieth of the way; after
+    yielding that over the last fifth; it yields where these two lines meet. Means of both ways.
+    """
+    theta = branches.theta[e].detach()
+    Y, V, F, log_k0 = (float(value) for value in branches.scale[:, e])
+    tail = theta[-TAIL:]
+    y = torch.linspace(0.0, 1.0, STEPS + 1, dtype=torch.float64)
+    turns = torch.zeros(STEPS + 1, dtype=torch.int64)
+    r = torch.zeros_like(y)
+    for side in (1, -1):
+        turns[0] = side
+        pushed = branch_forces(theta, branches.sizes, side * y, torch.zeros_like(y), turns, log_k0)
+        r += 0.5 * side * pushed
+    first, last = round(0.05 * STEPS), round(0.8 * STEPS)
+    k, slope = float(r[first] / y[first]), float((r[-1] - r[last]) / (y[-1] - y[last]))
+    yield Parameter(f"{part}.stiffness", k * F / Y, "N/m", about, derived=True)
+    damper = float(ramp(tail[2], LEAST_DAMPER))
+    yield Parameter(f"{part}.damping", damper * F / V, "N s/m", about)
+    yield Parameter(f"{part}.growth_with_rate", float(tail[3].exp()) - 1.0, "", about)
+    yield Parameter(f"{part}.rate_of_growth", float(tail[4].exp()) * V, "m/s", about)
+    yield Parameter(f"{part}.largest_deformation", Y, "m", about)
+    yield Parameter(f"{part}.force_there", F * float(r[-1]), "N", about, derived=True)
+    yield Parameter(f"{part}.post_yield_stiffness", slope * F / Y, "N/m", about, derived=True)
+    if k > 0.0:
+        yield Parameter(f"{part}.post_yield_ratio", slope / k, "", about, derived=True)
+    corner = (float(r[-1]) - slope) / (k - slope) if k > slope else 0.0
+    if 0.0 < corner < 1.0:  # else it does not yield on this way
+        yield Parameter(f"{part}.yield_displacement", corner * Y, "m", about, derived=True)
+        yield Parameter(f"{part}.yield_force", k * corner * F, "N", about, derived=True)

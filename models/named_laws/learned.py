@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,12 +10,34 @@ import torch
 from torch import Tensor, nn
 
 from data.simulation.elements import Element
+from models.estimator import Parameter
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from models.named_laws.leaning import LEANING
-from models.named_laws.pairs import PAIRS
+from models.named_laws.pairs import PAIRS, halves
 
+UNITS = {  # of the parameters of candidates.py
+    **dict.fromkeys(
+        ("activation_displacement", "yield_displacement", "gap", "largest", "pinching_width"), "m"
+    ),
+    **dict.fromkeys(("stiffness", "spring", "gravity_stiffness"), "N/m"),
+    **dict.fromkeys(("slow", "faster"), "N"),
+    **dict.fromkeys(("eta_rate", "nu_rate", "pinching_rate"), "1/J"),
+    "curvature": "1/m",
+    "damping": "N s/m",
+    "rate": "s/m",
+    "pinching_spread": "m/J",
+}
+WORDS = {  # of parameters whose names in code say too little beside others
+    "spring": "parallel_stiffness",
+    "slow": "friction_slow",
+    "faster": "friction_fast_less_slow",
+    "largest": "largest_hysteretic_displacement",
+    "above_one": "exponent_less_one",
+    "rate": "friction_rate",
+}
+YIELDS = ("yield_displacement", "activation_displacement", "largest")  # at a force of k times it
 LAWS = {  # by the numbers that models are saved with
     **dict(enumerate(CANDIDATES.values())),
     **dict(enumerate(PAIRS.values(), start=100)),
@@ -93,3 +115,21 @@ def told(
         tried = ", ".join(f"{name} {100.0 * error:.2f}" for name, error in far.items())
         facts[f"{of}_percent_{number}"] = tried
     return facts
+
+
+def named_law(fit: Fit, part: str, about: str) -> Iterator[Parameter]:
+    """Of an element with a named law: the law's own parameters, and its yield force."""
+    if fit.candidate.halves:
+        for number, half in enumerate(halves(fit), start=1):
+            yield from named_law(half, f"{part}.law_{number}", about)
+        return
+    name, values = fit.candidate.name, fit.candidate.values(fit.q, fit.units)
+    about = f"{about}, {name}"
+    for key, value in values.items():
+        yield Parameter(f"{part}.{WORDS.get(key, key)}", value, UNITS.get(key, ""), about)
+    for key in YIELDS:
+        if key in values and not name.endswith("FrictionPendulum"):
+            share = 1.0 - values.get("post_yield_ratio", 0.0)
+            force = share * values["stiffness"] * values[key]
+            word = "activation_force" if name == "SelfCentering" else "yield_force"
+            yield Parameter(f"{part}.{word}", force, "N", about, derived=True)

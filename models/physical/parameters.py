@@ -11,36 +11,10 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from models.composition.branch_law import LEAST_DAMPER, TAIL, branch_forces, ramp
-from models.composition.branch_run import Branches
 from models.composition.coefficients import Coefficients
 from models.composition.laws import GROUPS, NAMED, ElementLaws
 from models.estimator import Parameter
-from models.named_laws.fit import Fit
-from models.named_laws.pairs import halves
 
-UNITS = {  # of the parameters of named laws (models/named_laws/candidates.py)
-    **dict.fromkeys(
-        ("activation_displacement", "yield_displacement", "gap", "largest", "pinching_width"), "m"
-    ),
-    **dict.fromkeys(("stiffness", "spring", "gravity_stiffness"), "N/m"),
-    **dict.fromkeys(("slow", "faster"), "N"),
-    **dict.fromkeys(("eta_rate", "nu_rate", "pinching_rate"), "1/J"),
-    "curvature": "1/m",
-    "damping": "N s/m",
-    "rate": "s/m",
-    "pinching_spread": "m/J",
-}
-WORDS = {  # of parameters whose names in code say too little beside others
-    "spring": "parallel_stiffness",
-    "slow": "friction_slow",
-    "faster": "friction_fast_less_slow",
-    "largest": "largest_hysteretic_displacement",
-    "above_one": "exponent_less_one",
-    "rate": "friction_rate",
-}
-YIELDS = ("yield_displacement", "activation_displacement", "largest")  # at a force of k times it
-STEPS = 100  # of a push
 SMALL = 0.05  # of an element's stiffness: hinges and units that are told term by term alone
 
 
@@ -89,59 +63,6 @@ def _main(stiffness: Tensor, place: Tensor, k: float) -> float | None:
     size = stiffness.abs()
     strongest = int(size.argmax())
     return float(place[strongest]) if float(size[strongest]) > SMALL * abs(k) > 0.0 else None
-
-
-def branch_law(branches: Branches, e: int, part: str, about: str) -> Iterator[Parameter]:
-    """Of element e: its force under a slow push from rest to the largest deformation of training.
-
-    A branch law is curves and has no parameter of its own that is physical, its dampers aside
-    (models/composition/branch_law.py). Stiffness: the secant at a twentieth of the way; after
-    yielding that over the last fifth; it yields where these two lines meet. Means of both ways.
-    """
-    theta = branches.theta[e].detach()
-    Y, V, F, log_k0 = (float(value) for value in branches.scale[:, e])
-    tail = theta[-TAIL:]
-    y = torch.linspace(0.0, 1.0, STEPS + 1, dtype=torch.float64)
-    turns = torch.zeros(STEPS + 1, dtype=torch.int64)
-    r = torch.zeros_like(y)
-    for side in (1, -1):
-        turns[0] = side
-        pushed = branch_forces(theta, branches.sizes, side * y, torch.zeros_like(y), turns, log_k0)
-        r += 0.5 * side * pushed
-    first, last = round(0.05 * STEPS), round(0.8 * STEPS)
-    k, slope = float(r[first] / y[first]), float((r[-1] - r[last]) / (y[-1] - y[last]))
-    yield Parameter(f"{part}.stiffness", k * F / Y, "N/m", about, derived=True)
-    damper = float(ramp(tail[2], LEAST_DAMPER))
-    yield Parameter(f"{part}.damping", damper * F / V, "N s/m", about)
-    yield Parameter(f"{part}.growth_with_rate", float(tail[3].exp()) - 1.0, "", about)
-    yield Parameter(f"{part}.rate_of_growth", float(tail[4].exp()) * V, "m/s", about)
-    yield Parameter(f"{part}.largest_deformation", Y, "m", about)
-    yield Parameter(f"{part}.force_there", F * float(r[-1]), "N", about, derived=True)
-    yield Parameter(f"{part}.post_yield_stiffness", slope * F / Y, "N/m", about, derived=True)
-    if k > 0.0:
-        yield Parameter(f"{part}.post_yield_ratio", slope / k, "", about, derived=True)
-    corner = (float(r[-1]) - slope) / (k - slope) if k > slope else 0.0
-    if 0.0 < corner < 1.0:  # else it does not yield on this way
-        yield Parameter(f"{part}.yield_displacement", corner * Y, "m", about, derived=True)
-        yield Parameter(f"{part}.yield_force", k * corner * F, "N", about, derived=True)
-
-
-def named_law(fit: Fit, part: str, about: str) -> Iterator[Parameter]:
-    """Of an element with a named law: the law's own parameters, and its yield force."""
-    if fit.candidate.halves:
-        for number, half in enumerate(halves(fit), start=1):
-            yield from named_law(half, f"{part}.law_{number}", about)
-        return
-    name, values = fit.candidate.name, fit.candidate.values(fit.q, fit.units)
-    about = f"{about}, {name}"
-    for key, value in values.items():
-        yield Parameter(f"{part}.{WORDS.get(key, key)}", value, UNITS.get(key, ""), about)
-    for key in YIELDS:
-        if key in values and not name.endswith("FrictionPendulum"):
-            share = 1.0 - values.get("post_yield_ratio", 0.0)
-            force = share * values["stiffness"] * values[key]
-            word = "activation_force" if name == "SelfCentering" else "yield_force"
-            yield Parameter(f"{part}.{word}", force, "N", about, derived=True)
 
 
 def modal(name: str, square: float, rate: float, about: str) -> Iterator[Parameter]:

@@ -98,7 +98,7 @@ def test_a_run_whose_record_is_gone_goes_on_with_new_samples(run, tmp_path, line
     training = Run.begin(tmp_path / "run", cfg, data.sensors)
     estimator.identify(data.loader("train"))
     training.save(estimator)
-    training.finish({})
+    training.finish({part: cfg[part].name for part in ("model", "system", "scenario")})
     record.unlink()
     words = ("--run", str(tmp_path / "run"), "--output", "made.csv")
     status, out, err = run("-", *words, text=lines)

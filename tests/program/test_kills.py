@@ -28,12 +28,18 @@ def sweeps(tmp_path) -> tuple[Path, Path]:
     parts = ("system", "scenario", "model", "data", "excitation")
     config = {part: {"name": part, "_target_": "some.Class"} for part in parts}
     config |= {"seed": 1, "threads": 1}
+    names = {part: part for part in ("model", "system", "scenario")}
     for number, name in enumerate(("first", "second")):
         folder = tmp_path / name / "run"
         folder.mkdir(parents=True)
         OmegaConf.save(OmegaConf.create(config), folder / "config.yaml")
         save_file({"weight": torch.zeros(3)}, folder / "model.safetensors")
-        metrics = {"test": {"error": 0.1}, "fit_seconds": number, "versions": {"torch": number}}
+        metrics = {
+            **names,
+            "test": {"error": 0.1},
+            "fit_seconds": number,
+            "versions": {"torch": number},
+        }
         (folder / "metrics.json").write_text(json.dumps(metrics))
     return tmp_path / "first", tmp_path / "second"
 

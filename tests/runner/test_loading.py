@@ -14,7 +14,7 @@ from runner.loading import loading, without_compiler
 with loading():
     from report.run.summary import log_run
     from runner.job import identify
-late = {"torchmetrics", "matplotlib", "models.physical.parameters"}
+late = {"torchmetrics", "matplotlib", "models.named_laws.fit"}
 late |= {f"scipy.{part}" for part in ("signal", "stats", "optimize", "interpolate")}
 assert not late & set(sys.modules), "what a VWNN's run does not use was loaded"
 from lightning.pytorch.core.module import Metric
