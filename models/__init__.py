@@ -67,13 +67,8 @@ def class_name(name: str, laws: Any = None) -> str:
     if name not in KINDS:
         return name
     kinds = KINDS[name]
-    kind = (
-        "units"
-        if laws is None
-        else "named"
-        if isinstance(laws, Sequence) and not isinstance(laws, str)
-        else laws
-    )
+    listed = isinstance(laws, Sequence) and not isinstance(laws, str)
+    kind = "named" if listed else laws or "units"
     if not isinstance(kind, str) or kind not in kinds:
         raise ValueError(
             f"model.laws={kind}: expected {', '.join(kinds)}, or a list of laws by their names, "

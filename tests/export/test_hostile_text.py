@@ -32,7 +32,7 @@ from tests.export.compiling import GCC, STRICT, needs_gcc
 from tests.export.conftest import exported, network
 from tests.hostile_text import changes, places, tampered, texts
 
-SHORT = 40
+SHORT = 16
 EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", SHORT))
 NAME = "tame"
 TARGETS = ("c", "fmu", "opensees", "json")

@@ -35,7 +35,7 @@ from models.vwnn import VWNN
 
 DT, T = 0.01, 1500
 QUICK = settings(deadline=None, max_examples=40, derandomize=True)
-EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "40"))  # 3000: the long form, some minutes
+EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "16"))  # 3000: the long form, some minutes
 
 
 def oscillator(force: np.ndarray) -> np.ndarray:

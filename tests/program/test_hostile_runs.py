@@ -207,7 +207,7 @@ CHANGED = st.lists(
 
 
 @pytest.mark.filterwarnings("ignore")
-@settings(HOSTILE, max_examples=EXAMPLES or 60)
+@settings(HOSTILE, max_examples=EXAMPLES or 20)
 @given(
     st.sampled_from(("network", "black_box")),
     st.sampled_from(tuple(COMMANDS)),
@@ -289,7 +289,7 @@ def try_zoo(name: str, file: str, change: Change, sealed: bool, linked: str) -> 
 
 
 @pytest.mark.filterwarnings("ignore")
-@settings(HOSTILE, max_examples=EXAMPLES or 60)
+@settings(HOSTILE, max_examples=EXAMPLES or 20)
 @given(
     st.sampled_from(tuple(OF_ZOO)),
     st.sampled_from((*OF_ENTRY, "index.json", "index.json")).flatmap(

@@ -30,7 +30,7 @@ from runner.folder.lock import release_all
 from tests.hostile_words import command_lines
 from tests.program.test_train import run
 
-EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "40"))
+EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "16"))
 SECONDS = 10  # of a line that asks for much work: it is no traceback until then
 QUICK = ["data.duration=2", "figures=false", "trainer.enable_progress_bar=false", "max_fail=1"]
 CLI: dict[str, Callable[[], object]] = {
