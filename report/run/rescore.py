@@ -142,6 +142,7 @@ def print_stored(metrics: dict[str, Any], gone: Path) -> None:
         f"not scored again: the record {gone} is missing; put it back, or name another one to "
         "score the model on (data.path=FILE)",
         markup=False,
+        soft_wrap=True,  # a path is never broken
     )
 
 

@@ -118,7 +118,7 @@ def test_records_that_contradict_a_prior_are_told_and_the_interval_spans_both(me
     told = both["r1.stiffness"]
     assert abs(told.value - alone["r1.stiffness"].value) < told.half
     (line,) = contradictions(_priors(model, found))
-    assert line.startswith("model.priors.r1.stiffness=[240,0.01]: the records contradict it")
+    assert line.startswith("model.priors.r1.stiffness=[240,0.01]: contradicted by the records")
     model, _, found = at_minimum(measured, priors={"r1.stiffness": [K, 0.1]})
     assert contradictions(_priors(model, found)) == []
 
