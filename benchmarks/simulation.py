@@ -27,6 +27,7 @@ from benchmarks.table import seconds_of, show
 from data.arguments import Parser
 from data.simulation.elements.bilinear import BILINEAR
 from data.simulation.elements.bouc_wen import BOUC_WEN
+from data.simulation.elements.limited_slip import LIMITED_SLIP
 from data.simulation.elements.polynomial import POLYNOMIAL
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.motion import simulate, simulate_many
@@ -89,14 +90,17 @@ def law_of(law: int, p: np.ndarray) -> Callable[..., tuple[np.ndarray, np.ndarra
             z,
             (A * ydot - nu * (beta * np.abs(ydot) * z - gamma * ydot * np.abs(z))) / eta,
         )
-    assert law == BILINEAR
+    assert law in (BILINEAR, LIMITED_SLIP)
     z_y, k1, k2, c1, c2 = p.T[:5]
+    gap = p[:, 5] if law == LIMITED_SLIP else None
 
     def slider(y: np.ndarray, ydot: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         sliding = (np.abs(z) >= z_y) & (z * ydot > 0.0)
-        return k2 * y + (k1 - k2) * z + np.where(sliding, c2, c1) * ydot, np.where(
-            sliding, 0.0, ydot
-        )
+        if gap is None:
+            springs = k2 * y + (k1 - k2) * z
+        else:
+            springs = k1 * z + k2 * np.sign(y) * np.maximum(np.abs(y) - gap, 0.0)
+        return springs + np.where(sliding, c2, c1) * ydot, np.where(sliding, 0.0, ydot)
 
     return slider
 

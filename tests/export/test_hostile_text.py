@@ -233,8 +233,11 @@ def shape_of_python(text: str) -> str:
 
 
 def shape_of_json(value: Any) -> Any:
+    """Kinds of values, but of what a run may have more or less of."""
     if isinstance(value, dict):
-        mine = {k: v for k, v in value.items() if k not in ("half_width_95", "told")}
+        mine = {
+            k: v for k, v in value.items() if k not in ("half_width_95", "told", "trained_range")
+        }
         return [shape_of_json(inner) for inner in mine.values()]
     return [shape_of_json(one) for one in value] if isinstance(value, list) else type(value)
 
