@@ -114,7 +114,10 @@ def changes_of_values(draw: st.DrawFn) -> Change:
         except (ValueError, yaml.YAMLError, RecursionError):
             return  # an earlier change left no values
         for kind, where, other, value in drawn:
-            if places := places_of(content):
+            places = []
+            with suppress(RecursionError):  # of an earlier change that nests too deeply
+                places = places_of(content)
+            if places:
                 holder, key = places[int(where * len(places))]
                 theirs, name = places[int(other * len(places))]
                 _change(holder, key, kind, json.loads(json.dumps(value)), theirs[name])
