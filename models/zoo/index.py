@@ -27,7 +27,7 @@ NAME = re.compile(r"(\w{1,64})/([\w-]{1,64})\.v([1-9]\d{0,8})", re.ASCII)
 
 BACK = "git checkout -- zoo brings it back"
 FILES = (  # of an entry
-    *("card.md", "config.yaml", "exported.pt2.xz", "golden.npz", "metrics.json"),
+    *("card.md", "config.yaml", "golden.npz", "metrics.json"),
     *("model.safetensors", "picture.svg", "sensors.json"),
 )
 NEEDED = ("card.md", "config.yaml", "metrics.json", "model.safetensors", "sensors.json")
