@@ -53,7 +53,7 @@ def error_table(
     the training motion's are omitted, then the test motion's; `metrics.json` has them all.
 
     A row is a name and {split: scores}, or {"failed": reason}. Where the sensors erred, a second
-    row gives the error against the true signals.
+    row gives the error against the true signals. Raises ValueError for scores of other DOFs.
     """
     table = Table()
     lines = list(_lines(rows, dofs, splits))
@@ -212,6 +212,11 @@ def _cells(scores: Mapping[str, Any], dofs: int) -> list[str]:
         several = f"{len(left)} diverge\nfrom" if len(left) > 1 else "diverges\nat"
         return [f"{several} {min(left):.1f} s", *["–"] * dofs]
     per_dof = scores.get("per_dof_percent", [None] * dofs)
+    if len(per_dof) != dofs:
+        raise ValueError(
+            f"metrics.json has errors of {len(per_dof)} DOFs where {dofs} are expected; repeat the "
+            "run"
+        )
     values = [scores.get("relative_rms_percent"), *per_dof]
     return ["–" if value is None else f"{value:.2f}" for value in values]
 

@@ -30,7 +30,7 @@ from export.translate.program import Program
 from models.checkpoint import digest_of, save_estimator
 from tests.export.compiling import GCC, STRICT, needs_gcc
 from tests.export.conftest import exported, network
-from tests.hostile_text import changes, places, tampered, texts
+from tests.hostile_text import Place, changes, places, tampered, texts
 
 SHORT = 16
 EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", SHORT))
@@ -310,6 +310,7 @@ def schema_of(version: str) -> Any:
     return SCHEMAS[version]
 
 
+ENDS_ALL = """*/ int planted; /* \" ' </p> ]]> -->\nimport os\n\"\"\" """
 OTHER_PROGRAM = (("config", "data", "hold"), "zero_order")  # a choice, of which code is made
 COUNTS: Counter[str] = Counter()
 
@@ -321,13 +322,21 @@ COUNTS: Counter[str] = Counter()
 @given(changed=changes(PLACES))
 def test_text_anywhere_in_a_run_stays_text(tame, changed):
     """Refused in one line, or exported to files that parse as those of the tame run."""
+    check([pair for pair in changed if pair != OTHER_PROGRAM], tame)
+
+
+@pytest.mark.parametrize("place", PLACES, ids=str)
+def test_what_ends_a_comment_and_a_string_of_every_language_ends_none(tame, place):
+    check([(place, ENDS_ALL)], tame)
+
+
+def check(changed: list[tuple[Place, str]], tame: Tame) -> None:
     output = tame.folder / "hostile"
     for path in output.glob("*"):
         path.unlink()
     COUNTS["tried"] += 1
-    run = tampered(RUN, [pair for pair in changed if pair != OTHER_PROGRAM])
     try:
-        write_run(tame.folder, run, digest_of(tame.folder / "model.safetensors"))
+        write_run(tame.folder, tampered(RUN, changed), digest_of(tame.folder / "model.safetensors"))
         found = files_of(tame.folder, output)
     except ValueError:
         COUNTS["refused"] += 1
