@@ -94,6 +94,8 @@ def named_records(
             found += [(place, name, raw) for name, raw in records.items()]
         except NoColumnError as error:
             found.append((place, place.name if place.is_dir() else place.stem, error))
+    if not found:
+        raise ValueError("data.path is an empty list; give a file, a folder or a pattern")
     lacking = [error for _, _, error in found if isinstance(error, NoColumnError)]
     if len(lacking) == len(found):
         raise lacking[0]

@@ -83,6 +83,7 @@ EVALUATE = {
     "threads": THREADS,
 }
 NUMBER = float | None
+FILES = Setting(TEXTS, lambda p: p != [], "null, or files")
 PREDICT = {
     **dict.fromkeys(("run", "output"), Setting(str | None)),
     "format": Setting(str),
@@ -93,7 +94,7 @@ PREDICT = {
     "excitation": Setting(Group),
 }
 EXCITATION = {
-    "path": Setting(TEXTS, lambda p: p != [], "null, or files"),
+    "path": FILES,
     "events": Setting(str | int | list[str | int] | None, lambda e: e != [], "null, or events"),
     **dict.fromkeys(("kind", "hold", "align", "delimiter", "group"), Setting(str | None)),
     "std": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, or null"),
@@ -139,7 +140,10 @@ NAMED = ("system", "scenario", "model")  # choices whose names stand in the run'
 
 def check_settings(cfg: DictConfig, settings: Mapping[str, Setting] = TRAIN) -> None:
     """Raise ValueError, naming the key, for a setting that is unknown or cannot be used."""
-    _check(OmegaConf.to_container(cfg, resolve=True), settings, "")
+    values = OmegaConf.to_container(cfg, resolve=True)
+    _check(values, settings, "")
+    if isinstance(values, dict) and "path" in (data := values.get("data") or {}):
+        FILES.check("data.path", data["path"])
     if settings is TRAIN:
         _check(OmegaConf.to_container(cfg.trainer, resolve=True), TRAINER, "trainer.")
         for key in NAMED:

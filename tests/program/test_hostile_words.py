@@ -131,6 +131,18 @@ def test_words_of_hydra_end_in_one_line_that_names_them(words, tmp_path, monkeyp
     assert not list(tmp_path.rglob("config.yaml"))
 
 
+@pytest.mark.parametrize("program", [train, evaluate])
+@pytest.mark.parametrize("path", ["[]", "0", "[0]", "{a:b}"])
+def test_files_are_text(program, path, finished, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = ["data=measured"] if program is train else [f"run={finished}"]
+    plus = "" if program is train else "+"
+    assert run(program, monkeypatch, *words, f"{plus}data.path={path}") == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: data.path=")
+    assert error.count("\n") == 1
+
+
 @pytest.mark.parametrize("key", ["duration", "quiet", "std", "peak", "scale", "lag", "dt", "stop"])
 @pytest.mark.parametrize("value", ["inf", "-inf", "nan"])
 def test_numbers_of_a_prediction_are_finite(key, value, finished, tmp_path, monkeypatch, capsys):
