@@ -1,9 +1,9 @@
 """All text that leaves for another language: identifiers, units, comments and strings.
 
-A run comes from anybody, and an export makes files of it that are compiled and run. A name leaves
-as an identifier or not at all, a unit as a word of the grammar below or not at all; every other
-text is data or stands in a comment, quoted by one function for each language, on one line and
-without a character that is not printable: of those `[U+…]` is left.
+A run may come from a stranger, and its exported files are compiled and run. A name is written as an
+identifier or not at all, a unit as a word of the grammar below or not at all. Every other text is
+data or a comment: it is quoted by one function for each language and written on one line, with
+`[U+…]` in place of characters that cannot be printed.
 """
 
 from __future__ import annotations

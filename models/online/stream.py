@@ -271,14 +271,13 @@ class Hold:
         return None
 
 
-# A model that does worse than no estimate at all begins anew, where a new beginning does better.
+# A model that is worse than no estimate restarts from its first state if that is better.
 #
-# Σ (a − â)² > Σ a² over a stretch says that something in the past has ruined the weights, or that
-# nothing can be estimated here, as of noise. The two differ in what a new beginning does: a rival
-# in the first state of the stream learns for one stretch, is compared over the next one, and
-# takes over if the square of its error is less than half. So a hopeless model never restarts, in
-# a loop or once. After each rival that was no better the pause doubles: a stream of noise soon
-# costs no more than any other.
+# An error Σ (a − â)² > Σ a² over a stretch of samples has one of two causes: an earlier fault has
+# ruined the weights, or the signal is noise. A rival stream decides: it starts from the first
+# state, adapts for one stretch, is compared over the next, and replaces the model if its squared
+# error is less than half. A model of noise therefore never restarts. After each rival that was
+# not better the pause doubles, so that a stream of noise soon costs no more than any other.
 
 STRETCH = 200  # samples; twice the weights of a VWNN of three DOFs
 SELDOM = 64  # stretches between two rivals at the most
