@@ -45,10 +45,14 @@ def fail(message: str) -> None:
     print(f"error: {plain(' '.join(message.split()))}", file=sys.stderr)
 
 
-OF_HYDRA = re.compile(  # keys of Hydra's own settings that a person may type
-    r"hydra\.(run\.dir|sweep\.(dir|subdir)|mode|searchpath|(launcher|sweeper)(\.[^\W_][\w-]*)+)"
-    r"|hydra/launcher"
+OF_RUNS = re.compile(r"hydra\.(run\.dir|searchpath)")  # keys of Hydra that a person may type
+OF_SWEEPS = re.compile(  # the same of a program that sweeps
+    r"hydra\.(sweep\.(dir|subdir)|mode|(launcher|sweeper)(\.[^\W_][\w-]*)+)|hydra/launcher"
 )
+INSTEAD = {  # of a sweep, for the programs that have none
+    "evaluate": "runs=[a,b] compares many runs",
+    "predict": "a list is several motions, as excitation.scale=[0.5,1]",
+}
 EXPECTED = (ValueError, OSError, HydraException, OmegaConfBaseException)
 
 
@@ -104,15 +108,13 @@ def read_words() -> None:
         raise ValueError(
             "--experimental-rerun reads a pickle, which can run any code; give the words again"
         )
+    if parser.parse_args().multirun and program in INSTEAD:
+        raise ValueError(f"--multirun: {program}.py sweeps nothing; {INSTEAD[program]}")
     overrides = OverridesParser.create().parse_overrides(parser.parse_args().overrides)
     for override in overrides:
         key = override.key_or_group
-        if re.match(r"hydra\b", key) and not OF_HYDRA.fullmatch(key):
-            raise ValueError(
-                f"{shown(key)} is no setting of this program; of Hydra's it has hydra.run.dir, "
-                "hydra.sweep.dir, hydra.sweep.subdir, hydra.mode, hydra.searchpath, "
-                "hydra/launcher, hydra.launcher.… and hydra.sweeper.…"
-            )
+        if re.match(r"hydra\b", key):
+            _check_word_of_hydra(key, program)
         value = override.value()
         names = value if isinstance(value, list) else [value]
         free = override.is_delete() or override.is_sweep_override()
@@ -122,6 +124,22 @@ def read_words() -> None:
     if parser.parse_args().multirun and not parser.parse_args().config_dir:
         words = map(_first, overrides)
         check_files(composed(*filter(None, words)))  # a sweep loads PyTorch before its first run
+
+
+def _check_word_of_hydra(key: str, program: str) -> None:
+    """Raise ValueError for a setting of Hydra that the program does not have."""
+    if OF_RUNS.fullmatch(key) or (program not in INSTEAD and OF_SWEEPS.fullmatch(key)):
+        return
+    if program in INSTEAD:
+        raise ValueError(
+            f"{shown(key)} is no setting of {program}.py, which sweeps nothing; of Hydra's it has "
+            f"hydra.run.dir and hydra.searchpath; {INSTEAD[program]}"
+        )
+    raise ValueError(
+        f"{shown(key)} is no setting of this program; of Hydra's it has hydra.run.dir, "
+        "hydra.sweep.dir, hydra.sweep.subdir, hydra.mode, hydra.searchpath, "
+        "hydra/launcher, hydra.launcher.… and hydra.sweeper.…"
+    )
 
 
 def _first(override: Override) -> str | None:

@@ -131,6 +131,28 @@ def test_words_of_hydra_end_in_one_line_that_names_them(words, tmp_path, monkeyp
     assert not list(tmp_path.rglob("config.yaml"))
 
 
+@pytest.mark.parametrize("program", [evaluate, predict])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--", "hydra.sweeper.params.seed=0"],
+        ["+hydra.sweeper.params.seed=0"],
+        ["hydra.mode=MULTIRUN"],
+        ["hydra/launcher=joblib"],
+        ["hydra.launcher.n_jobs=2"],
+        ["hydra.sweep.dir=x"],
+        ["-m", "figures=true,false"],
+    ],
+)
+def test_programs_without_sweeps_refuse_words_of_sweeps(
+    program, words, finished, monkeypatch, capsys
+):
+    assert run(program, monkeypatch, *words, f"run={finished}") == 1
+    error = capsys.readouterr().err
+    assert "sweeps nothing" in error
+    assert error.count("\n") == 1
+
+
 @pytest.mark.parametrize("program", [train, evaluate])
 @pytest.mark.parametrize("path", ["[]", "0", "[0]", "{a:b}"])
 def test_files_are_text(program, path, finished, tmp_path, monkeypatch, capsys):
