@@ -1,4 +1,4 @@
-"""Twenty-odd files as people have them, each with a kind of trouble, made for tests.
+"""Files as people have them, each with a kind of trouble, made for tests.
 
 Each says what `python -m data.inspect` is expected to print of it, and whether the config that it
 proposes can be trained on, perhaps with the repair that it names, or why not.
@@ -70,45 +70,16 @@ def decimal_commas(folder: Path) -> Path:
     return changed(path, lambda text: text.replace(".", ","))
 
 
-def preamble(folder: Path) -> Path:
-    head = "Logger;7\nStation: north\nRate 100 Hz\n\n"
-    return changed(plain(folder / "preamble.csv"), lambda text: head + text)
-
-
-def byte_order_mark(folder: Path) -> Path:
-    path = plain(folder / "mark.csv")
-    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
-    return path
-
-
-def repeated_header(folder: Path) -> Path:
-    def twice(text: str) -> str:
-        lines = text.splitlines()
-        return "\n".join([*lines[:1000], lines[0], *lines[1000:]]) + "\n"
-
-    return changed(plain(folder / "twice.csv"), twice)
-
-
 def units_row(folder: Path) -> Path:
     base, roof = shaken()
     path = table(folder / "units.csv", {"t": clock(), "gnd": 100 * base, "roof_acc": 100 * roof})
     return changed(path, lambda text: text.replace("\n", "\n[s],[gal],[gal]\n", 1))
 
 
-def comments_at_the_end(folder: Path) -> Path:
-    return changed(plain(folder / "end.csv"), lambda text: text + "# end of record\n# bye\n")
-
-
 def mixed_sampling(folder: Path) -> Path:
     base, roof = shaken()
     time = np.concatenate([clock(T // 2), clock(T // 2)[-1] + 2 * DT * np.arange(1, T // 2 + 1)])
     return table(folder / "mixed.csv", {"Time": time, "Base": base, "Roof": roof})
-
-
-def missing_run(folder: Path) -> Path:
-    base, roof = shaken()
-    roof[700:705] = np.nan
-    return table(folder / "nan.csv", {"Time": clock(), "Basement": base, "Roof": roof})
 
 
 def wrapped_counter(folder: Path) -> Path:
@@ -122,29 +93,6 @@ def day_fractions(folder: Path) -> Path:
     days = 45000.25 + clock() / 86400.0
     columns = {"Time [day]": days, "Ground acc": base, "Roof acc": roof}
     return table(folder / "days.csv", columns, formats="%.12g")
-
-
-def milliseconds(folder: Path) -> Path:
-    base, roof = shaken()
-    return table(folder / "ms.csv", {"Time": 1e3 * clock(), "floor_0": base, "floor_1": roof})
-
-
-def swapped(folder: Path) -> Path:
-    base, roof = shaken()
-    return table(folder / "swapped.csv", {"Roof": base, "Time": clock(), "Ground": roof})
-
-
-def empty_channels(folder: Path) -> Path:
-    path = plain(folder / "empty.csv")
-    lines = path.read_text().splitlines()
-    body = [f"{line},,{'12.5' if k == 0 else ''}" for k, line in enumerate(lines[1:])]
-    path.write_text("\n".join([lines[0] + ",Spare,Mass", *body]) + "\n")
-    return path
-
-
-def negative_time(folder: Path) -> Path:
-    base, roof = shaken()
-    return table(folder / "before.csv", {"Time": clock() - 5.0, "Ground": base, "Roof": roof})
 
 
 def concatenated(folder: Path) -> Path:
@@ -207,10 +155,6 @@ def voltage(folder: Path) -> Path:
     return table(folder / "mr_damper.csv", columns)
 
 
-def constant_channel(folder: Path) -> Path:
-    return plain(folder / "constant.csv", Acc_spare=np.full(T, 0.25))
-
-
 def hammer(folder: Path) -> Path:
     base, roof = shaken()
     moved = -1e3 * roof / (2.0 * np.pi * 3.0) ** 2  # of a mass of 1 t, but for its damping
@@ -226,25 +170,11 @@ def one_axis_only(folder: Path) -> Path:
 ODD = {
     "decimal commas": Odd(decimal_commas, ("--channels time=Zeit s_ddot1='Table acc'",),
                           ("--decimal", ",")),
-    "preamble": Odd(preamble, ("header found in line 5", "s_ddot1=Ground a1=Roof")),
-    "byte-order mark": Odd(byte_order_mark, ("byte-order mark", "s_ddot1=Ground a1=Roof")),
-    "repeated header": Odd(repeated_header, ("error: twice.csv: line 1001 repeats the header",),
-                           refused="unread"),
     "units row": Odd(units_row, ("line 2 holds units", "s_ddot1=gnd a1=roof_acc")),
-    "comments at the end": Odd(comments_at_the_end, ("comments at the end left out",)),
     "mixed sampling": Odd(mixed_sampling, ("uneven time steps", "data.mend.resample"),
                           config={"mend.resample": 50.0}),
-    "NaN run": Odd(missing_run, ("NaN run in Roof: 5 of 2400", "s_ddot1=Basement"),
-                   config={"mend.fill": 0.06}),
     "wrapped counter": Odd(wrapped_counter, ("the counter ran over",), config={"dt": 0.01}),
     "day fractions": Odd(day_fractions, ("dt = 0.01 s (100 Hz)", "s_ddot1='Ground acc'")),
-    "milliseconds": Odd(milliseconds, ("say data.units.time=ms (100 Hz)", "s_ddot1=floor_0"),
-                        config={"units": {"time": "ms"}}),
-    "swapped columns": Odd(swapped, ("--channels a1=Roof time=Time s_ddot1=Ground",)),
-    "empty channels": Odd(empty_channels, ("'Spare' is empty", "'Mass' holds one value, 12.5")),
-    "constant channel": Odd(constant_channel, ("constant channel in Acc_spare",),
-                            config={"leave": "Acc_spare"}),
-    "negative time": Odd(negative_time, ("no faults found", "s_ddot1=Ground a1=Roof")),
     "two records in one": Odd(concatenated, ("decreasing times", "the clock restarted"),
                               refused="runs backwards"),
     "rounded stamps": Odd(rounded_stamps, ("of 3 samples (0.03333 s)", "dt = 0.0111111 s (90 Hz)"),

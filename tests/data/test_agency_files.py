@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 from data.inspect.guesses import suggest
-from data.measured.datamodule import MeasuredData
 from data.measured.files.table import FileError, read_table
 from data.measured.files.zipped import unpacked
-from data.measured.mend import Mending
 from data.measured.reading import read_records
-from data.simulation.scenario import FullState
 from tests.agency_files import cosmos, csmip_v1, csmip_v2, peer, uff58
 
 DT, T = 0.02, 1500
@@ -48,13 +45,6 @@ def test_accelerations_of_all_channels_are_read(tmp_path, motion, name):
     for number, (_, a) in motion.items():
         assert np.abs(factor * table.columns[f"acc{number}"] - a).max() <= error
     assert "Roof" in table.labels["acc13"]
-
-
-def test_units_of_a_volume_are_heard(tmp_path, motion):
-    (tmp_path / "c.V1").write_text(csmip_v1(motion, DT))
-    (record,) = read_records(tmp_path / "c.V1", {"s_ddot1": "acc1", "a1": "acc13"}).values()
-    assert np.abs(record.channels["a1"] - motion[13][1]).max() < 1e-3
-    assert record.dt == pytest.approx(DT)
 
 
 def test_numbers_that_touch_are_told_apart(tmp_path, motion):
@@ -116,16 +106,6 @@ def test_an_archive_is_its_one_file_or_its_folder(tmp_path, motion):
     (other,) = read_records(tmp_path / "two.zip", named).values()
     for channel in where:
         assert other.channels[channel] == pytest.approx(record.channels[channel], abs=2e-5)
-
-
-def test_events_in_archives_train_and_test(tmp_path, motion):
-    for name in ("first", "second"):
-        pack(tmp_path / f"{name}.zip", **{"a.v2": csmip_v2(motion, DT)})
-    data = MeasuredData(
-        path=[str(tmp_path / "first.zip"), str(tmp_path / "second.zip")], scenario=FullState(),
-        mend=Mending(), channels={"s_ddot1": "acc1", "a1": "acc13"}, test="second",
-    )  # fmt: skip
-    assert (data.dt, data.dofs, data.forced) == (DT, 1, "base")
 
 
 @pytest.mark.parametrize(

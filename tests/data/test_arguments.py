@@ -28,12 +28,6 @@ def test_a_module_that_was_run_is_called_as_it_was_typed(monkeypatch, module, ca
     assert Parser().prog == called
 
 
-def test_a_file_that_was_run_keeps_its_name(monkeypatch):
-    monkeypatch.setitem(sys.modules, "__main__", SimpleNamespace(__spec__=None))
-    monkeypatch.setattr(sys, "argv", ["folder/some.py"])
-    assert Parser().prog == "some.py"
-
-
 def test_paragraphs_of_a_description_fill_the_terminal_and_commands_stay(monkeypatch):
     monkeypatch.setenv("COLUMNS", "60")
     lines = Parser(description=DESCRIPTION).format_help().splitlines()

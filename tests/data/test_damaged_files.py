@@ -95,6 +95,8 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Table], None]
     "comment before header": ("a.csv", text("# Station B\nt,a\n0,2\n1,3\n"), {}, noted("header found in line 2", **TA)),
     "header as comment": ("a.txt", text("# t a\n0 2\n1 3\n"), {}, noted("'#' before the header", **TA)),
     "comment amid rows": ("a.csv", text("t,a\n0,2\n# gap\n1,3\n"), {}, r"line 3 is a comment amid the rows: '# gap'"),
+    "comments at the end": ("a.csv", text("t,a\n0,2\n1,3\n# end\n# bye\n"), {}, noted("comments at the end left out", **TA)),
+    "repeated header": ("a.csv", text("t,a\n0,2\nt,a\n1,3\n"), {}, r"line 3 repeats the header"),
     "comment in one column": ("a.csv", text("a\n1\n# gap\n2\n"), {}, r"line 3, column 'a': '# gap' is a comment"),
     "duplicate names": ("a.csv", text("t,a,a\n0,2,4\n1,3,5\n"), {}, r"columns 2 and 3 are both named 'a'"),
     "duplicate but for units": ("a.csv", text("t,a [g],a [V]\n0,2,4\n1,3,5\n"), {}, r"columns 2 and 3 are both named 'a'"),

@@ -16,7 +16,6 @@ import scipy.io
 
 from data.measured.files.table import FileError, Table, read_table
 
-SHARED = Path(__file__).parents[3] / "shared" / "data"
 ROWS = 50
 RNG = np.random.default_rng(7)
 SERIES = {
@@ -141,15 +140,6 @@ def test_matrix_of_mat73_is_stood_upright(tmp_path: Path) -> None:
     assert any("run.name" in note for note in table.notes)
 
 
-def test_npy_matrix(tmp_path: Path) -> None:
-    matrix = RNG.standard_normal((ROWS, 2))
-    np.save(tmp_path / "a.npy", matrix)
-    table = read_table(tmp_path / "a.npy")
-    np.testing.assert_array_equal(np.stack([table.columns["c1"], table.columns["c2"]], 1), matrix)
-    np.save(tmp_path / "b.npy", matrix[:, 0])
-    assert list(read_table(tmp_path / "b.npy").columns) == ["c1"]
-
-
 def test_group_selects_one_run_of_several(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["run1/acc"], file["run2/acc"] = np.zeros(5), np.ones(6)
@@ -202,18 +192,3 @@ def test_options_that_do_not_fit(
     WRITERS[name](tmp_path / name)
     with pytest.raises(FileError, match=match):
         read_table(tmp_path / name, **options)  # type: ignore[arg-type]
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the measured records in ../shared/data")
-def test_measured_records_of_others() -> None:
-    floor = SHARED / "shake_table_3story" / "sine_1_5" / "floor_1.csv"
-    assert "header found in line 8" in read_table(floor).notes
-    table = read_table(floor, skip_rows=7, columns=["SampleTimeFine", "Acc_X"])
-    assert np.median(np.diff(table.columns["SampleTimeFine"])) == 8333.0
-    assert "7 preamble lines skipped" in table.notes
-    damper = read_table(SHARED / "friction_damper" / "KocaeliDBE.json")
-    assert list(damper.columns) == ["c1", "c2", "c3", "c4", "c5", "c6"]
-    assert damper.facts["dt"] == 1 / 1024
-    assert "displacement units: 'in'" in damper.notes
-    force = read_table(SHARED / "bouc_wen_benchmark" / "uest_multisine.mat")
-    assert force.columns["u"].shape == (32768,)

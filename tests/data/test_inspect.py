@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-import math
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from data.inspect import __main__ as command_line
 from data.inspect.config import config_path
 from data.inspect.guesses import suggest
 from data.inspect.inspection import inspection, places
-from data.inspect.picture import COLUMNS, dominant, envelope, spectrum
-from data.measured.reading import read_records
-from runner.config.compose import CONF, prepare_hydra
-
-ROOT = Path(__file__).parents[2]
-MEASURED = (CONF / "data" / "measured.yaml").exists()
+from data.inspect.picture import COLUMNS, envelope
 
 
 @pytest.fixture
@@ -65,33 +56,6 @@ def test_clock_channels_and_faults_are_told(run, vibration):
     assert "a1       m/s^2     -1        1" in out
     assert "2.5" in out
     assert "must be corrected: dropped samples: 1 gap of 3 samples (0.03 s) after 4.99 s" in out
-
-
-def test_the_module_runs_from_the_command_line(vibration):
-    command = [sys.executable, "-m", "data.inspect", str(vibration)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    assert "dropped samples" in done.stdout
-
-
-DAMAGED = {
-    "empty.csv": b"",
-    "words.csv": b"a,b\nthis,is\nno,data\n",
-    "ragged.csv": b"time,a1\n0.0,1.0\n0.1,2.0,3.0,4.0\n0.2\n",
-    "zeros.mat": bytes(512),
-    "page.json": b"<html><body>404</body></html>",
-    "cut.parquet": b"PAR1\x00\x01",
-}
-
-
-@pytest.mark.parametrize("name", DAMAGED)
-def test_damaged_files_end_in_one_line(run, tmp_path, name):
-    (tmp_path / name).write_bytes(DAMAGED[name])
-    status, out, err = run(name)
-    assert (status, out) == (1, "")
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-    assert name in err
 
 
 @pytest.mark.parametrize(
@@ -151,13 +115,6 @@ def test_records_of_a_folder_that_differ_in_rate_or_unit_are_told_in_a_line(run,
     assert "x_g.csv and one.csv differ: times as large: a1 981" in lines[1]
 
 
-def test_nothing_moves_the_cursor(run, tmp_path):
-    (tmp_path / "odd.csv").write_text("\x1b[31mtime,[bold]a\n0.0,1.0\n0.1,2.0\n0.2,4.0\n")
-    status, out, err = run("odd.csv")
-    assert "\x1b" not in out + err
-    assert status == 1 or "[bold]a" in out
-
-
 def test_sensors_in_files_of_their_own(run, tmp_path):
     for name, late in (("one", 0.0), ("two", 0.254)):
         t = 0.01 * np.arange(400) + late
@@ -204,20 +161,6 @@ def test_the_config_holds_the_mapping_and_the_remedies(run, strange):
     assert "exists; --force" in err
 
 
-def test_guesses_stand_in_the_config_as_comments(run, strange):
-    assert run("test 7.csv", "--config")[0] == 0
-    text = Path("configs/data/test_7.yaml").read_text()
-    assert "# a1: Acc_X" in text
-    assert OmegaConf.create(text).data.channels is None
-
-
-def test_the_unit_of_a_guessed_clock_is_heard(run, tmp_path):
-    rows = "\n".join(f"{8333 * k},{math.sin(0.3 * k):.5f}" for k in range(300))
-    Path("raw.csv").write_text("SampleTime,Acc_X\n" + rows)
-    assert "dt = 8333 s" in run("raw.csv")[1]
-    assert "dt = 0.008333 s" in run("raw.csv", "--units", "time=us")[1]
-
-
 def pack(name: str, *files: Path) -> None:
     with zipfile.ZipFile(name, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in files:
@@ -232,26 +175,6 @@ def test_an_archive_of_one_file_is_told_as_that_file(run, strange):
         assert run("packed.zip", *more) == (0, out.replace("test 7.csv", "packed.zip"), "")
 
 
-def test_the_config_of_an_archive_names_the_archive(run, strange):
-    pack("packed.zip", strange)
-    assert run("packed.zip", "--config", "--channels", "time=Time", "a1=Acc_X")[0] == 0
-    data = OmegaConf.load("configs/data/packed.yaml").data
-    (record,) = read_records(Path(data.path), data.channels).values()
-    assert record.channels["a1"] == pytest.approx([0.1 * k for k in range(9)])
-
-
-def test_every_file_of_an_archive_is_told_and_one_config_does_not_describe_them(
-    run, strange, vibration
-):
-    pack("packed.zip", strange, vibration)
-    status, out, err = run("packed.zip")
-    assert (status, err) == (0, "")
-    assert "packed.zip/test 7.csv" in out
-    assert "packed.zip/vibration.csv" in out
-    status, _, err = run("packed.zip", "--config")
-    assert (status, err) == (1, "error: --picture and --config are of one record; there are 2\n")
-
-
 def test_an_archive_without_records_or_in_pieces_is_one_line(run, tmp_path):
     (tmp_path / "notes.pdf").write_text("%PDF")
     pack("packed.zip", tmp_path / "notes.pdf")
@@ -262,18 +185,6 @@ def test_an_archive_without_records_or_in_pieces_is_one_line(run, tmp_path):
     status, out, err = run("packed.zip")
     assert (status, out) == (1, "")
     assert err.startswith("error: packed.zip is damaged: ")
-
-
-@pytest.mark.skipif(not MEASURED, reason="conf/data/measured.yaml is not here")
-def test_hydra_composes_the_config(run, vibration):
-    assert run("vibration.csv", "--config", "mine/data/shaken.yaml")[0] == 0
-    prepare_hydra()
-    found = f"hydra.searchpath=[file://{Path('mine').resolve()}]"
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("train", [found, "data=shaken"])
-    assert cfg.data.path == str(vibration)
-    assert cfg.data._target_ == "data.MeasuredData"
-    assert cfg.data.mend.fill is None
 
 
 @pytest.mark.parametrize(
@@ -314,15 +225,6 @@ def test_a_folder_of_folders_and_archives_is_inspected(tmp_path):
     (empty := tmp_path / "none").mkdir()
     with pytest.raises(ValueError, match="and its folders hold no file"):
         places([str(empty)], {})
-
-
-def test_dominant_frequencies_are_those_of_the_signal():
-    t = 0.01 * np.arange(20_000)
-    noise = np.random.default_rng(0).standard_normal(len(t))
-    signal = np.sin(2 * np.pi * 3.0 * t) + 0.4 * np.sin(2 * np.pi * 11.0 * t) + 0.05 * noise
-    assert dominant(spectrum(signal, 0.01)) == pytest.approx([3.0, 11.0], abs=0.02)
-    assert dominant(spectrum(noise, 0.01)) == []
-    assert spectrum(np.full(100, np.nan), 0.01) is None
 
 
 def test_the_envelope_of_a_long_record_keeps_its_peaks():

@@ -11,7 +11,6 @@ import torch
 
 from data.measured.datamodule import MeasuredData
 from data.measured.mend import Mending
-from data.measured.reading import read_record
 from data.record import Record
 from data.sample import Sensors
 from data.simulation.element_test import force, growing_cycles, write
@@ -24,7 +23,6 @@ from models.hysteretic_element import HystereticElement
 from models.restoring_force_surface import RestoringForceSurface
 from models.training.problem import FreeRunProblem
 from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
-from train import cli
 
 DT = 0.01
 TEN_LINES = """time,f1,a1
@@ -108,18 +106,6 @@ def test_channels_and_units_are_named(tmp_path):
     assert Sensors(**json.loads(json.dumps(asdict(data.sensors)))) == data.sensors
 
 
-def test_units_in_the_names_of_columns_are_heard_unless_others_are_said(tmp_path):
-    path, x = tmp_path / "r.csv", np.arange(40.0)
-    write_csv(path, t_ms=10.0 * x, load_kN=np.sin(x), x1_mm=np.cos(x))
-    channels = {"time": "t_ms", "f1": "load_kN", "x1": "x1_mm"}
-    record = measured(path, channels=channels).records["train"][0]
-    assert record.dt == pytest.approx(0.01)
-    assert float(record.f[1]) == pytest.approx(1000.0 * np.sin(1.0))
-    assert float(record.a[1]) == pytest.approx(1e-3 * np.cos(1.0))
-    stated = measured(path, channels=channels, units={"x": "m"}).records["train"][0]
-    assert float(stated.a[1]) == pytest.approx(np.cos(1.0))
-
-
 def test_one_file_per_sensor_makes_one_record(tmp_path):
     folder = tmp_path / "event"
     folder.mkdir()
@@ -171,11 +157,6 @@ def test_sensors_that_disagree_about_the_time_are_named(tmp_path):
 def test_what_cannot_be_is_named(ten_lines, choices, message):
     with pytest.raises(ValueError, match=message):
         measured(ten_lines, **choices)
-
-
-def test_a_path_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(ValueError, match="no such file"):
-        measured(tmp_path / "absent.csv")
 
 
 def test_of_several_records_the_last_is_tested_on_unless_others_are_named(tmp_path):
@@ -339,12 +320,6 @@ def test_a_model_of_motions_refuses_an_element_test(loop):
         ElementNetwork(1, 2, data.dt, forced=[]).identify(data.records["train"])
 
 
-@pytest.mark.parametrize("model", [RestoringForceSurface, HystereticElement])
-def test_a_model_of_an_element_refuses_other_records(model, tmp_path):
-    with pytest.raises(ValueError, match=r"element test|test of one element"):
-        model(1, 1, DT)
-
-
 def test_a_surface_recovers_its_own_coefficients(loop):
     data = measured(loop)
     (record,) = data.records["train"]
@@ -355,24 +330,3 @@ def test_a_surface_recovers_its_own_coefficients(loop):
 
 
 # The command
-
-
-def test_the_command_on_ten_lines_written_by_hand(ten_lines, tmp_path, monkeypatch, capsys):
-    run = tmp_path / "run"
-    monkeypatch.setattr(
-        "sys.argv",
-        ["train.py", "data=measured", f"data.path={ten_lines}", "model=vwnn", "model.ridge=1e-6",
-         "model.order=1", "baselines=none", "figures=false", f"hydra.run.dir={run}",
-         "trainer.enable_progress_bar=false"],
-    )  # fmt: skip
-    cli()
-    metrics = json.loads((run / "metrics.json").read_text())
-    assert metrics["simulation_error"] is None
-    assert metrics["test"]["per_dof_rms"][0] > 0.0
-    assert "m/s²" in capsys.readouterr().out
-
-
-def test_reading_once_more_gives_the_same(ten_lines):
-    one, other = (read_record(ten_lines) for _ in range(2))
-    assert one.channels.keys() == other.channels.keys() == {"f1", "a1"}
-    assert all(np.array_equal(one.channels[c], other.channels[c]) for c in one.channels)

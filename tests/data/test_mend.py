@@ -36,13 +36,6 @@ def error(found: np.ndarray, true: np.ndarray) -> float:
     return float(np.linalg.norm((found - true)[inner]) / np.linalg.norm(true[inner]))
 
 
-def test_nothing_is_done_unasked(even):
-    dt, channels, done = Mending()(even)
-    assert dt == pytest.approx(DT)
-    assert done == []
-    assert all(channels[c] is even.channels[c] for c in even.channels)
-
-
 def test_a_stated_step_is_taken_where_there_is_no_clock(even):
     assert Mending()(replace(even, time=None, dt=0.02))[0] == 0.02
     with pytest.raises(ValueError, match=r"rec: no clock: .*data\.dt"):
@@ -120,27 +113,6 @@ def test_jitter_is_resampled_to_an_even_clock():
     assert "resampled" in done[0]
     grid = time[0] + dt * np.arange(len(channels["a1"]))
     assert error(channels["a1"], motion(grid)) < 1e-4
-
-
-def test_jitter_and_gaps_together():
-    rng = np.random.default_rng(0)
-    keep = np.delete(np.arange(T), [800, 801])
-    time = DT * (keep + rng.uniform(-0.1, 0.1, len(keep)))
-    with pytest.raises(ValueError, match="dropped samples"):
-        Mending(resample=100.0)(raw_at(time))
-    dt, channels, _ = Mending(resample=100.0, fill=0.02)(raw_at(time))
-    grid = time[0] + dt * np.arange(len(channels["a1"]))
-    assert error(channels["a1"], motion(grid)) < 0.01
-
-
-def test_rounded_stamps_are_an_even_clock():
-    time = np.arange(T) / 120.0
-    raw = replace(raw_at(time), time=np.round(time, 2))
-    dt, channels, done = Mending()(raw)
-    assert dt == pytest.approx(1.0 / 120.0, rel=1e-4)
-    assert done == []
-    dt, channels, _ = Mending(resample=240.0)(raw)
-    assert error(channels["a1"], motion(dt * np.arange(len(channels["a1"])))) < 1e-2
 
 
 def test_resampling_up_keeps_a_band_limited_signal(even):

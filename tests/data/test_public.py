@@ -14,17 +14,14 @@ import torch
 from scipy.io import savemat
 
 from data.public.benchmarks import BENCHMARKS, BOUC_WEN_TESTS
-from data.public.datamodule import BenchmarkData
 from data.public.measures import in_band_rms, noise_floor, official_rmse
-from data.simulation.scenario import Noisy
-from models.training.assemble import data_from, estimator_from
+from models.training.assemble import data_from
 from runner.job import identify
 from runner.scores.public_scores import benchmark_lines
 from tests.data.public_folders import (
     ARCHIVES,
     NOISE,
     PERIOD,
-    SHARED,
     as_table,
     as_version_7_3,
     contents,
@@ -108,16 +105,6 @@ def test_a_prepared_folder_needs_neither_package_nor_network(name, folder, monke
     assert (data.noise is None) == (name != "bouc_wen")
 
 
-@pytest.mark.parametrize("name", BENCHMARKS)
-def test_files_may_lie_without_the_outer_folders(name, folder, tmp_path):
-    for path in BENCHMARKS[name].files:
-        (tmp_path / Path(path).name).symlink_to(folder / path)
-    flat, nested = loaded(name, tmp_path), loaded(name, folder)
-    for split in ("train", "test"):
-        for one, other in zip(ours(flat, split), ours(nested, split), strict=True):
-            np.testing.assert_array_equal(one[1], other[1])
-
-
 @pytest.mark.parametrize("layout", ["7.3", "csv"])
 @pytest.mark.parametrize("name", sorted(set(BENCHMARKS) - {"bouc_wen"}))
 def test_other_layouts_hold_the_same_series(name, layout, folder, tmp_path):
@@ -132,23 +119,6 @@ def test_other_layouts_hold_the_same_series(name, layout, folder, tmp_path):
     assert other.dt == pytest.approx(known.dt, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("V1\n1\n", "has no variable 'V2'"),
-        ("V1,t,V2\n1,2\n", "damaged"),
-        ("V1,V2\n", "damaged|empty"),
-        ("V1,V2\n1,x\n2,3\n", "empty or not finite"),
-    ],
-)
-def test_a_wrong_table_is_one_line(text, match, tmp_path):
-    (tmp_path / "SNLS80mV.csv").write_text(text)
-    with pytest.raises(ValueError, match=match) as error:
-        loaded("silverbox", tmp_path)
-    assert "\n" not in str(error.value)
-    assert "SNLS80mV.csv" in str(error.value)
-
-
 def test_a_missing_file_is_named_with_its_place_and_its_page(tmp_path):
     with pytest.raises(
         ValueError, match=r"SNLS80mV\.mat is not in .*benchmarks/silverbox.*download"
@@ -157,13 +127,6 @@ def test_a_missing_file_is_named_with_its_place_and_its_page(tmp_path):
     assert not (tmp_path / "absent").exists()
     with pytest.raises(ValueError, match=r"uest_multisine.*are not in .*Model-Augmentation"):
         loaded("bouc_wen", tmp_path)
-
-
-def test_an_unknown_benchmark_and_a_scenario_are_refused(folder):
-    with pytest.raises(ValueError, match=r"data\.name=silver: choose bouc_wen, silverbox"):
-        loaded("silver", folder)
-    with pytest.raises(ValueError, match="scenario=full_state"):
-        BenchmarkData("silverbox", Noisy(0.1), folder=str(folder))
 
 
 class Bomb:
@@ -269,20 +232,6 @@ def test_the_end_of_a_period_can_be_held_out_of_all_periods(folder):
     assert (seen, test.warmup, test.initial_state) == (6144, 6144, "periodic")
 
 
-def test_a_test_with_the_excitation_of_training_says_so(folder):
-    assert "was trained on" in " ".join(loaded("bouc_wen", folder).notes["test: period_4"])
-    unseen = loaded("bouc_wen", folder, train="start_*", test="end_4")
-    assert "was trained on" not in " ".join(unseen.notes["test: end_4"])
-
-
-def test_official_test_signals_are_preferred_where_they_are(tmp_path):
-    prepare(tmp_path, contents("bouc_wen") | bouc_wen_tests())
-    (test,) = loaded("bouc_wen", tmp_path).series["test"]
-    assert (test.name, test.initial_state) == ("multisine", "periodic")
-    (sweep,) = loaded("bouc_wen", tmp_path, test=["sinesweep"]).series["test"]
-    assert (len(sweep.u), sweep.initial_state) == (9000, "rest")
-
-
 def test_series_are_chosen_by_name(folder):
     assert loaded("silverbox", folder).series["test"][0].name == "multisine"
     arrow = loaded("silverbox", folder, test=["arrow_full"]).make_records()["test"][0]
@@ -325,12 +274,6 @@ def test_windows_begin_at_rest_for_their_state_is_not_known(folder):
     assert {(w.samples, w.warmup, w.initial_state) for w in windows} == {(300, 50, "unknown")}
     whole = prepared("bouc_wen", folder)
     assert next(iter(whole.train_dataloader())).initial_state == "periodic"
-
-
-def test_hold_can_be_chosen(folder):
-    assert loaded("silverbox", folder, hold="linear").make_records()["test"][0].hold == "linear"
-    with pytest.raises(ValueError, match="hold=cubic"):
-        loaded("silverbox", folder, hold="cubic")
 
 
 def test_the_command_line_names_the_benchmark(folder, tmp_path):
@@ -378,30 +321,6 @@ def test_noise_floor_of_repeated_periods(folder):
     np.testing.assert_allclose(loaded("bouc_wen", folder).noise, [NOISE], rtol=0.03)
 
 
-needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not here")
-
-
-@needs_shared
-def test_every_period_of_the_shared_record_is_in_the_steady_state():
-    """The first one differs from the others by no more than they do from each other."""
-    data = loaded("bouc_wen", SHARED)
-    records = [r for split in ("train", "test") for r in data.make_records()[split]]
-    y = np.stack([r.a.numpy() for r in records])
-    first = np.sqrt(((y[0] - y[1:]) ** 2).mean(axis=(1, 2)))
-    others = np.sqrt(((y[1] - y[2:]) ** 2).mean(axis=(1, 2)))
-    assert first.max() < 1.05 * others.max()
-    np.testing.assert_allclose(data.noise, [7.35e-6], rtol=0.01)
-
-
-@needs_shared
-def test_the_shared_excitation_lies_in_its_band():
-    data = loaded("bouc_wen", SHARED)
-    u = data.make_records()["train"][0].f.numpy()
-    low, high = data.band
-    inside = in_band_rms(u, data.dt, (low - 0.1, high + 0.1))
-    np.testing.assert_allclose(inside, [50.0], rtol=1e-3)
-
-
 def test_a_stretch_begins_in_an_unknown_motion_at_a_place_that_the_seed_draws(folder):
     places = set()
     for seed in (0, 0, 1):
@@ -412,10 +331,3 @@ def test_a_stretch_begins_in_an_unknown_motion_at_a_place_that_the_seed_draws(fo
     assert len(places) == 2
     with pytest.raises(ValueError, match=r"data\.samples=9000: expected from 20 to 8192"):
         loaded("bouc_wen", folder, samples=9000)
-
-
-def test_the_input_of_a_benchmark_drives_element_networks(folder):
-    cfg = composed("experiment=bouc_wen_benchmark", f"data.folder={folder}")
-    data = data_from(cfg)
-    assert data.sensors.channels == ("u1", "y1")
-    assert estimator_from(cfg.model, data).inputs == 1

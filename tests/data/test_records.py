@@ -10,8 +10,6 @@ import pytest
 import torch
 
 from data.record import Escape
-from data.sample import Sensors
-from data.simulation.datamodule import SimulatedData
 from data.simulation.elements import Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation, Given
 from data.simulation.motion import EscapedMotionError, simulate
@@ -61,24 +59,8 @@ def test_moving_supports_are_part_of_the_record(simulation):
     assert record.excitation.shape == (300, 6)
 
 
-def test_sensors_of_simulated_data_are_known_before_its_motions(bilinear_structure):
-    push = Excitation(FORCE, dofs=[1])
-    data = SimulatedData(bilinear_structure, push, FullState(), seed=0)
-    assert not data.records
-    assert data.sensors == Sensors(0.01, bilinear_structure.dofs, 1, [1], "acceleration")
-
-
 def _supports(record):
     return record.s.numpy(), record.s_dot.numpy()
-
-
-def test_only_the_driven_masses_are_force_channels(simulation):
-    excitation = Excitation(force=FORCE, dofs=[3])
-    (record,), _ = replace(simulation, excitation=excitation).records("train", 1, seed=0)
-    force = np.zeros((300, 3))
-    force[:, 2] = record.f[:, 0]
-    assert record.f.shape == (300, 1)
-    assert np.array_equal(record.a, simulate(simulation.structure, force, 0.01).a)
 
 
 def test_training_testing_records_and_seeds_are_independent(simulation):
@@ -110,12 +92,6 @@ def test_noise_does_not_change_the_motion_and_differs_between_records(simulation
     noise = [record.a - record.truth.a for record in noisy]
     assert correlation(*noise) < 0.2
     assert correlation(noise[0], noisy[0].f) < 0.2
-
-
-def test_the_same_seed_gives_the_same_bits(simulation):
-    noisy = replace(simulation, scenario=Noisy())
-    one, again = (noisy.records("train", 1, seed=5)[0][0] for _ in range(2))
-    assert all(torch.equal(u, getattr(again, name)) for name, u in one.signals().items())
 
 
 PROGRAM = """
@@ -187,25 +163,6 @@ def test_a_motion_that_escapes_is_drawn_anew_where_asked_for(escaping):
     tests, _ = asked.records("test", 8, seed=0)
     drawn = [r.f for r in (*records, *tests)]
     assert all(abs(correlation(a, b)) < 0.8 for a, b in combinations(drawn, 2))
-
-
-def test_the_error_of_the_simulation_is_that_of_the_motion_drawn_anew(escaping):
-    of = replace(escaping, escape="redraw")
-    for seed in range(40):
-        data = SimulatedData(
-            of.structure, of.excitation, of.scenario, seed, duration=10.0, escape="redraw"
-        )
-        data.setup()
-        if data._redrawn:
-            break
-    assert data._redrawn > 0
-    assert 0.0 < data.own_error() < 1e-4
-
-
-def test_where_no_motion_stays_the_redraws_end(escaping):
-    wild = replace(escaping, excitation=Excitation(force=BandLimitedGaussian(90.0, (0.0, 2.0))))
-    with pytest.raises(EscapedMotionError, match="and so did 20 drawn in its place; take another"):
-        replace(wild, escape="redraw").records("test", 1, seed=4)
 
 
 def test_the_error_of_the_simulation_falls_with_its_tolerance(simulation):

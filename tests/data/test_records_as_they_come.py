@@ -18,7 +18,6 @@ from data.measured.reading import read_record, read_records
 from data.simulation.scenario import FullState, Integrated
 from data.windows import after_rest
 from models.hysteretic_element import HystereticElement
-from models.linear import EquivalentLinear
 from models.training.assemble import estimator_from
 from tests.data.odd_files import DT, clock, shaken, table
 
@@ -76,12 +75,6 @@ def test_a_record_that_lacks_a_channel_is_left_out_and_named(tmp_path):
         measured(tmp_path / "events", channels=where, test="second_acc")
 
 
-def test_where_every_record_lacks_a_channel_nothing_is_left_out(tmp_path):
-    where = events_of_one_file(tmp_path / "events")
-    with pytest.raises(ValueError, match="no column 'roof'"):
-        measured(tmp_path / "events", channels={**where, "a1": "roof"}, test="third_acc")
-
-
 def test_where_one_training_record_begins_in_motion_all_begin_in_an_unknown_state(tmp_path):
     for name, first in (("rest", 0), ("cut", 900), ("other", 0)):
         base, roof = (u[first:] for u in shaken(samples=2400))
@@ -111,18 +104,6 @@ def test_time_steps_that_differ_by_rounding_are_one(tmp_path):
     write(tmp_path / "four.csv", 1000, 0.0102)
     with pytest.raises(ValueError, match="sampled every"):
         measured(tmp_path, test="three")
-
-
-def test_folders_of_event_folders_are_records(tmp_path):
-    for event in ("first", "second", "third"):
-        folder = tmp_path / "events" / event
-        folder.mkdir(parents=True)
-        base, roof = shaken()
-        table(folder / "ground.csv", {"t": clock(), "acc": base})
-        table(folder / "roof.csv", {"t": clock(), "acc": roof})
-    where = {"time": "t", "s_ddot1": "ground.csv:acc", "a1": "roof.csv:acc"}
-    data = measured(tmp_path / "events", channels=where, test="third")
-    assert [len(data.records[split]) for split in ("train", "test")] == [2, 1]
 
 
 @pytest.mark.parametrize("deep", [False, True])
@@ -178,22 +159,6 @@ def test_what_sensors_show_at_rest_is_taken_off_and_told(tmp_path):
         assert torch.equal(one.x, other.x)  # where it stands may be meant
     (note,) = {n for notes in of_tilted.notes.values() for n in notes if "quiet" in n}
     assert "s_ddot1 0.3, a1 -0.2" in note
-
-
-def test_where_a_displacement_stands_at_rest_is_kept(tmp_path):
-    """A gauge may be set to zero in any place, and a frame may lean: nobody can tell them apart."""
-    base, roof = shaken(samples=3000)
-    quiet = 1e-5 * np.random.default_rng(0).standard_normal((2, 900))
-    columns = {
-        "time": clock(3900), "s_ddot1": np.concatenate([quiet[0], base]) + 0.3,
-        "a1": np.concatenate([quiet[1], roof]), "x1": np.concatenate([quiet[1], roof]) + 0.1,
-    }  # fmt: skip
-    table(tmp_path / "leaning.csv", columns)
-    record = measured(tmp_path / "leaning.csv").records["train"][0]
-    still = slice(0, 40)  # of the half second that is kept before the motion
-    assert record.x is not None
-    assert record.x[still].numpy() == pytest.approx(0.1, abs=1e-4)
-    assert record.f[still].numpy() == pytest.approx(0.0, abs=1e-4)
 
 
 def test_a_part_cut_in_motion_begins_at_the_state_that_a_scenario_integrates(tmp_path):
@@ -256,19 +221,6 @@ def test_alignment_by_motion_finds_and_tells_the_lag():
 # What channels mean
 
 
-def test_relative_displacements_stand_beside_the_base(tmp_path):
-    base, roof = shaken()
-    x = -roof / (2.0 * np.pi * 3.0) ** 2
-    columns = {"time": clock(), "s_ddot1": base, "a1": roof, "x1": x, "v1": np.gradient(x, DT)}
-    record = measured(table(tmp_path / "r.csv", columns, "%.17g")).records["train"][0]
-    assert record.x is not None
-    assert np.allclose(record.x[:, 0], x[: record.samples])
-    assert torch.allclose(record.a - record.f, torch.from_numpy(roof[: record.samples, None]))
-    del columns["a1"]
-    record = measured(table(tmp_path / "x.csv", columns)).records["train"][0]
-    assert record.quantity == "displacement"
-
-
 def test_relative_accelerations_are_taken_as_said_and_doubted_otherwise(tmp_path):
     base, roof = shaken()
     path = table(tmp_path / "r.csv", {"time": clock(), "s_ddot1": base, "a1": roof - base}, "%.17g")
@@ -293,14 +245,6 @@ def test_base_and_response_fit_together_in_any_unit(factor):
     assert all(f"apart, as {unit} and g are" in fault.message for unit in ("cm/s^2", "mg"))
 
 
-def test_the_rate_of_an_imposed_motion_is_found_from_it(tmp_path):
-    s = 0.01 * np.sin(5.0 * clock())
-    columns = {"time": clock(), "s1": s, "r1": np.tanh(s)}
-    record = measured(table(tmp_path / "r.csv", columns, "%.17g")).records["train"][0]
-    expected = 0.05 * np.cos(5.0 * clock(record.samples))
-    assert np.abs(record.s_dot[5:-5, 0].numpy() - expected[5:-5]).max() < 1e-5
-
-
 def test_other_inputs_of_an_element_are_excitation(tmp_path):
     s = 0.01 * np.sin(5.0 * clock())
     volts = 2.0 + np.sin(clock())
@@ -318,17 +262,6 @@ def test_other_inputs_of_an_element_are_excitation(tmp_path):
     branch = OmegaConf.create({"_target_": "models.BranchElement", "name": "branch_element"})
     with pytest.raises(ValueError, match=r"branch_element has no .* u1; .*model.laws=units"):
         estimator_from(branch, data)
-
-
-def test_integration_is_offered_only_where_it_is_a_remedy(tmp_path):
-    s = 0.01 * np.sin(5.0 * clock())
-    path = table(tmp_path / "r.csv", {"time": clock(), "s1": s, "r1": np.tanh(s)})
-    data = measured(path)
-    assert data.records["test"][0].drive().samples  # an imposed motion needs no state
-    model = EquivalentLinear(1, 2, data.dt)
-    with pytest.raises(ValueError, match="a force alone can train") as error:
-        model.identify(data.records["train"])
-    assert "integrated" not in str(error.value)
 
 
 def test_notes_beside_the_records_of_a_folder_are_no_record(tmp_path):

@@ -10,7 +10,7 @@ import torch
 
 from data.record import Record
 from data.simulation.excitation import BandLimitedGaussian, Excitation
-from data.simulation.scenario import Composed, FullState, Integrated, Noisy
+from data.simulation.scenario import Composed, Integrated, Noisy
 
 FORCE = Excitation(force=BandLimitedGaussian(1.7, (0.0, 4.5)))
 SIGNALS = ("a", "f", "x", "v")
@@ -27,12 +27,6 @@ def same(one: Record, other: Record, name: str) -> bool:
 def accelerogram(a: torch.Tensor, dt: float = 0.01) -> Record:
     """A record of which only the acceleration is known."""
     return Record(dt, a, torch.zeros_like(a))
-
-
-def test_full_state_is_the_record_as_simulated(bilinear_record):
-    record = measured(FullState(), bilinear_record)
-    assert all(same(record, bilinear_record, name) for name in SIGNALS)
-    assert torch.equal(record.a, record.truth.a)
 
 
 @pytest.mark.parametrize("level", [0.1, 0.5])
@@ -73,37 +67,10 @@ def test_the_truth_stays_and_the_measurement_differs_from_it(bilinear_record, sc
     assert not any(same(record, record.truth, name) for name in changed)
 
 
-def test_no_noise_leaves_every_bit(bilinear_record):
-    record = measured(Noisy(0.0), bilinear_record)
-    assert all(same(record, bilinear_record, name) for name in SIGNALS)
-
-
 def test_noise_comes_from_the_generator_alone(bilinear_record):
     one, again, other = (measured(Noisy(), bilinear_record, seed) for seed in (0, 0, 1))
     assert same(one, again, "a")
     assert not same(one, other, "a")
-
-
-def test_noise_grows_with_the_units(bilinear_record):
-    millimetres = bilinear_record.map(lambda u: 1000.0 * u)
-    one, thousand = measured(Noisy(), bilinear_record), measured(Noisy(), millimetres)
-    assert torch.allclose(thousand.a, 1000.0 * one.a, rtol=1e-12)
-
-
-@pytest.mark.parametrize("level", [-0.1, np.nan, np.inf])
-def test_a_level_that_is_no_level_is_refused(level):
-    with pytest.raises(ValueError, match=r"scenario\.level"):
-        Noisy(level)
-
-
-def test_noise_on_an_unknown_signal_is_refused():
-    with pytest.raises(ValueError, match=r"scenario\.signals holds 'y'"):
-        Noisy(signals=("a", "y"))
-
-
-def test_noise_on_a_signal_that_was_not_measured_is_refused():
-    with pytest.raises(ValueError, match="x"):
-        measured(Noisy(), accelerogram(torch.ones(100, 1).double()))
 
 
 def perturbed(record: Record, k: int) -> Record:
@@ -127,17 +94,6 @@ def test_acausal_integration_at_k_sees_what_is_and_what_follows(bilinear_record)
     after = measured(Integrated(causal=False), perturbed(bilinear_record, 500))
     assert ((before.v - after.v).abs()[490:500] > 1e-3).all()
     assert ((before.x - after.x).abs()[500] > 1e-4).all()
-
-
-@pytest.mark.parametrize("causal", [True, False])
-def test_integrated_motion_resembles_the_true_motion(bilinear_structure, record_of, causal):
-    simulated = record_of(bilinear_structure, FORCE, 50.0)
-    record = measured(Integrated(cutoff=0.02, causal=causal), simulated)
-    for name in ("v", "x"):
-        ours, true = getattr(record, name), getattr(record.truth, name)
-        for channel in range(3):
-            pair = torch.stack([ours[:, channel], true[:, channel]])
-            assert torch.corrcoef(pair)[0, 1] > (0.95 if name == "v" else 0.9), (name, channel)
 
 
 def sinusoid(hertz: float, samples: int = 6000):
@@ -171,12 +127,6 @@ def test_an_accelerometer_with_an_offset_does_not_drift_away():
     assert record.v[-1].abs() < 1e-6
 
 
-def test_integration_uses_the_measured_acceleration_not_the_truth(bilinear_record):
-    doubled = replace(bilinear_record, a=2.0 * bilinear_record.a)
-    one, two = measured(Integrated(), bilinear_record), measured(Integrated(), doubled)
-    assert torch.allclose(two.x, 2.0 * one.x, rtol=1e-10)
-
-
 def test_integration_of_noisy_accelerations_differs_from_noise_on_integrated_motion(
     bilinear_record,
 ):
@@ -188,21 +138,17 @@ def test_integration_of_noisy_accelerations_differs_from_noise_on_integrated_mot
     assert not same(integrated_first, noisy_first, "v")
 
 
-def test_composed_noise_is_drawn_anew_at_each_step(bilinear_record):
-    twice = measured(Composed([Noisy(), Noisy()]), bilinear_record)
-    noise = twice.a - bilinear_record.a
-    ratio = noise.std(dim=0) / bilinear_record.a.std(dim=0)
-    assert ((ratio > 0.12) & (ratio < 0.165)).all()  # √2 · 10 %, not 20 %
-
-
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("make", "arguments", "message"),
     [
-        ({"cutoff": 50.0}, r"scenario\.cutoff=50\.0 Hz .*Nyquist frequency 50 Hz"),
-        ({"cutoff": 0.0}, r"scenario\.cutoff=0\.0 Hz"),
-        ({"order": 0}, r"scenario\.order=0"),
+        (Noisy, {"level": -0.1}, r"scenario\.level"),
+        (Noisy, {"level": np.nan}, r"scenario\.level"),
+        (Noisy, {"signals": ("a", "y")}, r"scenario\.signals holds 'y'"),
+        (Integrated, {"cutoff": 50.0}, r"scenario\.cutoff=50\.0 Hz .*Nyquist frequency 50 Hz"),
+        (Integrated, {"cutoff": 0.0}, r"scenario\.cutoff=0\.0 Hz"),
+        (Integrated, {"order": 0}, r"scenario\.order=0"),
     ],
 )
-def test_a_filter_that_cannot_be_is_refused(bilinear_record, wrong, message):
+def test_a_scenario_that_cannot_be_is_refused(bilinear_record, make, arguments, message):
     with pytest.raises(ValueError, match=message):
-        measured(Integrated(**wrong), bilinear_record)
+        measured(make(**arguments), bilinear_record)

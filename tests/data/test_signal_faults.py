@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from data.measured.finding import Finding
 from data.measured.raw_record import RawRecord
-from data.measured.reading import read_record
 from data.measured.signal_faults import blocking, findings
-from data.measured.statistics import statistics
 from data.measured.time_step import time_step
 
-SHARED = Path(__file__).parents[3] / "shared" / "data"
 T, DT = 4000, 0.01
 
 
@@ -79,12 +74,6 @@ def test_planted_samples_are_found_at_their_place(at, value, what, place, remedy
     assert place in fault.message
     assert remedy in fault.message
     assert fault.blocks == (not np.isfinite(value) or np.isnan(value))
-
-
-def test_places_count_from_the_begin_of_the_clock():
-    raw = planted(100, np.nan)
-    assert raw.time is not None
-    assert "21 s (sample 100)" in found(replace(raw, time=raw.time + 20.0), "NaN run").message
 
 
 @pytest.mark.parametrize(
@@ -194,20 +183,6 @@ def test_rounded_time_stamps_are_no_jitter(rate, decimals):
     assert time_step(time)[0] == pytest.approx(1.0 / rate, rel=1e-4)
 
 
-@pytest.mark.parametrize("decimals", [4, 6])
-def test_finely_rounded_stamps_are_clean(decimals):
-    assert findings(with_clock(np.round(np.arange(T) / 120.0, decimals))) == []
-    assert time_step(np.floor(1e6 * np.arange(T) / 120.0) * 1e-6)[1] == []
-
-
-def test_rounded_stamps_with_lost_samples():
-    time = np.delete(np.round(np.arange(T) / 120.0, 3), slice(1000, 1012))
-    dt, faults = time_step(time)
-    assert {f.what for f in faults} == {"dropped samples", "rounded time stamps"}
-    assert dt == pytest.approx(1.0 / 120.0, rel=1e-4)
-    assert "12 samples" in next(f.message for f in faults if f.blocks)
-
-
 def test_jitter_of_printed_stamps_is_no_rounding():
     rng = np.random.default_rng(0)
     time = np.round(DT * np.arange(T) + rng.uniform(-0.002, 0.002, T), 3)
@@ -223,11 +198,6 @@ def test_clocks_in_other_units(step, words):
     fault = found(with_clock(step * np.arange(T)), "clock in other unit")
     assert words in fault.message
     assert not fault.blocks
-
-
-def test_a_clock_that_contradicts_the_file():
-    fault = found(replace(clean(), dt=0.001), "clock in other unit")
-    assert "the file says dt=0.001" in fault.message
 
 
 def test_no_clock_and_unequal_lengths_block():
@@ -254,23 +224,6 @@ def test_sensors_with_clocks_of_their_own():
     assert "f1 200 Hz" in found(replace(raw, time=None, clocks=clocks), "different rates").message
 
 
-def test_statistics_leave_out_what_is_not_finite():
-    of = statistics(np.array([1.0, np.nan, 3.0, np.inf, 5.0]))
-    assert (of.minimum, of.maximum, of.mean, of.finite, of.nans, of.infinite) == (1, 5, 3, 3, 1, 1)
-    assert of.std == pytest.approx(np.std([1.0, 3.0, 5.0]))
-    assert statistics(np.full(3, np.nan)).finite == 0
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared records are not here")
-def test_shake_table_is_found_with_gravity_and_a_zero_first_row():
-    channels = {"time": "SampleTimeFine", "a1": "Acc_X", "a2": "Acc_Z"}
-    path = SHARED / "shake_table_3story" / "northridge" / "floor_1.csv"
-    faults = findings(read_record(path, channels, {"time": "us"}, skip_rows=6))
-    assert [f.what for f in faults] == ["zero first row", "offset"]
-    assert faults[1].channel == "a2"
-    assert re.search("gravity", faults[1].message)
-
-
 @pytest.mark.parametrize("rate", [90.0, 99.0, 120.0])
 def test_the_step_of_rounded_stamps_is_that_of_the_whole_clock(rate):
     """Lost samples among stamps that a rounding doubles or skips leave the step as it is."""
@@ -294,9 +247,3 @@ def test_a_step_as_good_as_round_is_round():
     assert time_step(np.cumsum(np.full(T, 0.01)))[0] == 0.01
     assert time_step((0.01 * np.arange(T)).astype(np.float32).astype(float))[0] == 0.01
     assert time_step(8333.0 * np.arange(300))[0] == 8333.0  # µs of 120.005 Hz, not of 120 Hz
-
-
-def test_responses_of_214_are_remarked_on():
-    time = DT * np.arange(T)
-    faults = findings(RawRecord("r", time, None, {"a1": 214.0 * np.sin(9.0 * time)}))
-    assert [f.what for f in faults] == ["suspicious unit"]

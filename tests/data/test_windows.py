@@ -47,16 +47,6 @@ def test_windows_never_run_from_one_record_into_the_next():
     assert all((w.a.diff(dim=0) == 1).all() for w in windows)
 
 
-def test_records_of_different_length_are_cut_to_the_shortest():
-    windows = WindowDataset([counted_record(50), counted_record(75, offset=1000.0)])
-    assert [w.samples for w in windows] == [50, 50]
-
-
-def test_a_stride_sets_how_far_windows_are_apart():
-    windows = WindowDataset([counted_record()], 40, stride=30)
-    assert [w.a[0, 0].item() for w in windows] == [0, 30, 60]
-
-
 def test_all_signals_of_a_window_cover_the_same_samples():
     window = WindowDataset([counted_record()], 25)[2]
     k = torch.arange(50.0, 75.0, dtype=torch.float64)
@@ -82,11 +72,6 @@ def test_windows_that_fit_no_record_are_refused(cut, message):
         WindowDataset([counted_record()], **cut)
 
 
-def test_no_records_make_no_windows():
-    with pytest.raises(ValueError, match="no records"):
-        WindowDataset([])
-
-
 @pytest.mark.parametrize("name", ["a", "f", "x", "v", "s", "s_dot"])
 def test_a_record_with_a_gap_is_refused_with_the_place_of_the_gap(name):
     record = counted_record()
@@ -106,12 +91,6 @@ def test_stacked_windows_are_a_batch_in_order():
     for i in range(3):
         assert torch.equal(batch.x[i], windows[i].x)
         assert torch.equal(batch.truth.r[i], windows[i].truth.r)
-
-
-@pytest.mark.parametrize("begins", ["rest", "given", "periodic"])
-def test_a_batch_begins_as_its_records_do(begins):
-    record = replace(counted_record(), initial_state=begins)
-    assert stack([record, record]).initial_state == begins
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
@@ -139,28 +118,6 @@ def test_unlike_records_make_no_batch(other):
         stack([counted_record(), other])
 
 
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [
-        ({}, {"x": None}),
-        ({}, {"truth": None}),
-        ({}, {"f": torch.zeros(100, 3).double()}),
-        ({"x": None}, {"v": None}),
-    ],
-    ids=["no displacement", "no truth", "more forces", "displacement here, velocity there"],
-)
-def test_records_with_unlike_signals_make_no_batch(one, other):
-    with pytest.raises(ValueError, match="records differ in"):
-        stack([replace(counted_record(), **one), replace(counted_record(), **other)])
-
-
-def test_the_measured_record_knows_no_truth_and_is_otherwise_the_same():
-    record = counted_record().measured()
-    assert record.truth is None
-    assert torch.equal(record.a, counted_record().a)
-    assert counted_record().truth is not None
-
-
 def test_map_reaches_every_signal_measured_and_true():
     record = counted_record()
     doubled = record.map(lambda u: 2.0 * u)
@@ -168,12 +125,6 @@ def test_map_reaches_every_signal_measured_and_true():
         assert torch.equal(getattr(doubled, name), 2.0 * signal), name
     for name in "xvayr":
         assert torch.equal(getattr(doubled.truth, name), 2.0 * getattr(record.truth, name)), name
-
-
-def test_map_leaves_missing_signals_missing():
-    record = Record(0.01, torch.ones(5, 1), torch.ones(5, 1)).map(lambda u: 2.0 * u)
-    assert set(record.signals()) == {"a", "f"}
-    assert record.x is None
 
 
 def test_the_excitation_is_forces_then_support_motion():
@@ -200,8 +151,3 @@ def test_the_excitation_is_forces_then_support_motion():
 def test_signals_that_do_not_fit_make_no_record(change, message):
     with pytest.raises(ValueError, match=message):
         replace(counted_record(), **change)
-
-
-def test_a_record_of_one_sample_is_no_record():
-    with pytest.raises(ValueError, match="at least 2 samples"):
-        Record(0.01, torch.zeros(1, 3), torch.zeros(1, 3))
