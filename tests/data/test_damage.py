@@ -72,11 +72,10 @@ def test_a_linear_structure_follows_one_matrix_exponential_and_then_the_other(
     assert relative_rms(sound.x, exact[:, :3]) > 1e-2
 
 
-@pytest.mark.parametrize("element", ["r1", "r2"])
-def test_a_damaged_motion_equals_the_event_located_reference(
-    structure, excitation, system, element
-):
-    force, kept, k = forces(structure, excitation, 200), 0.7, 80
+def test_a_damaged_motion_equals_the_event_located_reference(structure, excitation, system):
+    """Of outer elements in the one structure, of inner ones in the others."""
+    element = "r1" if system == "bilinear" else "r2"
+    force, kept, k = forces(structure, excitation, 120), 0.7, 50
     masses, laws = paper_structure(system)
     after, factors = [dict(law) for law in laws], np.ones(6)
     weak = after[list(structure.elements).index(element)]

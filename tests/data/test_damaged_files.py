@@ -81,7 +81,7 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Table], None]
     "unknown suffix": ("a.log", text("t,a\n0,2\n1,3\n"), {}, r"suffix '\.log' is not known"),
     "pickle named CSV": ("a.csv", lambda p: p.write_bytes(pickle.dumps(Planted(p.parent / "PICKLE_RAN"))), {}, r"pickle, which could run code"),
     "NUL bytes in a row": ("a.csv", text("t,a\n0,2\n1\0,3\n"), {}, r"line 3 holds a NUL byte"),
-    "NUL bytes far down": ("a.csv", text("t,a\n" + "0,2\n" * 300000 + "\0" * 50), {}, r"line 300002 holds a NUL byte"),
+    "NUL bytes far down": ("a.csv", text("t,a\n" + "0,2\n" * 60000 + "\0" * 50), {}, r"line 60002 holds a NUL byte"),
     "huge header line": ("a.csv", text("a" * (2**20 + 10) + "\n1\n2\n"), {}, r"line 1 is longer than 1048576 bytes"),
     "wide header": ("a.csv", text(",".join(f"a{k}" for k in range(5000)) + ("\n" + ",".join(["1"] * 5000)) * 2), {}, columns(**{f"a{k}": [1, 1] for k in range(5000)})),
     # --- text: header and preamble

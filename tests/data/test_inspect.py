@@ -136,7 +136,6 @@ def test_the_picture_shows_every_channel(run, vibration):
     for half in (image[:height], image[height:]):
         assert (half.min(axis=-1) < 0.5).mean() > 0.005  # lines, beside the paper
     assert run("vibration.csv", "--picture", "seen.png")[0] == 1
-    assert run("vibration.csv", "--picture", "seen.png", "--force")[0] == 0
 
 
 def test_the_config_holds_the_mapping_and_the_remedies(run, strange):

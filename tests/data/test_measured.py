@@ -283,7 +283,7 @@ def test_an_element_test_is_identified_and_a_surface_without_memory_is_not(loop)
     assert (train.quantity, data.inputs, data.dofs, data.forced) == ("force", 2, 1, [])
     surface = RestoringForceSurface(1, 2, data.dt, order=3)
     surface.identify([train])
-    element = trained(HystereticElement(1, 2, data.dt, hinges=0, units=1, cubic=False), [train], 15)
+    element = trained(HystereticElement(1, 2, data.dt, hinges=0, units=1, cubic=False), [train], 8)
     with torch.no_grad():
         errors = [(m.free_run(train.drive()).a - train.a).norm() / train.a.norm()
                   for m in (element, surface)]  # fmt: skip

@@ -59,7 +59,7 @@ def test_below_yield_and_gap_the_bilinear_structure_is_linear(bilinear_structure
 
 
 def test_motion_equals_the_event_located_reference(structure, excitation, system):
-    force = forces(structure, excitation, 300)
+    force = forces(structure, excitation, 150)
     motion = simulate(structure, force, DT)
     reference = reference_response(*paper_structure(system), DT, force)
     assert motion.escape_time is None
@@ -70,7 +70,7 @@ def test_motion_equals_the_event_located_reference(structure, excitation, system
 
 def test_motion_on_moving_supports_equals_the_reference(structure, excitation, system):
     shaken = Excitation(excitation.force, BandLimitedGaussian(SUPPORT_STD[system], (0.0, 2.0)))
-    drive = shaken.draw(structure, 200, DT, 0, np.random.default_rng(2))
+    drive = shaken.draw(structure, 100, DT, 0, np.random.default_rng(2))
     motion = simulate(structure, drive[0], DT, *drive[1:])
     reference = reference_response(*paper_structure(system), DT, *drive)
     allowed = 1e-5 if system == "bilinear" else 1e-6
@@ -78,9 +78,7 @@ def test_motion_on_moving_supports_equals_the_reference(structure, excitation, s
         assert relative_rms(getattr(motion, name)[1:], reference[name][1:]) < allowed, name
 
 
-@pytest.mark.parametrize(
-    ("n", "eta_rate", "nu_rate"), [(1.0, 0.3, 0.2), (2.0, 0.2, 0.4), (1.5, 0.0, 0.3)]
-)
+@pytest.mark.parametrize(("n", "eta_rate", "nu_rate"), [(2.0, 0.2, 0.4), (1.5, 0.0, 0.3)])
 def test_bouc_wen_of_any_power_and_degradation_equals_the_reference(n, eta_rate, nu_rate):
     ends = {"base": ("s1", "x1"), "link": ("x1", "x2")}
     law = {"eta": 1.3, "nu": 0.8, "eta_rate": eta_rate, "nu_rate": nu_rate}
@@ -96,7 +94,7 @@ def test_bouc_wen_of_any_power_and_degradation_equals_the_reference(n, eta_rate,
         | law
         for a, b in ends.values()
     ]
-    force = forces(ours, Excitation(force=BandLimitedGaussian(4.0, (0.0, 3.0))), 200)
+    force = forces(ours, Excitation(force=BandLimitedGaussian(4.0, (0.0, 3.0))), 100)
     reference = reference_response(ours.masses, theirs, DT, force)
     assert relative_rms(simulate(ours, force, DT).a, reference["a"]) < 1e-6
     assert relative_rms(simulate(ours, force, DT).r, reference["r"]) < 1e-6

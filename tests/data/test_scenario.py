@@ -13,7 +13,6 @@ from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.scenario import Composed, Integrated, Noisy
 
 FORCE = Excitation(force=BandLimitedGaussian(1.7, (0.0, 4.5)))
-SIGNALS = ("a", "f", "x", "v")
 
 
 def measured(scenario, record, seed=0):

@@ -11,7 +11,7 @@ from models.linear import EquivalentLinear
 from models.training.doing import doing
 from models.training.identification import Identification
 from runner import job as fit_progress
-from runner.job import FitProgress, line_of
+from runner.job import FitProgress
 
 
 @pytest.fixture
@@ -21,16 +21,6 @@ def module() -> Identification:
     fit.stage, fit.losses, fit.start = 1, [1.0, 4e-4], 0.0
     fit.solver = SimpleNamespace(iterations=50, done=10)
     return fit
-
-
-def test_a_line_tells_stage_iterations_and_error(module):
-    line = line_of(module, 3.0)
-    assert line.startswith("stage 2 of 2 (horizon whole record), iteration 2, error 2 %, ")
-    module.objective = SimpleNamespace(stages=["one step"])
-    assert line.endswith(", at most 12 s left in it")  # 0.3 s for each of 40 iterations
-    module.stage, module.losses, module.solver = 0, [], None
-    assert line_of(module, 3.0).startswith("iteration 0, ")
-    assert not line_of(module, 3.0).endswith("left")
 
 
 class Stream(io.StringIO):

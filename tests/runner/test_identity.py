@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from models.stored.schema import front_name
 from models.zoo.index import ROOT as ZOO
 from runner import stamp
 from runner.config.compose import composed
@@ -46,12 +45,6 @@ def test_a_choice_that_changes_numbers_is_another_identity():
 def test_an_identity_for_a_seed_is_that_of_its_values():
     seeds = SeedsOf(composed())
     assert seeds.identity(3) == identity_of(seeds.values(3)) == identity("seed=3")
-
-
-def test_classes_of_older_configs_are_named_as_the_fronts_do():
-    assert front_name("models.mlp.GlobalMLP") == "models.GlobalMLP"
-    assert front_name("models.GlobalMLP") == "models.GlobalMLP"
-    assert front_name("somebody.GlobalMLP") == "somebody.GlobalMLP"
 
 
 def test_a_run_without_a_results_version_is_read_and_is_not_finished(older):
@@ -96,8 +89,3 @@ def test_failures_are_stamped_and_damaged_files_named(tmp_path, capsys):
     assert "damaged" in said.err
     assert read_failure(tmp_path / "failed")["results"] == stamp.OF_0_11
     assert would_fail_again(tmp_path / "failed") == (stamp.OF_0_11 == RESULTS)
-
-
-def test_a_folder_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(ValueError, match="there is no folder"):
-        stamp.main([str(tmp_path / "nowhere")])

@@ -25,13 +25,13 @@ from tests.program.test_train import run
 from tests.runner.test_sweep import QUICK, pytestmark, results  # noqa: F401
 
 ROOT = Path(__file__).parents[2]
-SWEEP = [sys.executable, "train.py", "-m", *QUICK, "model=linear,vwnn", "seed=range(0,6)"]
+SWEEP = [sys.executable, "train.py", "-m", *QUICK, "model=linear,vwnn", "seed=range(0,4)"]
 needs_ray = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="no Ray: '.[ray]'")
 needs_slurm = pytest.mark.skipif(bool(why_no_slurm()), reason=str(why_no_slurm()))
 
 
 def sweep(folder: Path, *words: str, **environment: str) -> subprocess.Popen:
-    """Twelve cheap runs, begun."""
+    """Eight cheap runs, begun."""
     env = {name: value for name, value in os.environ.items() if name not in THREADS}
     return subprocess.Popen(
         [*SWEEP, f"hydra.sweep.dir={folder}", *words],
@@ -58,7 +58,7 @@ def undisturbed(tmp_path_factory) -> dict[str, dict]:
     words = [*SWEEP[2:], "hydra/launcher=basic", f"hydra.sweep.dir={folder}"]
     with pytest.MonkeyPatch.context() as monkeypatch:
         assert run(train, monkeypatch, *words) == 0
-    assert len(results(folder)) == 12
+    assert len(results(folder)) == 8
     return results(folder)
 
 
@@ -104,18 +104,40 @@ def test_all_cores_lose_a_process_and_no_run(tmp_path, undisturbed):
     os.kill(workers[0], signal.SIGKILL)
     printed = process.communicate()[0]
     assert process.returncode == 0, printed
-    assert "12 done, 0 failed" in printed
+    assert "8 done, 0 failed" in printed
     assert results(tmp_path) == undisturbed
 
 
+WORKERS = """
+import os, time
+from pathlib import Path
+from runner.launch.processes import run_side_by_side
+
+class Long:
+    environment = {}
+
+    def __call__(self, words):
+        (Path(FOLDER) / words[0]).write_text(str(os.getpid()))
+        time.sleep(600)
+
+run_side_by_side(Long(), [["0"], ["1"]], 2)
+"""
+
+
 def test_nobody_works_on_after_a_sweep_was_killed(tmp_path):
-    process = sweep(tmp_path, "hydra/launcher=joblib", "hydra.launcher.n_jobs=1")
-    wait_until(lambda: results(tmp_path), process)
-    workers = [pid for pid, name in processes_of(process).items() if "LokyProcess" in name]
-    assert len(workers) == 1
+    words = [sys.executable, "-c", WORKERS.replace("FOLDER", repr(str(tmp_path)))]
+    process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+
+    def begun() -> bool:
+        texts = [path.read_text() for path in tmp_path.iterdir()]
+        return len(texts) == 2 and all(texts)
+
+    wait_until(begun, process)
+    workers = [int(path.read_text()) for path in tmp_path.iterdir()]
+    assert all(map(command_line, workers))
     process.kill()
     process.communicate()
-    until = time.monotonic() + 1.0
+    until = time.monotonic() + 2.0
     while any(map(command_line, workers)) and time.monotonic() < until:
         time.sleep(0.02)
     assert not any(map(command_line, workers))
@@ -137,19 +159,11 @@ def test_a_ray_cluster_loses_a_node_and_no_run(tmp_path, undisturbed):
         wait_until(lambda: len(results(tmp_path)) >= 3, process)
         wait_until(lambda: busy(second), process)
         kill(second)
-        assert len(results(tmp_path)) < 10
+        assert len(results(tmp_path)) < 7
         printed = process.communicate()[0]
     assert process.returncode == 0, printed
-    assert "12 done, 0 failed" in printed
+    assert "8 done, 0 failed" in printed
     assert results(tmp_path) == undisturbed
-
-
-@needs_ray
-def test_a_cluster_that_is_not_there_is_told_in_one_line(tmp_path):
-    words = ["hydra/launcher=ray", "hydra.launcher.address=127.0.0.1:1"]
-    printed = (process := sweep(tmp_path, *words)).communicate()[0].splitlines()
-    assert process.returncode == 1
-    assert printed[-1].startswith("error: hydra.launcher.address=127.0.0.1:1 does not answer")
 
 
 def busy(node: subprocess.Popen) -> bool:
@@ -168,20 +182,9 @@ def test_slurm_does_a_sweep_whose_command_was_killed(tmp_path, undisturbed):
         wait_until(lambda: len(results(tmp_path)) >= 3, process)
         process.kill()
         process.communicate()
-        assert len(results(tmp_path)) < 12
+        assert len(results(tmp_path)) < 8
         printed = (process := sweep(tmp_path, *words, **environment)).communicate()[0]
     assert process.returncode == 0, printed
-    assert "12 done (" in printed
+    assert "8 done (" in printed
     assert results(tmp_path) == undisturbed
     assert all(json.loads(path.read_text()) == {} for path in tmp_path.glob("slurm/lost*.json"))
-
-
-@needs_slurm
-def test_what_slurm_refuses_is_told_in_one_line(tmp_path):
-    with slurm() as environment:
-        words = ["hydra/launcher=slurm", "hydra.launcher.partition=fast"]
-        process = sweep(tmp_path, *words, **environment)
-        printed = process.communicate()[0].splitlines()
-    assert process.returncode == 1
-    assert printed[-1].startswith("error: Slurm does not take the sweep")
-    assert "invalid partition specified: fast" in printed[-1]

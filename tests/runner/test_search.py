@@ -56,45 +56,10 @@ def test_a_run_scores_what_it_held_back_and_its_fit_has_not_seen_it(tmp_path, mo
     assert validation_error(metrics) == metrics["validation"]["relative_rms_percent"]
 
 
-def test_hydra_is_told_the_validation_error_and_infinity_where_a_run_failed(tmp_path, monkeypatch):
-    told: list[list[float | None]] = []
-    launcher = Plugins.instance().class_name_to_class[LAUNCHER]
-    launch = launcher.launch
-
-    def spy(self, jobs, initial_job_idx):
-        results = launch(self, jobs, initial_job_idx=initial_job_idx)
-        told.append([result.return_value for result in results])
-        return results
-
-    monkeypatch.setattr(launcher, "launch", spy)
-    words = ["-m", *QUICK, "model=linear", f"hydra.sweep.dir={tmp_path}", "seed=0,-1"]
-    run(train, monkeypatch, *words, *HELD)
-    run(train, monkeypatch, *words, "seed=0")
-    runs = [json.loads(path.read_text()) for path in tmp_path.glob("*seed0*/metrics.json")]
-    (error,) = [m["validation"]["relative_rms_percent"] for m in runs if "validation" in m]
-    assert told == [[error, math.inf], [None]]
-
-
 def test_a_run_without_validation_cannot_be_judged():
     with pytest.raises(ValueError, match=r"data\.validation=0\.2"):
         validation_error({"test": {"relative_rms_percent": 1.0}})
     assert validation_error({"validation": {"relative_rms_percent": None}}) == math.inf
-
-
-def test_without_warm_up_the_start_of_the_filters_is_what_is_judged():
-    """The held-back part begins in motion, the VWNN's filters at rest."""
-    errors = []
-    for warmup in (0, 100):
-        cfg = composed(
-            "system=bouc_wen", "model.cutoff=200", "data.validation=0.2", f"data.warmup={warmup}",
-            "data.duration=20",
-        )  # fmt: skip
-        data = data_from(cfg)
-        data.setup()
-        vwnn = estimator_from(cfg.model, data)
-        vwnn.identify(data.loader("train"))
-        errors.append(score(vwnn, data.loader("validation"))["relative_rms_percent"])
-    assert errors[0] > 2.0 * errors[1]
 
 
 def test_hydras_words_are_optunas_distributions():
@@ -219,24 +184,6 @@ def test_a_setting_is_not_judged_by_a_run_that_was_lost(tmp_path, monkeypatch, c
     assert search(tmp_path, monkeypatch, *words) == 0
     assert [path.name.split("-")[3] for path in again.launched[:2]] == ["seed81", "seed80"]
     assert len(found(tmp_path)["trials"]) == 2
-
-
-def test_a_value_that_is_typed_is_not_tuned_and_an_interval_is(tmp_path, monkeypatch):
-    Planted(monkeypatch)
-    words = ["model.order=1", "model.cutoff=interval(60,70)", "hydra.sweeper.trials=2"]
-    assert search(tmp_path, monkeypatch, *words, "hydra.sweeper.final.seed=60") == 0
-    told = found(tmp_path)
-    assert "model.order=1" in told["case"]
-    assert "model.order" not in told["best"]
-    assert {t["settings"]["model.cutoff"] >= 60.0 for t in told["trials"]} == {True}
-    assert told["trials"][0]["settings"]["model.cutoff"] == 60.0  # 50, moved into the interval
-
-
-def test_settings_that_all_fail_are_one_line(tmp_path, monkeypatch, capsys):
-    Planted(monkeypatch)
-    assert search(tmp_path, monkeypatch, "seed=82", "hydra.sweeper.trials=2") == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "every setting failed" in line
 
 
 def test_without_optuna_one_line_says_what_to_install(tmp_path, monkeypatch, capsys):

@@ -41,10 +41,6 @@ def test_a_draw_whose_structure_escaped_is_counted_and_changes_no_statistic():
     assert spread(ESCAPED).text() == "–"
 
 
-def test_unfinished_and_damaged_runs_say_nothing():
-    assert spread(9.0, "unfinished", "damaged").counts() == "1"
-
-
 def test_what_failed_has_no_number_where_no_run_of_its_case_has_one():
     """A model without a free run, say."""
     ours = spread_of(runs(1.0, FAILED), lambda run: run.free_run)
@@ -61,9 +57,3 @@ def test_an_infinite_end_lets_no_value_in(value, inside):
 def test_percents_have_the_digits_that_can_be_read():
     texts = [percent(value) for value in (0.004, 9.996, 99.996, 1234.5, 2e5, math.inf, None)]
     assert texts == ["0.00", "10.00", "100", "1234", "2e+05", "diverged", ""]
-
-
-def test_ends_that_are_lost_are_one_word():
-    ours = Spread((math.inf, math.inf))
-    assert ours.between(ours.range) == "diverged"
-    assert Spread((1.0, math.inf)).between((1.0, math.inf)) == "1.00 – diverged"

@@ -98,18 +98,3 @@ def test_tables_count_what_is_no_result_and_keep_its_numbers(runs, capsys):
     assert status_counts(runs) == "3 runs: 2 finished, 1 not identified"
     comparison = compare(runs, ["seed"], "relative_rms_percent", "test")
     assert "not identified" in [column.header for column in as_table(comparison).columns]
-
-
-@pytest.mark.parametrize("width", [80, 120, 160])
-def test_a_sweep_s_table_fits_the_terminal_and_breaks_no_word(runs, width, capsys):
-    for run in runs:
-        run.metrics["model"] = "latent_hysteresis_network"
-        run.metrics["scenario"] = "integrated"
-        run.metrics["system"] = "frame_tested_on_northridge"
-    (table,) = sweep_tables([("data.test=northridge model.hinges=3", run) for run in runs], width)
-    terminal(width).print(table)
-    lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= width
-    words = " ".join(lines).split()
-    told = ["network", "northridge", "model.hinges=3", "identified", "15.00"]
-    assert [word for word in told if not any(w.endswith(word) for w in words)] == []
