@@ -13,10 +13,10 @@ from omegaconf import DictConfig
 from data.record import Record
 from data.sample import Sensors
 from models.estimator import Estimator
+from models.fit.objective import restore, state_of
+from models.fit.solvers.solver import hurry
+from models.fit.trainable import require_trainable
 from models.training.assemble import estimator_from, objective_from, solver_from
-from models.training.objective import restore, state_of
-from models.training.solvers.solver import hurry
-from models.training.trainable import require_trainable
 from runner.config.compose import CONF, prepare_hydra
 
 

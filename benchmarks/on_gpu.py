@@ -27,10 +27,10 @@ import torch
 from benchmarks.table import seconds_of
 from data.arguments import Parser
 from data.record import Record
+from models.fit.trainable import Trainable
 from models.mlp import GlobalMLP
 from models.neural_state_space import NeuralStateSpace
 from models.recurrent import Recurrent
-from models.training.trainable import Trainable
 from models.vwnn import VWNN
 from runner.config.command_line import command_errors
 

@@ -4,7 +4,7 @@
     python -m benchmarks.solvers --quick    # 0.3 s for each, one start, 10 s of motion, for CI
 
 The same network, training motion and starting weights for all, full batch, float64, one thread, one
-run at a time. All minimise mean(e²) of models/training/problem.py, whose root is Eq. 21. A solver
+run at a time. All minimise mean(e²) of models/fit/problem.py, whose root is Eq. 21. A solver
 stops at the smallest error of the table, where it finds no lower one, or at the limit of time:
 limits of iterations are lifted. Time spent on noting an error does not count. An error is reached
 when a point with it has been evaluated, whether the solver then goes on from there (an iterate of
@@ -30,9 +30,9 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from benchmarks.table import show
 from data.arguments import Parser
 from data.record import Record
+from models.fit.problem import Problem
+from models.fit.trainable import Trainable
 from models.training.assemble import data_from, estimator_from, solver_from
-from models.training.problem import Problem
-from models.training.trainable import Trainable
 from runner.config.command_line import command_errors
 from runner.config.compose import composed
 from runner.job import quiet_lightning

@@ -17,8 +17,8 @@ from omegaconf import DictConfig, OmegaConf
 from data.public.benchmarks import BENCHMARKS
 from data.sample import Sensors
 from export.names import plain_values, wrap
-from models.training.metrics import FREE_RUNS
-from models.training.trained_range import OTHER
+from models.fit.metrics import FREE_RUNS
+from models.fit.trained_range import OTHER
 from runner.config.compose import CONF
 
 ERROR = "relative_rms_percent"

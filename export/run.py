@@ -13,8 +13,8 @@ from data.sample import Sensors
 from export.names import channels_of, identifier, inputs_of, plain_unit
 from export.passport import Passport, passport_of
 from models.estimator import Estimator
+from models.fit.metrics import FREE_RUNS
 from models.stored.schema import ANYTHING, PERCENT, require
-from models.training.metrics import FREE_RUNS
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_files import require_finished
 from runner.folder.run_folder import read_run

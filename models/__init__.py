@@ -36,13 +36,13 @@ PUBLIC = ESTIMATORS | {
     "WeightDistance": "models.detection.weight_distance",
     "WeightDrift": "models.detection.weight_drift",
     # training
-    "Adam": "models.training.solvers.adam",
-    "FreeRun": "models.training.free_run_objective",
-    "Identification": "models.training.identification",
-    "LBFGS": "models.training.solvers.lbfgs",
-    "LevenbergMarquardt": "models.training.solvers.levenberg_marquardt",
-    "OneStep": "models.training.objective",
-    "Trainable": "models.training.trainable",
+    "Adam": "models.fit.solvers.adam",
+    "FreeRun": "models.fit.free_run_objective",
+    "Identification": "models.fit.identification",
+    "LBFGS": "models.fit.solvers.lbfgs",
+    "LevenbergMarquardt": "models.fit.solvers.levenberg_marquardt",
+    "OneStep": "models.fit.objective",
+    "Trainable": "models.fit.trainable",
 }
 KINDS = {  # front → its laws → the class that is built
     "ElementNetwork": {

@@ -39,6 +39,7 @@ from models.composition.branch_law_compiled import (
 from models.composition.branch_run import Branches, branch_law
 from models.element_test import ElementTest
 from models.estimator import Parameter
+from models.fit.trainable import Trainable
 from models.starts.branch_choice import (
     Choice,
     Chosen,
@@ -50,7 +51,6 @@ from models.starts.branch_choice import (
     told,
 )
 from models.starts.smoothed_states import LOWER, by_median
-from models.training.trainable import Trainable
 
 NOISE = 5.0  # standard deviations by which a motion has to come back for a turning point
 MOST_RAMPS = 200

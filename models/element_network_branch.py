@@ -35,6 +35,7 @@ from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.estimator import Parameter
+from models.fit.doing import doing
 from models.starts.branch_choice import (
     Choice,
     Chosen,
@@ -62,7 +63,6 @@ from models.starts.branch_polish import (
 from models.starts.equilibrium import dominant
 from models.starts.judged import free_run_error
 from models.starts.shared_forces import fit_together
-from models.training.doing import doing
 
 OWN, SHARED = (14, 4), (6, 2)  # ramps and bends of laws that have, or share, their forces
 NAMED = 0.1  # error of a run of named laws: farther off, integrals of accelerations are as good

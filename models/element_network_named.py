@@ -33,6 +33,7 @@ from models.composition.stated import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
+from models.fit.doing import doing
 from models.named_laws.choice import chosen
 from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit, joined, units_of
@@ -41,7 +42,6 @@ from models.named_laws.free_run import LINEAR, FreeRuns, Laws, Shaking, linear, 
 from models.named_laws.learned import LearnedLaws, named_law, require_laws, told
 from models.named_laws.storey import Beginning, Storey, residuals
 from models.named_laws.storey import chosen as chosen_storey
-from models.training.doing import doing
 
 SOFTEST = 1e-3  # of the stiffest spring, where a linear structure has none
 LIGHTEST = 0.05  # of the mass above, where a law leaves none

@@ -1,7 +1,7 @@
 """The interface of the zoo: records in, accelerations out, at every time step.
 
 An estimator has a closed-form part, solved by `identify`. One with parameters that still require a
-gradient afterwards is a `Trainable` (models/training/trainable.py). The estimate at t_k never uses
+gradient afterwards is a `Trainable` (models/fit/trainable.py). The estimate at t_k never uses
 the acceleration at t_k.   B records, T samples, n DOFs, m channels of excitation.
 """
 

@@ -18,13 +18,13 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from models.estimator import Estimator, Parameter, weight_matrix
+from models.fit.metrics import free_run_score
+from models.fit.problem import MOST_DERIVATIVES, in_steady_state
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.layers.integrate import between
 from models.layers.least_squares import LeastSquares
 from models.layers.state_variables import corner_frequency, state_variables
 from models.linear import EquivalentLinear
-from models.training.metrics import free_run_score
-from models.training.problem import MOST_DERIVATIVES, in_steady_state
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 CORNERS = (0.3, 1.0, 3.0, 10.0)  # times the usual corner of the filters; the best of them is kept
 DIFFERENTIATED = {"displacement": 2, "velocity": 1, "acceleration": 0}  # how often, to be ẍ

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn.functional import pad
 
 from data.record import Drive, Record, Response
+from models.fit.trainable import Trainable
 from models.layers.integrate import (
     History,
     one_by_one,
@@ -23,7 +24,6 @@ from models.layers.integrate import (
 from models.layers.perceptron import Perceptron
 from models.linear import EquivalentLinear
 from models.linear_in_weights import weighted
-from models.training.trainable import Trainable
 
 
 class GlobalMLP(Trainable):

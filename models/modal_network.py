@@ -21,6 +21,7 @@ from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
 from models.estimator import Estimator, Parameter
+from models.fit.free_run import simulate
 from models.modal.between_samples import interpolated
 from models.modal.fit import ORDERS, Plan, fitted, learned
 from models.modal.layout import FAMILIES, Layout
@@ -29,7 +30,6 @@ from models.modal.periods import period_of, steady_mean
 from models.modal.problem import Motion
 from models.modal.run import Excited, outputs, steady_state
 from models.physical.parameters import modal
-from models.training.free_run import simulate
 
 MOST_MODES, MOST_ELEMENTS = 40, 8
 LIKELY = 5.0  # mean square of the errors of warm-up samples, in units of those in training

@@ -24,11 +24,11 @@ from torch import Tensor, nn
 from data.parallel import in_threads
 from data.record import Drive, Record, Response
 from models.estimator import Estimator
+from models.fit.doing import doing
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.frames.run_compiled import free, imposed
 from models.layers.integrate import between
 from models.starts.equilibrium import integrated_states
-from models.training.doing import doing
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 
 class MomentFrame(Estimator):

@@ -12,10 +12,10 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
+from models.fit.trainable import Trainable
 from models.layers.integrate import integrated
 from models.layers.perceptron import DEEPEST, require_trainable_size
 from models.layers.scaling import Extents
-from models.training.trainable import Trainable
 
 CELLS = {"gru": nn.GRU, "lstm": nn.LSTM}
 

@@ -26,10 +26,10 @@ from data.datamodule import Data
 from data.parallel import take_threads
 from data.simulation.motion import EscapedMotionError
 from models.checkpoint import load_estimator
+from models.fit.doing import heard
+from models.fit.identification import Identification
+from models.fit.resume import SaveProgress
 from models.training.assemble import assembled, changed
-from models.training.doing import heard
-from models.training.identification import Identification
-from models.training.resume import SaveProgress
 from models.zoo import index as zoo
 from runner.accelerator import accelerator_of, require_accelerator
 from runner.config import command_line

@@ -12,8 +12,8 @@ from lightning.pytorch import Trainer
 from omegaconf import DictConfig
 
 from data.datamodule import Data
+from models.fit.identification import Identification
 from models.training.assemble import asks_for_topology, identification_from
-from models.training.identification import Identification
 
 OTHER = {"chain": "all", "all": "chain"}
 WORDS = {"chain": "chain", "all": "all pairs"}

@@ -27,11 +27,11 @@ from data.simulation.datamodule import SimulatedData
 from data.windows import WindowDataset
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
 from models.estimator import Estimator, NoFreeRunError
+from models.fit.free_run import simulate
+from models.fit.identification import SPLITS, Identification
+from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.linear import EquivalentLinear
 from models.training.assemble import data_from, estimator_from
-from models.training.free_run import simulate
-from models.training.identification import SPLITS, Identification
-from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.vwnn import VWNN
 from runner.accelerator import accelerator_of
 from runner.config.settings import check_settings

@@ -20,8 +20,8 @@ from models.composition.branch_run_compiled import run
 from models.composition.simulate import Composition
 from models.composition.trace import Trace, anchors_of, arrays_of, do_all, on_processor
 from models.estimator import Parameter
+from models.fit.room import room
 from models.layers.integrate import between
-from models.training.room import room
 
 STEPS = 100  # of a push
 

@@ -21,7 +21,7 @@ from models.composition.held import Held
 from models.composition.measured_states import MEASURES, reconstructed_of, states_of
 from models.composition.simulate import ACCELERATION, Composition, simulate
 from models.composition.trace import DifferentiatedRun, Trace, traced
-from models.training.free_run import simulate as simulate_record
+from models.fit.free_run import simulate as simulate_record
 
 MOST_SUBSTEPS = 10_000  # of a sample interval
 MOST_STEPS = 20_000  # under autograd, at some milliseconds each

@@ -14,7 +14,7 @@ from torch import Tensor
 from models.composition.coefficients import Coefficients, Numbering
 from models.composition.laws import ElementLaws
 from models.composition.stated import Stated, places_of, stated_in, tie
-from models.training.trainable import Trainable
+from models.fit.trainable import Trainable
 
 LOOSE = 1e-6  # weight of a prior on a linear structure, where the prior holds the rest harder
 AGAINST = 1e-2  # weight that is added for units and cubic springs of negative stiffness, b > 0

@@ -21,8 +21,8 @@ from data.record import Drive, Response
 from models.composition.coefficients import PART, Part
 from models.composition.simulate import Composition
 from models.composition.simulate_compiled import run
+from models.fit.room import room
 from models.layers.integrate import between
-from models.training.room import room
 
 Place = TypeVar("Place")
 SMALLEST_BLOCK = 24  # derivatives that are worth a run of their own

@@ -14,9 +14,9 @@ import torch
 from torch import Tensor, nn
 
 from data.parallel import in_threads
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.modal.layout import Layout
 from models.modal.run import BLOCK, Excited, blocks
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 
 @dataclass(frozen=True)

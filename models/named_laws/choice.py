@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.fit.doing import doing
 from models.named_laws import pairs
 from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES
@@ -30,7 +31,6 @@ from models.named_laws.fit import (
     units_of,
 )
 from models.named_laws.leaning import LEANING, LEANS, leant
-from models.training.doing import doing
 
 DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
 MOST_IN_PARTS, IN_PARTS = 6, 4  # of a law whose parts are drawn anew; parameters for each of them

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 
 STEP = 1e-4  # of the differences
 DAMPING, MOST = 1e-2, 20.0  # at first and at most: steps beyond are too short to go on

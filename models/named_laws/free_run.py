@@ -18,12 +18,12 @@ from data.simulation.elements import Element, Polynomial
 from data.simulation.motion import Motion as Simulated
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
+from models.fit.doing import doing
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit
 from models.named_laws.leaning import LEANS, leant
-from models.training.doing import doing
 
 TOLERANCE = 1e-6  # of the simulation
 LOST = 1e3  # times what was measured, where a motion escapes

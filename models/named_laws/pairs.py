@@ -14,10 +14,10 @@ from operator import attrgetter
 import numpy as np
 
 from data.simulation.elements import Element
+from models.fit.doing import doing
 from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit, Motion, followed, two_largest
-from models.training.doing import doing
 
 SINGLE = (
     "MenegottoPinto",

@@ -30,12 +30,12 @@ import numpy as np
 from data.simulation.elements import Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
+from models.fit.doing import doing
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import descended
 from models.named_laws.fit import NEGLIGIBLE, Fit
 from models.named_laws.free_run import Laws, Shaking, samples_of
-from models.training.doing import doing
 
 SHARES = (0.06, 0.2, 0.5, 1.0)  # of the energy of every motion
 DRAWS, FOLLOWED = (60, 30, 20, 20), (6, 4, 2, 2)  # of a law at each share; draws that are followed

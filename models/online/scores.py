@@ -18,10 +18,10 @@ from torch.nn.functional import pad
 
 from data.datamodule import Data
 from data.record import Record
+from models.fit.identification import Identification
 from models.online.adaptive import Online, single
 from models.online.laws.frozen import Frozen
 from models.online.stream import started
-from models.training.identification import Identification
 
 WINDOW = 2.0  # [s]
 QUIET = 0.1

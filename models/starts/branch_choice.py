@@ -21,11 +21,11 @@ from torch import Tensor, nn
 
 from data.record import Record
 from models.composition.branch_law import is_larger, is_unsymmetric
-from models.training.doing import doing
-from models.training.objective import restore, state_of
-from models.training.parts import held_back_from
-from models.training.problem import FreeRunProblem
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.doing import doing
+from models.fit.objective import restore, state_of
+from models.fit.parts import held_back_from
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 
 Law = Any  # a BranchElement, whose file imports this one
 Test = tuple[Tensor, Tensor, Tensor]  # deformations, rates and forces (T, E)

@@ -27,13 +27,13 @@ from torch import Tensor
 
 from data.record import Record
 from models.composition.composite import Composite
+from models.fit.doing import doing
+from models.fit.objective import restore, state_of
+from models.fit.problem import FreeRunProblem
+from models.fit.stands import stands
 from models.starts.branch_choice import HARM, Joint, minimised, parted
 from models.starts.equilibrium import dominant
 from models.starts.judged import farthest, free_run_error
-from models.training.doing import doing
-from models.training.objective import restore, state_of
-from models.training.problem import FreeRunProblem
-from models.training.stands import stands
 
 WEIGHTS = (1.0, 1e-3, 1e-6)
 BY_DEFAULT = 1e-6  # where no free run can be judged, or none stands

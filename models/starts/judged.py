@@ -15,7 +15,7 @@ from torch import Tensor
 from data.record import Drive, Record
 from models.composition.composite import Composite
 from models.estimator import Estimator
-from models.training.stands import MORE
+from models.fit.stands import MORE
 
 DRAWS, TAPERED = 16, 0.05  # excitations like one of training; of their length, at either end
 

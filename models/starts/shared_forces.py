@@ -20,8 +20,8 @@ from torch import Tensor
 from data.record import Record
 from models.composition.branch_law import learned
 from models.composition.branch_law_compiled import imposed, with_turning_points
+from models.fit.doing import doing
 from models.starts.branch_choice import Joint, minimised
-from models.training.doing import doing
 
 PRIOR = 1e-5  # weight of Σ (θ − θ₀)²
 ITERATIONS, EVERY = 40, 4

@@ -1,1 +1,1 @@
-"""Training and scoring of any estimator."""
+"""Config → data, estimator, solver and objective of a run."""

@@ -21,7 +21,7 @@ from data.record import Record
 from models.composition.coefficients import Coefficients
 from models.composition.joined import all_pairs
 from models.element_network import ElementNetwork
-from models.training.problem import FreeRunProblem
+from models.fit.problem import FreeRunProblem
 from models.uncertainty.laplace import Laplace, singles
 
 FAINT = 1e-6  # of the median stiffness: that of an element whose effect is asked for

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.estimator import Parameter
-from models.training.trainable import Trainable
+from models.fit.trainable import Trainable
 from models.uncertainty.laplace import CONTRADICTED, Laplace
 from models.uncertainty.parameters import slopes
 

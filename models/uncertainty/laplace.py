@@ -28,8 +28,8 @@ from torch import Tensor
 from data.memory import require_memory
 from data.record import Record
 from models.composition.composite import Composite
-from models.training.problem import FreeRunProblem
-from models.training.trainable import Trainable
+from models.fit.problem import FreeRunProblem
+from models.fit.trainable import Trainable
 from models.uncertainty.noise import Noise, noise_of
 
 OPEN = 3.0  # standard deviation of a parameter without data, in units of θ

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from models.training.trainable import Trainable
+from models.fit.trainable import Trainable
 from models.uncertainty.parameters import STEP, free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood, Point, Posterior
 

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from data.record import Record
 from models.composition.composite import MOST_SUBSTEPS, Composite
-from models.training.problem import FreeRunProblem
+from models.fit.problem import FreeRunProblem
 from models.uncertainty.laplace import FINER, NORMAL, Laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
 

@@ -20,7 +20,7 @@ from models.element_network import ElementNetwork
 from models.estimator import Estimator, NoFreeRunError
 from models.stored.folder import read_run
 from models.stored.run import restore, sensors_of
-from models.training.trained_range import outside, range_of_drive, warnings_of
+from models.fit.trained_range import outside, range_of_drive, warnings_of
 from models.zoo.index import ROOT, entry_of
 
 
@@ -68,7 +68,7 @@ class Pretrained:
         """Whether the model stays in its training envelope under an excitation; warns where not.
 
         Compared are the excitation, the model's own motion, and the deformation and rate of each
-        element, to 5 % (models/training/trained_range.py). A model without a free run is judged by
+        element, to 5 % (models/fit/trained_range.py). A model without a free run is judged by
         the excitation alone. Raises ValueError for an excitation that does not fit the model.
         """
         trained = self.metrics.get("trained_range", {})

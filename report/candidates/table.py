@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from data.terminal import terminal
-from models.training.metrics import FREE_RUNS
+from models.fit.metrics import FREE_RUNS
 from report.collection.runs import read_runs
 from runner.scores.spread import percent
 

@@ -17,7 +17,7 @@ from data.sample import Sensors
 from data.terminal import terminal
 from export.modes import Modes, modes_of
 from models.estimator import Estimator, Parameter
-from models.training.metrics import FREE_RUNS
+from models.fit.metrics import FREE_RUNS
 from report.describe.tables import WIDTH, print_elements, print_modes, print_rest
 from report.output import save_figure
 from report.prediction.interface import Interface

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from models.estimator import Estimator
-from models.training.trained_range import warnings_of
+from models.fit.trained_range import warnings_of
 from report.prediction.runs import Prediction, parts_of
 
 LAST = 0.05  # of a motion, at its end, whose mean is called residual

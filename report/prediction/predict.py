@@ -17,7 +17,7 @@ from data.terminal import terminal
 from data.whole_file import write_text
 from models.composition.composite import Composite
 from models.estimator import Estimator
-from models.training.metrics import FREE_RUNS
+from models.fit.metrics import FREE_RUNS
 from report.output import as_csv, save_figure
 from report.prediction.figures import draw_many, draw_one
 from report.prediction.histories import require_format, write_history

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from data.record import QUANTITIES, Drive
 from models.estimator import Estimator
-from models.training.trained_range import names_of, outside
+from models.fit.trained_range import names_of, outside
 from models.uncertainty.conformal import Band
 from report.prediction.interface import GROUND, IMPOSED, SUPPORTS, Interface
 from report.prediction.motions import Motion

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from models.estimator import Estimator
-from models.training.trained_range import warnings_of
+from models.fit.trained_range import warnings_of
 from report.prediction.peaks import LAST, RESIDUAL, by_scale, largest, leading, peaks_of
 from report.prediction.runs import Prediction
 

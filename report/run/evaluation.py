@@ -17,10 +17,10 @@ from data.sample import Sensors
 from data.terminal import terminal
 from data.whole_file import write_text
 from models.estimator import Estimator
+from models.fit.metrics import FREE_RUNS, free_run_score, score
+from models.fit.trained_range import outside, range_of, worst_of
 from models.linear_motion import LinearMotion
 from models.training.assemble import changed, data_from
-from models.training.metrics import FREE_RUNS, free_run_score, score
-from models.training.trained_range import outside, range_of, worst_of
 from report.collection.report import report_by, report_collection
 from report.collection.runs import folders_of
 from report.output import as_csv, save_figure, spreadsheet

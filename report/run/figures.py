@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from data.record import QUANTITIES, Record, Response
-from models.training.metrics import displacement_of
+from models.fit.metrics import displacement_of
 from models.uncertainty.unmeasured import DISPLACEMENT, FORCE, Signal
 from report.run.compared import LOOPS, compared, few_cycles, first_of
 from report.style import DASHES, ESTIMATED, MEASURED, NARROW, TRUE, WIDE, placed, titled

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from models.training.metrics import FREE_RUNS
+from models.fit.metrics import FREE_RUNS
 from runner.scores.headline import HEADLINE, believed, headline
 from runner.scores.spread import percent
 

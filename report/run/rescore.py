@@ -20,9 +20,9 @@ from data.simulation.motion import EscapedMotionError
 from data.terminal import terminal
 from models.composition.composite import Composite
 from models.estimator import Estimator
+from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
+from models.fit.trained_range import loops_of, names_of
 from models.training.assemble import changed, data_from
-from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
-from models.training.trained_range import loops_of, names_of
 from models.uncertainty.unmeasured import Signal
 from report.output import save_figure
 from report.run.figures import run_figures

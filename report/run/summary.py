@@ -13,9 +13,9 @@ from torch import Tensor
 from data.datamodule import EACH, Data
 from data.record import QUANTITIES, Record
 from data.terminal import terminal
-from models.training.identification import Identification
-from models.training.metrics import FREE_RUNS
-from models.training.trained_range import worst_of
+from models.fit.identification import Identification
+from models.fit.metrics import FREE_RUNS
+from models.fit.trained_range import worst_of
 from report.run.bands import print_bands
 from report.run.criticism import print_criticism
 from report.run.hparams import numbers, swept

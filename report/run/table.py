@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from models.training.metrics import FREE_RUNS
-from models.training.trained_range import warnings_of
+from models.fit.metrics import FREE_RUNS
+from models.fit.trained_range import warnings_of
 from runner.scores.spread import percent
 
 ERROR = "relative_rms_percent"

@@ -20,8 +20,8 @@ from data.record import Record
 from data.terminal import terminal
 from models.composition.stated import dotted
 from models.estimator import Estimator
+from models.fit.trainable import Trainable
 from models.training.assemble import data_from
-from models.training.trainable import Trainable
 from models.uncertainty.intervals import Interval, intervals_of
 from models.uncertainty.laplace import Laplace, laplace
 from models.uncertainty.parameters import free_vector, set_free_vector

@@ -16,8 +16,8 @@ from omegaconf import DictConfig
 from data.record import QUANTITIES, Record
 from data.sample import Sensors
 from export.passport import passport_of, software, trained_on_words
-from models.training.metrics import FREE_RUNS
-from models.training.trained_range import OTHER, warnings_of
+from models.fit.metrics import FREE_RUNS
+from models.fit.trained_range import OTHER, warnings_of
 from report.about import prior_knowledge
 from report.zoo.licence import Licence
 from report.zoo.scores import ERROR, SEEDS

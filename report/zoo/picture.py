@@ -10,9 +10,9 @@ import torch
 from data.record import Record
 from models.composition.composite import Composite
 from models.estimator import Estimator, NoFreeRunError
-from models.training.free_run import simulate
-from models.training.metrics import left_at
-from models.training.trained_range import loops_of
+from models.fit.free_run import simulate
+from models.fit.metrics import left_at
+from models.fit.trained_range import loops_of
 
 WIDTH, HEIGHT, POINTS = 540, 180, 110
 TOP = 21  # beneath the words

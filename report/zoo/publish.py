@@ -20,7 +20,7 @@ from data.simulation.datamodule import SimulatedData
 from data.whole_file import write_text
 from models.estimator import Estimator
 from models.training.assemble import data_from
-from models.training.metrics import LEFT
+from models.fit.metrics import LEFT
 from models.zoo.golden import golden_of
 from models.zoo.index import FORMAT, INDEX, NAME, ROOT, entries
 from report.about import colour_of, prior_knowledge

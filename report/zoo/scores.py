@@ -11,7 +11,7 @@ from data.simulation.datamodule import SimulatedData
 from data.simulation.motion import EscapedMotionError
 from models.estimator import Estimator
 from models.training.assemble import changed, data_from
-from models.training.metrics import FreeRunScore, Scores
+from models.fit.metrics import FreeRunScore, Scores
 from report.run.rescore import scores_of
 
 SEEDS = (0, 1, 2, 3, 4)  # of the test motions that a card tells of

@@ -16,10 +16,10 @@ from data.sample import Sensors
 from data.whole_file import write_text
 from models.checkpoint import save_estimator
 from models.estimator import Estimator
+from models.fit.resume import fault_of
 from models.stored import run as stored
 from models.stored.folder import read_run
 from models.stored.run import sensors_of as sensors_of
-from models.training.resume import fault_of
 from runner.config.choices import plain
 from runner.config.identity import identity_of
 from runner.folder.lock import RUN, hold, release

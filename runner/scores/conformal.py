@@ -18,8 +18,8 @@ from torch import Tensor
 from data.datamodule import Data
 from data.record import Record, stack
 from models.estimator import Estimator
-from models.training.free_run import simulate
-from models.training.metrics import left_at
+from models.fit.free_run import simulate
+from models.fit.metrics import left_at
 from models.uncertainty.conformal import Band, band_from
 from models.uncertainty.laplace import singles
 from runner.scores.verdict import CANNOT

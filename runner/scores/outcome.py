@@ -17,11 +17,11 @@ from data.record import Record, stack
 from data.windows import WindowDataset
 from models.baselines import NotApplicableError
 from models.estimator import Estimator
+from models.fit.identification import HELD_BACK, SPLITS, Identification
+from models.fit.metrics import FREE_RUNS, free_run_score, score
+from models.fit.trainable import Trainable
+from models.fit.trained_range import outside, range_of
 from models.online.scores import online_scores
-from models.training.identification import HELD_BACK, SPLITS, Identification
-from models.training.metrics import FREE_RUNS, free_run_score, score
-from models.training.trainable import Trainable
-from models.training.trained_range import outside, range_of
 from runner.folder.run import Run
 from runner.folder.run_folder import settings_of
 from runner.scores.conformal import conformal_bands

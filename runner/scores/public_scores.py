@@ -11,7 +11,7 @@ from data.datamodule import Data
 from data.public.datamodule import BenchmarkData
 from data.public.measures import in_band_rms
 from data.record import Record
-from models.training.identification import Identification
+from models.fit.identification import Identification
 
 
 def benchmark_scores(data: Data, module: Identification) -> dict[str, Any]:

@@ -20,9 +20,9 @@ from models.composition.measured_states import MEASURES
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, NoFreeRunError
+from models.fit.free_run import simulate
+from models.fit.trainable import Trainable
 from models.physical.truth import forces_of, truth_of
-from models.training.free_run import simulate
-from models.training.trainable import Trainable
 from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import Finding, asks_for_more, criticism_of
 from models.uncertainty.intervals import intervals_of

@@ -14,9 +14,9 @@ from typing import Any
 from data.datamodule import Data
 from data.record import Record
 from models.estimator import Estimator
+from models.fit.identification import Identification
+from models.fit.metrics import FREE_RUNS, free_run_score
 from models.linear_motion import LinearMotion
-from models.training.identification import Identification
-from models.training.metrics import FREE_RUNS, free_run_score
 
 STILL = 100.0  # percent, of no motion
 WORSE = 1.05  # times the linear system's error: a model that contains it may miss it by rounding

@@ -19,10 +19,10 @@ from data.simulation.motion import simulate
 from data.simulation.scenario import FullState, Integrated
 from data.simulation.structure import Structure
 from models.element_network import ElementNetwork
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.hysteretic_element import HystereticElement
 from models.restoring_force_surface import RestoringForceSurface
-from models.training.problem import FreeRunProblem
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 DT = 0.01
 TEN_LINES = """time,f1,a1

@@ -9,9 +9,9 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Record
+from models.fit.problem import Problem
+from models.fit.trainable import Trainable
 from models.mlp import GlobalMLP
-from models.training.problem import Problem
-from models.training.trainable import Trainable
 
 NO_STOP = {"gradient": 0.0, "change": 0.0}
 

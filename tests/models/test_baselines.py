@@ -6,8 +6,8 @@ import pytest
 
 from data.datamodule import Data
 from models.baselines import NotApplicableError, Rigid, Zero
+from models.fit.metrics import free_run_score, score
 from models.linear_motion import LinearMotion
-from models.training.metrics import free_run_score, score
 from runner.scores.outcome import compare_baselines
 
 

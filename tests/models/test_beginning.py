@@ -13,8 +13,8 @@ from models import ElementNetwork, LevenbergMarquardt, TwoPoint
 from models.composition.beginning import beginning
 from models.composition.simulate import simulate as simulate_in_pytorch
 from models.composition.trace import traced
-from models.training.free_run import simulate
-from models.training.free_run_objective import FreeRun
+from models.fit.free_run import simulate
+from models.fit.free_run_objective import FreeRun
 
 DT, CUT = 0.01, 700
 

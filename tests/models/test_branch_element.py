@@ -12,9 +12,9 @@ from data.record import Record, stack
 from models.branch_element import BranchElement
 from models.composition.branch_law import blend, branch_forces
 from models.composition.branch_law_compiled import KEPT, blended, with_turning_points
-from models.training.objective import restore, state_of
-from models.training.problem import FreeRunProblem
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.objective import restore, state_of
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 
 DT = 0.02
 SETTLED = {"force_memory": True, "prior": 1e-7, "unsymmetric": False}  # nothing is chosen

@@ -11,7 +11,7 @@ from scipy.signal import butter, lfilter
 
 from data.record import Drive, Record, stack
 from models.element_network import ElementNetwork
-from models.training.by_noise import (
+from models.fit.by_noise import (
     _solve,
     errors_of,
     noise_of_sensors,
@@ -19,8 +19,8 @@ from models.training.by_noise import (
     takes_over,
     weigh_at_first,
 )
-from models.training.free_run_objective import FreeRun
-from models.training.problem import FreeRunProblem
+from models.fit.free_run_objective import FreeRun
+from models.fit.problem import FreeRunProblem
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import laplace
 from report.run.intervals import unequal

@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 
 from data.record import Drive, Record, stack
 from models.element_network import ElementNetwork
-from models.training.problem import FreeRunProblem
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import ELEMENT, LAW, criticism_of
 from models.uncertainty.laplace import laplace

@@ -8,10 +8,10 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record
-from models.training.problem import FreeRunProblem, Problem
-from models.training.solvers.adam import Adam
-from models.training.solvers.lbfgs import LBFGS
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.problem import FreeRunProblem, Problem
+from models.fit.solvers.adam import Adam
+from models.fit.solvers.lbfgs import LBFGS
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from tests.models.two_masses import DT, Growth, free_of, identified, motion
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates

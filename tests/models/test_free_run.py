@@ -16,12 +16,12 @@ from data.simulation.records import Simulation
 from data.simulation.scenario import Noisy
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
 from models.estimator import Estimator, NoFreeRunError
+from models.fit.free_run import periodic_run, simulate
+from models.fit.metrics import FreeRunScore, free_run_score, score
 from models.layers.integrate import between, runge_kutta
 from models.linear import EquivalentLinear
 from models.mlp import GlobalMLP, ResidualMLP
 from models.polynomial import ModalPolynomial
-from models.training.free_run import periodic_run, simulate
-from models.training.metrics import FreeRunScore, free_run_score, score
 from models.vwnn import VWNN
 from report.run.figures import free_run_acceleration, free_run_displacement
 from report.run.table import error_table, rows_of, why_no_free_run

@@ -10,9 +10,9 @@ from torch import Tensor, nn
 
 from data.record import Drive
 from models.estimator import Estimator, NoFreeRunError
+from models.fit.problem import FreeRunProblem
+from models.fit.trainable import Trainable
 from models.mlp import GlobalMLP
-from models.training.problem import FreeRunProblem
-from models.training.trainable import Trainable
 from models.vwnn import VWNN
 from tests.models.two_masses import DT, MODELS, RECORDS, Growth, free_of, identified, motion
 
@@ -131,7 +131,7 @@ def test_the_normal_equations_do_not_depend_on_the_size_of_a_block(monkeypatch):
     problem = FreeRunProblem(identified("global", record), record, 4)
     whole = problem.normal_equations()
     for block in (1, 500):
-        monkeypatch.setattr("models.training.problem.BLOCK_ELEMENTS", block)
+        monkeypatch.setattr("models.fit.problem.BLOCK_ELEMENTS", block)
         for one, other in zip(problem.normal_equations(), whole, strict=True):
             assert torch.allclose(one, other, rtol=1e-10, atol=1e-12)
 

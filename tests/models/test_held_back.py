@@ -9,8 +9,8 @@ import torch
 
 from data.record import Record
 from models.element_network import ElementNetwork
-from models.training.free_run_objective import FreeRun
-from models.training.parts import held_back_from
+from models.fit.free_run_objective import FreeRun
+from models.fit.parts import held_back_from
 from tests.models.test_starts import motion as shaken
 from tests.models.test_starts import planted
 

@@ -11,9 +11,9 @@ from data.record import Record
 from models.composition.laws import units
 from models.composition.laws_compiled import unit_step
 from models.element_network import ElementNetwork
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.hysteretic_element import HystereticElement
-from models.training.problem import FreeRunProblem
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 DT = 0.01
 CASES = [  # z, dy, limit, b₊, b₋

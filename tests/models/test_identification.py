@@ -11,10 +11,10 @@ from torch import nn
 from data.record import Record
 from models.baselines import TwoPoint
 from models.estimator import Estimator
+from models.fit.identification import Identification
+from models.fit.solvers.lbfgs import LBFGS
+from models.fit.trainable import Trainable
 from models.training.assemble import data_from
-from models.training.identification import Identification
-from models.training.solvers.lbfgs import LBFGS
-from models.training.trainable import Trainable
 from models.vwnn import VWNN
 from runner.config.compose import CONF, prepare_hydra
 
@@ -82,7 +82,7 @@ def test_an_estimator_without_free_parameters_is_solved_without_an_epoch(data, t
 
 
 def test_scores_of_both_splits_are_those_of_the_plain_loop(data, tmp_path):
-    from models.training.metrics import score
+    from models.fit.metrics import score
 
     module = Identification(VWNN(3, 3, 0.01))
     trainer = fit(module, data, tmp_path)

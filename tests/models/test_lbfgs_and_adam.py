@@ -8,8 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.utils import parameters_to_vector
 
-from models.training.solvers.adam import Adam
-from models.training.solvers.lbfgs import LBFGS, _Recall
+from models.fit.solvers.adam import Adam
+from models.fit.solvers.lbfgs import LBFGS, _Recall
 from tests.models.solver_problems import (
     NO_STOP,
     Valley,

@@ -8,7 +8,7 @@ import torch
 from scipy.optimize import least_squares
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from tests.models.solver_problems import Valley, linear, network, run, spring, start, valley
 
 pytestmark = [

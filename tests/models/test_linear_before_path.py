@@ -7,11 +7,11 @@ import torch
 
 from data.record import Record
 from models.element_network import ElementNetwork
-from models.training.free_run_objective import FreeRun
-from models.training.objective import state_of
-from models.training.prior_path import fit_linear
-from models.training.problem import FreeRunProblem
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.free_run_objective import FreeRun
+from models.fit.objective import state_of
+from models.fit.prior_path import fit_linear
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from tests.models.test_starts import motion as shaken
 from tests.models.test_starts import planted
 from tests.models.two_masses import DT

@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from data.record import Record
+from models.fit.metrics import free_run_score
 from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion, OutputError, run_of_weights, stable
-from models.training.metrics import free_run_score
 
 
 def error(record: Record) -> float:

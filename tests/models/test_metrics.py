@@ -10,7 +10,7 @@ import torch
 from data.record import Record, Truth, stack
 from models.baselines import LastValue
 from models.estimator import Estimator
-from models.training.metrics import RelativeRMSError, Scores, score
+from models.fit.metrics import RelativeRMSError, Scores, score
 
 MEASURED = torch.tensor([[3.0, 0.0], [0.0, 4.0], [5.0, 0.0]], dtype=torch.float64)
 ERROR = torch.tensor([[0.3, 0.0], [0.0, 0.8], [0.0, 1.2]], dtype=torch.float64)

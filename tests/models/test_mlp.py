@@ -10,10 +10,10 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Record
+from models.fit.problem import Problem
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.layers.perceptron import Perceptron
 from models.mlp import GlobalMLP, ResidualMLP
-from models.training.problem import Problem
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 MODELS = {"global": GlobalMLP, "residual": ResidualMLP}
 NUMPY = {

@@ -10,11 +10,11 @@ from torch.func import jvp
 
 from data.record import Drive, Record, stack
 from models.checkpoint import load_estimator, save_estimator
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.lbfgs import LBFGS
 from models.layers.linear_with_network import LatentStep
 from models.linear import EquivalentLinear
 from models.neural_state_space import NeuralStateSpace, trajectory
-from models.training.problem import FreeRunProblem
-from models.training.solvers.lbfgs import LBFGS
 from tests.models.test_recurrent import DT, motion
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates

@@ -16,16 +16,16 @@ from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.scenario import FullState
 from models.element_network import ElementNetwork
 from models.estimator import Estimator
+from models.fit.finalists import middle
+from models.fit.free_run_objective import FreeRun
+from models.fit.identification import Identification
+from models.fit.objective import OneStep, state_of
+from models.fit.problem import FreeRunProblem, Problem
+from models.fit.solvers.adam import Adam
+from models.fit.solvers.lbfgs import LBFGS
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
 from models.neural_state_space import NeuralStateSpace
-from models.training.finalists import middle
-from models.training.free_run_objective import FreeRun
-from models.training.identification import Identification
-from models.training.objective import OneStep, state_of
-from models.training.problem import FreeRunProblem, Problem
-from models.training.solvers.adam import Adam
-from models.training.solvers.lbfgs import LBFGS
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from tests.models.two_masses import DT, Growth, identified, motion
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates

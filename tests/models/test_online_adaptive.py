@@ -10,13 +10,13 @@ import torch
 
 from data.record import stack
 from data.sample import samples_of
+from models.fit.metrics import score
 from models.linear import EquivalentLinear
 from models.mlp import ResidualMLP
 from models.online.adaptive import Online
 from models.online.laws.frozen import Frozen
 from models.online.laws.recursive_least_squares import RecursiveLeastSquares
 from models.polynomial import ModalPolynomial
-from models.training.metrics import score
 from models.vwnn import VWNN
 
 DT = 0.01

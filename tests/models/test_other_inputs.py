@@ -11,9 +11,9 @@ from scipy.signal import lsim
 
 from data.record import Record, stack
 from models.composition.other_inputs import OtherInputs, lagged
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.unknown_beginning import run_problem
 from models.hysteretic_element import HystereticElement
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
-from models.training.unknown_beginning import run_problem
 from tests.models.dampers import imposed_motion, magnetorheological, voltage
 
 DT = 0.002

@@ -9,14 +9,14 @@ import torch
 
 from data.record import Record
 from models.element_network import ElementNetwork
+from models.fit.free_run_objective import FreeRun
+from models.fit.identification import Identification
+from models.fit.parts import held_back_from, onset
+from models.fit.prior_path import LONGER, fit_linear, horizons_of
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.stands import stands
 from models.hysteretic_element import HystereticElement
-from models.training.free_run_objective import FreeRun
-from models.training.identification import Identification
-from models.training.parts import held_back_from, onset
-from models.training.prior_path import LONGER, fit_linear, horizons_of
-from models.training.problem import FreeRunProblem
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
-from models.training.stands import stands
 from tests.models.test_objective import fit, free_run_loss
 from tests.models.test_resume import Motions
 from tests.models.test_starts import motion as shaken

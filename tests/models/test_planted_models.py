@@ -11,8 +11,8 @@ import torch
 from data.record import Record
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
+from models.fit.metrics import score
 from models.linear import EquivalentLinear
-from models.training.metrics import score
 from models.vwnn import VWNN
 from tests.models.zoo import DT
 

@@ -15,10 +15,10 @@ from data.simulation.elements import Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.structure import Structure
 from models.estimator import weight_matrix
+from models.fit.metrics import score
 from models.layers.series import chebyshev, double_series, double_series_terms, powers
 from models.linear import EquivalentLinear
 from models.polynomial import ModalPolynomial, real_modes
-from models.training.metrics import score
 
 FORCE = Excitation(force=BandLimitedGaussian(std=12.0, band=(0.0, 3.4)))
 METHODS = {

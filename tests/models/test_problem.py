@@ -10,15 +10,15 @@ import torch
 from torch import Tensor, nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-import models.training.problem
+import models.fit.problem
 from data.record import Record, Truth, stack
 from data.windows import WindowDataset
 from models.element_network import ElementNetwork
 from models.estimator import Estimator
+from models.fit.metrics import score
+from models.fit.problem import FreeRunProblem, Problem
+from models.fit.trainable import Trainable
 from models.mlp import GlobalMLP, ResidualMLP
-from models.training.metrics import score
-from models.training.problem import FreeRunProblem, Problem
-from models.training.trainable import Trainable
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated")
@@ -153,7 +153,7 @@ def test_the_loss_is_the_mean_square_of_one_error_per_counted_value(model, kind)
 @pytest.mark.parametrize("model", MODELS)
 def test_normal_equations_are_those_of_finite_differences(model, kind, block, monkeypatch):
     """In blocks of one sample or parameter, of some, and of all."""
-    monkeypatch.setattr(models.training.problem, "BLOCK_ELEMENTS", block)
+    monkeypatch.setattr(models.fit.problem, "BLOCK_ELEMENTS", block)
     record = RECORDS[kind]()
     estimator = identified(model, record)
     problem = Problem(estimator, record)
@@ -170,17 +170,17 @@ def test_the_normal_equations_do_not_depend_on_the_size_of_a_block(model, monkey
     problem = Problem(identified(model, record), record)
     whole = problem.normal_equations()
     for block in (1, 37, 500):
-        monkeypatch.setattr(models.training.problem, "BLOCK_ELEMENTS", block)
+        monkeypatch.setattr(models.fit.problem, "BLOCK_ELEMENTS", block)
         for one, other in zip(problem.normal_equations(), whole, strict=True):
             assert torch.allclose(one, other, rtol=0.0, atol=1e-12 * float(other.abs().max()))
 
 
 def test_a_block_of_samples_holds_no_more_of_the_jacobian_than_it_should(monkeypatch):
     """35 parameters and 2 masses: 70 elements a sample, three samples in 220."""
-    sizes, gram = [], models.training.problem._gram
-    monkeypatch.setattr(models.training.problem, "BLOCK_ELEMENTS", 220)
+    sizes, gram = [], models.fit.problem._gram
+    monkeypatch.setattr(models.fit.problem, "BLOCK_ELEMENTS", 220)
     monkeypatch.setattr(
-        models.training.problem, "_gram", lambda j: sizes.append(tuple(j.shape)) or gram(j)
+        models.fit.problem, "_gram", lambda j: sizes.append(tuple(j.shape)) or gram(j)
     )
     record = motion(10)
     estimator = GlobalMLP(2, 2, 0.01, hidden=(3, 2))
@@ -269,7 +269,7 @@ def test_records_one_after_the_other_give_the_normal_equations_of_all(
     batch = stack([record.window(0, 200) for record in bilinear_records[:3]])
     model.identify([batch])
     together = FreeRunProblem(model, batch, None).normal_equations(2)
-    monkeypatch.setattr(models.training.problem, "MOST_DERIVATIVES", 1)
+    monkeypatch.setattr(models.fit.problem, "MOST_DERIVATIVES", 1)
     apart = FreeRunProblem(model, batch, None).normal_equations(2)
     for one, other in zip(together, apart, strict=True):
         assert torch.allclose(one, other, rtol=1e-9, atol=1e-12 * float(one.abs().max()))

@@ -10,9 +10,9 @@ import torch
 
 from data.record import Record, stack
 from models.checkpoint import load_estimator, save_estimator
+from models.fit.problem import Problem
+from models.fit.solvers.adam import Adam
 from models.recurrent import Recurrent
-from models.training.problem import Problem
-from models.training.solvers.adam import Adam
 
 DT = 0.01
 

@@ -9,15 +9,15 @@ import torch
 from lightning.pytorch import Callback, Trainer
 
 from data.datamodule import Data
+from models.fit import free_run_objective
+from models.fit.free_run_objective import FreeRun
+from models.fit.identification import Identification
+from models.fit.problem import Problem
+from models.fit.resume import SaveProgress, fault_of
+from models.fit.solvers.adam import Adam
+from models.fit.solvers.lbfgs import LBFGS
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
-from models.training import free_run_objective
-from models.training.free_run_objective import FreeRun
-from models.training.identification import Identification
-from models.training.problem import Problem
-from models.training.resume import SaveProgress, fault_of
-from models.training.solvers.adam import Adam
-from models.training.solvers.lbfgs import LBFGS
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 from tests.models.two_masses import DT, motion
 
 pytestmark = [

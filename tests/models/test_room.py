@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from models.training.room import LINE, room
+from models.fit.room import LINE, room
 
 
 @pytest.mark.parametrize("shape", [(0,), (1,), (3, 5), (2, 5000, 3)])

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from data.record import Record
+from models.fit.metrics import score
 from models.layers.scaling import Extents
 from models.mlp import GlobalMLP, ResidualMLP
-from models.training.metrics import score
 
 
 def signal(*shape: int, seed: int = 0) -> torch.Tensor:

@@ -8,10 +8,10 @@ import torch
 
 from data.record import Record, stack
 from models.element_network_branch import ElementNetworkBranch
+from models.fit.objective import restore, state_of
 from models.starts import branch_choice, shared_forces
 from models.starts.branch_polish import motions_of
 from models.starts.shared_forces import Balance, fit_together
-from models.training.objective import restore, state_of
 from models.uncertainty.parameters import free_vector
 
 DT, MASSES = 0.01, [3e4, 2e4]

@@ -14,11 +14,11 @@ from torch.nn.utils import parameters_to_vector
 
 from data.record import Record
 from models.estimator import Estimator
+from models.fit.identification import Identification
+from models.fit.problem import Problem
+from models.fit.trainable import Trainable
 from models.linear import EquivalentLinear
 from models.training.assemble import changed, data_from, estimator_from, solver_from
-from models.training.identification import Identification
-from models.training.problem import Problem
-from models.training.trainable import Trainable
 from runner.config.compose import CONF, prepare_hydra
 
 pytestmark = [

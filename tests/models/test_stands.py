@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from data.record import Record, Response
+from models.fit.stands import MORE, stands
 from models.starts.judged import _like, farthest
-from models.training.stands import MORE, stands
 from tests.models.test_starts import motion as shaken
 from tests.models.test_starts import planted
 

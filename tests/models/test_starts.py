@@ -11,11 +11,11 @@ from torch import Tensor
 
 from data.record import Drive, Record, stack
 from models.element_network import ElementNetwork
+from models.fit.free_run_objective import FreeRun
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.latent_hysteresis_network import LatentHysteresisNetwork, modes_of
 from models.starts.ladder import left_open, nearest, not_negative, triangle
 from models.starts.spectra import Layout, LinearStructure, Spectra, respond, typical
-from models.training.free_run_objective import FreeRun
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
 
 DT = 0.01
 MASSES = [1.2, 1.0, 0.7]

@@ -13,10 +13,10 @@ from data.record import Drive, Record, stack
 from data.sample import Sensors
 from models.composition.many_runs import ManyRuns
 from models.element_network import ElementNetwork
+from models.fit.by_noise import refit
+from models.fit.problem import FreeRunProblem
 from models.hysteretic_element import HystereticElement
 from models.training.assemble import estimator_from
-from models.training.by_noise import refit
-from models.training.problem import FreeRunProblem
 from models.uncertainty.intervals import DETERMINED, intervals_of
 from models.uncertainty.laplace import about, laplace
 from models.uncertainty.parameters import free_vector

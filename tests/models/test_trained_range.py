@@ -9,9 +9,9 @@ import torch
 
 from data.record import Record
 from models.element_network import ElementNetwork
+from models.fit.trained_range import outside, range_of, warnings_of, worst_of
 from models.hysteretic_element import HystereticElement
 from models.linear import EquivalentLinear
-from models.training.trained_range import outside, range_of, warnings_of, worst_of
 
 
 @pytest.fixture(scope="module")

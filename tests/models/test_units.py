@@ -18,9 +18,9 @@ from omegaconf import DictConfig
 
 from data.datamodule import Data
 from data.record import Record
+from models.fit.free_run import simulate
+from models.fit.identification import Identification
 from models.training.assemble import changed, estimator_from, objective_from, solver_from
-from models.training.free_run import simulate
-from models.training.identification import Identification
 from runner.config.compose import CONF, EARLIER, prepare_hydra
 from tests.models.zoo import NO_STRUCTURE, SMALLER, class_name
 

@@ -8,9 +8,9 @@ from torch import nn
 
 from data.record import Drive, Record, Response, stack
 from models.estimator import Estimator
+from models.fit.trainable import Trainable
 from models.mlp import GlobalMLP, ResidualMLP
 from models.neural_state_space import NeuralStateSpace
-from models.training.trainable import Trainable
 
 DT = 0.01
 MODELS = {

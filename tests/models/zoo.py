@@ -10,11 +10,11 @@ from omegaconf import DictConfig
 
 from data.sample import Sensors
 from models.estimator import Estimator
+from models.fit.trainable import Trainable
 from models.modal_network import ModalNetwork
 from models.online.adaptive import Online
 from models.training.assemble import changed, estimator_from
 from models.training.build import class_of
-from models.training.trainable import Trainable
 from models.vwnn import VWNN
 from models.vwnn_forward import ForwardVWNN
 from runner.config.compose import CONF, EARLIER, prepare_hydra

@@ -10,7 +10,7 @@ import torch
 from data.record import Record
 from data.sample import Sensors
 from models import ElementNetwork, Estimator
-from models.training.trained_range import range_of
+from models.fit.trained_range import range_of
 from runner.config.compose import composed
 from runner.folder.run import Run
 

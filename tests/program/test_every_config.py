@@ -14,6 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from data import Excitation
 from models import Estimator
+from models.fit.metrics import score
 from models.training.assemble import (
     changed,
     data_from,
@@ -22,7 +23,6 @@ from models.training.assemble import (
     solver_from,
 )
 from models.training.build import build
-from models.training.metrics import score
 from runner.config.compose import (
     CONF,
     EARLIER,

@@ -18,8 +18,8 @@ from omegaconf import OmegaConf
 
 import train
 from data.plain_data import as_config, read_json, read_yaml
+from models.fit.resume import fault_of, seal
 from models.stored.schema import METRICS_KIND, require
-from models.training.resume import fault_of, seal
 from report.collection.report import long_table
 from report.collection.runs import collect, read_runs
 from runner.folder.lock import RUN, HeldError, hold, release, sweep_held

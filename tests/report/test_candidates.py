@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from models.training.metrics import FREE_RUNS
+from models.fit.metrics import FREE_RUNS
 from models.uncertainty.laplace import about
 from report.candidates import table
 from report.candidates.table import (

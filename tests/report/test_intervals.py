@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from rich.console import Console
 
-from models.training.metrics import FREE_RUNS
+from models.fit.metrics import FREE_RUNS
 from report.run.criticism import sentences
 from report.run.intervals import beyond_training, print_intervals, value_and_half, which_to_believe
 

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from models.fit.doing import doing
+from models.fit.identification import Identification
 from models.linear import EquivalentLinear
-from models.training.doing import doing
-from models.training.identification import Identification
 from runner import job as fit_progress
 from runner.job import FitProgress
 

@@ -9,9 +9,9 @@ import pytest
 
 import evaluate
 import train
+from models.fit.identification import SPLITS
+from models.fit.metrics import FREE_RUNS
 from models.training.assemble import data_from
-from models.training.identification import SPLITS
-from models.training.metrics import FREE_RUNS
 from report.run.rescore import scores_of
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_files import SENSORS

@@ -17,8 +17,8 @@ from optuna.distributions import CategoricalDistribution, FloatDistribution, Int
 
 import train
 from data.whole_file import write_text
+from models.fit.metrics import score
 from models.training.assemble import data_from, estimator_from
-from models.training.metrics import score
 from runner.config.choices import plain
 from runner.config.compose import CONF, placed, prepare_hydra
 from runner.config.identity import identity_of

@@ -15,7 +15,7 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from data.checked import checked
 from data.memory import require_memory
-from models.training.solvers.solver import Minimised
+from models.fit.solvers.solver import Minimised
 
 SMALLEST_SHARE = 1e-9  # of the largest diagonal element, for parameters without any effect
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import torch
 
 from data.record import Drive, Record
-from models.training.trainable import Trainable
+from models.fit.trainable import Trainable
 
 MORE, BOUND = 1.5, 10.0  # times the excitation, and times the motion, that a model has to stand
 LESS, LEFT = 0.1, 0.5  # times the excitation: less than this share of the motion has to be left

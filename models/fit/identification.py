@@ -18,11 +18,11 @@ from torch import Tensor, nn
 
 from data.record import Record
 from models.estimator import Estimator
-from models.training.metrics import FREE_RUNS, FreeRunScore, Scores
-from models.training.objective import Objective, OneStep, restore, state_of
-from models.training.problem import FreeRunProblem
-from models.training.solvers.solver import Minimised, Solver, hurry
-from models.training.trainable import Trainable, require_trainable
+from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
+from models.fit.objective import Objective, OneStep, restore, state_of
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.solver import Minimised, Solver, hurry
+from models.fit.trainable import Trainable, require_trainable
 from models.uncertainty.laplace import Laplace
 
 SPLITS = ("train", "test")  # order of the datamodule's test loaders,

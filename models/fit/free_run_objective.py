@@ -17,9 +17,9 @@ import torch
 from data.checked import checked
 from data.record import Record
 from models.composition.composite import Composite
-from models.training.by_noise import refit, weigh_at_first
-from models.training.finalists import End, end_of, middle
-from models.training.objective import (
+from models.fit.by_noise import refit, weigh_at_first
+from models.fit.finalists import End, end_of, middle
+from models.fit.objective import (
     MakeSolver,
     Note,
     Objective,
@@ -27,8 +27,8 @@ from models.training.objective import (
     restore,
     state_of,
 )
-from models.training.parts import SHORTEST, grows, held_back, onset, without_held_back
-from models.training.prior_path import (
+from models.fit.parts import SHORTEST, grows, held_back, onset, without_held_back
+from models.fit.prior_path import (
     FEW,
     LONGER,
     PATH,
@@ -39,12 +39,12 @@ from models.training.prior_path import (
     held_back_percent,
     horizons_of,
 )
-from models.training.problem import FreeRunProblem
-from models.training.solvers.solver import Solver
-from models.training.stages import Stage, by_prior, usual
-from models.training.stands import stands
-from models.training.trainable import Trainable
-from models.training.unknown_beginning import run_problem
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.solver import Solver
+from models.fit.stages import Stage, by_prior, usual
+from models.fit.stands import stands
+from models.fit.trainable import Trainable
+from models.fit.unknown_beginning import run_problem
 
 PARTS = (0.125, 0.25, 0.5)  # of the motion, in stages, where runs cannot begin anew
 RUNAWAY = 1e4  # loss of a law that does not stand another motion, beside its own: it comes last

@@ -13,7 +13,7 @@ import torch
 from torch import nn
 
 from data.checked import checked
-from models.training.solvers.solver import Minimised
+from models.fit.solvers.solver import Minimised
 
 
 @checked

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from data.checked import checked
-from models.training.solvers.solver import Minimised
+from models.fit.solvers.solver import Minimised
 
 WALL = 1e6  # of the largest loss that is remembered
 MOST_HISTORY = 100_000  # pairs; some tens will do

@@ -15,9 +15,9 @@ import torch
 from torch import Tensor
 
 from data.record import Record
-from models.training.objective import state_of
-from models.training.stands import MORE, scaled
-from models.training.trainable import Trainable
+from models.fit.objective import state_of
+from models.fit.stands import MORE, scaled
+from models.fit.trainable import Trainable
 
 ALIKE = 1.5  # times the least loss
 

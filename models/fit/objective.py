@@ -16,9 +16,9 @@ from torch import Tensor, nn
 
 from data.record import Record
 from models.estimator import Estimator
-from models.training.problem import Problem
-from models.training.solvers.solver import Minimised, Solver
-from models.training.trainable import Trainable
+from models.fit.problem import Problem
+from models.fit.solvers.solver import Minimised, Solver
+from models.fit.trainable import Trainable
 
 MakeSolver = Callable[[Iterable[nn.Parameter]], Solver]
 Note = Callable[[list[float]], None]

@@ -15,12 +15,12 @@ from collections.abc import Sequence
 import torch
 
 from data.record import Record
-from models.training.objective import MakeSolver, Note
-from models.training.parts import SHORTEST
-from models.training.problem import FreeRunProblem
-from models.training.solvers.solver import Minimised
-from models.training.trainable import Trainable
-from models.training.unknown_beginning import run_problem
+from models.fit.objective import MakeSolver, Note
+from models.fit.parts import SHORTEST
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.solver import Minimised
+from models.fit.trainable import Trainable
+from models.fit.unknown_beginning import run_problem
 
 PRIORS = (1e-6, 1e-4)  # that are tried from the starts
 PATH = (1e-2, 1e-3, 1e-4)  # and from the linear structure, from strong to weak

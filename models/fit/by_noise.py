@@ -20,8 +20,8 @@ import torch
 
 from data.record import Record
 from models.composition.composite import Composite
-from models.training.problem import FreeRunProblem
-from models.training.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.uncertainty.laplace import CONTRADICTED, laplace, singles
 from models.uncertainty.parameters import free_vector, set_free_vector
 

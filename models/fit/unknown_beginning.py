@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from data.record import Record
-from models.training.problem import FreeRunProblem
-from models.training.trainable import Trainable
+from models.fit.problem import FreeRunProblem
+from models.fit.trainable import Trainable
 
 
 def begins_unknown(estimator: Trainable, record: Record) -> bool:

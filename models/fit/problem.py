@@ -18,8 +18,8 @@ from torch.func import functional_call, jacrev, jvp, vmap
 
 from data.parallel import in_threads
 from data.record import Record
-from models.training.room import room
-from models.training.trainable import Trainable
+from models.fit.room import room
+from models.fit.trainable import Trainable
 from models.uncertainty.parameters import free_vector
 
 MOST_DERIVATIVES = 1 << 26  # of all records together, half a gigabyte
