@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from export.names import c_comment, identifier
-from export.step import SIGNALS, Step
+from export.step import SIGNALS, Step, arrays_of
 from export.translate.program import Function, Program, array_of, wrapped
 from export.translate.scope import TAKEN
 from export.translate.tables import numbers_of, table
-from export.translate.values import DOUBLE, Value, known_value, number
+from export.translate.values import DOUBLE, Value, known_value, number, tuple_of
 
 OWN = """
 begin_motion fail get_value go_on instance jump model set_value start_anew tell_fault values
@@ -44,8 +44,9 @@ def source_of(step: Step, name: str, told: Sequence[str] = ()) -> Source:
     name = identifier(name)
     name = f"{name}_" if name in RESERVED else name
     tuned = {array for array, *_ in step.parameters}
-    held = {**step.state, **{n: v for n, v in step.numbers.items() if n in tuned}}
-    tables = {n: v for n, v in step.numbers.items() if n not in tuned}
+    state, numbers = _arrays(step)
+    held = {**state, **{n: v for n, v in numbers.items() if n in tuned}}
+    tables = {n: v for n, v in numbers.items() if n not in tuned}
     program = Program()
     made = [_made(program, step, function) for function in (step.begin, step.observe, step.advance)]
     text = program.text([function for function, _ in made])
@@ -62,6 +63,26 @@ def source_of(step: Step, name: str, told: Sequence[str] = ()) -> Source:
     return Source(name, header_of(step, name, held, told), "\n".join(lines) + "\n")
 
 
+def _arrays(step: Step) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays of the state, and all that stays: of a record of the state what has no elements."""
+    state, numbers = arrays_of(step.state), arrays_of(step.numbers)
+    empty = {n: v for n, v in state.items() if n not in step.state and v.size == 0}
+    return {n: v for n, v in state.items() if n not in empty}, {**numbers, **empty}
+
+
+def _value_of(name: str, own: Any) -> Value:
+    """What the translator knows of an argument."""
+    if isinstance(own, np.ndarray):
+        return array_of(name, own)
+    if hasattr(own, "_fields"):
+        named = zip(own._fields, own, strict=True)
+        return tuple_of([_value_of(f"{name}_{key}", part) for key, part in named], own._fields)
+    known = known_value(own)
+    if known is None:
+        raise ValueError(f"{name} is no array and no number")
+    return known
+
+
 def _made(program: Program, step: Step, function: Any) -> tuple[Function, list[str]]:
     """A function of the step in C, and what it is called with."""
     arguments: dict[str, Value] = {}
@@ -71,25 +92,18 @@ def _made(program: Program, step: Step, function: Any) -> tuple[Function, list[s
             arguments[argument] = Value(DOUBLE)
         elif argument in SIGNALS:
             arguments[argument] = array_of(argument, np.zeros(n if argument in ("x0", "v0") else m))
-        elif argument in step.state:
-            arguments[argument] = array_of(argument, step.state[argument])
         else:
-            own = step.numbers[argument]
-            known = array_of(argument, own) if isinstance(own, np.ndarray) else known_value(own)
-            if known is None:
-                raise ValueError(f"{argument} is no array and no number")
-            arguments[argument] = known
+            arguments[argument] = _value_of(argument, {**step.numbers, **step.state}[argument])
     found = program.function(function, arguments)
-    tuned = {array for array, *_ in step.parameters}
-    words = [_word(step, name, tuned) for name in found.parameters]
+    state, numbers = _arrays(step)
+    held = {*state, *(array for array, *_ in step.parameters)}
+    words = [f"m->{name}" if name in held else _word(numbers, name) for name in found.parameters]
     return found, words
 
 
-def _word(step: Step, name: str, tuned: set[str]) -> str:
-    """What stands for an argument where the function is called."""
-    if name in step.state or name in tuned:
-        return f"m->{name}"
-    own = step.numbers.get(name)
+def _word(numbers: dict[str, Any], name: str) -> str:
+    """What stands for a number, or a table, where a function is called."""
+    own = numbers.get(name)
     return c_number(own) if isinstance(own, float) else name
 
 
@@ -105,7 +119,8 @@ def _public(
     kept = {"last": "m->u", "u": "m->u"}
     inputs, n = len(step.inputs), len(step.outputs[0][1])
     yield "\n".join(_reset(step, name))
-    tuned = [a for a in held if a not in step.state and held[a].size]
+    state, _ = _arrays(step)
+    tuned = [a for a in held if a not in state and held[a].size]
     yield "\n".join(
         [
             f"void {name}_init({name} *m)",
@@ -150,10 +165,11 @@ def _reset(step: Step, name: str) -> Iterable[str]:
     """The state as it is before a motion."""
     yield f"static void reset({name} *m)"
     yield "{"
-    filled = [a for a, value in step.state.items() if np.count_nonzero(value) > FEW]
+    state, _ = _arrays(step)
+    filled = [a for a, value in state.items() if np.count_nonzero(value) > FEW]
     for array in filled:
-        yield from _first_values(array, step.state[array])
-    for array, value in step.state.items():
+        yield from _first_values(array, state[array])
+    for array, value in state.items():
         if array in filled:
             yield f"    memcpy(m->{array}, first_{array}, sizeof first_{array});"
             continue

@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 
 from export.names import printable
-from export.step import Step
+from export.step import Step, arrays_of
 
 WORDS = {
     "x": "displacement",
@@ -64,7 +64,7 @@ def variables_of(step: Step) -> list[Variable]:
             for i in range(n)
         ]
     for array, place, name, unit in step.parameters:
-        value = np.asarray(step.numbers[array])
+        value = np.asarray(arrays_of(step.numbers)[array])
         flat = int(np.ravel_multi_index(place, value.shape))
         start = float(value[place])
         found.append(Variable(name, f"own.{array}[{flat}]", "tunable", unit, start, ""))

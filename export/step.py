@@ -2,7 +2,8 @@
 
 The functions are plain loops over arrays of fixed shape, in the part of Python that
 export/translate turns into C99: what an export does is what they do, and tests hold them to the
-model's own free run. They take arrays by the names of their arguments.
+model's own free run. They take arrays, and records of arrays (named tuples), by the names of their
+arguments.
 m excitations, n DOFs, E elements.
 """
 
@@ -35,10 +36,11 @@ class Step:
     observe(last, u, …): fills the outputs where the excitation jumps from `last` to `u`; called
     again with another u, it makes good what it did. After `begin`, `last` is u.
 
-    state: arrays (float64 or int64) that change, by name, with their first values; `outputs` are
-    among them. numbers: arrays that stay, by name, and whole numbers and tuples of them, which
-    are folded into the program. parameters: those of the numbers that
-    a user may tune, with a name and a unit for each entry: (array, place, name, unit).
+    state: arrays (float64 or int64) that change, by name, with their first values, and records of
+    them; `outputs` are among them. numbers: arrays that stay, by name, and whole numbers and tuples
+    of them, which are folded into the program. An array of a record is known as RECORD_FIELD.
+    parameters: those of the numbers that a user may tune, with a name and a unit for each entry:
+    (array, place, name, unit).
     outputs: (array of the state, name of each entry, unit of each entry).
     """
 
@@ -46,7 +48,7 @@ class Step:
     observe: Callable[..., None]
     advance: Callable[..., None]
     dt: float  # [s]
-    state: Mapping[str, np.ndarray]
+    state: Mapping[str, Any]
     numbers: Mapping[str, Any]
     inputs: list[tuple[str, str]]  # name and unit of each excitation
     outputs: list[tuple[str, list[str], str]]
@@ -74,9 +76,29 @@ class Step:
         return names
 
 
+def fields_of(name: str, value: Any) -> dict[str, Any]:
+    """The arrays and numbers of a record by their own names; of any other value itself."""
+    if not hasattr(value, "_fields"):
+        return {name: value}
+    parts = [fields_of(f"{name}_{key}", part) for key, part in value._asdict().items()]
+    return {own: part for found in parts for own, part in found.items()}
+
+
+def arrays_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """All arrays and numbers by their own names."""
+    return {own: v for name, value in values.items() for own, v in fields_of(name, value).items()}
+
+
+def copy_of(value: Any) -> Any:
+    """An array, or a record of arrays, that may be written to."""
+    if hasattr(value, "_fields"):
+        return type(value)(*map(copy_of, value))
+    return np.array(value)
+
+
 def run(step: Step, drive: Drive) -> dict[str, np.ndarray]:
     """The outputs (T, ·) of a drive, by the functions as they stand in Python: the reference."""
-    held = {name: np.array(value) for name, value in step.state.items()}
+    held = {name: copy_of(value) for name, value in step.state.items()}
     known: dict[str, Any] = {**held, **step.numbers}
     u = drive.u.detach().numpy()
     ends = between(drive.u, drive.hold, 1)[:, 0].detach().numpy()

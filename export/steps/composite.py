@@ -6,14 +6,21 @@ n coordinates, E elements, m excitations, o outputs.
 from __future__ import annotations
 
 from importlib import import_module
+from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from export.names import elements_of, inputs_of, motion_of
 from export.step import Step
 from models.composition.composite import Composite
-from models.composition.simulate_compiled import _accelerations, _forces, _move, _speed_up
+from models.composition.simulate_compiled import (
+    Elements,
+    _accelerations,
+    _forces,
+    _move,
+    _speed_up,
+)
+from models.composition.trace import stated_by
 from models.hysteretic_element import HystereticElement
 
 NAMES = ("stiffness", "damping", "cubic", "quadratic", "absolute_damping", "square_damping")
@@ -24,45 +31,53 @@ UNIT = (("stiffness", "N/m"), ("limit", "m"), ("rising", "1/m"), ("falling", "1/
 GROUPS = (HINGE, TANH, UNIT)
 
 
-def begin(x0, v0, u, q, rate, z, y, r, left, acc, back, core, inputs, G, D, supports, laws,
-          counts, by_q, by_r, by_z, work, places, slopes):  # fmt: skip
+def begin(x0, v0, u, motion, elements, left, none, equation, back):
     """At rest or in motion, with units that remember nothing."""
+    q, rate = motion.q, motion.rate
     for i in range(q.size):
         q[i] = rate[i] = 0.0
         for c in range(x0.size):
             q[i] += back[i, c] * x0[c]
             rate[i] += back[i, c] * v0[c]
-    z[:] = 0.0
-    _forces(q, rate, by_q, by_q, False, u, D, places, slopes, supports, laws, places, slopes,
-            counts, y, by_r, z, by_z, r, by_r, work)  # fmt: skip
-    _accelerations(q, rate, by_q, by_q, u, core, places, slopes, inputs, places, slopes,
-                   G, places, slopes, r, by_r, left, by_q)  # fmt: skip
-    acc[:] = left
+    elements.z[:] = 0.0
+    _forces(q, rate, none, none, False, u, equation, elements)
+    _accelerations(q, rate, none, none, u, equation, elements.r, elements.dr, left, none)
+    motion.acc[:] = left
 
 
-def observe(last, u, q, rate, left, acc, x, v, a, inputs, outputs):
+def observe(last, u, motion, elements, left, x, v, a, y, r, equation, outputs):
     """An excitation that is held between samples jumps at them."""
+    q, rate, acc = motion.q, motion.rate, motion.acc
     for i in range(q.size):
         acc[i] = left[i]
         for j in range(u.size):
-            acc[i] += inputs[i, j] * (u[j] - last[j])
+            acc[i] += equation.inputs.value[i, j] * (u[j] - last[j])
     for c in range(x.size):
         x[c] = v[c] = a[c] = 0.0
         for i in range(q.size):
             x[c] += outputs[c, i] * q[i]
             v[c] += outputs[c, i] * rate[i]
             a[c] += outputs[c, i] * acc[i]
+    y[:] = elements.y
+    r[:] = elements.r
 
 
-def advance(last, dt, q, rate, ahead, acc, left, y, z, r, core, inputs, G, D, supports, laws,
-            counts, by_q, by_r, by_z, work, places, slopes):  # fmt: skip
+def advance(last, dt, motion, elements, left, none, equation):
     """A velocity-Verlet substep."""
-    _move(dt, q, rate, acc, ahead, by_q, by_q, by_q, by_q)
-    _forces(q, ahead, by_q, by_q, True, last, D, places, slopes, supports, laws, places, slopes,
-            counts, y, by_r, z, by_z, r, by_r, work)  # fmt: skip
-    _accelerations(q, ahead, by_q, by_q, last, core, places, slopes, inputs, places, slopes,
-                   G, places, slopes, r, by_r, left, by_q)  # fmt: skip
-    _speed_up(dt, rate, acc, left, by_q, by_q, by_q)
+    q, rate, ahead, acc = motion
+    _move(dt, q, rate, acc, ahead, none, none, none, none)
+    _forces(q, ahead, none, none, True, last, equation, elements)
+    _accelerations(q, ahead, none, none, last, equation, elements.r, elements.dr, left, none)
+    _speed_up(dt, rate, acc, left, none, none, none)
+
+
+class Motion(NamedTuple):
+    """The coordinates (n,), and what is known of them."""
+
+    q: np.ndarray
+    rate: np.ndarray
+    ahead: np.ndarray
+    acc: np.ndarray
 
 
 def step_of(model: Composite) -> Step:
@@ -72,20 +87,18 @@ def step_of(model: Composite) -> Step:
     """
     model.require_identified(model.identified)
     made = model.composition()
-    parts = {"core": made.core, "inputs": made.inputs, "G": made.G, "D": made.D}
-    parts |= {"laws": made.laws, "outputs": made.outputs}
-    numbers = {name: part.value.detach().numpy().copy() for name, part in parts.items()}
-    back = torch.linalg.pinv(made.outputs.value.detach())
-    numbers |= {"back": back.numpy(), "supports": made.supports.numpy()}
-    (E, n), o, units = numbers["D"].shape, len(numbers["outputs"]), made.counts[2]
-    state = {name: np.zeros(n) for name in ("q", "rate", "ahead", "acc", "left")}
-    state |= {"y": np.zeros(E), "z": np.zeros((E, units)), "r": np.zeros(E)}
-    state |= {name: np.zeros(o) for name in "xva"}
-    empty = {"by_q": np.zeros((n, 0)), "by_r": np.zeros((E, 0)), "by_z": np.zeros((E, units, 0))}
-    empty |= {"work": np.zeros((2, 0)), "slopes": np.zeros((0, 0))}
+    equation, sensors = stated_by(made, derivatives=False)
+    (E, n), o, units = equation.D.value.shape, len(sensors.measures), made.counts[2]
+    none, rows = np.zeros((n, 0)), np.zeros((E, 0))
+    elements = Elements(
+        np.zeros(E), rows, np.zeros((E, units)), np.zeros((E, units, 0)), np.zeros(E), rows,
+        np.zeros((2, 0)),
+    )  # fmt: skip
+    state = {"motion": Motion(*np.zeros((4, n))), "elements": elements, "left": np.zeros(n)}
+    state |= {name: np.zeros(o) for name in "xva"} | {name: np.zeros(E) for name in "yr"}
+    numbers = {"equation": equation, "outputs": sensors.outputs.value, "back": sensors.back}
     step = Step(
-        begin, observe, advance, model.dt, state,
-        {**numbers, **empty, "places": np.zeros((0, 0), np.int64), "counts": made.counts},
+        begin, observe, advance, model.dt, state, {**numbers, "none": none},
         inputs_of(model), _outputs(model, E, o), model.substeps, True,
         parameters=_parameters(model, made.counts, E),
     )  # fmt: skip
@@ -116,7 +129,7 @@ def _parameters(
         for i in range(count):
             columns += [(f"{kind}{i + 1}_{name}", unit) for name, unit in group]
     return [
-        ("laws", (e, column), f"{element}.{name}", unit)
+        ("equation_laws_value", (e, column), f"{element}.{name}", unit)
         for e, element in enumerate(elements_of(model, E))
         for column, (name, unit) in enumerate(columns)
     ]

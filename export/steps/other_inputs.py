@@ -6,6 +6,7 @@ models/composition/other_inputs.py has the equations.   E elements, k other inpu
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,58 +15,74 @@ from export.steps import composite
 from models.hysteretic_element import HystereticElement
 
 
-def begin(x0, v0, u, q, rate, z, y, r, left, acc, back, core, inputs, G, D, supports, laws,
-          counts, by_q, by_r, by_z, work, places, slopes, w, p, elements, centre, reach,
-          ):  # fmt: skip
+class Lags(NamedTuple):
+    """How the other inputs, and the rates, lag behind."""
+
+    lag: np.ndarray  # (k,) [s]
+    rate_lag: np.ndarray  # (J·E,) [s]
+    centre: np.ndarray  # (k,), and reach
+    reach: np.ndarray
+
+
+class Nodes(NamedTuple):
+    """Places at which laws are known, and what saturates with the rate there."""
+
+    each: int  # of an input
+    used: np.ndarray
+    places: np.ndarray
+    rate_force: np.ndarray
+    rate_knee: np.ndarray
+    offset: np.ndarray
+
+
+def begin(x0, v0, u, motion, elements, left, none, equation, back, w, p, lags):
     """At rest, and with lags that have settled under the first excitation."""
-    composite.begin(x0, v0, u, q, rate, z, y, r, left, acc, back, core, inputs, G, D, supports,
-                    laws, counts, by_q, by_r, by_z, work, places, slopes)  # fmt: skip
+    composite.begin(x0, v0, u, motion, elements, left, none, equation, back)
+    parts = (u.size - w.size) // 2
     for i in range(w.size):
-        w[i] = (u[2 * elements + i] - centre[i]) / reach[i]
+        w[i] = (u[2 * parts + i] - lags.centre[i]) / lags.reach[i]
     for j in range(p.size):
-        p[j] = u[elements + j % elements]
+        p[j] = u[parts + j % parts]
 
 
-def observe(r, w, p, elements, nodes, used, places_of, rate_force, rate_knee, offset, force):
+def observe(elements, w, p, nodes, force):
     """The laws at the two nodes beside each input, and what lies between."""
-    for e in range(elements):
-        force[e] = offset[e]
+    for e in range(force.size):
+        force[e] = nodes.offset[e]
         for i in range(w.size):
             cell = 0
-            for a in range(1, nodes):
-                if w[i] >= places_of[i, a]:
+            for a in range(1, nodes.each):
+                if w[i] >= nodes.places[i, a]:
                     cell += 1
-            cell = min(cell, used[i] - 2)
-            first, last = places_of[i, cell], places_of[i, cell + 1]
+            cell = min(cell, nodes.used[i] - 2)
+            first, last = nodes.places[i, cell], nodes.places[i, cell + 1]
             share = (w[i] - first) / (last - first)
-            law = (i * nodes + cell) * elements + e
-            low = _whole(law, r, p, rate_force, rate_knee)
-            high = _whole(law + elements, r, p, rate_force, rate_knee)
+            law = (i * nodes.each + cell) * force.size + e
+            low = _whole(law, elements.r, p, nodes)
+            high = _whole(law + force.size, elements.r, p, nodes)
             force[e] += ((1.0 - share) * low + share * high) / w.size
 
 
-def _whole(law, r, p, rate_force, rate_knee):
+def _whole(law, r, p, nodes):
     """The force of a law with those that saturate with the rate."""
     total = r[law]
-    for m in range(rate_force.shape[1]):
-        total += rate_force[law, m] * math.tanh(p[law] / rate_knee[law, m])
+    for m in range(nodes.rate_force.shape[1]):
+        total += nodes.rate_force[law, m] * math.tanh(p[law] / nodes.rate_knee[law, m])
     return total
 
 
-def advance(first, last, dt, q, rate, ahead, acc, left, y, z, r, core, inputs, G, D, supports,
-            laws, counts, by_q, by_r, by_z, work, places, slopes, w, p, elements, centre, reach,
-            lag, rate_lag):  # fmt: skip
+def advance(first, last, dt, motion, elements, left, none, equation, w, p, lags):
     """The laws, and the lags of inputs and rates, which are linear within the step."""
-    composite.advance(last, dt, q, rate, ahead, acc, left, y, z, r, core, inputs, G, D, supports,
-                      laws, counts, by_q, by_r, by_z, work, places, slopes)  # fmt: skip
+    composite.advance(last, dt, motion, elements, left, none, equation)
+    parts = (last.size - w.size) // 2
     for i in range(w.size):
-        at = 2 * elements + i
-        w[i] = _lagged(
-            w[i], (first[at] - centre[i]) / reach[i], (last[at] - centre[i]) / reach[i], lag[i], dt
-        )
+        at = 2 * parts + i
+        before = (first[at] - lags.centre[i]) / lags.reach[i]
+        after = (last[at] - lags.centre[i]) / lags.reach[i]
+        w[i] = _lagged(w[i], before, after, lags.lag[i], dt)
     for j in range(p.size):
-        at = elements + j % elements
-        p[j] = _lagged(p[j], first[at], last[at], rate_lag[j], dt)
+        at = parts + j % parts
+        p[j] = _lagged(p[j], first[at], last[at], lags.rate_lag[j], dt)
 
 
 def _lagged(now, before, after, lag, dt):
@@ -78,20 +95,21 @@ def step_of(model: HystereticElement, laws: Step) -> Step:
     """The step of elements whose laws stand side by side in the step `laws`."""
     others, E = model.others, model.dofs
     assert others is not None
-    numbers = {
-        "elements": E, "nodes": others.nodes, "used": others.used.numpy().astype(np.int64),
-        "places_of": others.places.numpy().copy(), "centre": others.range.centre.numpy().copy(),
-        "reach": others.range.reach.numpy().copy(), "lag": others.lag().detach().numpy().copy(),
-        "rate_lag": others.rate_lag().detach().numpy().copy(),
-        "rate_force": others.rate_force().detach().numpy().copy(),
-        "rate_knee": others.rate_knee().detach().numpy().copy(),
-        "offset": others.offset().detach().numpy().copy(),
-    }  # fmt: skip
-    k = len(numbers["lag"])
+    lags = Lags(
+        others.lag().detach().numpy().copy(), others.rate_lag().detach().numpy().copy(),
+        others.range.centre.numpy().copy(), others.range.reach.numpy().copy(),
+    )  # fmt: skip
+    nodes = Nodes(
+        others.nodes, others.used.numpy().astype(np.int64), others.places.numpy().copy(),
+        others.rate_force().detach().numpy().copy(), others.rate_knee().detach().numpy().copy(),
+        others.offset().detach().numpy().copy(),
+    )  # fmt: skip
+    k = len(lags.lag)
     state = {"w": np.zeros(k), "p": np.zeros(others.laws * E), "force": np.zeros(E)}
     names = [(f"s{i + 1}", "m") for i in range(E)] + [(f"s_dot{i + 1}", "m/s") for i in range(E)]
     return Step(
-        begin, observe, advance, laws.dt, {**laws.state, **state}, {**laws.numbers, **numbers},
+        begin, observe, advance, laws.dt, {**laws.state, **state},
+        {**laws.numbers, "lags": lags, "nodes": nodes},
         [*names, *((f"u{i + 1}", "") for i in range(k))],
         [("force", [f"r{i + 1}" for i in range(E)], "N")],
         substeps=laws.substeps, any_step=True, holds=("linear",),

@@ -109,6 +109,8 @@ class Expressions:
         owner = self.value(node.value)
         if owner.kind == "array" and node.attr == "shape":
             return tuple_of([number(n) for n in owner.shape])
+        if owner.kind == "tuple" and node.attr in owner.fields:
+            return owner.items[owner.fields.index(node.attr)]
         if owner.kind == "array" and node.attr == "size":
             return number(owner.size)
         if owner.kind == "module":

@@ -15,7 +15,7 @@ import numpy as np
 
 from export.translate.expressions import Expressions
 from export.translate.operations import HELPERS
-from export.translate.scope import Scope, c_name, part_of
+from export.translate.scope import Scope, c_name
 from export.translate.statements import Statements
 from export.translate.tables import Tables
 from export.translate.values import DOUBLE, INT, Value, flat, joined, known_value, tuple_of
@@ -186,7 +186,8 @@ def _opened(name: str, value: Value) -> dict[str, Value]:
     """Items of a tuple by the names of their arguments."""
     if value.kind != "tuple":
         return {name: value}
-    parts = [_opened(part_of(name, i), item) for i, item in enumerate(value.items)]
+    named = zip(value.parts(name), value.items, strict=True)
+    parts = [_opened(part, item) for part, item in named]
     return {key: item for part in parts for key, item in part.items()}
 
 
@@ -205,7 +206,7 @@ def _held(returned: Value, inside: Expressions) -> Value:
     """Variables for what a function returns."""
     if returned.kind != "tuple":
         return inside.scope.temporary(returned.kind)
-    return tuple_of([_held(item, inside) for item in returned.items])
+    return tuple_of([_held(item, inside) for item in returned.items], returned.fields)
 
 
 def _argument(name: str, value: Value) -> Value:
@@ -217,8 +218,9 @@ def _argument(name: str, value: Value) -> Value:
     if value.kind == INT and not value.fixed:
         return Value(INT)
     if value.kind == "tuple" and not value.fixed:
-        items = [_argument(part_of(name, i), item) for i, item in enumerate(value.items)]
-        return Value("tuple", items=tuple(items))
+        named = zip(value.parts(name), value.items, strict=True)
+        items = tuple(_argument(part, item) for part, item in named)
+        return Value("tuple", items=items, fields=value.fields)
     if not value.fixed:
         raise ValueError(f"{name} is a {value.kind} that is not known")
     return value
@@ -248,7 +250,8 @@ def _returned(values: list[Value]) -> Value:
 
 def _kind_of(value: Value) -> Value:
     if value.kind == "tuple":
-        return Value("tuple", items=tuple(_kind_of(item) for item in value.items))
+        items = tuple(_kind_of(item) for item in value.items)
+        return Value("tuple", items=items, fields=value.fields)
     return Value(value.kind)
 
 

@@ -24,11 +24,6 @@ def c_name(name: str) -> str:
     return f"{name}_" if name in TAKEN else name.strip("_") or "unused"
 
 
-def part_of(name: str, i: int) -> str:
-    """The variable that holds an item of a tuple."""
-    return f"{name}_{i}"
-
-
 class Scope:
     """Variables by name. They become known over some passes through the function's body."""
 
@@ -49,8 +44,7 @@ class Scope:
 
     def _open(self, name: str, value: Value) -> None:
         """An argument for every item of a tuple."""
-        for i, item in enumerate(value.items):
-            own = part_of(name, i)
+        for own, item in zip(value.parts(name), value.items, strict=True):
             self.kinds[own] = item
             if item.kind == "tuple" and not item.fixed:
                 self._open(own, item)
@@ -81,17 +75,17 @@ class Scope:
         """A variable as an expression."""
         found = self.kinds.get(name)
         if found is not None and found.kind == "tuple" and not found.fixed:
-            return tuple_of([self.part(name, i) for i in range(len(found.items))])
+            return tuple_of([self._part(own) for own in found.parts(name)], found.fields)
         if found is None or (found.fixed and found.kind != "array"):
             return found
         if found.is_number:
             return Value(found.kind, c_name(name))
         return found
 
-    def part(self, name: str, i: int) -> Value:
-        found = self.get(part_of(name, i))
+    def _part(self, name: str) -> Value:
+        found = self.get(name)
         if found is None:
-            raise ValueError(f"{name}[{i}] is not known")
+            raise ValueError(f"{name} is not known")
         return found
 
     def temporary(self, kind: str) -> Value:

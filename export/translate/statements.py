@@ -8,7 +8,7 @@ from typing import Any
 
 from export.translate import operations
 from export.translate.expressions import Called, Expressions, element
-from export.translate.scope import Scope, c_name, part_of
+from export.translate.scope import Scope, c_name
 from export.translate.values import ATOM, DOUBLE, INT, PLUS, TIMES, Value, flat, number, tuple_of
 
 INDENT = "    "
@@ -193,7 +193,7 @@ class Statements:
     def _kept(self, item: Value, names: set[str]) -> Value:
         """An item aside, where what it is made of is set in the same statement."""
         if item.kind == "tuple":
-            return tuple_of([self._kept(i, names) for i in item.items])
+            return tuple_of([self._kept(i, names) for i in item.items], item.fields)
         words = set("".join(c if c.isalnum() or c == "_" else " " for c in item.code).split())
         if not item.is_number or item.fixed or not words & names:
             return item
@@ -216,18 +216,19 @@ class Statements:
 
     def _set_tuple(self, name: str, value: Value) -> None:
         """A variable for every item; items are aside first, as the tuple may be made of them."""
-        own = {c_name(part_of(name, i)) for i in range(len(value.items))}
+        own = {c_name(part) for part in value.parts(name)}
         items = [self._kept(item, own) for item in value.items]
-        self.scope.set(name, Value("tuple", items=tuple(Value(item.kind) for item in items)))
-        for i, item in enumerate(items):
-            self._set(part_of(name, i), item)
+        kinds = tuple(Value(item.kind) for item in items)
+        self.scope.set(name, Value("tuple", items=kinds, fields=value.fields))
+        for part, item in zip(value.parts(name), items, strict=True):
+            self._set(part, item)
 
     def _point(self, name: str, value: Value) -> None:
         """Another name for an array or a row of it."""
         own = c_name(name)
         known = Value("array", own, shape=value.shape, dtype=value.dtype, root=value.root)
         self.scope.set(name, known)
-        if not value.size:
+        if not value.size or (self.live is not None and name not in self.live):
             return
         self.scope.pointers[own] = known
         self.emit(f"{own} = {value.code};")

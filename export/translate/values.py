@@ -17,6 +17,7 @@ class Value:
 
     kind: "double", "int", "array", "tuple", "function", "module", "type" or "none".
     Arrays: shape, dtype ("double" or "int") and root, the name whose elements they are.
+    Tuples that are records: fields, the names of their items.
     """
 
     kind: str
@@ -28,6 +29,12 @@ class Value:
     dtype: str = DOUBLE
     root: str = ""
     items: tuple[Value, ...] = field(default=())
+    fields: tuple[str, ...] = ()
+
+    def parts(self, name: str) -> list[str]:
+        """Variables that hold the items of a tuple called so."""
+        keys = self.fields or [str(i) for i in range(len(self.items))]
+        return [f"{name}_{key}" for key in keys]
 
     def within(self, binds: int) -> str:
         """Its text as part of an expression that binds so tightly."""
@@ -64,10 +71,10 @@ def number(value: Any) -> Value:
     return Value(DOUBLE, repr(value), UNARY if value < 0.0 else ATOM, value, True)
 
 
-def tuple_of(items: Sequence[Value]) -> Value:
+def tuple_of(items: Sequence[Value], fields: tuple[str, ...] = ()) -> Value:
     fixed = all(item.fixed for item in items)
     known = tuple(item.known for item in items) if fixed else None
-    return Value("tuple", known=known, fixed=fixed, items=tuple(items))
+    return Value("tuple", known=known, fixed=fixed, items=tuple(items), fields=fields)
 
 
 def known_value(value: Any) -> Value | None:
@@ -80,7 +87,8 @@ def known_value(value: Any) -> Value | None:
         return number(value)
     if isinstance(value, tuple):
         items = [known_value(item) for item in value]
-        return None if any(i is None for i in items) else tuple_of([i for i in items if i])
+        fields = getattr(value, "_fields", ())
+        return None if any(i is None for i in items) else tuple_of([i for i in items if i], fields)
     if isinstance(value, type) and value in (int, float, bool):
         return Value("type", known=value, fixed=True)
     if type(value).__name__ == "module":
@@ -112,7 +120,7 @@ def joined(one: Value | None, other: Value) -> Value:
         return one
     if one.kind == other.kind == "tuple" and len(one.items) == len(other.items):
         both = zip(one.items, other.items, strict=True)
-        return tuple_of([joined(a, b) for a, b in both])
+        return tuple_of([joined(a, b) for a, b in both], one.fields)
     raise ValueError(f"is a {one.kind} and a {other.kind} of another shape")
 
 

@@ -16,9 +16,17 @@ from data.memory import require_memory
 from data.record import Drive, Response
 from models.composition.branch_law import LEAST_DAMPER, TAIL, Branch, branch_forces, ramp
 from models.composition.branch_law_compiled import extreme_at, hermite
-from models.composition.branch_run_compiled import run
+from models.composition.branch_run_compiled import Laws, run
 from models.composition.simulate import Composition
-from models.composition.trace import Trace, anchors_of, arrays_of, do_all, on_processor
+from models.composition.simulate_compiled import Histories
+from models.composition.trace import (
+    Trace,
+    anchors_of,
+    course_of,
+    do_all,
+    on_processor,
+    stated_by,
+)
 from models.estimator import Parameter
 from models.fit.room import room
 from models.layers.integrate import between
@@ -65,21 +73,14 @@ def traced_branches(
     fine = between(u, drive.hold, substeps)
     shapes = [(n,)] * 3 + [(E,)] * 2 + [(n, P + S)]
     out = [room(len(u), drive.samples, *shape) for shape in shapes]
-    arrays = arrays_of(composition, P > 0)
-    supports = np.ascontiguousarray(composition.supports.cpu().numpy())
-    ends = np.full(n, np.inf) if bound is None else bound.cpu().numpy()
+    equation, sensors = stated_by(composition, P > 0, bound)
     theta = np.ascontiguousarray(branches.theta.detach().cpu().numpy()).reshape(-1)
-    scale = np.ascontiguousarray(branches.scale.cpu().numpy())
+    laws = Laws(theta, branches.sizes, np.ascontiguousarray(branches.scale.cpu().numpy()))
 
     def one(i: int) -> None:
-        run(
-            *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
-            drive.dt, every, np.ascontiguousarray(measured[i].numpy()),
-            np.ascontiguousarray(begins[i].numpy()),
-            *arrays["core"], *arrays["inputs"], *arrays["G"], arrays["D"][0], supports,
-            theta, branches.sizes, scale, composition.measures.cpu().numpy(), ends, P, S,
-            *(signal[i].numpy() for signal in out),
-        )  # fmt: skip
+        course = course_of(u[i], fine[i], drive.dt, every, measured[i], begins[i])
+        filled = Histories(*(signal[i].numpy() for signal in out))
+        run(course, equation, laws, sensors, P, S, filled)
 
     do_all(one, range(len(u)), drive.samples * substeps * max(1, n) * (1 + P + S))
     x, v, a, forces, deformations, slopes = (s.reshape(*lead, *s.shape[1:]).to(device) for s in out)

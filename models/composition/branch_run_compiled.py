@@ -9,6 +9,7 @@ E elements, n coordinates. The readable reference: branch_run.py.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from models.composition.branch_law_compiled import (
     turn,
 )
 from models.composition.simulate_compiled import (
+    Term,
     _accelerations,
     _begin_anew,
     _jump,
@@ -42,9 +44,41 @@ compiled, inlined = compilers(
 )
 
 
+class Laws(NamedTuple):
+    """The branch laws of all elements: θ one after the other, sizes, and Y, V, F, log k₀ (4, E)."""
+
+    theta: np.ndarray  # (E·L,)
+    sizes: tuple[int, int, int, int]
+    scale: np.ndarray
+
+
+class Memory(NamedTuple):
+    """Deformations, speeds, memories and forces of the elements, with derivatives."""
+
+    y: np.ndarray  # (E,), over Y
+    speed: np.ndarray  # (E,), over V
+    dy: np.ndarray  # (E, P), and dspeed
+    dspeed: np.ndarray
+    past: np.ndarray  # (E, STATES)
+    dpast: np.ndarray  # (E, STATES, P)
+    r: np.ndarray  # (E,)
+    dr: np.ndarray  # (E, P)
+
+
+class Room(NamedTuple):
+    """What a law is evaluated in."""
+
+    work: np.ndarray  # (5, P)
+    x: np.ndarray  # (width,), and x_turn, by_x
+    x_turn: np.ndarray
+    by_x: np.ndarray
+    by_m: np.ndarray  # (memories,)
+
+
 @inlined
-def _deformation(e, q, rate, dq, drate, u_at, D, supports, Y, V, dy, dspeed, sensitive):
+def _deformation(e, q, rate, dq, drate, u_at, equation, scale, dy, dspeed, sensitive):
     """y/Y and ẏ/V of an element; fills their derivatives (P,)."""
+    D, supports, Y, V = equation.D.value, equation.supports, scale[0, e], scale[1, e]
     y, speed = 0.0, 0.0
     if sensitive:
         for p in range(dy.size):
@@ -65,12 +99,16 @@ def _deformation(e, q, rate, dq, drate, u_at, D, supports, Y, V, dy, dspeed, sen
 
 
 @inlined
-def _turn_within(theta, first, sizes, log_k0, side, h, y0, v0, y1, v1, dy0, dv0, dy1, dv1,
-                 S, D, at, dh, none, x, x_turn, by_x, by_m, sensitive):  # fmt: skip
-    """Follow the branch to where the motion turns round between y₀ and y₁, and begin the next.
+def _turn_within(e, laws, side, h, y1, v1, memory, room, sensitive):
+    """Follow the branch to where the motion turns round before y₁, and begin the next.
 
-    h: the step, in V/Y. Returns the place; fills its derivatives `at` (P,).
+    h: the step, in V/Y. Returns the place; fills its derivatives, the third row of the room.
     """
+    theta, sizes, scale = laws
+    first, log_k0, y0, v0 = e * law_size(sizes), scale[3, e], memory.y[e], memory.speed[e]
+    dy0, dv0, dy1, dv1 = memory.dy[e], memory.dspeed[e], room.work[0], room.work[1]
+    S, D, at, dh, none = memory.past[e], memory.dpast[e], room.work[2], room.work[3], room.work[4]
+    x, x_turn, by_x, by_m = room.x, room.x_turn, room.by_x, room.by_m
     t = extreme_at(y0, y1, h * v0, h * v1) if v0 * v1 < 0.0 and v0 * side < 0.0 else 0.0
     by_y0, by_v0, by_y1, by_v1 = hermite(t)
     by_v0, by_v1 = h * by_v0, h * by_v1
@@ -92,21 +130,22 @@ def _turn_within(theta, first, sizes, log_k0, side, h, y0, v0, y1, v1, dy0, dv0,
 
 
 @compiled
-def _forces(q, rate, dq, drate, moved, h, u_at, D, supports, theta, sizes, scale,
-            y, speed, dy, dspeed, S, dS, r, dr, work, x, x_turn, by_x, by_m):  # fmt: skip
+def _forces(q, rate, dq, drate, moved, h, u_at, equation, laws, memory, room):
     """Forces of the elements r (E,) and dr (E, P); where the structure `moved`, by a step h.
 
-    y, speed (E,), their derivatives (E, P) and the memories S (E, STATES), dS (E, STATES, P) are
-    those before the move and become those after it.
+    The memory is that before the move and becomes that after it.
     """
-    E, size, P = D.shape[0], law_size(sizes), dq.shape[1]
+    theta, sizes, scale = laws
+    y, speed, dy, dspeed, S, dS, r, dr = memory
+    work, x, x_turn, by_x, _ = room
+    E, size, P = y.size, law_size(sizes), dq.shape[1]
     sensitive = P > 0
-    dnow, dfast, at, dh, none = work[0], work[1], work[2], work[3], work[4]
+    dnow, dfast, at, dh = work[0], work[1], work[2], work[3]
     for e in range(E):
-        Y, V, F, log_k0 = scale[0, e], scale[1, e], scale[2, e], scale[3, e]
+        Y, V, F = scale[0, e], scale[1, e], scale[2, e]
         first = e * size
         now, fast = _deformation(
-            e, q, rate, dq, drate, u_at, D, supports, Y, V, dnow, dfast, sensitive
+            e, q, rate, dq, drate, u_at, equation, scale, dnow, dfast, sensitive
         )
         before, turned = y[e], False
         if moved:
@@ -117,11 +156,7 @@ def _forces(q, rate, dq, drate, moved, h, u_at, D, supports, theta, sizes, scale
                 side = -S[e, SIDE]
             if side != 0.0:
                 turned = True
-                before = _turn_within(
-                    theta, first, sizes, log_k0, side, h * V / Y, before, speed[e], now, fast,
-                    dy[e], dspeed[e], dnow, dfast, S[e], dS[e], at, dh, none,
-                    x, x_turn, by_x, by_m, sensitive,
-                )  # fmt: skip
+                before = _turn_within(e, laws, side, h * V / Y, now, fast, memory, room, sensitive)
         force, still = 0.0, 1.0
         if S[e, SIDE] != 0.0:
             force, still = follow(
@@ -143,30 +178,33 @@ def _forces(q, rate, dq, drate, moved, h, u_at, D, supports, theta, sizes, scale
 
 
 @compiled
-def run(u, between, dt, every, measured, begin, core, icore, score, inputs, iinputs, sinputs,
-        G, iG, sG, D, supports, theta, sizes, scale, measures, bound,
-        P, S, x, v, a, forces, deformations, jacobian):  # fmt: skip
+def run(course, equation, laws, sensors, P, S, histories):
     """A free run as that of simulate_compiled.py, of outputs that are the coordinates themselves.
 
-    theta (E·L,): of the branch laws; scale (4, E): Y, V, F and log k₀ of each. begin: q and q̇ at
-    the first sample (2n,), or empty. Of the P + S columns of the jacobian, S are by `begin`.
+    Of the P + S columns of the jacobian, S are by `course.begin`: q and q̇ at the first sample.
     """
+    u, between, dt, every, measured, begin = course
+    measures, bound = sensors.measures, sensors.bound
+    x, v, a, forces, deformations, jacobian = histories
+    scale = laws.scale
     T, substeps = len(u), between.shape[1]
-    E, n = D.shape
+    E, n = equation.D.value.shape
     h, first, P = dt / substeps, P, P + S
-    width, memories, _, _ = sizes
+    width, memories, _, _ = laws.sizes
     q, rate, ahead, acc, new = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     dq, drate, dahead = np.zeros((n, P)), np.zeros((n, P)), np.zeros((n, P))
     dacc, dnew = np.zeros((n, P)), np.zeros((n, P))
     y, speed, dy, dspeed = np.zeros(E), np.zeros(E), np.zeros((E, P)), np.zeros((E, P))
-    r, dr, work = np.zeros(E), np.zeros((E, P)), np.zeros((5, P))
+    r, dr = np.zeros(E), np.zeros((E, P))
     past, dpast = np.zeros((E, STATES)), np.zeros((E, STATES, P))
-    w, w_turn, by_w, by_m = np.zeros(width), np.zeros(width), np.zeros(width), np.zeros(memories)
-    back, none = np.eye(n), np.full((n, n), -1)
+    memory = Memory(y, speed, dy, dspeed, past, dpast, r, dr)
+    rows = np.zeros(width), np.zeros(width), np.zeros(width)
+    room = Room(np.zeros((5, P)), rows[0], rows[1], rows[2], np.zeros(memories))
+    none = Term(np.eye(n), np.full((n, n), -1), np.eye(n))
     for k in range(T):
         begins = k == 0 or (every > 0 and (k - 1) % every == 0)
         if begins:
-            _begin_anew(measured, max(k - 1, 0), back, none, back, q, rate, dq, drate)
+            _begin_anew(measured, max(k - 1, 0), none, none.value, q, rate, dq, drate)
             if k == 0 and begin.size > 0:
                 for i in range(n):
                     q[i], rate[i] = begin[i], begin[n + i]
@@ -175,29 +213,24 @@ def run(u, between, dt, every, measured, begin, core, icore, score, inputs, iinp
             if k == 0:
                 for e in range(E):
                     at, _ = _deformation(
-                        e, q, rate, dq, drate, u[0], D, supports, scale[0, e], scale[1, e],
-                        dy[e], dspeed[e], P > 0,
-                    )  # fmt: skip
+                        e, q, rate, dq, drate, u[0], equation, scale, dy[e], dspeed[e], P > 0
+                    )
                     past[e, Y_TURN] = at
                     y[e], past[e, HIGHEST], past[e, LOWEST] = at, max(at, 0.0), min(at, 0.0)
                     for p in range(P):
                         dpast[e, Y_TURN, p] = dy[e, p]
                         dpast[e, HIGHEST if at > 0.0 else LOWEST, p] = dy[e, p]
-            _forces(q, rate, dq, drate, False, h, u[max(k - 1, 0)], D, supports, theta,
-                    sizes, scale, y, speed, dy, dspeed, past, dpast, r, dr, work, w, w_turn, by_w,
-                    by_m)  # fmt: skip
-            _accelerations(q, rate, dq, drate, u[max(k - 1, 0)], core, icore, score, inputs,
-                           iinputs, sinputs, G, iG, sG, r, dr, acc, dacc)  # fmt: skip
+            now = u[max(k - 1, 0)]
+            _forces(q, rate, dq, drate, False, h, now, equation, laws, memory, room)
+            _accelerations(q, rate, dq, drate, now, equation, r, dr, acc, dacc)
         for substep in range(substeps if k > 0 else 0):
             _move(h, q, rate, acc, ahead, dq, drate, dacc, dahead)
             now = between[k - 1, substep]
-            _forces(q, ahead, dq, dahead, True, h, now, D, supports, theta, sizes, scale, y, speed,
-                    dy, dspeed, past, dpast, r, dr, work, w, w_turn, by_w, by_m)  # fmt: skip
-            _accelerations(q, ahead, dq, dahead, now, core, icore, score, inputs, iinputs, sinputs,
-                           G, iG, sG, r, dr, new, dnew)  # fmt: skip
+            _forces(q, ahead, dq, dahead, True, h, now, equation, laws, memory, room)
+            _accelerations(q, ahead, dq, dahead, now, equation, r, dr, new, dnew)
             _speed_up(h, rate, acc, new, drate, dacc, dnew)
         if k > 0:
-            _jump(u[k], between[k - 1, substeps - 1], inputs, iinputs, sinputs, acc, dacc)
+            _jump(u[k], between[k - 1, substeps - 1], equation.inputs, acc, dacc)
         lost = False
         for i in range(n):
             x[k, i], v[k, i], a[k, i] = q[i], rate[i], acc[i]

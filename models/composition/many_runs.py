@@ -17,7 +17,7 @@ from data.record import Drive
 from models.composition.coefficients import LARGEST_EXPONENT, Coefficients, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.simulate import ACCELERATION, VELOCITY
-from models.composition.simulate_compiled import run
+from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, run
 from models.composition.trace import anchors_of, on_processor
 from models.layers.integrate import between
 
@@ -88,18 +88,19 @@ class ManyRuns:
         measured = np.empty((len(theta), T, o))
         x, v, a = np.empty((3, T, o))
         loops = np.empty((2, T, E))
-        none = np.empty((T, o, 0))
+        filled = Histories(x, v, a, loops[0], loops[1], np.empty((T, o, 0)))
+        course = Course(self.u, self.fine, self.drive.dt, 0, self.start, self.begin)
         back = np.linalg.pinv(self.parts[5].at)
         for i, one in enumerate(theta):
-            core, inputs, G, D, laws, outputs = self.arrays(one)
-            if outputs is not self.parts[5].at:
-                back = np.ascontiguousarray(np.linalg.pinv(outputs))
-            c, n, g, d, w, r = self.none
-            run(
-                self.u, self.fine, self.drive.dt, 0, self.start, self.begin, back,
-                core, *c, inputs, *n, G, *g, D, *d, self.supports, laws, *w, self.counts,
-                outputs, *r, self.measures, self.bound, 0, 0, x, v, a, loops[0], loops[1], none, 0,
-            )  # fmt: skip
+            values = self.arrays(one)
+            core, inputs, G, D, laws, outputs = (
+                Term(value, *none) for value, none in zip(values, self.none, strict=True)
+            )
+            if outputs.value is not self.parts[5].at:
+                back = np.ascontiguousarray(np.linalg.pinv(outputs.value))
+            equation = Equation(core, inputs, G, D, laws, self.supports, self.counts)
+            sensors = Sensors(outputs, back, self.measures, self.bound)
+            run(course, equation, sensors, 0, 0, filled, 0)
             fast = np.where(self.measures == VELOCITY, v, x)
             measured[i] = np.where(self.measures == ACCELERATION, a, fast)
         return measured

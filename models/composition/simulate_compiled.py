@@ -11,6 +11,7 @@ n coordinates, E elements, m excitations, o outputs, T samples, P parameters, S 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,14 +23,80 @@ compiled, inlined = compilers(Path(__file__), HERE, contract=True)
 VECTOR = 8  # numbers that a processor takes at once: rows of derivatives end with one
 
 
+class Term(NamedTuple):
+    """Coefficients of one part: values, the parameter behind each (−1: none), slopes by it."""
+
+    value: np.ndarray
+    parameter: np.ndarray
+    slope: np.ndarray
+
+
+class Equation(NamedTuple):
+    """q̈ = −K q − C q̇ + Γ u − G r with y = D q + supports u, as `Composition` of simulate.py."""
+
+    core: Term  # K and C (2, n)
+    inputs: Term  # Γ (n, m)
+    G: Term  # (n, E)
+    D: Term  # (E, n)
+    laws: Term  # (E, L)
+    supports: np.ndarray  # (2, E, m)
+    counts: tuple[int, int, int]  # hinges, tanhs, units of an element
+
+
+class Sensors(NamedTuple):
+    """What of the motion is returned: o = Φ q, which diverges where it passes `bound`."""
+
+    outputs: Term  # Φ (o, n)
+    back: np.ndarray  # Φ⁺ (n, o)
+    measures: np.ndarray  # (o,): displacement 0, velocity 1, acceleration 2
+    bound: np.ndarray  # (o,)
+
+
+class Course(NamedTuple):
+    """Excitation and start of a run."""
+
+    u: np.ndarray  # (T, m)
+    between: np.ndarray  # (T − 1, substeps, m): u at the end of each substep
+    dt: float  # [s]
+    every: int  # samples after which the run starts again from `measured`; 0: never
+    measured: np.ndarray  # x and v (2, ·, o)
+    begin: np.ndarray  # q, q̇ and the units' z at the first sample, or empty
+
+
+class Elements(NamedTuple):
+    """Deformations, memories of units and forces of the elements, with derivatives."""
+
+    y: np.ndarray  # (E,)
+    dy: np.ndarray  # (E, P)
+    z: np.ndarray  # (E, units)
+    dz: np.ndarray  # (E, units, P)
+    r: np.ndarray  # (E,)
+    dr: np.ndarray  # (E, P)
+    work: np.ndarray  # (2, P)
+
+
+class Histories(NamedTuple):
+    """What a run fills."""
+
+    x: np.ndarray  # (T, o), and v, a
+    v: np.ndarray
+    a: np.ndarray
+    forces: np.ndarray  # (T, E)
+    deformations: np.ndarray
+    jacobian: np.ndarray  # (T, o, ·)
+
+
 @inlined
-def _forces(q, rate, dq, drate, moved, u_at, D, iD, sD, supports, laws, ilaws, slaws, counts,
-            y, dy, z, dz, r, dr, work):  # fmt: skip
+def _forces(q, rate, dq, drate, moved, u_at, equation, elements):
     """Forces of the elements r (E,) and dr (E, P); where the structure `moved`, the units follow.
 
     y, z and their derivatives are those before the move and become those after it.
     """
-    hinges, tanhs, units = counts
+    D, iD, sD = equation.D
+    laws, ilaws, slaws = equation.laws
+    hinges, tanhs, units = equation.counts
+    supports = equation.supports
+    y, dy, z, dz, r, dr, work = elements
     E, n = D.shape
     P, m = dq.shape[1], u_at.size
     dnow, drate_e = work[0], work[1]  # (P,) each
@@ -95,9 +162,11 @@ def _forces(q, rate, dq, drate, moved, u_at, D, iD, sD, supports, laws, ilaws, s
 
 
 @inlined
-def _accelerations(q, rate, dq, drate, u_at, core, icore, score, inputs, iinputs, sinputs,
-                   G, iG, sG, r, dr, a, da):  # fmt: skip
+def _accelerations(q, rate, dq, drate, u_at, equation, r, dr, a, da):
     """q̈ (n,) and its derivatives (n, P)."""
+    core, icore, score = equation.core
+    inputs, iinputs, sinputs = equation.inputs
+    G, iG, sG = equation.G
     n, m = inputs.shape
     E, P = dr.shape
     for i in range(n):
@@ -122,50 +191,46 @@ def _accelerations(q, rate, dq, drate, u_at, core, icore, score, inputs, iinputs
 
 
 @compiled
-def run(u, between, dt, every, measured, begin, back, core, icore, score, inputs, iinputs,
-        sinputs, G, iG, sG, D, iD, sD, supports, laws, ilaws, slaws, counts, outputs, ioutputs,
-        soutputs, measures, bound, P, S, x, v, a, forces, deformations, jacobian, lo):  # fmt: skip
-    """A free run from the first of `measured` (2, T, o), begun anew every `every` samples (0: not).
+def run(course, equation, sensors, P, S, histories, lo):
+    """A free run from the first of `course.measured`, started again every `course.every` samples.
 
-    begin: q, q̇ and the units' z at the first sample (2n + E·units,), in place of the first of
-    `measured` and of units at rest; empty: not.
-
-    u (T, m); between (T − 1, substeps, m), u at the end of each substep. Fills x, v, a (T, o),
-    forces and deformations (T, E) and, for P + S > 0, columns `lo` to lo + P + S of jacobian
-    (T, o, ·) of what each output `measures` (o,): the displacement (0), velocity (1) or
-    acceleration (2); S columns by `begin`.
-    The units' memory goes on where a run begins anew. A run of which an output's measure passes its
-    `bound` (o,) has diverged; it is NaN from there on.
+    Fills the histories and, for P + S > 0, columns `lo` to lo + P + S of the jacobian (T, o, ·) of
+    what each output measures; S columns by `course.begin`.
+    The units keep their memory where a run starts again. A run of which an output's measure passes
+    its bound has diverged; it is NaN from there on.
     """
+    u, between, dt, every, measured, begin = course
+    outputs, ioutputs, soutputs = sensors.outputs
+    back, measures, bound = sensors.back, sensors.measures, sensors.bound
+    x, v, a, forces, deformations, jacobian = histories
     T, substeps = len(u), between.shape[1]
-    E, n = D.shape
+    E, n = equation.D.value.shape
     o, h, first, P = outputs.shape[0], dt / substeps, P, P + S
     q, rate, ahead, acc, new = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     W = -(-P // VECTOR) * VECTOR
     dq, drate, dahead = np.zeros((n, W)), np.zeros((n, W)), np.zeros((n, W))
     dacc, dnew = np.zeros((n, W)), np.zeros((n, W))
     y, dy, r, dr = np.zeros(E), np.zeros((E, W)), np.zeros(E), np.zeros((E, W))
-    z, dz, work = np.zeros((E, counts[2])), np.zeros((E, counts[2], W)), np.zeros((2, W))
+    units = equation.counts[2]
+    z, dz, work = np.zeros((E, units)), np.zeros((E, units, W)), np.zeros((2, W))
+    elements = Elements(y, dy, z, dz, r, dr, work)
     for k in range(T):
         begins = k == 0 or (every > 0 and (k - 1) % every == 0)
         if begins:
-            _begin_anew(measured, max(k - 1, 0), back, ioutputs, soutputs, q, rate, dq, drate)
+            _begin_anew(measured, max(k - 1, 0), sensors.outputs, back, q, rate, dq, drate)
             if k == 0 and begin.size > 0:
                 _begin_at(begin, first, S, q, rate, z, dq, drate, dz)
-            _forces(q, rate, dq, drate, False, u[max(k - 1, 0)], D, iD, sD, supports, laws, ilaws,
-                    slaws, counts, y, dy, z, dz, r, dr, work)  # fmt: skip
-            _accelerations(q, rate, dq, drate, u[max(k - 1, 0)], core, icore, score, inputs,
-                           iinputs, sinputs, G, iG, sG, r, dr, acc, dacc)  # fmt: skip
+            before = u[max(k - 1, 0)]
+            _forces(q, rate, dq, drate, False, before, equation, elements)
+            _accelerations(q, rate, dq, drate, before, equation, r, dr, acc, dacc)
         for substep in range(substeps if k > 0 else 0):
             _move(h, q, rate, acc, ahead, dq, drate, dacc, dahead)
             at = between[k - 1, substep]
-            _forces(q, ahead, dq, dahead, True, at, D, iD, sD, supports, laws, ilaws, slaws,
-                    counts, y, dy, z, dz, r, dr, work)  # fmt: skip
-            _accelerations(q, ahead, dq, dahead, at, core, icore, score, inputs, iinputs, sinputs,
-                           G, iG, sG, r, dr, new, dnew)  # fmt: skip
+            _forces(q, ahead, dq, dahead, True, at, equation, elements)
+            _accelerations(q, ahead, dq, dahead, at, equation, r, dr, new, dnew)
             _speed_up(h, rate, acc, new, drate, dacc, dnew)
         if k > 0:
-            _jump(u[k], between[k - 1, substeps - 1], inputs, iinputs, sinputs, acc, dacc)
+            _jump(u[k], between[k - 1, substeps - 1], equation.inputs, acc, dacc)
         lost = False
         for c in range(o):
             x[k, c] = v[k, c] = a[k, c] = 0.0
@@ -226,8 +291,9 @@ def _speed_up(h, rate, acc, new, drate, dacc, dnew):
 
 
 @inlined
-def _jump(u_at, u_before, inputs, iinputs, sinputs, acc, dacc):
-    """An excitation that is held between samples jumps at them."""
+def _jump(u_at, u_before, gain, acc, dacc):
+    """An excitation that is held between samples jumps at them; gain: Γ."""
+    inputs, iinputs, sinputs = gain
     for j in range(u_at.size):
         jump = u_at[j] - u_before[j]
         if jump != 0.0:
@@ -238,8 +304,9 @@ def _jump(u_at, u_before, inputs, iinputs, sinputs, acc, dacc):
 
 
 @inlined
-def _begin_anew(measured, k, back, ioutputs, soutputs, q, rate, dq, drate):
+def _begin_anew(measured, k, outputs, back, q, rate, dq, drate):
     """q = Φ⁺ x, dq = −Φ⁺ dΦ q; q̇ likewise."""
+    _, ioutputs, soutputs = outputs
     n, o = back.shape
     for i in range(n):
         q[i] = rate[i] = 0.0

@@ -20,7 +20,7 @@ from data.parallel import in_threads, threads
 from data.record import Drive, Response
 from models.composition.coefficients import PART, Part
 from models.composition.simulate import Composition
-from models.composition.simulate_compiled import run
+from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, run
 from models.fit.room import room
 from models.layers.integrate import between
 
@@ -75,27 +75,17 @@ def traced(
     shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P + S)]
     out = [room(len(u), drive.samples, *shape) for shape in shapes]
     blocks = _blocks(P, S, -(-threads() // max(1, len(u))))
-    arrays = [arrays_of(composition, derivatives, lo, hi) for lo, hi, _ in blocks]
-    supports = np.ascontiguousarray(composition.supports.cpu().numpy())
-    measures = composition.measures.cpu().numpy()
-    ends = np.full(o, np.inf) if bound is None else bound.cpu().numpy()
-    back = np.ascontiguousarray(np.linalg.pinv(arrays[0]["outputs"][0]))
+    stated = [stated_by(composition, derivatives, bound, lo, hi) for lo, hi, _ in blocks]
 
     def one(place: tuple[int, int]) -> None:
         i, block = place
-        (lo, hi, own), parts = blocks[block], arrays[block]
+        (lo, hi, own), (equation, sensors) = blocks[block], stated[block]
         *motion, jacobian = (signal[i] for signal in out)
         if block > 0:  # a place that two threads write is not safe, even where both write the same
             motion = [torch.empty_like(signal) for signal in motion]
-        run(
-            *(np.ascontiguousarray(t.numpy()) for t in (u[i], fine[i])),
-            drive.dt, every, np.ascontiguousarray(measured[i].numpy()),
-            np.ascontiguousarray(begins[i].numpy()), back,
-            *parts["core"], *parts["inputs"], *parts["G"], *parts["D"],
-            supports, *parts["laws"], composition.counts, *parts["outputs"], measures, ends,
-            hi - lo, own,
-            *(signal.numpy() for signal in (*motion, jacobian)), lo,
-        )  # fmt: skip
+        course = course_of(u[i], fine[i], drive.dt, every, measured[i], begins[i])
+        filled = Histories(*(signal.numpy() for signal in (*motion, jacobian)))
+        run(course, equation, sensors, hi - lo, own, filled, lo)
 
     steps = drive.samples * substeps * max(1, o) * (1 + P + S) // len(blocks)
     do_all(one, [(i, block) for i in range(len(u)) for block in range(len(blocks))], steps)
@@ -136,10 +126,14 @@ def anchors_of(drive: Drive, anchors: Tensor | None) -> Tensor:
     return starts.reshape(lead.numel(), 2, -1)[:, :, None, :]
 
 
-def arrays_of(
-    composition: Composition, derivatives: bool, lo: int = 0, hi: int | None = None
-) -> dict[str, tuple[np.ndarray, ...]]:
-    """Values, numbers and slopes of every part, as arguments of the compiled run.
+def stated_by(
+    composition: Composition,
+    derivatives: bool,
+    bound: Tensor | None = None,
+    lo: int = 0,
+    hi: int | None = None,
+) -> tuple[Equation, Sensors]:
+    """A composition as arguments of the compiled run.
 
     Parameters lo to hi are numbered from 0 on; without derivatives nothing depends on any.
     """
@@ -152,10 +146,26 @@ def arrays_of(
         parts = {
             name: replace(part, index=_within(part.index, lo, hi)) for name, part in parts.items()
         }
-    return {
-        name: tuple(np.ascontiguousarray(getattr(p, key).cpu().numpy()) for key in PART)
+    terms = {
+        name: Term(*(np.ascontiguousarray(getattr(p, k).detach().cpu().numpy()) for k in PART))
         for name, p in parts.items()
     }
+    outputs = terms.pop("outputs")
+    supports = np.ascontiguousarray(composition.supports.cpu().numpy())
+    back = np.ascontiguousarray(np.linalg.pinv(outputs.value))
+    ends = np.full(len(back.T), np.inf) if bound is None else bound.cpu().numpy()
+    sensors = Sensors(outputs, back, composition.measures.cpu().numpy(), ends)
+    return Equation(**terms, supports=supports, counts=composition.counts), sensors
+
+
+def course_of(
+    u: Tensor, fine: Tensor, dt: float, every: int, measured: Tensor, begin: Tensor
+) -> Course:
+    """One record of a batch as arguments of the compiled run."""
+    u_of, fine_of, measured_of, begin_of = (
+        np.ascontiguousarray(t.numpy()) for t in (u, fine, measured, begin)
+    )
+    return Course(u_of, fine_of, dt, every, measured_of, begin_of)
 
 
 def _within(index: Tensor, lo: int, hi: int) -> Tensor:
