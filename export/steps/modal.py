@@ -6,66 +6,73 @@ J modes, E elements, m inputs, n outputs; all in units of the model but what goe
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from export.names import inputs_of
 from export.step import Step
 from models.modal.core import exact_steps
-from models.modal.run import BOUND
-from models.modal.run_compiled import _deform, _laws
+from models.modal.run import BOUND, at_rest
+from models.modal.run_compiled import Modes, Parts, _deform, _laws
 from models.modal.units_compiled import TERMS
 from models.modal_network import ModalNetwork
 
-OWN = ("gamma", "G", "D", "laws", "Cq", "Cv", "Du", "Dr", "o0")
+
+class Scale(NamedTuple):
+    """Units of inputs and outputs."""
+
+    u: np.ndarray  # (m,)
+    o: np.ndarray  # (n,)
+    mean: np.ndarray  # (n,)
 
 
-def begin(q, v, z, y, rate, r, before, D, laws, hinges, units, by_q, by_r, by_z, places):
+def begin(modes, elements, parts, counts, places):
     """Modes at rest, units that remember nothing."""
-    q[:] = 0.0
-    v[:] = 0.0
-    for i in range(r.size):
-        before[i] = 0.0
-        for unit in range(units):
-            z[i, unit] = 0.0
-    if r.size > 0:
-        _forces(q, v, z, y, rate, r, before, D, laws, hinges, units, False, by_q, by_r, by_z,
-                places)  # fmt: skip
+    modes.q[:] = 0.0
+    modes.v[:] = 0.0
+    for i in range(elements.r.size):
+        elements.before[i] = 0.0
+        for unit in range(counts[1]):
+            elements.z[i, unit] = 0.0
+    if elements.r.size > 0:
+        _fill_forces(modes, elements, parts, counts, places, False, elements.r)
 
 
-def _forces(q, v, z, y, rate, r, before, D, laws, hinges, units, moved, by_q, by_r, by_z,
-            places):  # fmt: skip
+def _fill_forces(modes, elements, parts, counts, places, moved, r):
     """Fills the forces r (E,) of elements; `moved`: whether their units move along."""
     phi = np.zeros((3, TERMS))
-    _deform(D, places, q, v, by_q, by_q, y, rate, by_r, by_r)
-    _laws(laws, places, hinges, units, y, rate, by_r, by_r, before, by_r, moved, z, by_z, r, by_r,
-          phi)  # fmt: skip
+    _deform(parts, places, modes, elements)
+    _laws(parts, places, counts, elements, moved, r, elements.dr, phi)
 
 
-def observe(u, q, v, r, output, Cq, Cv, Du, Dr, o0, size_u, size_o, mean):
+def observe(u, modes, elements, parts, output, scale):
     """The outputs; none are known once one is beyond its bound, for the run has diverged."""
-    lost = 0
+    q, v, r, lost = modes.q, modes.v, elements.r, 0
     for c in range(output.size):
-        value = o0[c]
+        value = parts.o0[c]
         for j in range(q.size):
-            value += Cq[c, j] * q[j] + Cv[c, j] * v[j]
+            value += parts.Cq[c, j] * q[j] + parts.Cv[c, j] * v[j]
         for j in range(u.size):
-            value += Du[c, j] * (u[j] / size_u[j])
+            value += parts.Du[c, j] * (u[j] / scale.u[j])
         for i in range(r.size):
-            value += Dr[c, i] * r[i]
-        output[c] = mean[c] + size_o[c] * value
+            value += parts.Dr[c, i] * r[i]
+        output[c] = scale.mean[c] + scale.o[c] * value
         if not abs(value) < BOUND:
             lost = 1
     if lost == 1:
         output[:] = np.nan
 
 
-def _predict(first, last, share, width, q, v, r, core, gamma, u0, G, size_u):
+def _predict(first, last, share, width, modes, r, parts, scale):
     """Modes a substep on, from a share of the step, the forces of elements as they were."""
+    q, v = modes.q, modes.v
+    core, gamma, u0, G = parts.core, parts.gamma, parts.u0, parts.G
     for j in range(q.size):
         begins, middle, ends, held = 0.0, 0.0, 0.0, 0.0
         for n in range(first.size):
-            start = first[n] / size_u[n]
-            rise = last[n] / size_u[n] - start
+            start = first[n] / scale.u[n]
+            rise = last[n] / scale.u[n] - start
             begins += gamma[j, n] * (start + share * rise + u0[n])
             middle += gamma[j, n] * (start + (share + 0.5 * width) * rise + u0[n])
             ends += gamma[j, n] * (start + (share + width) * rise + u0[n])
@@ -80,8 +87,10 @@ def _predict(first, last, share, width, q, v, r, core, gamma, u0, G, size_u):
         q[j], v[j] = moved, speed
 
 
-def _correct(q, v, r, new, core, G):
+def _correct(modes, elements, parts):
     """Modes at the end of a substep, where the forces of elements have become `new`."""
+    q, v, r, new = modes.q, modes.v, elements.r, elements.new
+    core, G = parts.core, parts.G
     for j in range(q.size):
         change = 0.0
         for i in range(r.size):
@@ -91,18 +100,16 @@ def _correct(q, v, r, new, core, G):
     r[:] = new
 
 
-def advance(first, last, q, v, z, y, rate, r, new, before, output, core, gamma, u0, G, D, laws,
-            size_u, hinges, units, substeps, by_q, by_r, by_z, places):  # fmt: skip
+def advance(first, last, modes, elements, output, parts, counts, substeps, places, scale):
     """Substeps: modes by their exponentials, elements by what these predict."""
     if not abs(output[0]) < np.inf:
-        q[:] = np.nan
-        v[:] = np.nan
+        modes.q[:] = np.nan
+        modes.v[:] = np.nan
     for part in range(substeps):
-        _predict(first, last, part / substeps, 1.0 / substeps, q, v, r, core, gamma, u0, G, size_u)
-        if r.size > 0:
-            _forces(q, v, z, y, rate, new, before, D, laws, hinges, units, True, by_q, by_r, by_z,
-                    places)  # fmt: skip
-            _correct(q, v, r, new, core, G)
+        _predict(first, last, part / substeps, 1.0 / substeps, modes, elements.r, parts, scale)
+        if elements.r.size > 0:
+            _fill_forces(modes, elements, parts, counts, places, True, elements.new)
+            _correct(modes, elements, parts)
 
 
 def step_of(model: ModalNetwork) -> Step:
@@ -110,20 +117,25 @@ def step_of(model: ModalNetwork) -> Step:
 
     A band-limited excitation is interpolated from samples that are yet to come, so no step can.
     """
-    parts = model.layout.split(model.values)
+    split = model.layout.split(model.values)
     layout, scale, substeps = model.layout, model.scale, int(model.counts[2])
     J, E, U = layout.modes, layout.elements, layout.units
     h = model.dt / scale.time / substeps
-    numbers = {name: np.array(parts[name]) for name in (*OWN, "u0")}
-    numbers["core"] = exact_steps(parts["log_k"], parts["log_c"], h)[:, 0].copy()
-    numbers |= {"size_u": scale.u, "size_o": scale.y, "mean": scale.mean}
-    empty = {"by_q": np.zeros((J, 0)), "by_r": np.zeros((E, 0)), "by_z": np.zeros((E, U, 0))}
-    empty["places"] = np.zeros((0, 0), np.int64)
-    state = {name: np.zeros(J) for name in "qv"} | {"z": np.zeros((E, U))}
-    state |= {name: np.zeros(E) for name in ("y", "rate", "r", "new", "before")}
-    state["output"] = np.zeros(model.dofs)
+    core = exact_steps(split["log_k"], split["log_c"], h)[:, 0].copy()
+    parts = Parts(core, *(np.array(split[name]) for name in Parts._fields[1:]))
+    nowhere = np.zeros((0, 0), np.int64)
+    numbers = {
+        "parts": parts, "places": Parts(*[nowhere] * len(parts)),
+        "counts": (layout.hinges, U), "substeps": substeps,
+        "scale": Scale(scale.u, scale.y, scale.mean),
+    }  # fmt: skip
+    q, v = np.zeros((2, J))
+    state = {
+        "modes": Modes(q, v, np.zeros((J, 0)), np.zeros((J, 0))),
+        "elements": at_rest(np.zeros((E, U)), np.zeros((E, U, 0))),
+        "output": np.zeros(model.dofs),
+    }
     return Step(
-        begin, observe, advance, model.dt, state,
-        {**numbers, **empty, "hinges": layout.hinges, "units": U, "substeps": substeps},
-        inputs_of(model), [("output", [f"y{i + 1}" for i in range(model.dofs)], "")],
+        begin, observe, advance, model.dt, state, numbers, inputs_of(model),
+        [("output", [f"y{i + 1}" for i in range(model.dofs)], "")],
     )  # fmt: skip

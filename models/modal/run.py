@@ -12,7 +12,7 @@ import numpy as np
 
 from models.modal.core import exact_steps
 from models.modal.layout import Layout, columns
-from models.modal.run_compiled import run
+from models.modal.run_compiled import Elements, Filled, Modes, Parts, run
 
 BLOCK = 4096  # samples
 BOUND = 1e3  # times the RMS of the outputs that were trained on: beyond, a run has diverged
@@ -49,7 +49,7 @@ def blocks(
     values: all parameters; learned: those by which derivatives are taken, None for none; own:
     derivatives by `begin` (S,) too, after those of the parameters. A run that diverged ends there.
     """
-    parts = {name: np.ascontiguousarray(part) for name, part in layout.split(values).items()}
+    split = {name: np.ascontiguousarray(part) for name, part in layout.split(values).items()}
     mask = np.zeros(layout.size, dtype=bool) if learned is None else learned
     at, moving = columns(layout, mask)
     derived = own or learned is not None
@@ -57,16 +57,18 @@ def blocks(
     # the kernel has the columns with dynamics first, so those of the first state before the others
     at = {name: np.where(place >= moving, place + S, place) for name, place in at.items()}
     J, E, U = layout.modes, layout.elements, layout.units
-    q, v = begin[:J].copy(), begin[J : 2 * J].copy()
-    z, memory = begin[2 * J :].reshape(E, U).copy(), np.zeros((2, E))
     P = moving + S
-    dq, dv, dz = np.zeros((J, P)), np.zeros((J, P)), np.zeros((E, U, P))
-    dmemory = np.zeros((2, E, P))
+    modes = Modes(begin[:J].copy(), begin[J : 2 * J].copy(), np.zeros((J, P)), np.zeros((J, P)))
+    z, dz = begin[2 * J :].reshape(E, U).copy(), np.zeros((E, U, P))
     if own:
         each = np.eye(S)
-        dq[:, moving:], dv[:, moving:] = each[:J], each[J : 2 * J]
+        modes.dq[:, moving:], modes.dv[:, moving:] = each[:J], each[J : 2 * J]
         dz[..., moving:] = each[2 * J :].reshape(E, U, S)
-    core = exact_steps(parts["log_k"], parts["log_c"], excited.step)
+    elements = at_rest(z, dz)
+    core = exact_steps(split["log_k"], split["log_c"], excited.step)
+    parts = Parts(core, *(split[name] for name in Parts._fields[1:]))
+    places = np.stack([at["log_k"], at["log_c"]])
+    columns_of = Parts(places, *(at[name] for name in Parts._fields[1:]))
     order = np.r_[np.arange(moving), np.arange(P, P + static), np.arange(moving, P)]
     T = len(excited.u) if stop is None else stop
     for first in range(0, T, BLOCK):
@@ -75,15 +77,20 @@ def blocks(
         states = np.empty((last - first, 2 * (J + E)))
         jacobian = np.empty((last - first if derived else 0, layout.outputs, P + static))
         sound = run(
-            excited.u, excited.fine, first, last, core, parts["gamma"], parts["u0"], parts["G"],
-            parts["D"], parts["laws"], (layout.hinges, layout.units), parts["Cq"], parts["Cv"],
-            parts["Du"], parts["Dr"], parts["o0"], np.stack([at["log_k"], at["log_c"]]),
-            at["gamma"], at["u0"], at["G"], at["D"], at["laws"], at["Cq"], at["Cv"], at["Du"],
-            at["Dr"], at["o0"], q, v, z, memory, dq, dv, dz, dmemory, bound, out, states, jacobian,
+            excited.u, excited.fine, first, last, parts, columns_of,
+            (layout.hinges, layout.units), modes, elements, bound, Filled(out, states, jacobian),
         )  # fmt: skip
         yield out, states, jacobian[..., order] if S else jacobian
         if not sound:
             return
+
+
+def at_rest(z: np.ndarray, dz: np.ndarray) -> Elements:
+    """Elements that have not moved, with the memory z (E, U) of units and its derivatives."""
+    E, _, P = dz.shape
+    y, rate, before, r, new = np.zeros((5, E))
+    dy, drate, dbefore, dr, dnew = np.zeros((5, E, P))
+    return Elements(y, rate, dy, drate, before, dbefore, z, dz, r, dr, new, dnew)
 
 
 def outputs(

@@ -8,12 +8,13 @@ corrected: second order, one evaluation a substep. `core` (J, 3, 14) has for eve
 P₀, P₁ of a linear force and Q₀, Q½, Q₁ of a parabola, and their slopes by log k and log c.
 
 J modes, E elements, m inputs, o outputs, T samples; P columns of derivatives by parameters and by
-the first state. `place` says which column a parameter has, −1 none.
+the first state.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,56 @@ from models.modal.units_compiled import HERE, HINGE, TERMS, UNIT, hinge, terms, 
 compiled, inlined = compilers(Path(__file__), HERE, contract=True)
 
 
+class Parts(NamedTuple):
+    """Numbers of a network; or the column of derivatives that each has, −1 where it has none."""
+
+    core: np.ndarray  # (J, 3, 14); the columns of log k and log c: (2, J)
+    gamma: np.ndarray  # (J, m)
+    u0: np.ndarray  # (m,)
+    G: np.ndarray  # (J, E)
+    D: np.ndarray  # (E, J)
+    laws: np.ndarray  # (E, ·)
+    Cq: np.ndarray  # (o, J), and Cv
+    Cv: np.ndarray
+    Du: np.ndarray  # (o, m)
+    Dr: np.ndarray  # (o, E)
+    o0: np.ndarray  # (o,)
+
+
+class Modes(NamedTuple):
+    """q and q̇, with derivatives."""
+
+    q: np.ndarray  # (J,), and v
+    v: np.ndarray
+    dq: np.ndarray  # (J, P), and dv
+    dv: np.ndarray
+
+
+class Elements(NamedTuple):
+    """Deformations y, now and before, memories of units and forces, with derivatives."""
+
+    y: np.ndarray  # (E,), and rate
+    rate: np.ndarray
+    dy: np.ndarray  # (E, P), and drate
+    drate: np.ndarray
+    before: np.ndarray  # (E,)
+    dbefore: np.ndarray  # (E, P)
+    z: np.ndarray  # (E, units)
+    dz: np.ndarray  # (E, units, P)
+    r: np.ndarray  # (E,)
+    dr: np.ndarray  # (E, P)
+    new: np.ndarray  # (E,): forces at the end of a substep
+    dnew: np.ndarray  # (E, P)
+
+
+class Filled(NamedTuple):
+    """What a run fills; states and jacobian may have no rows."""
+
+    out: np.ndarray  # (·, o)
+    states: np.ndarray  # (·, 2J + 2E): q, q̇, y, ẏ
+    jacobian: np.ndarray  # (·, o, columns), of which the first P have dynamics
+
+
 @inlined
 def add(row, column, value):
     if column >= 0:
@@ -30,8 +81,11 @@ def add(row, column, value):
 
 
 @inlined
-def _deform(D, at_D, q, v, dq, dv, y, rate, dy, drate):
+def _deform(parts, at, modes, elements):
     """y = D q and ẏ = D q̇ of every element, with derivatives."""
+    D, at_D = parts.D, at.D
+    q, v, dq, dv = modes
+    y, rate, dy, drate = elements.y, elements.rate, elements.dy, elements.drate
     E, J = D.shape
     P = dq.shape[1]
     for i in range(E):
@@ -53,9 +107,12 @@ def _deform(D, at_D, q, v, dq, dv, y, rate, dy, drate):
 
 
 @inlined
-def _laws(laws, at_laws, hinges, units, y, rate, dy, drate, before, dbefore, moved, z, dz, r, dr,
-          phi):  # fmt: skip
+def _laws(parts, at, counts, elements, moved, r, dr, phi):
     """r of every element, with derivatives; units move from the deformations `before`."""
+    laws, at_laws = parts.laws, at.laws
+    hinges, units = counts
+    y, rate, dy, drate = elements.y, elements.rate, elements.dy, elements.drate
+    before, dbefore, z, dz = elements.before, elements.dbefore, elements.z, elements.dz
     E = laws.shape[0]
     P = dy.shape[1]
     for i in range(E):
@@ -70,35 +127,35 @@ def _laws(laws, at_laws, hinges, units, y, rate, dy, drate, before, dbefore, mov
             by_rate += w * phi[2, k]
             if P > 0:
                 add(dr[i], at_laws[i, k], phi[0, k])
-        at = TERMS
+        column = TERMS
         for _ in range(hinges):
-            value, slope, by_width = hinge(y[i], laws[i, at + 1], laws[i, at + 2])
-            w = laws[i, at]
+            value, slope, by_width = hinge(y[i], laws[i, column + 1], laws[i, column + 2])
+            w = laws[i, column]
             r[i] += w * value
             by_y += w * slope
             if P > 0:
-                add(dr[i], at_laws[i, at], value)
-                add(dr[i], at_laws[i, at + 1], -w * slope)
-                add(dr[i], at_laws[i, at + 2], w * by_width)
-            at += HINGE
+                add(dr[i], at_laws[i, column], value)
+                add(dr[i], at_laws[i, column + 1], -w * slope)
+                add(dr[i], at_laws[i, column + 2], w * by_width)
+            column += HINGE
         for unit in range(units):
-            w = laws[i, at]
+            w = laws[i, column]
             if moved:
                 z[i, unit], by_z, by_delta, by_beta, by_kappa = unit_step(
-                    z[i, unit], y[i] - before[i], laws[i, at + 1], laws[i, at + 2]
+                    z[i, unit], y[i] - before[i], laws[i, column + 1], laws[i, column + 2]
                 )
                 for p in range(P):
                     dz[i, unit, p] = by_z * dz[i, unit, p] + by_delta * (dy[i, p] - dbefore[i, p])
                 if P > 0:
-                    add(dz[i, unit], at_laws[i, at + 1], by_beta)
-                    add(dz[i, unit], at_laws[i, at + 2], by_kappa)
+                    add(dz[i, unit], at_laws[i, column + 1], by_beta)
+                    add(dz[i, unit], at_laws[i, column + 2], by_kappa)
             r[i] += w * (z[i, unit] - y[i])
             by_y -= w
             for p in range(P):
                 dr[i, p] += w * dz[i, unit, p]
             if P > 0:
-                add(dr[i], at_laws[i, at], z[i, unit] - y[i])
-            at += UNIT
+                add(dr[i], at_laws[i, column], z[i, unit] - y[i])
+            column += UNIT
         for p in range(P):
             dr[i, p] += by_y * dy[i, p] + by_rate * drate[i, p]
         before[i] = y[i]
@@ -107,8 +164,12 @@ def _laws(laws, at_laws, hinges, units, y, rate, dy, drate, before, dbefore, mov
 
 
 @inlined
-def _predict(core, at_core, gamma, at_gamma, offset, at_offset, G, at_G, now, r, dr, q, v, dq, dv):
+def _predict(parts, at, now, elements, modes):
     """Modes at the end of a substep under forces of elements that stay; now (3, m) the input."""
+    core, gamma, offset, G = parts.core, parts.gamma, parts.u0, parts.G
+    at_core, at_gamma, at_offset, at_G = at.core, at.gamma, at.u0, at.G
+    r, dr = elements.r, elements.dr
+    q, v, dq, dv = modes
     J, m = gamma.shape
     E = r.size
     P = dq.shape[1]
@@ -165,8 +226,11 @@ def _predict(core, at_core, gamma, at_gamma, offset, at_offset, G, at_G, now, r,
 
 
 @inlined
-def _correct(core, at_core, G, at_G, r, dr, new, dnew, q, v, dq, dv):
+def _correct(parts, at, elements, modes):
     """Modes at the end of a substep, where the forces of elements have become `new`."""
+    core, at_core, G, at_G = parts.core, at.core, parts.G, at.G
+    r, dr, new, dnew = elements.r, elements.dr, elements.new, elements.dnew
+    q, v, dq, dv = modes
     J, E = G.shape
     P = dq.shape[1]
     for j in range(J):
@@ -191,41 +255,37 @@ def _correct(core, at_core, G, at_G, r, dr, new, dnew, q, v, dq, dv):
 
 
 @compiled
-def run(u, fine, first, last, core, gamma, offset, G, D, laws, counts, Cq, Cv, Du, Dr, o0,
-        at_core, at_gamma, at_offset, at_G, at_D, at_laws, at_Cq, at_Cv, at_Du, at_Dr, at_o0,
-        q, v, z, memory, dq, dv, dz, dmemory, bound, out, states, jacobian):  # fmt: skip
+def run(u, fine, first, last, parts, at, counts, modes, elements, bound, filled):
     """Samples `first` … `last − 1`, from the state of the sample before, or at sample 0.
 
-    The state is q, v (J,), z (E, units) and, once a run has begun, the `memory` (2, E): y and r.
+    The state is q, q̇, z and, once a run has begun, y `before` and r of the elements.
 
-    u (T, m) at samples; fine (T − 1, 2S + 1, m) from a sample to the next. Fills out (·, o), states
-    (·, 2J + 2E) of q, q̇, y, ẏ, and jacobian (·, o, columns), of which the first P have dynamics.
+    u (T, m) at samples; fine (T − 1, 2S + 1, m) from a sample to the next.
     Returns whether the outputs stayed below `bound`; they are NaN from where they do not.
     """
-    J, m = gamma.shape
-    E, o = D.shape[0], o0.size
-    hinges, units = counts
+    q, v, dq, dv = modes
+    y, rate, r, dr = elements.y, elements.rate, elements.r, elements.dr
+    new, dnew = elements.new, elements.dnew
+    Cq, Cv, Du, Dr, o0 = parts.Cq, parts.Cv, parts.Du, parts.Dr, parts.o0
+    at_Cq, at_Cv, at_Du, at_Dr, at_o0 = at.Cq, at.Cv, at.Du, at.Dr, at.o0
+    out, states, jacobian = filled
+    J, m = parts.gamma.shape
+    E, o = r.size, o0.size
     P, S = dq.shape[1], (fine.shape[1] - 1) // 2
-    y, rate, new = np.zeros(E), np.zeros(E), np.zeros(E)
-    dy, drate, dnew = np.zeros((E, P)), np.zeros((E, P)), np.zeros((E, P))
-    before, r, dbefore, dr = memory[0], memory[1], dmemory[0], dmemory[1]
     phi, now = np.zeros((3, TERMS)), np.zeros((3, m))
     if first == 0:
-        _deform(D, at_D, q, v, dq, dv, y, rate, dy, drate)
-        _laws(laws, at_laws, hinges, units, y, rate, dy, drate, before, dbefore, False, z, dz, r,
-              dr, phi)  # fmt: skip
+        _deform(parts, at, modes, elements)
+        _laws(parts, at, counts, elements, False, r, dr, phi)
     for k in range(first, last):
         for s in range(S if k > 0 else 0):
             for n in range(m):
                 for part in range(3):
                     now[part, n] = fine[k - 1, 2 * s + part, n]
-            _predict(core, at_core, gamma, at_gamma, offset, at_offset, G, at_G, now, r, dr, q, v,
-                     dq, dv)  # fmt: skip
+            _predict(parts, at, now, elements, modes)
             if E > 0:
-                _deform(D, at_D, q, v, dq, dv, y, rate, dy, drate)
-                _laws(laws, at_laws, hinges, units, y, rate, dy, drate, before, dbefore, True, z,
-                      dz, new, dnew, phi)  # fmt: skip
-                _correct(core, at_core, G, at_G, r, dr, new, dnew, q, v, dq, dv)
+                _deform(parts, at, modes, elements)
+                _laws(parts, at, counts, elements, True, new, dnew, phi)
+                _correct(parts, at, elements, modes)
                 for i in range(E):
                     r[i] = new[i]
                     for p in range(P):
