@@ -13,10 +13,8 @@ from data.record import Drive, Record, stack
 from models.element_network import ElementNetwork
 from models.fit.by_noise import (
     _solve,
-    errors_of,
     noise_of_sensors,
     refit,
-    takes_over,
     weigh_at_first,
 )
 from models.fit.free_run_objective import FreeRun
@@ -100,7 +98,7 @@ def test_intervals_of_weighed_channels_cover(clean):
     assert np.mean(hits) > 0.85
 
 
-@pytest.mark.parametrize("levels", [[0.0, 0.0], [0.1, 0.1], [0.05, 0.1]])
+@pytest.mark.parametrize("levels", [[0.0, 0.0], [0.05, 0.1]])
 def test_channels_of_like_noise_count_alike(clean, levels):
     record = noisy(clean, levels)
     (model, told), (alike, _) = fit(record, None), fit(record, "equal")
@@ -108,23 +106,6 @@ def test_channels_of_like_noise_count_alike(clean, levels):
     weigh_at_first(model, [record], None)
     assert model.channels.tolist() == [1.0, 1.0]
     assert off(model) == off(alike)  # it was not fitted anew
-
-
-def test_the_error_of_a_model_is_no_noise_of_a_sensor(clean):
-    model = planted()
-    model.laws.stiffness.theta.data[1] += 0.3
-    (e, y), *_ = errors_of(model, clean)
-    assert takes_over([(e * [1.0, 10.0], y)]) is None
-    rng = np.random.default_rng(0)
-    assert takes_over([(e + 10.0 * e.std() * rng.standard_normal((T, 2)) * [1.0, 0.0], y)]) == 0
-
-
-def test_noise_of_sensors_is_told_beside_motion(clean):
-    record = noisy(clean, [0.02, 0.2])
-    wanted = (torch.tensor([0.02, 0.2]) * clean.a.std(dim=(0, 1))).tolist()
-    f = clean.f[0].numpy()
-    assert noise_of_sensors([(record.a[0].numpy(), f)]) == pytest.approx(wanted, rel=0.15)
-    assert noise_of_sensors([(clean.a[0].numpy(), f)]).max() < 0.01 * float(clean.a.std())
 
 
 def test_motion_under_forces_of_all_frequencies_is_no_noise():
@@ -136,26 +117,6 @@ def test_motion_under_forces_of_all_frequencies_is_no_noise():
     model = planted()
     weigh_at_first(model, [Record(DT, a, f)], None)
     assert model.channels.tolist() == [1.0, 1.0]
-
-
-def test_a_bad_sensor_is_weighed_before_there_is_a_fit(clean):
-    model = planted()
-    weigh_at_first(model, [noisy(clean, [GOOD, BAD])], None)
-    assert float(model.channels[0] / model.channels[1]) > 3.0
-    weigh_at_first(model, [clean], "noise")
-    size = clean.a.std(dim=(0, 1))
-    assert float(model.channels[0] / model.channels[1]) == pytest.approx(
-        float(size[1] / size[0]), rel=1e-2
-    )
-
-
-def test_the_likelihood_does_not_depend_on_weights(clean):
-    model, record = planted(), noisy(clean, [GOOD, BAD])
-    alike = _residual(laplace(model, [record]), DT)
-    model.channels.copy_(torch.tensor([10.0, 0.3]))
-    weighed = _residual(laplace(model, [record]), DT)
-    assert weighed["log_likelihood"] == pytest.approx(alike["log_likelihood"])
-    assert weighed["noise"] == pytest.approx(alike["noise"], rel=1e-2)
 
 
 def test_what_cannot_be_weighed_is_refused(clean):

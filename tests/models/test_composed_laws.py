@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 
 from data.record import Drive
-from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.structure import Structure
 from models.composition.coefficients import Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import ElementLaws, law, units
 from models.composition.simulate import Composition
 from models.element_network import ElementNetwork
-from tests.models.composites import DT, assert_close
+from tests.models.composites import DT
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated")
@@ -176,30 +173,3 @@ def test_left_alone_a_dissipative_structure_never_gains_energy(bilinear_structur
 
 
 # Inputs that do not fit
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"substeps": 0}, "substeps=0"),
-        ({"prior": -1.0}, "prior"),
-        ({"early_prior": -1.0}, "early_prior=-1.0"),
-        ({"units": -1}, "units=-1"),
-    ],
-)
-def test_settings_that_make_no_sense_are_refused(wrong, message):
-    with pytest.raises(ValueError, match=message):
-        ElementNetwork(2, 2, DT, **wrong)
-
-
-def test_substeps_keep_their_length_at_another_time_step(linear_structure, record_of):
-    """A drive at twice the rate, in half the substeps: the same motion at the same instants."""
-    excitation = Excitation(force=BandLimitedGaussian(1.7, (0.0, 4.5)))
-    record = record_of(linear_structure, excitation, 2.0)
-    model = same_structure(linear_structure, 2)
-    twice = 0.5 * (record.f[1:] + record.f[:-1])
-    u = torch.stack([record.f[:-1], twice], dim=1).flatten(0, 1)
-    drive = record.drive()
-    with torch.no_grad():
-        coarse, fine = model.free_run(drive), model.free_run(replace(drive, dt=0.5 * DT, u=u))
-    assert_close(fine.a[::2], coarse.a[:-1], 1e-9)

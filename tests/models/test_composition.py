@@ -40,8 +40,9 @@ def test_outputs_are_what_sensors_measure_with_its_derivatives():
         assert_close(trace.jacobian[sample, output], flat, 1e-8)
 
 
-@pytest.mark.parametrize("substeps", [1, 3])
-@pytest.mark.parametrize("hold", ["linear", "zero_order", "band_limited"])
+@pytest.mark.parametrize(
+    ("hold", "substeps"), [("linear", 1), ("zero_order", 3), ("band_limited", 2)]
+)
 def test_the_compiled_run_is_that_in_pytorch(hold, substeps):
     model, drive = Everything(substeps), excited(200, hold=hold)
     with torch.no_grad():
@@ -49,18 +50,6 @@ def test_the_compiled_run_is_that_in_pytorch(hold, substeps):
         plain = simulate(model.composition(), drive, substeps)
     for name in ("x", "v", "a"):
         assert_close(getattr(compiled, name), getattr(plain, name), 1e-12)
-
-
-def test_in_that_comparison_all_laws_are_at_work():
-    model, drive = Everything(), excited(200)
-    y, _ = model.element_loops(drive)
-    largest = y.abs().amax(dim=0)
-    assert (largest[:, None] > model.laws.hinge_gap()).any(dim=1).all()
-    limits = model.laws.unit_limit()
-    assert (largest[:, None] > limits).any(dim=1).all()
-    assert (largest[:, None] < limits).any()
-    for part in model.laws.children():
-        assert (part().abs() > 0.0).all()
 
 
 def test_a_batch_runs_record_by_record():
@@ -97,16 +86,6 @@ def test_a_run_is_the_same_to_the_bit_on_any_number_of_threads(records):
             assert torch.equal(getattr(one, key), getattr(several, key)), key
         for key in "xva":
             assert torch.equal(getattr(one.response, key), getattr(several.response, key)), key
-
-
-def test_a_run_that_diverges_is_not_finite_from_there_on():
-    model = Everything()
-    model.laws.cubic.theta.data -= 50.0
-    with torch.no_grad():
-        lost = ~torch.isfinite(model.free_run(excited(200)).a).all(dim=-1)
-    assert lost[-1]
-    assert not lost[0]
-    assert (lost[1:] >= lost[:-1]).all()
 
 
 # Derivatives
@@ -155,7 +134,7 @@ def test_the_compiled_derivatives_of_a_free_run_are_those_of_pytorch():
         assert_close(jacobian @ flat(direction), wanted, 1e-10)
 
 
-@pytest.mark.parametrize("every", [1, 7, 50, None])
+@pytest.mark.parametrize("every", [1, 7, None])
 def test_the_derivatives_of_a_restarted_run_are_finite_differences(every):
     model, record = Everything(), begun_in_motion()
     _, jacobian = model.restarted_jacobian(record, every)
@@ -197,20 +176,6 @@ def test_parameters_that_are_held_are_left_out():
 
 
 # Restarted runs
-
-
-@pytest.mark.parametrize("every", [1, 7])
-def test_without_memory_a_restarted_run_is_that_of_every_window_by_itself(every):
-    """A sample at which a run begins anew is the end of the run before."""
-    record = begun_in_motion(60)
-    model = Everything()
-    model.laws.unit_stiffness.theta.data.zero_()
-    with torch.no_grad():
-        ours = model.restarted_run(record, every)
-        for begin in range(0, record.samples - 1, every):
-            window = record.window(begin, min(every + 1, record.samples - begin))
-            alone = model.free_run(window.drive()).a
-            assert_close(ours[begin + 1 : begin + every + 1], alone[1:], 1e-10)
 
 
 def test_the_memory_goes_on_where_a_run_begins_anew():

@@ -19,7 +19,7 @@ from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
 from models.detection.blocks import residual_blocks, weight_blocks
-from models.detection.cumulative_sum import CumulativeSum, log_energy, siegmund
+from models.detection.cumulative_sum import CumulativeSum, siegmund
 from models.detection.detector import Alarm, Detector, conformal_threshold, first_alarm
 from models.detection.high_pass import HighPass
 from models.detection.monitor import Monitor
@@ -38,18 +38,17 @@ def noise(*shape: int, seed: int = 0) -> torch.Tensor:
     return torch.randn(shape, generator=generator, dtype=torch.float64)
 
 
-@pytest.mark.parametrize(("slack", "level"), [(0.5, 3.0), (0.25, 5.0)])
-def test_the_mean_run_length_of_the_cusum_is_siegmunds(slack, level):
+def test_the_mean_run_length_of_the_cusum_is_siegmunds():
     """In steps of a CUSUM of independent normal z, from zero to the first alarm."""
-    detector, runs = CumulativeSum(slack), 2000
+    detector, runs = CumulativeSum(0.5), 2000
     memory, length, alive = None, torch.zeros(runs), torch.ones(runs, dtype=torch.bool)
     generator = torch.Generator().manual_seed(1)
     while alive.any():
         z = torch.randn(runs, 1, generator=generator, dtype=torch.float64)
         memory, _ = detector.add(memory, z)
         length += alive
-        alive &= memory[0, :, 0] <= level
-    expected = siegmund(slack, level)
+        alive &= memory[0, :, 0] <= 3.0
+    expected = siegmund(0.5, 3.0)
     assert float(length.mean()) == pytest.approx(expected, rel=0.08)
     assert float(length.mean()) > 50.0
 
@@ -76,21 +75,6 @@ def test_a_change_of_energy_is_found_after_the_number_of_looks_it_takes():
     assert float(statistic[:, 1].max()) < 12.0
 
 
-def test_a_fall_of_the_energy_is_found_as_well():
-    detector = CumulativeSum()
-    detector.learn(noise(40, 200, EVERY, 1))
-    quieter = noise(1, 200, EVERY, 1, seed=5)
-    quieter[0, 100:] *= 0.7
-    statistic = detector.statistics(quieter)[0, :, 0]
-    assert float(statistic[199]) > 10.0 * float(statistic[:100].max())
-
-
-def test_log_energies_are_those_of_chi_squared():
-    z = log_energy(noise(1, 20000, EVERY, 1)).exp().flatten() * EVERY
-    for q in (0.1, 0.5, 0.9):
-        assert float(z.quantile(q)) == pytest.approx(chi2.ppf(q, EVERY), rel=0.02)
-
-
 def test_distances_of_gaussian_weights_are_those_of_chi_squared():
     mixing = noise(6, 6, seed=3)
 
@@ -106,28 +90,7 @@ def test_distances_of_gaussian_weights_are_those_of_chi_squared():
             assert float(squared.quantile(q)) == pytest.approx(chi2.ppf(q, 6), rel=0.03)
 
 
-def test_a_lasting_departure_adds_up_and_one_that_alternates_does_not():
-    detector = WeightDrift(slack=1.0, ridge=0.0)
-    detector.learn(noise(200, 100, 3, 1))
-    lasting = torch.zeros(1, 40, 3, 1, dtype=torch.float64)
-    lasting[..., 1, 0] = 1.5
-    alternating = lasting.clone()
-    alternating[:, ::2] *= -1.0
-    assert float(detector.statistics(lasting)[0, -1, 0]) == pytest.approx(40 * 0.5, rel=0.05)
-    assert float(detector.statistics(alternating).max()) < 1.0
-
-
-class Peaks(Detector):
-    """The numbers it sees: a record's peak is its largest."""
-
-    def learn(self, sound: torch.Tensor) -> None:
-        pass
-
-    def step(self, memory, seen):
-        return None, seen.amax(dim=-2)
-
-
-@pytest.mark.parametrize(("records", "rate"), [(19, 0.05), (59, 1 / 30), (38, 0.1)])
+@pytest.mark.parametrize(("records", "rate"), [(19, 0.05), (38, 0.1)])
 def test_the_threshold_keeps_its_rate_whatever_the_distribution(records, rate):
     """Heavy-tailed peaks; over many calibrations the share is 1 − j/(m + 1)."""
     peaks = noise(20000, records + 1, seed=2).abs() ** 3
@@ -196,13 +159,6 @@ def test_nothing_is_said_before_it_has_settled(calibrated):
     assert calibrated.alarm(100.0 * noise(40, 5, 3, seed=9)).block == 3
 
 
-def test_an_alarm_names_the_first_look_and_its_largest_dof():
-    levels = torch.tensor([[0.2, 0.9], [0.3, 1.0], [1.1, 1.4], [5.0, 0.0]])
-    assert first_alarm(levels) == Alarm(2, 2, pytest.approx(1.4))
-    assert first_alarm(levels, start=3) == Alarm(3, 1, 5.0)
-    assert first_alarm(levels[:2]) is None
-
-
 def test_a_detector_without_calibration_says_so():
     with pytest.raises(ValueError, match="not calibrated"):
         ResidualLevel().levels(noise(3, 5, 2))
@@ -265,15 +221,6 @@ def adaptive(record: Record, memory: float = 2.0) -> Online:
     online = Online(3, 3, 0.01, EquivalentLinear(3, 3, 0.01), law)
     online.identify([record])
     return online
-
-
-def test_weights_go_to_those_of_the_damaged_structure(motions):
-    """Stiffness over mass: 800 and −400 before, 720 and −320 after, for the first DOF."""
-    blocks = weight_blocks(adaptive(motions["train"][0]), motions["damaged"], EVERY)
-    before, after = blocks[:, 29, 3:6, 0], blocks[:, -1, 3:6, 0]  # weights of x on ẍ1
-    wanted = torch.tensor([-800.0, 400.0, 0.0]).double(), torch.tensor([-720.0, 320.0, 0.0])
-    assert float((before.mean(0) - wanted[0]).abs().max()) < 8.0
-    assert float((after.mean(0) - wanted[1]).abs().max()) < 8.0
 
 
 @pytest.mark.parametrize("kind", [WeightDistance, WeightDrift])
@@ -351,15 +298,6 @@ def test_the_filter_stops_what_is_slow_and_knows_no_future(frame):
     assert torch.equal(sensor.record(late).a[:2000], sensor.record(record).a[:2000])
 
 
-def test_weights_of_several_heads_are_of_no_one_dof(motions):
-    online = adaptive(motions["train"][0])
-    online.states = lambda: [None, None]
-    with pytest.raises(ValueError, match="2 heads; watch its residuals"):
-        weight_blocks(online, motions["sound"], EVERY)
-    with pytest.raises(ValueError, match="block of 4000 samples"):
-        residual_blocks(adaptive(motions["train"][0]), motions["sound"], 4000)
-
-
 @pytest.mark.parametrize("missing", [None, torch.full((3,), torch.nan).double()])
 def test_missing_samples_neither_alarm_nor_deafen(missing):
     """A whole block is missing, and part of another; what follows is found as without."""
@@ -377,12 +315,3 @@ def test_missing_samples_neither_alarm_nor_deafen(missing):
     assert [a.block for a in alarms[holed]] == [a.block for a in alarms[whole]]
     assert alarms[holed][0].block in range(30, 36)
     assert alarms[holed][0].dof == 2
-
-
-def test_a_detector_of_weights_asks_for_them():
-    detector = WeightDistance()
-    detector.calibrate(noise(20, 10, 4, 2), noise(20, 10, 4, 2, seed=1), 0.05)
-    with pytest.raises(ValueError, match="WeightDistance watches weights"):
-        Monitor(detector, 1).step(torch.zeros(2))
-    with pytest.raises(ValueError, match="every=0"):
-        Monitor(detector, 0)

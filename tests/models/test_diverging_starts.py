@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from data.record import Drive, Record
-from models.fit.problem import FreeRunProblem, Problem
+from models.fit.problem import FreeRunProblem
 from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
-from tests.models.two_masses import DT, Growth, free_of, identified, motion
+from tests.models.two_masses import DT, Growth, free_of
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
 pytestmark = [
@@ -61,46 +61,11 @@ def test_levenberg_marquardt_stops_where_derivatives_overflow():
     assert solver.why == "the derivatives are not finite"
 
 
-@pytest.mark.parametrize("solver", [LevenbergMarquardt, LBFGS])
-def test_short_horizons_lead_to_where_the_whole_record_can_be_run(solver):
+def test_short_horizons_lead_to_where_the_whole_record_can_be_run():
     estimator, record = falling(30.0, 1500)
     assert not torch.isfinite(FreeRunProblem(estimator, record, None).loss())
     for horizon in (5, None):
-        fitted = solver(free_of(estimator), iterations=30)
+        fitted = LBFGS(free_of(estimator), iterations=30)
         while not fitted.finished:
             fitted.solve(FreeRunProblem(estimator, record, horizon))
     assert float(estimator.gain.detach()) == pytest.approx(-3.0, rel=1e-5)
-
-
-def test_a_line_search_turns_back_where_the_run_overflows():
-    """A wall of NaN beyond 1 on the way from 0 to the minimum at 0.9, steep at the start."""
-
-    class Wall:
-        y, steepest = torch.zeros(1, dtype=torch.float64), float("inf")
-        theta = nn.Parameter(torch.tensor([0.0], dtype=torch.float64))
-
-        def loss(self) -> Tensor:
-            e = (self.theta - 0.9) * 3.0
-            return torch.where(self.theta > 1.0, torch.nan, e**2 + e**4).sum()
-
-    wall = Wall()
-    solver = LBFGS([wall.theta], change=0.0)
-    losses = []
-    while not solver.finished:
-        losses += solver.solve(wall)
-    assert np.isfinite(losses).all()
-    assert float(wall.theta.detach()) == pytest.approx(0.9, abs=1e-4)
-
-
-def test_adam_shortens_long_gradients_of_a_free_run_and_of_nothing_else():
-    record = motion()
-    for problem, shortened in (
-        (FreeRunProblem(identified("global", record), record, None), True),
-        (Problem(identified("global", record), record), False),
-    ):
-        estimator = problem.estimator if shortened else problem.module
-        scaled = 1e4 * problem.loss()
-        problem.loss = lambda value=scaled: value
-        Adam(free_of(estimator)).solve(problem)
-        norm = float(torch.cat([p.grad.reshape(-1) for p in free_of(estimator)]).norm())
-        assert (norm <= 1.0 + 1e-9) == shortened

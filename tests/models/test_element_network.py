@@ -11,7 +11,6 @@ from data.record import Record, stack
 from data.simulation.elements import BoucWen, Element, LimitedSlip, Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.structure import Structure
-from models.checkpoint import load_estimator, save_estimator
 from models.composition.composite import Composite
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
@@ -19,6 +18,8 @@ from models.fit.free_run_objective import FreeRun
 from models.fit.problem import FreeRunProblem
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.starts.spectra import Layout
+from models.fit.free_run_objective import FreeRun
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 
 DT = 0.01
 CHAIN = [["ground", "x1"], ["x1", "x2"]]
@@ -118,11 +119,10 @@ def test_slip_and_a_gap_are_recovered_from_a_start_nearby(record_of):
     assert model.laws.stiffness()[1].item() == pytest.approx(50.0, rel=0.01)
 
 
-@pytest.mark.parametrize("states", [True, False], ids=["x and v not looked at", "no x and v"])
-def test_accelerations_and_forces_alone_give_masses_and_stiffness(record_of, states):
+def test_accelerations_and_forces_alone_give_masses_and_stiffness(record_of):
     record = record_of(linear(), FORCES, 20.0)
-    model = ElementNetwork(2, 2, DT, CHAIN, units=2, from_accelerations=states)
-    model.identify([record if states else replace(record, x=None, v=None)])
+    model = ElementNetwork(2, 2, DT, CHAIN, units=2)
+    model.identify([replace(record, x=None, v=None)])
     assert model.mass().tolist() == pytest.approx(MASSES, rel=0.01)
     assert model.laws.stiffness().tolist() == pytest.approx([80.0, 50.0], rel=0.01)
     assert free_run_error(model, record) < 0.02
@@ -139,14 +139,6 @@ def test_a_shaken_support_leaves_the_scale_open_and_gives_the_rest(record_of):
     assert (mass[1] / mass[0]).item() == pytest.approx(1.5, rel=0.01)
     assert (stiffness / mass[0]).tolist() == pytest.approx([80.0, 50.0], rel=0.01)
     assert free_run_error(model, record) < 2e-3
-
-
-def test_known_masses_are_held(record_of):
-    record = record_of(linear(), FORCES, 5.0)
-    model = ElementNetwork(2, 2, DT, CHAIN, MASSES, hinges=1, units=1)
-    model.identify([record])
-    train(model, stack([record]), None, iterations=3)
-    assert model.mass().tolist() == pytest.approx(MASSES, rel=1e-12)
 
 
 # Structure of the network
@@ -181,44 +173,6 @@ def test_masses_times_accelerations_are_forces_less_those_of_the_elements(record
     assert torch.allclose(model.mass() * run.a, inertia, atol=1e-9)
 
 
-def test_half_the_time_step_is_the_same_motion(record_of):
-    record = record_of(linear(), FORCES, 5.0)
-    model = ElementNetwork(2, 2, DT, units=2)
-    model.identify([record])
-    model.laws.unit_stiffness.theta.data += 0.2
-    model.laws.hinge_stiffness.theta.data += 0.3
-    u = torch.stack([record.f[:-1], 0.5 * (record.f[1:] + record.f[:-1])], dim=1).flatten(0, 1)
-    drive = record.drive()
-    with torch.no_grad():
-        coarse = model.free_run(drive)
-        fine = model.free_run(replace(drive, dt=0.5 * DT, u=u))
-    assert (fine.a[::2] - coarse.a[:-1]).norm() < 0.01 * coarse.a.norm()
-
-
-def test_another_start_spreads_hinges_and_limits_and_keeps_the_linear_structure(record_of):
-    model = ElementNetwork(2, 2, DT, units=2)
-    model.identify([record_of(linear(), FORCES, 5.0)])
-    stiffness, gap, limit = (
-        getattr(model.laws, name)().detach().clone()
-        for name in ("stiffness", "hinge_gap", "unit_limit")
-    )
-    model.restart(torch.Generator().manual_seed(1))
-    assert torch.equal(model.laws.stiffness(), stiffness)
-    assert not torch.equal(model.laws.hinge_gap(), gap)
-    assert not torch.equal(model.laws.unit_limit(), limit)
-
-
-def test_a_checkpoint_holds_it_completely(record_of, tmp_path):
-    record = record_of(linear(), FORCES, 5.0)
-    model, other = (ElementNetwork(2, 2, DT, hinges=1, units=1) for _ in range(2))
-    model.identify([record])
-    model.laws.hinge_stiffness.theta.data += 0.3
-    save_estimator(model, tmp_path / "it.safetensors", "it")
-    load_estimator(other, tmp_path / "it.safetensors", "it")
-    with torch.no_grad():
-        assert torch.equal(other.free_run(record.drive()).a, model.free_run(record.drive()).a)
-
-
 # Inputs that do not fit
 
 
@@ -242,12 +196,6 @@ def test_settings_that_do_not_fit_are_refused(wrong, message):
         ElementNetwork(2, 2, DT, **wrong)
 
 
-def test_signals_of_the_wrong_sign_give_no_masses(record_of):
-    record = record_of(linear(), FORCES, 5.0)
-    with pytest.raises(ValueError, match="check the signs and units"):
-        ElementNetwork(2, 2, DT, CHAIN).identify([replace(record, f=-record.f)])
-
-
 def test_from_accelerations_alone_x_and_v_change_nothing(record_of):
     record = record_of(linear(), FORCES, 10.0)
     model = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=1, from_accelerations=True)
@@ -260,50 +208,6 @@ def test_from_accelerations_alone_x_and_v_change_nothing(record_of):
     assert torch.equal(other.laws.stiffness(), model.laws.stiffness())
     with torch.no_grad():
         assert torch.equal(model.restarted_run(lies, 20), model.restarted_run(record, 20))
-
-
-def test_limits_are_pulled_outwards_in_the_last_stage_only(record_of):
-    """A limit that no motion has reached is no limit; before, the spread of limits is the start."""
-    model = ElementNetwork(2, 2, DT, CHAIN, hinges=1, units=2)
-    model.identify([record_of(linear(), FORCES, 10.0)])
-    before, last = model.pull(False), model.pull(True)
-    assert before[0] == last[0] == model.prior
-    assert (before[1] == 0.0).all()
-    limits = model.laws.unit_limit
-    ten_times = 10.0 * model.linear[2][:, None]  # the largest deformations
-    pulled_to = limits.unit * (limits.theta.detach() - limits.deviation(True).detach()).exp()
-    assert torch.allclose(pulled_to, ten_times.expand_as(pulled_to))
-    assert int((last[1] != 0.0).sum()) == limits.theta.numel()
-
-
-def test_what_motion_does_not_determine_is_held_back_harder_until_the_last_stage(record_of):
-    """So an early stage ends with less of it: the smallest Σ θ² of two fits of the same motion."""
-    record, sizes = record_of(linear(), FORCES, 10.0), []
-    for early in (None, 1e-3):
-        model = ElementNetwork(
-            2, 2, DT, CHAIN, hinges=0, tanhs=2, units=1, cubic=False, prior=1e-9, early_prior=early
-        )
-        model.identify([record])
-        assert model.pull(True)[0] == 1e-9
-        with torch.no_grad():
-            model.laws.tanh_stiffness.theta.fill_(0.1)
-        free = [p for p in model.parameters() if p.requires_grad]
-        solver = LevenbergMarquardt(free, scaled=True)
-        for _ in range(3):
-            solver.solve(FreeRunProblem(model, record, 20, last=False))
-        sizes.append(float(model.pull(False)[1].detach().square().sum()))
-    assert sizes[1] < 0.1 * sizes[0]
-
-
-def test_only_what_is_learned_is_counted():
-    model = ElementNetwork(2, 2, DT, CHAIN, [1.0, 1.0], hinges=1, units=1, cubic=False)
-    assert model.identified_parameters == len(CHAIN) * (2 + 2 + 4)
-
-
-def test_what_is_not_identified_says_so(record_of):
-    model = ElementNetwork(2, 2, DT, CHAIN)
-    with pytest.raises(ValueError, match="not identified yet"):
-        model.free_run(record_of(linear(), FORCES, 10.0).drive())
 
 
 def test_a_chain_that_bends_has_the_stiffness_of_a_frame_without_negative_springs():
@@ -326,12 +230,9 @@ def test_a_chain_that_bends_has_any_stiffness_of_three_floors():
     assert torch.linalg.matrix_rank(each) == 6
 
 
-@pytest.mark.parametrize("nodes", [["x1", "x2", "x1"], ["x1"], ["ground", "x1", "x2", "x4"]])
-def test_nodes_that_no_element_can_join_are_refused(nodes):
-    with pytest.raises(ValueError, match="at whose middle one it bends"):
-        ElementNetwork(3, 1, DT, [["ground", "x1"], nodes], None, "base")
-
-
-def test_a_named_law_does_not_bend():
-    with pytest.raises(ValueError, match="joins two nodes"):
+def test_nodes_that_no_element_can_join_are_refused():
+    for nodes in (["x1", "x2", "x1"], ["x1"], ["ground", "x1", "x2", "x4"]):
+        with pytest.raises(ValueError, match="at whose middle one it bends"):
+            ElementNetwork(3, 1, DT, [["ground", "x1"], nodes], None, "base")
+    with pytest.raises(ValueError, match="joins two nodes"):  # a named law does not bend
         ElementNetworkNamed(2, 1, DT, [["ground", "x1"], ["ground", "x1", "x2"]], MASSES, "base")

@@ -12,15 +12,9 @@ from data.record import Record, stack
 from data.simulation.elements import MenegottoPinto
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models import element_network_branch
-from models import element_network_named as storeys
 from models.branch_element import BranchElement
-from models.composition.measured_states import reconstructed_of
 from models.element_network_branch import ElementNetworkBranch
-from models.element_network_named import ElementNetworkNamed
-from models.named_laws import storey
 from models.starts import branch_choice, branch_polish
-from models.starts.equilibrium import forces_of
 
 DT = 0.02
 MASSES = [3e4, 2e4]
@@ -98,19 +92,6 @@ def test_the_compiled_run_and_its_derivatives_are_those_of_pytorch(model, memory
         )
 
 
-def test_derivatives_by_the_beginning_are_those_of_differences(model):
-    record, ours = shaken(2, 100), other(model)
-    begin = torch.tensor([0.01, -0.005, 0.02, 0.03]).double()
-    slopes = ours.trace(record.drive(), derivatives=True, begin=begin).by_begin
-    for i, step in enumerate((1e-7, 1e-7, 1e-6, 1e-6)):
-        ends = [
-            ours.trace(record.drive(), begin=begin + sign * step * torch.eye(4)[i].double())
-            for sign in (1.0, -1.0)
-        ]
-        wanted = (ends[0].response.a - ends[1].response.a) / (2.0 * step)
-        assert float((slopes[..., i] - wanted).norm() / wanted.norm()) < 1e-4
-
-
 def test_forces_by_equilibrium_are_those_of_the_elements(model):
     record = shaken(3)
     motion = simulate(structure(), np.zeros((600, 2)), DT, record.s.numpy(), record.s_dot.numpy())
@@ -123,15 +104,6 @@ def test_forces_by_equilibrium_are_those_of_the_elements(model):
     torch.testing.assert_close(drag, above.detach())
 
 
-def test_forces_that_equilibrium_leaves_open_are_near_springs_and_balance():
-    B = torch.tensor([[1.0, 0.0], [-1.0, 1.0], [0.0, 1.0]]).double()
-    stiffness, y = torch.tensor([3.0, 2.0, 1.0]).double(), torch.randn(5, 3).double()
-    inertia = (stiffness * y) @ B
-    assert torch.allclose(forces_of(B, inertia, y, stiffness), stiffness * y)
-    other = torch.randn(5, 2).double()
-    assert torch.allclose(forces_of(B, other, y, stiffness) @ B, other)
-
-
 def test_it_learns_steel_that_nobody_planted_and_holds_on_unseen_motions(monkeypatch):
     monkeypatch.setattr(branch_choice, "ITERATIONS", 30)
     train, test = stack([shaken(i, 1000) for i in (0, 1, 4)]), shaken(5, 1000, 0.1)
@@ -142,27 +114,6 @@ def test_it_learns_steel_that_nobody_planted_and_holds_on_unseen_motions(monkeyp
     model.identify([train])
     with torch.no_grad():
         assert float((model.free_run(test.drive()).a - test.a).norm() / test.a.norm()) < 0.12
-
-
-@pytest.mark.parametrize(
-    ("far", "taken", "told"),
-    [([9.0, 2.0], 1, "1 of 2"), ([9.0, 5.0, 7.0], 1, "3 of 3"), ([1.0], 0, None)],
-)
-def test_laws_that_run_away_are_fitted_from_other_starts(monkeypatch, far, taken, told):
-    thetas, sizes = [], iter(far)
-
-    def farthest(fitted, records):
-        thetas.append(fitted.theta.detach().clone())
-        return next(sizes)
-
-    monkeypatch.setattr(branch_polish, "farthest", farthest)
-    monkeypatch.setattr(branch_choice, "ITERATIONS", 2)
-    small = ElementNetworkBranch(2, 2, DT, masses=MASSES, **SMALL)
-    facts = small.identify([stack([shaken(0), shaken(1)])])
-    assert len(thetas) == len(far)
-    assert torch.equal(small.theta, thetas[taken])
-    assert all(not torch.equal(one, thetas[0]) for one in thetas[1:])
-    assert facts.get("fits_that_ran_away") == told
 
 
 def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost(monkeypatch):
@@ -193,61 +144,10 @@ def test_from_noisy_accelerations_runs_that_grow_teach_what_equilibrium_has_lost
     assert not without < 2.0 * grown
 
 
-def test_a_named_law_tells_how_a_chain_moved_whose_accelerations_alone_are_known(monkeypatch):
-    """Steel, which its law follows before all laws are fitted, where integrals of noise drift."""
-    monkeypatch.setattr(storey, "DRAWS", (20, 6, 4, 4))
-    monkeypatch.setattr(storey, "FOLLOWED", (2, 1, 1, 1))
-    monkeypatch.setattr(storeys, "ITERATIONS", 4)
-    near = ElementNetworkNamed(2, 2, DT, "chain", MASSES, [], ["MenegottoPinto"])
-    monkeypatch.setattr(element_network_branch, "ElementNetworkNamed", lambda *_, **__: near)
-    true, drawn = [shaken(k, 400, 0.2) for k in (0, 4)], torch.Generator().manual_seed(3)
-    seen = stack([_measured(record, drawn) for record in true])
-    model = ElementNetworkBranch(2, 2, DT, masses=MASSES, **SMALL)
-    records, x = model.admitted([seen]), stack(true).x
-    (told,) = model._with_states(records, model._named(records))
-    integrated = reconstructed_of(seen)[0]
-    assert float((told.x - x).norm()) < 0.3 * float((integrated - x).norm())
-    assert torch.equal(told.a, seen.a)
-    monkeypatch.setattr(near, "searched", lambda *_, **__: {})  # it is found already
-    monkeypatch.setattr(element_network_branch, "NAMED", 0.0)  # no law is as near as that
-    assert model._named(records) is None
-    (same,) = model._with_states(records, None)
-    assert same.x is None
-
-
 def _measured(record: Record, drawn: torch.Generator) -> Record:
     """Accelerations alone, with noise."""
     noise = 0.02 * record.a.std() * torch.randn(record.a.shape, generator=drawn).double()
     return replace(record, a=record.a + noise, x=None, v=None)
-
-
-@pytest.mark.parametrize(("of", "per"), [(1e-6, 1e3), (1.0, 1e3)])
-def test_a_change_of_units_changes_nothing(monkeypatch, of, per):
-    """N to MN, m to mm: masses in force over acceleration. Long fits drift by rounding."""
-    monkeypatch.setattr(branch_choice, "ITERATIONS", 1)
-    monkeypatch.setattr(branch_choice, "FIRST", 5)
-    models = []
-    for force, length in ((1.0, 1.0), (of, per)):
-        records = []
-        for one in (shaken(0), shaken(1)):
-            signals = {name: length * getattr(one, name) for name in ("a", "x", "v", "s", "s_dot")}
-            records.append(replace(one, **signals))
-        masses = [force / length * m for m in MASSES]
-        models.append(ElementNetworkBranch(2, 2, DT, masses=masses, **SMALL))
-        models[-1].identify([stack(records)])
-    drive = shaken(2).drive()
-    with torch.no_grad():
-        plain = models[0].free_run(drive).a
-        ours = models[1].free_run(replace(drive, u=per * drive.u)).a / per
-    assert float((plain - ours).norm() / plain.norm()) < 1e-6
-
-
-def test_far_beyond_the_trained_motion_it_stays_finite(model):
-    record = shaken(6, 800, 0.6)
-    with torch.no_grad():
-        run = model.free_run(record.drive())
-    assert torch.isfinite(run.a).all()
-    assert float(run.a.abs().max()) < 20.0 * float(record.a.abs().max())
 
 
 @pytest.mark.parametrize("amplitude", [0.2, 0.6, 1.0])

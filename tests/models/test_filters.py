@@ -18,8 +18,7 @@ def noise(*shape: int) -> torch.Tensor:
     return torch.from_numpy(np.random.default_rng(0).standard_normal(shape))
 
 
-@pytest.mark.parametrize("samples", [1, 2, 3, 64, 1000])
-@pytest.mark.parametrize("cutoff", [0.5, 50.0, 300.0])
+@pytest.mark.parametrize(("samples", "cutoff"), [(1, 50.0), (3, 300.0), (1000, 0.5)])
 def test_the_cascade_equals_scipy(samples, cutoff):
     u, decay = noise(samples, 3), math.exp(-cutoff * DT)
     expected, stage = [], u.numpy()
@@ -40,18 +39,7 @@ def test_the_impulse_response_is_a_delayed_exponential_and_its_convolution():
     assert torch.allclose(xi, torch.stack([once, twice], dim=1), rtol=1e-12, atol=1e-15)
 
 
-def test_a_constant_input_is_reached_by_every_stage():
-    xi, _ = LowPassCascade(50.0, 3, DT)(torch.ones(2000, 2).double())
-    assert torch.allclose(xi[-1], torch.ones(6).double(), rtol=1e-12)
-
-
-def test_a_held_input_gives_the_exact_solution_of_the_differential_equation():
-    xi, _ = LowPassCascade(50.0, 1, DT)(torch.ones(100, 1).double())
-    t = DT * torch.arange(100.0).double()[:, None]
-    assert torch.allclose(xi, 1.0 - torch.exp(-50.0 * t), rtol=1e-12, atol=1e-15)
-
-
-@pytest.mark.parametrize("k", [0, 1, 50, 98])
+@pytest.mark.parametrize("k", [0, 50])
 def test_no_output_at_k_sees_the_input_at_k(k):
     u = noise(100, 2)
     other = u.clone()
@@ -62,7 +50,7 @@ def test_no_output_at_k_sees_the_input_at_k(k):
     assert (one[k + 1, :2] != two[k + 1, :2]).all()
 
 
-@pytest.mark.parametrize("cuts", [[1], [1, 2, 3], [7, 500], [999]])
+@pytest.mark.parametrize("cuts", [[1, 2, 3], [7, 500]])
 def test_chunks_that_hand_over_their_state_equal_the_whole(cuts):
     u, cascade = noise(1000, 3), LowPassCascade(2.0, 3, DT)
     whole, last = cascade(u)
@@ -72,21 +60,6 @@ def test_chunks_that_hand_over_their_state_equal_the_whole(cuts):
         parts.append(xi)
     assert torch.allclose(torch.cat(parts), whole, rtol=0, atol=1e-13)
     assert torch.allclose(state, last, rtol=0, atol=1e-13)
-
-
-def test_batches_are_filtered_record_by_record():
-    u, cascade = noise(2, 4, 50, 3), LowPassCascade(50.0, 2, DT)
-    together, state = cascade(u)
-    assert together.shape == (2, 4, 50, 6)
-    assert state.shape == (2, 4, 2, 3)
-    assert torch.allclose(together[1, 2], cascade(u[1, 2])[0], rtol=0, atol=1e-14)
-
-
-def test_filters_are_linear_and_channels_do_not_mix():
-    u, cascade = noise(100, 3), LowPassCascade(50.0, 2, DT)
-    xi = cascade(u)[0]
-    assert torch.allclose(cascade(5.0 * u)[0], 5.0 * xi, rtol=1e-13)
-    assert torch.equal(cascade(u[:, [2, 0, 1]])[0], xi[:, [2, 0, 1, 5, 3, 4]])
 
 
 def test_gradients_pass_the_filters():

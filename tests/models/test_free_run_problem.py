@@ -12,9 +12,8 @@ from data.record import Drive
 from models.estimator import Estimator, NoFreeRunError
 from models.fit.problem import FreeRunProblem
 from models.fit.trainable import Trainable
-from models.mlp import GlobalMLP
 from models.vwnn import VWNN
-from tests.models.two_masses import DT, MODELS, RECORDS, Growth, free_of, identified, motion
+from tests.models.two_masses import DT, RECORDS, Growth, free_of, identified, motion
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
 pytestmark = [
@@ -28,12 +27,11 @@ pytestmark = [
 # restarted runs
 
 
-@pytest.mark.parametrize("warmup", [0, 3])
-@pytest.mark.parametrize("kind", RECORDS)
+@pytest.mark.parametrize(("kind", "warmup"), [("in_motion", 3), ("batch", 0)])
 def test_a_restarted_run_is_that_of_every_window_by_itself(kind, warmup):
     record = RECORDS[kind]()
     estimator = identified("global", record)
-    for horizon in (1, 2, 7, 20, 39):
+    for horizon in (1, 7, 39):
         pieces = []
         for begin in range(0, record.samples, horizon):
             start = max(begin - warmup, 0)
@@ -44,23 +42,6 @@ def test_a_restarted_run_is_that_of_every_window_by_itself(kind, warmup):
             pieces.append(run.a[..., begin - start :, :])
         together = estimator.restarted_run(record, horizon, warmup)
         assert torch.allclose(together, torch.cat(pieces, dim=-2), rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize("horizon", [None, 40, 1000])
-@pytest.mark.parametrize("kind", RECORDS)
-@pytest.mark.parametrize("model", MODELS)
-def test_a_run_that_is_never_restarted_is_the_free_run(model, kind, horizon):
-    record = RECORDS[kind]()
-    estimator = identified(model, record)
-    assert torch.equal(
-        estimator.restarted_run(record, horizon), estimator.free_run(record.drive()).a
-    )
-
-
-def test_a_restart_at_every_sample_is_the_one_step_estimate():
-    record = motion()
-    estimator = identified("global", record)
-    assert torch.allclose(estimator.restarted_run(record, 1), estimator(record), rtol=1e-12)
 
 
 def test_the_first_window_begins_as_the_record_does_and_the_others_as_measured():
@@ -85,9 +66,14 @@ def test_without_measured_states_only_the_whole_record_can_be_run():
 # the problem
 
 
-@pytest.mark.parametrize(("horizon", "warmup"), [(7, 0), (10, 4), (None, 0)])
-@pytest.mark.parametrize("kind", RECORDS)
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    ("model", "kind", "horizon", "warmup"),
+    [
+        ("global", "batch", 7, 0),
+        ("residual", "in_motion", 10, 4),
+        ("state_space", "record", None, 0),
+    ],
+)
 def test_normal_equations_of_a_free_run(model, kind, horizon, warmup):
     """JᵀJ and Jᵀe against reverse differentiation of every single error."""
     record = RECORDS[kind]()
@@ -124,40 +110,6 @@ def _jacobian(problem: FreeRunProblem, free: list[nn.Parameter]) -> Tensor:
     none = [errors.new_zeros(len(errors), p.numel()) for p in free]
     parts = [o if s is None else s.flatten(1) for s, o in zip(slopes, none, strict=True)]
     return torch.cat(parts, dim=1)
-
-
-def test_the_normal_equations_do_not_depend_on_the_size_of_a_block(monkeypatch):
-    record = motion()
-    problem = FreeRunProblem(identified("global", record), record, 4)
-    whole = problem.normal_equations()
-    for block in (1, 500):
-        monkeypatch.setattr("models.fit.problem.BLOCK_ELEMENTS", block)
-        for one, other in zip(problem.normal_equations(), whole, strict=True):
-            assert torch.allclose(one, other, rtol=1e-10, atol=1e-12)
-
-
-def test_an_estimators_own_jacobian_is_taken(monkeypatch):
-    record = RECORDS["in_motion"]()
-    estimator = identified("global", record)
-    problem = FreeRunProblem(estimator, record, 7)
-    wanted = problem.normal_equations()
-    J = problem._differentiated(problem.y.numel()) / problem.weight[0]
-    whole = torch.full((*record.a.shape, J.shape[1]), torch.nan, dtype=J.dtype)
-    whole[record.warmup :] = J.view(*problem.y.shape, -1)
-    run = estimator.restarted_run(record, 7)
-    monkeypatch.setattr(GlobalMLP, "restarted_jacobian", lambda self, *how: (run, whole))
-    monkeypatch.delattr(FreeRunProblem, "_differentiated")
-    for one, other in zip(problem.normal_equations(), wanted, strict=True):
-        assert torch.allclose(one, other, rtol=1e-10, atol=1e-12)
-
-
-def test_the_loss_is_that_of_the_free_run():
-    record = RECORDS["in_motion"]()
-    estimator = identified("global", record)
-    a = estimator.free_run(record.drive()).a
-    wanted = (a - record.a)[5:].square().sum() / record.a[5:].square().sum()
-    loss = FreeRunProblem(estimator, record, None).loss()
-    assert float(loss.detach()) == pytest.approx(float(wanted.detach()), rel=1e-12)
 
 
 def test_an_estimator_that_cannot_simulate_says_so():

@@ -11,9 +11,6 @@ from data.record import Record
 from models.composition.laws import units
 from models.composition.laws_compiled import unit_step
 from models.element_network import ElementNetwork
-from models.fit.problem import FreeRunProblem
-from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
-from models.hysteretic_element import HystereticElement
 
 DT = 0.01
 CASES = [  # z, dy, limit, b₊, b₋
@@ -59,14 +56,6 @@ def test_a_step_solves_the_law_exactly_across_zero(case):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_step_in_two_parts_is_the_step_at_once(case):
-    z, delta, *law = case
-    for share in (0.1, 0.37, 0.8):
-        half = moved((z, share * delta, *law))
-        assert moved((half, (1.0 - share) * delta, *law)) == pytest.approx(moved(case), abs=1e-15)
-
-
-@pytest.mark.parametrize("case", CASES)
 def test_the_compiled_unit_and_its_slopes_are_those_of_pytorch(case):
     z, delta, limit, up, down = (torch.tensor(v, dtype=torch.float64) for v in case)
     leaves = [t.requires_grad_() for t in (z, delta, up, down)]
@@ -78,18 +67,6 @@ def test_the_compiled_unit_and_its_slopes_are_those_of_pytorch(case):
     assert got == pytest.approx(float(new.detach()), abs=1e-15)
     for mine, theirs in zip(ours, slopes, strict=True):
         assert mine == pytest.approx(0.0 if theirs is None else float(theirs), abs=1e-13)
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_the_slopes_are_finite_differences(case):
-    *_, by_z, by_delta, by_up, by_down = unit_step(*case)
-    for place, slope in ((0, by_z), (1, by_delta), (3, by_up), (4, by_down)):
-        ends = []
-        for sign in (1.0, -1.0):
-            there = list(case)
-            there[place] += sign * 1e-6
-            ends.append(moved(tuple(there)))
-        assert slope == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-8)
 
 
 def test_nothing_jumps_where_the_memory_passes_zero():
@@ -123,56 +100,6 @@ def test_a_coarse_motion_gives_the_memory_of_a_fine_one():
 
 
 # Loss and scale
-
-
-def element_test(scale: float = 1.0, samples: int = 600) -> Record:
-    """A bilinear element under a growing motion; its force in some unit."""
-    t = DT * torch.arange(samples, dtype=torch.float64)
-    s = 0.01 * t * torch.sin(5.0 * t) + 0.004 * torch.sin(17.0 * t)
-    rate = torch.gradient(s, spacing=DT)[0]
-    z, r = 0.0, []
-    for k in range(samples):
-        z = float(np.clip(z + float(s[k] - (s[k - 1] if k else 0.0)), -0.012, 0.012))
-        r.append(0.3 * float(s[k]) + 1.7 * z)
-    force = scale * torch.tensor(r, dtype=torch.float64)[:, None]
-    none = force.new_zeros(samples, 0)
-    return Record(DT, force, none, s=s[:, None], s_dot=rate[:, None], quantity="force")
-
-
-def fitted(record: Record, iterations: int = 12) -> float:
-    """Relative error of a bilinear element after some iterations from its identification."""
-    model = HystereticElement(1, 2, DT, hinges=0, units=1, cubic=False)
-    model.identify([record])
-    free = [p for p in model.parameters() if p.requires_grad]
-    solver = LevenbergMarquardt(free, iterations, 1e-4, scaled=True)
-    problem = FreeRunProblem(model, record, None)
-    while not solver.finished:
-        solver.solve(problem)
-    assert torch.isfinite(model.bound).all()  # else it may not be saved
-    return float(problem.loss().detach()) ** 0.5
-
-
-@pytest.mark.parametrize("scale", [1e-6, 1e6, 1e9])
-def test_the_unit_of_force_changes_no_fit_of_an_element(scale):
-    error = fitted(element_test())
-    assert error < 0.1
-    assert fitted(element_test(scale)) == pytest.approx(error, rel=1e-3)
-
-
-def test_the_loss_of_an_element_has_no_jump_along_its_parameters():
-    record, model = element_test(), HystereticElement(1, 2, DT, hinges=0, units=2)
-    model.identify([record])
-    model.laws.unit_stiffness.theta.data.fill_(0.4)
-    model.laws.unit_rising.theta.data.fill_(-0.8)
-    model.laws.unit_falling.theta.data.fill_(0.7)
-    problem, losses = FreeRunProblem(model, record, None), []
-    for _ in range(400):
-        model.laws.unit_rising.theta.data += 1e-7
-        model.laws.unit_limit.theta.data += 1e-7
-        with torch.no_grad():
-            losses.append(float(problem.loss()))
-    second = np.diff(losses, n=2)
-    assert np.abs(second).max() < 1e-6 * np.abs(np.diff(losses)).max() + 1e-15
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])

@@ -10,10 +10,6 @@ from torch import nn
 
 from data.record import Record
 from models.baselines import TwoPoint
-from models.estimator import Estimator
-from models.fit.identification import Identification
-from models.fit.solvers.lbfgs import LBFGS
-from models.fit.trainable import Trainable
 from models.training.assemble import data_from
 from models.vwnn import VWNN
 from runner.config.compose import CONF, prepare_hydra
@@ -61,18 +57,6 @@ def fit(module: Identification, data, folder, epochs: int = 10) -> Trainer:
     return trainer
 
 
-def best_gain(data) -> float:
-    (record,) = data.loader("train")
-    line = TwoPoint(3, 3, 0.01)(record)
-    return float((line * record.a).sum() / (line**2).sum())
-
-
-def test_a_solver_finds_what_the_closed_form_leaves_free(data, tmp_path):
-    estimator = ScaledTwoPoint(3, 3, 0.01)
-    fit(Identification(estimator, LBFGS), data, tmp_path)
-    assert float(estimator.gain.detach()) == pytest.approx(best_gain(data), rel=1e-6)
-
-
 def test_an_estimator_without_free_parameters_is_solved_without_an_epoch(data, tmp_path):
     module = Identification(VWNN(3, 3, 0.01))
     trainer = fit(module, data, tmp_path)
@@ -94,13 +78,6 @@ def test_scores_of_both_splits_are_those_of_the_plain_loop(data, tmp_path):
 def test_free_parameters_without_a_solver_are_an_error(data, tmp_path):
     with pytest.raises(ValueError, match="choose a solver"):
         fit(Identification(ScaledTwoPoint(3, 3, 0.01)), data, tmp_path)
-
-
-def test_the_base_estimator_has_no_estimate(data):
-    data.setup()
-    (record,) = data.loader("test")
-    with pytest.raises(NotImplementedError):
-        Estimator(3, 3, 0.01)(record)
 
 
 def test_free_parameters_of_an_estimator_that_is_not_trainable_are_refused(data, tmp_path):

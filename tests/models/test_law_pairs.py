@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -11,14 +10,11 @@ import torch
 
 from data.record import Record
 from data.simulation.element_test import force
-from data.simulation.elements import MenegottoPinto, SelfCentering, SlackBrace, Takeda
 from data.simulation.structure import Structure
-from models import element_network_branch
-from models.element_network_branch import ElementNetworkBranch
 from models.element_network_named import ElementNetworkNamed as Named
 from models.named_element import NamedElement
 from models.named_laws.candidate import Units
-from models.named_laws.fit import Fit, _factors
+from models.named_laws.fit import Fit
 from models.named_laws.pairs import PAIRS, halves
 from tests.models.test_named_laws import DT, PLANTED, error, motion, shaken
 
@@ -53,14 +49,6 @@ def test_a_frame_and_its_braces_are_found_by_their_names(braced):
     assert told["r1.law_2.yield_displacement"] == pytest.approx(0.006, rel=0.1)
 
 
-def test_a_pair_is_the_same_again_from_its_weights(braced):
-    model, _ = braced
-    other = NamedElement(1, 2, DT)
-    other.load_state_dict(model.state_dict())
-    record = frame_and_brace(3, 0.03)
-    assert torch.equal(other.run_of(record).a, model.run_of(record).a)
-
-
 def test_one_law_that_suits_is_not_made_two():
     y, _ = motion(0, 0.04)
     rate = np.gradient(y, DT, edge_order=2)
@@ -91,19 +79,6 @@ def test_the_force_of_a_pair_is_that_of_its_laws(name):
     np.testing.assert_allclose(both, apart, rtol=1e-12, atol=1e-9 * np.abs(both).max())
 
 
-def test_shares_of_a_force_are_never_negative_and_leave_least():
-    rng = np.random.default_rng(0)
-    shares = rng.standard_normal((50, 2))
-    left = -shares @ np.array([2.0, 0.5])
-    np.testing.assert_allclose(_factors(left, shares), [2.0, 0.5])
-    held = _factors(-shares @ np.array([2.0, -0.5]), shares)
-    assert held[1] == 0.0
-    step = shares[:, 0] * 1e-4
-    least = -shares @ np.array([2.0, -0.5]) + shares @ held
-    assert np.linalg.norm(least) <= min(np.linalg.norm(least + d) for d in (step, -step))
-    assert _factors(left, shares[:, :0]).size == 0
-
-
 @pytest.mark.parametrize("base", [False, True], ids=["support", "base"])
 def test_masses_of_a_chain_are_found_with_its_laws(base):
     """The scale is open; masses stand in the ratio that they have, and laws are those planted."""
@@ -130,26 +105,6 @@ def test_masses_of_a_chain_are_found_with_its_laws(base):
     assert error(model, [unseen]) < 3.0
 
 
-def test_a_learned_law_of_a_chain_without_masses_begins_with_those_of_named_laws(monkeypatch):
-    first, second = PLANTED["MenegottoPinto"], PLANTED["SelfCentering"]
-    elements = {
-        "r1": replace(first, between=("s1", "x1"), damping=6e4),
-        "r2": replace(second, between=("x1", "x2"), activation_displacement=0.004, damping=6e4),
-    }
-    records = [
-        shaken(Structure([5e4, 3e4], elements), i, size) for i, size in enumerate((0.3, 0.22))
-    ]
-    laws = ["MenegottoPinto", "SelfCentering"]
-    monkeypatch.setattr(element_network_branch, "ElementNetworkNamed", partial(Named, laws=laws))
-    model = ElementNetworkBranch(
-        2, 2, DT, "chain", None, [], ramps=4, bends=1, force_memory=False, law_starts=1, prior=1e-3,
-        unsymmetric=False,
-    )  # fmt: skip
-    model.identify(records)
-    light, heavy = sorted(model.mass().tolist())
-    assert heavy / light == pytest.approx(5.0 / 3.0, rel=0.02)
-
-
 def _of_base(record: Record) -> Record:
     """The same motion against its base, whose acceleration is −f."""
     assert record.s is not None
@@ -159,16 +114,3 @@ def _of_base(record: Record) -> Record:
     pushed = torch.from_numpy(np.gradient(record.s_dot.numpy(), DT, axis=0, edge_order=2).copy())
     x, v = record.x - record.s, record.v - record.s_dot
     return Record(DT, record.a - pushed, -pushed, x, v)
-
-
-def test_a_law_times_a_factor_has_so_many_times_the_force():
-    y, _ = motion(2, 0.03)
-    rate = np.gradient(y, DT, edge_order=2)
-    for law in (SelfCentering, MenegottoPinto, Takeda, SlackBrace):
-        candidate = PAIRS[next(name for name in PAIRS if law.__name__ in name)]
-        fit = Fit(candidate, UNITS, candidate.drawn(np.random.default_rng(1)))
-        one, three = (
-            sum(force(part, y, DT, rate) for part in candidate.elements(f.q, f.units))
-            for f in (fit, fit.times(3.0))
-        )
-        np.testing.assert_allclose(three, 3.0 * one, rtol=1e-9, atol=1e-9 * np.abs(one).max())

@@ -6,17 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from data.record import Record
-from data.simulation.elements import Polynomial
-from data.simulation.structure import Structure
-from models.element_network_named import ElementNetworkNamed
 from models.named_element import NamedElement
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit, Motion
-from models.named_laws.free_run import FreeRuns, Laws
+from models.named_laws.free_run import FreeRuns
 from models.named_laws.leaning import HARDENING, LEANING, OF_LAW, leant
 from tests.models.test_named_laws import (
     DT,
@@ -25,7 +21,6 @@ from tests.models.test_named_laws import (
     error,
     heard_chain,
     motion,
-    shaken,
 )
 
 UNITS = Units(0.02, 0.1, 1e5, 2e7)
@@ -51,18 +46,6 @@ def test_a_law_under_a_weight_is_found_and_holds_beyond_what_it_saw(name):
     restored = NamedElement(1, 2, DT)
     restored.load_state_dict(model.state_dict())
     assert error(restored, unseen) == error(model, unseen)
-
-
-def test_a_law_that_hardens_does_not_lean():
-    """What a weight takes away is less hardening there."""
-    model = NamedElement(1, 2, DT, laws=["MenegottoPinto"])
-    tests = [pushed_over("MenegottoPinto", i, s, 0.01) for i, s in enumerate((0.04, 0.025))]
-    assert model.identify(tests)["laws"] == "MenegottoPinto"
-    steel = CANDIDATES["MenegottoPinto"]
-    fit = Fit(steel, UNITS, steel.with_values(np.zeros(len(steel.parameters)), {}, UNITS))
-    assert leant(fit, 0.01) is fit
-    line = Fit(CANDIDATES["Linear"], UNITS, np.zeros(2))
-    assert leant(line, 0.01) is line
 
 
 @pytest.mark.parametrize("name", OF_LAW)
@@ -97,14 +80,3 @@ def test_storeys_lean_where_accelerations_with_noise_ask_for_it(share, leans):
     plain = replace(laws, fits=[Fit(steel, fit.units, fit.q[leans:]) for fit in laws.fits])
     found = runs.leaning(runs.followed(plain, 1.0, 2, 1e-8))
     assert [fit.candidate.name for fit in found.fits] == [name] * 2
-
-
-def test_a_network_that_hears_accelerations_asks_whether_its_storeys_lean(monkeypatch):
-    spring = Polynomial(between=("s1", "x1"), stiffness=1.5e7, damping=6e4)
-    one = shaken(Structure([3e4], {"r1": spring}), 0, 0.1)
-    noise = 0.02 * one.a.std() * torch.randn(one.a.shape, generator=torch.Generator()).double()
-    asked: list[Laws] = []
-    monkeypatch.setattr(FreeRuns, "leaning", lambda runs, laws: asked.append(laws) or laws)
-    model = ElementNetworkNamed(1, 2, DT, "chain", [3e4], [], laws=["Linear"])
-    model.identify([replace(one, a=one.a + noise, x=None, v=None)])
-    assert len(asked) == 1

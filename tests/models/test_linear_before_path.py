@@ -65,20 +65,6 @@ def test_of_several_fits_of_the_linear_structure_the_best_is_kept(stiff, record,
     assert loss(stiff, record) < 0.1 * before
 
 
-def test_the_linear_structure_is_fitted_with_all_else_held(stiff, record):
-    beyond = {id(p) for p in stiff.laws.unit_stiffness.parameters()}
-    seen = []
-
-    def solver(free) -> LevenbergMarquardt:
-        seen.append({id(p) for p in free})
-        return LevenbergMarquardt(free, iterations=1, scaled=True)
-
-    assert beyond <= {id(p) for p in stiff.parameters() if p.requires_grad}
-    fit_linear(stiff, [record], [None], solver, lambda losses: None)
-    assert not seen[0] & beyond
-    assert beyond <= {id(p) for p in stiff.parameters() if p.requires_grad}
-
-
 def test_the_path_begins_at_the_linear_structure_and_other_fits_at_the_start(stiff, record):
     objective = FreeRun([300, None], select=[1e-6])
     objective.prepare(stiff, [record], measured=True)
@@ -93,13 +79,3 @@ def test_the_path_begins_at_the_linear_structure_and_other_fits_at_the_start(sti
     assert all(torch.equal(one, two) for one, two in zip(state_of(stiff), begun, strict=True))
     objective.enter(stiff, objective.stages.index("from linear, prior 0.01"))
     assert loss(stiff, record) < 0.1 * before
-
-
-@pytest.mark.parametrize(("last", "back"), [(0.15, False), (0.3, True), (float("inf"), True)])
-def test_the_path_goes_on_from_its_best_step_where_the_last_led_away(stiff, record, last, back):
-    """Losses of the fits from the starts do not count: the path is another basin."""
-    objective = FreeRun([300, None], select=[1e-6])
-    objective.prepare(stiff, [record], measured=True)
-    objective.judged = [[0, 0.01], [1, 0.1], [2, last]]
-    objective.present = objective.stages.index("from linear, prior 0.0001")
-    assert objective.goes_back is back

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -12,7 +10,6 @@ from data.record import Record, stack
 from data.simulation.elements import MenegottoPinto, Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models import element_network_branch as starts
 from models.element_network_branch import ElementNetworkBranch, mass_damping, without
 from models.starts import branch_choice
 from models.starts.branch_choice import Choice
@@ -85,21 +82,3 @@ def test_supports_that_move_damp_no_mass():
     assert forced.drag is not None
     forced.drag.start(torch.tensor(0.3).double())
     assert torch.equal(forced.composition().core.value[1], torch.tensor([0.3, 0.3]).double())
-
-
-def test_it_has_the_unit_of_a_rate(monkeypatch):
-    """Forces in kN, lengths in mm: α is the same. Long fits drift by rounding."""
-    monkeypatch.setattr(branch_choice, "FIRST", 5)
-    monkeypatch.setattr(starts, "ROUNDS", 2)
-    monkeypatch.setattr(starts, "ITERATIONS", 3)
-    record, found = shaken(0.8, 0), []
-    for length, force in ((1.0, 1.0), (1e3, 1e-3)):
-        model = network()
-        model.known_masses = model.known_masses * force / length
-        model.mass.start(model.known_masses)
-        own = replace(record, a=length * record.a, x=length * record.x, v=length * record.v,
-                      f=length * record.f)  # fmt: skip
-        tests = list(model.element_tests(own, force / length * torch.tensor([1.5e7, 1e7]).double()))
-        kept, drags = [test[:3] for test in tests], [test[3] for test in tests]
-        found.append(mass_damping(model._single, kept, drags, Choice(True, 1e-6, 2, 0, False)))
-    assert found[1] == pytest.approx(found[0], rel=1e-6)

@@ -84,12 +84,8 @@ def test_the_papers_networks_have_243_weights_and_27_of_the_linear_system():
 @pytest.mark.parametrize(
     ("model", "dofs", "forces", "hidden", "free"),
     [
-        ("residual", 1, 1, (15,), 91),
-        ("residual", 2, 2, (15,), 167),
         ("residual", 5, 5, (15,), 395),
         ("residual", 2, 1, (4, 3), 7 * 4 + 4 + 4 * 3 + 3 + 3 * 2 + 2),
-        ("global", 1, 1, (10, 10), 161),
-        ("global", 2, 2, (10, 10), 202),
         ("global", 5, 5, (10, 10), 325),
         ("global", 2, 1, (4,), 5 * 4 + 4 + 4 * 2 + 2),
     ],
@@ -105,34 +101,13 @@ def test_any_number_of_masses_forces_and_layers(model, dofs, forces, hidden, fre
     )
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_windows_in_a_batch_are_estimated_one_by_one(model):
-    record = motion(2)
-    estimator = identified(model, record)
-    batch = record.map(lambda u: u.reshape(3, 40, -1))
-    for way, together in estimator.estimates(batch).items():
-        alone = [estimator.estimates(record.window(40 * i, 40))[way] for i in range(3)]
-        assert torch.allclose(together, torch.stack(alone), rtol=0.0, atol=1e-12)
-
-
-def test_weights_start_random_within_glorots_bound_and_biases_at_zero():
-    torch.manual_seed(0)
-    one, other = Perceptron(40, [60], 50), Perceptron(40, [60], 50)
-    assert not torch.equal(one.layers[0].weight, other.layers[0].weight)
-    for layer in one.layers[0], one.layers[2]:
-        bound = (6.0 / sum(layer.weight.shape)) ** 0.5
-        assert 0.98 * bound < float(layer.weight.detach().abs().max()) <= bound
-        assert not layer.bias.detach().any()
-
-
 # formulas
 
 
 @pytest.mark.parametrize("activation", NUMPY)
-@pytest.mark.parametrize("hidden", [(4,), (5, 3, 2)])
-def test_the_global_network_is_its_formula(activation, hidden):
+def test_the_global_network_is_its_formula(activation):
     record, unseen = motion(2), motion(2, seed=9)
-    estimator = identified("global", record, hidden=hidden, activation=activation)
+    estimator = identified("global", record, hidden=(5, 3, 2), activation=activation)
     columns = [np.concatenate([r.x, r.v, r.f], axis=1) for r in (record, unseen)]
     scaled = numpy_network(estimator.network, activation, scale_by(columns[1], of=columns[0]))
     wanted = unscale(scaled, of=record.a.numpy())
@@ -140,10 +115,9 @@ def test_the_global_network_is_its_formula(activation, hidden):
 
 
 @pytest.mark.parametrize("activation", NUMPY)
-@pytest.mark.parametrize("hidden", [(4,), (5, 3)])
-def test_the_residual_network_is_its_formula(activation, hidden):
+def test_the_residual_network_is_its_formula(activation):
     record = motion(2)
-    estimator = identified("residual", record, hidden=hidden, activation=activation)
+    estimator = identified("residual", record, hidden=(5, 3), activation=activation)
     state, linear = numpy_linear(record)
     residual = linear - record.a.numpy()
     delayed = np.concatenate([np.zeros((1, 2)), residual[:-1]])
@@ -167,17 +141,6 @@ def test_its_own_residual_is_fed_back_sample_by_sample():
     estimates = estimator.estimates(record)
     assert np.allclose(estimates["own_residual"].detach(), wanted, rtol=0.0, atol=1e-11)
     assert not np.allclose(estimates[""].detach(), wanted, rtol=0.0, atol=1e-3)
-
-
-def test_the_target_of_training_is_the_error_of_the_estimate():
-    """g(u) − y is the estimate less the acceleration, up to its sign."""
-    record = motion(3)
-    for model, sign in ("global", 1.0), ("residual", -1.0):
-        estimator = identified(model, record)
-        network, u, y = estimator.regression(record)
-        assert torch.allclose(
-            sign * (network(u) - y), estimator(record) - record.a, rtol=0.0, atol=1e-12
-        )
 
 
 # what an estimate may see
@@ -214,20 +177,6 @@ def test_its_own_residual_remembers_the_past_and_never_sees_an_acceleration():
     assert torch.equal(estimator.with_own_residual(unknown), estimator.with_own_residual(record))
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_the_excitation_may_be_a_support_motion(model):
-    record = motion(2, forces=2)
-    moved = replace(record, f=record.f[:, :0], s=record.f[:, :1], s_dot=record.f[:, 1:])
-    estimates = [identified(model, r)(r).detach() for r in (record, moved)]
-    assert torch.allclose(*estimates, rtol=0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_a_record_without_velocity_is_refused(model):
-    with pytest.raises(ValueError, match="which the record lacks"):
-        MODELS[model](2, 2, 0.01).identify([replace(motion(2), v=None)])
-
-
 # permutation
 
 
@@ -256,14 +205,6 @@ def test_renumbered_masses_give_renumbered_estimates_and_the_same_loss(model):
     losses = [float(Problem(e, r).loss().detach()) for e, r in
               ((one, record), (other, renumbered))]  # fmt: skip
     assert losses[0] == pytest.approx(losses[1], rel=1e-10)
-
-
-def test_renumbered_masses_have_renumbered_matrices():
-    order, record = [2, 0, 1], motion(3)
-    renumbered = record.map(lambda u: u[..., order])
-    matrices = [identified("residual", r).matrices() for r in (record, renumbered)]
-    for one, other in zip(*matrices, strict=True):
-        assert torch.allclose(one[order][:, order], other, rtol=0.0, atol=1e-10)
 
 
 # choices

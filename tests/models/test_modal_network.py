@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from data.record import Record
 from models import ModalNetwork
-from models.modal.between_samples import band_end, interpolated
+from models.modal.between_samples import interpolated
 from models.modal.core import exact_steps
 from models.modal.layout import Layout
 from models.modal.linear_start import by_spectra
@@ -19,7 +19,6 @@ from models.modal.periods import period_of, steady_mean
 from models.modal.problem import Motion
 from models.modal.run import Excited, blocks, outputs
 from models.modal.run_compiled import features
-from models.modal_network import Scale, Signals
 
 SMALL = {
     "modes": 1,
@@ -54,7 +53,7 @@ def excited(samples: int = 300, dt: float = 0.2, substeps: int = 4) -> Excited:
     return Excited(u, interpolated(u, "linear", substeps), dt)
 
 
-@pytest.mark.parametrize("damping", [0.1, 2.0, 9.0])  # the last two are over-damped
+@pytest.mark.parametrize("damping", [0.1, 9.0])  # the last is over-damped
 @pytest.mark.parametrize("force", ["linear", "parabola"])
 def test_a_mode_steps_exactly(damping, force):
     k, h, start = 1.7, 0.8, np.array([0.3, -0.5])
@@ -100,9 +99,8 @@ def test_a_unit_is_that_of_bouc_and_wen_and_has_no_jump():
     assert np.abs(fine).max() < 1.0 / b
 
 
-@pytest.mark.parametrize("family", [(2, 1), (3, 2)])
-def test_derivatives_are_those_of_differences(family):
-    layout, values = layout_and_values(*family)
+def test_derivatives_are_those_of_differences():
+    layout, values = layout_and_values(3, 2)
     drive, rng = excited(), np.random.default_rng(1)
     begin = 0.2 * rng.standard_normal(layout.states)
     learned = rng.random(layout.size) < 0.8
@@ -123,15 +121,6 @@ def test_derivatives_are_those_of_differences(family):
         assert np.abs(J[..., column] - difference).max() < 1e-4 * np.abs(difference).max() + 1e-7
 
 
-def test_a_run_in_blocks_is_the_run_in_one(monkeypatch):
-    layout, values = layout_and_values(3, 2)
-    begin = np.full(layout.states, 0.1)
-    whole = outputs(layout, values, excited(), begin)
-    monkeypatch.setattr("models.modal.run.BLOCK", 37)
-    for one, other in zip(whole, outputs(layout, values, excited(), begin), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
-
-
 def test_a_run_converges_with_the_second_order():
     layout, values = layout_and_values(3, 2)
     u, dt = waves(200, 0.4), 0.4
@@ -146,14 +135,7 @@ def test_a_run_converges_with_the_second_order():
     assert (orders > 1.7).all()
 
 
-def test_a_run_that_diverges_is_nan_from_there():
-    layout, values = layout_and_values(2, 1)
-    layout.split(values)["laws"][0, 1] = -5.0
-    out, _ = outputs(layout, values, excited(), np.full(layout.states, 3.0))
-    assert np.isnan(out[-1]).all()
-
-
-@pytest.mark.parametrize("ahead", [None, 8, 0])
+@pytest.mark.parametrize("ahead", [None, 0])
 def test_band_limited_interpolation_between_samples(ahead):
     t = np.arange(400.0)
     wave = lambda t: np.sin(0.5 * t + 0.3) + 0.5 * np.cos(1.1 * t)
@@ -174,14 +156,6 @@ def test_a_causal_interpolation_does_not_see_what_is_to_come(monkeypatch):
         one, two = (interpolated(s, "band_limited", 2, ahead) for s in (u, other))
         np.testing.assert_allclose(one[: 150 - ahead], two[: 150 - ahead], rtol=0, atol=1e-12)
         assert np.abs(one - two)[150 - ahead].max() > 1e-4
-
-
-def test_holds():
-    u = np.array([[1.0], [3.0], [2.0]])
-    np.testing.assert_array_equal(interpolated(u, "zero_order", 1)[..., 0], [[1, 1, 1], [3, 3, 3]])
-    np.testing.assert_array_equal(interpolated(u, "linear", 1)[..., 0], [[1, 2, 3], [3, 2.5, 2]])
-    wave = np.sin(0.1 * np.pi * np.arange(2000.0))[:, None]
-    assert 0.1 < band_end(wave) < 0.13
 
 
 def test_periods_are_found_and_averaged():
@@ -214,21 +188,6 @@ def test_spectra_find_hidden_modes_of_a_record_that_begins_anywhere():
     np.testing.assert_allclose(np.sqrt(k), w, rtol=1e-3)
     run, _ = outputs(found, state.values, drive, state.begins[0])
     assert np.abs(run - y).max() < 0.02 * np.abs(y).max()
-
-
-def test_inputs_that_say_the_same_are_borne():
-    """A support's displacement and its rate."""
-    t = 0.3 * np.arange(2000.0)
-    s, rate = np.sin(0.4 * t) + np.sin(1.3 * t), 0.4 * np.cos(0.4 * t) + 1.3 * np.cos(1.3 * t)
-    u = np.stack([s, rate], axis=1)
-    layout = Layout(1, 0, 2, 1)
-    parts = {name: np.ones(shape) for name, shape in layout.shapes.items()}
-    parts |= {"log_k": np.zeros(1), "log_c": np.log([0.1]), "gamma": np.array([[1.0, 0.1]])}
-    drive = Excited(u, interpolated(u, "linear", 1), 0.3)
-    y, _ = outputs(layout, layout.join(parts), drive, np.zeros(2))
-    found, state = by_spectra([Motion(drive, y, np.ones(1), False, 2000)], 1)
-    run, _ = outputs(found, state.values, drive, state.begins[0])
-    assert np.abs(run - y)[500:].max() < 0.02 * np.abs(y).max()  # two sines tell of no transient
 
 
 def duffing(samples: int, seed: int, noise: float = 1e-3) -> Record:
@@ -281,47 +240,6 @@ def test_the_first_state_is_told_by_the_warm_up_samples_alone(identified, circui
     )
 
 
-def test_a_batch_is_its_records_one_by_one(identified, circuit):
-    parts = [circuit[0].window(0, 1000, 40), circuit[1].window(0, 1000, 40)]
-    batch = replace(parts[0].map(lambda u: u), a=torch.stack([p.a for p in parts]),
-                    f=torch.stack([p.f for p in parts]))  # fmt: skip
-    for together, part in zip(identified(batch), parts, strict=True):
-        assert torch.equal(together, identified(part))
-
-
-def test_a_stored_model_is_the_same(identified, circuit):
-    again = ModalNetwork(1, 1, 1e-3, **SMALL)
-    again.load_state_dict(identified.state_dict())
-    assert torch.equal(again(circuit[1]), identified(circuit[1]))
-    with pytest.raises(ValueError, match="not identified yet"):
-        ModalNetwork(1, 1, 1e-3, **SMALL)(circuit[1])
-
-
-@pytest.mark.parametrize(("u", "y"), [(1e6, 1e-6), (1e-6, 1e6)])
-def test_a_change_of_units_changes_nothing(u, y, identified, circuit):
-    scaled = [replace(record, a=y * record.a, f=u * record.f) for record in circuit]
-    model = ModalNetwork(1, 1, 1e-3, **SMALL)
-    model.identify(scaled[:1])
-    difference = model(scaled[1]) / y - identified(circuit[1])
-    assert float(difference.abs().max()) < 1e-5 * float(circuit[1].a.abs().max())
-
-
-def test_time_in_other_units_changes_nothing(identified, circuit):
-    slow = [replace(record, dt=1e3 * record.dt) for record in circuit]
-    model = ModalNetwork(1, 1, 1.0, **SMALL)
-    model.identify(slow[:1])
-    difference = model(slow[1]) - identified(circuit[1])
-    assert float(difference.abs().max()) < 1e-5 * float(circuit[1].a.abs().max())
-
-
-def test_silent_or_constant_channels_are_borne(circuit):
-    record = circuit[0].window(0, 800, 40)
-    two = replace(record, f=torch.cat([record.f, 0.0 * record.f], dim=1))
-    model = ModalNetwork(1, 2, 1e-3, **(SMALL | {"elements": 0}))
-    model.identify([two])
-    assert torch.isfinite(model(two)).all()
-
-
 @pytest.mark.parametrize(
     "wrong",
     [{"modes": 0}, {"elements": -1}, {"laws": ["square"]}, {"units": 99}, {"ahead": -1},
@@ -330,11 +248,3 @@ def test_silent_or_constant_channels_are_borne(circuit):
 def test_wrong_settings_are_refused(wrong):
     with pytest.raises(ValueError, match=r"model\."):
         ModalNetwork(1, 1, 1e-3, **wrong)
-
-
-def test_scale_takes_time_by_the_frequency_of_the_outputs():
-    t = 1e-3 * np.arange(5000.0)
-    wave = np.sin(2.0 * np.pi * 30.0 * t)[:, None]
-    scale = Scale.of([Signals(wave, 5.0 * wave + 1.0, 1e-3, "linear", True)])
-    assert 1.0 / scale.time == pytest.approx(2.0 * np.pi * 30.0, rel=1e-3)
-    assert scale.mean == pytest.approx([1.0], abs=0.01)

@@ -172,17 +172,6 @@ def test_displacements_that_drift_do_not_lead_it_astray(records, monkeypatch):
     assert error(drifting, records[2]) > 0.2
 
 
-def test_forces_under_the_planted_motion_balance_it(records):
-    """Imposed and free runs take steps of their own: they agree to what these leave."""
-    known = fit.Known(np.array(MASSES), np.array(HEIGHTS) / HEIGHTS[0])
-    fine = frame(substeps=16)
-    record = moved(fine, shaken(0, 4.0))
-    none = np.zeros(len(fine.numbers))
-    balance = fit.Balance(known, fine._motions(record), fine.numbers.numpy(), none)
-    assert np.sqrt(np.mean(balance.errors(none) ** 2)) < 0.02
-    assert np.sqrt(np.mean(balance.errors(none + 0.3) ** 2)) > 0.1
-
-
 def test_other_units_change_no_error(records, monkeypatch):
     monkeypatch.setattr(fit, "ITERATIONS", (2, 2, 1))
     one = stack(records[:2]).window(0, 600)
@@ -193,21 +182,6 @@ def test_other_units_change_no_error(records, monkeypatch):
         for r, size in ((one, 1.0), (other, 1e-3))
     ]
     assert facts[1] == pytest.approx(facts[0], rel=1e-6)
-
-
-def test_what_was_saved_runs_alike(records, identified):
-    loaded = MomentFrame(2, 1, DT, MASSES, HEIGHTS)
-    with pytest.raises(ValueError, match="not identified yet"):
-        loaded(records[0])
-    loaded.load_state_dict(identified.state_dict())
-    both = loaded(stack(records[:2]))
-    assert torch.equal(both[1], identified(records[1]))
-
-
-def test_a_frame_that_its_weight_breaks_is_lost():
-    x = moved(frame(gamma=60.0), shaken(0, 4.0)).x
-    assert torch.isinf(x[-1]).all()
-    assert torch.isfinite(x[:10]).all()
 
 
 @pytest.mark.parametrize(

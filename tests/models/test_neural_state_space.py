@@ -8,10 +8,7 @@ import pytest
 import torch
 from torch.func import jvp
 
-from data.record import Drive, Record, stack
-from models.checkpoint import load_estimator, save_estimator
-from models.fit.problem import FreeRunProblem
-from models.fit.solvers.lbfgs import LBFGS
+from data.record import Drive, Record
 from models.layers.linear_with_network import LatentStep
 from models.linear import EquivalentLinear
 from models.neural_state_space import NeuralStateSpace, trajectory
@@ -57,14 +54,6 @@ def points() -> tuple[torch.Tensor, ...]:
     return tuple(0.4 * torch.randn(s, generator=rng, dtype=torch.float64) for s in shapes)
 
 
-def test_a_trajectory_is_that_of_its_steps_one_by_one():
-    z, w, *theta = points()
-    for k, after in enumerate(trajectory(LatentStep(), z, w, *theta)):
-        assert torch.allclose(after, z, rtol=1e-12)
-        if k < len(w):
-            z = LatentStep()(z, w[k], *theta)
-
-
 def test_the_derivatives_of_a_trajectory_are_those_of_its_steps_one_by_one():
     first, w, *theta = points()
 
@@ -104,15 +93,6 @@ def test_the_encoder_reads_nothing_after_the_first_sample_of_a_window():
         assert (changed[51:100].amax(dim=1) > 0.0).all()
 
 
-def test_its_estimate_is_its_free_run_record_by_record():
-    records = [softening(), softening(seed=1)]
-    estimator = identified(stack(records))
-    together = estimator.free_run(stack(records).drive()).a
-    for a, record in zip(together, records, strict=True):
-        assert torch.allclose(a, estimator.free_run(record.drive()).a, rtol=1e-10, atol=1e-12)
-        assert torch.equal(estimator(record), estimator.free_run(record.drive()).a)
-
-
 def test_training_on_the_free_run_beats_the_linear_start():
     record = softening()
     estimator = identified(record)
@@ -122,24 +102,6 @@ def test_training_on_the_free_run_beats_the_linear_start():
     while not solver.finished:
         solver.solve(problem)
     assert float(problem.loss().detach()) < 0.2 * before
-
-
-def test_another_start_leaves_the_linear_system_as_it_is():
-    record = softening()
-    estimator = identified(record)
-    linear, inner = estimator.step.linear.weight.clone(), estimator.step.inner.weight.clone()
-    estimator.restart(torch.Generator().manual_seed(1))
-    assert torch.equal(estimator.step.linear.weight, linear)
-    assert not torch.equal(estimator.step.inner.weight, inner)
-
-
-def test_a_checkpoint_holds_it_completely(tmp_path):
-    record = softening()
-    estimator = identified(record)
-    save_estimator(estimator, tmp_path / "it.safetensors", "it")
-    other = NeuralStateSpace(2, 2, DT, memory=2, hidden=4, past=3)
-    load_estimator(other, tmp_path / "it.safetensors", "it")
-    assert torch.equal(other(record), estimator(record))
 
 
 def test_before_it_is_identified_it_says_so():

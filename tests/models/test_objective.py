@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
 from lightning.pytorch import Trainer
 from torch.nn.utils import parameters_to_vector
 
-from data.record import stack
 from data.simulation.datamodule import SimulatedData
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.scenario import FullState
@@ -26,7 +24,15 @@ from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
 from models.neural_state_space import NeuralStateSpace
-from tests.models.two_masses import DT, Growth, identified, motion
+from models.fit.finalists import middle
+from models.fit.free_run_objective import FreeRun
+from models.fit.identification import Identification
+from models.fit.objective import OneStep, state_of
+from models.fit.problem import FreeRunProblem, Problem
+from models.fit.solvers.adam import Adam
+from models.fit.solvers.lbfgs import LBFGS
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
+from tests.models.two_masses import DT
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
 pytestmark = [
@@ -86,12 +92,6 @@ def test_stages_follow_each_other_and_are_reported(data, tmp_path):
     assert free_run_loss(module.estimator, data) == pytest.approx(module.losses[-1], rel=1e-9)
 
 
-def test_one_step_has_one_stage_and_reports_as_before(data, tmp_path):
-    module = Identification(network(), lambda p: LBFGS(p, iterations=5), objective=OneStep())
-    trained = fit(module, data, tmp_path).how_trained()
-    assert trained == {"solver": "LBFGS", "iterations": 5, "stopped": "5 iterations"}
-
-
 def test_the_end_of_the_best_stage_is_kept(data, tmp_path):
     """The last stage leads astray, on purpose."""
 
@@ -124,12 +124,11 @@ def test_the_end_of_the_best_stage_is_kept(data, tmp_path):
     assert module.chosen[0] < module.losses[-1]
 
 
-@pytest.mark.parametrize("solver", ["adam", "levenberg_marquardt", "lbfgs"])
+@pytest.mark.parametrize("solver", ["adam", "lbfgs"])
 def test_training_on_the_free_run_simulates_better(solver, linear_chain, tmp_path):
     """From the same start; one step ahead it may be worse."""
     make = {
         "adam": lambda p: Adam(p, iterations=60, rate=0.01),
-        "levenberg_marquardt": lambda p: LevenbergMarquardt(p, iterations=4),
         "lbfgs": lambda p: LBFGS(p, iterations=25),
     }[solver]
     cut = {"window": 40, "warmup": 5, "batch": 4} if solver == "adam" else {}
@@ -180,19 +179,6 @@ def test_the_best_of_several_starts_goes_on(data, tmp_path):
     assert len({round(e, 12) for e in ends}) == 4
 
 
-def test_the_best_start_keeps_the_units_it_was_drawn_with(data):
-    """An element network draws gaps and limits, which are units of its parameters."""
-    data.setup()
-    (record,) = data.loader("train")
-    objective, noted = FreeRun([1], starts=4, start_iterations=3, seed=5), []
-    estimator = ElementNetwork(record.dofs, record.f.shape[-1], record.dt, hinges=1, units=1)
-    estimator.identify([record])
-    make = lambda p: LevenbergMarquardt(p, iterations=5, scaled=True)
-    objective.begin(estimator, [record], make, noted.extend)
-    kept = float(objective.problem(estimator, record, 0).loss().detach())
-    assert kept == pytest.approx(min(noted[2::3]), rel=1e-9)
-
-
 def test_starts_are_those_of_the_seed(data):
     ends = []
     for seed in (1, 1, 2):
@@ -204,11 +190,6 @@ def test_starts_are_those_of_the_seed(data):
     assert (ends[0] != parameters_to_vector(network().parameters())).any()
 
 
-def test_what_has_no_random_start_says_so():
-    with pytest.raises(ValueError, match=r"objective\.starts=1"):
-        Growth(1.0).restart(torch.Generator())
-
-
 @pytest.mark.parametrize(
     "wrong", [{"horizons": []}, {"horizons": [50, 5]}, {"horizons": [None, 5]}, {"horizons": [0]},
               {"starts": 0}, {"warmup": -1}, {"start_iterations": 0},
@@ -217,30 +198,6 @@ def test_what_has_no_random_start_says_so():
 def test_an_objective_that_makes_no_sense_is_refused(wrong):
     with pytest.raises(ValueError, match=r"objective\."):
         FreeRun(**wrong)
-
-
-def test_without_restarts_a_stage_is_the_first_samples_of_the_first_records():
-    """Where x and v are not to be trusted, they are not looked at."""
-    batch = stack([motion(), motion(seed=1), motion(seed=2)])
-    estimator = identified("global", batch)
-    objective = FreeRun([10, None], restart=False, records=2)
-    first, last = (objective.problem(estimator, batch, stage) for stage in (0, 1))
-    assert first.y.shape == (2, 10, 2)
-    assert last.y.shape == batch.a.shape
-    lies = replace(batch, x=torch.full_like(batch.a, 7.0), v=torch.full_like(batch.a, 7.0))
-    for stage, problem in enumerate((first, last)):
-        told = objective.problem(estimator, lies, stage)
-        assert float(told.loss().detach()) == float(problem.loss().detach())
-
-
-def test_normal_equations_of_every_second_sample_take_all_dofs():
-    """Two DOFs: every second row would be one DOF alone."""
-    record = motion()
-    problem = FreeRunProblem(identified("global", record), record, 20)
-    J = problem._differentiated(problem.y.numel()).view(*problem.y.shape, -1)
-    some = J[::2].flatten(0, 1)
-    matrix, _ = problem.normal_equations(every=2)
-    assert torch.allclose(matrix, J.numel() / some.numel() * some.T @ some, rtol=1e-9)
 
 
 def test_the_best_of_the_finalists_in_the_end_stays(data, tmp_path, monkeypatch):
@@ -275,40 +232,6 @@ def test_the_best_of_the_finalists_in_the_end_stays(data, tmp_path, monkeypatch)
     assert free_run_loss(module.estimator, data) == pytest.approx(min(ends), rel=1e-9)
 
 
-def test_the_best_of_the_finalists_alone_is_trained_on_all_records():
-    batch = stack([motion(), motion(seed=1), motion(seed=2)])
-    estimator = identified("global", batch)
-    objective = FreeRun([1, 10, None], starts=2, finalists=2, records=2)
-    objective.prepare(estimator, [batch], measured=False)
-    assert objective.stages[-2:] == ["horizon whole record, start 2", "the chosen in full"]
-    sizes = [len(objective.problem(estimator, batch, k).y) for k in range(5)]
-    assert sizes == [2, 2, 2, 2, 3]
-    for stage in range(5):
-        objective.present = stage
-        assert objective.refits is (stage == 4)
-        objective.final_loss(estimator, [batch])
-
-
-@pytest.mark.parametrize(
-    ("losses", "starts"), [((0.2,), 1), ((0.3, 0.2), 2), ((90.0, 80.0, 7.0), 3)]
-)
-def test_starts_go_through_all_horizons_until_one_ends_near_the_motion(losses, starts):
-    batch = stack([motion(), motion(seed=1), motion(seed=2)])
-    estimator = identified("global", batch)
-    objective = FreeRun([1, 10, None], starts=3, finalists=1, records=2)
-    objective.prepare(estimator, [batch], measured=False)
-    objective.ranked = [[k + torch.zeros_like(u) for u in state_of(estimator)] for k in range(4)]
-    assert objective.stages == ["horizon 10", "horizon whole record", "in full"]
-    for number, loss in enumerate(losses):
-        objective.ends[number] = loss, objective.ranked[number], []
-        objective.enter(estimator, 2 * number + 2)
-        begun = min(number + 1, 2) if number + 1 < starts else losses.index(min(losses))
-        assert float(state_of(estimator)[0].flatten()[0]) == begun
-    assert len(objective.stages) == 2 * starts + 1
-    assert len(objective.remarks) == starts - 1
-    assert objective.refits
-
-
 @pytest.mark.parametrize(
     ("losses", "farther", "chosen"),
     [
@@ -327,26 +250,3 @@ def test_of_finalists_that_fit_alike_the_one_in_the_middle_goes_on(losses, farth
         for k, (loss, run) in enumerate(zip(losses, runs, strict=True))
     ]
     assert int(middle(ends)[0]) == chosen
-
-
-def test_the_last_stage_begins_at_the_one_in_the_middle_and_forgets_the_others():
-    """Not at the best by a hair, whose run goes elsewhere under more of the excitation."""
-    record = motion()
-    estimator = identified("global", record)
-    objective = FreeRun([1, None], starts=3, finalists=3)
-    objective.prepare(estimator, [record], measured=False)
-    states = [[k + torch.zeros_like(u) for u in state_of(estimator)] for k in range(3)]
-    runs = [[torch.full_like(record.a, value)] for value in (9.0, 2.0, 2.1)]
-    objective.ends = {k: (1.0 + 0.1 * k, states[k], runs[k]) for k in range(3)}
-    objective.enter(estimator, len(objective.stages) - 1)
-    now = state_of(estimator)
-    assert all(torch.equal(u, chosen) for u, chosen in zip(now, states[2], strict=True))
-    assert objective.refits
-    assert not objective.goes_back
-
-
-def test_where_no_record_is_left_out_there_is_no_stage_more():
-    batch = stack([motion(), motion(seed=1)])
-    objective = FreeRun([1, None], records=2)
-    objective.prepare(identified("global", batch), [batch], measured=False)
-    assert objective.stages == ["horizon 1", "horizon whole record"]

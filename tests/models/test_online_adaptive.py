@@ -8,7 +8,6 @@ from functools import partial
 import pytest
 import torch
 
-from data.record import stack
 from data.sample import samples_of
 from models.fit.metrics import score
 from models.linear import EquivalentLinear
@@ -22,8 +21,6 @@ from models.vwnn import VWNN
 DT = 0.01
 BATCH = {
     "vwnn": partial(VWNN, order=1),
-    "equivalent_linear": EquivalentLinear,
-    "power_series_residual": partial(ModalPolynomial, fits="residual", order=3),
     "chebyshev_restoring_force": partial(ModalPolynomial, basis="chebyshev", order=3),
 }
 
@@ -60,31 +57,12 @@ def test_a_record_is_followed_as_its_stream(online, bilinear_record):
     assert torch.allclose(made, online(short), rtol=0, atol=1e-8)
 
 
-def test_a_pass_leaves_the_model_as_it_was(online, bilinear_records):
-    before = {key: u.clone() for key, u in online.state_dict().items()}
-    online.estimates(bilinear_records[1])
-    for key, u in online.state_dict().items():
-        assert torch.equal(u, before[key])
-
-
 def test_from_nothing_begins_at_zero_and_knows_no_training(online, bilinear_record):
     nothing = online.estimates(bilinear_record)["from_nothing"]
     zero = online.estimator.known(bilinear_record)
     assert torch.equal(nothing[0], torch.zeros(3, dtype=torch.float64) if zero is None else zero[0])
     other = Online(3, 3, DT, online.estimator, online.law)
     assert torch.equal(other.estimates(bilinear_record)["from_nothing"], nothing)
-
-
-def test_records_of_a_batch_are_learnt_one_after_the_other(build, bilinear_records):
-    one, two = bilinear_records[:2]
-    models = [Online(3, 3, DT, build()) for _ in range(2)]
-    models[0].identify([stack([one, two])])
-    models[1].identify([one, two])
-    for head, other in zip(*(m.estimator.heads() for m in models), strict=True):
-        assert torch.allclose(head, other, rtol=0, atol=1e-9)
-    only = Online(3, 3, DT, build())
-    only.identify([one])
-    assert not torch.allclose(models[0](two), only(two), rtol=0, atol=1e-3)
 
 
 def test_warm_up_samples_teach_nothing(online, bilinear_record):
@@ -103,16 +81,6 @@ def test_bad_samples_of_a_record_are_survived(online, bilinear_records):
     scale = float(record.a.abs().max())
     assert float((estimate - sound)[:401].abs().max()) < 1e-8 * scale
     assert float((estimate - sound)[700:].abs().max()) < 0.05 * scale
-
-
-def test_stretches_of_any_length_are_the_pass(online, bilinear_record):
-    states = online.states()
-    whole, end = online.follow(bilinear_record, online.law, states)
-    pieces = list(online.stretches(bilinear_record, online.law, states, longest=70))
-    assert len(pieces) == 15
-    assert torch.allclose(torch.cat([u for u, _ in pieces]), whole, rtol=0, atol=1e-12)
-    for one, other in zip(pieces[-1][1], end, strict=True):
-        assert torch.allclose(one.weights, other.weights, rtol=0, atol=1e-12)
 
 
 def test_an_estimator_that_is_not_linear_in_its_weights_is_refused():
@@ -135,11 +103,6 @@ def test_forgetting_follows_a_structure_that_changes(bilinear_records):
         late = model(changed)[800:] - a[800:]
         errors.append(float(late.norm() / a[800:].norm()))
     assert errors[0] < 0.5 * errors[1]
-
-
-def test_free_run_is_that_of_the_weights_after_training(online, bilinear_record):
-    drive = bilinear_record.window(0, 50).drive()
-    assert torch.equal(online.free_run(drive).a, online.estimator.free_run(drive).a)
 
 
 def test_learning_as_it_goes_is_no_worse_than_staying(bilinear_records):

@@ -143,25 +143,3 @@ def problem_of(model: ElementNetwork, record: Record) -> FreeRunProblem:
 
 def solver_of_many(parameters) -> LevenbergMarquardt:
     return LevenbergMarquardt(parameters, iterations=30, scaled=True)
-
-
-def test_where_a_stage_leads_astray_training_goes_back_to_the_best_state(tmp_path):
-    class Astray(LevenbergMarquardt):
-        made = 0
-
-        def __init__(self, parameters) -> None:
-            super().__init__(parameters, iterations=2, scaled=True)
-            Astray.made += 1
-            self.astray = Astray.made == 2  # the first is made and not used
-
-        @torch.no_grad()
-        def solve(self, problem) -> list[float]:
-            accepted = super().solve(problem)
-            if self.astray and self.finished:
-                for p in (p for group in self.param_groups for p in group["params"]):
-                    p.sub_(3.0)  # a state from which the next stage diverges
-            return accepted
-
-    module = Identification(network(), Astray, objective=FreeRun([50, 300, None], select=[]))
-    fit(module, Shaken(), tmp_path, epochs=400)
-    assert free_run_loss(module.estimator, module.trainer.datamodule) < 1.0

@@ -17,24 +17,14 @@ from models.vwnn import VWNN
 from tests.models.zoo import DT
 
 
-@pytest.mark.parametrize("order", [1, 2])
-def test_ten_times_the_signals_with_a_tenth_of_lambda_is_the_same_problem(bilinear_records, order):
+def test_ten_times_the_signals_with_a_tenth_of_lambda_is_the_same_problem(bilinear_records):
     tenfold = [record.map(lambda u: 10.0 * u) for record in bilinear_records]
     errors = []
     for records, weight in ((bilinear_records, 0.05), (tenfold, 0.005)):
-        estimator = VWNN(3, 3, DT, sigmoid_weight=weight, order=order)
+        estimator = VWNN(3, 3, DT, sigmoid_weight=weight)
         estimator.identify(records[:2])
         errors.append(score(estimator, records)["relative_rms_percent"])
     assert errors[0] == pytest.approx(errors[1], rel=1e-9)
-
-
-def test_lambda_matters_on_the_same_signals(bilinear_records):
-    errors = []
-    for weight in (0.05, 0.5):
-        estimator = VWNN(3, 3, DT, sigmoid_weight=weight)
-        estimator.identify(bilinear_records[:2])
-        errors.append(score(estimator, bilinear_records[:2])["relative_rms_percent"])
-    assert abs(errors[0] - errors[1]) > 0.01
 
 
 def test_equivalent_linear_recovers_the_matrices_of_a_linear_structure(
@@ -68,15 +58,6 @@ def test_equivalent_linear_recovers_how_supports_drive_the_structure(linear_stru
     assert np.abs(inputs - np.linalg.inv(M) @ by_hand).max() < 1e-6
 
 
-def test_a_ridge_shrinks_the_equivalent_linear_system(linear_record):
-    norms = []
-    for ridge in (0.0, 0.1, 10.0):
-        estimator = EquivalentLinear(3, 3, DT, ridge=ridge)
-        estimator.identify([linear_record])
-        norms.append(float(estimator(linear_record).norm()))
-    assert norms[0] > norms[1] > norms[2]
-
-
 def planted_motion(vwnn: VWNN, f: torch.Tensor) -> Record:
     """A motion that obeys the network exactly: sample by sample, from past samples alone."""
     a = torch.zeros(len(f), 1, dtype=torch.float64)
@@ -90,7 +71,7 @@ def planted_motion(vwnn: VWNN, f: torch.Tensor) -> Record:
     return Record(DT, a, f)
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("order", [1, 3])
 def test_a_vwnn_recovers_the_weights_of_a_planted_network(order):
     generator = torch.Generator().manual_seed(order)
     planted, ours = (VWNN(1, 1, DT, sigmoid_weight=0.8, order=order) for _ in range(2))
@@ -132,19 +113,10 @@ def test_last_value_knows_a_constant_and_two_point_a_straight_line(bilinear_reco
     assert torch.equal(TwoPoint(1, 1, DT)(line)[2:], line.a[2:])
 
 
-def test_baselines_start_from_rest(bilinear_record):
-    a = bilinear_record.a
-    assert not LastValue(3, 3, DT)(bilinear_record)[0].any()
-    assert not TwoPoint(3, 3, DT)(bilinear_record)[0].any()
-    assert torch.equal(TwoPoint(3, 3, DT)(bilinear_record)[1], 2.0 * a[0])
-    assert not FilteredExtrapolation(3, 3, DT)(bilinear_record)[0].any()
-
-
-@pytest.mark.parametrize("hertz", [0.5, 2.0, 5.0])
-def test_filtered_extrapolation_misses_a_sinusoid_by_one_less_h_squared(hertz):
+def test_filtered_extrapolation_misses_a_sinusoid_by_one_less_h_squared():
     t = DT * torch.arange(2000.0, dtype=torch.float64)[:, None]
-    record = Record(DT, torch.sin(2 * np.pi * hertz * t), torch.zeros_like(t))
+    record = Record(DT, torch.sin(2 * np.pi * 2.0 * t), torch.zeros_like(t))
     missed = (FilteredExtrapolation(1, 1, DT)(record) - record.a)[500:]
-    decay, z = np.exp(-50.0 * DT), np.exp(2j * np.pi * hertz * DT)
+    decay, z = np.exp(-50.0 * DT), np.exp(2j * np.pi * 2.0 * DT)
     gain = abs(1.0 - (1.0 - decay) / (z - decay)) ** 2
     assert float(missed.abs().max()) == pytest.approx(gain, rel=1e-2)

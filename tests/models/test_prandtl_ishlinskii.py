@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from data.record import Record, stack
+from data.record import Record
 from models.prandtl_ishlinskii import PrandtlIshlinskii
-from models.sliders.stop_operator import hats, stretches
+from models.sliders.stop_operator import stretches
 
 DT = 0.01
 SLACK, GRIP = 0.002, 0.005  # m: half of the backlash, and where the slider begins to slip
@@ -58,19 +58,12 @@ def error(model: PrandtlIshlinskii, record: Record) -> float:
     return 100.0 * float(difference.norm() / record.a[counted].norm())
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_joint_with_backlash_is_found_and_holds_for_smaller_and_larger_motions(seed):
-    model = identified([joint(10 * seed), joint(10 * seed + 1, 0.02)])
+def test_a_joint_with_backlash_is_found_and_holds_for_smaller_and_larger_motions():
+    model = identified([joint(0), joint(1, 0.02)])
     assert int((model.widths > 0.0).sum()) == 1
     assert float(model.widths[0] * model.scale[0]) == pytest.approx(GRIP, rel=0.03)
     for size, most in ((0.004, 10.0), (0.01, 3.0), (0.03, 2.0), (0.06, 2.0)):  # nodes are coarse
-        assert error(model, joint(10 * seed + 2, size)) < most
-
-
-def test_noise_of_the_force_does_not_ask_for_more_sliders():
-    model = identified([joint(0, noise=0.05), joint(1, 0.02, noise=0.05)])
-    assert int((model.widths > 0.0).sum()) == 1
-    assert error(model, joint(2)) < 4.0
+        assert error(model, joint(2, size)) < most
 
 
 def test_the_first_samples_tell_where_the_slider_stood():
@@ -92,31 +85,6 @@ def test_training_records_may_begin_anywhere():
     records = [joint(0, begin=0.004), joint(1, 0.02, begin=-0.003)]
     cut = [replace(record, warmup=300, initial_state="unknown") for record in records]
     assert error(identified(cut), joint(2)) < 4.0
-
-
-def test_a_single_record_is_enough():
-    model = identified([joint(0)])
-    assert int((model.widths > 0.0).sum()) == 1
-    assert error(model, joint(2)) < 4.0
-
-
-@pytest.mark.parametrize(("per", "of"), [(1e6, 1.0), (1e-6, 1e6)])
-def test_a_change_of_units_changes_nothing(per, of):
-    model, other = (
-        identified([joint(0, per=p, of=f), joint(1, 0.02, per=p, of=f)])
-        for p, f in ((1.0, 1.0), (per, of))
-    )
-    expected = model.run_of(joint(2)).a
-    changed = other.run_of(joint(2, per=per, of=of)).a / of
-    assert torch.allclose(changed, expected, rtol=0.0, atol=1e-6 * float(expected.abs().max()))
-
-
-def test_a_batch_is_its_records_one_by_one():
-    records = [joint(0), joint(1, 0.02)]
-    model = identified([stack(records)])
-    runs = model.run_of(stack(records)).a
-    assert torch.equal(runs, torch.stack([model.run_of(record).a for record in records]))
-    assert torch.equal(model.free_run(records[0].drive()).a, runs[0])
 
 
 def test_parallel_sliders_are_told_apart():
@@ -143,13 +111,6 @@ def test_the_stop_operator_forgets_and_takes_up_energy():
     assert torch.equal(z[-1, 0], z[-1, 1])  # whatever it was at the beginning
     assert float((z[1:, 0] * torch.diff(s)).sum()) > 0.0
     assert float(z.abs().max()) <= 0.2
-
-
-def test_hats_add_up_to_one_and_keep_their_ends():
-    x = torch.linspace(-3.0, 3.0, 61, dtype=torch.float64)
-    table = hats(x, 5)
-    assert torch.allclose(table.sum(dim=1), torch.ones(61, dtype=torch.float64))
-    assert torch.equal(table[0], torch.eye(5, dtype=torch.float64)[0])
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,6 @@ import pytest
 import torch
 
 from data.record import Record, stack
-from models.checkpoint import load_estimator, save_estimator
-from models.fit.problem import Problem
-from models.fit.solvers.adam import Adam
 from models.recurrent import Recurrent
 
 DT = 0.01
@@ -56,27 +53,6 @@ def test_it_reads_the_force_and_the_initial_state_alone(cell):
         assert (estimator(replace(record, **{name: moved})) != estimator(record))[0].all()
 
 
-def test_it_sees_no_force_to_come(cell):
-    record = motion()
-    estimator = identified(cell, record)
-    f = record.f.clone()
-    f[60:] += 1.0
-    changed = (estimator(replace(record, f=f)) - estimator(record)).abs().amax(dim=-1)
-    assert (changed[:60] == 0.0).all()
-    assert (changed[60:] > 0.0).all()
-
-
-def test_its_estimate_is_its_free_run_record_by_record(cell):
-    records = [motion(begins="given"), motion(seed=1, begins="given")]
-    estimator = identified(cell, stack(records))
-    together = estimator.free_run(stack(records).drive())
-    for i, record in enumerate(records):
-        run = estimator.free_run(record.drive())
-        assert torch.equal(run.a, estimator(record))
-        for name in ("x", "v", "a"):
-            assert torch.allclose(getattr(together, name)[i], getattr(run, name), atol=1e-12)
-
-
 def test_without_measured_motion_the_acceleration_is_integrated(cell):
     record = replace(motion(), x=None, v=None)
     run = identified(cell, record).free_run(record.drive())
@@ -108,17 +84,6 @@ def test_adam_trains_it(cell):
     while not solver.finished:
         losses += solver.solve(Problem(estimator, record))
     assert losses[-1] < 0.25 * losses[0]
-
-
-def test_a_checkpoint_holds_it_completely(cell, tmp_path):
-    record = motion()
-    estimator = identified(cell, record)
-    save_estimator(estimator, tmp_path / "it.safetensors", cell)
-    other = Recurrent(2, 2, DT, cell=cell, hidden=6)
-    with pytest.raises(ValueError, match="not identified"):
-        other(record)
-    load_estimator(other, tmp_path / "it.safetensors", cell)
-    assert torch.equal(other(record), estimator(record))
 
 
 @pytest.mark.parametrize("wrong", [{"cell": "rnn"}, {"hidden": 0}, {"layers": 0}])

@@ -18,6 +18,13 @@ from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
+from models.fit import free_run_objective
+from models.fit.free_run_objective import FreeRun
+from models.fit.identification import Identification
+from models.fit.resume import SaveProgress, fault_of
+from models.fit.solvers.adam import Adam
+from models.fit.solvers.lbfgs import LBFGS
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from tests.models.two_masses import DT, motion
 
 pytestmark = [
@@ -150,26 +157,3 @@ def test_a_saving_that_never_ends_leaves_the_one_before(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space"):
         trained("lbfgs", tmp_path, go_on=True)
     assert not fault_of(tmp_path / "training.ckpt", RUN)
-
-
-def test_a_negative_interval_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="checkpoint_seconds=-1"):
-        SaveProgress(tmp_path / "training.ckpt", RUN, -1)
-
-
-def test_a_validation_is_of_all_records_together(tmp_path):
-    """Handed out one by one, they would be compared with one another."""
-    with pytest.raises(KilledError):
-        trained("shuffled_mini_batches", tmp_path, KillAfter(1))
-    checkpoint = torch.load(tmp_path / "training.ckpt", weights_only=True)
-    kept = checkpoint["progress"]["identification"]
-    estimator = GlobalMLP(2, 2, DT, hidden=(4,))
-    data = Motions(**CASES["shuffled_mini_batches"][2])
-    data.setup()
-    assert len(data.loader("validation")) == 2
-    state = {k.removeprefix("estimator."): v for k, v in checkpoint["state_dict"].items()}
-    estimator.load_state_dict(state)
-    with torch.no_grad():
-        losses = [float(Problem(estimator, record).loss()) for record in data.loader("validation")]
-    assert kept["best"][0] == pytest.approx(sum(losses) / 2.0, rel=1e-12)
-    assert kept["fails"] == 0

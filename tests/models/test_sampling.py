@@ -10,7 +10,7 @@ import torch
 from scipy.signal import lfilter
 
 from data.record import Drive, Record
-from models.composition.many_runs import ManyRuns, positive_of
+from models.composition.many_runs import ManyRuns
 from models.element_network import ElementNetwork
 from models.uncertainty.laplace import laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
@@ -62,15 +62,6 @@ def test_many_runs_are_the_runs_of_the_model():
             assert own == pytest.approx(model.free_run(record.drive()).a.numpy(), rel=1e-7)
 
 
-def test_positive_coefficients_are_known():
-    model, _ = planted(units=1)
-    names = [n for n, p in model.named_parameters() if p.requires_grad for _ in range(p.numel())]
-    told = {
-        n.removesuffix(".theta") for n, yes in zip(names, positive_of(model), strict=True) if yes
-    }
-    assert told == {"mass", "laws.stiffness", "laws.damping", "laws.unit_limit"}
-
-
 def test_the_likelihood_of_many_is_that_of_each_and_its_gradient_is_exact(linear):
     model, likelihood, _ = linear
     theta = free_vector(model).numpy()
@@ -82,17 +73,6 @@ def test_the_likelihood_of_many_is_that_of_each_and_its_gradient_is_exact(linear
     ]
     set_free_vector(model, torch.from_numpy(theta))
     assert here.gradient == pytest.approx(slopes, rel=1e-4, abs=1e-3)
-
-
-def test_white_noise_makes_the_usual_likelihood(linear):
-    model, likelihood, _ = linear
-    e = likelihood.problems[0].errors().detach().numpy()
-    theta = free_vector(model).numpy()
-    per_band = [len(e) / likelihood.bands] * likelihood.bands
-    assert -likelihood.at(theta).value == pytest.approx(
-        -0.5 * len(e) * (1.0 + np.log(2.0 * np.pi * (e**2).mean() / likelihood.weight**2)),
-        abs=0.1 * len(e) / min(per_band) + 15.0,
-    )
 
 
 def test_samples_of_a_linear_structure_are_as_laplace_has_them(linear):
@@ -109,15 +89,6 @@ def test_samples_of_a_linear_structure_are_as_laplace_has_them(linear):
     assert particles.std(axis=0) == pytest.approx(deviation, rel=0.15)
     size = np.linalg.slogdet(2.0 * np.pi * covariance)[1]
     assert runs[0].log_evidence == pytest.approx(-point.value + 0.5 * size, abs=0.5)
-
-
-def test_the_same_seed_makes_the_same_particles():
-    prior = Prior(np.zeros(2), np.full(2, 3.0))
-    one, same, other = (
-        tempered(_two_humps, prior, 100, np.random.default_rng(seed)) for seed in (0, 0, 1)
-    )
-    assert np.array_equal(one.particles, same.particles)
-    assert not np.array_equal(one.particles, other.particles)
 
 
 def _two_humps(theta: np.ndarray) -> np.ndarray:
@@ -179,9 +150,3 @@ def test_a_flat_profile_is_not_identifiable():
     found = profile_of(likelihood, "r1.unit_1.stiffness", best, point)
     assert found.told == "not identifiable"
     assert found.deviance.max() < 1.0
-
-
-def test_a_record_that_the_model_repeats_exactly_has_no_likelihood():
-    model, record = planted(level=0.0)
-    with pytest.raises(ValueError, match="there is no noise"):
-        Likelihood(model, [record], laplace(model, [record]))

@@ -34,13 +34,6 @@ def scale_of(u: torch.Tensor, *shape: int) -> Extents:
     return scale
 
 
-def test_training_data_reach_both_ends_of_the_interval_and_no_further():
-    u = signal(200, 4)
-    scaled = scale_of(u)(u).numpy()
-    assert np.allclose(scaled.max(axis=0), 1.0, rtol=0.0, atol=1e-14)
-    assert np.allclose(scaled.min(axis=0), -1.0, rtol=0.0, atol=1e-14)
-
-
 def test_a_signal_of_known_extents_is_scaled_as_by_hand():
     u = torch.tensor([[2.0, -3.0], [6.0, -1.0], [5.0, -2.5]]).double()
     wanted = torch.tensor([[-1.0, -1.0], [1.0, 1.0], [0.5, -0.5]]).double()
@@ -56,19 +49,6 @@ def test_extents_do_not_depend_on_the_pieces_they_were_taken_from(order):
     scale.fit(pieces[i] for i in order)
     assert np.allclose(scale.centre, (u.numpy().max(0) + u.numpy().min(0)) / 2.0, rtol=1e-14)
     assert np.allclose(scale.reach, np.ptp(u.numpy(), axis=0) / 2.0, rtol=1e-14)
-
-
-def test_fitting_again_forgets_the_motion_before():
-    scale = scale_of(1e3 * signal(50, 3))
-    scale.fit([signal(50, 3, seed=4)])
-    assert torch.equal(scale.reach, scale_of(signal(50, 3, seed=4)).reach)
-
-
-def test_channels_of_two_axes_are_scaled_one_by_one():
-    u = signal(4, 25, 2, 3)
-    scaled = scale_of(u, 2, 3)(u).reshape(-1, 2, 3)
-    assert torch.allclose(scaled.amax(dim=0), torch.ones(2, 3).double())
-    assert torch.allclose(scaled.amin(dim=0), -torch.ones(2, 3).double())
 
 
 def test_the_inverse_undoes_the_scaling_both_ways():
@@ -88,17 +68,6 @@ def test_a_constant_channel_keeps_its_unit_and_loses_its_mean():
     assert torch.allclose(scale(u + 0.5)[:, 1], torch.full((20,), 0.5).double())
 
 
-def test_unseen_motion_exceeds_the_interval_in_proportion():
-    u = torch.linspace(-2.0, 4.0, 7, dtype=torch.float64)[:, None]
-    scale = scale_of(u)
-    assert torch.allclose(scale(torch.tensor([[7.0], [-5.0]]).double()).T.squeeze(),
-                          torch.tensor([2.0, -2.0]).double())  # fmt: skip
-
-
-def test_a_scale_that_was_never_fitted_changes_nothing():
-    assert torch.equal(Extents(3)(signal(9, 3)), signal(9, 3))
-
-
 @pytest.mark.parametrize("model", [GlobalMLP, ResidualMLP])
 def test_scoring_another_motion_leaves_the_scaling_alone(model):
     estimator = model(2, 2, 0.01)
@@ -107,14 +76,6 @@ def test_scoring_another_motion_leaves_the_scaling_alone(model):
     score(estimator, [motion(seed=2).map(lambda u: 5.0 * u)])
     assert all(torch.equal(u, before[name]) for name, u in estimator.state_dict().items())
     assert (estimator.network.input_scale.reach != 1.0).all()
-
-
-def test_the_scales_of_a_global_network_are_those_of_its_training_signals():
-    record, estimator = motion(), GlobalMLP(2, 2, 0.01)
-    estimator.identify([record.window(0, 30), record.window(30, 50)])
-    inputs = np.concatenate([record.x, record.v, record.f], axis=1)
-    for scale, u in ("input_scale", inputs), ("output_scale", record.a.numpy()):
-        assert np.allclose(getattr(estimator.network, scale).reach, np.ptp(u, axis=0) / 2.0)
 
 
 @pytest.mark.parametrize("model", [GlobalMLP, ResidualMLP])

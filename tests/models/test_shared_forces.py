@@ -8,8 +8,7 @@ import torch
 
 from data.record import Record, stack
 from models.element_network_branch import ElementNetworkBranch
-from models.fit.objective import restore, state_of
-from models.starts import branch_choice, shared_forces
+from models.starts import branch_choice
 from models.starts.branch_polish import motions_of
 from models.starts.shared_forces import Balance, fit_together
 from models.uncertainty.parameters import free_vector
@@ -90,18 +89,3 @@ def test_masses_of_a_frame_on_a_shaken_base_are_damped(model):
     assert model.drag is not None
     (slopes,) = torch.autograd.grad(reference.a.sum(), [model.drag.theta])
     assert float(trace.jacobian[..., -1].sum()) == pytest.approx(float(slopes), rel=1e-6)
-
-
-def test_what_laws_of_shared_forces_hold_and_what_is_asked_for():
-    assert network(ramps=None, bends=None).sizes[1:] == (3, 6, 2)
-    assert network(ramps=None, bends=None, force_memory=True).sizes[1:] == (6, 6, 2)
-    chain = ElementNetworkBranch(2, 1, DT, "chain", MASSES, "base")
-    assert chain.sizes[1:] == (7, 14, 4)  # sides may differ
-
-
-def test_a_prior_that_is_given_is_not_judged(monkeypatch):
-    monkeypatch.setattr(branch_choice, "FIRST", 2)
-    monkeypatch.setattr(shared_forces, "ITERATIONS", 1)
-    model = network(prior=1e-2)
-    assert "held_back_percent" not in model.identify([stack([shaken(0), shaken(1)])])
-    assert float(model.weight) == 1e-2

@@ -86,38 +86,6 @@ def test_a_displacement_that_is_wrongly_scaled_or_lags_is_told(scale, lag, agree
     assert are_of_one_motion(wrong, smoothed(wrong)) is agrees
 
 
-def test_a_displacement_that_alone_has_noise_is_smoothed_by_the_others():
-    truth = moved(0)
-    measured = replace(truth, x=noisy(truth, 0.03, 1).x)
-    better = smoothed(measured)
-    assert are_of_one_motion(measured, better)
-    assert off(better, truth, "x") < 0.1 * off(measured, truth, "x")
-
-
-def test_a_change_of_units_changes_nothing():
-    one, other = (smoothed(noisy(moved(3, per), 0.05, 4)) for per in (1.0, 1e3))
-    for name in ("x", "v"):
-        here, there = getattr(one, name), getattr(other, name) / 1e3
-        assert torch.allclose(here, there, rtol=0.0, atol=1e-9 * float(here.abs().max()))
-
-
-def test_a_channel_that_is_zero_or_stands_still_harms_no_other():
-    measured = noisy(moved(8), 0.05, 8)
-    zero = [torch.stack([u[:, 0], 0.0 * u[:, 1]], dim=1) for u in (measured.x, measured.v)]
-    still = torch.stack([measured.x[:, 0], torch.ones(SAMPLES).double()], dim=1)
-    for x in (zero[0], still):
-        found = smoothed(replace(measured, x=x, v=zero[1]))
-        assert torch.equal(found.x[:, 0], smoothed(measured).x[:, 0])
-        assert torch.equal(found.x[:, 1], x[:, 1])
-
-
-def test_every_motion_of_a_batch_is_smoothed_by_itself():
-    records = [noisy(moved(seed), 0.05, seed) for seed in (5, 6)]
-    whole = smoothed(records[0].map(lambda u: torch.stack([u, u])))
-    assert torch.equal(whole.x[1], smoothed(records[0]).x)
-    assert not torch.equal(smoothed(records[1]).x, whole.x[0])
-
-
 def test_laws_of_a_chain_are_found_in_states_with_noise():
     """Without masses; in the states as they are, tenths of noise are yielding that never was."""
     structure = Structure(

@@ -14,7 +14,7 @@ from models.element_network import ElementNetwork
 from models.fit.free_run_objective import FreeRun
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.latent_hysteresis_network import LatentHysteresisNetwork, modes_of
-from models.starts.ladder import left_open, nearest, not_negative, triangle
+from models.starts.ladder import nearest, not_negative, triangle
 from models.starts.spectra import Layout, LinearStructure, Spectra, respond, typical
 
 DT = 0.01
@@ -103,10 +103,6 @@ def test_derivatives_of_a_response_are_those_of_differences(base):
 BENT = [900.0, -100.0, -40.0, 700.0, -80.0, 500.0]  # N/m; all but a chain's are below zero
 
 
-class Positive(ElementNetwork):
-    takes_either_sign = False
-
-
 def bent_frame(kind: type[ElementNetwork] = ElementNetwork) -> ElementNetwork:
     """All pairs of three masses on a shaken base, whose columns bend over several storeys."""
     model = kind(3, 1, DT, "all", forced="base", hinges=0, units=0, from_accelerations=True)
@@ -127,30 +123,6 @@ def test_a_frame_whose_columns_bend_over_storeys_is_found_by_negative_springs():
     assert [k > 0.0 for k in found.stiffness] == [k > 0.0 for k in BENT]
 
 
-def test_springs_of_either_sign_pass_through_zero():
-    model = bent_frame()
-    stiffness = model.laws.stiffness
-    assert stiffness().detach() == pytest.approx(torch.tensor(BENT))
-    assert stiffness.exponential.tolist() == [k > 0.0 for k in BENT]
-    slope, theta = stiffness.slope(), stiffness.theta.data
-    for step in (0.3, -2.0, 2.0):
-        before = stiffness().tolist()
-        theta[1] += step
-        assert stiffness().tolist()[1] - before[1] == pytest.approx(step * float(slope[1]))
-    assert Positive(3, 1, DT, "all", forced="base").laws.either == []
-    assert ElementNetwork(3, 1, DT, "chain", forced="base").laws.either == []
-    assert ElementNetwork(3, 3, DT, "all").laws.either == []
-
-
-def test_a_tie_of_springs_of_which_one_may_be_negative():
-    model = ElementNetwork(
-        3, 1, DT, "all", forced="base", ties=[["r2.stiffness", "r5.stiffness", "r6.stiffness"]]
-    )
-    k = torch.tensor([900.0, 200.0, -40.0, 700.0, 200.0, 200.0], dtype=torch.float64)
-    model.laws.start(k, 0.002 * k.abs(), torch.full_like(k, 0.1), (0.5, 0.5))
-    assert model.laws.stiffness().detach() == pytest.approx(k)
-
-
 # Least squares with bounds
 
 
@@ -164,14 +136,6 @@ def test_bounds_hold_and_the_solution_is_exact_where_they_are_idle():
     assert (not_negative(factor) >= 0.0).all()
 
 
-def test_what_a_record_leaves_open_is_named():
-    rng = np.random.default_rng(0)
-    rows = rng.standard_normal((200, 3))
-    rows[:, 2] = 1e6 * rows[:, 1]
-    factor = triangle(torch.from_numpy(rows), torch.from_numpy(rows[:, 0]))
-    assert left_open(factor, ["mass", "spring", "damper"]) == (2, ["spring", "damper"])
-
-
 # The ladder
 
 
@@ -183,13 +147,6 @@ def test_a_yielding_noisy_chain_on_a_shaken_base_gets_a_start():
     assert (model.mass() > 0.0).all()
     assert (model.laws.stiffness() > 0.0).all()
     assert error(model, record) < 0.5
-
-
-def test_what_least_squares_gives_is_kept_where_it_is_a_structure():
-    record = motion(planted(False))
-    model = ElementNetwork(3, 3, DT, from_accelerations=True)
-    assert model.identify([record])["start"] == "least squares"
-    assert model.mass().tolist() == pytest.approx(MASSES, rel=0.02)
 
 
 @pytest.mark.parametrize("channel", ["a2", "f1", "all forces"])
@@ -207,10 +164,9 @@ def test_the_channel_whose_sign_is_wrong_is_named(channel):
         model.identify([replace(record, a=a, f=f)])
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.1])
 @pytest.mark.parametrize("base", [True, False])
-def test_a_latent_network_gets_a_start(base, noise):
-    record = motion(planted(base, 0.8), noise=noise)
+def test_a_latent_network_gets_a_start(base):
+    record = motion(planted(base, 0.8), noise=0.1)
     model = LatentHysteresisNetwork(3, record.f.shape[1], DT, from_accelerations=True)
     model.identify([record])
     assert error(model, record) < 0.6
@@ -251,22 +207,3 @@ def fitted(record: Record, model) -> float:
     while not solver.finished:
         solver.solve(objective.problem(model, stack([record]), 0))
     return error(model, record)
-
-
-@pytest.mark.parametrize("factor", [1e-6, 1e6])
-@pytest.mark.parametrize("base", [True, False])
-@pytest.mark.parametrize("kind", [ElementNetwork, LatentHysteresisNetwork])
-def test_units_of_forces_and_lengths_change_nothing(kind, base, factor):
-    """Small motions, for a free run beyond 1e6 m counts as lost."""
-    record = motion(planted(base, 0.7), 1500, noise=0.03)
-    more = {"forced": "base"} if base and kind is ElementNetwork else {}
-    make = lambda: kind(3, record.f.shape[1], DT, from_accelerations=True, **more)
-    plain = fitted(record, make())
-    f = record.f * factor if base else record.f
-    assert fitted(replace(record, a=factor * record.a, f=f), make()) == pytest.approx(
-        plain, rel=1e-5
-    )
-    if not base:
-        assert fitted(replace(record, f=factor * record.f), make()) == pytest.approx(
-            plain, rel=1e-5
-        )

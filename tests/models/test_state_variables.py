@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.signal import bilinear, lfilter
 
-from models.layers.state_variables import SHARE, corner_frequency, state_variables
+from models.layers.state_variables import state_variables
 
 DT = 0.01
 
@@ -26,7 +26,7 @@ def column(signal: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(signal)[:, None]
 
 
-@pytest.mark.parametrize("corner", [0.5, 3.0, 20.0])
+@pytest.mark.parametrize("corner", [0.5, 20.0])
 def test_of_a_linear_oscillator_mass_damper_and_spring_follow_exactly(corner):
     """From accelerations alone, at rest at first: m a + c v + k x = f for the filtered signals."""
     planted = [2.0, 0.7, 60.0]
@@ -35,18 +35,6 @@ def test_of_a_linear_oscillator_mass_damper_and_spring_follow_exactly(corner):
     f = state_variables(column(force), corner, DT)[2]
     found = torch.linalg.lstsq(torch.cat([a, v, x], dim=1), f).solution[:, 0]
     assert torch.allclose(found, torch.tensor(planted).double(), rtol=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("which", "numerator"), [(0, [1.0]), (1, [1.0, 0.0]), (2, [1.0, 0.0, 0.0])]
-)
-def test_the_filters_are_those_of_scipy(which, numerator):
-    """1, s and s² over (s + ω₀)²."""
-    corner, signal = 4.0, force_of(500)
-    b, a = bilinear(numerator, [1.0, 2.0 * corner, corner**2], fs=1.0 / DT)
-    ours = state_variables(column(signal), corner, DT)[which][:, 0].numpy()
-    wanted = lfilter(b, a, signal)
-    assert np.abs(ours - wanted).max() < 1e-9 * np.abs(wanted).max()
 
 
 def test_a_filtered_signal_knows_nothing_of_what_is_to_come():
@@ -66,10 +54,3 @@ def test_an_offset_of_the_accelerometer_does_not_drift():
     assert float(x[-1, 0]) == pytest.approx(0.25, rel=1e-9)
     assert v[-1].abs().max() < 1e-9
     assert a[-1].abs().max() < 1e-9
-
-
-@pytest.mark.parametrize("hertz", [1.0, 4.0])
-def test_the_corner_is_a_share_of_the_frequency_of_the_motion(hertz):
-    t = DT * torch.arange(4000).double()[:, None]
-    corner = corner_frequency(torch.cat([torch.sin(2.0 * np.pi * hertz * t), 0.0 * t], dim=1), DT)
-    assert corner == pytest.approx(SHARE * 2.0 * np.pi * hertz, rel=0.03)

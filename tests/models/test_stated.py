@@ -13,12 +13,9 @@ from data.record import Drive, Record, stack
 from data.sample import Sensors
 from models.composition.many_runs import ManyRuns
 from models.element_network import ElementNetwork
-from models.fit.by_noise import refit
-from models.fit.problem import FreeRunProblem
-from models.hysteretic_element import HystereticElement
 from models.training.assemble import estimator_from
 from models.uncertainty.intervals import DETERMINED, intervals_of
-from models.uncertainty.laplace import about, laplace
+from models.uncertainty.laplace import laplace
 from models.uncertainty.parameters import free_vector
 from models.uncertainty.posterior import Prior
 from report.run.intervals import contradictions
@@ -88,29 +85,6 @@ def test_a_prior_counts_as_much_as_its_variance_beside_that_of_the_noise(measure
     assert Prior.of(model).width.min() == pytest.approx(own)
 
 
-def test_slow_noise_gives_a_prior_more_weight(measured):
-    rng = np.random.default_rng(0)
-    slow = lfilter([0.3], [1.0, -0.95], rng.standard_normal((1, T, 2)), axis=1)
-    slow = torch.from_numpy(slow)
-    record = replace(measured, a=measured.a + NOISE * float(measured.a.std()) * slow)
-    _, _, found = at_minimum(record)
-    model, both, _ = at_minimum(record, priors={"r1.damping": [C, 0.05]})
-    assert float(model.colour[0]) == pytest.approx(found.colour[model.numbers_of_stated()[0]], 0.3)
-    assert float(model.colour[0]) > 2.0
-    assert both["r1.damping"].half < 1.96 * 0.05 * 1.01 * C
-
-
-def test_a_prior_makes_the_covariance_that_bayes_has():
-    rng = np.random.default_rng(0)
-    J, sd = rng.standard_normal((400, 1, 3)), 0.2
-    noise = rng.standard_normal((400, 1))
-    gram, variance = J[:, 0].T @ J[:, 0], float((noise**2).sum()) / 397
-    held = np.array([0.0, variance / sd**2, 0.0])
-    found = about([noise], [J], held, np.zeros(3), stated={1: sd})
-    wanted = np.linalg.inv(gram / variance + np.diag([0.0, sd**-2, 0.0]))
-    assert found.white == pytest.approx(wanted, rel=2e-2, abs=1e-6)
-
-
 def test_records_that_contradict_a_prior_are_told_and_the_interval_spans_both(measured):
     _, alone, _ = at_minimum(measured)
     model, both, found = at_minimum(measured, priors={"r1.stiffness": [3.0 * K, 0.01]})
@@ -176,14 +150,6 @@ def test_a_prior_sets_the_scale_that_no_force_tells():
     assert heavy.laws.stiffness().tolist() == pytest.approx([150e3, 150e3], rel=0.1)
 
 
-def test_elements_side_by_side_may_be_tied():
-    model = HystereticElement(2, 4, DT, ties=[["r1", "r2"]], priors={"r1.stiffness": [5.0, 0.1]})
-    model.laws.start(torch.tensor([4.0, 9.0]), torch.ones(2), torch.ones(2), (0.5, 0.5))
-    assert model.laws.stiffness().tolist() == pytest.approx([6.0, 6.0])
-    model.start_as_stated()
-    assert model.laws.stiffness().tolist() == pytest.approx([5.0 * np.exp(0.1)] * 2)
-
-
 @pytest.mark.parametrize(
     ("stated", "said"),
     [
@@ -218,7 +184,7 @@ def test_what_cannot_be_stated_is_refused(stated, said):
         ElementNetwork(2, 2, DT, CHAIN, **{"units": 1, **stated})
 
 
-@pytest.mark.parametrize("model", ["vwnn", "element_network_branch", "latent_hysteresis_network"])
+@pytest.mark.parametrize("model", ["vwnn", "latent_hysteresis_network"])
 @pytest.mark.parametrize("word", ["model.priors.r1.stiffness=[1,0.1]", "model.ties=[[r1,r2]]"])
 def test_models_without_such_parameters_say_so(model, word):
     cfg = composed(f"model={model}", word)

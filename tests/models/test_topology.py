@@ -32,16 +32,14 @@ def bridge(abutment: float) -> ElementNetwork:
     return model
 
 
-@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("yielding", [0.0, 0.7])
-def test_a_building_is_a_chain(yielding, seed):
-    record = motion(planted(True, yielding), 2000, noise=0.03, seed=seed)
+def test_a_building_is_a_chain(yielding):
+    record = motion(planted(True, yielding), 2000, noise=0.03, seed=0)
     assert topology_of([record]) == "chain"
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_a_deck_that_moves_against_the_ground_is_none(seed):
-    records = [motion(bridge(1000.0), 2000, noise=0.03, seed=seed + 10 * i) for i in range(2)]
+def test_a_deck_that_moves_against_the_ground_is_none():
+    records = [motion(bridge(1000.0), 2000, noise=0.03, seed=10 * i) for i in range(2)]
     assert topology_of(records) == "all"
 
 
@@ -54,14 +52,13 @@ def test_units_do_not_matter():
         assert topology_of([slow]) == "all"
 
 
-@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize(
     ("system", "told"),
     [("steel_frame", "chain"), ("self_centering_frame", "chain"), ("slack_braced_frame", "chain"),
      ("timber_house", "chain"), ("isolated_building", "chain"), ("bridge_piers", "all")],
 )  # fmt: skip
-def test_on_one_support_displacements_tell_it_and_without_them_it_is_a_chain(system, told, seed):
-    words = [f"system={system}", "data.duration=20", "data.calibration_records=0", f"seed={seed}"]
+def test_on_one_support_displacements_tell_it_and_without_them_it_is_a_chain(system, told):
+    words = [f"system={system}", "data.duration=20", "data.calibration_records=0", "seed=0"]
     data = data_from(composed(*words, "model=element_network_named"))
     data.setup()
     (record,) = data.records["train"]

@@ -9,18 +9,16 @@ import pytest
 import torch
 from scipy.signal import lfilter
 
-from data.record import Drive, Record, stack
+from data.record import Drive, Record
 from models.element_network import ElementNetwork
 from models.uncertainty.intervals import (
     COMBINATION,
     DETERMINED,
-    GIVEN,
     UNEXCITED,
     intervals_of,
 )
 from models.uncertainty.laplace import NORMAL, about, laplace
-from models.uncertainty.noise import noise_of
-from models.uncertainty.parameters import free_vector, set_free_vector, slopes
+from models.uncertainty.parameters import free_vector, set_free_vector
 
 T, DRAWS = 1500, 300
 DT, CHAIN = 0.01, [["ground", "x1"], ["x1", "x2"]]
@@ -66,38 +64,11 @@ def coverage(colour: float) -> tuple[float, float]:
     return float(colour_blind[0]), float(colour_blind[1])
 
 
-def test_intervals_cover_under_white_noise():
-    coloured, white = coverage(0.0)
-    assert 0.93 < coloured < 0.97
-    assert 0.93 < white < 0.97
-
-
 def test_intervals_cover_under_coloured_noise_where_plain_ones_do_not():
+    assert coverage(0.0) == pytest.approx((0.95, 0.95), abs=0.02)
     coloured, white = coverage(0.9)
     assert 0.92 < coloured < 0.975
     assert white < 0.85
-
-
-def test_the_noise_of_each_channel_is_told():
-    rng = np.random.default_rng(0)
-    noise = rng.standard_normal((T, 2)) * [0.1, 2.0]
-    J = np.stack([slow_columns(rng)[:, 0]] * 2, axis=1)
-    root = np.linalg.inv(np.linalg.cholesky(np.einsum("tnp,tnq->pq", J, J))).T
-    assert noise_of([noise], [J], root).deviation == pytest.approx([0.1, 2.0], rel=0.1)
-
-
-def test_slopes_are_those_of_the_coefficients():
-    model, _ = planted()
-    values = slopes(model, lambda: model.laws.stiffness().tolist())
-    theta = free_vector(model)
-    numbers = model.composition().laws.index[:, 0]
-    for e, number in enumerate(numbers.tolist()):
-        assert values[e, number] == pytest.approx(
-            float(model.laws.stiffness()[e].detach()), rel=1e-6
-        )
-    assert torch.equal(free_vector(model), theta)
-    set_free_vector(model, theta + 1.0)
-    assert torch.equal(free_vector(model), theta + 1.0)
 
 
 def noisy(record, level: float, seed: int = 0):
@@ -123,25 +94,6 @@ def test_intervals_of_a_network_cover_what_was_planted():
     assert np.mean(hits) > 0.9
 
 
-def test_a_change_of_units_changes_no_relative_interval():
-    model, record = planted()
-    noisy_record = noisy(record, 0.02)
-    found = laplace(model, [noisy_record])
-    scaled = about(
-        *[[1e6 * s for s in part] for part in _arrays(model, noisy_record)],
-        np.zeros(len(found.step)), np.zeros(len(found.step)),
-    )  # fmt: skip
-    plain = about(
-        *_arrays(model, noisy_record), np.zeros(len(found.step)), np.zeros(len(found.step))
-    )
-    assert scaled.coloured == pytest.approx(plain.coloured, rel=1e-6)
-
-
-def _arrays(model, record):
-    trace = model.trace(record.drive(), derivatives=True)
-    return [(record.a - trace.response.a).numpy()], [trace.jacobian.numpy()]
-
-
 def test_what_the_motion_does_not_move_is_not_excited():
     model, record = planted()
     far = 50.0 * float(model.trace(record.drive()).deformations.abs().max())
@@ -165,17 +117,3 @@ def test_springs_in_parallel_are_told_in_a_combination():
     assert found["r1.stiffness"].status == COMBINATION
     assert found["r1.stiffness"].combined_with == ("r1.unit_1.stiffness",)
     assert found["r1.post_yield_stiffness"].status == DETERMINED
-
-
-def test_masses_that_were_given_have_no_interval():
-    model, record = planted(masses=True)
-    found = intervals_of(model, laplace(model, [noisy(record, 0.02)]))
-    assert {i.status for i in found if i.name.endswith("mass")} == {GIVEN}
-
-
-def test_records_of_a_batch_count_one_by_one():
-    model, record = planted()
-    one, other = noisy(record, 0.02, 1), noisy(record, 0.02, 2)
-    together, single = laplace(model, [stack([one, other])]), laplace(model, [one])
-    ratio = np.sqrt(single.white.diagonal() / together.white.diagonal())
-    assert np.median(ratio) == pytest.approx(2**0.5, rel=0.1)

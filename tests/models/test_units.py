@@ -59,7 +59,6 @@ SHORTER = {
         "prior": 1e-6,
     },
     "models.ElementNetworkNamed": {"laws": ["Linear"]},
-    "models.BranchElement": {"ramps": 2, "bends": 1, "law_starts": 1},
 }
 NAMES = {path.stem for folder in (CONF, EARLIER) for path in (folder / "model").glob("*.yaml")}
 MODELS = sorted(NAMES.difference(STATED))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from data.record import Record, Truth
+from data.record import Truth
 from data.simulation.elements import Polynomial
 from data.simulation.structure import Structure
 from models.composition.measured_states import MEASURES
@@ -16,8 +16,7 @@ from models.physical.truth import forces_of
 from models.uncertainty.bands import half_widths
 from models.uncertainty.laplace import laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
-from models.uncertainty.unmeasured import DEFORMATION, DISPLACEMENT, FORCE, Signal, unmeasured
-from report.run.figures import element_forces
+from models.uncertainty.unmeasured import DEFORMATION, DISPLACEMENT, FORCE, unmeasured
 from tests.models.test_uncertainty import noisy, planted
 
 
@@ -47,14 +46,6 @@ def test_true_displacements_and_forces_lie_in_the_bands():
     assert np.mean(hits, axis=0) == pytest.approx(0.95, abs=0.05)
 
 
-def test_parameters_stay_and_an_unknown_beginning_has_no_such_bands():
-    model, record = planted()
-    found, theta = laplace(model, [noisy(record, 0.03)]), free_vector(model)
-    assert set(unmeasured(model, found, record, forces=False)) == {DISPLACEMENT}
-    assert torch.equal(free_vector(model), theta)
-    assert unmeasured(model, found, replace(record, initial_state="unknown")) == {}
-
-
 def test_true_forces_have_the_order_and_the_direction_of_the_models_elements():
     model, record = planted()
     linear = {"stiffness": 80.0, "damping": 0.1}
@@ -66,16 +57,3 @@ def test_true_forces_have_the_order_and_the_direction_of_the_models_elements():
     truth = Truth(record.x, record.v, record.a, y=r, r=r)
     forces = forces_of(Structure([1.0, 1.5], elements), model, truth)
     assert torch.equal(forces, torch.stack([r[:, 1], -r[:, 0]], dim=1))
-
-
-@pytest.mark.parametrize("known", [True, False])  # what is true; of a measured record it is not
-def test_forces_are_drawn_with_their_bands(known):
-    run = torch.sin(torch.arange(2000, dtype=torch.float64) / 50.0)[:, None].repeat(1, 3)
-    record = Record(dt=0.01, a=run[:, :2], f=run[:, :1])
-    signal = Signal(run, 0.1 * torch.ones_like(run), truth=run if known else None)
-    figure = element_forces(record, signal, ["ground–x1", "x1–x2", "x2–x3"])
-    labels = [
-        axes.get_ylabel() for axes in figure.axes if not axes.get_ylabel().startswith("error")
-    ]
-    assert labels == ["ground–x1 [N]", "x1–x2 [N]", "x2–x3 [N]"]
-    assert all(axes.collections for axes in figure.axes)  # the bands

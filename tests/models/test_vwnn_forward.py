@@ -35,7 +35,7 @@ def forward(bilinear_records) -> ForwardVWNN:
     return estimator
 
 
-@pytest.fixture(scope="module", params=[1, 2, 3])
+@pytest.fixture(scope="module", params=[1, 3])
 def paper(request, bilinear_records) -> VWNN:
     estimator = VWNN(3, 3, DT, order=request.param, ridge=1e-6, unfiltered_excitation=True)
     estimator.identify(bilinear_records[:2])
@@ -69,15 +69,6 @@ def decayed(step: np.ndarray, first: float, k: int) -> np.ndarray:
     return np.linalg.matrix_power(step[:, :3], k) @ step[:, 4] * first
 
 
-def test_slow_poles_give_velocity_and_displacement():
-    t = DT * torch.arange(2000.0, dtype=torch.float64)[:, None]
-    x, v, a = torch.sin(6.0 * t), 6.0 * torch.cos(6.0 * t), -36.0 * torch.sin(6.0 * t)
-    filters = SlowCascades([1e-4, 2e-4], DT)
-    ours = filters.outputs @ filters.states(a)  # from v = 0, where the sine begins with v = 6
-    assert (ours[:, 0] - (v - 6.0)).abs().max() < 0.02
-    assert (ours[:, 1] - (x - 6.0 * t))[:500].abs().max() < 0.05
-
-
 def test_slow_cascades_do_not_see_the_input_at_their_own_sample():
     a = torch.randn(50, 2, dtype=torch.float64)
     other = a.clone()
@@ -86,16 +77,6 @@ def test_slow_cascades_do_not_see_the_input_at_their_own_sample():
     one, two = (filters.outputs @ filters.states(u) for u in (a, other))
     assert torch.equal(one[:21], two[:21])
     assert (one[21] != two[21]).all()
-
-
-def test_states_sample_by_sample_equal_those_of_the_whole():
-    a = torch.randn(2, 50, 3, dtype=torch.float64)
-    filters = SlowCascades(CUTOFFS, DT)
-    states, (A, b) = filters.states(a), filters.transition()
-    state = torch.zeros_like(states[:, 0])
-    for k in range(50):
-        assert torch.allclose(state, states[:, k], rtol=0, atol=1e-13)
-        state = A @ state + b[:, None] * a[:, k, None, :]
 
 
 # --- free runs ---
@@ -120,15 +101,6 @@ def test_the_forward_free_run_is_a_fixed_point_of_its_one_step_estimate(forward,
     assert relative(forward(Record(DT, run.a, bilinear_record.f)), run.a) < 1e-9
 
 
-@pytest.mark.parametrize("choices", [{"squares": False}, {"bias": False}, {"stages": 3}])
-def test_every_paper_configuration_runs_free(bilinear_records, choices):
-    estimator = VWNN(3, 3, DT, ridge=1e-6, **choices)
-    estimator.identify(bilinear_records[:1])
-    record = bilinear_records[1].window(0, 200)
-    run = estimator.free_run(record.drive())
-    assert relative(estimator(Record(DT, run.a, record.f)), run.a) < 1e-9
-
-
 @pytest.mark.parametrize("kind", ["paper", "forward"])
 def test_a_linear_structure_runs_free_on_forces_it_never_saw(
     linear_structure, record_of, linear_record, kind
@@ -147,15 +119,6 @@ def test_a_linear_structure_runs_free_on_forces_it_never_saw(
     assert relative(run.v, other.v) < 0.02
 
 
-def test_a_batch_runs_record_by_record(paper, forward, bilinear_records):
-    records = [r.window(0, 100) for r in bilinear_records]  # third order diverges: rounding grows
-    for estimator in (paper, forward):
-        together = estimator.free_run(stack(records).drive())
-        assert together.x.shape == together.v.shape == together.a.shape == (3, 100, 3)
-        for own, record in zip(together.a, records, strict=True):
-            assert relative(own, estimator.free_run(record.drive()).a) < 1e-9
-
-
 def test_odd_orders_alone_are_an_odd_map(forward, bilinear_records, bilinear_record):
     odd = VWNN(3, 3, DT, order=[1, 3], bias=False, ridge=1e-6, unfiltered_excitation=True)
     odd.identify(bilinear_records[:2])
@@ -163,20 +126,6 @@ def test_odd_orders_alone_are_an_odd_map(forward, bilinear_records, bilinear_rec
     for estimator in (odd, forward):
         run, mirrored = (estimator.free_run(replace(drive, u=s * drive.u)) for s in (1.0, -1.0))
         assert torch.equal(mirrored.a, -run.a)
-
-
-def test_gradients_pass_a_free_run(forward, bilinear_record):
-    drive, planted = bilinear_record.window(0, 40).drive(), forward.weights.detach().clone()
-
-    def energy(factor: torch.Tensor) -> torch.Tensor:
-        forward._parameters["weights"] = planted * factor
-        return forward.free_run(drive).a.square().sum()
-
-    try:
-        factor = torch.ones(3, dtype=torch.float64, requires_grad=True)
-        assert torch.autograd.gradcheck(energy, (factor,), rtol=1e-4)
-    finally:
-        forward._parameters["weights"] = torch.nn.Parameter(planted, requires_grad=False)
 
 
 # --- identification ---
@@ -225,44 +174,16 @@ def test_a_free_run_that_diverges_raises_the_ridge_and_says_so(monkeypatch, bili
     assert 0.0 < facts["free_run_percent"] < 100.0
 
 
-def test_records_one_by_one_or_in_a_batch_identify_the_same(forward, bilinear_records):
-    estimator = small(ridge=1e-6)
-    estimator.identify([stack(bilinear_records[:2])])
-    drive = bilinear_records[2].drive()
-    assert relative(estimator.free_run(drive).a, forward.free_run(drive).a) < 1e-4
-
-
-def test_a_saved_state_restores_the_free_run(forward, bilinear_record):
-    fresh = small()
-    with pytest.raises(ValueError, match="is not identified yet"):
-        fresh.free_run(bilinear_record.drive())
-    fresh.load_state_dict(forward.state_dict())
-    drive = bilinear_record.drive()
-    assert torch.equal(fresh.free_run(drive).a, forward.free_run(drive).a)
-
-
-def test_tenfold_signals_are_the_same_problem(forward, bilinear_records):
-    tenfold = [record.map(lambda u: 10.0 * u) for record in bilinear_records]
-    estimator = small(ridge=1e-6)
-    estimator.identify(tenfold[:2])
-    run = estimator.free_run(tenfold[2].drive())
-    assert relative(run.a / 10.0, forward.free_run(bilinear_records[2].drive()).a) < 1e-6
-
-
 @pytest.mark.parametrize(
     ("choices", "message"),
     [
         ({"cutoffs": (1.0, 400.0)}, "cutoffs=400 rad/s lies above the Nyquist frequency"),
         ({"cutoffs": (0.0, 1.0)}, "cutoffs=0 rad/s must lie between 0 and"),
         ({"cutoffs": (1.0,)}, "expected at least two, from slow to fast"),
-        ({"cutoffs": (2.0, 1.0)}, "from slow to fast, none twice"),
         ({"cutoffs": (1.0, 1.0)}, "from slow to fast, none twice"),
         ({"factors": 6}, r"model\.factors=6: expected 1 to 5"),
-        ({"factors": 0}, r"model\.factors=0"),
         ({"refinements": -1}, r"model\.refinements=-1"),
         ({"order": [3, 1]}, r"model\.order=\[3, 1\]: choose 1, 2 or 3"),
-        ({"order": []}, r"model\.order=\[\]"),
-        ({"order": [1, 5]}, r"model\.order=\[1, 5\]"),
         ({"sigmoid_weight": 0.0}, "must be positive"),
     ],
 )
@@ -270,26 +191,3 @@ def test_settings_that_cannot_be_are_refused(choices, message):
     choices = {"factors": 1, **choices} if "cutoffs" in choices else choices
     with pytest.raises(ValueError, match=message):
         small(**choices)
-
-
-def test_an_excitation_that_does_not_fit_is_refused(paper, forward, bilinear_record):
-    drive = bilinear_record.drive()
-    for estimator in (paper, forward):
-        with pytest.raises(ValueError, match=r"the excitation has dt=0\.02 s"):
-            estimator.free_run(replace(drive, dt=0.02))
-        with pytest.raises(ValueError, match="there are 2 channels of excitation"):
-            estimator.free_run(replace(drive, u=drive.u[:, :2]))
-
-
-def test_support_motion_without_forces_is_refined_too(bilinear_record):
-    """No channel of force: the first record as a batch of one, and as it is."""
-    whole = bilinear_record.window(0, 500)
-    moved = 0.01 * whole.f[:, :1]
-    record = replace(whole, f=whole.f[:, :0], s=moved, s_dot=moved, truth=None)
-    found = []
-    for batch in (record, stack([record])):
-        model = ForwardVWNN(3, 2, DT, cutoffs=CUTOFFS, factors=3, refinements=1)
-        model.identify([batch])
-        found.append(model.weights)
-    assert torch.isfinite(found[0]).all()
-    assert torch.allclose(*found, rtol=1e-6, atol=1e-9)

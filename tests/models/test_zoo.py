@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 import warnings
-from pathlib import Path
 
 import pytest
 import torch
@@ -14,7 +13,6 @@ import yaml
 
 from data.record import Drive
 from data.simulation.accelerograms import Accelerogram
-from models.estimator import NoFreeRunError
 from models.zoo import list_pretrained, load_pretrained
 from models.zoo.golden import difference
 from models.zoo.index import ROOT, Entry, entries, entry_of, folder_of
@@ -50,15 +48,6 @@ def test_a_published_free_run_is_what_it_was(entry):
     assert difference(load_pretrained(entry.name).model, entry.folder / "golden.npz") <= 1e-9
 
 
-def test_a_law_that_is_changed_in_the_ninth_digit_is_found():
-    pretrained = load_pretrained("element_network/bouc_wen")
-    golden = entry_of("element_network/bouc_wen").folder / "golden.npz"
-    assert difference(pretrained.model, golden) <= 1e-12
-    with torch.no_grad():
-        pretrained.model.laws.stiffness.theta += 1e-7
-    assert difference(pretrained.model, golden) > 1e-9
-
-
 def test_the_zoo_is_below_a_megabyte():
     files = [path for path in ROOT.rglob("*") if path.is_file()]
     assert sum(path.stat().st_size for path in files) <= MEGABYTE
@@ -88,13 +77,6 @@ def test_a_card_has_front_matter_and_tells_all(entry):
     for head in (*heads, "Licence"):
         assert f"\n## {head}\n" in body
     assert "python train.py" in body
-
-
-def test_the_hub_s_own_reader_takes_the_front_matter():
-    hub = pytest.importorskip("huggingface_hub")
-    for entry in ENTRIES:
-        card = hub.ModelCard((entry.folder / "card.md").read_text("utf-8"))
-        assert card.data.eval_results[0].metric_value is not None, entry.name
 
 
 @pytest.fixture
@@ -159,7 +141,6 @@ def test_the_newest_version_is_taken_and_any_can_be_pinned(copied, tmp_path):
     [
         ("element_network/bouc_wenn", "element_network/bouc_wen"),
         ("zoo:elementnetwork/bilinear", "element_network/bilinear"),
-        ("gru/bridge", "gru/bilinear"),
         ("linear/bilinear.v7", "linear/bilinear"),
         ("transformer/polynomial", "/polynomial"),
         ("../../etc", "python -m models.zoo list"),
@@ -172,22 +153,12 @@ def test_a_name_that_is_not_published_says_what_comes_near(name, near):
     assert "\n" not in str(error.value)
 
 
-def test_the_table_is_of_one_structure_or_one_kind():
-    table = list_pretrained(system="bouc_wen")
-    assert {row["name"].split("/")[1] for row in table} == {"bouc_wen.v1"}
-    assert [row["name"] for row in list_pretrained("bilinear", "gru")] == ["gru/bilinear.v1"]
-    assert "element_network/bouc_wen.v1" in repr(table)
-    with pytest.raises(ValueError, match="system=bridge: there are"):
-        list_pretrained(system="bridge")
-
-
-@pytest.mark.parametrize("name", ["element_network/bouc_wen", "linear/polynomial", "vwnn/bilinear"])
-def test_a_motion_outside_the_envelope_is_warned_of(name):
-    pretrained, small = drive_of(name, 0.05, samples=50)
+def test_a_motion_outside_the_envelope_is_warned_of():
+    pretrained, small = drive_of("element_network/bouc_wen", 0.05, samples=50)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert pretrained.inside(small)
-    _, large = drive_of(name, 200.0)
+    _, large = drive_of("element_network/bouc_wen", 200.0)
     with pytest.warns(OutsideEnvelopeWarning, match="the largest excitation of f"):
         assert not pretrained.inside(large)
 
@@ -220,31 +191,3 @@ def test_an_earthquake_shakes_a_base_and_masses_alike():
     torch.testing.assert_close(forced[::2], half[:, None] * sound, rtol=1e-2, atol=1e-9)
     with pytest.raises(ValueError, match="driven by neither a shaken base nor known masses"):
         load_pretrained("gru/bouc_wen").shaken(ground)
-
-
-def test_loading_leaves_the_random_numbers_alone():
-    torch.manual_seed(5)
-    before = torch.random.get_rng_state()
-    load_pretrained("gru/bilinear")
-    assert torch.equal(torch.random.get_rng_state(), before)
-
-
-def test_weights_ask_for_no_gradient_and_keep_their_step():
-    for entry in ENTRIES:
-        pretrained = load_pretrained(entry.name)
-        assert not any(p.requires_grad for p in pretrained.model.parameters())
-        assert pretrained.model.dt == pretrained.sensors.dt
-        assert pretrained.card.startswith("---\n")
-        assert Path(pretrained.config["model"]["_target_"]).suffix
-
-
-def test_a_model_without_free_run_is_judged_by_its_excitation(monkeypatch):
-    pretrained, drive = drive_of("linear/bilinear", 1.0)
-
-    def none(drive: Drive) -> None:
-        raise NoFreeRunError("none")
-
-    monkeypatch.setattr(pretrained.model, "free_run", none)
-    assert pretrained.inside(drive)
-    with pytest.warns(OutsideEnvelopeWarning, match="excitation"):
-        assert not pretrained.inside(Drive(drive.dt, 100.0 * drive.u, drive.x0, drive.v0))

@@ -29,6 +29,7 @@ SMALLER = {  # what a class is built with here, so that it is identified in a se
     "models.ElementNetworkBranch": {"ramps": 2, "bends": 1, "law_starts": 1},
     "models.ElementNetworkNamed": {"laws": ["SelfCentering"]},
     "models.NamedElement": {"laws": ["SelfCentering"]},
+    "models.BranchElement": {"ramps": 2, "bends": 1, "law_starts": 1},
     "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
     "models.ModalNetwork": {"modes": 3, "elements": 0, "iterations": 3},
 }
@@ -52,18 +53,21 @@ def build(cfg: DictConfig, dofs: int, inputs: int, dt: float) -> Estimator:
     return estimator_from(changed(cfg, smaller), Sensors(dt, dofs, inputs))
 
 
-def zoo() -> dict[str, Callable[..., Estimator]]:
-    """name → (dofs, inputs, dt) → estimator, of conf/model and earlier names, but element tests."""
+def zoo() -> tuple[dict[str, Callable[..., Estimator]], dict[str, Callable[..., Estimator]]]:
+    """name → (dofs, inputs, dt) → estimator, of conf/model and earlier names; element tests."""
     prepare_hydra()
     paths = (*(CONF / "model").glob("*.yaml"), *(EARLIER / "model").glob("*.yaml"))
     names = sorted(path.stem for path in paths)
     with initialize_config_dir(str(CONF), version_base="1.3"):
         models = {name: compose("train", [f"model={name}"]).model for name in names}
-    found = {name: cfg for name, cfg in models.items() if class_name(cfg) not in NO_STRUCTURE}
-    return {name: partial(build, cfg) for name, cfg in found.items()}
+    alone = {name for name, cfg in models.items() if class_name(cfg) in NO_STRUCTURE}
+    made = {name: partial(build, cfg) for name, cfg in models.items()}
+    structures = {name: make for name, make in made.items() if name not in alone}
+    return structures, {name: made[name] for name in sorted(alone - {"moment_frame"})}
 
 
-ZOO = {**zoo(), "vwnn_unfiltered": partial(VWNN, unfiltered_excitation=True)}
+STRUCTURES, ELEMENT_TESTS = zoo()
+ZOO = {**STRUCTURES, "vwnn_unfiltered": partial(VWNN, unfiltered_excitation=True)}
 KINDS = {name: make(3, 3, DT) for name, make in ZOO.items()}
 ADAPTING = [name for name, kind in KINDS.items() if isinstance(kind, Online)]  # while they estimate
 TRAINED = [name for name, kind in KINDS.items() if isinstance(kind, Trainable)]
