@@ -10,11 +10,11 @@ from torch import nn
 from torch.func import functional_call, jvp, vmap
 
 from data.parallel import take_threads
-from data.record import Drive, Record, stack
+from data.record import Drive
 from models.composition.composite import Composite
 from models.composition.simulate import simulate
 from models.composition.trace import SMALLEST_BLOCK
-from tests.models.composites import DT, Everything, assert_close, begun_in_motion, excited, spread
+from tests.models.composites import Everything, assert_close, begun_in_motion, excited, spread
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated")
@@ -152,17 +152,6 @@ def test_the_derivatives_of_a_restarted_run_are_finite_differences(every):
         assert_close(jacobian @ flat(direction), wanted, 1e-5)
 
 
-@pytest.mark.parametrize("every", [7, None])
-def test_autograd_through_a_restarted_run_is_its_jacobian_transposed(every):
-    model, record = Everything(), stack([begun_in_motion(seed=0), begun_in_motion(seed=1)])
-    cotangent = spread(record.a.shape, -1.0, 1.0, 3)
-    run = model.restarted_run(record, every)
-    slopes = torch.autograd.grad((cotangent * run).sum(), list(model.parameters()))
-    _, jacobian = model.restarted_jacobian(record, every)
-    wanted = torch.einsum("btn,btnp->p", cotangent, jacobian)
-    assert_close(flat(dict(enumerate(slopes))), wanted, 1e-12)
-
-
 def test_parameters_that_are_held_are_left_out():
     model, drive = Everything(), excited(60)
     whole = model.trace(drive, derivatives=True).jacobian
@@ -176,17 +165,6 @@ def test_parameters_that_are_held_are_left_out():
 
 
 # Restarted runs
-
-
-def test_the_memory_goes_on_where_a_run_begins_anew():
-    """On the model's own motion it changes nothing but the velocity that the dampers see."""
-    model, drive = Everything(), excited()
-    with torch.no_grad():
-        motion = model.free_run(drive)
-        signals = (drive.u[:, :2], motion.x, motion.v, drive.u[:, 2:3], drive.u[:, 3:])
-        record = Record(DT, motion.a, *signals, initial_state="given")
-        assert_close(model.restarted_run(record, 7), motion.a, 1e-4)
-        assert_close(model(record), motion.a, 1e-3)
 
 
 def test_a_restart_without_states_says_what_to_do():

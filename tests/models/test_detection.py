@@ -109,17 +109,6 @@ def test_too_few_records_or_an_impossible_rate_are_refused():
             conformal_threshold(torch.rand(18), rate)
 
 
-def test_what_is_learnt_and_what_sets_the_threshold_are_kept_apart():
-    """The threshold follows the held records alone; the scale the learnt ones alone."""
-    learnt, held = noise(20, 30, EVERY, 2), noise(19, 30, EVERY, 2, seed=1)
-    one, other = ResidualLevel(), ResidualLevel()
-    one.calibrate(learnt, held, 0.05)
-    other.calibrate(learnt, 2.0 * held, 0.05)
-    assert torch.equal(one.sigma, other.sigma)
-    assert other.threshold == pytest.approx(2.0 * one.threshold)
-    assert one.threshold == float((one.statistics(held) / one.usual).max())
-
-
 DETECTORS = {
     "level": lambda: ResidualLevel(settle=3),
     "cumulative_sum": lambda: CumulativeSum(settle=3),
@@ -144,13 +133,6 @@ def test_no_level_depends_on_what_comes_later(calibrated):
     before, after = calibrated.levels(blocks), calibrated.levels(changed)
     assert torch.equal(before[:, :25], after[:, :25])
     assert (after[:, 25] > before[:, 25]).all()
-
-
-def test_a_batch_is_its_records_one_by_one(calibrated):
-    blocks = noise(4, 40, 5, 3, seed=9)
-    together = calibrated.levels(blocks)
-    for i, one in enumerate(blocks):
-        torch.testing.assert_close(calibrated.levels(one), together[i], rtol=1e-12, atol=0.0)
 
 
 def test_nothing_is_said_before_it_has_settled(calibrated):
@@ -275,15 +257,6 @@ def test_sample_by_sample_gives_the_alarms_of_the_whole_record(motions):
         expected = first_alarm(whole)
         assert first is not None
         assert (first.block, first.dof) == (expected.block, expected.dof)
-
-
-def test_the_filter_leaves_a_linear_structure_its_equation_of_motion(frame):
-    """Identified on filtered signals, without noise, it is the same structure to rounding."""
-    (record,), _ = frame.records("train", 1, 3)
-    plain, filtered = EquivalentLinear(3, 3, 0.01), EquivalentLinear(3, 3, 0.01)
-    plain.identify([record])
-    filtered.identify([HighPass(1.0, 0.01).record(record)])
-    torch.testing.assert_close(plain.weights, filtered.weights, rtol=1e-5, atol=1e-4)
 
 
 def test_the_filter_stops_what_is_slow_and_knows_no_future(frame):

@@ -221,15 +221,6 @@ def test_a_chain_that_bends_has_the_stiffness_of_a_frame_without_negative_spring
     assert Layout(model.B.numpy(), model.B_s.numpy(), [], True).chain().tolist() == [1, 1, 0]
 
 
-def test_a_chain_that_bends_has_any_stiffness_of_three_floors():
-    """Six springs for the six numbers of K; differences up to the second alone are five."""
-    model = ElementNetwork(3, 1, DT, "frame", None, "base")
-    assert model.elements[-1] == ["ground", "x1", "x2", "x3"]
-    assert model.B[-1].tolist() == [3.0, -3.0, 1.0]
-    each = torch.stack([torch.outer(b, b)[torch.triu(torch.ones(3, 3)) > 0] for b in model.B])
-    assert torch.linalg.matrix_rank(each) == 6
-
-
 def test_nodes_that_no_element_can_join_are_refused():
     for nodes in (["x1", "x2", "x1"], ["x1"], ["ground", "x1", "x2", "x4"]):
         with pytest.raises(ValueError, match="at whose middle one it bends"):

@@ -84,8 +84,3 @@ def test_the_first_part_is_held_back_where_the_strongest_motion_comes_last(model
     whole = [float(objective.problem(model, r, last).loss()) for r in (growing, other, later)]
     assert whole[0] == pytest.approx(whole[1])
     assert whole[2] > 1.5 * whole[0]
-
-
-def test_a_record_of_unknown_beginning_is_judged_on_its_end(model, growing):
-    cut = replace(growing.window(100, 400), initial_state="unknown", warmup=40)
-    assert not prepared(model, cut).judged_first

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import torch
 from torch import Tensor, nn
@@ -72,15 +71,6 @@ def test_lbfgs_is_plain_pytorch_one_iteration_at_a_time(begin, history, patience
         assert losses[-1] == pytest.approx(float(problem.loss().detach()), rel=1e-12)
         again = -(-iterations // patience)  # each call of the solver begins with one
         assert len(calls) - 1 <= evaluations + again
-
-
-def test_lbfgs_walks_through_rosenbrocks_valley():
-    theta = start(-1.2, 1.0)
-    solver = LBFGS([theta])
-    losses = run(solver, Valley(theta))
-    assert solver.why == "gradient below 1e-12"
-    assert np.allclose(theta.detach(), 1.0, rtol=0.0, atol=1e-9)
-    assert len(losses) < 60
 
 
 @pytest.mark.parametrize(

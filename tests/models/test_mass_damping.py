@@ -73,12 +73,3 @@ def test_a_chain_on_a_shaken_base_learns_it_and_runs_with_it(monkeypatch):
         undamped = (model.free_run(test.drive()).a - test.a).norm() / test.a.norm()
     assert float(error) < 0.3
     assert float(undamped) > 2.0 * float(error)
-
-
-def test_supports_that_move_damp_no_mass():
-    """Their motion is an input, against which this composition has no damper of a mass."""
-    assert ElementNetworkBranch(2, 2, DT, "chain", MASSES, []).drag is None
-    forced = ElementNetworkBranch(2, 2, DT, "chain", MASSES, [1, 2])
-    assert forced.drag is not None
-    forced.drag.start(torch.tensor(0.3).double())
-    assert torch.equal(forced.composition().core.value[1], torch.tensor([0.3, 0.3]).double())

@@ -73,16 +73,6 @@ def test_a_dof_that_never_moves_has_no_relative_error():
         compute((still + ERROR, still))
 
 
-@pytest.mark.parametrize("shape", [(2, 2), (3, 1), (4, 3)])
-def test_unequal_shapes_are_refused_with_both_shapes(shape):
-    metric = RelativeRMSError(3, 2)
-    with pytest.raises(ValueError, match=r"\(3, 2\) must both be"):
-        metric.update(torch.zeros(shape), MEASURED)
-    if shape[1] != 2:
-        with pytest.raises(ValueError, match="must both be"):
-            metric.update(torch.zeros(shape), torch.zeros(shape))
-
-
 def test_records_of_unequal_length_count_by_their_samples():
     together, longer = RelativeRMSError(3, 2), torch.cat([MEASURED, 2.0 * MEASURED])
     together.update(1.1 * MEASURED, MEASURED)
@@ -106,13 +96,6 @@ def test_scores_are_percent_against_measured_and_true():
     assert result["relative_rms_percent"] == pytest.approx(100.0 * float(residual) ** 0.5)
     assert result["per_dof_percent_true"] == pytest.approx([30.0 / 34**0.5, 25.0 * 2.08**0.5])
     assert len(result["per_dof_percent"]) == 2
-
-
-def test_the_estimator_is_not_shown_the_truth():
-    estimator = Fixed(MEASURED)
-    score(estimator, [record_of(MEASURED, true=MEASURED)])
-    assert [record.truth for record in estimator.seen] == [None]
-    assert torch.equal(estimator.seen[0].a, MEASURED)
 
 
 def test_warm_up_samples_are_not_counted():

@@ -81,26 +81,6 @@ def test_the_papers_networks_have_243_weights_and_27_of_the_linear_system():
         assert sum(p.numel() for p in estimator.parameters() if p.requires_grad) == 243
 
 
-@pytest.mark.parametrize(
-    ("model", "dofs", "forces", "hidden", "free"),
-    [
-        ("residual", 5, 5, (15,), 395),
-        ("residual", 2, 1, (4, 3), 7 * 4 + 4 + 4 * 3 + 3 + 3 * 2 + 2),
-        ("global", 5, 5, (10, 10), 325),
-        ("global", 2, 1, (4,), 5 * 4 + 4 + 4 * 2 + 2),
-    ],
-)
-def test_any_number_of_masses_forces_and_layers(model, dofs, forces, hidden, free):
-    record = motion(dofs, forces)
-    estimator = identified(model, record, hidden=hidden)
-    problem = Problem(estimator, record)
-    assert sum(estimator.get_parameter(f"network.{name}").numel() for name in problem.names) == free
-    assert len(list(estimator.network.parameters())) == 2 * (len(hidden) + 1)
-    assert {way: e.shape for way, e in estimator.estimates(record).items()} == dict.fromkeys(
-        ["", "own_residual"] if model == "residual" else [""], (120, dofs)
-    )
-
-
 # formulas
 
 
@@ -154,12 +134,6 @@ def changed_samples(estimator: nn.Module, record: Record, way: str, name: str) -
     return torch.nonzero(difference.abs().amax(dim=-1)).flatten().tolist()
 
 
-def test_the_global_network_sees_the_present_state_and_no_acceleration():
-    estimator = identified("global", motion(2))
-    seen = {name: changed_samples(estimator, motion(2), "", name) for name in "axvf"}
-    assert seen == {"a": [], "x": [50], "v": [50], "f": [50]}
-
-
 def test_the_residual_network_sees_the_acceleration_of_the_sample_before_alone():
     estimator = identified("residual", motion(2))
     seen = {name: changed_samples(estimator, motion(2), "", name) for name in "axvf"}
@@ -208,15 +182,6 @@ def test_renumbered_masses_give_renumbered_estimates_and_the_same_loss(model):
 
 
 # choices
-
-
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize(
-    "wrong", [{"activation": "softmax"}, {"hidden": ()}, {"hidden": (5, 0)}, {"hidden": (-2,)}]
-)
-def test_unknown_networks_are_refused(model, wrong):
-    with pytest.raises(ValueError, match="expected numbers of neurons and one of tanh, sigmoid"):
-        MODELS[model](3, 3, 0.01, **wrong)
 
 
 # planting

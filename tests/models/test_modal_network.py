@@ -15,7 +15,6 @@ from models.modal.between_samples import interpolated
 from models.modal.core import exact_steps
 from models.modal.layout import Layout
 from models.modal.linear_start import by_spectra
-from models.modal.periods import period_of, steady_mean
 from models.modal.problem import Motion
 from models.modal.run import Excited, blocks, outputs
 from models.modal.run_compiled import features
@@ -70,17 +69,6 @@ def test_a_mode_steps_exactly(damping, force):
         (0.0, h), start, rtol=1e-12, atol=1e-13,
     ).y[:, -1]  # fmt: skip
     np.testing.assert_allclose(ours, theirs, rtol=1e-9)
-
-
-def test_slopes_of_exact_steps_are_those_of_differences():
-    at, e = np.array([[0.3], [-1.2]]), 1e-6
-    slopes = exact_steps(*at, 0.7)[0]
-    for i in range(2):
-        moved = [at.copy(), at.copy()]
-        moved[0][i] += e
-        moved[1][i] -= e
-        up, down = (exact_steps(*one, 0.7)[0, 0] for one in moved)
-        np.testing.assert_allclose(slopes[1 + i], (up - down) / (2.0 * e), atol=1e-8)
 
 
 def test_a_unit_is_that_of_bouc_and_wen_and_has_no_jump():
@@ -156,21 +144,6 @@ def test_a_causal_interpolation_does_not_see_what_is_to_come(monkeypatch):
         one, two = (interpolated(s, "band_limited", 2, ahead) for s in (u, other))
         np.testing.assert_allclose(one[: 150 - ahead], two[: 150 - ahead], rtol=0, atol=1e-12)
         assert np.abs(one - two)[150 - ahead].max() > 1e-4
-
-
-def test_periods_are_found_and_averaged():
-    rng = np.random.default_rng(0)
-    one = rng.standard_normal((500, 1))
-    u = np.tile(one, (4, 1)) + 1e-3 * rng.standard_normal((2000, 1))
-    y = np.tile(2.0 * one, (4, 1)) + 0.1 * rng.standard_normal((2000, 1))
-    assert period_of(u) == 500
-    assert period_of(rng.standard_normal((2000, 1))) is None
-    assert period_of(np.zeros((2000, 1))) is None
-    _, mean = steady_mean(u, y, 500)
-    assert np.sqrt(((mean - 2.0 * one) ** 2).mean()) == pytest.approx(0.1 / np.sqrt(3.0), rel=0.1)
-    y += np.exp(-np.arange(2000.0)[:, None] / 1000.0)  # a transient as long as two periods
-    assert steady_mean(u, y, 500) is None
-    assert steady_mean(u[:1000], y[:1000], 500) is None
 
 
 def test_spectra_find_hidden_modes_of_a_record_that_begins_anywhere():

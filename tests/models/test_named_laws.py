@@ -28,7 +28,6 @@ from models.element_network_named import ElementNetworkNamed
 from models.named_element import NamedElement
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.choice import smallest
 from models.named_laws.envelopes import envelopes
 from models.named_laws.fit import Fit
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, mass_dampers
@@ -124,28 +123,12 @@ def test_noise_of_the_force_leaves_the_law_as_it_is():
     assert error(model, [element_test(law, 7)]) < 2.0
 
 
-def test_of_laws_that_are_nearly_as_good_the_smallest_is_taken():
-    errors = dict.fromkeys(CANDIDATES, 1.0)
-    errors |= {"MenegottoPinto": 0.05, "SlackBrace": 0.054, "SelfCentering": 0.06}
-    assert smallest(errors) == "SlackBrace"
-    with pytest.raises(ValueError, match="no named law follows"):
-        smallest(dict.fromkeys(CANDIDATES, math.inf))
-
-
 def test_an_element_that_stays_elastic_is_called_linear():
     spring = Polynomial(between=("ground", "x1"), stiffness=3e6, damping=2e4)
     model = NamedElement(1, 2, DT)
     facts = model.identify([element_test(spring, 0)])
     assert facts["laws"] == "Linear"
     assert error(model, [element_test(spring, 7, 0.2)]) < 0.01
-
-
-def test_every_candidate_makes_elements_anywhere_in_its_range():
-    rng, units = np.random.default_rng(0), Units(0.02, 0.1, 1e5, 2e7)
-    for candidate in CANDIDATES.values():
-        for _ in range(50):
-            q = candidate.drawn(rng) + rng.uniform(-3.0, 3.0, len(candidate.parameters))
-            assert candidate.elements(q, units)
 
 
 def shaken(structure: Structure, seed: int, size: float) -> Record:

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch.func import jvp
 
-from data.record import Drive, Record
+from data.record import Record
 from models.layers.linear_with_network import LatentStep
 from models.linear import EquivalentLinear
 from models.neural_state_space import NeuralStateSpace, trajectory
@@ -102,13 +102,6 @@ def test_training_on_the_free_run_beats_the_linear_start():
     while not solver.finished:
         solver.solve(problem)
     assert float(problem.loss().detach()) < 0.2 * before
-
-
-def test_before_it_is_identified_it_says_so():
-    rest = torch.zeros(2, dtype=torch.float64)
-    drive = Drive(DT, torch.zeros(5, 2, dtype=torch.float64), rest, rest)
-    with pytest.raises(ValueError, match="not identified"):
-        NeuralStateSpace(2, 2, DT).free_run(drive)
 
 
 @pytest.mark.parametrize("wrong", [{"memory": 0}, {"hidden": 0}, {"past": 0}])

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 import torch
 from lightning.pytorch import Trainer
-from torch.nn.utils import parameters_to_vector
 
 from data.simulation.datamodule import SimulatedData
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.scenario import FullState
-from models.element_network import ElementNetwork
 from models.estimator import Estimator
 from models.fit.finalists import middle
 from models.fit.free_run_objective import FreeRun
@@ -24,10 +20,9 @@ from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
 from models.neural_state_space import NeuralStateSpace
-from models.fit.finalists import middle
 from models.fit.free_run_objective import FreeRun
 from models.fit.identification import Identification
-from models.fit.objective import OneStep, state_of
+from models.fit.objective import OneStep
 from models.fit.problem import FreeRunProblem, Problem
 from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
@@ -179,17 +174,6 @@ def test_the_best_of_several_starts_goes_on(data, tmp_path):
     assert len({round(e, 12) for e in ends}) == 4
 
 
-def test_starts_are_those_of_the_seed(data):
-    ends = []
-    for seed in (1, 1, 2):
-        estimator = network()
-        estimator.restart(torch.Generator().manual_seed(seed))
-        ends.append(parameters_to_vector(estimator.parameters()).detach())
-    assert torch.equal(ends[0], ends[1])
-    assert not torch.equal(ends[0], ends[2])
-    assert (ends[0] != parameters_to_vector(network().parameters())).any()
-
-
 @pytest.mark.parametrize(
     "wrong", [{"horizons": []}, {"horizons": [50, 5]}, {"horizons": [None, 5]}, {"horizons": [0]},
               {"starts": 0}, {"warmup": -1}, {"start_iterations": 0},
@@ -198,55 +182,3 @@ def test_starts_are_those_of_the_seed(data):
 def test_an_objective_that_makes_no_sense_is_refused(wrong):
     with pytest.raises(ValueError, match=r"objective\."):
         FreeRun(**wrong)
-
-
-def test_the_best_of_the_finalists_in_the_end_stays(data, tmp_path, monkeypatch):
-    """All three go on after the first horizon; parameters and units of the best end are kept."""
-    ends, compared, begun, enter = [], FreeRun.final_loss, [], FreeRun.enter
-
-    def noted(objective, estimator, batches):
-        ends.append(compared(objective, estimator, batches))
-        return ends[-1]
-
-    def entered(objective, estimator, stage):
-        enter(objective, estimator, stage)
-        if stage in (2, 4):
-            pairs = zip(state_of(estimator), objective.ranked[stage // 2], strict=True)
-            begun.append(all(torch.equal(now, ranked) for now, ranked in pairs))
-
-    monkeypatch.setattr(FreeRun, "final_loss", noted)
-    monkeypatch.setattr(FreeRun, "enter", entered)
-    objective = FreeRun([1, 5, None], starts=3, start_iterations=1, finalists=3, seed=2)
-    module = Identification(
-        ElementNetwork(2, 2, DT, hinges=1, units=1),
-        lambda p: LevenbergMarquardt(p, iterations=2, scaled=True),
-        objective=objective,
-    )
-    fit(module, data, tmp_path)
-    names = ["horizon 5", "horizon whole record"]
-    assert [stage["stage"] for stage in module.ended] == [
-        *names, *(f"{name}, start {n}" for n in (2, 3) for name in names), "the chosen in full"
-    ]  # fmt: skip
-    assert begun == [True, True]
-    assert len({round(end, 14) for end in ends}) == 1 + 7  # the start too
-    assert free_run_loss(module.estimator, data) == pytest.approx(min(ends), rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("losses", "farther", "chosen"),
-    [
-        ((1.0, 1.1, 1.2), (9.0, 2.0, 2.1), 2),  # the best fit is alone in what it does farther out
-        ((1.0, 1.1, 1.2), (2.0, 2.3, 2.1), 2),  # between the others
-        ((1.0, 3.0, 3.1), (9.0, 2.0, 2.1), 0),  # the others fit worse: they say nothing
-        ((1.0, 1.1), (9.0, 2.0), 0),  # of two neither is in the middle
-        ((1.2, 1.0, 1.1), (math.nan, 2.0, 2.1), 1),  # a run that is lost agrees with none
-        ((1.1, 1.0, math.inf), (2.0, 2.1, math.nan), 1),
-    ],
-)
-def test_of_finalists_that_fit_alike_the_one_in_the_middle_goes_on(losses, farther, chosen):
-    runs = [[torch.full((1, 5, 2), value).double()] for value in farther]
-    ends = [
-        (loss, [torch.tensor(k)], run)
-        for k, (loss, run) in enumerate(zip(losses, runs, strict=True))
-    ]
-    assert int(middle(ends)[0]) == chosen

@@ -70,16 +70,6 @@ def test_an_estimate_comes_before_its_target_and_leaves_the_state_as_it_was(law,
     assert torch.equal(state.memory, before[1])
 
 
-@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-def test_a_pass_in_two_parts_is_the_whole(law, samples):
-    phi, y = samples
-    whole, end = law.follow(zero(law), phi, y)
-    first, middle = law.follow(zero(law), phi[:130], y[:130])
-    second, last = law.follow(middle, phi[130:], y[130:])
-    assert torch.equal(torch.cat([first, second]), whole)
-    assert torch.equal(last.weights, end.weights)
-
-
 @pytest.mark.parametrize("forgetting", [1.0, 0.97])
 def test_recursive_least_squares_is_the_weighted_least_squares_fit(samples, forgetting):
     """Weights by lstsq of the rows √λᴺ⁻ᵏ φ_k and of the prior √(λᴺ/p0): the textbook's problem."""
@@ -144,15 +134,6 @@ def test_a_scalar_random_walk_settles_at_the_riccati_solution():
     _, state = law.follow(zero(law, 1, 1), ones, ones)
     ahead = 0.5 * (walk + np.sqrt(walk**2 + 4.0 * walk * noise))
     assert float(state.memory) == pytest.approx(ahead * noise / (ahead + noise), rel=1e-12)
-
-
-def test_a_random_walk_that_stands_still_is_recursive_least_squares(samples):
-    still = RandomWalk(walk=0.0, noise=0.25, variance=2.0)
-    squares = RecursiveLeastSquares(1.0, variance=8.0)
-    made, state = still.follow(zero(still), *samples)
-    other, root = squares.follow(zero(squares), *samples)
-    assert torch.allclose(made, other, rtol=0, atol=1e-10)
-    assert torch.allclose(state.memory, 0.25 * root.memory @ root.memory.T, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

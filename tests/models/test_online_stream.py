@@ -193,29 +193,6 @@ def test_samples_that_did_not_come_are_bridged(identified, record, kind):
     assert torch.allclose(torch.stack(estimates[260:]), whole[265:], rtol=0, atol=0.01 * scale)
 
 
-@pytest.mark.parametrize("kind", [Stream, VWNNStream])
-def test_after_a_long_gap_the_filters_begin_at_rest(identified, record, kind):
-    samples = list(samples_of(record))
-    stream = kind(identified["vwnn"], Frozen(), guard=Guard(longest=20))
-    for sample in samples[:200]:
-        stream.step(sample)
-    later = torch.stack([stream.step(s) for s in samples[300:]])
-    anew = identified["vwnn"](record.window(300, 200))
-    assert torch.allclose(later, anew, rtol=0, atol=1e-11)
-
-
-def test_a_clock_that_jitters_or_stops_is_no_fault(identified, record):
-    stream, shifts = Stream(identified["vwnn"], Frozen()), torch.linspace(-0.2, 0.2, 500)
-    times = [
-        1e9 + sample.time + 0.01 * float(u)
-        for sample, u in zip(samples_of(record), shifts, strict=True)
-    ]
-    times[100:200] = [None] * 50 + [float("nan")] * 50
-    for sample, time in zip(samples_of(record), times, strict=True):
-        stream.step(replace(sample, time=time))
-    assert not stream.events
-
-
 def test_a_sample_that_came_twice_counts_once(identified, record):
     samples = list(samples_of(record))
     law = RecursiveLeastSquares(0.999)

@@ -15,7 +15,6 @@ from models import (
     BranchElement,
     ElementNetwork,
     EquivalentLinear,
-    HystereticElement,
     LinearMotion,
     NamedElement,
 )
@@ -131,19 +130,6 @@ def test_linear_models_tell_what_a_motion_tells():
     motion = LinearMotion(2, 2, 0.01)
     motion.system = model
     assert [p.name for p in motion.physical_parameters()] == list(found)
-
-
-def test_laws_under_another_input_are_told_where_they_are():
-    model = started(HystereticElement(1, 3, 0.01, 0, 0, 0, False, other_inputs=1, nodes=3),
-                    [2.0, 3.0, 4.0], [0.1] * 3, [1.0] * 3)  # fmt: skip
-    voltage = torch.linspace(0.0, 2.0, 101, dtype=torch.float64)[:, None]
-    model.others.start(voltage, torch.ones(1), torch.ones(1), 0.01)
-    found = named(model)
-    laws = [found[f"r1.law_{j}.stiffness"] for j in (1, 2, 3)]
-    assert [law.value for law in laws] == pytest.approx([2.0, 3.0, 4.0])
-    assert [law.about[-6:] for law in laws] == ["u1 = 0", "u1 = 1", "u1 = 2"]
-    assert found["u1.lag"].unit == "s"
-    assert found["r1.law_2.rate_1.saturates_at"].unit == "m/s"
 
 
 def test_every_estimator_has_parameters_by_names_of_their_own(bilinear_record):

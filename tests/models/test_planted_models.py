@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 
 from data.record import Record
 from data.simulation.excitation import BandLimitedGaussian, Excitation
-from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
-from models.fit.metrics import score
+from models.baselines import FilteredExtrapolation
 from models.linear import EquivalentLinear
 from models.vwnn import VWNN
 from tests.models.zoo import DT
@@ -95,22 +92,6 @@ def test_with_the_force_itself_a_linear_structure_is_within_reach(linear_chain, 
         errors[unfiltered] = score(estimator, [test])["relative_rms_percent"]
     assert errors[True] < 0.1
     assert errors[False] > 1.0
-
-
-def test_silent_forces_leave_a_vwnn_undetermined_unless_it_has_a_ridge(bilinear_record):
-    silent = replace(bilinear_record, f=torch.zeros_like(bilinear_record.f))
-    with pytest.raises(ValueError, match="rank-deficient features"):
-        VWNN(3, 3, DT).identify([silent])
-    report = VWNN(3, 3, DT, ridge=1e-8).identify([silent])
-    assert report["rank"] < 91
-
-
-def test_last_value_knows_a_constant_and_two_point_a_straight_line(bilinear_record):
-    k = torch.arange(50.0, dtype=torch.float64)[:, None]
-    constant, line = (Record(DT, a, torch.zeros_like(a)) for a in (torch.ones_like(k), 3.0 * k))
-    assert torch.equal(LastValue(1, 1, DT)(constant)[1:], constant.a[1:])
-    assert torch.equal(LastValue(1, 1, DT)(line)[1:], line.a[:-1])
-    assert torch.equal(TwoPoint(1, 1, DT)(line)[2:], line.a[2:])
 
 
 def test_filtered_extrapolation_misses_a_sinusoid_by_one_less_h_squared():

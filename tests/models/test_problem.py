@@ -138,19 +138,6 @@ def test_the_gradient_of_the_loss_is_that_of_the_normal_equations(model):
     assert torch.allclose(2.0 * vector / problem.y.numel(), flat, rtol=1e-10, atol=1e-14)
 
 
-@pytest.mark.parametrize(("model", "kind"), [("global", "record"), ("residual", "warming_up")])
-def test_thinned_normal_equations_are_those_of_every_so_many_samples(model, kind):
-    record = RECORDS[kind]()
-    estimator = identified(model, record)
-    problem = Problem(estimator, record)
-    J, e = jacobian(estimator, problem), problem.errors().detach().numpy()
-    thinned = J.reshape(-1, 2, J.shape[1])[::3].reshape(-1, J.shape[1])
-    wanted = len(J) / len(thinned) * thinned.T @ thinned
-    matrix, vector = problem.normal_equations(3)
-    assert np.allclose(matrix, wanted, rtol=0.0, atol=1e-7 * np.abs(wanted).max())
-    assert np.allclose(vector, J.T @ e, rtol=0.0, atol=1e-7 * np.abs(J.T @ e).max())
-
-
 @pytest.mark.parametrize("model", MODELS)
 def test_the_truth_of_a_simulation_is_not_looked_at(model):
     record = motion()

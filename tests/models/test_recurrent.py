@@ -53,14 +53,6 @@ def test_it_reads_the_force_and_the_initial_state_alone(cell):
         assert (estimator(replace(record, **{name: moved})) != estimator(record))[0].all()
 
 
-def test_without_measured_motion_the_acceleration_is_integrated(cell):
-    record = replace(motion(), x=None, v=None)
-    run = identified(cell, record).free_run(record.drive())
-    rise = (run.v[1:] - run.v[:-1]) - 0.5 * DT * (run.a[1:] + run.a[:-1])
-    assert rise.abs().max() < 1e-12
-    assert (run.x[0] == 0.0).all()
-
-
 def test_training_counts_every_measured_signal_alike(cell):
     """The loss is the mean of the squared relative errors of ẍ, x and ẋ, for equal DOFs."""
     record = motion()

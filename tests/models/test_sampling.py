@@ -118,12 +118,6 @@ def test_runs_that_found_different_places_are_no_result():
         agreement_of(runs).require()
 
 
-def test_a_prior_without_finite_runs_is_refused():
-    prior = Prior(np.zeros(1), np.ones(1))
-    with pytest.raises(ValueError, match="of 2000 draws to begin with only 0"):
-        tempered(lambda x: np.full(len(x), -np.inf), prior, 100, np.random.default_rng(0))
-
-
 def test_a_profile_of_a_determined_parameter_is_a_parabola(linear):
     model, likelihood, _ = linear
     before = free_vector(model)

@@ -34,12 +34,6 @@ def scale_of(u: torch.Tensor, *shape: int) -> Extents:
     return scale
 
 
-def test_a_signal_of_known_extents_is_scaled_as_by_hand():
-    u = torch.tensor([[2.0, -3.0], [6.0, -1.0], [5.0, -2.5]]).double()
-    wanted = torch.tensor([[-1.0, -1.0], [1.0, 1.0], [0.5, -0.5]]).double()
-    assert torch.allclose(scale_of(u)(u), wanted, rtol=0.0, atol=1e-15)
-
-
 @pytest.mark.parametrize("order", [[0, 1, 2], [2, 0, 1], [1, 2, 0]])
 def test_extents_do_not_depend_on_the_pieces_they_were_taken_from(order):
     """Pieces of unequal length and number of axes; extremes lie in any of them."""
@@ -66,16 +60,6 @@ def test_a_constant_channel_keeps_its_unit_and_loses_its_mean():
     assert float(scale.reach[1]) == 1.0
     assert torch.equal(scale(u)[:, 1], torch.zeros(20).double())
     assert torch.allclose(scale(u + 0.5)[:, 1], torch.full((20,), 0.5).double())
-
-
-@pytest.mark.parametrize("model", [GlobalMLP, ResidualMLP])
-def test_scoring_another_motion_leaves_the_scaling_alone(model):
-    estimator = model(2, 2, 0.01)
-    estimator.identify([motion()])
-    before = {name: u.clone() for name, u in estimator.state_dict().items()}
-    score(estimator, [motion(seed=2).map(lambda u: 5.0 * u)])
-    assert all(torch.equal(u, before[name]) for name, u in estimator.state_dict().items())
-    assert (estimator.network.input_scale.reach != 1.0).all()
 
 
 @pytest.mark.parametrize("model", [GlobalMLP, ResidualMLP])

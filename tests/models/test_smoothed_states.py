@@ -14,7 +14,6 @@ from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
 from models.starts.smoothed_states import (
     NOISY,
-    are_of_one_motion,
     noise_of_deformations,
     smoothed,
     white_noise,
@@ -75,15 +74,6 @@ def test_a_motion_without_noise_is_not_called_noisy():
     few = replace(truth.map(lambda u: u[::10]), dt=10 * STEP)  # three samples a cycle and more
     assert told(few) < NOISY
     assert not white_noise(few.x.numpy()).any()
-
-
-@pytest.mark.parametrize(
-    ("scale", "lag", "agrees"), [(1.0, 0, True), (1.1, 0, False), (1.0, 5, False)]
-)
-def test_a_displacement_that_is_wrongly_scaled_or_lags_is_told(scale, lag, agrees):
-    measured = noisy(moved(0), 0.02, 1)
-    wrong = replace(measured, x=scale * measured.x.roll(lag, dims=0))
-    assert are_of_one_motion(wrong, smoothed(wrong)) is agrees
 
 
 def test_laws_of_a_chain_are_found_in_states_with_noise():

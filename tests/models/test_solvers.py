@@ -18,7 +18,10 @@ from models.fit.identification import Identification
 from models.fit.problem import Problem
 from models.fit.trainable import Trainable
 from models.linear import EquivalentLinear
-from models.training.assemble import changed, data_from, estimator_from, solver_from
+from models.training.assemble import data_from, estimator_from, solver_from
+from models.fit.identification import Identification
+from models.fit.problem import Problem
+from models.fit.trainable import Trainable
 from runner.config.compose import CONF, prepare_hydra
 
 pytestmark = [
@@ -116,32 +119,11 @@ def test_mini_batches_lower_the_loss_and_the_seed_decides_their_order(records, t
     assert after < 0.3 * runs[0][1]
 
 
-def test_mini_batches_are_shuffled_for_training_alone(records):
-    data = data_of(composed("data.window=121", "data.batch=2"), records)
-    orders = {
-        split: {tuple(float(u[0, 0]) for r in loader() for u in r.a) for _ in range(6)}
-        for split, loader in (
-            ("train", data.train_dataloader),
-            ("scored", lambda: data.test_dataloader()[0]),
-        )
-    }
-    assert len(orders["train"]) > 1
-    assert len(orders["scored"]) == 1
-    (whole,) = data.test_dataloader()[0]
-    assert whole.samples == records["train"][0].samples
-
-
 @pytest.mark.parametrize("solver", [name for name in SOLVERS if "adam" not in name])
 def test_a_solver_of_full_batches_refuses_several(solver, records, tmp_path):
     choices = "model=global_mlp", f"solver={solver}", "data.window=251", "data.batch=2"
     with pytest.raises(ValueError, match=r"there are 2 batches; set data\.batch=null"):
         trained(records, tmp_path, *choices)
-
-
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_a_misspelt_setting_of_a_solver_is_found_before_any_work(solver):
-    with pytest.raises(ValueError, match="did you mean 'iterations'"):
-        solver_from(composed(f"solver={solver}", "+solver.iteration=5").solver)
 
 
 # validation
@@ -225,20 +207,8 @@ def test_the_best_parameters_are_kept_where_the_solver_ends_by_itself(held_back,
     assert float(module.estimator.gain.detach()) == 0.9
 
 
-def test_the_last_parameters_may_be_the_best(held_back, tmp_path):
-    module = Identification(Gain(), lambda p: Walk(p, [0.5, 0.9, 0.99]))
-    fit(module, held_back, tmp_path)
-    assert float(module.estimator.gain.detach()) == 0.99
-
-
 def test_without_a_validation_part_the_last_parameters_are_kept(records, tmp_path):
     module = Identification(Gain(), lambda p: Walk(p, [0.5, 0.9, 0.2]))
     fit(module, data_of(composed(), records), tmp_path)
     assert float(module.estimator.gain.detach()) == 0.2
     assert module.best == (float("inf"), {})
-
-
-@pytest.mark.parametrize("fraction", [-0.1, 1.0, 1.5])
-def test_a_validation_part_is_a_fraction(fraction):
-    with pytest.raises(ValueError, match=r"data\.validation=.* must be a fraction"):
-        data_from(changed(composed(), {"data": {"validation": fraction}}))

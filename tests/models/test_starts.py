@@ -11,9 +11,7 @@ from torch import Tensor
 
 from data.record import Drive, Record, stack
 from models.element_network import ElementNetwork
-from models.fit.free_run_objective import FreeRun
-from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
-from models.latent_hysteresis_network import LatentHysteresisNetwork, modes_of
+from models.latent_hysteresis_network import LatentHysteresisNetwork
 from models.starts.ladder import nearest, not_negative, triangle
 from models.starts.spectra import Layout, LinearStructure, Spectra, respond, typical
 
@@ -170,15 +168,6 @@ def test_a_latent_network_gets_a_start(base):
     model = LatentHysteresisNetwork(3, record.f.shape[1], DT, from_accelerations=True)
     model.identify([record])
     assert error(model, record) < 0.6
-
-
-def test_modes_of_a_linear_chain_are_found():
-    model = planted(True)
-    modes = modes_of(Spectra.of([motion(model)]))
-    wanted = LinearStructure(np.array(MASSES), np.array(STIFFNESS), np.zeros(3))
-    squares = wanted.frequencies(model.B.numpy())
-    assert np.sqrt(np.sort(modes.squares)) == pytest.approx(np.sqrt(squares), rel=0.02)
-    assert modes.error < 0.15
 
 
 # Topology

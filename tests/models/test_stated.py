@@ -14,7 +14,9 @@ from data.sample import Sensors
 from models.composition.many_runs import ManyRuns
 from models.element_network import ElementNetwork
 from models.training.assemble import estimator_from
-from models.uncertainty.intervals import DETERMINED, intervals_of
+from models.fit.by_noise import refit
+from models.fit.problem import FreeRunProblem
+from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import laplace
 from models.uncertainty.parameters import free_vector
 from models.uncertainty.posterior import Prior
@@ -119,16 +121,6 @@ def test_tied_parameters_are_better_known_and_alike(measured):
     assert "r2.stiffness" not in one.combined_with
 
 
-def test_one_mass_may_be_known(measured):
-    model, told, _ = at_minimum(measured, masses=[1.0, None])
-    assert model.mass().tolist()[0] == 1.0
-    assert [told[f"x{i}.mass"].status for i in (1, 2)] == ["given", DETERMINED]
-    assert told["x2.mass"].value == pytest.approx(1.5, abs=2.0 * told["x2.mass"].half)
-    assert model.identify([measured])["start"]
-    assert model.mass().tolist()[0] == 1.0
-    assert float(model.mass()[1].detach()) == pytest.approx(1.5, rel=0.5)
-
-
 def test_a_prior_sets_the_scale_that_no_force_tells():
     """Under a moving support: what has a mass of 500 kg has stiffnesses to suit."""
     more = {"elements": [["s1", "x1"], ["x1", "x2"]], "forced": [], "hinges": 0, "units": 0}
@@ -190,18 +182,3 @@ def test_models_without_such_parameters_say_so(model, word):
     cfg = composed(f"model={model}", word)
     with pytest.raises(ValueError, match="are for model=element_network"):
         estimator_from(cfg.model, Sensors(DT, 2, 2))
-
-
-def test_the_command_line_states_priors_ties_and_masses():
-    cfg = composed(
-        "model=element_network",
-        "model.priors.r1.stiffness=[1e6,0.2]", "model.priors.x2.mass=[2,1]",
-        "model.ties=[[r1.damping,r2.damping]]", "model.masses=[1.5,null]",
-    )  # fmt: skip
-    model = estimator_from(cfg.model, Sensors(DT, 2, 2))
-    assert isinstance(model, ElementNetwork)
-    assert [s.key for s in model.stated] == [
-        "model.priors.r1.stiffness=[1e+06,0.2]",
-        "model.priors.x2.mass=[2,1]",
-    ]
-    assert model.laws.damping.theta.shape == (2,)  # of three elements

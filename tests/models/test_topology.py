@@ -17,7 +17,7 @@ from models.element_network import ElementNetwork
 from models.starts.topology import topology_of
 from models.training.assemble import data_from
 from runner.config.compose import composed
-from tests.models.test_starts import DT, MASSES, STIFFNESS, motion, planted
+from tests.models.test_starts import DT, MASSES, STIFFNESS, motion
 
 
 def bridge(abutment: float) -> ElementNetwork:
@@ -30,17 +30,6 @@ def bridge(abutment: float) -> ElementNetwork:
     model.laws.unit_stiffness.theta.data.fill_(0.3)
     model.identified.fill_(1.0)
     return model
-
-
-@pytest.mark.parametrize("yielding", [0.0, 0.7])
-def test_a_building_is_a_chain(yielding):
-    record = motion(planted(True, yielding), 2000, noise=0.03, seed=0)
-    assert topology_of([record]) == "chain"
-
-
-def test_a_deck_that_moves_against_the_ground_is_none():
-    records = [motion(bridge(1000.0), 2000, noise=0.03, seed=10 * i) for i in range(2)]
-    assert topology_of(records) == "all"
 
 
 def test_units_do_not_matter():

@@ -7,8 +7,6 @@ import torch
 
 from data.record import Record
 from models.element_network import ElementNetwork
-from models.fit.trained_range import outside, range_of, warnings_of, worst_of
-from models.hysteretic_element import HystereticElement
 from models.linear import EquivalentLinear
 
 
@@ -56,20 +54,6 @@ def test_other_inputs_leave_their_range_at_either_end():
     (found,) = outside(trained, warm)
     assert (found["largest"], found["times"]) == (35.0, pytest.approx(2.0))
     assert outside({"other input": trained["other input"] | {"largest": []}}, cold) == []
-
-
-def test_twice_the_stroke_of_an_element_test_is_outside():
-    t = 0.01 * torch.arange(400, dtype=torch.float64)[:, None]
-    s, rate = torch.sin(t), torch.cos(t)
-    record = Record(0.01, 3.0 * s + rate, s[:, :0], s=s, s_dot=rate, quantity="force")
-    model = HystereticElement(1, 2, 0.01)
-    model.identify([record])
-    trained = range_of(model, [record])
-    assert outside(trained, range_of(model, [times(record, 0.9)])) == []
-    found = {one["kind"]: one for one in outside(trained, range_of(model, [times(record, 2.0)]))}
-    assert found["excitation"]["times"] == pytest.approx(2.0)
-    assert found["deformation"]["times"] == pytest.approx(2.0)
-    assert found["deformation"]["unit"] == "m"
 
 
 def test_a_run_that_diverges_has_no_range(chain, linear_record):

@@ -69,16 +69,6 @@ def decayed(step: np.ndarray, first: float, k: int) -> np.ndarray:
     return np.linalg.matrix_power(step[:, :3], k) @ step[:, 4] * first
 
 
-def test_slow_cascades_do_not_see_the_input_at_their_own_sample():
-    a = torch.randn(50, 2, dtype=torch.float64)
-    other = a.clone()
-    other[20] += 1.0
-    filters = SlowCascades(CUTOFFS, DT)
-    one, two = (filters.outputs @ filters.states(u) for u in (a, other))
-    assert torch.equal(one[:21], two[:21])
-    assert (one[21] != two[21]).all()
-
-
 # --- free runs ---
 
 
@@ -117,15 +107,6 @@ def test_a_linear_structure_runs_free_on_forces_it_never_saw(
     run = estimator.free_run(other.drive())
     assert relative(run.a, other.a) < 0.01
     assert relative(run.v, other.v) < 0.02
-
-
-def test_odd_orders_alone_are_an_odd_map(forward, bilinear_records, bilinear_record):
-    odd = VWNN(3, 3, DT, order=[1, 3], bias=False, ridge=1e-6, unfiltered_excitation=True)
-    odd.identify(bilinear_records[:2])
-    drive = bilinear_record.drive()
-    for estimator in (odd, forward):
-        run, mirrored = (estimator.free_run(replace(drive, u=s * drive.u)) for s in (1.0, -1.0))
-        assert torch.equal(mirrored.a, -run.a)
 
 
 # --- identification ---
