@@ -15,11 +15,8 @@ from models.composition.composite import Composite
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.fit.free_run_objective import FreeRun
-from models.fit.problem import FreeRunProblem
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.starts.spectra import Layout
-from models.fit.free_run_objective import FreeRun
-from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 
 DT = 0.01
 CHAIN = [["ground", "x1"], ["x1", "x2"]]

@@ -17,13 +17,11 @@ from data.simulation.scenario import Noisy
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
 from models.estimator import Estimator, NoFreeRunError
 from models.fit.free_run import periodic_run, simulate
-from models.fit.metrics import FreeRunScore, free_run_score, score
+from models.fit.metrics import FreeRunScore, free_run_score
 from models.layers.integrate import between, runge_kutta
 from models.linear import EquivalentLinear
 from models.mlp import GlobalMLP, ResidualMLP
 from models.polynomial import ModalPolynomial
-from models.fit.free_run import periodic_run, simulate
-from models.fit.metrics import FreeRunScore, free_run_score
 from models.vwnn import VWNN
 
 DT = 0.01

@@ -10,6 +10,9 @@ from torch import nn
 
 from data.record import Record
 from models.baselines import TwoPoint
+from models.fit.identification import Identification
+from models.fit.solvers.lbfgs import LBFGS
+from models.fit.trainable import Trainable
 from models.training.assemble import data_from
 from models.vwnn import VWNN
 from runner.config.compose import CONF, prepare_hydra

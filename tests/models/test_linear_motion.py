@@ -11,7 +11,6 @@ from data.record import Record
 from models.fit.metrics import free_run_score
 from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion, OutputError, run_of_weights
-from models.fit.metrics import free_run_score
 
 
 def error(record: Record) -> float:

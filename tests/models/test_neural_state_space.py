@@ -9,6 +9,8 @@ import torch
 from torch.func import jvp
 
 from data.record import Record
+from models.fit.problem import FreeRunProblem
+from models.fit.solvers.lbfgs import LBFGS
 from models.layers.linear_with_network import LatentStep
 from models.linear import EquivalentLinear
 from models.neural_state_space import NeuralStateSpace, trajectory

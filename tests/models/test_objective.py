@@ -10,16 +10,6 @@ from data.simulation.datamodule import SimulatedData
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.scenario import FullState
 from models.estimator import Estimator
-from models.fit.finalists import middle
-from models.fit.free_run_objective import FreeRun
-from models.fit.identification import Identification
-from models.fit.objective import OneStep, state_of
-from models.fit.problem import FreeRunProblem, Problem
-from models.fit.solvers.adam import Adam
-from models.fit.solvers.lbfgs import LBFGS
-from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
-from models.mlp import GlobalMLP
-from models.neural_state_space import NeuralStateSpace
 from models.fit.free_run_objective import FreeRun
 from models.fit.identification import Identification
 from models.fit.objective import OneStep
@@ -27,6 +17,8 @@ from models.fit.problem import FreeRunProblem, Problem
 from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.mlp import GlobalMLP
+from models.neural_state_space import NeuralStateSpace
 from tests.models.two_masses import DT
 
 # PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates

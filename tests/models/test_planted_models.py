@@ -9,6 +9,7 @@ import torch
 from data.record import Record
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from models.baselines import FilteredExtrapolation
+from models.fit.metrics import score
 from models.linear import EquivalentLinear
 from models.vwnn import VWNN
 from tests.models.zoo import DT

@@ -9,6 +9,8 @@ import pytest
 import torch
 
 from data.record import Record, stack
+from models.fit.problem import Problem
+from models.fit.solvers.adam import Adam
 from models.recurrent import Recurrent
 
 DT = 0.01

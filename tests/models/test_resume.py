@@ -12,19 +12,11 @@ from data.datamodule import Data
 from models.fit import free_run_objective
 from models.fit.free_run_objective import FreeRun
 from models.fit.identification import Identification
-from models.fit.problem import Problem
 from models.fit.resume import SaveProgress, fault_of
 from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
-from models.fit import free_run_objective
-from models.fit.free_run_objective import FreeRun
-from models.fit.identification import Identification
-from models.fit.resume import SaveProgress, fault_of
-from models.fit.solvers.adam import Adam
-from models.fit.solvers.lbfgs import LBFGS
-from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from tests.models.two_masses import DT, motion
 
 pytestmark = [

@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from data.record import Record
-from models.fit.metrics import score
 from models.layers.scaling import Extents
 from models.mlp import GlobalMLP, ResidualMLP
 

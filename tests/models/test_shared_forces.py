@@ -8,6 +8,7 @@ import torch
 
 from data.record import Record, stack
 from models.element_network_branch import ElementNetworkBranch
+from models.fit.objective import restore, state_of
 from models.starts import branch_choice
 from models.starts.branch_polish import motions_of
 from models.starts.shared_forces import Balance, fit_together

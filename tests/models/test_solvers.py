@@ -19,9 +19,6 @@ from models.fit.problem import Problem
 from models.fit.trainable import Trainable
 from models.linear import EquivalentLinear
 from models.training.assemble import data_from, estimator_from, solver_from
-from models.fit.identification import Identification
-from models.fit.problem import Problem
-from models.fit.trainable import Trainable
 from runner.config.compose import CONF, prepare_hydra
 
 pytestmark = [

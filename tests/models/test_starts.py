@@ -11,6 +11,8 @@ from torch import Tensor
 
 from data.record import Drive, Record, stack
 from models.element_network import ElementNetwork
+from models.fit.free_run_objective import FreeRun
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.latent_hysteresis_network import LatentHysteresisNetwork
 from models.starts.ladder import nearest, not_negative, triangle
 from models.starts.spectra import Layout, LinearStructure, Spectra, respond, typical

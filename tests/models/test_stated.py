@@ -13,9 +13,9 @@ from data.record import Drive, Record, stack
 from data.sample import Sensors
 from models.composition.many_runs import ManyRuns
 from models.element_network import ElementNetwork
-from models.training.assemble import estimator_from
 from models.fit.by_noise import refit
 from models.fit.problem import FreeRunProblem
+from models.training.assemble import estimator_from
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import laplace
 from models.uncertainty.parameters import free_vector

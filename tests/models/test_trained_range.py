@@ -7,6 +7,7 @@ import torch
 
 from data.record import Record
 from models.element_network import ElementNetwork
+from models.fit.trained_range import outside, range_of, warnings_of, worst_of
 from models.linear import EquivalentLinear
 
 
