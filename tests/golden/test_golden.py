@@ -8,12 +8,7 @@ from runner.config.identity import RESULTS
 from tests.golden.cases import CASES
 from tests.golden.compare import Difference, differences, fault_of, platform, read
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-    pytest.mark.filterwarnings("ignore:.*found in sys.modules.*:RuntimeWarning"),
-]
+pytestmark = pytest.mark.filterwarnings("ignore:.*found in sys.modules.*:RuntimeWarning")
 
 
 @pytest.fixture(scope="module")

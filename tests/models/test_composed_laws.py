@@ -15,10 +15,6 @@ from models.composition.simulate import Composition
 from models.element_network import ElementNetwork
 from tests.models.composites import DT
 
-# PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
-pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated")
-
-
 # Known laws
 
 

@@ -16,10 +16,6 @@ from models.composition.simulate import simulate
 from models.composition.trace import SMALLEST_BLOCK
 from tests.models.composites import Everything, assert_close, begun_in_motion, excited, spread
 
-# PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
-pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated")
-
-
 # The compiled run is the one in PyTorch
 
 

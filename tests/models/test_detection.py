@@ -241,22 +241,22 @@ def test_sample_by_sample_gives_the_alarms_of_the_whole_record(motions):
     online, high_pass = adaptive(motions["train"][0]), HighPass(0.5, 0.01)
     record = motions["damaged"][0]
     filtered = [HighPass(0.5, 0.01).record(r) for r in motions["train"]]
-    for detector in (WeightDrift(settle=10), CumulativeSum(settle=10)):
-        blocks = weight_blocks if isinstance(detector, WeightDistance) else residual_blocks
-        train = blocks(online, filtered[1:], EVERY)
+    expected, monitors = [], []
+    for kind, blocks in ((WeightDrift, weight_blocks), (CumulativeSum, residual_blocks)):
+        detector, train = kind(settle=10), blocks(online, filtered[1:], EVERY)
         detector.calibrate(train[:11], train[11:], 0.05)
-        whole = detector.levels(blocks(online, [high_pass.record(record)], EVERY))[0]
-        stream, monitor, sensor = online.stream(), Monitor(detector, EVERY), HighPass(0.5, 0.01)
-        first = None
-        for sample in samples_of(record.measured()):
-            now = sensor.sample(sample)
-            estimate = stream.step(now)
-            alarm = monitor.step(now.a - estimate, stream.weights[0])
-            first = first or alarm
-        torch.testing.assert_close(monitor.level, whole[-1], rtol=1e-6, atol=1e-9)
-        expected = first_alarm(whole)
-        assert first is not None
-        assert (first.block, first.dof) == (expected.block, expected.dof)
+        monitors.append(Monitor(detector, EVERY))
+        expected.append(detector.levels(blocks(online, [high_pass.record(record)], EVERY))[0])
+    stream, sensor, alarms = online.stream(), HighPass(0.5, 0.01), [[], []]
+    for sample in samples_of(record.measured()):
+        now = sensor.sample(sample)
+        residual = now.a - stream.step(now)
+        for monitor, own in zip(monitors, alarms, strict=True):
+            own += [alarm] if (alarm := monitor.step(residual, stream.weights[0])) else []
+    for monitor, own, levels in zip(monitors, alarms, expected, strict=True):
+        torch.testing.assert_close(monitor.level, levels[-1], rtol=1e-6, atol=1e-9)
+        first = first_alarm(levels)
+        assert (own[0].block, own[0].dof) == (first.block, first.dof)
 
 
 def test_the_filter_stops_what_is_slow_and_knows_no_future(frame):

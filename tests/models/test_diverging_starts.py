@@ -14,15 +14,6 @@ from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from tests.models.two_masses import DT, Growth, free_of
 
-# PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
-
-
 # starts that diverge
 
 

@@ -15,15 +15,6 @@ from models.fit.trainable import Trainable
 from models.vwnn import VWNN
 from tests.models.two_masses import DT, RECORDS, Growth, free_of, identified, motion
 
-# PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
-
-
 # restarted runs
 
 

@@ -19,13 +19,6 @@ from tests.models.solver_problems import (
     start,
 )
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
-
-
 # LBFGS
 
 

@@ -11,13 +11,6 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from tests.models.solver_problems import Valley, linear, network, run, spring, start, valley
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
-
-
 # Levenberg–Marquardt
 
 

@@ -150,18 +150,16 @@ def test_a_planted_frame_is_found_where_a_motion_was_not_seen(records, identifie
     assert error(identified, farther) < 0.05
 
 
-def test_displacements_that_drift_do_not_lead_it_astray(records, monkeypatch):
-    """From the end of the balance alone it is led astray, as the last lines show."""
-    monkeypatch.setattr(fit, "ITERATIONS", (3, 1, 7))
-    seen = stack(records[:2])
-    t, drift = DT * torch.arange(seen.samples)[:, None], seen.x.std(dim=1, keepdim=True)
-    seen = replace(seen, x=seen.x + drift * torch.sin(t), v=seen.v + drift * torch.cos(t))
-    drifting = MomentFrame(2, 1, DT, MASSES, HEIGHTS)
-    assert drifting.identify([seen.window(0, 400)])["balance_error"] > 0.5
-    assert error(drifting, records[2]) < 0.02
-    monkeypatch.setattr(fit, "_best", lambda known, motions, begin, theta: theta)
-    drifting.identify([seen.window(0, 400)])
-    assert error(drifting, records[2]) > 0.2
+def test_other_units_change_no_error(records, monkeypatch):
+    monkeypatch.setattr(fit, "ITERATIONS", (2, 2, 1))
+    one = stack(records[:2]).window(0, 600)
+    mm = {"x": 1e3, "v": 1e3, "a": 1e3, "f": 1e3}
+    other = replace(one, **{name: size * getattr(one, name) for name, size in mm.items()})
+    facts = [
+        MomentFrame(2, 1, DT, [size * m for m in MASSES], [size * h for h in HEIGHTS]).identify([r])
+        for r, size in ((one, 1.0), (other, 1e-3))
+    ]
+    assert facts[1] == pytest.approx(facts[0], rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,6 @@ from models.linear import EquivalentLinear
 from models.neural_state_space import NeuralStateSpace, trajectory
 from tests.models.test_recurrent import DT, motion
 
-# PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
-pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated")
-
 
 def softening(samples: int = 200, seed: int = 0) -> Record:
     """The linear motion with a restoring force that no linear system has."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 import torch
-from lightning.pytorch import Trainer
 
 from data.simulation.datamodule import SimulatedData
 from data.simulation.excitation import BandLimitedGaussian, Excitation
@@ -19,16 +18,8 @@ from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
 from models.neural_state_space import NeuralStateSpace
+from tests.models.training import fit
 from tests.models.two_masses import DT
-
-# PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
-
 
 # stages in the LightningModule
 
@@ -41,17 +32,6 @@ def data(linear_chain) -> SimulatedData:
 def data_of(linear_chain, **cut) -> SimulatedData:
     excitation = Excitation(force=BandLimitedGaussian(2.0, (0.0, 4.0)))
     return SimulatedData(linear_chain(2), excitation, FullState(), seed=0, duration=1.6, **cut)
-
-
-def fit(module: Identification, data, folder, epochs: int = 60) -> Identification:
-    trainer = Trainer(
-        accelerator="cpu", devices=1, max_epochs=epochs, logger=False, num_sanity_val_steps=0,
-        enable_progress_bar=False, enable_model_summary=False, enable_checkpointing=False,
-        limit_val_batches=None if data.validation else 0, log_every_n_steps=1,
-        default_root_dir=folder,
-    )  # fmt: skip
-    trainer.fit(module, datamodule=data)
-    return module
 
 
 def network(seed: int = 0) -> GlobalMLP:

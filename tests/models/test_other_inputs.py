@@ -17,7 +17,6 @@ from models.hysteretic_element import HystereticElement
 from tests.models.dampers import imposed_motion, magnetorheological, voltage
 
 DT = 0.002
-pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated")
 
 
 def record_of(s, rate, inputs, force, **more) -> Record:

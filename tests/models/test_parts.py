@@ -17,18 +17,12 @@ from models.fit.problem import FreeRunProblem
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.fit.stands import stands
 from models.hysteretic_element import HystereticElement
-from tests.models.test_objective import fit, free_run_loss
+from tests.models.test_objective import free_run_loss
 from tests.models.test_resume import Motions
 from tests.models.test_starts import motion as shaken
 from tests.models.test_starts import planted
+from tests.models.training import fit
 from tests.models.two_masses import DT
-
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
 
 
 def test_a_quiet_start_is_no_part_of_a_horizon():

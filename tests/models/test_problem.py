@@ -20,9 +20,6 @@ from models.fit.problem import FreeRunProblem, Problem
 from models.fit.trainable import Trainable
 from models.mlp import GlobalMLP, ResidualMLP
 
-# PyTorch's forward differentiation compiles its own rules with what PyTorch deprecates
-pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated")
-
 
 class OnePole(Trainable):
     """y[k] = p y[k−1] + g f[k] for every mass: an estimate that remembers the whole past."""

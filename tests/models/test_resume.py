@@ -17,14 +17,9 @@ from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
+from tests.models.training import trainer
 from tests.models.two_masses import DT, motion
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
 RUN = {"config": "one", "results": 2}
 
 
@@ -71,22 +66,9 @@ def trained(case: str, folder, *callbacks, go_on: bool = False) -> Identificatio
         GlobalMLP(2, 2, DT, hidden=(4,)), make_solver, 3, objective and objective()
     )
     path = folder / "training.ckpt"
-    trainer = Trainer(
-        accelerator="cpu",
-        max_epochs=-1,
-        num_sanity_val_steps=0,
-        logger=False,
-        callbacks=[SaveProgress(path, RUN, 0.0), *callbacks],
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        log_every_n_steps=1,
-        default_root_dir=folder,
-        limit_val_batches=None if "validation" in cut else 0,
-    )
     data = Motions(**cut)
-    resumed = {"ckpt_path": path if go_on else None, "weights_only": True}
-    trainer.fit(module, datamodule=data, **resumed)
+    own = trainer(folder, data, [SaveProgress(path, RUN, 0.0), *callbacks])
+    own.fit(module, datamodule=data, ckpt_path=path if go_on else None, weights_only=True)
     return module
 
 

@@ -12,8 +12,7 @@ from functools import cache
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
-from lightning.pytorch import Trainer, seed_everything
+from lightning.pytorch import seed_everything
 from omegaconf import DictConfig
 
 from data.datamodule import Data
@@ -21,14 +20,9 @@ from data.record import Record
 from models.fit.free_run import simulate
 from models.fit.identification import Identification
 from models.training.assemble import changed, estimator_from, objective_from, solver_from
-from runner.config.compose import CONF, EARLIER, prepare_hydra
+from runner.config.compose import CONF, EARLIER, composed
+from tests.models.training import fit
 from tests.models.zoo import NO_STRUCTURE, SMALLER, class_name
-
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
 
 MORE = 2.0**20  # 1.05e6
 OWN = (1.0, 1.0, 1.0)  # units of length, force and time
@@ -103,9 +97,7 @@ def records(bilinear_record) -> dict[str, Record]:
 
 @cache
 def config(name: str) -> DictConfig:
-    prepare_hydra()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("train", [f"model={name}", "system.sigmoid_weight=null"])
+    return composed(f"model={name}", "system.sigmoid_weight=null")
 
 
 def errors(name: str, record: Record, folder) -> dict[str, float]:
@@ -120,19 +112,7 @@ def errors(name: str, record: Record, folder) -> dict[str, float]:
         solver_from(changed(cfg.solver, {"iterations": 2})),
         objective=objective_from(changed(cfg.objective, few)),
     )
-    trainer = Trainer(
-        accelerator="cpu",
-        devices=1,
-        logger=False,
-        max_epochs=1000,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        enable_checkpointing=False,
-        limit_val_batches=0,
-        log_every_n_steps=1,
-        default_root_dir=folder,
-    )
-    trainer.fit(module, datamodule=data)
+    fit(module, data, folder)
     with torch.no_grad():
         ways = {"one step": module.estimator(record)}
         if "f" in module.estimator.reads:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
 from data.sample import Sensors
@@ -17,7 +16,7 @@ from models.training.assemble import changed, estimator_from
 from models.training.build import class_of
 from models.vwnn import VWNN
 from models.vwnn_forward import ForwardVWNN
-from runner.config.compose import CONF, EARLIER, prepare_hydra
+from runner.config.compose import CONF, EARLIER, composed
 
 DT = 0.01
 SMALLER = {  # what a class is built with here, so that it is identified in a second
@@ -55,11 +54,9 @@ def build(cfg: DictConfig, dofs: int, inputs: int, dt: float) -> Estimator:
 
 def zoo() -> tuple[dict[str, Callable[..., Estimator]], dict[str, Callable[..., Estimator]]]:
     """name → (dofs, inputs, dt) → estimator, of conf/model and earlier names; element tests."""
-    prepare_hydra()
     paths = (*(CONF / "model").glob("*.yaml"), *(EARLIER / "model").glob("*.yaml"))
     names = sorted(path.stem for path in paths)
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        models = {name: compose("train", [f"model={name}"]).model for name in names}
+    models = {name: composed(f"model={name}").model for name in names}
     alone = {name for name, cfg in models.items() if class_name(cfg) in NO_STRUCTURE}
     made = {name: partial(build, cfg) for name, cfg in models.items()}
     structures = {name: make for name, make in made.items() if name not in alone}
