@@ -7,65 +7,45 @@ n DOFs, m excitations.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from torch import nn
 
 from export.names import inputs_of, motion_of
 from export.step import Step
-from export.steps.runge_kutta import arrive, jumps, midway, towards
+from export.steps.runge_kutta import advance, arrive, begin, midway, observe, towards
 from models.layers.perceptron import ACTIVATIONS, Perceptron
 from models.mlp import GlobalMLP, ResidualMLP
 
 
-def begin(x0, v0, u, x, v, left, weights, biases, sizes, inner, outer, widest, activation):
-    """From the given state."""
-    x[:] = x0
-    v[:] = v0
-    _law(x, v, u, left, weights, biases, sizes, inner, outer, widest, activation)
+class Layers(NamedTuple):
+    """Weights and scales of a perceptron."""
+
+    weights: np.ndarray  # of all layers, one after the other
+    biases: np.ndarray
+    sizes: np.ndarray  # (layers + 1,): neurons
+    inner: np.ndarray  # (2, inputs): centre and reach
+    outer: np.ndarray  # (2, outputs)
+    widest: int
+    activation: int
 
 
-def _law(x, v, u, a, weights, biases, sizes, inner, outer, widest, activation):
+class Residual(NamedTuple):
+    """A linear model and the perceptron of its residual."""
+
+    W: np.ndarray  # (2n + m, n)
+    layers: Layers
+
+
+def _law(x, v, u, a, layers):
     n, m = x.size, u.size
     signal = np.empty(2 * n + m)
     for i in range(n):
         signal[i], signal[n + i] = x[i], v[i]
     for j in range(m):
         signal[2 * n + j] = u[j]
-    network(signal, a, weights, biases, sizes, inner, outer, widest, activation)
-
-
-def observe(last, u, x, v, left, a, weights, biases, sizes, inner, outer, widest,
-            activation):  # fmt: skip
-    """ẍ of the state and the excitation, which is known unless that jumps."""
-    if jumps(last, u):
-        _law(x, v, u, a, weights, biases, sizes, inner, outer, widest, activation)
-    else:
-        a[:] = left
-
-
-def advance(first, last, dt, x, v, left, a, weights, biases, sizes, inner, outer, widest,
-            activation):  # fmt: skip
-    """A Runge–Kutta step."""
-    n = x.size
-    x_there = np.empty(n)
-    rates = np.empty((3, n))
-    stages = np.empty((3, n))
-    middle = np.empty(first.size)
-    midway(first, last, middle)
-    towards(0.5 * dt, x, v, v, a, x_there, rates[0])
-    _law(x_there, rates[0], middle, stages[0], weights, biases, sizes, inner, outer, widest,
-         activation)  # fmt: skip
-    towards(0.5 * dt, x, v, rates[0], stages[0], x_there, rates[1])
-    _law(x_there, rates[1], middle, stages[1], weights, biases, sizes, inner, outer, widest,
-         activation)  # fmt: skip
-    towards(dt, x, v, rates[1], stages[1], x_there, rates[2])
-    _law(x_there, rates[2], last, stages[2], weights, biases, sizes, inner, outer, widest,
-         activation)  # fmt: skip
-    arrive(dt, x, v, a, stages)
-    _law(x, v, last, left, weights, biases, sizes, inner, outer, widest, activation)
-    a[:] = left
+    network(signal, a, layers)
 
 
 def residual_begin(x0, v0, x, v, before):
@@ -75,32 +55,28 @@ def residual_begin(x0, v0, x, v, before):
     before[:] = 0.0
 
 
-def _residual_law(x, v, u, delayed, a, residual, W, weights, biases, sizes, inner, outer, widest,
-                  activation):  # fmt: skip
+def _residual_law(x, v, u, delayed, a, residual, parts):
     n, m = x.size, u.size
     signal = np.empty(3 * n + m)
     for i in range(n):
         signal[i], signal[n + i], signal[2 * n + m + i] = v[i], x[i], delayed[i]
     for j in range(m):
         signal[2 * n + j] = u[j]
-    network(signal, residual, weights, biases, sizes, inner, outer, widest, activation)
+    network(signal, residual, parts.layers)
     a[:] = 0.0
     for j in range(2 * n + m):
         for i in range(n):
-            a[i] += W[j, i] * signal[j]
+            a[i] += parts.W[j, i] * signal[j]
     for i in range(n):
         a[i] -= residual[i]
 
 
-def residual_observe(u, before, now, x, v, a, W, weights, biases, sizes, inner, outer, widest,
-                     activation):  # fmt: skip
-    """ẍ of the state and the excitation, and the residual that the next sample is told."""
-    _residual_law(x, v, u, before, a, now, W, weights, biases, sizes, inner, outer, widest,
-                  activation)  # fmt: skip
+def residual_observe(u, before, now, x, v, a, parts):
+    """ẍ of the state and the excitation, and the residual that the next sample is given."""
+    _residual_law(x, v, u, before, a, now, parts)
 
 
-def residual_advance(first, last, dt, before, now, x, v, a, W, weights, biases, sizes, inner, outer,
-                     widest, activation):  # fmt: skip
+def residual_advance(first, last, dt, before, now, x, v, a, parts):
     """A Runge–Kutta step, along which the delayed residual is linear."""
     n = x.size
     x_there = np.empty(n)
@@ -113,14 +89,11 @@ def residual_advance(first, last, dt, before, now, x, v, a, W, weights, biases, 
     for i in range(n):
         delayed[i] = 0.5 * (before[i] + now[i])
     towards(0.5 * dt, x, v, v, a, x_there, rates[0])
-    _residual_law(x_there, rates[0], middle, delayed, stages[0], unused, W, weights, biases, sizes,
-                  inner, outer, widest, activation)  # fmt: skip
+    _residual_law(x_there, rates[0], middle, delayed, stages[0], unused, parts)
     towards(0.5 * dt, x, v, rates[0], stages[0], x_there, rates[1])
-    _residual_law(x_there, rates[1], middle, delayed, stages[1], unused, W, weights, biases, sizes,
-                  inner, outer, widest, activation)  # fmt: skip
+    _residual_law(x_there, rates[1], middle, delayed, stages[1], unused, parts)
     towards(dt, x, v, rates[1], stages[1], x_there, rates[2])
-    _residual_law(x_there, rates[2], last, now, stages[2], unused, W, weights, biases, sizes, inner,
-                  outer, widest, activation)  # fmt: skip
+    _residual_law(x_there, rates[2], last, now, stages[2], unused, parts)
     arrive(dt, x, v, a, stages)
     before[:] = now
 
@@ -128,18 +101,18 @@ def residual_advance(first, last, dt, before, now, x, v, a, W, weights, biases, 
 def step_of(model: GlobalMLP | ResidualMLP) -> Step:
     """The step of a perceptron. Raises ValueError for one that is not identified."""
     state = {name: np.zeros(model.dofs) for name in "xva"}
-    numbers = numbers_of(model.network)
+    layers = layers_of(model.network)
     if isinstance(model, GlobalMLP):
         state["left"] = np.zeros(model.dofs)
         return Step(
-            begin, observe, advance, model.dt, state, numbers, inputs_of(model), motion_of(model),
-            any_step=True,
+            begin, observe, advance, model.dt, state, {"law": _law, "parts": layers},
+            inputs_of(model), motion_of(model), any_step=True,
         )  # fmt: skip
     model.require_identified(model.weights)
     state |= {name: np.zeros(model.dofs) for name in ("before", "now")}
-    numbers["W"] = model.weights.detach().numpy().copy()
+    parts = Residual(model.weights.detach().numpy().copy(), layers)
     return Step(
-        residual_begin, residual_observe, residual_advance, model.dt, state, numbers,
+        residual_begin, residual_observe, residual_advance, model.dt, state, {"parts": parts},
         inputs_of(model), motion_of(model),
     )  # fmt: skip
 
@@ -159,11 +132,9 @@ def _activated(x, activation):
     return x * (0.5 + 0.5 * math.tanh(0.5 * x))
 
 
-def network(signal, found, weights, biases, sizes, inner, outer, widest, activation):
-    """Fills `found` (outputs,) from a signal (inputs,), both in physical units.
-
-    sizes (layers + 1,): neurons; inner (2, inputs), outer (2, outputs): centre and reach.
-    """
+def network(signal, found, layers):
+    """Fills `found` (outputs,) from a signal (inputs,), both in physical units."""
+    weights, biases, sizes, inner, outer, widest, activation = layers
     below = np.zeros(widest)
     above = np.zeros(widest)
     for j in range(signal.size):
@@ -185,19 +156,14 @@ def network(signal, found, weights, biases, sizes, inner, outer, widest, activat
         found[i] = outer[0, i] + outer[1, i] * above[i]
 
 
-def numbers_of(model: Perceptron) -> dict[str, Any]:
-    """What `network` is given beside its signal."""
+def layers_of(model: Perceptron) -> Layers:
     layers = [layer for layer in model.layers if isinstance(layer, nn.Linear)]
     sizes = [layers[0].in_features, *(layer.out_features for layer in layers)]
     kinds = {type(layer) for layer in model.layers} - {nn.Linear}
     scales = model.input_scale, model.output_scale
     inner, outer = (np.stack([s.centre.numpy(), s.reach.numpy()]) for s in scales)
-    return {
-        "weights": np.concatenate([layer.weight.detach().numpy().T.ravel() for layer in layers]),
-        "biases": np.concatenate([layer.bias.detach().numpy() for layer in layers]),
-        "sizes": np.array(sizes),
-        "inner": inner,
-        "outer": outer,
-        "widest": max(sizes),
-        "activation": list(ACTIVATIONS.values()).index(kinds.pop()),
-    }
+    return Layers(
+        np.concatenate([layer.weight.detach().numpy().T.ravel() for layer in layers]),
+        np.concatenate([layer.bias.detach().numpy() for layer in layers]),
+        np.array(sizes), inner, outer, max(sizes), list(ACTIVATIONS.values()).index(kinds.pop()),
+    )  # fmt: skip

@@ -6,25 +6,33 @@ n DOFs and modes, m excitations, K powers of a coordinate from 0, P terms of all
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 
 from export.names import inputs_of, motion_of
 from export.step import Step
-from export.steps.runge_kutta import arrive, jumps, midway, towards
+from export.steps.runge_kutta import advance, begin, observe
 from models.polynomial import ModalPolynomial
 
 
-def begin(x0, v0, u, x, v, left, L, S, offset, terms, C, B, powers, chebyshev):
-    """From the given state."""
-    x[:] = x0
-    v[:] = v0
-    _law(x, v, u, left, L, S, offset, terms, C, B, powers, chebyshev)
+class Parts(NamedTuple):
+    """Numbers of the equation above."""
+
+    L: np.ndarray  # (2n + m, n)
+    S: np.ndarray  # (2, n, n)
+    offset: np.ndarray  # (2, n)
+    terms: np.ndarray  # (P, 3): mode, and places of both factors
+    C: np.ndarray  # (P,)
+    B: np.ndarray  # (n, n)
+    powers: int
+    chebyshev: int
 
 
-def _coordinates(x, v, S, offset, chebyshev, table):
+def _coordinates(x, v, parts, table):
     """Fills T_k(q_a) (2n K,) of all coordinates, one after the other."""
-    n = x.size
+    n, S, offset, chebyshev = x.size, parts.S, parts.offset, parts.chebyshev
     K = table.size // (2 * n)
     for part in range(2):
         for i in range(n):
@@ -40,11 +48,11 @@ def _coordinates(x, v, S, offset, chebyshev, table):
                     table[at + k] = q * table[at + k - 1]
 
 
-def _law(x, v, u, a, L, S, offset, terms, C, B, powers, chebyshev):
-    n = x.size
-    table = np.zeros(2 * n * powers)
+def _law(x, v, u, a, parts):
+    n, L, B, C, terms = x.size, parts.L, parts.B, parts.C, parts.terms
+    table = np.zeros(2 * n * parts.powers)
     h = np.zeros(n)
-    _coordinates(x, v, S, offset, chebyshev, table)
+    _coordinates(x, v, parts, table)
     for p in range(C.size):
         h[terms[p, 0]] += C[p] * table[terms[p, 1]] * table[terms[p, 2]]
     a[:] = 0.0
@@ -54,33 +62,6 @@ def _law(x, v, u, a, L, S, offset, terms, C, B, powers, chebyshev):
     for j in range(u.size):
         for i in range(n):
             a[i] += L[2 * n + j, i] * u[j]
-
-
-def observe(last, u, x, v, left, a, L, S, offset, terms, C, B, powers, chebyshev):
-    """ẍ of the state and the excitation, which is known unless that jumps."""
-    if jumps(last, u):
-        _law(x, v, u, a, L, S, offset, terms, C, B, powers, chebyshev)
-    else:
-        a[:] = left
-
-
-def advance(first, last, dt, x, v, left, a, L, S, offset, terms, C, B, powers, chebyshev):
-    """A Runge–Kutta step."""
-    n = x.size
-    x_there = np.empty(n)
-    rates = np.empty((3, n))
-    stages = np.empty((3, n))
-    middle = np.empty(first.size)
-    midway(first, last, middle)
-    towards(0.5 * dt, x, v, v, a, x_there, rates[0])
-    _law(x_there, rates[0], middle, stages[0], L, S, offset, terms, C, B, powers, chebyshev)
-    towards(0.5 * dt, x, v, rates[0], stages[0], x_there, rates[1])
-    _law(x_there, rates[1], middle, stages[1], L, S, offset, terms, C, B, powers, chebyshev)
-    towards(dt, x, v, rates[1], stages[1], x_there, rates[2])
-    _law(x_there, rates[2], last, stages[2], L, S, offset, terms, C, B, powers, chebyshev)
-    arrive(dt, x, v, a, stages)
-    _law(x, v, last, left, L, S, offset, terms, C, B, powers, chebyshev)
-    a[:] = left
 
 
 def step_of(model: ModalPolynomial) -> Step:
@@ -95,17 +76,15 @@ def step_of(model: ModalPolynomial) -> Step:
         B = B @ inverse_mass.detach().T
     counts = [len(terms) for terms in model.terms]
     places = [place.numpy() for place in model._places(inverse.device)]
-    parts = {
-        "L": L,
-        "S": inverse / reach[:, :, None],
-        "offset": -centre / reach,
-        "C": torch.cat([weights.detach()[:, 0] for weights in model.coefficients]),
-        "B": B,
-    }
-    numbers = {name: np.ascontiguousarray(part.numpy()) for name, part in parts.items()}
-    numbers["terms"] = np.stack([np.repeat(np.arange(n), counts), *places], axis=1)
-    whole = {"powers": model.order + 1, "chebyshev": int(model.basis == "chebyshev")}
+    terms = np.stack([np.repeat(np.arange(n), counts), *places], axis=1)
+    weights = torch.cat([weights.detach()[:, 0] for weights in model.coefficients])
+    arrays = L, inverse / reach[:, :, None], -centre / reach
+    linear, S, offset, C, mixed = (
+        np.ascontiguousarray(part.numpy()) for part in (*arrays, weights, B)
+    )
+    chebyshev = int(model.basis == "chebyshev")
+    parts = Parts(linear, S, offset, terms, C, mixed, model.order + 1, chebyshev)
     return Step(
         begin, observe, advance, model.dt, {name: np.zeros(n) for name in ("x", "v", "a", "left")},
-        {**numbers, **whole}, inputs_of(model), motion_of(model), any_step=True,
+        {"law": _law, "parts": parts}, inputs_of(model), motion_of(model), any_step=True,
     )  # fmt: skip
