@@ -25,9 +25,9 @@ from models.composition.trace import stated_by
 from models.element_network_branch import ElementNetworkBranch
 
 
-def begin(x0, v0, u, motion, memory, room, left, none, equation, laws):
+def begin(x0, v0, u, motion, memory, room, none, equation, laws):
     """At rest or in motion, with elements that remember nothing."""
-    q, rate, past = motion.q, motion.rate, memory.past
+    q, rate, left, past = motion.q, motion.rate, motion.left, memory.past
     q[:] = x0
     rate[:] = v0
     past[:] = 0.0
@@ -42,9 +42,9 @@ def begin(x0, v0, u, motion, memory, room, left, none, equation, laws):
     motion.acc[:] = left
 
 
-def observe(last, u, motion, memory, left, deformation, x, v, a, r, equation, laws):
+def observe(last, u, motion, memory, deformation, x, v, a, r, equation, laws):
     """An excitation that is held between samples jumps at them."""
-    q, rate, acc = motion.q, motion.rate, motion.acc
+    q, rate, _, acc, left = motion
     for i in range(q.size):
         acc[i] = left[i]
         for j in range(u.size):
@@ -54,9 +54,9 @@ def observe(last, u, motion, memory, left, deformation, x, v, a, r, equation, la
         deformation[e], r[e] = laws.scale[0, e] * memory.y[e], memory.r[e]
 
 
-def advance(last, dt, motion, memory, room, left, none, equation, laws):
+def advance(last, dt, motion, memory, room, none, equation, laws):
     """A velocity-Verlet substep."""
-    q, rate, ahead, acc = motion
+    q, rate, ahead, acc, left = motion
     _move(dt, q, rate, acc, ahead, none, none, none, none)
     _forces(q, ahead, none, none, True, dt, last, equation, laws, memory, room)
     _accelerations(q, ahead, none, none, last, equation, memory.r, memory.dr, left, none)
@@ -78,8 +78,8 @@ def step_of(model: ElementNetworkBranch) -> Step:
     )  # fmt: skip
     x, x_turn, by_x = np.zeros((3, width))
     room = Room(np.zeros((5, 0)), x, x_turn, by_x, np.zeros(branches.sizes[1]))
-    state: dict[str, Any] = {"motion": Motion(*np.zeros((4, n))), "memory": memory, "room": room}
-    state |= {name: np.zeros(n) for name in ("left", *"xva")}
+    state: dict[str, Any] = {"motion": Motion(*np.zeros((5, n))), "memory": memory, "room": room}
+    state |= {name: np.zeros(n) for name in "xva"}
     state |= {name: np.zeros(E) for name in ("deformation", "r")}
     names = elements_of(model, E)
     outputs = [

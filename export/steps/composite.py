@@ -6,7 +6,7 @@ n coordinates, E elements, m excitations, o outputs.
 from __future__ import annotations
 
 from importlib import import_module
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,9 +31,9 @@ UNIT = (("stiffness", "N/m"), ("limit", "m"), ("rising", "1/m"), ("falling", "1/
 GROUPS = (HINGE, TANH, UNIT)
 
 
-def begin(x0, v0, u, motion, elements, left, none, equation, back):
+def begin(x0, v0, u, motion, elements, none, equation, back):
     """At rest or in motion, with units that remember nothing."""
-    q, rate = motion.q, motion.rate
+    q, rate, left = motion.q, motion.rate, motion.left
     for i in range(q.size):
         q[i] = rate[i] = 0.0
         for c in range(x0.size):
@@ -45,9 +45,9 @@ def begin(x0, v0, u, motion, elements, left, none, equation, back):
     motion.acc[:] = left
 
 
-def observe(last, u, motion, elements, left, x, v, a, y, r, equation, outputs):
+def observe(last, u, motion, elements, x, v, a, y, r, equation, outputs):
     """An excitation that is held between samples jumps at them."""
-    q, rate, acc = motion.q, motion.rate, motion.acc
+    q, rate, _, acc, left = motion
     for i in range(q.size):
         acc[i] = left[i]
         for j in range(u.size):
@@ -62,9 +62,9 @@ def observe(last, u, motion, elements, left, x, v, a, y, r, equation, outputs):
     r[:] = elements.r
 
 
-def advance(last, dt, motion, elements, left, none, equation):
+def advance(last, dt, motion, elements, none, equation):
     """A velocity-Verlet substep."""
-    q, rate, ahead, acc = motion
+    q, rate, ahead, acc, left = motion
     _move(dt, q, rate, acc, ahead, none, none, none, none)
     _forces(q, ahead, none, none, True, last, equation, elements)
     _accelerations(q, ahead, none, none, last, equation, elements.r, elements.dr, left, none)
@@ -78,6 +78,7 @@ class Motion(NamedTuple):
     rate: np.ndarray
     ahead: np.ndarray
     acc: np.ndarray
+    left: np.ndarray  # accelerations before the excitation jumps
 
 
 def step_of(model: Composite) -> Step:
@@ -94,7 +95,7 @@ def step_of(model: Composite) -> Step:
         np.zeros(E), rows, np.zeros((E, units)), np.zeros((E, units, 0)), np.zeros(E), rows,
         np.zeros((2, 0)),
     )  # fmt: skip
-    state = {"motion": Motion(*np.zeros((4, n))), "elements": elements, "left": np.zeros(n)}
+    state: dict[str, Any] = {"motion": Motion(*np.zeros((5, n))), "elements": elements}
     state |= {name: np.zeros(o) for name in "xva"} | {name: np.zeros(E) for name in "yr"}
     numbers = {"equation": equation, "outputs": sensors.outputs.value, "back": sensors.back}
     step = Step(

@@ -8,6 +8,7 @@ n DOFs, m excitations, r memory states, H neurons.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,21 +19,40 @@ from models.layers.linear_with_network import LinearWithNetwork
 from models.neural_state_space import NeuralStateSpace
 
 
-def begin(x0, v0, u, z, E, size_state, size_u):
+def begin(x0, v0, u, z, E, sizes):
     """From the given state; its memory takes the time before it for rest."""
     n = x0.size
     r = z.size - 2 * n
     z[:] = 0.0
     for j in range(2 * n):
-        z[j] = (x0[j] if j < n else v0[j - n]) / size_state[j]
+        z[j] = (x0[j] if j < n else v0[j - n]) / sizes.state[j]
     for j in range(2 * n + u.size):
-        signal = z[j] if j < 2 * n else u[j - 2 * n] / size_u[j - 2 * n]
+        signal = z[j] if j < 2 * n else u[j - 2 * n] / sizes.u[j - 2 * n]
         for i in range(r):
             z[2 * n + i] += E[j, i] * signal
 
 
-def _layer(signal, found, linear, inner, bias, outer, shift):
-    """Fills `found` by a linear map of the signal, and by a network beside it."""
+class Layer(NamedTuple):
+    """A linear map and a network of H neurons, whose outputs are added."""
+
+    linear: np.ndarray
+    inner: np.ndarray
+    bias: np.ndarray
+    outer: np.ndarray
+    shift: np.ndarray
+
+
+class Sizes(NamedTuple):
+    """Units of the state (2n,), the excitation (m,) and the acceleration (n,)."""
+
+    state: np.ndarray
+    u: np.ndarray
+    a: np.ndarray
+
+
+def _fill(signal, found, layer):
+    """Fills `found` by both parts of a layer."""
+    linear, inner, bias, outer, shift = layer
     hidden = np.zeros(bias.size)
     found[:] = shift
     hidden[:] = bias
@@ -47,30 +67,30 @@ def _layer(signal, found, linear, inner, bias, outer, shift):
             found[i] += outer[j, i] * bent
 
 
-def observe(u, z, x, v, a, C, V1, c1, V2, c2, size_state, size_u, size_a):
-    """The motion that the latent state and the excitation tell."""
+def observe(u, z, x, v, a, output, sizes):
+    """The motion of the latent state under the excitation."""
     n = x.size
     signal = np.empty(z.size + u.size)
     for j in range(z.size):
         signal[j] = z[j]
     for j in range(u.size):
-        signal[z.size + j] = u[j] / size_u[j]
-    _layer(signal, a, C, V1, c1, V2, c2)
+        signal[z.size + j] = u[j] / sizes.u[j]
+    _fill(signal, a, output)
     for i in range(n):
-        x[i], v[i] = size_state[i] * z[i], size_state[n + i] * z[n + i]
-        a[i] *= size_a[i]
+        x[i], v[i] = sizes.state[i] * z[i], sizes.state[n + i] * z[n + i]
+        a[i] *= sizes.a[i]
 
 
-def advance(first, last, z, A, W1, b1, W2, b2, size_u):
+def advance(first, last, z, latent, sizes):
     """The latent state one sample on."""
     m = first.size
     signal = np.empty(z.size + 2 * m)
     for j in range(z.size):
         signal[j] = z[j]
     for j in range(m):
-        signal[z.size + j] = first[j] / size_u[j]
-        signal[z.size + m + j] = last[j] / size_u[j]
-    _layer(signal, z, A, W1, b1, W2, b2)
+        signal[z.size + j] = first[j] / sizes.u[j]
+        signal[z.size + m + j] = last[j] / sizes.u[j]
+    _fill(signal, z, latent)
 
 
 def step_of(model: NeuralStateSpace) -> Step:
@@ -78,11 +98,11 @@ def step_of(model: NeuralStateSpace) -> Step:
     model.require_identified(model.sizes)
     n, m = model.dofs, model.inputs
     sizes = np.split(model.sizes.numpy().copy(), [2 * n, 2 * n + m])
-    numbers = dict(zip(("size_state", "size_u", "size_a"), sizes, strict=True))
     newest = model.encoder.weight.detach().numpy()[:, -(2 * n + m) :]  # before it, all is at rest
-    numbers["E"] = np.ascontiguousarray(newest.T)
-    numbers |= _parts(model.step, ("A", "W1", "b1", "W2", "b2"))
-    numbers |= _parts(model.output, ("C", "V1", "c1", "V2", "c2"))
+    numbers = {
+        "E": np.ascontiguousarray(newest.T), "sizes": Sizes(*sizes),
+        "latent": _layer_of(model.step), "output": _layer_of(model.output),
+    }  # fmt: skip
     state = {"z": np.zeros(2 * n + model.memory)} | {name: np.zeros(n) for name in "xva"}
     return Step(
         begin, observe, advance, model.dt, state, numbers, inputs_of(model), motion_of(model),
@@ -90,6 +110,5 @@ def step_of(model: NeuralStateSpace) -> Step:
     )  # fmt: skip
 
 
-def _parts(layer: LinearWithNetwork, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    parts = (part.detach().numpy().T for part in layer.theta())
-    return {name: np.array(part, order="C") for name, part in zip(names, parts, strict=True)}
+def _layer_of(layer: LinearWithNetwork) -> Layer:
+    return Layer(*(np.array(part.detach().numpy().T, order="C") for part in layer.theta()))

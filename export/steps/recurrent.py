@@ -10,6 +10,7 @@ n DOFs, m excitations, L layers, H neurons, G gates of each: 3 (r, z, n) or 4 (i
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from torch import Tensor
@@ -25,21 +26,48 @@ def _sigmoid(x):
     return 0.5 + 0.5 * math.tanh(0.5 * x)
 
 
-def begin(x0, v0, h, past, elapsed, W0, b0, state_centre, state_reach):
+class Cells(NamedTuple):
+    """Weights of the gates, transposed: of what comes from below and of their own state."""
+
+    V: np.ndarray  # (L, m or H, G H)
+    U: np.ndarray  # (L, H, G H)
+    b_in: np.ndarray  # (L, G H)
+    b_own: np.ndarray
+
+
+class Head(NamedTuple):
+    """Weights of what the cells' state and the excitation give."""
+
+    W: np.ndarray  # (H + m, n or 3n)
+    b: np.ndarray
+    centre: np.ndarray  # (m,), and reach
+    reach: np.ndarray
+
+
+class First(NamedTuple):
+    """Weights of the cells' first state, by the first state of the motion."""
+
+    W0: np.ndarray  # (2n, ·, L, H)
+    b0: np.ndarray
+    centre: np.ndarray  # (2n,), and reach
+    reach: np.ndarray
+
+
+def begin(x0, v0, h, past, elapsed, start):
     """The first state of the cells, by the first state of the motion."""
     S, L, H = h.shape
     n = x0.size
     for s in range(S):
         for layer in range(L):
             for i in range(H):
-                h[s, layer, i] = b0[s, layer, i]
+                h[s, layer, i] = start.b0[s, layer, i]
     for j in range(2 * n):
         motion = x0[j] if j < n else v0[j - n]
-        scaled = (motion - state_centre[j]) / state_reach[j]
+        scaled = (motion - start.centre[j]) / start.reach[j]
         for s in range(S):
             for layer in range(L):
                 for i in range(H):
-                    h[s, layer, i] += W0[j, s, layer, i] * scaled
+                    h[s, layer, i] += start.W0[j, s, layer, i] * scaled
     at_first(x0, v0, past, elapsed)
 
 
@@ -61,8 +89,9 @@ def _gated(h, new, layer, driven, own):
             new[0, layer, i] = seen * math.tanh(new[1, layer, i])
 
 
-def _cells(scaled, h, new, V, U, b_in, b_own):
+def _move(scaled, h, new, cells):
     """All layers one sample on, from h to `new`, under a scaled excitation (m,)."""
+    V, U, b_in, b_own = cells
     L, H = h.shape[1], h.shape[2]
     gates = U.shape[2]
     driven = np.zeros(gates)
@@ -80,14 +109,15 @@ def _cells(scaled, h, new, V, U, b_in, b_own):
         _gated(h, new, layer, driven, own)
 
 
-def observe(u, h, new, past, elapsed, x, v, a, V, U, b_in, b_own, W, b, centre, reach):
-    """The cells at the sample, and the motion that they tell; x and v are integrals, or learned."""
+def observe(u, h, new, past, elapsed, x, v, a, cells, head):
+    """The cells at the sample, and the motion of them; x and v are integrals, or learned."""
+    W, b, centre, reach = head
     n, m, last, H = a.size, u.size, h.shape[1] - 1, h.shape[2]
     scaled = np.zeros(m)
     motion = np.zeros(b.size)
     for j in range(m):
         scaled[j] = (u[j] - centre[j]) / reach[j]
-    _cells(scaled, h, new, V, U, b_in, b_own)
+    _move(scaled, h, new, cells)
     motion[:] = b
     for j in range(H + m):
         signal = new[0, last, j] if j < H else scaled[j - H]
@@ -126,7 +156,7 @@ def step_of(model: Recurrent) -> Step:
     )  # fmt: skip
 
 
-def _numbers(model: Recurrent, shape: tuple[int, int, int]) -> dict[str, np.ndarray]:
+def _numbers(model: Recurrent, shape: tuple[int, int, int]) -> dict[str, Any]:
     """Weights of first state, cells and head, transposed; scales."""
     cells, L = model.cells, shape[1]
     layers = [[_array(part) for part in cells.all_weights[layer]] for layer in range(L)]
@@ -135,20 +165,25 @@ def _numbers(model: Recurrent, shape: tuple[int, int, int]) -> dict[str, np.ndar
         V[layer, : driven.shape[1]] = driven.T
     learned = 3 if bool(model.signals[1:].any()) else 1  # of [ẍ, x, ẋ]
     size = _array(model.signals)[:learned].ravel()
-    return {
-        "W0": np.ascontiguousarray(_array(model.begin.weight).T).reshape(-1, *shape),
-        "b0": _array(model.begin.bias).reshape(shape),
-        "V": V,
-        "U": np.ascontiguousarray(np.stack([own.T for _, own, *_ in layers])),
-        "b_in": np.stack([part[2] for part in layers]),
-        "b_own": np.stack([part[3] for part in layers]),
-        "W": np.ascontiguousarray((_array(model.head.weight)[: len(size)] * size[:, None]).T),
-        "b": _array(model.head.bias)[: len(size)] * size,
-        "centre": _array(model.input_scale.centre),
-        "reach": _array(model.input_scale.reach),
-        "state_centre": _array(model.state_scale.centre),
-        "state_reach": _array(model.state_scale.reach),
-    }
+    start = First(
+        np.ascontiguousarray(_array(model.begin.weight).T).reshape(-1, *shape),
+        _array(model.begin.bias).reshape(shape),
+        _array(model.state_scale.centre),
+        _array(model.state_scale.reach),
+    )
+    gates = Cells(
+        V,
+        np.ascontiguousarray(np.stack([own.T for _, own, *_ in layers])),
+        np.stack([part[2] for part in layers]),
+        np.stack([part[3] for part in layers]),
+    )
+    head = Head(
+        np.ascontiguousarray((_array(model.head.weight)[: len(size)] * size[:, None]).T),
+        _array(model.head.bias)[: len(size)] * size,
+        _array(model.input_scale.centre),
+        _array(model.input_scale.reach),
+    )
+    return {"start": start, "cells": gates, "head": head}
 
 
 def _array(values: Tensor) -> np.ndarray:

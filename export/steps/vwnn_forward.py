@@ -7,6 +7,7 @@ n DOFs, m excitations, F filters, K of them in products, L links, P products of 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,23 @@ from export.names import inputs_of, motion_of
 from export.step import Step
 from export.steps.integrals import at_first, integrate, states, take_over
 from models.vwnn_forward import ForwardVWNN
+
+
+class Weights(NamedTuple):
+    """Of filtered accelerations, products, excitation and filtered excitation."""
+
+    xi: np.ndarray  # (F, n, n)
+    products: np.ndarray  # (L, P, n)
+    f: np.ndarray  # (m, n)
+    psi: np.ndarray  # (F, m, n)
+
+
+class Links(NamedTuple):
+    """What the products are of."""
+
+    masses: np.ndarray  # (L, 2): the second may be −1, none
+    steep: np.ndarray  # (L, K): λ over the scale
+    factors: np.ndarray  # (P, 3)
 
 
 def begin(x0, v0, filtered, past, elapsed):
@@ -38,13 +56,13 @@ def _products(scaled, factors, W, a):
             a[i] += product * W[p, i]
 
 
-def observe(u, filtered, past, elapsed, x, v, a, taps, W_xi, W_products, W_f, W_psi, links, steep,
-            factors):  # fmt: skip
+def observe(u, filtered, past, elapsed, x, v, a, taps, weights, links):
     """The estimate from the filters (F + 2, n + m), whose last two rows are ζ[k−1] and ζ[k−2].
 
-    taps (F, F + 2): outputs ξ, ψ by that state; links (L, 2): masses, of which the second may be
-    −1, none; steep (L, K): λ over the scale.
+    taps (F, F + 2): outputs ξ, ψ by that state.
     """
+    W_xi, W_products, W_f, W_psi = weights
+    masses, steep, factors = links
     n, m = a.size, u.size
     F, rows = taps.shape
     L, K = steep.shape
@@ -67,9 +85,9 @@ def observe(u, filtered, past, elapsed, x, v, a, taps, W_xi, W_products, W_f, W_
             a[i] += u[c] * W_f[c, i]
     for link in range(L):
         for k in range(K):
-            between = outputs[k, links[link, 0]]
-            if links[link, 1] >= 0:
-                between -= outputs[k, links[link, 1]]
+            between = outputs[k, masses[link, 0]]
+            if masses[link, 1] >= 0:
+                between -= outputs[k, masses[link, 1]]
             scaled[k] = steep[link, k] * between
         _products(scaled, factors, W_products[link], a)
     integrate(past, elapsed, x, v, a)
@@ -91,19 +109,22 @@ def step_of(model: ForwardVWNN) -> Step:
     """The step of a network. Raises ValueError for one that is not identified."""
     model.require_identified(model.weights)
     n, m, F, L = model.dofs, model.inputs, len(model.filters.decays), len(model.links)
-    weights = model.weights.detach().numpy()
-    linear, products, forces, filtered = np.split(weights, [model.linear, model.own, model.own + m])
+    learned = model.weights.detach().numpy()
+    linear, products, forces, filtered = np.split(learned, [model.linear, model.own, model.own + m])
+    weights = Weights(
+        linear.reshape(F, n, n).copy(), products.reshape(L, -1, n).copy(), forces.copy(),
+        filtered.reshape(F, m, n).copy(),
+    )  # fmt: skip
+    links = Links(
+        np.array([(*link, -1)[:2] for link in model.links]),
+        float(model.products.weight) / model.scale.numpy(),
+        model.products.places().numpy(),
+    )
     numbers = {
         "taps": model.filters.outputs.numpy().copy(),
         "decays": model.filters.decays.numpy().copy(),
-        "W_xi": linear.reshape(F, n, n).copy(),
-        "W_products": products.reshape(L, -1, n).copy(),
-        "W_f": forces.copy(),
-        "W_psi": filtered.reshape(F, m, n).copy(),
-        "links": np.array([(*link, -1)[:2] for link in model.links]),
-        "steep": float(model.products.weight) / model.scale.numpy(),
-        "factors": model.products.places().numpy(),
-    }
+        "weights": weights, "links": links,
+    }  # fmt: skip
     state = {"filtered": np.zeros((F + 2, n + m)), **states(n)}
     return Step(
         begin, observe, advance, model.dt, state, numbers, inputs_of(model), motion_of(model),
