@@ -21,19 +21,16 @@ from tests.export.every_model import ELEMENTS, MODELS, drive, imposed
 pytestmark = needs_gcc
 CLOSE = 1e-12  # of the largest of each output
 ROUNDED = {"power_series_pairs": 1e-11}  # large powers that cancel each other
-SAMPLES = 5000
+SAMPLES = 2000
 CHECKED = ("-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 SANITIZED = ("-O0", *CHECKED)
 
 NETWORKS = {
     "chain_1": lambda: networks.network(1),
-    "chain_3": lambda: networks.network(3),
     "all_pairs_3": lambda: networks.network(3, "all", tanhs=2),
-    "chain_10": lambda: networks.network(10),
     "chain_30": lambda: networks.network(30),
     "support_3": lambda: networks.base_network(3),
     "latent_3": lambda: networks.latent(3),
-    "branches_1": lambda: networks.branches(1),
     "branches_3": lambda: networks.branches(3),
 }
 
@@ -74,7 +71,7 @@ def apart(model, given: Drive, folder, flags=("-O2",)) -> dict[str, float]:
     return found
 
 
-HELD = ("chain_3", "support_3", "latent_3", "branches_3")  # one of each kind
+HELD = ("all_pairs_3", "support_3", "latent_3", "branches_3")  # one of each kind
 RUNS = [(name, "linear") for name in NETWORKS] + [(name, "zero_order") for name in HELD]
 
 
@@ -135,14 +132,14 @@ def test_a_motion_begins_where_it_is_said_to(tmp_path):
     assert all(error <= CLOSE for error in apart(model, given, tmp_path).values())
 
 
-@pytest.mark.parametrize("times", [0.5, 2.0, 7.0])
+@pytest.mark.parametrize("times", [0.5, 7.0])
 def test_a_network_takes_any_step(times, tmp_path):
     model = networks.network(3)
     given = replace(forces(model, 500), dt=times * networks.DT)
     assert all(error <= CLOSE for error in apart(model, given, tmp_path).values())
 
 
-@pytest.mark.parametrize("name", ["chain_3", "branches_3"])
+@pytest.mark.parametrize("name", ["all_pairs_3", "branches_3"])
 def test_a_network_is_clean_under_sanitizers(name, tmp_path):
     model = NETWORKS[name]()
     found = apart(model, forces(model, 300), tmp_path, SANITIZED)
@@ -157,16 +154,7 @@ def test_named_laws_are_clean_under_sanitizers(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "law",
-    [
-        "SlackBrace",
-        "Takeda",
-        "FrictionPendulum",
-        "CurvedFrictionPendulum",
-        "Pinching4",
-        "Hysteretic",
-        "UnevenHysteretic",
-    ],
+    "law", ["SlackBrace", "CurvedFrictionPendulum", "Pinching4", "UnevenHysteretic"]
 )
 def test_a_named_element_runs_in_c(law, tmp_path):
     """Compiled fast: the text of all laws is in it."""
@@ -182,8 +170,8 @@ def test_a_named_element_runs_in_c(law, tmp_path):
     assert apart(model, given, tmp_path, ("-O0",))["r"] <= CLOSE
 
 
-@pytest.mark.parametrize("elements", [1, 2])
-def test_an_element_under_other_inputs_runs_in_c(elements, tmp_path):
+def test_an_element_under_other_inputs_runs_in_c(tmp_path):
+    elements = 2
     model = networks.damper(elements)
     s = smooth(800, 0.1)
     others = torch.rand(800, 2, generator=torch.Generator().manual_seed(0)).double() * 1.4 - 0.2

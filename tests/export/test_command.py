@@ -8,15 +8,7 @@ import shutil
 import pytest
 
 from export import __main__ as command
-from export.names import identifier
 from export.run import read_exported
-from export.targets import TARGETS
-
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
 
 
 @pytest.fixture
@@ -115,15 +107,3 @@ def test_an_unfinished_run_is_refused(copy, say):
     assert "is not a finished run: it has no metrics.json" in say(f"run={copy}", "to=json")[2]
     (copy / "failed.json").write_text('{"reason": "the fit failed"}')
     assert "holds a run that failed: the fit failed" in say(f"run={copy}", "to=json")[2]
-
-
-def test_help_names_every_target(say):
-    _, out, _ = say("--help")
-    assert all(f"\n{name} " in out for name in TARGETS)
-
-
-@pytest.mark.parametrize(
-    ("model", "word"), [("my model-2", "my_model_2"), ("3dof", "model_3dof"), ("°", "model")]
-)
-def test_a_name_is_a_word_in_every_language(model, word):
-    assert identifier(model) == word

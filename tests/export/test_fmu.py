@@ -114,9 +114,9 @@ def test_it_is_valid_and_small(unit):
     assert "nothing &lt;at all&gt;" in page
 
 
-@pytest.mark.parametrize("times", [1, 2, 7])
+@pytest.mark.parametrize("times", [1, 7])
 def test_held_inputs_give_the_zero_order_run(unit, model, times):
-    """At communication steps of 1, 2 and 7 samples, inputs are held over all of them."""
+    """At communication steps of 1 and 7 samples, inputs are held over all of them."""
     given = drive(5000 if times == 1 else 701)
     u = given.u[::times]
     held = replace(given, u=u.repeat_interleave(times, dim=0)[: given.samples])

@@ -70,16 +70,3 @@ def test_an_estimate_never_reads_the_sample_it_estimates(tmp_path):
     )
     np.testing.assert_array_equal(one[:201], two[:201])
     assert not np.array_equal(one[201], two[201])
-
-
-def test_a_sample_that_is_not_finite_teaches_nothing(tmp_path):
-    record = chain(2)
-    model = Online(2, 2, record.dt, VWNN(2, 2, record.dt), RecursiveLeastSquares())
-    model.identify([record.window(0, 150)])
-    given = told(record.window(150, record.samples))
-    right = run_in_c(step_of(model), given, tmp_path)["a"]
-    given.u[40, 3] = torch.nan
-    found = run_in_c(step_of(model), given, tmp_path)["a"]
-    np.testing.assert_array_equal(found[:41], right[:41])
-    assert np.isfinite(found).all()
-    assert np.abs(found - right).max() < np.abs(right).max()

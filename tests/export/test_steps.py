@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from data.record import QUANTITIES, Drive
+from data.record import Drive
 from export.names import MOTION
 from export.step import Step, run
 from export.steps import step_of
-from export.steps.quantity import SPELLED
-from models.baselines import LastValue, Rigid, Zero
+from models.baselines import LastValue
 from models.estimator import Estimator
 from models.linear import EquivalentLinear
 from tests.export.every_model import DT, ELEMENTS, MODELS, drive, imposed
@@ -68,11 +67,6 @@ def test_the_step_of_an_element_is_its_free_run(name):
     np.testing.assert_array_equal(once["r"], twice["r"])
 
 
-@pytest.mark.parametrize("kind", [Rigid, Zero])
-def test_no_motion_is_a_step_too(kind):
-    agrees(kind(3, 2, DT), drive(3, 2, 20))
-
-
 def test_what_has_no_step_says_so_in_one_line():
     class Own(EquivalentLinear):
         """Not of this zoo: its free run may be another."""
@@ -90,18 +84,12 @@ def test_what_has_no_step_says_so_in_one_line():
         ("linear_modes", "acceleration", [("output", ["a1"], "m/s2")]),
         ("linear_modes", "output", [("output", ["y1"], "")]),
         ("vwnn", "force", [("a", ["r1"], "N")]),
-        ("gru_integrated", "displacement", [("a", ["x1"], "m")]),
+        ("gru", "displacement", [("a", ["x1"], "m")]),
         ("linear", "acceleration", [(n, [f"{n}1"], u) for n, u in MOTION]),
     ],
 )
 def test_the_quantity_of_the_records_names_the_outputs(name, quantity, expected):
     assert step_of(MODELS[name](1), quantity).outputs == expected
-
-
-def test_units_are_those_of_records():
-    units = {quantity: unit.replace("²", "2").replace("–", "") for quantity, (_, unit) in
-             QUANTITIES.items()}  # fmt: skip
-    assert {quantity: unit for quantity, (_, unit) in SPELLED.items()} == units
 
 
 @pytest.mark.parametrize("dofs", SIZES)

@@ -224,20 +224,3 @@ def test_what_cannot_be_translated_is_told(function, said):
     with pytest.raises(ValueError, match=said) as told:
         translated(function)
     assert function.__name__ in str(told.value) or "endless" in str(told.value)
-
-
-def specialised(a, n, on):
-    if on:
-        a[0, 0] = 1.0
-    for i in range(n):
-        a[1, i] = 2.0
-
-
-def test_what_is_known_is_folded_in():
-    from export.translate.values import number
-
-    text = translated(specialised, n=number(3), on=number(False))
-    assert "if" not in text
-    assert "i < 3" in text
-    none = translated(specialised, n=number(0), on=number(False))
-    assert "for" not in none.replace("fill", "")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import signal
 import subprocess
 import sys
@@ -17,9 +16,8 @@ import torch
 from live import samples
 from models.online.adaptive import Online
 from models.online.stream import started
-from models.training.assemble import data_from, estimator_from
-from runner.config.compose import composed
-from runner.folder.run import Run, restore
+from models.training.assemble import data_from
+from runner.folder.run import restore
 from runner.folder.run_folder import read_run
 from tests.live.live_runs import DT, ROOT, finished
 
@@ -77,37 +75,6 @@ def test_a_run_goes_on_from_where_training_ended(run, online):
     model, data = restored(online)
     (record,) = data.records["test"]
     assert near(estimates("made.csv"), model(record.measured()))
-
-
-def test_a_batch_run_stays_as_it_was_identified(run, tmp_path):
-    folder = finished(tmp_path / "run", "model=vwnn")
-    assert run("test", "--run", str(folder), "--speed", "inf", "--output", "made.csv")[0] == 0
-    model, data = restored(folder)
-    (record,) = data.records["test"]
-    assert near(estimates("made.csv"), model(record.measured()))
-
-
-def test_a_run_whose_record_is_gone_goes_on_with_new_samples(run, tmp_path, lines):
-    """The sensors are in the run's folder."""
-    record = tmp_path / "record.csv"
-    record.write_text(lines.replace("t,", "time,", 1))
-    cfg = composed("data=measured", f"data.path={record}", "model=online_vwnn", "baselines=none")
-    data = data_from(cfg)
-    data.setup()
-    estimator = estimator_from(cfg.model, data)
-    training = Run.begin(tmp_path / "run", cfg, data.sensors)
-    estimator.identify(data.loader("train"))
-    training.save(estimator)
-    training.finish({part: cfg[part].name for part in ("model", "system", "scenario")})
-    record.unlink()
-    words = ("--run", str(tmp_path / "run"), "--output", "made.csv")
-    status, out, err = run("-", *words, text=lines)
-    assert (status, err) == (0, "")
-    assert "400 samples: relative error" in out
-    assert torch.isfinite(estimates("made.csv")).all()
-    status, _, err = run("test", "--run", str(tmp_path / "run"))
-    assert status == 1
-    assert str(record) in err
 
 
 def test_a_shaken_frame_by_its_own_names(run, tmp_path):
@@ -235,31 +202,7 @@ def test_a_run_says_what_does_not_fit(run, online, lines):
     assert (status, "the model is that of --run" in err) == (1, True)
 
 
-def test_weights_that_do_not_enter_linearly_are_refused(run, tmp_path):
-    folder = finished(tmp_path / "run", "model=last_value")
-    status, _, err = run("test", "--run", str(folder))
-    assert (status, "do not enter linearly" in err) == (1, True)
-
-
 # The end
-
-
-class Interrupted(io.BytesIO):
-    """Somebody presses Ctrl-C where the lines end."""
-
-    def readline(self, size: int | None = -1) -> bytes:
-        line = super().readline(size)
-        if not line:
-            raise KeyboardInterrupt
-        return line
-
-
-def test_ctrl_c_ends_with_a_summary(run, lines):
-    status, out, err = run("-", "--rate", "100", text=Interrupted(lines.encode()))
-    assert (status, err) == (130, "")
-    assert "400 samples: relative error" in out
-    assert "time per sample: median" in out
-    assert run("-", "--rate", "100", text=Interrupted())[0] == 130
 
 
 def test_a_signal_ends_the_program_while_it_waits(lines):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +16,9 @@ from data.record import Record
 from data.sample import Sample
 from live.alarm import LEARNING, ResidualAlarm
 from live.monitor import LiveMonitor
-from live.view import BARS, LiveView, bars
+from live.view import LiveView
 from models.online.adaptive import Online
-from models.online.laws.frozen import Frozen
 from models.online.scores import running_error
-from models.vwnn import VWNN
 from tests.live.live_runs import DT, finished
 
 # What is shown and left behind
@@ -66,37 +63,6 @@ def test_the_running_error_is_that_of_the_reports(bilinear_record):
     assert float(running_error(0.0 * record.a, record)[-1]) == pytest.approx(100.0)
     measured, _ = monitor.window()
     np.testing.assert_array_equal(measured, record.a[-200:].numpy())
-
-
-def test_an_overrun_is_later_than_the_next_sample():
-    t = DT * torch.arange(4, dtype=torch.float64)[:, None]
-    monitor = followed(Record(DT, torch.sin(t), t))
-    for late in (0.5 * DT, 0.99 * DT, 1.01 * DT, 3.0 * DT):
-        monitor.add_time(1e-5, late)
-    assert monitor.overruns == 2
-    assert monitor.latency() == pytest.approx((1e-5, 1e-5))
-
-
-def test_events_are_counted_though_few_are_kept(bilinear_record):
-    stream = Online(3, bilinear_record.excitation.shape[-1], DT).stream(from_nothing=True)
-    monitor = LiveMonitor(stream, DT)
-    for k in range(3000):
-        sample = Sample(bilinear_record.f[k % 900], bilinear_record.a[k % 900], time=2 * k * DT)
-        stream.step(sample)
-        monitor.add_sample(sample, np.zeros(3))
-    assert len(stream.events) == 1000
-    assert monitor.kinds["dropped"] == 2999
-
-
-def test_bars_rise_with_the_signal_and_stay_with_it():
-    signal = np.array([-1.0, 0.0, 1.0, math.nan])
-    assert bars(signal, 1.0, 0) == BARS[1] + BARS[5] + BARS[8] + "?"
-    assert bars(np.zeros(3), 0.0, 0) == "▄▄▄"
-    assert bars(np.zeros(0), 1.0, 0) == ""
-    wave = np.sin(0.07 * np.arange(400))
-    one, two = bars(wave[0:240], 1.0, 0), bars(wave[4:244], 1.0, 4)
-    assert one[1:] == two[:-1]
-    assert bars(wave[2:242], 1.0, 2)[:-1] == one[1:]
 
 
 def test_the_table_of_a_terminal(bilinear_record):
@@ -149,15 +115,6 @@ def test_a_loss_of_stiffness_is_announced_with_its_time(run, tmp_path):
     line = out.splitlines()[-1]
     assert line.startswith("ALARM at ")
     assert 90.0 < float(line.split()[2]) < 120.0
-
-
-def test_a_frozen_law_learns_nothing(bilinear_record):
-    inputs = bilinear_record.excitation.shape[-1]
-    model = Online(3, inputs, DT, VWNN(3, inputs, DT), Frozen())
-    stream = model.stream(from_nothing=True)
-    for k in range(50):
-        stream.step(Sample(bilinear_record.f[k], bilinear_record.a[k]))
-    assert not stream.weights[0].any()
 
 
 def test_json_lines_go_the_same_way(run, lines):

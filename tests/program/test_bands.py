@@ -16,11 +16,6 @@ from runner.config.compose import composed
 from tests.program.test_new_records import moved, write
 from tests.program.test_train import run
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
 QUICK = ["baselines=none", "trainer.enable_progress_bar=false", "figures=false"]
 LINEAR = ["model=linear", "data.duration=10", *QUICK]
 
@@ -107,21 +102,6 @@ def test_motions_that_bands_are_made_from_are_neither_those_of_training_nor_of_t
     more.setup()
     (seven,) = more.calibration_loader() or ()
     assert (seven.a[:5] == batch.a).all()
-
-
-def test_named_records_make_the_bands_of_measured_ones(tmp_path, monkeypatch, capsys):
-    """Four records of a mass: one trains, one tests, two are held back."""
-    for seed, name in enumerate("abcd"):
-        write(tmp_path / f"{name}.csv", moved(seed))
-    words = ["data=measured", f"data.path={tmp_path}", "data.test=d", "model=vwnn", *QUICK]
-    held = ["data.calibration=[b,c]", f"hydra.run.dir={tmp_path / 'held'}"]
-    assert run(train, monkeypatch, *words, *held) == 0
-    assert "95 % bands from 2 held-back records" in capsys.readouterr().out
-    assert bands(tmp_path / "held")["one_step_bands"]["records"] == 2
-    records = json.loads((tmp_path / "held" / "metrics.json").read_text())["records"]
-    assert [key for key in records if key.startswith("train")] == ["train: a"]
-    assert run(train, monkeypatch, *words, f"hydra.run.dir={tmp_path / 'none'}") == 0
-    assert "no 95 % bands: name whole records" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -10,16 +10,9 @@ import pytest
 
 import evaluate
 import train
-from data.inspect.__main__ import inspect
 from tests.models.dampers import magnetorheological
 from tests.program.test_train import run
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-    pytest.mark.filterwarnings("ignore:.*torch.jit.script. is deprecated"),
-]
 DT = 0.002
 CHANNELS = "{time: time, s1: disp_mm, s_dot1: vel, u1: voltage_V, r1: force_N}"
 SHORT = ["objective.starts=1", "objective.finalists=1", "objective.select=[1e-6]",
@@ -51,13 +44,6 @@ def trained(folder, tmp_path_factory) -> Path:
     return run_folder
 
 
-def test_inspection_names_the_voltage_and_a_model_that_takes_it(folder, tmp_path, capsys):
-    inspect([str(folder / "a.csv"), "--config", str(tmp_path)])
-    printed = capsys.readouterr().out
-    assert "s1=disp_mm s_dot1=vel u1=voltage_V r1=force_N" in printed
-    assert "model=element_test" in printed
-
-
 def test_a_damper_is_trained_and_tested_under_other_voltages(trained):
     metrics = json.loads((trained / "metrics.json").read_text())
     assert metrics["verdict"]["identified"] is True
@@ -71,20 +57,3 @@ def test_a_voltage_beyond_the_trained_ones_is_told(trained, folder, monkeypatch,
     assert "outside the trained range: u1 reaches 3.6, in training 2.25" in capsys.readouterr().out
     pictures = {path.name for path in (trained / "evaluation" / "e").glob("*.png")}
     assert "element_loops.png" in pictures
-
-
-def test_the_same_record_again_has_the_same_error(trained, folder, monkeypatch):
-    assert (
-        run(
-            evaluate,
-            monkeypatch,
-            f"run={trained}",
-            f"data.path={folder / 'd.csv'}",
-            "figures=false",
-        )
-        == 0
-    )
-    own = json.loads((trained / "metrics.json").read_text())["free_run"]
-    found = json.loads((trained / "evaluation" / "d" / "scores.json").read_text())
-    again = found["records"]["d"]["free_run"]["relative_rms_percent"]
-    assert again == pytest.approx(own["relative_rms_percent"], rel=1e-12)

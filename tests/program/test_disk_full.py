@@ -33,11 +33,6 @@ from runner.progress import is_finished
 from tests.program.test_train import numbers, run
 from tests.runner.test_sweep import QUICK, results
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
 SWEEP = ["-m", *QUICK, "model=linear", "seed=range(0,3)"]
 
 
@@ -60,16 +55,15 @@ def disk(tmp_path) -> Iterator[tuple[Path, Callable[[int], None]]]:
 @pytest.mark.parametrize(
     ("words", "more"),
     [
-        (["model=linear"], 4),
-        (["model=global_mlp", "solver.iterations=3", "checkpoint_seconds=0"], 4),
+        (["model=linear"], 8),
+        (["model=global_mlp", "solver.iterations=3", "checkpoint_seconds=0"], 12),
     ],
 )
 def test_a_run_ends_in_one_line_wherever_the_disk_is_full(
     words, more, disk, tmp_path, monkeypatch, capsys
 ):
-    """4 kB more at each attempt, so every file that a run writes is the one that does not fit.
+    """Some kB more at each attempt, so one file after the other that a run writes does not fit.
 
-    Of a run that trains, 8 kB: less than its checkpoints take, and its other files are the same.
     The longest file is written between the weights and the results: most of it is left out.
     """
     folder, resize = disk
@@ -89,7 +83,7 @@ def test_a_run_ends_in_one_line_wherever_the_disk_is_full(
         if (folder / "run" / CHECKPOINT).exists():
             size = max(size, nearly)
         resize(size)
-    assert attempts > 8
+    assert attempts > 3
     assert is_finished(folder / "run")
     assert numbers(folder / "run") == numbers(other)
     assert not list(folder.rglob("*.part"))
@@ -104,20 +98,12 @@ def undisturbed(tmp_path_factory) -> dict[str, dict]:
     return results(folder)
 
 
-@pytest.mark.parametrize("launcher", [["basic"], ["joblib", "hydra.launcher.n_jobs=1"]])
-def test_a_sweep_tells_it_and_goes_on_where_there_is_room(
-    launcher, disk, undisturbed, monkeypatch, capfd
-):
-    """Of the launchers with processes, one process: each costs seconds to start.
-
-    The command that goes on is that of one process.
-    """
+def test_a_sweep_tells_it_and_goes_on_where_there_is_room(disk, undisturbed, monkeypatch, capfd):
     folder, resize = disk
-    words = [*SWEEP, f"hydra.sweep.dir={folder / 'sweep'}"]
+    words = [*SWEEP, "hydra/launcher=basic", f"hydra.sweep.dir={folder / 'sweep'}"]
     resize(200)
     capfd.readouterr()
-    first = [f"hydra/launcher={launcher[0]}", *launcher[1:]]
-    assert run(train, monkeypatch, *words, *first) == 1
+    assert run(train, monkeypatch, *words) == 1
     printed = capfd.readouterr()
     assert "No space left on device" in printed.out + printed.err
     assert "Traceback" not in printed.out + printed.err

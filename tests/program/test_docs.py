@@ -112,13 +112,6 @@ def test_anchors_are_headings(page):
         assert anchor in slugs, f"{page.name} links to {target}#{anchor}"
 
 
-def test_set_up_commands_are_one_line_each():
-    lines = [s for s in README.read_text("utf-8").splitlines() if s.startswith("python3 -m venv")]
-    assert len(lines) == 2
-    assert lines[0].endswith("python train.py model=vwnn system=bilinear")
-    assert lines[1].endswith("python -m pytest")
-
-
 def test_an_estimator_is_added_by_two_files(tmp_path):
     """The files of the docs put into a copy of the tree, where nothing else changes, and run."""
     for room in ("models", "conf"):
@@ -191,13 +184,6 @@ def test_the_page_of_classes_lists_what_the_packages_make_public():
     places = {k: v.replace(".", "/") for k, v in (data.PUBLIC | models.PUBLIC).items()}
     assert listed.items() <= places.items()
     assert places.keys() - models.ESTIMATORS <= listed.keys()  # an estimator is two files
-
-
-def test_the_table_of_the_readme_is_that_of_the_results():
-    results = (ROOT / "docs" / "results.md").read_text("utf-8").splitlines()
-    rows = [line for line in README.read_text("utf-8").splitlines() if line.startswith("| `")]
-    assert len(rows) > 3
-    assert set(rows) <= set(results)
 
 
 def test_every_figure_of_the_readmes_table_has_its_evidence():

@@ -33,7 +33,6 @@ from runner.config.compose import (
     prepare_hydra,
 )
 from runner.config.settings import check_settings
-from runner.scores.paper_values import paper_values
 
 ROOT = Path(__file__).parents[2]
 
@@ -111,11 +110,10 @@ FOLLOWED = {
 
 
 def pairs() -> list[tuple[str, str]]:
-    """Every model on one mass, and on one system of several, which take turns."""
+    """Every model on a system of the paper, which take turns."""
     models = sorted({*choices("model"), *EARLIER_MODELS} - ELEMENT_TESTS - SHAKEN)
-    turns = ["bilinear", "bouc_wen", "polynomial", "shear_frame"]
-    second = [(m, FOLLOWED.get(m, turns[k % len(turns)])) for k, m in enumerate(models)]
-    return [*((model, "single_oscillator") for model in models), *second]
+    turns = sorted(PAPER)
+    return [(m, FOLLOWED.get(m, turns[k % len(turns)])) for k, m in enumerate(models)]
 
 
 def small(model: str, system: str) -> list[str]:
@@ -129,43 +127,31 @@ def small(model: str, system: str) -> list[str]:
 
 
 @pytest.mark.parametrize(("model", "system"), pairs())
-def test_every_model_on_one_mass_and_on_several(model, system):
+def test_every_model_on_a_system(model, system):
     errors = fits(f"model={model}", f"system={system}", *small(model, system))
     assert 0.0 < errors["relative_rms_percent"] < 200.0
     assert len(errors["per_dof_percent"]) == MASSES.get(system, 3)
 
 
-def test_every_system_of_the_paper_has_a_model_in_those_pairs():
-    assert {system for _, system in pairs()} == PAPER
-
-
 @pytest.mark.parametrize("system", sorted(set(choices("system")) - PAPER - {"measured"}))
-@pytest.mark.parametrize("model", ["linear", "vwnn"])
-def test_models_on_named_laws(model, system):
-    """How well they do there is an open question; that they run is not."""
+def test_a_model_on_named_laws(system):
+    """How well it does there is an open question; that it runs is not."""
     cfg = composed(f"system={system}")
     assert cfg.excitation.support.std == cfg.system.excitation.support_std
-    errors = fits(f"model={model}", f"system={system}")
+    errors = fits("model=vwnn", f"system={system}")
     assert errors["relative_rms_percent"] > 0.0
 
 
-@pytest.mark.parametrize("excitation", ["gaussian", "earthquake"])
-def test_named_laws_take_other_excitations(excitation):
+def test_named_laws_take_earthquakes():
     words = ("model=linear", "system=steel_frame", "data.duration=40")
-    errors = fits(*words, f"excitation={excitation}")
+    errors = fits(*words, "excitation=earthquake")
     assert 0.0 < errors["relative_rms_percent"] < 200.0
 
 
-def test_a_solver_does_not_change_how_another_model_is_scored():
-    """Adam is fitted on windows; whole records are scored."""
-    warm = ("model=two_point", "data.warmup=1")
-    assert fits(*warm, "solver=adam") == fits(*warm)
-
-
 @pytest.mark.parametrize("scenario", choices("scenario"))
-@pytest.mark.parametrize("model", ["vwnn_first_order", "linear"])
-def test_every_scenario(model, scenario):
-    assert 0.0 < fits(f"model={model}", f"scenario={scenario}")["relative_rms_percent"] < 200.0
+def test_every_scenario(scenario):
+    errors = fits("model=vwnn_first_order", f"scenario={scenario}")
+    assert 0.0 < errors["relative_rms_percent"] < 200.0
 
 
 @pytest.mark.parametrize("excitation", sorted(set(choices("excitation")) - NEED_MORE))
@@ -200,11 +186,6 @@ def test_every_experiment_is_of_settings_that_are_known_and_has_data(experiment)
     check_settings(cfg)
     if experiment not in NEED_RECORDS:
         data_from(cfg)
-
-
-@pytest.mark.parametrize("trainer", choices("trainer"))
-def test_every_trainer_composes(trainer):
-    assert composed(f"trainer={trainer}").trainer.accelerator in ("cpu", "gpu")
 
 
 @pytest.mark.parametrize("baselines", choices("baselines"))
@@ -267,26 +248,12 @@ def test_readme_and_docs_commands_compose():
     assert len(seen) >= 5
 
 
-def test_paper_cells_are_all_there():
-    assert paper_values("vwnn", "bilinear", "full_state")["test"]["relative_rms_percent"] == 10.79
-    assert paper_values("global_mlp", "bouc_wen", "full_state")["test"]["per_dof_percent"] == [
-        199.10,
-        85.50,
-        119.56,
-    ]
-    assert paper_values("linear", "bilinear", "full_state") == {}
-
-
 @pytest.mark.parametrize(
     "target",
     [
         "os.system",
-        "subprocess.Popen",
         "data.simulation.excitation.np.load",
-        "data.simulation.records.ThreadPoolExecutor",
-        "data.simulation.excitation.Path",
         "models.vwnn.__builtins__",
-        "data.nothing.Here",
         "builtins.eval",
     ],
 )
@@ -306,21 +273,3 @@ def test_a_misspelt_argument_names_the_nearest():
     node.cutof = 3.0
     with pytest.raises(ValueError, match="did you mean 'cutoff'"):
         build(node, Estimator, dofs=3, inputs=3, dt=0.01)
-
-
-def test_a_default_may_be_named_after_another_choice(tmp_path):
-    """In a config of one's own, as Hydra has it."""
-    for group, choice in (("wind", "calm"), ("wind", "storm"), ("waves", "storm")):
-        (tmp_path / group).mkdir(exist_ok=True)
-        (tmp_path / group / f"{choice}.yaml").write_text(f"name: {group} of {choice}")
-    (tmp_path / "own.yaml").write_text("defaults: [_self_, wind: calm, waves: '${wind}']")
-    prepare_hydra()
-    with initialize_config_dir(str(tmp_path), version_base="1.3"):
-        assert compose("own", ["wind=storm"]).waves.name == "waves of storm"
-
-
-def test_channels_and_units_are_named_one_by_one():
-    words = ("data=measured", "data.path=r.csv", "data.channels.a1=Acc_X", "data.channels.f2=Load")
-    cfg = composed(*words, "data.units.a1=g", "+data.units.f=kN")
-    assert cfg.data.channels == {"a1": "Acc_X", "f2": "Load"}
-    assert (cfg.data.units.a1, cfg.data.units.f, cfg.data.units.a) == ("g", "kN", None)

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import io
+import os
 import tempfile
 import time
 import zipfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from data.inspect.picture import draw, spectrum
 from data.measured.files.columns import FileError
 from data.measured.files.table import read_table
 from data.measured.files.zipped import unpacked
 from data.measured.reading import read_records
-from tests.agency_files import csmip_v2
 from tests.hostile_records import File, record_files
 
+EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "60"))
 HEAD = "CORRECTED ACCELEROGRAM\n"
 SERIES = "1 points of accel data equally spaced at .02 sec, in cm/sec2. (8f10.3)\n     1.000\n"
 
@@ -87,18 +86,7 @@ def test_channels_of_an_archive_are_inside(tmp_path, file):
         read_records(tmp_path / "a.zip", {"a1": f"{file}:a1", "f1": "a.csv:t"})
 
 
-@pytest.mark.parametrize("size", [1e160, 1e-170, 1e300])
-def test_a_picture_of_any_size_of_signal(tmp_path, size):
-    with np.errstate(all="ignore"):
-        signal = size * np.sin(np.arange(400.0))
-        draw(
-            tmp_path / "p.png", "t", {"a1": signal}, {"a1": 0.01}, {"a1": spectrum(signal, 0.01)},
-            {"a1": "g"},
-        )  # fmt: skip
-    assert (tmp_path / "p.png").stat().st_size > 1000
-
-
-@settings(deadline=None, max_examples=200, derandomize=True)
+@settings(deadline=None, max_examples=EXAMPLES, derandomize=True)
 @given(record_files())
 def test_any_file_is_read_or_refused_in_a_line(file: File):
     """Of every format, odd, damaged, in archives; nothing is left beside it."""
@@ -114,17 +102,9 @@ def test_any_file_is_read_or_refused_in_a_line(file: File):
         assert list(Path(folder).iterdir()) == [path]
 
 
-def test_a_good_one_among_the_generated(tmp_path):
-    a = np.random.default_rng(0).standard_normal(300)
-    (tmp_path / "a.v2").write_text(csmip_v2({4: ("N, roof", a)}, 0.02))
-    table = read_table(tmp_path / "a.v2")
-    assert table.columns["acc4"] == pytest.approx(100.0 * a, abs=6e-4)
-    assert table.labels["acc4"] == "N, roof"
-
-
 def test_an_archive_of_rows_that_hardly_differ_is_taken_for_a_bomb(tmp_path):
     """Reading twenty members of 8 MB of the same row would take minutes; the file is small."""
-    rows = b"time,f1,a1\n" + b"0.0,0.0,0.0\n" * 700_000
+    rows = b"time,f1,a1\n" + b"0.0,0.0,0.0\n" * 350_000
     with zipfile.ZipFile(tmp_path / "rows.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         for k in range(20):
             archive.writestr(f"{k}.csv", rows)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
-from data import Excitation, Structure
+from data import Excitation
 from data.annotations import expectation, fits
 from models import Estimator
 from models.training.assemble import assembled
@@ -39,14 +39,6 @@ def test_a_config_is_resolved_once_and_only_to_plain_values(backslashes, tmp_pat
         with pytest.raises(ValueError, match=r"_target_|must be"):
             build(cfg.model, Estimator, **SIZES)
     assert not (tmp_path / "executed").exists()
-
-
-def test_an_honest_text_with_braces_reaches_its_argument():
-    cfg = composed("system=bilinear")
-    cfg.system.structure.elements = {"${acc}": cfg.system.structure.elements.r1}
-    cfg.system.structure.masses = [1.0]
-    structure = build(cfg.system.structure, Structure)
-    assert list(structure.elements) == ["${acc}"]
 
 
 @pytest.mark.parametrize(
@@ -93,9 +85,7 @@ def test_an_argument_of_a_wrong_type_is_named(node, key, asked):
     assert asked in str(error.value)
 
 
-@pytest.mark.parametrize(
-    "target", ["data.Record", "models.NoFreeRunError", "models.Adam", "data.Structure"]
-)
+@pytest.mark.parametrize("target", ["data.Record", "models.Adam"])
 def test_a_class_of_another_kind_is_no_estimator(target):
     cfg = composed()
     cfg.model._target_ = target
@@ -111,7 +101,7 @@ VALUES = st.recursive(
 
 
 @given(VALUES, st.sampled_from([float, int, bool, str, float | None, list[int], tuple[str, float]]))
-@settings(deadline=None, max_examples=150, derandomize=True)
+@settings(deadline=None, max_examples=60, derandomize=True)
 def test_any_value_fits_an_annotation_or_not(value, annotation):
     assert fits(value, annotation) in (True, False)
     assert expectation(annotation)
@@ -143,7 +133,7 @@ def places_of(node) -> list:
 
 
 @given(st.data())
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(deadline=None, max_examples=24, derandomize=True)
 def test_a_changed_config_is_refused_in_a_line_or_built(source):
     model = source.draw(st.sampled_from(("vwnn", "linear", "element_network")))
     content = json.loads(config(model))
@@ -172,22 +162,14 @@ def test_an_option_that_unpickles_is_refused(monkeypatch):
 
 
 MISTYPED = [
-    ["train.py", "model=vwn"],
     ["train.py", "data.durations=3"],
-    ["train.py", "threads=0.5"],
     ["train.py", "data=measured", "data.path=nothing.csv"],
-    ["train.py", "experiment=shake_table"],
     ["train.py", "-m", "model=vwn,linear"],
-    ["train.py", "-m", "data=measured", "data.path=nothing.csv", "seed=0,1"],
     ["train.py", "-x"],
-    ["evaluate.py", "seeds=[]"],
     ["evaluate.py", "run=nothing"],
     ["-m", "live", "simulation", "--run", "nothing"],
-    ["-m", "live", "--replay", "nothing.csv"],
-    ["-m", "live", "simulation", "model=vwn"],
     ["-m", "live.samples", "--replay", "nothing.csv"],
     ["-m", "report.paper", "nothing"],
-    ["-m", "report.free_run", "nothing"],
 ]
 ONE_BY_ONE = """
 import json, os, runpy, sys, tempfile, traceback
@@ -243,19 +225,15 @@ def test_a_mistyped_word_is_told_before_pytorch_is_loaded(number, mistyped):
     assert line.startswith("error: ")
 
 
-@pytest.mark.parametrize("kind", ["overflows", "not finite"])
-def test_a_fit_that_failed_is_no_result(kind, tmp_path, monkeypatch):
-    """Finding 10: status 1, and nothing that looks finished."""
-    words = ["data.duration=5", "figures=false", "baselines=none"]
-    words += ["model=residual_mlp", "solver=adam", "solver.rate=1e300", "solver.iterations=3"]
-    if kind == "not finite":  # whatever a solver does to its weights
-        words[3:] = ["model=linear"]
+def test_a_fit_that_failed_is_no_result(tmp_path, monkeypatch):
+    """Whatever a solver does to the weights: an error, and nothing that looks finished."""
 
-        def spoil(self, module, **_: object) -> None:
-            for values in module.estimator.state_dict().values():
-                values.fill_(float("nan"))
+    def spoil(self, module, **_: object) -> None:
+        for values in module.estimator.state_dict().values():
+            values.fill_(float("nan"))
 
-        monkeypatch.setattr(job.Trainer, "fit", spoil)
+    monkeypatch.setattr(job.Trainer, "fit", spoil)
+    words = ["data.duration=5", "figures=false", "baselines=none", "model=linear"]
     with pytest.raises(ValueError, match="the fit failed"):
         job.identify(composed(*words, "trainer.enable_progress_bar=false"), tmp_path)
     assert not (tmp_path / "metrics.json").exists()

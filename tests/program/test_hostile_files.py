@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from omegaconf import DictConfig, OmegaConf
 from rich.table import Table
 
-from data.inspect.config import command, config_path, literal, write_config
+from data.inspect.config import literal, write_config
 from data.measured.datamodule import MeasuredData
 from data.measured.files import apart, hdf5
 from data.measured.files.columns import Request
@@ -78,7 +78,7 @@ def test_a_time_that_is_missing_is_named(run, tmp_path):
             measured(path, **choices)
 
 
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(deadline=None, max_examples=20, derandomize=True)
 @given(
     st.lists(
         st.one_of(
@@ -238,7 +238,7 @@ def test_years_beyond_what_nanoseconds_hold(tmp_path, stamps):
 # The config
 
 
-@settings(deadline=None, max_examples=150, derandomize=True)
+@settings(deadline=None, max_examples=50, derandomize=True)
 @given(st.text(st.sampled_from("\\${}a:'\" ?,[]\n")) | st.text(st.characters()))
 def test_any_text_comes_back_from_a_config(tmp_path_factory, text):
     folder = tmp_path_factory.getbasetemp() / "texts" / "data"
@@ -269,8 +269,8 @@ def hydra_takes(words: str) -> DictConfig:
 @pytest.mark.parametrize(
     ("wanted", "record"),
     [
-        *((None, name) for name in ("2024", "null", "true", "a b", "measured", "$(x)", "ü", "1e5")),
-        *(("x y.yaml", "a"), ("it's.yaml", "a"), ("c/data/q.yaml", "a"), ("-c", "a")),
+        *((None, name) for name in ("2024", "null", "a b", "$(x)")),
+        *(("it's.yaml", "a"), ("-c", "a")),
     ],
 )
 def test_the_printed_command_is_understood(run, tmp_path, wanted, record):
@@ -283,17 +283,6 @@ def test_the_printed_command_is_understood(run, tmp_path, wanted, record):
     assert cfg.data.path == str(tmp_path / f"{record}.csv")
 
 
-def test_a_folder_called_data(run, tmp_path, monkeypatch):
-    inside = tmp_path / "data"
-    inside.mkdir()
-    write_csv(inside / "shaken.csv")
-    monkeypatch.chdir(inside)
-    path = config_path("mine.yaml", Path("shaken.csv"))
-    assert path == Path("mine.yaml")
-    assert command(path, ["x1"]) == "python train.py --config-dir .. data=mine model=gru"
-    assert command(Path("/a/data/b.yaml"), []).split()[3] == "/a"
-
-
 def test_no_config_hides_behind_one_of_ours(run, tmp_path):
     write_csv(tmp_path / "a.csv")
     status, _, err = run("a.csv", "--config", "measured.yaml")
@@ -302,7 +291,7 @@ def test_no_config_hides_behind_one_of_ours(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "column", [name for name in HOSTILE if name.isprintable() and name.strip()]
+    "column", [name for name in HOSTILE if name.isprintable() and name.strip()][::4]
 )
 def test_a_column_of_any_name_is_found_through_the_config(run, tmp_path, column):
     t = 0.01 * np.arange(100)
@@ -324,7 +313,7 @@ def test_a_column_of_any_name_is_found_through_the_config(run, tmp_path, column)
 UNSEEN = "\x1b[31m\x07\x9b\u202e\u2066\ud800\r\x00"
 
 
-@settings(deadline=None, max_examples=100, derandomize=True)
+@settings(deadline=None, max_examples=50, derandomize=True)
 @given(st.text(st.sampled_from(UNSEEN + "[]/redlink=https:x\\")) | st.text())
 def test_the_terminal_is_not_commanded(text):
     stream = io.StringIO()
@@ -340,9 +329,7 @@ def test_brackets_are_printed_as_they_are(capsys):
     assert "[red]a[/red] [link=https://x]b[/link] :smile:" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    "name", ["[red]x[/red]", "$x_{$", "a\x1b[31m", "\u202ex", "=1+1", "😀", "x" * 200]
-)
+@pytest.mark.parametrize("name", ["[red]x[/red]$x_{$", "a\x1b[31m\u202e😀", "x" * 200])
 def test_names_of_files_and_columns_in_print_and_picture(run, tmp_path, name):
     path = tmp_path / f"{name.replace('/', '')}.json"
     t = 0.01 * np.arange(100)
@@ -359,10 +346,10 @@ def test_names_of_files_and_columns_in_print_and_picture(run, tmp_path, name):
 def test_a_crash_of_a_library_is_a_line(tmp_path, monkeypatch):
     scipy.io.savemat(tmp_path / "a.mat", {"a": np.arange(200.0), "b": np.arange(200.0)})
     assert list(read_table(tmp_path / "a.mat").columns) == ["a", "b"]
-    faults = (("crash", "crashed"), ("busy", "busy for 2 s"), ("greedy", "more memory"))
+    faults = (("crash", "crashed"), ("busy", "busy for 1 s"), ("greedy", "more memory"))
     for module, said in faults:
         if module == "busy":  # the others have to start on a busy machine, too
-            monkeypatch.setattr(apart, "SECONDS", 2.0)
+            monkeypatch.setattr(apart, "SECONDS", 1.0)
         else:
             monkeypatch.setattr(apart, "SECONDS", 60.0)
         monkeypatch.setattr(apart, "ROOT", tmp_path)

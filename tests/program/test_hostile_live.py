@@ -34,8 +34,8 @@ from models.online.vwnn_stream import VWNNStream
 from models.vwnn import VWNN
 
 DT, T = 0.01, 1500
-QUICK = settings(deadline=None, max_examples=40, derandomize=True)
-EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "16"))  # 3000: the long form, some minutes
+QUICK = settings(deadline=None, max_examples=10, derandomize=True)
+EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "10"))  # 3000: the long form, some minutes
 
 
 def oscillator(force: np.ndarray) -> np.ndarray:
@@ -82,9 +82,10 @@ def expected() -> np.ndarray:
     return follow(*shaken(0))[0]
 
 
-@pytest.mark.parametrize("size", [20.0, 100.0, 1e6, 1e300])
-@pytest.mark.parametrize("channel", ["a1", "f1"])
-@pytest.mark.parametrize("run", [1, 3])
+@pytest.mark.parametrize(
+    ("size", "channel", "run"),
+    [(20.0, "a1", 3), (100.0, "f1", 1), (1e6, "f1", 3), (1e300, "a1", 1)],
+)
 def test_one_outlier_is_named_and_leaves_the_model_as_it_was(size, channel, run, expected):
     a, f = shaken(0)
     hit = {"a1": a.copy(), "f1": f.copy()}
@@ -204,8 +205,10 @@ def test_any_bad_sample_among_the_first_is_survived(law, begins, seed, at, how, 
     check_replacement(law, begins, seed, at, how, where)
 
 
-@pytest.mark.parametrize("kind", [Stream, VWNNStream])
-@pytest.mark.parametrize("places", [[0], [7], [19], [3, 11], [4, 5]])
+@pytest.mark.parametrize(
+    ("kind", "places"),
+    [(VWNNStream, [0]), (Stream, [7]), (VWNNStream, [19]), (VWNNStream, [3, 11]), (Stream, [4, 5])],
+)
 def test_outliers_among_the_first_are_named_and_as_if_they_had_not_come(kind, places):
     """The weights are those of a stream in which these values were missing."""
     a, f = shaken(5)
@@ -223,7 +226,7 @@ def test_outliers_among_the_first_are_named_and_as_if_they_had_not_come(kind, pl
 
 def test_a_sudden_onset_among_the_first_is_no_outlier():
     """Nor is one after rest, nor after a twitch of one bit at rest."""
-    for begin in range(1, 32):
+    for begin in range(1, 32, 5):
         rest = np.random.default_rng(begin).standard_normal((begin, 1)) * 1e-4
         for quiet in (rest, 0.0 * rest, 1e-3 * (np.arange(begin)[:, None] == begin // 2)):
             a, f = (np.concatenate([quiet, u])[:400] for u in shaken(begin))
@@ -239,8 +242,11 @@ def test_a_sudden_onset_among_the_first_is_no_outlier():
 # A model that is worse than none
 
 
-@pytest.mark.parametrize("law", ["recursive_least_squares", "random_walk", "normalised_gradient"])
-@pytest.mark.parametrize("kind", [Stream, VWNNStream])
+@pytest.mark.parametrize(
+    ("law", "kind"),
+    [("recursive_least_squares", Stream), ("random_walk", VWNNStream),
+     ("normalised_gradient", VWNNStream)],
+)  # fmt: skip
 def test_a_ruined_model_begins_anew_once_and_says_so(law, kind):
     a, f = shaken(6)
     hit = a.copy()
@@ -292,7 +298,7 @@ def both(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("scene", HONEST)
 def test_honest_data_are_never_refused_for_good(scene):
     """Nor does anything change: the weights afterwards are the same to the last bit."""
-    for seed in range(4):
+    for seed in range(2):
         a, f = HONEST[scene](seed)
         estimates, stream = follow(a, f)
         plain_estimates, plain = follow(a, f, outlier=None)
@@ -300,14 +306,6 @@ def test_honest_data_are_never_refused_for_good(scene):
         assert not Guard().finds(record_of(a, f))
         assert torch.equal(stream.weights[0], plain.weights[0])
         assert int((estimates != plain_estimates).any(axis=1).sum()) <= 24
-
-
-def test_units_do_not_matter():
-    a, f = shaken(3)
-    a[700], f[900] = 500.0, 70.0
-    events = [follow(scale * a, scale * f)[1].events for scale in (1.0, 1024.0, 2.0**-20)]
-    assert events[0] == events[1] == events[2]
-    assert len(events[0]) == 2
 
 
 def test_the_decision_at_a_sample_uses_none_after_it():

@@ -22,11 +22,10 @@ from hypothesis import strategies as st
 from omegaconf import DictConfig
 
 import hubconf
-from data.record import QUANTITIES
 from data.sample import Sensors
 from export.__main__ import main as export
 from models.stored import run
-from models.stored.schema import METRICS_KIND, QUANTITY, SENSORS_KIND, require
+from models.stored.schema import METRICS_KIND, SENSORS_KIND, require
 from models.training.assemble import estimator_from
 from models.zoo.index import ROOT
 from models.zoo.pretrained import load_pretrained
@@ -207,7 +206,7 @@ CHANGED = st.lists(
 
 
 @pytest.mark.filterwarnings("ignore")
-@settings(HOSTILE, max_examples=EXAMPLES or 20)
+@settings(HOSTILE, max_examples=EXAMPLES or 12)
 @given(
     st.sampled_from(("network", "black_box")),
     st.sampled_from(tuple(COMMANDS)),
@@ -289,7 +288,7 @@ def try_zoo(name: str, file: str, change: Change, sealed: bool, linked: str) -> 
 
 
 @pytest.mark.filterwarnings("ignore")
-@settings(HOSTILE, max_examples=EXAMPLES or 20)
+@settings(HOSTILE, max_examples=EXAMPLES or 12)
 @given(
     st.sampled_from(tuple(OF_ZOO)),
     st.sampled_from((*OF_ENTRY, "index.json", "index.json")).flatmap(
@@ -370,13 +369,6 @@ def test_an_entry_s_config_stays_text(tmp_path, monkeypatch):
     index["entries"][f"{ENTRY}.v1"]["files"] = facts_of(config.parent)
     (tmp_path / "index.json").write_text(json.dumps(index), "utf-8")
     assert load_pretrained(ENTRY, tmp_path).config["grid"] == "${oc.env:HOSTILE_SECRET}"
-
-
-def test_the_quantities_of_the_schema_are_those_of_records():
-    for quantity in QUANTITIES:
-        require(quantity, QUANTITY)
-    with pytest.raises(ValueError, match=f"expected {', '.join(QUANTITIES)}"):
-        require("jerk", QUANTITY)
 
 
 @pytest.mark.parametrize(

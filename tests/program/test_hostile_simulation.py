@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import os
 import signal
 import subprocess
 import sys
@@ -30,8 +29,6 @@ from data.checked import checked
 from data.simulation import motion
 from data.simulation.damage import StiffnessLoss
 from data.simulation.motion import simulate
-from models.layers import least_squares
-from models.layers.least_squares import LeastSquares
 from tests.data.named_laws import LAWS
 
 # the integrator is called a part at a time
@@ -61,33 +58,41 @@ def test_a_motion_without_end_is_refused_before_and_within(monkeypatch):
         simulate(stiff(1e10), np.ones((100, 1)), 0.01)
 
 
-@pytest.mark.parametrize("records", [1, 3])
-def test_ctrl_c_ends_a_simulation_within_seconds(records, tmp_path):
-    """In a process of its own: some minutes of integration, on threads where there are records."""
-    program = (
-        "import signal\n"
-        "import numpy as np\n"
-        "from data.simulation import motion\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # as in the foreground
-        "from data.simulation.elements import Polynomial\n"
-        "from data.simulation.structure import Structure\n"
-        "motion.LEAST_BUDGET = 10**12\n"
-        "spring = Polynomial(between=('ground', 'x1'), stiffness=1e12)\n"
-        "structure = Structure([1.0], {'r1': spring})\n"
-        "motion.simulate(structure, np.ones((3, 1)), 1e-6)\n"
-        "print('begun', flush=True)\n"
-        f"motion.simulate_many(structure, [np.ones((10**5, 1))] * {records}, 0.01)\n"
-    )
+ENDLESS = """
+import signal
+import numpy as np
+from data.parallel import take_threads
+from data.simulation import motion
+from data.simulation.elements import Polynomial
+from data.simulation.structure import Structure
+signal.signal(signal.SIGINT, signal.default_int_handler)  # as in the foreground
+motion.LEAST_BUDGET = 10**12
+structure = Structure([1.0], {"r1": Polynomial(between=("ground", "x1"), stiffness=1e12)})
+motion.simulate(structure, np.ones((3, 1)), 1e-6)
+print("begun", flush=True)
+try:
+    motion.simulate(structure, np.ones((10**5, 1)), 0.01)
+except KeyboardInterrupt:
+    print("heard", flush=True)
+take_threads(2)
+motion.simulate_many(structure, [np.ones((10**5, 1))] * 3, 0.01)
+"""
+
+
+def test_ctrl_c_ends_simulations_and_their_process_within_seconds():
+    """Minutes of integration, of one record and then of three on threads that go on behind."""
     process = subprocess.Popen(
-        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", ENDLESS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert process.stdout is not None
-    assert process.stdout.readline() == "begun\n"
-    time.sleep(0.5)
-    process.send_signal(signal.SIGINT)
+    for stage in ("begun", "heard"):
+        assert process.stdout.readline() == f"{stage}\n"
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
     began = time.monotonic()
     _, error = process.communicate(timeout=60)
-    assert time.monotonic() - began < 5.0  # two, where nothing else runs
+    assert time.monotonic() - began < 10.0  # two, where nothing else runs
+    assert process.returncode not in (0, -signal.SIGKILL)
     assert "KeyboardInterrupt" in error
 
 
@@ -108,17 +113,13 @@ def simulated(**arguments) -> SimulatedData:
         ({"duration": 1e300, "dt": 1e-300}, "of memory"),
         ({"train_records": 10**8}, "100000001 records would take"),
         ({"duration": float("nan")}, r"data\.duration=nan s must be positive"),
-        ({"duration": True}, "duration=true must be a number"),
         ({"train_records": 1.5}, "train_records=1.5 must be a whole number"),
-        ({"train_records": 0}, "train_records=0 must be at least 1"),
         ({"window": 10**9}, r"data\.window=1000000000 samples must lie"),
         (
             {"window": 50_000, "stride": 1, "duration": 1000.0},
             r"50001 windows .* raise data\.stride",
         ),
-        ({"batch": 0}, r"data\.batch=0 windows"),
         ({"validation": 1e-9}, "holds 0 of"),
-        ({"tolerance": 1.0}, r"data\.tolerance=1\.0"),
     ],
 )
 def test_data_that_would_not_fit_are_refused_before_they_are_made(arguments, words):
@@ -140,16 +141,11 @@ def test_a_support_of_a_number_that_no_structure_has_is_refused():
     ("name", "arguments"),
     [
         ("VWNN", {"stages": 10**6}),
-        ("VWNN", {"stages": 100, "order": 3}),
         ("GlobalMLP", {"hidden": [10**9]}),
-        ("ResidualMLP", {"hidden": [10] * 10**5}),
         ("Recurrent", {"hidden": 10**9}),
-        ("Recurrent", {"layers": 10**9}),
         ("NeuralStateSpace", {"memory": 10**9}),
-        ("NeuralStateSpace", {"past": 10**9}),
         ("ModalPolynomial", {"order": 10**4}),
         ("ElementNetwork", {"units": 10**6}),
-        ("ElementNetwork", {"substeps": 10**9}),
         ("LatentHysteresisNetwork", {"elements": 10**12}),
         ("EquivalentLinear", {"dofs": 10**9}),
     ],
@@ -183,7 +179,7 @@ GOOD = [  # a class, arguments that it takes, and the names of all that it may t
 ]
 
 
-@settings(deadline=None, max_examples=300, derandomize=True)
+@settings(deadline=None, max_examples=120, derandomize=True)
 @given(st.data())
 def test_whatever_an_argument_is_it_is_taken_or_refused_in_a_line(source):
     make, arguments, names = source.draw(st.sampled_from(GOOD))
@@ -192,25 +188,6 @@ def test_whatever_an_argument_is_it_is_taken_or_refused_in_a_line(source):
         make(**{**arguments, name: source.draw(VALUES)})
     except ValueError as error:
         assert len(str(error).splitlines()) == 1  # noqa: PT017
-
-
-def test_long_records_are_factorised_in_blocks_and_usual_ones_in_one(monkeypatch):
-    rows = torch.randn(5000, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    one, many = LeastSquares(), LeastSquares()
-    one.add(rows[:, :5], rows[:, 5:])
-    assert torch.equal(one.triangle, torch.linalg.qr(rows, mode="r").R)
-    monkeypatch.setattr(least_squares, "BLOCK", 600)
-    many.add(rows[:, :5], rows[:, 5:])
-    assert torch.allclose(one.solve().weights, many.solve().weights, rtol=1e-12, atol=1e-12)
-
-
-def test_help_is_shown_where_the_terminal_knows_few_characters():
-    environment = {**os.environ, "PYTHONIOENCODING": "cp1252"}
-    program = "from runner.config.compose import prepare_hydra; prepare_hydra(); print('x − ẍ')"
-    printed = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, check=True
-    )
-    assert printed.stdout.strip() == b"x ? ?"
 
 
 def test_a_constructor_that_runs_out_of_memory_names_the_size():

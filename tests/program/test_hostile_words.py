@@ -30,7 +30,7 @@ from runner.folder.lock import release_all
 from tests.hostile_words import command_lines
 from tests.program.test_train import run
 
-EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "16"))
+EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "12"))
 SECONDS = 10  # of a line that asks for much work: it is no traceback until then
 QUICK = ["data.duration=2", "figures=false", "trainer.enable_progress_bar=false", "max_fail=1"]
 CLI: dict[str, Callable[[], object]] = {
@@ -109,14 +109,8 @@ def test_no_command_line_ends_in_a_traceback(line, finished, tmp_path_factory):
     [
         ["hydra.launcher._target_=os.system"],
         ["-m", "hydra.sweeper._target_=os.system", "seed=0"],
-        ["-m", "hydra.sweeper=null", "seed=0"],
-        ["-m", "~hydra/launcher", "seed=0"],
         ["+hydra.callbacks.a._target_=os.system"],
-        ["hydra.verbose=3"],
-        ["+hydra.job.env_copy=[1]"],
         ["-m", "hydra.sweeper.grids=x", "seed=0"],
-        ["-m", "+hydra.sweeper.foo=1", "seed=0"],
-        ["-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs=foo", "seed=0"],
         ["-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs={_target_:builtins.print}"],
         ["-m", "hydra/launcher=slurm", "hydra.launcher.hours=inf", "seed=0"],
     ],
@@ -153,8 +147,9 @@ def test_programs_without_sweeps_refuse_words_of_sweeps(
     assert error.count("\n") == 1
 
 
-@pytest.mark.parametrize("program", [train, evaluate])
-@pytest.mark.parametrize("path", ["[]", "0", "[0]", "{a:b}"])
+@pytest.mark.parametrize(
+    ("program", "path"), [(train, "[]"), (evaluate, "0"), (train, "[0]"), (evaluate, "{a:b}")]
+)
 def test_files_are_text(program, path, finished, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     words = ["data=measured"] if program is train else [f"run={finished}"]
@@ -165,8 +160,9 @@ def test_files_are_text(program, path, finished, tmp_path, monkeypatch, capsys):
     assert error.count("\n") == 1
 
 
-@pytest.mark.parametrize("key", ["duration", "quiet", "std", "peak", "scale", "lag", "dt", "stop"])
-@pytest.mark.parametrize("value", ["inf", "-inf", "nan"])
+@pytest.mark.parametrize(
+    ("key", "value"), [("duration", "inf"), ("std", "nan"), ("scale", "-inf"), ("dt", "nan")]
+)
 def test_numbers_of_a_prediction_are_finite(key, value, finished, tmp_path, monkeypatch, capsys):
     words = [f"run={finished}", f"output={tmp_path / 'out'}", "excitation.kind=gaussian"]
     assert run(predict, monkeypatch, *words, f"excitation.{key}={value}") == 1
@@ -195,30 +191,13 @@ def test_motions_that_no_square_holds_are_refused(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("size", ["1e160", "1e300"])
-def test_a_record_that_no_square_holds_is_refused(size, tmp_path, monkeypatch, capsys):
-    rows = [f"{0.01 * i},{i % 7},{size if i == 50 else i % 5}" for i in range(200)]
-    record = tmp_path / "record.csv"
-    record.write_text("\n".join(["time,f1,a1", *rows]) + "\n")
-    words = ["data=measured", f"data.path={record}", "model=linear", "figures=false"]
-    assert run(train, monkeypatch, *words, f"hydra.run.dir={tmp_path / 'run'}") == 1
-    error = capsys.readouterr().err
-    assert "a1" in error
-    assert "beyond 1e+100" in error
-    assert error.count("\n") == 1
-
-
-@pytest.mark.parametrize("setting", ["NUMBA_DISABLE_JIT=1", "NUMBA_NUM_THREADS=0"])
-def test_settings_of_numba_work_or_are_named(setting, tmp_path):
-    name, _, value = setting.partition("=")
+def test_a_setting_of_numba_that_cannot_be_is_named(tmp_path):
     words = ["model=linear", "baselines=none", "data.calibration_records=0", *QUICK]
     done = subprocess.run(
         [sys.executable, str(Path(train.__file__)), *words, f"hydra.run.dir={tmp_path}"],
-        env={**os.environ, name: value}, capture_output=True, text=True, check=False,
+        env={**os.environ, "NUMBA_NUM_THREADS": "0"}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert "Traceback" not in done.stderr
-    if done.returncode:
-        assert "NUMBA_" in done.stderr
-        assert done.stderr.count("\n") == 1
-    else:
-        assert (tmp_path / "metrics.json").is_file()
+    assert done.returncode
+    assert "NUMBA_" in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -63,12 +63,6 @@ def test_other_laws_are_other_runs():
     assert len({config_digest(plain(cfg)) for cfg in cfgs}) == len(words)
 
 
-@pytest.mark.parametrize("target", ["ElementNetworkNamed", "ElementNetwork"])
-def test_a_config_may_list_names_of_laws(target):
-    node = OmegaConf.create({"_target_": f"models.{target}", "laws": ["Linear"]})
-    assert build(node, Estimator, dofs=2, inputs=2, dt=0.01).candidates == ["Linear"]
-
-
 def test_a_list_of_names_chooses_named_laws_where_a_model_has_any():
     assert composed("model=element_test", "model.laws=[Linear]").model.seed == 0
     assert "model/laws=named" not in placed(["model=modal_network", "model.laws=[cubic]"])
@@ -82,15 +76,6 @@ def test_laws_that_there_are_not_are_told(laws):
     with pytest.raises(ValueError, match=r"model\.laws=.*expected units, branch, named, or a list"):
         build(node, Estimator, dofs=1, inputs=2, dt=0.01)
     config_digest(plain(composed()) | {"model": {"name": "x", **node}})  # which is not the place
-
-
-def test_settings_are_held_against_the_class_of_the_laws():
-    node = composed("model=element_network").model.copy()
-    node.laws = "branch"
-    with pytest.raises(ValueError, match="has no argument 'hinges'"):
-        build(node, Estimator, dofs=2, inputs=2, dt=0.01)
-    with pytest.raises(ValueError, match="laws=named must be"):
-        models.ElementNetworkBranch(2, 2, 0.01, laws="named")
 
 
 def test_the_help_lists_few_models_by_what_they_are_for():

@@ -16,11 +16,6 @@ import train
 from runner import job
 from tests.program.test_train import run
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
 DT = 0.01
 QUIET = ["trainer.enable_progress_bar=false", "figures=false"]
 NETWORK = [  # a small one, and little training
@@ -113,22 +108,6 @@ def test_the_same_record_in_another_file_has_the_same_errors(
         assert (network / f"evaluation/other/{name}.png").is_file()
 
 
-def test_other_units_and_columns_change_nothing(network, records, tmp_path, monkeypatch):
-    named = moved(2)
-    path = write(
-        tmp_path / "cgs.csv",
-        {"t": 1e3 * named["time"], "Load": 1e-3 * named["f1"], "Acc": named["a1"] / 9.80665},
-    )
-    words = ["data.channels={time: t, f1: Load, a1: Acc}", "data.units={time: ms, f: kN, a: g}"]
-    assert (
-        run(evaluate, monkeypatch, f"run={network}", f"data.path={path}", *words, "figures=false")
-        == 0
-    )
-    found, own = scores(network, "cgs")["records"]["cgs"], numbers(network)["per_record"]["c"]
-    for way in ("test", "free_run"):
-        assert found[way]["per_dof_rms"] == pytest.approx(own[way]["per_dof_rms"], rel=1e-6)
-
-
 @pytest.mark.parametrize(("size", "warned"), [(0.9, False), (2.0, True)])
 def test_a_warning_at_twice_the_stroke_and_none_below_it(
     size, warned, network, tmp_path, monkeypatch, capsys
@@ -151,25 +130,6 @@ def test_a_warning_at_twice_the_stroke_and_none_below_it(
     assert {one["kind"] for one in found} == (
         {"excitation", "acceleration", "deformation", "rate"} if warned else set()
     )
-
-
-def test_several_records_are_told_apart_and_taken_together(network, records, monkeypatch, capsys):
-    words = [f"run={network}", f"data.path=[{records}/b.csv,{records}/c.csv]"]
-    assert run(evaluate, monkeypatch, *words, "figures=false") == 0
-    assert not list((network / "evaluation/b+c").rglob("*.png"))
-    found, own = scores(network, "b+c"), numbers(network)
-    assert found["together"]["free_run"] == own["free_run"]
-    assert found["records"] == own["per_record"]
-    assert "all records" in capsys.readouterr().out
-
-
-def test_a_run_on_simulated_motions_is_scored_on_a_file(tmp_path, monkeypatch):
-    folder = tmp_path / "run"
-    words = ["model=last_value", "system=single_oscillator", "data.duration=20", *QUIET]
-    assert run(train, monkeypatch, *words, "baselines=none", f"hydra.run.dir={folder}") == 0
-    path = write(tmp_path / "new.csv", moved(0))
-    assert run(evaluate, monkeypatch, f"run={folder}", f"data.path={path}", "figures=false") == 0
-    assert 0.0 < scores(folder, "new")["records"]["new"]["test"]["relative_rms_percent"] < 100.0
 
 
 @pytest.mark.parametrize(
@@ -227,11 +187,3 @@ def test_a_network_that_diverges_is_no_result_and_says_so(records, tmp_path, mon
     sweep = tmp_path / "sweep"
     assert run(train, monkeypatch, "-m", *words, f"hydra.sweep.dir={sweep}") == 0
     assert "1 done, 1 of them not identified, 0 failed" in capsys.readouterr().out
-
-
-def test_an_estimate_one_step_ahead_is_not_judged_by_its_free_run(records, tmp_path, monkeypatch):
-    words = ["data=measured", f"data.path={records}", "data.test=[b,c]", "model=vwnn_first_order"]
-    folder = tmp_path / "run"
-    assert run(train, monkeypatch, *words, *QUIET, f"hydra.run.dir={folder}") == 0
-    verdict = numbers(folder)["verdict"]
-    assert (verdict["identified"], verdict["by"]) == (True, "one step")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 from omegaconf import OmegaConf
 
 from models.training.assemble import data_from, estimator_from
-from report.about import about, colour_of, colours, contains, models, prior_knowledge
+from report.about import about, models, prior_knowledge
 from report.free_run.rows import SYSTEMS
 from report.run.hparams import swept
 from runner.config.choices import dotted, plain
@@ -30,19 +28,6 @@ def test_every_model_of_the_leaderboard_says_what_it_is_told():
 def test_the_words_of_a_model_are_those_that_are_read(model):
     assert set(about(model)) <= KEYS
     assert {*about(model).get("contains", ()), *about(model).get("may_contain", ())} <= {*SYSTEMS}
-
-
-def test_a_colour_is_a_models_own_and_any_model_has_one():
-    assert all(re.fullmatch("#[0-9A-F]{6}", colour) for colour in colours().values())
-    assert colours()["residual_mlp_own_residual"] != colours()["residual_mlp"]
-    assert re.fullmatch("#[0-9A-F]{6}", colour_of("unheard_of"))
-
-
-def test_whether_the_truth_is_inside_depends_on_model_and_system():
-    assert [contains("element_network", system) for system in SYSTEMS] == ["yes"] * 3
-    assert [contains("linear", system) for system in SYSTEMS] == ["no"] * 3
-    assert contains("latent_hysteresis_network", "polynomial") == "possible"
-    assert contains("linear", "bilinear") == contains("element_network", "my_frame") == "no"
 
 
 def test_what_a_model_says_of_itself_changes_neither_model_nor_run():

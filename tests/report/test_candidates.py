@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from models.fit.metrics import FREE_RUNS
 from models.uncertainty.laplace import about
-from report.candidates import table
 from report.candidates.table import (
     Candidate,
-    candidates_of,
     odds_of,
-    odds_of_kind,
     print_candidates,
     recommended,
 )
@@ -40,30 +34,6 @@ def test_odds_are_those_of_bic():
     assert odds[3] == 0.0
 
 
-def test_grids_are_classes_and_what_varies_in_them_is_told(monkeypatch):
-    def run(grid: str, units: int, cubic: bool) -> SimpleNamespace:
-        choices = {"model.units": units, "model.cubic": cubic, "model.prior": 0.1 * units}
-        metrics = {FREE_RUNS["test"]: {"relative_rms_percent": 2.0}}
-        return SimpleNamespace(finished=True, grid=grid, choices=choices, metrics=metrics)
-
-    runs = [run("cubic", 0, True), run("bouc_wen", 1, False), run("bouc_wen", 2, False)]
-    monkeypatch.setattr(table, "read_runs", lambda folder: runs)
-    found = candidates_of(Path(), classes=True)
-    assert [c.words for c in found] == ["cubic", "bouc_wen, units=1", "bouc_wen, units=2"]
-    assert [c.kind for c in found] == ["cubic", "bouc_wen", "bouc_wen"]
-    assert candidates_of(Path())[0].words == "units=0, cubic=True"
-
-
-def test_the_odds_of_a_class_are_those_of_all_its_candidates():
-    found = [
-        Candidate("bouc_wen, units=1", 6.0, 0.0, 2.0, kind="bouc_wen"),
-        Candidate("bouc_wen, units=2", 9.0, 0.0, 2.0, kind="bouc_wen"),
-        Candidate("linear", 2.0, 0.0, 9.0, kind="linear"),
-    ]
-    assert odds_of_kind(found[0], found) == pytest.approx(2.0 / 3.0)
-    assert odds_of_kind(CHAIN, [CHAIN, ALL]) < 0.01  # no classes: each is its own
-
-
 def test_a_law_of_no_class_is_taken_where_every_class_errs_by_far_more():
     smooth, slip = (Candidate(k, 6.0, 0.0, 2.4, kind=k) for k in ("bouc_wen", "slip"))
     other = Candidate("any_other", 18.0, 0.0, 2.1, kind="any_other")
@@ -75,16 +45,6 @@ def test_a_law_of_no_class_is_taken_where_every_class_errs_by_far_more():
     far = Candidate("any_other", 18.0, 0.0, 1.0, kind="any_other")
     assert recommended([smooth, slip, far]) is far
     assert recommended([other]) is other
-
-
-def test_the_table_fits_80_columns():
-    console = Console(width=80)
-    with console.capture() as capture:
-        print_candidates(console, [CHAIN, ALL, MORE, LOST])
-    lines = capture.get().splitlines()
-    assert max(map(len, lines)) <= 80
-    assert "recommended: elements=all (" in capture.get()
-    assert "not identified" in capture.get()
 
 
 def test_bic_finds_the_columns_that_are_there():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import numpy as np
@@ -14,7 +13,7 @@ from report.collection.figure import draw_comparison
 from report.collection.report import long_table
 from report.collection.runs import collect
 from tests.program.test_train import run
-from tests.report.free_run_runs import LOST, NO_FREE_RUN, add_run
+from tests.report.free_run_runs import LOST, add_run
 
 
 def compared(folder, *by: str, metric: str = "relative_rms_percent") -> Comparison:
@@ -73,29 +72,6 @@ def test_systems_and_models_are_never_mixed(tmp_path):
     assert "model.cutoff" in note  # two cutoffs in one group are said to be
 
 
-def test_runs_without_the_choice_or_the_number_are_told(tmp_path):
-    add_run(tmp_path, 5.0, cutoff=1.0)
-    add_run(tmp_path, NO_FREE_RUN, cutoff=2.0)
-    add_run(tmp_path, 5.0, model="vwnn")
-    comparison = compared(tmp_path, "model.cutoff")
-    assert "1 runs have no model.cutoff" in comparison.notes[0]
-    assert [group.without for group in comparison.groups] == [0, 1]
-
-
-def test_numbers_of_other_estimates_dofs_and_of_the_run(tmp_path):
-    path = add_run(tmp_path, 5.0, cutoff=1.0)
-    add_run(tmp_path, 6.0, cutoff=2.0)
-    metrics = json.loads((path / "metrics.json").read_text())
-    metrics["free_run"] |= {"own_residual": {"relative_rms_percent": 7.0}, "per_dof_percent": [8.0]}
-    (path / "metrics.json").write_text(json.dumps(metrics))
-    for metric, value in {
-        "own_residual/relative_rms_percent": 7.0,
-        "per_dof_percent/x1": 8.0,
-        "fit_seconds": 0.5,
-    }.items():
-        assert compared(tmp_path, "model.cutoff", metric=metric).groups[0].spread.values == (value,)
-
-
 MISTAKES = {
     "by=model.cutof": "did you mean model.cutoff",
     "by=model.name": "",  # the name of a model is its column
@@ -116,11 +92,6 @@ def test_a_misspelt_question_is_answered_in_one_line(words, cutoffs, monkeypatch
     assert len(error.splitlines()) == (1 if said else 0)
 
 
-def test_by_wants_runs(monkeypatch, capsys):
-    assert run(evaluate, monkeypatch, "by=model") == 1
-    assert "runs=FOLDER" in capsys.readouterr().err
-
-
 def test_a_number_is_drawn_as_a_line_with_its_range(cutoffs):
     (axes,) = draw_comparison(compared(cutoffs, "model.cutoff")).axes
     line, edge = axes.lines
@@ -129,36 +100,6 @@ def test_a_number_is_drawn_as_a_line_with_its_range(cutoffs):
     assert math.isnan(line.get_ydata()[2])  # the median diverged
     assert edge.get_xdata().tolist() == [100.0]
     assert axes.get_xlabel() == "model.cutoff [rad/s]"
-
-
-def test_values_drawn_at_random_are_not_joined_by_a_line(tmp_path):
-    for seed in range(20):
-        add_run(tmp_path, 5.0, seed=seed, cutoff=1.0 + 1.7 * seed)
-    (axes,) = draw_comparison(compared(tmp_path, "model.cutoff")).axes
-    assert axes.lines[0].get_linestyle() == "None"
-    assert len(axes.lines[0].get_xdata()) == 20
-
-
-def test_words_are_drawn_as_rows_of_runs(tmp_path):
-    for model, error in (("linear", 10.0), ("vwnn", LOST)):
-        for seed in range(3):
-            add_run(tmp_path, error, model=model, seed=seed)
-    (axes,) = draw_comparison(compared(tmp_path, "model")).axes
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["linear", "vwnn"]
-    assert axes.lines[0].get_xdata().tolist() == [10.0] * 3
-    assert [text.get_text() for text in axes.texts] == ["3 diverged"]
-
-
-def test_each_system_has_a_panel_and_a_model_one_colour(tmp_path):
-    for system in ("bilinear", "bouc_wen"):
-        for cutoff in (1.0, 2.0):
-            for model in ("vwnn", "mine"):
-                add_run(tmp_path, cutoff, system=system, model=model, cutoff=cutoff)
-    figure = draw_comparison(compared(tmp_path, "model.cutoff"))
-    assert [axes.get_title() for axes in figure.axes] == ["bilinear", "bouc_wen"]
-    colours = [[line.get_color() for line in axes.lines] for axes in figure.axes]
-    assert colours[0] == colours[1]
-    assert colours[0][0] != colours[0][1]
 
 
 def test_evaluate_draws_a_png(cutoffs, monkeypatch, capsys):

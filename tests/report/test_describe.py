@@ -17,9 +17,8 @@ from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from models.training.assemble import estimator_from
 from report.describe.__main__ import main
-from report.describe.tables import _cell
 from runner.config.compose import composed
-from tests.program.planted_runs import DT, K, carried, chain, forced, plant, shaken
+from tests.program.planted_runs import DT, K, carried, forced, plant, shaken
 
 
 def exact_frequencies(dofs: int) -> np.ndarray:
@@ -28,7 +27,7 @@ def exact_frequencies(dofs: int) -> np.ndarray:
     return np.sqrt(K) * np.sin((2 * i - 1) * np.pi / (2 * (2 * dofs + 1))) / np.pi
 
 
-@pytest.mark.parametrize("dofs", [1, 3, 10, 30])
+@pytest.mark.parametrize("dofs", [1, 30])
 @pytest.mark.parametrize("made", [forced, shaken, carried])
 def test_modes_of_a_chain_are_the_exact_ones(dofs, made):
     modes = modes_of(made(dofs)[0])
@@ -68,13 +67,6 @@ def test_a_run_is_described_within_eighty_columns(tmp_path, capsys):
     assert (tmp_path / "told" / "chain_modes.png").is_file()
 
 
-def test_a_scale_that_no_motion_tells_is_told(tmp_path, capsys):
-    model = chain(2, 1, elements="chain", forced="base")
-    folder = plant(tmp_path / "run", model, Sensors(DT, 2, 1, "base"))
-    main([f"run={folder}"])
-    assert "common factor" in capsys.readouterr().out
-
-
 def test_a_black_box_is_called_one(tmp_path, capsys):
     sensors = Sensors(DT, 3, 3, [1, 2, 3])
     model = estimator_from(composed("model=vwnn").model, sensors)
@@ -101,16 +93,6 @@ def test_mistakes_end_in_one_line(words, told, capsys):
         main(words)
     (line,) = capsys.readouterr().err.splitlines()
     assert told in line
-
-
-@pytest.mark.parametrize(
-    ("value", "shown"),
-    [(2.7139e-5, "2.71e-5"), (-46.3412, "-46.34"), (3.79123e5, "3.79e5"), (1e-12, "1.00e-12"),
-     (0.00085123, "8.51e-4"), (0.0017612, "0.00176"), (2998.4, "2998")],
-)  # fmt: skip
-def test_numbers_of_elements_fit_their_column(value, shown):
-    assert _cell("stiffness", value) == shown
-    assert _cell("post_yield_ratio", -0.362) == "-0.362"
 
 
 def test_elements_of_a_named_network_balance_its_motion():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
@@ -13,16 +12,7 @@ import train
 from report.collection.report import long_table
 from report.collection.runs import collect
 from report.collection.scores import scores_of
-from report.run.hparams import numbers, swept
-from runner.folder.run_files import EVENTS
-from tests.program.test_every_config import composed
 from tests.program.test_train import QUICK, run
-
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
 
 
 @pytest.fixture(scope="module")
@@ -67,35 +57,3 @@ def test_the_numbers_have_the_names_and_values_of_the_long_table(finished):
         expected
     )
     assert {name: logged[name] for name in expected} == pytest.approx(expected, rel=1e-6)
-
-
-def test_where_files_lie_is_no_choice():
-    cfg = composed("data=measured", "data.path=/records/a.csv", "scenario=noisy")
-    assert not [name for name, value in swept(cfg).items() if "records" in str(value)]
-    assert swept(cfg)["scenario.level"] == cfg.scenario.level
-
-
-def test_a_run_is_called_as_its_folder_and_has_one_file_of_choices(finished):
-    assert list(finished.glob(EVENTS))
-    assert {path.parent for path in finished.rglob(EVENTS)} == {finished}
-    assert not (finished / "hparams.yaml").exists()
-
-
-def test_choices_and_numbers_that_a_person_looks_at_come_first(finished):
-    cfg = composed("model=vwnn")
-    assert list(swept(cfg))[:4] == ["model", "system", "scenario", "seed"]
-    metrics = json.loads((finished / "metrics.json").read_text("utf-8"))
-    assert list(numbers(metrics))[:2] == [
-        "free_run/relative_rms_percent",
-        "test/relative_rms_percent",
-    ]
-
-
-def test_the_loss_has_a_point_for_every_iteration(finished):
-    losses = [
-        len(events.Scalars("fit/loss"))
-        for events in events_of(finished)
-        if "fit/loss" in events.Tags()["scalars"]
-    ]
-    metrics = json.loads((finished / "metrics.json").read_text("utf-8"))
-    assert losses == [metrics["training"]["iterations"]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 import torch
 
 from data.record import Response
@@ -35,12 +34,3 @@ def test_the_true_loop_lies_under_that_of_the_model(bilinear_record):
         torch.testing.assert_close(
             torch.from_numpy(true.get_xydata()), torch.from_numpy(learned.get_xydata())
         )
-
-
-@pytest.mark.parametrize("loops", [None, "infinite"])
-def test_a_model_without_loops_or_motion_has_no_such_picture(bilinear_record, loops):
-    truth = bilinear_record.truth
-    lost = Response(truth.x, truth.v, torch.inf * truth.a.abs())
-    own = (truth.y, truth.r) if loops else None
-    elements = {"r1": spring("s1", "x1")}
-    assert picture(bilinear_record, lost, own, elements, PAIRS, "") == {}

@@ -31,44 +31,6 @@ def parameter(name: str, **more) -> dict:
     return {"name": name, "unit": "N/m", "about": "ground–x1", "combined_with": [], **base, **more}
 
 
-def test_where_the_model_lacks_something_the_wider_interval_is_shown():
-    wide = parameter("r1.stiffness", model_error=3.0, believed=3.0)
-    console = Console(record=True, width=80)
-    with console.capture() as capture:
-        print_intervals(console, {"parameters": [wide], "lacking": True})
-    assert "3.0" in capture.get()
-    assert "the model lacks something" in " ".join(capture.get().split())
-
-
-def test_the_table_fits_80_columns_and_tells_what_is_not_told():
-    console = Console(record=True, width=80)
-    with console.capture() as capture:
-        print_intervals(
-            console,
-            {
-                "parameters": [
-                    parameter("r1.stiffness", truth=39.5),
-                    parameter(
-                        "r1.damping",
-                        status="only in a combination",
-                        combined_with=["r4.unit_3.yield_displacement"],
-                    ),
-                    parameter("r1.yield_displacement", status="not excited"),
-                    parameter("r1.post_yield_ratio"),
-                    parameter("r1.unit_1.stiffness"),
-                    parameter("x1.mass", half=None, status="given", about=""),
-                ]
-            },
-        )
-    text = capture.get()
-    assert max(map(len, text.splitlines())) <= 80
-    assert text.index("x1") < text.index("r1 ground–x1")
-    assert "not excited" in text
-    assert "given" in text
-    assert "unit_1" not in text
-    assert "post yield" not in text  # nothing showed that it yields
-
-
 def test_a_wrong_model_is_told_by_what_parts_of_the_records_ask_for():
     assert not which_to_believe([parameter("r1.stiffness", model_error=1.2)])
     wrong = [parameter("r1.stiffness", model_error=3.0)]

@@ -7,12 +7,11 @@ import json
 import math
 from pathlib import Path
 
-import pytest
 from omegaconf import OmegaConf
 
 from report.collection.runs import read_runs
-from report.paper.cells import METHODS, Cell, as_configured, of, study_cells
-from report.paper.tables import cells_csv, cells_latex, cells_markdown, hits, write_tables
+from report.paper.cells import METHODS, Cell, study_cells
+from report.paper.tables import cells_csv, cells_latex, cells_markdown, hits
 from runner.scores.paper_values import paper_cells
 
 COLUMNS = (
@@ -76,21 +75,6 @@ def test_a_failed_and_a_diverged_run_are_the_worst_and_let_no_value_in(tmp_path)
     )
 
 
-@pytest.mark.parametrize(("errors", "inside"), [((9.0, 10.0), False), ((10.79, 12.0), True)])
-def test_inside_means_between_smallest_and_largest(tmp_path, errors, inside):
-    for seed, error in enumerate(errors):
-        add_run(tmp_path, error, seed=seed)
-    assert cell_of(study_cells(read_runs(tmp_path)), "vwnn", "test").inside is inside
-
-
-def test_a_method_that_always_failed_has_a_row_of_failures(tmp_path):
-    for seed in range(3):
-        add_run(tmp_path, None, seed=seed)
-    cell = cell_of(study_cells(read_runs(tmp_path)), "vwnn", "train")
-    assert (cell.ours.median, cell.ours.runs, cell.ours.escaped, cell.inside) == (None, 3, 3, None)
-    assert ",,,,," in cells_csv([cell])
-
-
 def test_table_6_is_table_5_by_dof(tmp_path):
     add_run(tmp_path, 2.0, system="bouc_wen")
     cells = study_cells(read_runs(tmp_path))
@@ -107,37 +91,6 @@ def test_both_ways_of_feeding_the_residual_back_stand_beside_the_one_printed_val
     )
     assert (measured.ours.median, own.ours.median) == (4.0, 40.0)
     assert measured.paper_percent == own.paper_percent == 42.25
-
-
-def test_a_baseline_has_no_paper_value_and_is_not_judged(tmp_path):
-    add_run(tmp_path, 4.0, model="two_point")
-    cell = cell_of(study_cells(read_runs(tmp_path)), "two_point", "test")
-    assert cell.paper_percent is None
-    assert cell.inside is None
-
-
-def test_other_noise_levels_are_a_sweep_not_table_8(tmp_path):
-    usual = {"level": 0.1, "signals": ["x", "v", "a"]}
-    for level, error in ((0.1, 13.0), (0.3, 35.0)):
-        settings = usual | {"level": level}
-        choices = {"system": "polynomial", "scenario": "noisy", "scenario_settings": settings}
-        add_run(tmp_path, error, **choices)
-    runs = read_runs(tmp_path)
-    assert [run.settings["level"] for run in as_configured(runs)] == [0.1]
-    assert cell_of(study_cells(runs), "vwnn", "test").ours.range[1] == 13.0
-
-
-def test_the_same_seed_twice_is_an_error_that_names_both(tmp_path):
-    for name in ("one", "two"):
-        (tmp_path / name).mkdir()
-        add_run(tmp_path / name, 3.0)
-    with pytest.raises(ValueError, match=r"seed 0, that differ.*one.*two"):
-        of(read_runs(tmp_path), "vwnn", "bilinear", "full_state")
-
-
-def test_a_folder_without_runs_says_how_to_make_some(tmp_path):
-    with pytest.raises(ValueError, match="experiment=table3"):
-        read_runs(tmp_path)
 
 
 def test_csv_has_the_promised_columns_and_full_precision(tmp_path):
@@ -161,13 +114,6 @@ def test_markdown_and_latex_hold_the_same_figures(tmp_path):
     body = latex[latex.index(r"\midrule") : latex.index(r"\bottomrule")].splitlines()[1:]
     columns = latex[latex.index("tabular}{") + 9 :].split("}")[0]
     assert all(row.count(" & ") == len(columns) - 1 for row in body)
-
-
-def test_each_table_is_a_file_in_three_formats(tmp_path):
-    add_run(tmp_path, 2.0, system="bouc_wen")
-    names = {path.name for path in write_tables(study_cells(read_runs(tmp_path)), tmp_path / "out")}
-    tables = {f"table{t}.{kind}" for t in (5, 6) for kind in ("csv", "md", "tex")}
-    assert names == tables | {"cells.csv"}
 
 
 def test_every_printed_cell_has_a_method_of_ours():

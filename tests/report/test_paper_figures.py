@@ -11,19 +11,13 @@ import pytest
 from hydra import compose, initialize_config_dir
 from numpy.testing import assert_allclose
 
-from report.about import colours
 from report.collection.runs import read_runs
-from report.paper.cells import METHODS
-from report.paper.figures import draw_study, error_curves, errors_against, errors_over_seeds
+from report.paper.figures import draw_study, error_curves, errors_against
 from report.paper.signals import (
     TURNS,
     accelerations,
-    behaviour,
     of_one_seed,
-    paper_elements,
-    phase_planes,
     sample_loops,
-    slowly,
 )
 from runner import job
 from runner.config.compose import CONF, prepare_hydra
@@ -61,28 +55,6 @@ def scored(model: str, scenario: str, seed: int, percent: float, **settings: flo
     return Result(Path("none"), FINISHED, "", {}, metrics)
 
 
-def test_the_loops_have_the_papers_slopes():
-    element = paper_elements()["r1"]
-    motion = slowly(element, (0.05, -0.05))
-    y, r = motion.y[:, 0], motion.r[:, 0]
-    loading, unloading = np.arange(y.size) < 400, np.arange(y.size) > 400
-    for branch, slope in (
-        (loading & (y < 0.019), element.stiffness),
-        (loading & (y > 0.021), element.post_yield_stiffness),
-        (unloading & (y > 0.011), element.stiffness),
-        (unloading & (y < 0.009), element.post_yield_stiffness),
-    ):
-        assert_allclose(np.polyfit(y[branch], r[branch], 1)[0], slope, rtol=1e-3)
-
-
-def test_a_slow_bilinear_loop_takes_up_the_energy_of_a_parallelogram():
-    element = paper_elements()["r1"]
-    work = slowly(element, (0.05, -0.05, 0.05)).work[:, 0]
-    lost = element.stiffness - element.post_yield_stiffness
-    closed_form = 4.0 * lost * element.yield_displacement * (0.05 - element.yield_displacement)
-    assert_allclose(work[1200] - work[400], closed_form, rtol=2e-3)
-
-
 def test_the_marks_of_fig_5_stand_on_the_loops():
     for axes in sample_loops().axes:
         lines = [line.get_xydata() for line in axes.lines]
@@ -91,21 +63,6 @@ def test_the_marks_of_fig_5_stand_on_the_loops():
         assert len(marks) >= 2
         for mark in marks:
             assert np.abs((loop - mark) / np.ptp(loop, axis=0)).sum(axis=1).min() < 0.01
-
-
-def test_elements_are_called_what_the_paper_calls_them():
-    names = {
-        s: [behaviour(e) for e in paper_elements(s).values()] for s in ("bilinear", "polynomial")
-    }
-    inner, outer = "limited slip", "bilinear"
-    assert names["bilinear"] == [outer, inner, inner, inner, outer, outer]
-    assert names["polynomial"] == [
-        {outer: "hardening", inner: "softening"}[n] for n in names["bilinear"]
-    ]
-
-
-def test_every_method_has_a_colour_of_its_own():
-    assert len({colours()[method] for method in METHODS}) == len(METHODS)
 
 
 def test_a_study_draws_what_its_runs_allow(small_study, tmp_path):
@@ -144,18 +101,6 @@ def test_accelerations_show_both_ways_of_feeding_the_residual_back(small_study):
     assert "bilinear, full_state" in figure.get_suptitle()
 
 
-def test_an_estimate_that_runs_away_is_cut_off_and_named(small_study):
-    compared = of_one_seed(small_study, "bilinear", "full_state")
-    (first, *_) = accelerations(compared, room=-0.45).axes
-    assert "cut off: power_series_restoring_force" in first.texts[0].get_text()
-
-
-def test_fig_6_has_identical_scales(small_study):
-    same, own = (phase_planes(small_study[0], identical).axes for identical in (True, False))
-    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in same}) == 1
-    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in own}) == 6
-
-
 def test_curves_begin_without_noise_and_keep_to_the_seeds_in_common():
     runs = [scored("linear", "noisy", seed, 100 * level, level=level) for seed, level in
             product(range(3), (0.1, 0.2))]  # fmt: skip
@@ -165,9 +110,3 @@ def test_curves_begin_without_noise_and_keep_to_the_seeds_in_common():
     assert errors_against(runs, "vwnn", "noisy", "level") == {}
     (axes,) = error_curves({"linear": curve}, "noisy", "level").axes
     assert_allclose(axes.lines[0].get_xydata(), [[0, 1], [10, 10], [20, 20]])
-
-
-def test_errors_over_seeds_have_a_panel_for_each_setting_with_runs():
-    runs = [scored("vwnn", s, seed, 4.0 + seed) for s in ("full_state", "noisy") for seed in (0, 1)]
-    titles = [axes.get_title() for axes in errors_over_seeds(runs).axes]
-    assert titles == ["polynomial, full_state", "polynomial, noisy"]

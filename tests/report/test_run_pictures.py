@@ -5,26 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from rich.console import Console
 
 from data.record import Record, Response
 from models.hysteretic_element import HystereticElement
 from report.run.compared import CYCLES, LONGEST, SHORTEST, few_cycles, strong_motion
-from report.run.figures import acceleration, identified_loops, run_figures
+from report.run.figures import identified_loops, run_figures
 from report.run.rescore import draw_record, titled_picture
-from report.run.table import error_table, rows_of
-
-
-@pytest.mark.parametrize(("width", "columns"), [(200, 9), (80, 6), (40, 3)])
-def test_a_table_leaves_columns_out_before_it_breaks_numbers(width, columns):
-    scores = {"relative_rms_percent": 12345.67, "per_dof_percent": [12345.67] * 3}
-    rows = rows_of("element_network", {"train": scores, "test": scores, "free_run": scores})
-    table = error_table(rows, 3, width)
-    assert len(table.columns) == columns
-    console = Console(width=width)
-    with console.capture() as captured:
-        console.print(table)
-    assert "12345.67" in captured.get()
 
 
 def test_the_strong_motion_is_where_the_power_is():
@@ -77,21 +63,6 @@ def test_loops_of_a_model_are_drawn_where_the_true_ones_are_unknown(linear_recor
     assert "element_loops" not in drawn
 
 
-def test_what_should_be_lies_wide_beneath_and_the_error_stands_beside(linear_record):
-    record = linear_record
-    figure = acceleration(record, 1.01 * record.a)
-    assert len(figure.axes) == 2 * record.dofs
-    (labels,) = [[text.get_text() for text in legend.get_texts()] for legend in figure.legends]
-    assert labels == ["measured", "estimated"]
-    for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
-        beneath, own = left.get_lines()
-        assert beneath.get_linewidth() > 2.0 * own.get_linewidth()
-        assert left.get_ylabel().endswith("[m/s²]")
-        assert right.get_ylabel() == "error [m/s²]"
-        seen = np.ptp(right.get_lines()[-1].get_ydata()) / np.ptp(own.get_ydata())
-        assert seen < 0.02  # of the size of the motion, on an axis of its own
-
-
 def test_so_few_cycles_are_drawn_that_an_eye_can_follow_them():
     t = 0.01 * np.arange(4000)
     fast = np.sin(2.0 * np.pi * 10.0 * t) * np.exp(-(((t - 20.0) / 5.0) ** 2))
@@ -105,8 +76,7 @@ def test_so_few_cycles_are_drawn_that_an_eye_can_follow_them():
     assert few_cycles(signals[:, 1:], slice(1000, 3000)) == slice(1000, 3000)
 
 
-@pytest.mark.parametrize("size", [1e-7, 3e-4, 1.0, 2e5, 7e9])
-@pytest.mark.parametrize("joined", [1, 5])
+@pytest.mark.parametrize(("size", "joined"), [(1e-7, 5), (7e9, 1)])
 def test_all_that_is_written_lies_in_the_picture(linear_record, size, joined):
     record = linear_record.map(lambda u: size * u)
     errors = {"one step": torch.ones(record.samples), "free run": torch.ones(record.samples)}

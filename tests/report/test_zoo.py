@@ -160,14 +160,3 @@ def test_a_mistyped_word_ends_in_one_line(words, told, monkeypatch, capsys):
     assert end.value.code == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert told in line
-
-
-def test_list_and_show_print_what_is_published(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["zoo", "list", "system=bouc_wen"])
-    command.cli("help")
-    assert "element_network/bouc_wen.v1" in capsys.readouterr().out
-    monkeypatch.setattr(sys, "argv", ["zoo", "show", "linear/bilinear.v1"])
-    command.cli("help")
-    assert capsys.readouterr().out == entry_of("linear/bilinear.v1").folder.joinpath(
-        "card.md"
-    ).read_text("utf-8")

@@ -22,7 +22,7 @@ from runner.launch.launcher import THREADS
 from runner.launch.processes import TRIES, run_side_by_side
 from tests.clusters import kill, processes_of, ray_nodes, slurm, why_no_slurm
 from tests.program.test_train import run
-from tests.runner.test_sweep import QUICK, pytestmark, results  # noqa: F401
+from tests.runner.test_sweep import QUICK, results
 
 ROOT = Path(__file__).parents[2]
 SWEEP = [sys.executable, "train.py", "-m", *QUICK, "model=linear,vwnn", "seed=range(0,4)"]

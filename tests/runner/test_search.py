@@ -29,11 +29,6 @@ from tests.program.test_every_config import composed
 from tests.program.test_train import run
 from tests.runner import test_sweep
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
 QUICK = [*test_sweep.QUICK, "data.duration=10"]  # a fifth of which is held back
 HELD = ["data.validation=0.2", "data.warmup=50"]
 LAUNCHER = "hydra._internal.core_plugins.basic_launcher.BasicLauncher"

@@ -19,11 +19,6 @@ from runner.side_by_side import can_be_batched, replicate_weights
 from tests.program.test_train import run
 
 QUICK = ["data.duration=8", "trainer.enable_progress_bar=false", "figures=false"]
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
 
 
 def numbers(value, name: str = ""):

@@ -23,11 +23,6 @@ from runner.seeds import SeedsOf
 from tests.program.test_train import run
 
 QUICK = ["data.duration=3", "trainer.enable_progress_bar=false", "figures=false", "baselines=none"]
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*LeafSpec.*"),
-    pytest.mark.filterwarnings("ignore:.*does not have many workers.*"),
-    pytest.mark.filterwarnings("ignore:.*litlogger.*"),
-]
 
 
 def config(*words: str):
