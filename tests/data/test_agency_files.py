@@ -14,6 +14,7 @@ from data.measured.files.zipped import unpacked
 from data.measured.reading import read_records
 from tests.agency_files import cosmos, csmip_v1, csmip_v2, peer, uff58
 
+pytestmark = pytest.mark.usefixtures("read_here")
 DT, T = 0.02, 1500
 PLACES = {1: "90 Deg, Ground: West", 13: "90 Deg, Roof: Center"}
 
@@ -45,15 +46,6 @@ def test_accelerations_of_all_channels_are_read(tmp_path, motion, name):
     for number, (_, a) in motion.items():
         assert np.abs(factor * table.columns[f"acc{number}"] - a).max() <= error
     assert "Roof" in table.labels["acc13"]
-
-
-def test_numbers_that_touch_are_told_apart(tmp_path, motion):
-    large = {1: (PLACES[1], -1.2345678 * np.ones(T) * 1e4)}
-    (tmp_path / "a.v2").write_text(csmip_v2(large, DT, motions=False).replace("-1234567.800", ""))
-    text = csmip_v2({1: (PLACES[1], -999.0 * np.ones(T))}, DT, motions=False)
-    assert "-99900.000-99900.000" in text
-    (tmp_path / "a.v2").write_text(text)
-    assert read_table(tmp_path / "a.v2").columns["acc1"] == pytest.approx(-99900.0)
 
 
 def test_velocities_and_displacements_have_columns_of_their_own(tmp_path, motion):
@@ -166,13 +158,6 @@ def test_what_a_universal_file_calls_a_response_says_what_it_is(tmp_path, motion
     table = read_table(tmp_path / "a.uff")
     guesses = suggest(list(table.columns), table.units, table.labels)
     assert guesses == {"acc_1X": "s_ddot1", "acc_2X": "a1", "acc_3X": "a2"}
-
-
-def test_without_pyuff_the_command_is_told(tmp_path, monkeypatch):
-    (tmp_path / "a.uff").write_text("    -1\n    58\n")
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(FileError, match=r"pip install .*\[uff\]"):
-        read_table(tmp_path / "a.uff")
 
 
 @pytest.mark.parametrize(

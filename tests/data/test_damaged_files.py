@@ -53,6 +53,7 @@ from tests.data.damaged_files import (
     xlsx,
 )
 
+pytestmark = pytest.mark.usefixtures("read_here")
 TA = {"t": [0.0, 1.0], "a": [2.0, 3.0]}
 CELL = np.array([1.0, "x"], dtype=object)
 # name: file, how to write it, options, what the message must match or a check of what comes out

@@ -11,10 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import data.simulation.accelerograms as accelerograms
 from data.simulation.accelerograms import (
-    EARTHQUAKES,
     Accelerogram,
     earthquake_of,
-    far_field_file,
     read_event,
 )
 from data.simulation.earthquake import GRAVITY, RecordedEarthquake, ground_motion, without_drift
@@ -95,13 +93,6 @@ def test_what_a_coarse_step_cannot_carry_is_filtered_and_not_folded():
     clean = ground_motion(a, N, DT)[1]
     noisy = ground_motion(Accelerogram("tone", a.dt, a.a + tone), N, DT)[1]
     assert np.abs(noisy - clean).max() < 1e-5 * np.abs(clean).max()
-
-
-def test_a_step_too_coarse_for_the_record_is_refused():
-    t = 0.005 * np.arange(6000)
-    a = Accelerogram("rattle", 0.005, np.sin(2.0 * np.pi * 30.0 * t) * np.hanning(6000))
-    with pytest.raises(ValueError, match=r"data\.dt=0\.02 s is too coarse.*100 %.*lower data\.dt"):
-        ground_motion(a, 1500, 0.02)
 
 
 def test_after_its_end_the_ground_rests_where_it_was():
@@ -215,27 +206,6 @@ def test_no_earthquake_is_in_training_and_test(seed, test_events):
         assert test == test_events
 
 
-def test_the_seed_deals_the_events_out():
-    def split(seed):
-        return RecordedEarthquake(PAIRS, 4, None, seed).split()
-
-    assert split(3) == split(3)
-    assert len({tuple(split(seed)[0]) for seed in range(8)}) == 8
-    assert split(None)[0] == PAIRS[:4]
-    assert split(None)[1][0] == "3a"  # 1 and 2 are the Northridge earthquake
-
-
-def test_records_count_training_before_testing(at2):
-    rng = np.random.default_rng(0)
-    events = RecordedEarthquake(at2, 2)
-    size = [np.abs(events.draw(N, DT, 1, i, rng)[0]).max() for i in range(4)]
-    assert_allclose(np.array(size) / size[0], [1.0, 2.0, 3.0, 4.0], rtol=1e-5)
-    with pytest.raises(ValueError, match=r"only 2;.*data\.test_records"):
-        events.draw(N, DT, 1, 4, rng)
-    with pytest.raises(ValueError, match=r"data\.train_records=5, but only 4"):
-        RecordedEarthquake(at2, 5).draw(N, DT, 1, 0, rng)
-
-
 def test_without_the_package_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setattr(accelerograms.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(
@@ -255,15 +225,6 @@ def test_the_far_field_set_is_what_it_says():
     for r in records:
         drift = np.abs(r.a - without_drift(r).a).max()
         assert drift < 1e-3 * np.abs(r.a).max()
-
-
-@installed
-def test_the_earthquakes_are_those_of_the_file():
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(far_field_file(), "r") as file:
-        table = file["records/table"][()]
-    names = [row["values_block_2"][0].decode().split(",")[0] for row in table]
-    assert names == list(EARTHQUAKES)
 
 
 def test_a_finished_deal_is_not_scored_with_another_number_of_training_events(tmp_path):

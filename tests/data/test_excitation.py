@@ -53,14 +53,6 @@ def test_nothing_lies_outside_the_band_and_the_band_is_flat():
     assert_allclose(power, 2.0 * 1.7**2 / inside.sum(), rtol=0.3)
 
 
-def test_seeds_are_independent(waveform):
-    one, other = (draw(waveform, seed=seed)[0][:, 0] for seed in (0, 1))
-    if isinstance(waveform, SineSweep):
-        assert np.abs(one - other).max() > 0.1
-    else:
-        assert abs(np.corrcoef(one, other)[0, 1]) < 0.2
-
-
 def test_the_rate_is_the_derivative(waveform):
     values, rate = draw(waveform, samples=10000, dt=0.001, channels=2)
     central = (values[2:] - values[:-2]) / 0.002
@@ -96,17 +88,6 @@ def test_given_records_are_cut_in_order_and_never_reused():
     history = np.sin(np.arange(300.0))
     rows = [draw(Given(history), samples=100, record=i)[0][:, 0] for i in range(3)]
     assert_array_equal(np.concatenate(rows), history)
-
-
-@pytest.mark.parametrize("name", ["f.npy", "f.csv"])
-def test_a_given_history_is_read_from_a_file(tmp_path, name):
-    table = np.random.default_rng(0).standard_normal((20, 2))
-    path = tmp_path / name
-    if path.suffix == ".npy":
-        np.save(path, table)
-    else:
-        np.savetxt(path, table, delimiter=",", header="f1,f2", fmt="%.17g")
-    assert_array_equal(draw(Given(path=str(path)), samples=20, channels=2)[0], table)
 
 
 @pytest.mark.parametrize(

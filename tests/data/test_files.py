@@ -16,6 +16,7 @@ import scipy.io
 
 from data.measured.files.table import FileError, Table, read_table
 
+pytestmark = pytest.mark.usefixtures("read_here")
 ROWS = 50
 RNG = np.random.default_rng(7)
 SERIES = {
@@ -75,8 +76,6 @@ WRITERS: dict[str, Callable[[Path], object]] = {
     "fields.npy": write_fields,
 }  # fmt: skip
 
-APART = ("a.mat", "v4.mat", "v73.mat", "a.h5", "A.HDF5")
-
 
 def same(table: Table, *names: str) -> None:
     assert list(table.columns) == list(names)
@@ -93,16 +92,9 @@ def test_round_trip_to_the_last_bit(name: str, tmp_path: Path) -> None:
     table = read_table(str(tmp_path / name), columns=["force", "t"])
     same(table, "force", "t")
     assert table.path == str(tmp_path / name)
-    if name in APART:
-        return  # a process for each reading
     assert set(read_table(tmp_path / name).columns) == set(SERIES)
     with pytest.raises(FileError, match=r"no column 'forces', did you mean 'force'\?"):
         read_table(tmp_path / name, columns=["forces"])
-
-
-def test_decimal_commas_when_asked_for(tmp_path: Path) -> None:
-    write_text(tmp_path / "a.csv", ";", ",")
-    same(read_table(tmp_path / "a.csv", decimal=","), *SERIES)
 
 
 @pytest.mark.parametrize("name", ["m.mat", "m.npz", "m.h5"])
@@ -130,18 +122,6 @@ def test_matrices_give_numbered_columns_and_scalars_are_facts(name: str, tmp_pat
     if name.endswith("h5"):
         assert table.facts["fs"] == 100.0
         assert table.units["acc3"] == "g"
-
-
-def test_matrix_of_mat73_is_stood_upright(tmp_path: Path) -> None:
-    matrix = RNG.standard_normal((ROWS, 2))
-    with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
-        file["run/acc"] = matrix.T
-        file["run/name"] = np.array([[104], [105]], dtype=np.uint16)
-        file["run/name"].attrs["MATLAB_class"] = b"char"
-    sign_as_mat73(tmp_path / "a.mat")
-    table = read_table(tmp_path / "a.mat")
-    np.testing.assert_array_equal(table.columns["run.acc2"], matrix[:, 1])
-    assert any("run.name" in note for note in table.notes)
 
 
 def test_group_selects_one_run_of_several(tmp_path: Path) -> None:

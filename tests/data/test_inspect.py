@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from data.inspect import __main__ as command_line
-from data.inspect.config import config_path
 from data.inspect.guesses import suggest
-from data.inspect.inspection import inspection, places
-from data.inspect.picture import COLUMNS, envelope
+from data.inspect.inspection import inspection
 
 
 @pytest.fixture
@@ -77,42 +74,6 @@ def test_bad_words_end_in_one_line(run, vibration, words, message):
     assert status == 1
     assert message in err
     assert err.count("\n") == 1
-
-
-def test_interrupted_in_silence(run, vibration, monkeypatch):
-    def interrupt(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(command_line, "inspections", interrupt)
-    assert run("vibration.csv") == (130, "", "")
-
-
-def test_a_folder_is_every_file_in_it(run, vibration, strange):
-    (vibration.parent / "LICENSE.txt").write_text("This is no table.\nNor is this, at all.\n")
-    (vibration.parent / "photo.jpg").write_bytes(b"\xff\xd8")
-    status, out, _ = run(".")
-    assert status == 0
-    assert "vibration.csv" in out
-    assert "test 7.csv" in out
-    assert "left out: LICENSE.txt" in out
-    assert "photo" not in out
-    assert run("vib*.csv")[1].count("vibration.csv") == 1
-
-
-def test_records_of_a_folder_that_differ_in_rate_or_unit_are_told_in_a_line(run, tmp_path):
-    t = 0.01 * np.arange(1000)
-    for name, step, size in (
-        ("one", 1, 1.0),
-        ("slow", 2, 1.0),
-        ("twice", 1, 2.0),
-        ("x_g", 1, 981.0),
-    ):
-        rows = np.column_stack((t, np.cos(3.0 * t), size * np.sin(3.0 * t)))[::step]
-        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="time,f1,a1", comments="")
-    lines = [line for line in run(".")[1].splitlines() if " differ: " in line]
-    assert len(lines) == 2
-    assert "slow.csv and one.csv differ: other rates, 50 Hz and 100 Hz" in lines[0]
-    assert "x_g.csv and one.csv differ: times as large: a1 981" in lines[1]
 
 
 def test_sensors_in_files_of_their_own(run, tmp_path):
@@ -186,19 +147,6 @@ def test_an_archive_without_records_or_in_pieces_is_one_line(run, tmp_path):
     assert err.startswith("error: packed.zip is damaged: ")
 
 
-@pytest.mark.parametrize(
-    ("wanted", "found"),
-    [
-        ("configs", "configs/data/run_3.yaml"),
-        ("configs/data/mine.yaml", "configs/data/mine.yaml"),
-        ("mine.yaml", "data/mine.yaml"),
-    ],
-)
-def test_configs_lie_where_hydra_looks(tmp_path, monkeypatch, wanted, found):
-    monkeypatch.chdir(tmp_path)  # a folder that is not called data
-    assert config_path(wanted, Path("run 3.csv")) == Path(found)
-
-
 def test_columns_are_guessed_by_unit_and_name():
     units = {"ch1": "g", "ch2": "kN", "LVDT": "mm", "Force": "V", "Ground acc": "m/s^2"}
     columns = ["Time", "time2", *units, "Acc_X", "Temperature"]
@@ -206,31 +154,3 @@ def test_columns_are_guessed_by_unit_and_name():
         "Time": "time", "ch1": "a1", "ch2": "f1", "LVDT": "x1", "Ground acc": "s_ddot1",
         "Acc_X": "a2",
     }  # fmt: skip
-
-
-def test_levels_are_places_and_a_stuck_sensor_is_no_channel():
-    base = np.random.default_rng(0).standard_normal(50)
-    values = {"Table": base, "L1": 2.0 * base, "L2": np.full(50, 0.012), "Roof": 3.0 * base}
-    guesses = suggest(list(values), {}, values=values)
-    assert guesses == {"Table": "s_ddot1", "L1": "a1", "Roof": "a2"}
-
-
-def test_a_folder_of_folders_and_archives_is_inspected(tmp_path):
-    for event in ("one", "two"):
-        (tmp_path / event).mkdir()
-        with zipfile.ZipFile(tmp_path / event / "motion.zip", "w") as archive:
-            archive.writestr("motion.csv", "time,a1\n0.0,1.0\n0.1,2.0\n")
-    assert [p.parent.name for p, _ in places([str(tmp_path)], {})] == ["one", "two"]
-    (empty := tmp_path / "none").mkdir()
-    with pytest.raises(ValueError, match="and its folders hold no file"):
-        places([str(empty)], {})
-
-
-def test_the_envelope_of_a_long_record_keeps_its_peaks():
-    signal = np.zeros(COLUMNS * 50)
-    signal[[123, 4567]] = 5.0, -7.0
-    signal[90_000] = np.nan
-    low, high, width = envelope(signal)
-    assert width == 50
-    assert (np.nanmax(high), np.nanmin(low)) == (5.0, -7.0)
-    assert np.isnan(low).sum() == 1

@@ -77,19 +77,6 @@ def test_a_file_with_our_names_needs_no_more(ten_lines):
     assert (train.initial_state, test.initial_state) == ("rest", "unknown")
 
 
-@pytest.mark.parametrize(("stated", "window", "telling"), [(0, None, 20), (0, 20, 2), (7, 20, 7)])
-def test_a_tenth_of_an_element_test_tells_of_an_unknown_beginning(
-    stated, window, telling, tmp_path
-):
-    """Nobody knows what it remembers: of a record, or of a window of it."""
-    t = DT * np.arange(200)
-    for name in ("e.csv", "f.csv"):
-        write_csv(tmp_path / name, t=t, s1=np.sin(t), s_dot1=np.cos(t), r1=np.sin(t))
-    data = measured(tmp_path, window=window, warmup=stated)
-    assert data.records["test"][0].warmup == (stated or 20)
-    assert {w.warmup for w in data.windows("train")} == {telling}
-
-
 def test_channels_and_units_are_named(tmp_path):
     write_csv(tmp_path / "r.csv", t=10.0 * np.arange(8), P=np.arange(8.0), acc=np.ones(8) / 8)
     data = measured(
@@ -104,34 +91,6 @@ def test_channels_and_units_are_named(tmp_path):
     sensors = Sensors(0.01, 1, 1, [2], "acceleration", ("f2", "a1"), {"f2": "N", "a1": "m/s^2"})
     assert replace(data.sensors, dt=0.01) == sensors
     assert Sensors(**json.loads(json.dumps(asdict(data.sensors)))) == data.sensors
-
-
-def test_one_file_per_sensor_makes_one_record(tmp_path):
-    folder = tmp_path / "event"
-    folder.mkdir()
-    t = DT * np.arange(20)
-    write_csv(folder / "ground.csv", t=t, acc=np.sin(t))
-    write_csv(folder / "roof.csv", t=t, acc=3.0 * np.sin(t))
-    where = {"time": "t", "s_ddot1": "ground.csv:acc", "a1": "roof.csv:acc"}
-    data = measured(folder, channels=where)
-    record = data.records["train"][0]
-    assert torch.allclose(record.f[:, 0], -torch.sin(torch.from_numpy(t[:10])))
-    assert torch.allclose(record.a, -2.0 * record.f)
-    assert data.forced == "base"
-
-
-def test_sensors_that_disagree_about_the_time_are_named(tmp_path):
-    folder = tmp_path / "event"
-    folder.mkdir()
-    t = DT * np.arange(40)
-    write_csv(folder / "ground.csv", t=t, acc=np.sin(9.0 * t))
-    write_csv(folder / "roof.csv", t=t + 0.004, acc=np.sin(9.0 * (t + 0.004)))
-    where = {"time": "t", "s_ddot1": "ground.csv:acc", "a1": "roof.csv:acc"}
-    with pytest.raises(ValueError, match="resample"):
-        measured(folder, channels=where)
-    data = measured(folder, channels=where, mend=Mending(resample=100.0))
-    record = data.records["train"][0]
-    assert record.a.abs().max() < 1e-4  # both feel the same sine: relative motion is nil
 
 
 @pytest.mark.parametrize(
@@ -168,14 +127,6 @@ def test_of_several_records_the_last_is_tested_on_unless_others_are_named(tmp_pa
     data = measured(tmp_path, test=["t*"])
     assert [len(data.records[s]) for s in ("train", "test")] == [1, 2]
     assert data.records["train"][0].samples == 9
-
-
-def test_records_of_unequal_rates_or_channels_are_refused(tmp_path):
-    (tmp_path / "one.csv").write_text(TEN_LINES)
-    slow = TEN_LINES.splitlines()
-    (tmp_path / "two.csv").write_text("\n".join([slow[0], *slow[1::2]]))
-    with pytest.raises(ValueError, match=r"mend\.resample"):
-        measured(tmp_path, test="two")
 
 
 # No leakage
@@ -266,8 +217,8 @@ def test_a_periodic_record_is_trained_on_in_its_steady_state():
 @pytest.fixture
 def loop(tmp_path):
     """An element test on a bilinear damper: slow sines of growing amplitude."""
-    t = DT * np.arange(2400)
-    s = (0.01 + 0.0015 * t) * np.sin(2.0 * np.pi * 0.4 * t)
+    t = DT * np.arange(1200)
+    s = (0.01 + 0.003 * t) * np.sin(2.0 * np.pi * 0.4 * t)
     rate = np.gradient(s, DT)
     k1, k2, yielding, z, r = 9000.0, 2500.0, 0.012, 0.0, []
     for before, now in zip(np.concatenate([[0.0], s[:-1]]), s, strict=True):
@@ -283,7 +234,7 @@ def test_an_element_test_is_identified_and_a_surface_without_memory_is_not(loop)
     assert (train.quantity, data.inputs, data.dofs, data.forced) == ("force", 2, 1, [])
     surface = RestoringForceSurface(1, 2, data.dt, order=3)
     surface.identify([train])
-    element = trained(HystereticElement(1, 2, data.dt, hinges=0, units=1, cubic=False), [train], 8)
+    element = trained(HystereticElement(1, 2, data.dt, hinges=0, units=1, cubic=False), [train], 15)
     with torch.no_grad():
         errors = [(m.free_run(train.drive()).a - train.a).norm() / train.a.norm()
                   for m in (element, surface)]  # fmt: skip

@@ -100,15 +100,6 @@ def test_bouc_wen_of_any_power_and_degradation_equals_the_reference(n, eta_rate,
     assert relative_rms(simulate(ours, force, DT).r, reference["r"]) < 1e-6
 
 
-def test_a_support_displaced_beyond_the_gap_pushes_from_the_first_sample():
-    element = LimitedSlip(
-        between=("s1", "x1"), yield_displacement=0.01, stiffness=10.0, gap_stiffness=5.0, gap=0.03
-    )
-    still = np.zeros((3, 1))
-    motion = simulate(Structure([1.0], {"r": element}), still, DT, still - 0.05, still)
-    assert_allclose([motion.r[0, 0], motion.a[0, 0]], [5.0 * 0.02, -5.0 * 0.02], rtol=1e-12)
-
-
 def test_accelerations_obey_the_equation_of_motion_at_every_sample(structure, excitation):
     force = forces(structure, excitation)
     motion = simulate(structure, force, DT)
@@ -245,13 +236,6 @@ def test_no_motion_is_handed_out_as_nan(size):
     assert np.isfinite(motion.x).all()
 
 
-def test_an_escaping_motion_leaves_the_others_as_they_are():
-    push = [np.full((400, 1), size) for size in (5.0, 25.0, 6.0)]
-    together = simulate_many(softening(), push, DT)
-    assert [m.escape_time is None for m in together] == [True, False, True]
-    assert_array_equal(together[2].x, simulate(softening(), push[2], DT).x)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -275,12 +259,6 @@ def test_input_that_fits_no_structure_is_refused(bilinear_structure, change, mes
     simulate(bilinear_structure, **still)
     with pytest.raises(ValueError, match=message):
         simulate(bilinear_structure, **(still | change))
-
-
-@pytest.mark.parametrize("given", ["support", "support_velocity"])
-def test_half_a_support_motion_is_refused_and_not_ignored(bilinear_structure, given):
-    with pytest.raises(ValueError, match="support"):
-        simulate(bilinear_structure, np.zeros((50, 3)), DT, **{given: np.ones((50, 3))})
 
 
 def test_a_slider_never_carries_more_than_its_yield_force():

@@ -14,10 +14,7 @@ from benchmarks.opensees import opensees, prepare_steps
 from data.simulation.element_test import force
 from data.simulation.elements import (
     FrictionPendulum,
-    MenegottoPinto,
     Pinching4,
-    SelfCentering,
-    SlackBrace,
     UnevenHysteretic,
     UnevenPinching4,
 )
@@ -57,41 +54,6 @@ def difference(element, dt: float, *material) -> float:
     y = random_motion(dt)
     theirs = sum(stress(y, *one) for one in material)
     return float(np.linalg.norm(force(element, y, dt) - theirs) / np.linalg.norm(theirs))
-
-
-@pytest.mark.parametrize(("a1", "a3"), [(0.0, 0.0), (0.05, 0.03)])
-def test_steel02(a1, a3):
-    element = MenegottoPinto(
-        between=BETWEEN, yield_displacement=Y, stiffness=K, hardening_ratio=0.02, sharpness=18.0,
-        a1=a1, a3=a3,
-    )  # fmt: skip
-    material = ("Steel02", FY, K, 0.02, 18.0, 0.925, 0.15, a1, 1.0, a3, 1.0)
-    assert difference(element, 0.002, material) < 1e-4
-    assert difference(element, 0.0005, material) < 1e-5
-
-
-@pytest.mark.parametrize("beta", [0.3, 0.7, 1.0])
-def test_self_centering(beta):
-    """On a ramp to rounding; on random motion to first order in their step, past each corner."""
-    element = SelfCentering(
-        between=BETWEEN, activation_displacement=Y, stiffness=K, hardening_ratio=0.05, flag=beta
-    )
-    material = ("SelfCentering", K, 0.05 * K, FY, beta)
-    ramp = np.concatenate([np.linspace(0.0, 0.03, 301), np.linspace(0.03, 0.0, 301)[1:]])
-    assert np.abs(force(element, ramp, 0.01) - stress(ramp, *material)).max() < 1e-6 * FY
-    coarse, fine = (difference(element, dt, material) for dt in (0.002, 0.0002))
-    assert fine < 2e-3
-    assert fine < 0.35 * coarse
-
-
-@pytest.mark.parametrize("b", [0.0, 0.05])
-def test_two_elastoplastic_gaps(b):
-    element = SlackBrace(
-        between=BETWEEN, yield_displacement=Y, stiffness=K, hardening_ratio=b, gap=0.003
-    )
-    pull = ("ElasticPPGap", K, FY, 0.003, b, "damage")
-    push = ("ElasticPPGap", K, -FY, -0.003, b, "damage")
-    assert difference(element, 0.002, pull, push) < 1e-4
 
 
 def drawn_side(draw) -> tuple[np.ndarray, np.ndarray, list[float]]:

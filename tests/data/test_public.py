@@ -13,7 +13,7 @@ import pytest
 import torch
 from scipy.io import savemat
 
-from data.public.benchmarks import BENCHMARKS, BOUC_WEN_TESTS
+from data.public.benchmarks import BENCHMARKS
 from data.public.measures import in_band_rms, noise_floor, official_rmse
 from models.training.assemble import data_from
 from runner.job import identify
@@ -73,24 +73,6 @@ def test_f16_has_the_packages_splits_with_all_three_outputs(split, folder):
             assert one.warmup == other.state_initialization_window_length
 
 
-def test_bouc_wen_test_signals_are_those_of_the_package(tmp_path):
-    package = pytest.importorskip("nonlinear_benchmarks", reason="extra `benchmarks` not installed")
-    prepare(tmp_path, contents("bouc_wen") | bouc_wen_tests())
-    (tmp_path / "BoucWen/Hysteretic Benchmark with a Dynamic Nonlinearity_1_all.zip").touch()
-    load = package.not_splitted_benchmarks.BoucWen
-    theirs = load(train_test_split=False, dir_placement=str(tmp_path))
-    for name, other in zip(("multisine", "sinesweep"), theirs, strict=True):
-        (record,) = loaded("bouc_wen", tmp_path, test=[name]).make_records()["test"]
-        np.testing.assert_array_equal(record.f[:, 0].numpy(), other.u)
-        np.testing.assert_array_equal(record.a[:, 0].numpy(), other.y)
-
-
-def bouc_wen_tests() -> dict[str, dict[str, np.ndarray]]:
-    rng = np.random.default_rng(1)
-    sizes = {path: PERIOD if "multisine" in path else 9000 for path in BOUC_WEN_TESTS}
-    return {path: {Path(path).stem: rng.standard_normal((1, T))} for path, T in sizes.items()}
-
-
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_a_prepared_folder_needs_neither_package_nor_network(name, folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", None)
@@ -116,16 +98,6 @@ def test_other_layouts_hold_the_same_series(name, layout, folder, tmp_path):
             np.testing.assert_array_equal(one[0], two[0])
             np.testing.assert_array_equal(one[1], two[1])
     assert other.dt == pytest.approx(known.dt, rel=1e-12)
-
-
-def test_a_missing_file_is_named_with_its_place_and_its_page(tmp_path):
-    with pytest.raises(
-        ValueError, match=r"SNLS80mV\.mat is not in .*benchmarks/silverbox.*download"
-    ):
-        loaded("silverbox", tmp_path / "absent")
-    assert not (tmp_path / "absent").exists()
-    with pytest.raises(ValueError, match=r"uest_multisine.*are not in .*Model-Augmentation"):
-        loaded("bouc_wen", tmp_path)
 
 
 class Bomb:
@@ -174,21 +146,6 @@ def test_a_failed_download_is_one_line(tmp_path, monkeypatch):
         loaded("silverbox", tmp_path / "new", download=True)
 
 
-def test_what_is_missing_is_downloaded_once_and_only_on_request(tmp_path, monkeypatch):
-    calls = []
-
-    def fetch(dir_placement: str, **_: object) -> None:
-        calls.append(dir_placement)
-        prepare(Path(dir_placement), contents("silverbox"))
-
-    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", types.SimpleNamespace(Silverbox=fetch))
-    with pytest.raises(ValueError, match="not in"):
-        loaded("silverbox", tmp_path / "new")
-    for _ in range(2):
-        loaded("silverbox", tmp_path / "new", download=True)
-    assert calls == [str(tmp_path / "new")]
-
-
 def test_the_initialisation_window_is_not_counted(folder):
     data = prepared("silverbox", folder)
     for split in ("train", "test"):
@@ -229,15 +186,6 @@ def test_the_end_of_a_period_can_be_held_out_of_all_periods(folder):
     seen = data.make_records()["train"][0].samples
     (test,) = data.make_records()["test"]
     assert (seen, test.warmup, test.initial_state) == (6144, 6144, "periodic")
-
-
-def test_series_are_chosen_by_name(folder):
-    assert loaded("silverbox", folder).series["test"][0].name == "multisine"
-    arrow = loaded("silverbox", folder, test=["arrow_full"]).make_records()["test"][0]
-    assert arrow.samples == 40475
-    with pytest.raises(ValueError, match=r"data\.test holds 'arow'; choose multisine, arrow_full"):
-        loaded("silverbox", folder, test=["arow"])
-    assert len(loaded("f16", folder, train="Sine*", test=["Sine*4"]).series["train"]) == 4
 
 
 def test_series_for_bands_are_neither_trained_on_nor_tested(folder):

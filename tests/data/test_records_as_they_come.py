@@ -7,15 +7,14 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from data.measured.common_time import aligned, on_common_grid
+from data.measured.common_time import aligned
 from data.measured.datamodule import MeasuredData
 from data.measured.mend import Mending
 from data.measured.onset import onset_of
-from data.measured.places import record_places
 from data.measured.plausible import plausibility
 from data.measured.raw_record import RawRecord
 from data.measured.reading import read_record, read_records
-from data.simulation.scenario import FullState, Integrated
+from data.simulation.scenario import FullState
 from data.windows import after_rest
 from models.hysteretic_element import HystereticElement
 from models.training.assemble import estimator_from
@@ -96,16 +95,6 @@ def test_rest_before_a_record_changes_no_motion(tmp_path):
         assert not getattr(later, name)[:300].any()
 
 
-def test_time_steps_that_differ_by_rounding_are_one(tmp_path):
-    for name, dt in (("one", 0.01), ("two", 0.009999999999999998), ("three", 0.0100001)):
-        write(tmp_path / f"{name}.csv", 1000, dt)
-    data = measured(tmp_path, test="three")
-    assert {r.dt for split in data.records.values() for r in split} == {0.01}
-    write(tmp_path / "four.csv", 1000, 0.0102)
-    with pytest.raises(ValueError, match="sampled every"):
-        measured(tmp_path, test="three")
-
-
 @pytest.mark.parametrize("deep", [False, True])
 def test_arrays_of_records_by_samples(tmp_path, deep):
     pairs = [shaken(seed, 800) for seed in range(5)]
@@ -161,17 +150,6 @@ def test_what_sensors_show_at_rest_is_taken_off_and_told(tmp_path):
     assert "s_ddot1 0.3, a1 -0.2" in note
 
 
-def test_a_part_cut_in_motion_begins_at_the_state_that_a_scenario_integrates(tmp_path):
-    """With x and v of all records no first samples need tell of a beginning: all are scored."""
-    base, roof = shaken(samples=3000)
-    table(tmp_path / "cut.csv", {"time": clock(3000), "s_ddot1": base, "a1": roof})
-    (alone,) = measured(tmp_path / "cut.csv").records["test"]
-    (known,) = measured(tmp_path / "cut.csv", scenario=Integrated()).records["test"]
-    assert (alone.initial_state, alone.warmup) == ("unknown", alone.samples // 10)
-    assert (known.initial_state, known.warmup) == ("given", 0)
-    assert torch.equal(known.drive().x0, known.x[0])
-
-
 def test_an_onset_does_not_depend_on_what_follows():
     signal = np.where(clock() > 8.0, np.sin(9.0 * clock()), 1e-6 * np.cos(40.0 * clock()))
     other = np.where(clock() > 16.0, 100.0, signal)
@@ -179,21 +157,6 @@ def test_an_onset_does_not_depend_on_what_follows():
 
 
 # Sensors
-
-
-def sensors(late: float, lost: int = 0) -> RawRecord:
-    """A base and a roof whose clock says `late` [s] more, and which runs longer."""
-    base, roof = shaken()
-    clocks = {"s_ddot1": clock(T := len(base) - lost), "a1": clock(len(roof)) + late}
-    return RawRecord("r", None, None, {"s_ddot1": base[:T], "a1": roof}, clocks)
-
-
-def test_a_sensor_that_only_runs_longer_is_in_step():
-    raw = on_common_grid(sensors(0.0, lost=400))
-    assert not raw.clocks
-    assert len(raw.channels["a1"]) == len(raw.channels["s_ddot1"]) == 2000
-    assert "all sensors have" in raw.notes[0]
-    assert on_common_grid(sensors(0.0043)).clocks  # off the grid: to be resampled
 
 
 def test_counters_without_a_common_zero_are_aligned_on_request(tmp_path):
@@ -262,10 +225,3 @@ def test_other_inputs_of_an_element_are_excitation(tmp_path):
     branch = OmegaConf.create({"_target_": "models.BranchElement", "name": "branch_element"})
     with pytest.raises(ValueError, match=r"branch_element has no .* u1; .*model.laws=units"):
         estimator_from(branch, data)
-
-
-def test_notes_beside_the_records_of_a_folder_are_no_record(tmp_path):
-    for name in ("one", "two"):
-        (tmp_path / f"{name}.txt").write_text("time f1 a1\n0.0 1 2\n0.1 3 4\n0.2 5 6\n")
-    (tmp_path / "README.txt").write_text("Tests of the frame, March 2021.\n3 accelerometers.\n")
-    assert [place.stem for place in record_places(str(tmp_path), None)] == ["one", "two"]

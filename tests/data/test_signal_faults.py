@@ -117,12 +117,6 @@ def test_plateaus_that_are_no_saturation(signal):
     assert findings(clean(f1=signal, r1=signal)) == []
 
 
-def test_hammer_blows_are_no_spikes():
-    force = np.zeros(T)
-    force[[500, 2500]] = 100.0
-    assert findings(clean(f1=force)) == []
-
-
 def test_zero_first_row():
     raw = clean()
     channels = {c: np.concatenate(([0.0], x + 3.0)) for c, x in raw.channels.items() if c != "x1"}
@@ -183,12 +177,6 @@ def test_rounded_time_stamps_are_no_jitter(rate, decimals):
     assert time_step(time)[0] == pytest.approx(1.0 / rate, rel=1e-4)
 
 
-def test_jitter_of_printed_stamps_is_no_rounding():
-    rng = np.random.default_rng(0)
-    time = np.round(DT * np.arange(T) + rng.uniform(-0.002, 0.002, T), 3)
-    assert found(with_clock(time), "uneven time steps").blocks
-
-
 @pytest.mark.parametrize(
     ("step", "words"),
     [(8333.0, "data.units.time=us (120 Hz)"), (10.0, "data.units.time=ms (100 Hz)"),
@@ -232,18 +220,3 @@ def test_the_step_of_rounded_stamps_is_that_of_the_whole_clock(rate):
     assert dt == pytest.approx(1.0 / rate, rel=1e-6)
     assert {f.what for f in faults} == {"dropped samples", "rounded time stamps"}
     assert "of 3 samples" in next(f.message for f in faults if f.blocks)
-
-
-@pytest.mark.parametrize("digits", [4, 5])
-def test_stamps_of_so_many_digits_are_rounded_by_decades(digits):
-    time = np.array([float(f"{k / 128.0:.{digits}g}") for k in range(20_000)])
-    dt, faults = time_step(time)
-    assert dt == pytest.approx(1.0 / 128.0, rel=1e-6)
-    assert [f.what for f in faults] == ["rounded time stamps"]
-
-
-def test_a_step_as_good_as_round_is_round():
-    assert time_step(1234.5 + DT * np.arange(T))[0] == DT
-    assert time_step(np.cumsum(np.full(T, 0.01)))[0] == 0.01
-    assert time_step((0.01 * np.arange(T)).astype(np.float32).astype(float))[0] == 0.01
-    assert time_step(8333.0 * np.arange(300))[0] == 8333.0  # µs of 120.005 Hz, not of 120 Hz

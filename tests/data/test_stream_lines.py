@@ -18,7 +18,7 @@ from data.record import Record
 from data.simulation.scenario import FullState
 from data.stream.lines import LONGEST, SampleLines
 from data.stream.sources import one_client, paced
-from data.stream.time_stamps import AGREEING, PATIENCE, TimeStamps
+from data.stream.time_stamps import AGREEING, TimeStamps
 
 DT = 0.01
 HEADER = "t,f1,a1,a2"
@@ -46,12 +46,6 @@ def test_columns_are_channels_and_others_are_left_out():
     assert [s.time for s in samples] == pytest.approx([0.0, 0.01])
     assert same(samples[1].f, [2.0])
     assert same(samples[1].a, [0.3, 0.4])
-
-
-def test_the_unit_that_a_column_is_named_with_is_heard_as_in_training():
-    header, rows = "t,f1,a1_g,a2_mg", ("0.00,1,1,1", "0.01,1,1,1")
-    lines = read(csv(*rows, header=header), channels={"a1": "a1_g", "a2": "a2_mg"})
-    assert same(next(iter(lines))[1].a, [9.80665, 0.00980665])
 
 
 @pytest.mark.parametrize("keys", ["arrays", "names"])
@@ -188,19 +182,6 @@ def test_a_clock_that_was_set_back_is_followed_after_a_while():
     assert stamps.note == ""
 
 
-def test_a_clock_that_was_set_back_a_little_is_followed_after_a_while():
-    """Samples may have been sent again: they are passed on as they are, for the stream to name."""
-    stamps = TimeStamps(DT)
-    for k in range(60):
-        stamps(DT * k)
-    behind = [stamps(DT * k) for k in range(50)]
-    assert behind == pytest.approx([DT * k for k in range(50)])
-    assert stamps(DT * 60) == pytest.approx(0.60)
-    slow = [stamps(0.30 - 0.001 * k) for k in range(PATIENCE + 1)]
-    assert slow[-1] == pytest.approx(0.61)
-    assert "the clock was set, by -" in stamps.note
-
-
 def test_one_absurd_stamp_does_not_end_a_stream():
     """Nor does it cost more than its own place in time: the samples after it keep theirs."""
     assert times(0.0, 0.01, 1e300, 0.03, 0.04) == [0.0, 0.01, 0.02, 0.03, 0.04]
@@ -209,12 +190,6 @@ def test_one_absurd_stamp_does_not_end_a_stream():
         stamps = TimeStamps(DT)
         seen = [stamps(wild if k == 200 else stamp) for k, stamp in enumerate(usual)]
         assert seen == pytest.approx(usual), wild
-
-
-def test_a_real_gap_is_believed_when_the_stamps_after_it_agree():
-    seen = times(0.0, 0.01, *(5.0 + DT * k for k in range(6)))
-    assert seen == [0.0, 0.01, 0.02, 0.03, 5.02, 5.03, 5.04, 5.05]
-    assert times(0.0, 0.01, 0.04, 0.05) == [0.0, 0.01, 0.04, 0.05]  # two samples were lost
 
 
 def test_stamps_in_another_unit_are_found_out():

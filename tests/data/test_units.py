@@ -7,7 +7,7 @@ import time
 import pytest
 
 from data.measured.named_units import unit_in_name
-from data.measured.units import DIMENSIONS, is_unit, to_si
+from data.measured.units import DIMENSIONS, to_si
 
 POUND_FORCE = 4.4482216152605  # N, exactly 0.45359237 kg × 9.80665 m/s²
 
@@ -58,18 +58,6 @@ def test_what_is_no_length_is_refused_at_once(unit: str) -> None:
     assert time.perf_counter() - started < 5.0
     assert caught.value.__cause__ is None
     assert "\n" not in str(caught.value)
-
-
-def test_unknown_signal() -> None:
-    with pytest.raises(ValueError, match="signal='z': choose time, f"):
-        to_si("m", "z")
-
-
-def test_units_in_round_brackets_are_known_symbols() -> None:
-    assert is_unit("m/s^2")
-    assert is_unit("µs")
-    assert not is_unit("filtered")
-    assert not is_unit("1")
 
 
 NAMED = [

@@ -33,13 +33,6 @@ def test_windows_count_every_sample_after_the_first_warmup_once(length, warmup, 
     assert all(w.samples == length and w.warmup == warmup for w in windows)
 
 
-def test_a_window_is_a_whole_record_by_default():
-    windows = WindowDataset([counted_record(), counted_record(offset=1000.0)])
-    assert len(windows) == 2
-    assert [w.a[0, 0].item() for w in windows] == [0.0, 1000.0]
-    assert [w.samples for w in windows] == [100, 100]
-
-
 def test_windows_never_run_from_one_record_into_the_next():
     records = [counted_record(50), counted_record(75, offset=1000.0)]
     windows = WindowDataset(records, 20)
@@ -116,21 +109,6 @@ def test_windows_from_the_start_and_from_the_middle_all_begin_as_measured(order)
 def test_unlike_records_make_no_batch(other):
     with pytest.raises(ValueError, match="records differ in"):
         stack([counted_record(), other])
-
-
-def test_map_reaches_every_signal_measured_and_true():
-    record = counted_record()
-    doubled = record.map(lambda u: 2.0 * u)
-    for name, signal in record.signals().items():
-        assert torch.equal(getattr(doubled, name), 2.0 * signal), name
-    for name in "xvayr":
-        assert torch.equal(getattr(doubled.truth, name), 2.0 * getattr(record.truth, name)), name
-
-
-def test_the_excitation_is_forces_then_support_motion():
-    record = counted_record()
-    assert torch.equal(record.excitation, torch.cat([record.f, record.s, record.s_dot], dim=1))
-    assert torch.equal(replace(record, s=None, s_dot=None).excitation, record.f)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -92,6 +91,3 @@ def drive_of(
     u = size * sum(torch.sin(w * t + p) for w, p in zip(rates, phases, strict=True)) / 3.0
     rest = torch.zeros(estimator.dofs, dtype=torch.float64)
     return Drive(DT, u, rest, rest, hold)
-
-
-Network = Callable[..., ElementNetwork]

@@ -17,7 +17,6 @@ from data.record import Drive
 from export.fmu import write_fmus
 from export.steps import step_of
 from tests.export import networks
-from tests.export.test_steps import MODELS
 
 fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install -e '.[export]'")
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
@@ -189,35 +188,9 @@ def test_parameters_are_tuned(unit):
     assert reached[1] == pytest.approx(0.5 * reached[0], rel=1e-4)
 
 
-def test_it_begins_in_a_given_motion(unit, model):
-    x0, v0 = torch.tensor([[0.01, 0.02, -0.01], [0.1, -0.1, 0.3]], dtype=torch.float64)
-    given = replace(drive(50), x0=x0, v0=v0)
-    given = replace(given, u=torch.zeros_like(given.u))
-    instance = unit.instance()
-    unit.set(instance, ["x0_1", "x0_2", "x0_3"], x0)
-    unit.set(instance, ["v0_1", "v0_2", "v0_3"], v0)
-    instance.exitInitializationMode()
-    for k in range(1, 50):
-        instance.doStep((k - 1) * networks.DT, networks.DT)
-    assert_close(unit.get(instance, MOTION), expected(model, given)[-1])
-
-
 def test_wrong_values_are_refused(unit):
     instance = unit.instance()
     with pytest.raises(Exception, match="fmi"):
         unit.set(instance, ["f1"], [float("nan")])
     with pytest.raises(Exception, match="fmi"):
         unit.set(instance, ["x1"], [1.0])
-
-
-def test_another_step_than_that_of_a_network_is_refused(tmp_path):
-    """A recurrent network knows its own time step alone, and multiples of it."""
-    paths = write_fmus(step_of(MODELS["gru"](2)), "network", [], tmp_path)
-    for path in paths:
-        own = Unit(path, fmpy.read_model_description(str(path)), fmpy.extract(str(path)))
-        instance = own.instance()
-        instance.exitInitializationMode()
-        instance.doStep(0.0, 7 * networks.DT)
-        with pytest.raises(Exception, match="fmi"):
-            instance.doStep(0.07, 0.73 * networks.DT)
-        shutil.rmtree(own.folder, ignore_errors=True)

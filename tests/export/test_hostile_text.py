@@ -25,7 +25,6 @@ from hypothesis import HealthCheck, given, settings
 
 from export import fmu, names
 from export.run import read_exported
-from export.step import Step
 from export.translate.program import Program
 from models.checkpoint import digest_of, save_estimator
 from tests.export.compiling import GCC, STRICT, needs_gcc
@@ -432,36 +431,3 @@ def test_identifiers_differ_and_stay_where_they_are_some(one, other, third):
     assert (
         names.is_identifier(names.identifier(one).rstrip("_")) or names.identifier(one)[-1] == "_"
     )
-
-
-@pytest.mark.parametrize(
-    "unit",
-    ["N", "kN", "m/s²", "m/s2", "m/s^2", "N s/m3", "1/s", "kg m²/s²", "degC", "°C", "%", "V"],
-)
-def test_units_that_people_use_stay(unit):
-    assert names.unit_of(unit) == unit
-    assert names.plain_unit(unit).translate({ord("°"): None}).isascii()
-
-
-@pytest.mark.parametrize("unit", ["m*/", "m//s", "/", "m/", "N;", "furlong", "m\n", "m^9999", "**"])
-def test_other_texts_are_no_units(unit):
-    assert names.unit_of(unit) == ""
-
-
-def test_names_of_siblings_that_collide_differ():
-    assert names.identifiers(["a-b", "a_b", "a_b"], "input_") == ["input_1", "a_b", "input_3"]
-    assert names.identifiers(["?", "input_1"], "input_") == ["input_1_", "input_1"]
-
-
-def test_a_step_takes_no_other_names_and_units():
-    step = import_module("export.steps").step_of(network(1, 1))
-    for change in ({"inputs": [("f1;", "N")]}, {"inputs": [("f1", "N*/")]}, {"substeps": "1"}):
-        with pytest.raises(ValueError, match=r"expected numbers|no name and unit"):
-            Step(**{**vars(step), **change})
-
-
-def test_the_original_names_are_told(tame, tmp_path):
-    run = tampered(RUN, [(NAMED, "Kraft \u202e*/ 2")])
-    write_run(tame.folder, run, digest_of(tame.folder / "model.safetensors"))
-    header = files_of(tame.folder, tmp_path)[f"{NAME}.h"]
-    assert 'input_2 is "Kraft [U+202E][U+002A]/ 2" in the run' in header

@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from data.record import Drive
-from export.names import MOTION
 from export.step import Step, run
 from export.steps import step_of
 from models.baselines import LastValue
@@ -78,20 +77,6 @@ def test_what_has_no_step_says_so_in_one_line():
         step_of(EquivalentLinear(2, 2, DT))
 
 
-@pytest.mark.parametrize(
-    ("name", "quantity", "expected"),
-    [
-        ("linear_modes", "acceleration", [("output", ["a1"], "m/s2")]),
-        ("linear_modes", "output", [("output", ["y1"], "")]),
-        ("vwnn", "force", [("a", ["r1"], "N")]),
-        ("gru", "displacement", [("a", ["x1"], "m")]),
-        ("linear", "acceleration", [(n, [f"{n}1"], u) for n, u in MOTION]),
-    ],
-)
-def test_the_quantity_of_the_records_names_the_outputs(name, quantity, expected):
-    assert step_of(MODELS[name](1), quantity).outputs == expected
-
-
 @pytest.mark.parametrize("dofs", SIZES)
 @pytest.mark.parametrize("name", MODELS)
 def test_a_step_is_the_free_run(name, dofs):
@@ -107,21 +92,6 @@ def test_what_is_observed_again_is_made_good(name):
     once, twice = run(step, given), run(once_more(step), given)
     for output in once:
         np.testing.assert_array_equal(once[output], twice[output])
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_a_step_names_what_goes_in_and_out(name):
-    model = MODELS[name](3)
-    step = step_of(model)
-    assert len(step.inputs) == model.inputs
-    for array, names, _ in step.outputs:
-        assert step.state[array].shape == (len(names),)
-    for function in (step.begin, step.observe, step.advance):
-        step.arguments(function)
-    for part in (*step.state.values(), *step.numbers.values()):
-        if isinstance(part, np.ndarray):
-            assert part.dtype in (np.float64, np.int64)
-            assert part.flags.c_contiguous
 
 
 def test_a_run_that_left_its_bounds_is_lost_from_there():

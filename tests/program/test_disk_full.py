@@ -55,8 +55,8 @@ def disk(tmp_path) -> Iterator[tuple[Path, Callable[[int], None]]]:
 @pytest.mark.parametrize(
     ("words", "more"),
     [
-        (["model=linear"], 8),
-        (["model=global_mlp", "solver.iterations=3", "checkpoint_seconds=0"], 12),
+        (["model=linear"], 12),
+        (["model=global_mlp", "solver.iterations=3", "checkpoint_seconds=0"], 24),
     ],
 )
 def test_a_run_ends_in_one_line_wherever_the_disk_is_full(
@@ -83,7 +83,7 @@ def test_a_run_ends_in_one_line_wherever_the_disk_is_full(
         if (folder / "run" / CHECKPOINT).exists():
             size = max(size, nearly)
         resize(size)
-    assert attempts > 3
+    assert attempts > 2
     assert is_finished(folder / "run")
     assert numbers(folder / "run") == numbers(other)
     assert not list(folder.rglob("*.part"))

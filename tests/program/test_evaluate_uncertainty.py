@@ -57,7 +57,7 @@ def test_a_profile_has_a_table_and_a_figure(run, capsys):
 
 
 def test_samples_have_evidence_and_a_figure_and_follow_the_seed(run, capsys):
-    words = ("uncertainty=smc", "parameter=x1.mass,r1.damping", "particles=400", "threads=1")
+    words = ("uncertainty=smc", "parameter=x1.mass,r1.damping", "particles=150", "threads=1")
     found, again = evaluated(run, *words), evaluated(run, *words)
     assert found["parameters"] == again["parameters"]
     by_name = {p["name"]: p for p in found["parameters"]}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import re
 import shlex
 import time
 from pathlib import Path
@@ -117,29 +116,6 @@ def test_a_jump_of_a_million_years_is_no_allocation(tmp_path):
             measured(path, mend=mending)
 
 
-@pytest.mark.parametrize(
-    ("choices", "message"),
-    [
-        ({"dt": 1e-300}, "data.dt=1e-300"),
-        ({"dt": float("nan")}, "data.dt=nan"),
-        ({"start": float("nan")}, "data.start=nan"),
-        ({"stop": float("nan")}, "data.stop=nan"),
-        ({"stop": float("inf")}, "data.stop=inf"),
-        ({"path": "empty"}, "data.path=empty is an empty folder"),
-        ({"path": "loop.csv"}, "loop.csv does not exist"),
-        ({"path": "x" * 5000}, "there is no such"),
-        ({"path": "a\0b"}, "there is no such"),
-    ],
-)
-def test_settings_of_records_are_named(tmp_path, monkeypatch, choices, message):
-    monkeypatch.chdir(tmp_path)
-    write_csv(tmp_path / "record.csv")
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "loop.csv").symlink_to("loop.csv")
-    with pytest.raises(ValueError, match=re.escape(message)):
-        measured(**{"path": "record.csv", **choices})
-
-
 def test_a_rate_of_terahertz_is_refused_before_memory_is_taken(tmp_path):
     path = write_csv(tmp_path / "record.csv")
     with pytest.raises(ValueError, match=r"data\.mend\.resample=1e\+12 Hz .* are there; lower it"):
@@ -197,9 +173,9 @@ def test_hdf5_that_is_too_much(tmp_path, fill, message, monkeypatch):
 
 def test_a_file_with_a_hole_is_not_read_to_its_end(tmp_path):
     path = tmp_path / "hole.csv"
-    path.write_text("time,f1,a1\n" + "0.0,0,0\n0.1,1,1\n" * 100_000)
+    path.write_text("time,f1,a1\n" + "0.0,0,0\n0.1,1,1\n" * 20_000)
     os.truncate(path, 2**42)
-    with pytest.raises(FileError, match="line 200002 holds a NUL byte"):
+    with pytest.raises(FileError, match="line 40002 holds a NUL byte"):
         read_table(path)
 
 
@@ -283,13 +259,6 @@ def test_the_printed_command_is_understood(run, tmp_path, wanted, record):
     assert cfg.data.path == str(tmp_path / f"{record}.csv")
 
 
-def test_no_config_hides_behind_one_of_ours(run, tmp_path):
-    write_csv(tmp_path / "a.csv")
-    status, _, err = run("a.csv", "--config", "measured.yaml")
-    assert status == 1
-    assert "is a config of the project itself; choose another name" in err
-
-
 @pytest.mark.parametrize(
     "column", [name for name in HOSTILE if name.isprintable() and name.strip()][::4]
 )
@@ -322,11 +291,6 @@ def test_the_terminal_is_not_commanded(text):
     table.add_row(text)
     console.print(text, table)
     assert all(c.isprintable() or c == "\n" for c in stream.getvalue())
-
-
-def test_brackets_are_printed_as_they_are(capsys):
-    Terminal(width=80).print("[red]a[/red] [link=https://x]b[/link] :smile:")
-    assert "[red]a[/red] [link=https://x]b[/link] :smile:" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["[red]x[/red]$x_{$", "a\x1b[31m\u202e😀", "x" * 200])

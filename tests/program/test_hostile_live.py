@@ -15,13 +15,10 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rich.console import Console
 
 from data.record import Record
 from data.sample import Sample
 from data.stream.lines import LONGEST, SampleLines
-from live.monitor import LiveMonitor
-from live.view import TOLD, LiveView
 from models.online.adaptive import Online
 from models.online.guard import Guard
 from models.online.laws.frozen import Frozen
@@ -84,7 +81,7 @@ def expected() -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("size", "channel", "run"),
-    [(20.0, "a1", 3), (100.0, "f1", 1), (1e6, "f1", 3), (1e300, "a1", 1)],
+    [(20.0, "a1", 3), (1e2, "f1", 1), (1e6, "f1", 3), (1e300, "a1", 1)],
 )
 def test_one_outlier_is_named_and_leaves_the_model_as_it_was(size, channel, run, expected):
     a, f = shaken(0)
@@ -258,20 +255,6 @@ def test_a_ruined_model_begins_anew_once_and_says_so(law, kind):
     assert stream.events[0].sample < T // 2
 
 
-def test_a_hopeless_model_does_not_restart_and_is_tried_ever_more_seldom():
-    rng = np.random.default_rng(0)
-    a, f = rng.standard_normal((2, 6000, 1))
-    law = RecursiveLeastSquares(0.9)  # follows the noise: an error of several times the signal
-    stream = VWNNStream(VWNN(1, 1, DT), law)
-    tries = []
-    for y, u in zip(torch.from_numpy(a), torch.from_numpy(f), strict=True):
-        stream.step(Sample(f=u, a=y))
-        tries.append(stream._restart.rival is not None)
-    assert not stream.events
-    assert sum(tries[:2000]) > 300
-    assert sum(tries[3000:]) < 0.35 * 3000
-
-
 # Honest data
 
 k = np.arange(T)[:, None]
@@ -369,18 +352,3 @@ def test_too_many_channels_are_refused():
     assert len(head) < LONGEST
     with pytest.raises(ValueError, match="9,000 channels; expected at most 256"):
         SampleLines(io.BytesIO(head.encode()), DT)
-
-
-def test_every_fault_is_printed_until_they_are_too_many():
-    lines = SampleLines(io.BytesIO(HEAD + b"x\n" * 3 + b"0,1,2,3\n" + b"y\n" * 500), DT)
-    samples, file = iter(lines), io.StringIO()
-    stream = VWNNStream(VWNN(2, 1, DT), RecursiveLeastSquares())
-    view = LiveView(LiveMonitor(stream, DT), lines, Console(file=file, width=100), 5.0)
-    next(samples)
-    view.tell()
-    assert [row[:8] for row in file.getvalue().splitlines()] == ["line 2: ", "line 3: ", "line 4: "]
-    list(samples)
-    view.tell()
-    view.tell()
-    assert file.getvalue().count("\n") == 3 + 1 + TOLD
-    assert f"{500 - TOLD} more faults of lines" in file.getvalue()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -10,16 +11,24 @@ import torch
 from omegaconf import OmegaConf
 from safetensors.torch import save_file
 
-from benchmarks.kills import damaged, main, same
+import train
+from benchmarks import kills
+from benchmarks.kills import command, damaged, disturb, finished, same
+from tests.program.test_train import run
 
 
-def test_a_killed_sweep_ends_like_an_undisturbed_one(capsys):
-    status = main(["--quick"])
-    printed = capsys.readouterr().out.splitlines()
-    assert status == 0, printed
-    last = "3 results, 0 damaged, 3 equal to the undisturbed sweep, 1 kills, "
-    assert printed[-1].startswith(last)
-    assert sum(line.startswith("kill ") for line in printed) == 1
+def test_a_killed_sweep_ends_like_an_undisturbed_one(tmp_path, monkeypatch):
+    """What is killed is a process of its own; the other two sweeps are done in this one."""
+    monkeypatch.setattr(kills, "WORDS", [*kills.WORDS, "threads=1"])
+    whole, broken = tmp_path / "undisturbed", tmp_path / "disturbed"
+    began = time.monotonic()
+    assert run(train, monkeypatch, *command(whole, 3)[2:]) == 0
+    assert disturb(broken, 3, 1, (1.0, time.monotonic() - began), seed=0) == (0, 1)
+    assert len(finished(broken)) < 3
+    assert run(train, monkeypatch, *command(broken, 3)[2:]) == 0
+    assert damaged(broken) == []
+    assert all(same(broken / name, whole / name) for name in finished(whole))
+    assert len(finished(whole)) == len(finished(broken)) == 3
 
 
 @pytest.fixture

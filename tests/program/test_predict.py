@@ -140,28 +140,6 @@ def test_a_planted_chain_moves_as_the_structure_that_it_stands_for(tmp_path, pre
     assert np.abs(motion.y).max() > 2.0 * Y
 
 
-def test_units_files_and_factors_of_a_ground_motion_agree(tmp_path, predicted):
-    folder, a = plant(tmp_path / "run", *shaken(1)), quake()
-    lines = [" ".join(f"{v:.9E}" for v in a[i : i + 5] / G) for i in range(0, len(a), 5)]
-    head = ["PEER", "", "ACCELERATION IN UNITS OF G", f"NPTS= {len(a)}, DT= {DT} SEC"]
-    at2 = tmp_path / "quake.AT2"
-    at2.write_text("\n".join([*head, *lines]) + "\n")
-    write(tmp_path / "g.csv", acc=a / G)
-    np.savez(tmp_path / "half.npz", time=DT * np.arange(len(a)), s_ddot1=0.5 * a)
-    ways = {
-        "at2": [f"excitation.path={at2}"],
-        "named": [
-            f"excitation.path={tmp_path / 'g.csv'}", "excitation.channels.time=time",
-            "excitation.channels.s_ddot1=acc", "excitation.units.s_ddot=g",
-        ],
-        "scaled": [f"excitation.path={tmp_path / 'half.npz'}", "excitation.scale=2"],
-        "peak": [f"excitation.path={at2}", f"excitation.peak={np.abs(a).max() / G}"],
-    }  # fmt: skip
-    found = [history(predicted(folder, *words))["x1 [m]"] for words in ways.values()]
-    for other in found[1:]:
-        np.testing.assert_allclose(other, found[0], atol=1e-6 * np.abs(found[0]).max())
-
-
 def test_an_element_test_takes_an_imposed_motion(tmp_path, predicted):
     sensors = Sensors(DT, 1, 2, [], "force", ("s1", "s_dot1", "r1"))
     model = estimator_from(composed("model=hysteretic_element").model, sensors)
@@ -264,34 +242,6 @@ def test_mistakes_end_in_one_line(words, tmp_path, predicted, capsys):
     (line,) = capsys.readouterr().err.splitlines()
     assert MISTAKES[words] in line
     assert "data." not in line
-
-
-def test_motions_are_generated_from_a_seed(tmp_path, predicted):
-    folder = plant(tmp_path / "run", *forced(3))
-    seeds = [
-        history(predicted(folder, f"excitation.seed={seed}", "excitation.duration=5"))["f2 [N]"]
-        for seed in (1, 1, 2)
-    ]
-    np.testing.assert_array_equal(seeds[0], seeds[1])
-    assert np.abs(seeds[0] - seeds[2]).max() > 0.1
-    words = ("excitation.kind=sine_sweep", "excitation.std=2", "excitation.duration=5")
-    assert np.abs(history(predicted(folder, *words))["f1 [N]"]).max() == pytest.approx(
-        2.0, rel=0.01
-    )
-    for made in (carried, shaken):
-        other = plant(tmp_path / made.__name__, *made(1))
-        words = ("excitation.kind=multisine", "excitation.std=0.01", "excitation.duration=5")
-        assert len(history(predicted(other, *words))) > 5
-
-
-def test_pictures_are_drawn_of_one_and_of_many(tmp_path, monkeypatch):
-    folder = plant(tmp_path / "run", *forced(1, cubic=-2e4))
-    file = write(tmp_path / "f.csv", **forces(1))
-    word = f"excitation.path={file}"
-    for scale in ("1", "1000", "[1,3,1000]"):
-        assert run(predict, monkeypatch, f"run={folder}", word, f"excitation.scale={scale}") == 0
-    names = {p.relative_to(folder / "prediction").as_posix() for p in folder.rglob("*.png")}
-    assert {"f/history.png", "f/loops.png", "f,scale=[1,3,1000]/predictions.png"} <= names
 
 
 def test_the_page_runs_as_it_stands(tmp_path, monkeypatch, capsys):

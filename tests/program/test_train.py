@@ -114,29 +114,6 @@ def test_a_run_on_a_damaged_structure_is_scored_again_as_it_was(tmp_path, monkey
     assert numbers(tmp_path)["test"] != numbers(sound)["test"]
 
 
-def test_the_free_run_stands_in_everything_a_run_leaves(tmp_path, monkeypatch, capsys):
-    words = [*QUICK, "model=linear", "baselines=none", f"hydra.run.dir={tmp_path}"]
-    assert run(train, monkeypatch, *words) == 0
-    printed = capsys.readouterr().out
-    free = json.loads((tmp_path / "metrics.json").read_text())["free_run"]
-    assert f"{free['relative_rms_percent']:.2f}" in printed
-    assert "free run" in printed
-    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
-    tags: set[str] = set()
-    for folder in {path.parent for path in tmp_path.rglob("events.*")}:
-        events = EventAccumulator(str(folder)).Reload().Tags()
-        tags |= {*events["scalars"], *events["images"]}
-    for key in ("free_run", "free_run_train"):
-        errors = ("relative_rms_percent", "displacement_percent", "per_dof_percent/x3")
-        assert {f"{key}/{error}" for error in errors} <= tags
-        assert f"{key}/relative_rms_percent_over_time" in tags
-    assert {"free_run_acceleration", "free_run_displacement"} <= tags
-    assert run(evaluate, monkeypatch, f"run={tmp_path}") == 0
-    assert "equal to metrics.json to the last digit" in capsys.readouterr().out
-    assert (tmp_path / "evaluation/as_trained/free_run_displacement.pdf").is_file()
-
-
 def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
     words = [f"run={finished}", "scenario=noisy", "seeds=[5,6]", "data.duration=25", "label=noise"]
     words += ["figures=false"]
@@ -152,11 +129,6 @@ def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
         ]  # the seeds' training motions were seen by nobody here
         assert splits["test"]["relative_rms_percent"] > clean
         assert splits["test"]["relative_rms_percent_true"] < splits["test"]["relative_rms_percent"]
-
-
-def test_a_model_is_not_used_at_another_time_step(finished, monkeypatch, capsys):
-    assert run(evaluate, monkeypatch, f"run={finished}", "data.dt=0.005", "label=fine") == 1
-    assert "built for dt=0.01 s" in capsys.readouterr().err
 
 
 class Bomb:
@@ -259,13 +231,6 @@ def test_a_mistake_is_answered_with_one_line(words, tmp_path, monkeypatch, capsy
     assert MISTAKES[words] in error
     assert not (folder / "metrics.json").exists()
     assert not (folder / "model.safetensors").exists()
-
-
-def test_an_unwritable_folder_is_one_line(tmp_path, monkeypatch, capsys):
-    (tmp_path / "file").write_text("in the way")
-    status = run(train, monkeypatch, *QUICK, f"hydra.run.dir={tmp_path / 'file' / 'run'}")
-    assert status == 1
-    assert "choose another hydra.run.dir" in capsys.readouterr().err
 
 
 def test_a_rerun_into_a_folder_never_leaves_the_old_result_beside_a_failure(

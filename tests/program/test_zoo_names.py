@@ -60,13 +60,6 @@ def test_describe_export_live_and_load_run_take_it(tmp_path, capsys):
     assert torch.equal(model.free_run(drive).a, own.free_run(drive).a)
 
 
-@pytest.mark.parametrize("program", [evaluate, predict])
-def test_a_mistyped_name_is_told_in_one_line(program, monkeypatch, capsys):
-    assert run(program, monkeypatch, "run=zoo:element_network/bouc_wne") == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "did you mean element_network/bouc_wen" in line
-
-
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -95,8 +88,6 @@ def test_training_begins_at_published_weights(monkeypatch, tmp_path, capsys):
     assert "start: zoo:element_network/bouc_wen.v1" in capsys.readouterr().out
     config = (tmp_path / "run" / "config.yaml").read_text()
     assert f"start: {NAME}.v1" in config
-    again = (f"start={tmp_path / 'run'}", "solver.iterations=1", f"hydra.run.dir={tmp_path / '2'}")
-    assert run(train, monkeypatch, *words, *again, *SMALL) == 0
 
 
 OFFLINE = """

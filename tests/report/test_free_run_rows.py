@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import math
 
 import numpy as np
 import pytest
 
 from report.free_run.tables import sections
-from report.output import as_csv, escaped, latex, sections_markdown
+from report.output import escaped, latex, sections_markdown
 from runner.scores.spread import quantile
 from tests.report.free_run_runs import LOST, NO_FREE_RUN, add_run, rows_of
 
@@ -44,13 +43,6 @@ def test_a_model_without_a_free_run_is_last_and_says_why(tmp_path):
     assert "no free run of two_point: it looks at every sample" in sections_markdown(sections(rows))
 
 
-def test_errors_are_against_the_true_signals(tmp_path):
-    scores = {"relative_rms_percent": 11.0, "relative_rms_percent_true": 4.0, "diverged": 0}
-    add_run(tmp_path, scores)
-    assert rows_of(tmp_path)[0].errors.median == 4.0
-    assert rows_of(tmp_path)[0].displacement.median is None
-
-
 def test_records_scenarios_and_other_settings_are_rows_of_their_own(tmp_path):
     for records in (1, 8):
         add_run(tmp_path, 10.0 / records, train_records=records)
@@ -74,17 +66,6 @@ def test_the_same_run_twice_is_an_error_that_names_both(tmp_path):
         add_run(tmp_path / name, 3.0)
     with pytest.raises(ValueError, match=r"one.*two.*made twice"):
         rows_of(tmp_path)
-
-
-def test_csv_has_full_precision_and_a_line_per_row(tmp_path):
-    add_run(tmp_path, 1.0 / 3.0)
-    add_run(tmp_path, LOST, model="vwnn")
-    first, second = csv.DictReader(
-        as_csv([row.columns() for row in rows_of(tmp_path)]).splitlines()
-    )
-    assert float(first["median_percent"]) == 1.0 / 3.0
-    assert float(second["median_percent"]) == math.inf
-    assert second["model"] == "vwnn"
 
 
 def test_latex_escapes_and_keeps_its_columns(tmp_path):

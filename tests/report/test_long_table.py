@@ -58,14 +58,6 @@ def test_a_row_is_a_run_a_split_and_a_metric(tmp_path):
     ]
 
 
-def test_what_diverged_is_infinite_and_says_so(tmp_path):
-    add_run(tmp_path, LOST)
-    table = table_of(tmp_path)
-    lost = table[(table.split == "free_run") & (table.metric == "relative_rms_percent")]
-    assert lost[["value", "status"]].to_numpy().tolist() == [[math.inf, "diverged"]]
-    assert set(table[table.split == "test"].status) == {"finished"}
-
-
 def test_runs_without_numbers_are_listed_with_their_reasons(tmp_path):
     add_run(tmp_path, 1.0, seed=0)
     add_run(tmp_path, LOST, failed=True, seed=1)

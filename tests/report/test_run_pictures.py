@@ -9,7 +9,7 @@ import torch
 from data.record import Record, Response
 from models.hysteretic_element import HystereticElement
 from report.run.compared import CYCLES, LONGEST, SHORTEST, few_cycles, strong_motion
-from report.run.figures import identified_loops, run_figures
+from report.run.figures import run_figures
 from report.run.rescore import draw_record, titled_picture
 
 
@@ -45,22 +45,6 @@ def test_every_picture_of_a_new_record_has_the_title(linear_record):
     assert {"acceleration", "element_loops", "free_run_acceleration"} <= drawn.keys()
     for figure in drawn.values():
         assert "element on sine" in " ".join(figure.get_suptitle().split())
-
-
-def test_loops_of_a_model_are_drawn_where_the_true_ones_are_unknown(linear_record):
-    loops = torch.randn(2, linear_record.samples, 20, dtype=torch.float64)
-    measured = linear_record.measured()
-    errors = {"one step": torch.ones(linear_record.samples)}
-    drawn = run_figures(measured, measured.a, errors, [], loops=(loops[0], loops[1]))
-    assert "element_loops" in drawn
-    assert len(drawn["element_loops"].axes) == 12  # of twenty
-    strong = loops[1].abs().amax(dim=0).argmax()
-    titles = [axes.get_title() for axes in identified_loops(loops[0], loops[1], []).axes]
-    assert f"element {int(strong) + 1}" in titles
-    gone = loops.clone()
-    gone[1, -1] = torch.nan
-    drawn = run_figures(measured, measured.a, errors, [], loops=(gone[0], gone[1]))
-    assert "element_loops" not in drawn
 
 
 def test_so_few_cycles_are_drawn_that_an_eye_can_follow_them():

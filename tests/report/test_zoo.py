@@ -11,7 +11,7 @@ import pytest
 from models.zoo.index import entries, entry_of
 from models.zoo.pretrained import load_pretrained
 from report.zoo import command, gallery, publish, verify
-from report.zoo.entry_config import ABSOLUTE, command_of, entry_config, require_command
+from report.zoo.entry_config import ABSOLUTE, entry_config
 from report.zoo.licence import Licence
 from runner.config.compose import composed
 from runner.folder.run_folder import read_run
@@ -123,18 +123,6 @@ def test_what_identified_nothing_or_is_no_run_is_not_published(run, tmp_path):
     with pytest.raises(ValueError, match="identified nothing: noise"):
         publish.publish(folder, None, Licence(), root=tmp_path / "zoo")
     assert not entries(tmp_path / "zoo")
-
-
-def test_the_command_of_a_config_makes_it_again():
-    words = ("model=global_mlp", "system=polynomial", "solver=levenberg_marquardt")
-    cfg = composed(*words, "solver.every=4", "data.train_records=8", "seed=3", "scenario=noisy")
-    command = command_of(entry_config(cfg))
-    assert {*words, "solver.every=4", "data.train_records=8", "seed=3", "scenario=noisy"} == set(
-        command.removeprefix("python train.py ").split()
-    )
-    require_command(command, entry_config(cfg))
-    with pytest.raises(ValueError, match="gives other values of seed"):
-        require_command(command.replace("seed=3", "seed=4"), entry_config(cfg))
 
 
 def test_the_page_is_that_of_the_index():
