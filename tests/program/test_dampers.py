@@ -23,7 +23,7 @@ SHORT = ["objective.starts=1", "objective.finalists=1", "objective.select=[1e-6]
 def folder(tmp_path_factory) -> Path:
     """a.csv to e.csv; in e.csv the voltage goes up to 1.6 times that of the others."""
     folder = tmp_path_factory.mktemp("damper")
-    tests = magnetorheological(5, 700, DT, noise=0.02, factors=(1.0, 1.0, 1.0, 1.0, 1.6))
+    tests = magnetorheological(5, 1200, DT, noise=0.02, factors=(1.0, 1.0, 1.0, 1.0, 1.6))
     for name, (s, rate, volts, force) in zip("abcde", tests, strict=True):
         table = np.column_stack([DT * np.arange(len(s)), 1e3 * s, rate, volts, force])
         header = "time,disp_mm,vel,voltage_V,force_N"
