@@ -28,8 +28,10 @@ from benchmarks.fitting import fit
 from benchmarks.table import show
 from data.arguments import Parser
 from data.record import Record, stack
-from data.simulation.elements import Bilinear, Element, Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.laws.bilinear import Bilinear
+from data.simulation.laws.element import Element
+from data.simulation.laws.polynomial import Polynomial
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure

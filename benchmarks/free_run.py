@@ -19,8 +19,8 @@ from rich.table import Table
 from benchmarks.table import seconds_of
 from data.arguments import Parser
 from data.record import Drive, Record
-from data.simulation.elements import Bilinear
 from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.laws.bilinear import Bilinear
 from data.simulation.motion import simulate as simulate_structure
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState

@@ -25,11 +25,8 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.table import seconds_of, show
 from data.arguments import Parser
-from data.simulation.elements.bilinear import BILINEAR
-from data.simulation.elements.bouc_wen import BOUC_WEN
-from data.simulation.elements.limited_slip import LIMITED_SLIP
-from data.simulation.elements.polynomial import POLYNOMIAL
 from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.laws import NUMBERS
 from data.simulation.motion import simulate, simulate_many
 from data.simulation.records import EXCITATION, stream
 from data.simulation.structure import Structure
@@ -81,18 +78,18 @@ def accuracy(duration: float, quick: bool) -> Iterator[list[str]]:
 
 def law_of(law: int, p: np.ndarray) -> Callable[..., tuple[np.ndarray, np.ndarray | float]]:
     """(y, ẏ, z) → (r, ż) of elements with parameters p (E, P), for scipy."""
-    if law == POLYNOMIAL:
+    if law == NUMBERS["polynomial"]:
         p1, p2, p3 = p.T[:3]
         return lambda y, ydot, z: ((p1 + p3 * y * y) * y + p2 * ydot, 0.0)
-    if law == BOUC_WEN:  # n = 1, no degradation, as in the paper
+    if law == NUMBERS["bouc_wen"]:  # n = 1, no degradation, as in the paper
         A, beta, gamma, _, eta, nu = p.T[:6]
         return lambda y, ydot, z: (
             z,
             (A * ydot - nu * (beta * np.abs(ydot) * z - gamma * ydot * np.abs(z))) / eta,
         )
-    assert law in (BILINEAR, LIMITED_SLIP)
+    assert law in (NUMBERS["bilinear"], NUMBERS["limited_slip"])
     z_y, k1, k2, c1, c2 = p.T[:5]
-    gap = p[:, 5] if law == LIMITED_SLIP else None
+    gap = p[:, 5] if law == NUMBERS["limited_slip"] else None
 
     def slider(y: np.ndarray, ydot: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         sliding = (np.abs(z) >= z_y) & (z * ydot > 0.0)
@@ -137,7 +134,7 @@ def against_scipy(duration: float, budget: float) -> Iterator[list[str]]:
         error = relative(motion.a, exact)
         yield [system, f"{TOLERANCE:.0e}", f"{error:.1e}", f"{1e3 * ours:.2f}", "1"]
         n, t, rate = structure.dofs, DT * np.arange(len(force)), rate_of(structure, force)
-        yielding = structure.law == BOUC_WEN
+        yielding = structure.law == NUMBERS["bouc_wen"]
         z = np.where(yielding, np.abs(motion.r).max(axis=0), structure.parameters[:, 0])
         peaks = [np.full(n, np.abs(u).max()) for u in (motion.x, motion.v)]
         sizes = np.concatenate([*peaks, z])

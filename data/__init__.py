@@ -9,6 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from data.simulation.laws import FILES
+
 PUBLIC = {  # class → the module that defines it
     # records and samples
     "Data": "data.datamodule",
@@ -21,36 +23,23 @@ PUBLIC = {  # class → the module that defines it
     "Truth": "data.record",
     "WindowDataset": "data.windows",
     # simulation
-    "BaberNoori": "data.simulation.elements.baber_noori",
     "BandLimitedGaussian": "data.simulation.excitation",
-    "Bilinear": "data.simulation.elements.bilinear",
-    "BoucWen": "data.simulation.elements.bouc_wen",
     "Composed": "data.simulation.scenario",
     "EscapedMotionError": "data.simulation.motion",
     "Excitation": "data.simulation.excitation",
-    "FrictionPendulum": "data.simulation.elements.friction_pendulum",
     "FullState": "data.simulation.scenario",
     "Given": "data.simulation.excitation",
-    "Hysteretic": "data.simulation.elements.hysteretic",
     "HystereticDegradation": "data.simulation.damage",
     "Integrated": "data.simulation.scenario",
-    "LimitedSlip": "data.simulation.elements.limited_slip",
-    "MenegottoPinto": "data.simulation.elements.menegotto_pinto",
     "Multisine": "data.simulation.excitation",
     "Noisy": "data.simulation.scenario",
-    "Pinching4": "data.simulation.elements.pinching4",
-    "Polynomial": "data.simulation.elements.polynomial",
     "RecordedEarthquake": "data.simulation.earthquake",
-    "SelfCentering": "data.simulation.elements.self_centering",
     "SimulatedData": "data.simulation.datamodule",
     "Simulation": "data.simulation.records",
     "SineSweep": "data.simulation.excitation",
-    "SlackBrace": "data.simulation.elements.slack_brace",
     "StiffnessLoss": "data.simulation.damage",
     "Structure": "data.simulation.structure",
-    "Takeda": "data.simulation.elements.takeda",
-    "UnevenHysteretic": "data.simulation.elements.hysteretic",
-    "UnevenPinching4": "data.simulation.elements.pinching4",
+    **{name: f"data.simulation.laws.{file}" for file, names in FILES.items() for name in names},
     # measured records, public benchmarks, streams
     "BenchmarkData": "data.public.datamodule",
     "MeasuredData": "data.measured.datamodule",

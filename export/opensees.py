@@ -16,22 +16,17 @@ from string import Template
 
 import torch
 
-from data.simulation.elements import (
-    BaberNoori,
-    Element,
-    FrictionPendulum,
-    Hysteretic,
-    MenegottoPinto,
-    Pinching4,
-    Polynomial,
-    SelfCentering,
-    SlackBrace,
-    UnevenHysteretic,
-    UnevenPinching4,
-)
-from data.simulation.elements.hysteretic import PLACES as THREE
-from data.simulation.elements.pinching4 import LOSSES
-from data.simulation.elements.pinching4 import PLACES as FOUR
+from data.simulation.laws.baber_noori import BaberNoori
+from data.simulation.laws.element import Element
+from data.simulation.laws.friction_pendulum import FrictionPendulum
+from data.simulation.laws.hysteretic import PLACES as THREE
+from data.simulation.laws.hysteretic import Hysteretic, UnevenHysteretic
+from data.simulation.laws.menegotto_pinto import MenegottoPinto
+from data.simulation.laws.pinching4 import LOSSES, Pinching4, UnevenPinching4
+from data.simulation.laws.pinching4 import PLACES as FOUR
+from data.simulation.laws.polynomial import Polynomial
+from data.simulation.laws.self_centering import SelfCentering
+from data.simulation.laws.slack_brace import SlackBrace
 from export.names import python_comment
 from export.opensees_laws import Material, material_of
 from export.run import Exported
@@ -132,7 +127,7 @@ def _listed(rows: object) -> str:
     return "".join(f"    {row},\n" for row in rows)  # type: ignore[attr-defined]
 
 
-# Named laws (data/simulation/elements) as stock materials of OpenSees, where they are the same.
+# Named laws (data/simulation/laws) as stock materials of OpenSees, where they are the same.
 #
 # Polynomial        Elastic, ElasticPowerFunc
 # MenegottoPinto    Steel02

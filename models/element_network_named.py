@@ -26,7 +26,7 @@ import torch
 from torch import Tensor
 
 from data.record import Drive, Record, Response
-from data.simulation.elements import Element
+from data.simulation.laws.element import Element
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.composition.stated import typed

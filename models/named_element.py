@@ -1,6 +1,6 @@
 """One element by the law of a name: steel, flag, slack brace, pendulum, Bouc–Wen, concrete.
 
-r = law(s, ṡ; q)                        (models/named_laws, simulated by data/simulation/elements)
+r = law(s, ṡ; q)                        (models/named_laws, simulated by data/simulation/laws)
 
 Every law that may be is fitted to the motions; which of them it is shows on the largest motion,
 which is held back. All happens in `identify`; no solver is needed.   T samples, one element.

@@ -7,11 +7,12 @@ import gc
 import numpy as np
 import pytest
 
+from data import Bilinear, BoucWen, LimitedSlip, Polynomial
 from data.inspect import __main__ as inspect_command
 from data.parallel import take_threads
 from data.record import Record
-from data.simulation.elements import Bilinear, BoucWen, Element, LimitedSlip, Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.laws.element import Element
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure

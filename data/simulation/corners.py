@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.laws import margin, next_branch
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.dispatch import margin, next_branch
 
 CORNER_RESOLUTION = 1e-7  # of a step
 place = np.uintp  # an index without a sign: numba looks whether any other one is negative

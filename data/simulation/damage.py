@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from data.checked import checked
-from data.simulation.elements.bouc_wen import BoucWen
+from data.simulation.laws.bouc_wen import BoucWen
 from data.simulation.structure import Structure
 
 
@@ -116,7 +116,7 @@ class StiffnessLoss(Damage):
         weakened = [list(structure.elements.values())[e].weakened(k) for k in kept]
         parameters = np.zeros((steps, structure.parameters.shape[1]))
         parameters[:, : len(weakened[0])] = weakened
-        force_is_state = structure.law[e] == BoucWen.law
+        force_is_state = isinstance(structure.elements[self.element], BoucWen)
         state = kept / before if force_is_state else np.ones(steps)
         return Changes(sample, offset, np.full(steps, e), kept, parameters, state)
 

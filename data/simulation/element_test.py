@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from data.simulation.elements.element import PARAMETERS, Element
-from data.simulation.elements.polynomial import Polynomial
+from data.simulation.laws.element import PARAMETERS, Element
+from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import EscapedMotionError, Motion, simulate
 from data.simulation.path import follow
 from data.simulation.structure import Structure

@@ -20,9 +20,9 @@ from __future__ import annotations
 import numpy as np
 
 from data.simulation.corners import NONE, change_branches, first_corner, place
-from data.simulation.elements.compiling import compiled, inlined
-from data.simulation.elements.element import MEMORY
-from data.simulation.elements.laws import force as element_force
+from data.simulation.laws.compiling import compiled, inlined
+from data.simulation.laws.dispatch import force as element_force
+from data.simulation.laws.element import MEMORY
 
 SMALLEST_STEP = 1e-9  # of a sample interval; a motion that needs less is escaping
 LARGEST_DISPLACEMENT = 1e6  # [m]; a motion beyond has escaped

@@ -15,8 +15,8 @@ from threading import Event
 import numpy as np
 
 from data.simulation.damage import Changes
-from data.simulation.elements.laws import INLINED
 from data.simulation.integrator import UNFINISHED, Progress, integrate
+from data.simulation.laws.dispatch import LAST_INLINED
 from data.simulation.structure import Structure
 
 STEPS_OF_A_CALL = 2_000_000  # over the number of nodes and elements: a fraction of a second
@@ -108,7 +108,7 @@ def simulate(
     inputs = [np.ascontiguousarray(u, dtype=float) for u in (force, support, support_velocity)]
     changing = _arrays(changes, structure.parameters.shape[1])
     settings = float(dt), float(tolerance)
-    memory = not np.isin(structure.law, INLINED).all()
+    memory = bool((structure.law > LAST_INLINED).any())
     progress = Progress(n, support.shape[1], E, *settings, memory=memory)
     fixed = (*model, *inputs, *settings, *changing, x, v, a, y, r, work, *progress.arrays())
     budget = most_steps(T)

@@ -13,9 +13,9 @@ import math
 
 import numpy as np
 
-from data.simulation.elements.compiling import compiled, inlined
-from data.simulation.elements.element import MEMORY
-from data.simulation.elements.laws import force, margin, next_branch
+from data.simulation.laws.compiling import compiled, inlined
+from data.simulation.laws.dispatch import force, margin, next_branch
+from data.simulation.laws.element import MEMORY
 
 MOST = 50  # corners between two samples
 HALVINGS = 50  # of a way, to its corner

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from data.checked import checked
-from data.simulation.elements.element import PARAMETERS, Element
+from data.simulation.laws.element import PARAMETERS, Element
 from data.topology import incidence, node_numbers
 
 SUPPORT = r"s[1-9]\d{0,8}"  # a support's name; longer numbers are of no structure

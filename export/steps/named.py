@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from data.simulation.elements import Polynomial
 from data.simulation.integrator import Progress, integrate
+from data.simulation.laws.polynomial import Polynomial
 from data.simulation.structure import Structure
 from export.names import elements_of, inputs_of, motion_of
 from export.step import Step

@@ -1,6 +1,6 @@
 """A hinge of steel after Menegotto & Pinto, with its slope, compiled.
 
-The law is that of data/simulation/elements/menegotto_pinto.py, which has its formulas, without
+The law is that of data/simulation/laws/menegotto_pinto.py, which has its formulas, without
 isotropic hardening. There a motion is known; here a hinge turns as far as balances its member, so
 that a step is tried before it is taken: `new` is what `old` becomes.
 

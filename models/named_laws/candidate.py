@@ -13,7 +13,7 @@ from zlib import crc32
 
 import numpy as np
 
-from data.simulation.elements import Element
+from data.simulation.laws.element import Element
 
 BETWEEN = ("ground", "x1")  # of an element that nobody has put into a structure yet
 SPAN = 12.0  # of q: e^±12 units

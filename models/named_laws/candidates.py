@@ -1,6 +1,6 @@
 """The named laws as functions of free numbers: what each may be, and where a search begins.
 
-A law is simulated by its element (data/simulation/elements), with a spring in parallel where it has
+A law is simulated by its element (data/simulation/laws), with a spring in parallel where it has
 none.
 """
 
@@ -9,16 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 
-from data.simulation.elements import (
-    BaberNoori,
-    Element,
-    FrictionPendulum,
-    MenegottoPinto,
-    Polynomial,
-    SelfCentering,
-    SlackBrace,
-    Takeda,
-)
+from data.simulation.laws.baber_noori import BaberNoori
+from data.simulation.laws.element import Element
+from data.simulation.laws.friction_pendulum import FrictionPendulum
+from data.simulation.laws.menegotto_pinto import MenegottoPinto
+from data.simulation.laws.polynomial import Polynomial
+from data.simulation.laws.self_centering import SelfCentering
+from data.simulation.laws.slack_brace import SlackBrace
+from data.simulation.laws.takeda import Takeda
 from models.named_laws.candidate import (
     DAMPING,
     PER_ENERGY,

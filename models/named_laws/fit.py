@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from data.simulation.element_test import force
-from data.simulation.elements import Element
+from data.simulation.laws.element import Element
 from models.named_laws.candidate import Candidate, Units
 from models.starts.smoothed_states import white_noise
 

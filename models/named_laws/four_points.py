@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import fields
 from functools import partial
 
-from data.simulation.elements import Element, Pinching4, UnevenPinching4
+from data.simulation.laws.element import Element
+from data.simulation.laws.pinching4 import Pinching4, UnevenPinching4
 from models.named_laws.candidate import (
     DAMPING,
     STIFFNESS,

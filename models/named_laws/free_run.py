@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data.simulation.elements import Element, Polynomial
+from data.simulation.laws.element import Element
+from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import Motion as Simulated
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure

@@ -14,7 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from data.simulation.elements import Element, Polynomial
+from data.simulation.laws.element import Element
+from data.simulation.laws.polynomial import Polynomial
 from models.named_laws.candidate import Candidate, Parameter, Values
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from data.simulation.elements import Element
+from data.simulation.laws.element import Element
 from models.estimator import Parameter
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES

@@ -13,7 +13,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from data.simulation.elements import Element
+from data.simulation.laws.element import Element
 from models.fit.doing import doing
 from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES

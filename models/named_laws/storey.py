@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data.simulation.elements import Polynomial
+from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.fit.doing import doing

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import fields
 from functools import partial
 
-from data.simulation.elements import Element, Hysteretic, UnevenHysteretic
+from data.simulation.laws.element import Element
+from data.simulation.laws.hysteretic import Hysteretic, UnevenHysteretic
 from models.named_laws.candidate import (
     DAMPING,
     STIFFNESS,

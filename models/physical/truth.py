@@ -11,7 +11,7 @@ from data.record import Truth
 from data.simulation.structure import SUPPORT, Structure
 from models.estimator import Estimator
 
-SAME = (  # of elements in data/simulation/elements and of models
+SAME = (  # of elements in data/simulation/laws and of models
     "stiffness",
     "damping",
     "yield_displacement",

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from data.record import Record, Response
-from data.simulation.elements.element import Element
+from data.simulation.laws.element import Element
 from report.paper.signals import behaviour
 from report.run.compared import LOOPS, few_cycles, first_of, strong_motion
 from report.style import ESTIMATED, NARROW, TRUE, WIDE, one_legend, titled

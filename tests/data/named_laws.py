@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from data.simulation.elements import (
+from data import (
     BaberNoori,
     FrictionPendulum,
     Hysteretic,

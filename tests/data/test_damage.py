@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from data import Bilinear, BoucWen, LimitedSlip, Polynomial
 from data.simulation.damage import HystereticDegradation, StiffnessLoss
-from data.simulation.elements import Bilinear, BoucWen, LimitedSlip, Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.motion import simulate
 from data.simulation.records import Simulation

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from data.simulation.elements import Bilinear, BoucWen, LimitedSlip, Polynomial
+from data import Bilinear, BoucWen, LimitedSlip, Polynomial
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 

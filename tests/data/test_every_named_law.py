@@ -8,15 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from data import BaberNoori, FrictionPendulum, Hysteretic, MenegottoPinto, Pinching4
 from data.simulation.damage import StiffnessLoss
 from data.simulation.element_test import force, growing_cycles, imposed, write
-from data.simulation.elements import (
-    BaberNoori,
-    FrictionPendulum,
-    Hysteretic,
-    MenegottoPinto,
-    Pinching4,
-)
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from tests.data.named_laws import (

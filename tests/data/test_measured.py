@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 import torch
 
+from data import Polynomial, SlackBrace
 from data.measured.datamodule import MeasuredData
 from data.measured.mend import Mending
 from data.record import Record
 from data.sample import Sensors
 from data.simulation.element_test import force, growing_cycles, write
-from data.simulation.elements import Element, Polynomial, SlackBrace
+from data.simulation.laws.element import Element
 from data.simulation.motion import simulate
 from data.simulation.scenario import FullState, Integrated
 from data.simulation.structure import Structure

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm
 
-from data.simulation.elements import BoucWen, LimitedSlip, Polynomial
+from data import BoucWen, LimitedSlip, Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.motion import simulate, simulate_many
 from data.simulation.structure import Structure

@@ -13,8 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from data.simulation.element_test import force, imposed
-from data.simulation.elements import (
+from data import (
     BaberNoori,
     Bilinear,
     BoucWen,
@@ -23,7 +22,8 @@ from data.simulation.elements import (
     SelfCentering,
     SlackBrace,
 )
-from data.simulation.elements.pinching4 import LOSSES
+from data.simulation.element_test import force, imposed
+from data.simulation.laws.pinching4 import LOSSES
 from tests.data.named_laws import BETWEEN, DT, HISTORY, LAWS, K, Y, _with_dt
 from tests.data.test_elements import eased
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import torch
 
+from data import Polynomial
 from data.record import Escape
-from data.simulation.elements import Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation, Given
 from data.simulation.motion import EscapedMotionError, simulate
 from data.simulation.records import SPLITS, Simulation, stream
@@ -73,7 +73,7 @@ def test_every_seed_split_record_and_purpose_has_its_own_stream():
 
 
 PROGRAM = """
-from data.simulation.elements import Bilinear
+from data import Bilinear
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
 from data.simulation.scenario import Noisy

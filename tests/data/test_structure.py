@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from data.simulation.elements import Polynomial
+from data import Polynomial
 from data.simulation.structure import Structure
 
 K0, C0 = 4.0 * np.pi**2, np.pi / 4.0

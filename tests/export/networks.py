@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from data.simulation.elements import BaberNoori, FrictionPendulum, MenegottoPinto, Takeda
+from data import BaberNoori, FrictionPendulum, MenegottoPinto, Takeda
 from data.simulation.structure import Structure
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch

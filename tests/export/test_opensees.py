@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 import torch
 
+from data import FrictionPendulum, Polynomial
 from data.record import Drive
 from data.simulation.element_test import force
-from data.simulation.elements import FrictionPendulum, Polynomial
 from export.opensees import named_materials, script_of, write
 from export.opensees_laws import material_of
 from models import ElementNetwork, ElementNetworkNamed

@@ -10,10 +10,10 @@ import torch
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
+from data import Polynomial
 from data.record import Record
 from data.sample import samples_of
 from data.simulation.damage import StiffnessLoss
-from data.simulation.elements import Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState

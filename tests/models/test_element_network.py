@@ -7,9 +7,10 @@ from dataclasses import replace
 import pytest
 import torch
 
+from data import BoucWen, LimitedSlip, Polynomial
 from data.record import Record, stack
-from data.simulation.elements import BoucWen, Element, LimitedSlip, Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation
+from data.simulation.laws.element import Element
 from data.simulation.structure import Structure
 from models.composition.composite import Composite
 from models.element_network import ElementNetwork

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
+from data import MenegottoPinto
 from data.record import Record, stack
-from data.simulation.elements import MenegottoPinto
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.branch_element import BranchElement

@@ -11,9 +11,9 @@ import pytest
 import torch
 
 import models.vwnn
+from data import Bilinear
 from data.record import Record, Truth, stack
 from data.simulation.element_test import force
-from data.simulation.elements import Bilinear
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from models.estimator import Estimator
 from models.named_laws import free_run

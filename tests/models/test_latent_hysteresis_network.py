@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 import torch
 
+from data import BoucWen
 from data.record import Record, stack
-from data.simulation.elements import BoucWen
 from models.latent_hysteresis_network import LatentHysteresisNetwork
 from tests.models.test_element_network import (
     DT,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from data import MenegottoPinto, Polynomial
 from data.record import Record, stack
-from data.simulation.elements import MenegottoPinto, Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.element_network_branch import ElementNetworkBranch, mass_damping, without

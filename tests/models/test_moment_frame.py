@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
+from data import MenegottoPinto
 from data.record import Drive, Record, stack
 from data.simulation.element_test import force
-from data.simulation.elements import MenegottoPinto
 from models import MomentFrame
 from models import moment_frame as fit
 from models.frames.hinge_compiled import MEMORY, turn

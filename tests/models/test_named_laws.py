@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from data.record import Record
-from data.simulation.element_test import force
-from data.simulation.elements import (
+from data import (
     BaberNoori,
-    Element,
     MenegottoPinto,
     Pinching4,
     Polynomial,
@@ -22,6 +19,9 @@ from data.simulation.elements import (
     Takeda,
     UnevenHysteretic,
 )
+from data.record import Record
+from data.simulation.element_test import force
+from data.simulation.laws.element import Element
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed

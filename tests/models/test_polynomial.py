@@ -10,8 +10,8 @@ import torch
 from numpy.polynomial import chebyshev as numpy_chebyshev
 from torch import nn
 
+from data import Polynomial
 from data.record import Record
-from data.simulation.elements import Polynomial
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.structure import Structure
 from models.estimator import weight_matrix

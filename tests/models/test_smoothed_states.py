@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
+from data import MenegottoPinto, SelfCentering
 from data.record import Record
-from data.simulation.elements import MenegottoPinto, SelfCentering
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
 from models.starts.smoothed_states import (

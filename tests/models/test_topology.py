@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import torch
 
+from data import MenegottoPinto, Polynomial, SelfCentering, Takeda
 from data.record import Record
-from data.simulation.elements import Element, MenegottoPinto, Polynomial, SelfCentering, Takeda
+from data.simulation.laws.element import Element
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.element_network import ElementNetwork

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
+from data import Polynomial
 from data.record import Truth
-from data.simulation.elements import Polynomial
 from data.simulation.structure import Structure
 from models.composition.measured_states import MEASURES
 from models.physical.truth import forces_of

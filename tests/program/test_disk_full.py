@@ -16,10 +16,10 @@ import pytest
 from matplotlib.figure import Figure
 
 import train
+from data import Polynomial
 from data.inspect.config import write_config
 from data.inspect.picture import draw
 from data.simulation import element_test
-from data.simulation.elements import Polynomial
 from data.whole_file import write_text
 from models.baselines import Zero
 from models.checkpoint import save_estimator

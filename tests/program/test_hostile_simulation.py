@@ -63,7 +63,7 @@ import signal
 import numpy as np
 from data.parallel import take_threads
 from data.simulation import motion
-from data.simulation.elements import Polynomial
+from data import Polynomial
 from data.simulation.structure import Structure
 signal.signal(signal.SIGINT, signal.default_int_handler)  # as in the foreground
 motion.LEAST_BUDGET = 10**12

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import torch
 
+from data import Polynomial
 from data.record import Response
-from data.simulation.elements import Polynomial
 from report.run.identified import matched, picture
 
 PAIRS = [["ground", "x1"], ["x2", "x1"], ["x1", "x3"]]

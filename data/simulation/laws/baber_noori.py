@@ -19,10 +19,8 @@ import math
 from dataclasses import dataclass
 
 from data.checked import checked
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.element import Element
-
-BABER_NOORI = 9
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Element
 
 
 @inlined
@@ -35,7 +33,7 @@ def _pinch(p, way, z, nu, limit, energy):
 
 
 @inlined
-def force(p, branch, y, ydot, z, work):
+def force(p, m, branch, y, ydot, z, work):
     # p = k, α, β, γ, φ, n, η', ν', ζ, p, q, ψ, δ, λ
     k, alpha = p[0], p[1]
     way, pull = (-1.0 if branch & 1 else 1.0), (-1.0 if branch & 2 else 1.0)
@@ -50,13 +48,13 @@ def force(p, branch, y, ydot, z, work):
 
 
 @inlined
-def margin(branch, ydot, z):
+def margin(p, m, branch, y, ydot, z):
     return min(-ydot if branch & 1 else ydot, -z if branch & 2 else z)
 
 
 @inlined
-def next_branch(ydot, z):
-    return (1 if ydot < 0.0 else 0) + (2 if z < 0.0 else 0)
+def next_branch(p, m, branch, y, ydot, z):
+    return (1 if ydot < 0.0 else 0) + (2 if z < 0.0 else 0), z, m
 
 
 @checked
@@ -70,7 +68,6 @@ class BaberNoori(Element):
     β + γ > 2 |φ|: other elements make energy or have no largest force.
     """
 
-    law = BABER_NOORI
     fibres = ("stiffness",)
     stiffness: float  # k [N/m]
     post_yield_ratio: float = 0.0  # α

@@ -5,15 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.element import Element
-
-POLYNOMIAL = 2
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Element
 
 
 @inlined
-def force(p, e, y, ydot):  # p = p1, p2, p3
-    return p[e, 0] * y + p[e, 1] * ydot + p[e, 2] * y**3, 0.0
+def force(p, m, branch, y, ydot, z, work):  # p = p1, p2, p3
+    return p[0] * y + p[1] * ydot + p[2] * y**3, 0.0
+
+
+@inlined
+def margin(p, m, branch, y, ydot, z):
+    return 1.0
+
+
+@inlined
+def next_branch(p, m, branch, y, ydot, z):
+    return 0, z, m
 
 
 @checked
@@ -21,7 +29,6 @@ def force(p, e, y, ydot):  # p = p1, p2, p3
 class Polynomial(Element):
     """Cubic spring and linear damper: r = p1 y + p2 ẏ + p3 y³ (Eq. 19)."""
 
-    law = POLYNOMIAL
     by_path = True
     fibres = ("stiffness", "cubic_stiffness")
     stiffness: float  # p1 [N/m]

@@ -6,7 +6,7 @@ motion. Of a law that follows such paths odd branches go forward.
 
 from __future__ import annotations
 
-from data.simulation.elements.compiling import inlined
+from data.simulation.laws.compiling import inlined
 
 
 @inlined

@@ -16,10 +16,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.element import Element
-
-SELF_CENTERING = 5
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Element
 
 
 @inlined
@@ -38,12 +36,12 @@ def _slip(p, branch, y, z):
 
 
 @inlined
-def force(p, branch, y, ydot, z):  # p = y_a, k, b, β, c
+def force(p, m, branch, y, ydot, z, work):  # p = y_a, k, b, β, c
     return p[1] * (y - _slip(p, branch, y, z)) + p[4] * ydot, 0.0
 
 
 @inlined
-def margin(p, branch, y, ydot, z):
+def margin(p, m, branch, y, ydot, z):
     low = (1.0 - p[3]) * p[0]
     if branch == 0:
         if z == 0.0:
@@ -55,16 +53,16 @@ def margin(p, branch, y, ydot, z):
 
 
 @inlined
-def next_branch(p, branch, y, ydot, z):
+def next_branch(p, m, branch, y, ydot, z):
     low = (1.0 - p[3]) * p[0]
     if branch == 0:
         side = y if z == 0.0 else z
         out = (y if side > 0.0 else -y) - abs(z) / (1.0 - p[2])
         loading = out > 0.5 * (low + p[0])
-        return (1 if side > 0.0 else 2) + (0 if loading else 2), z
+        return (1 if side > 0.0 else 2) + (0 if loading else 2), z, m
     if branch > 2 and _side(branch) * y <= low:
-        return 0, 0.0
-    return 0, _slip(p, branch, y, z)
+        return 0, 0.0, m
+    return 0, _slip(p, branch, y, z), m
 
 
 @checked
@@ -77,7 +75,6 @@ class SelfCentering(Element):
     force at the return to zero. Raises ValueError for parameters out of range.
     """
 
-    law = SELF_CENTERING
     by_path = True
     fibres = ("stiffness",)
     activation_displacement: float  # y_a [m]

@@ -8,29 +8,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
-from data.simulation.elements.branches import bits, side, slider_margin, slider_next
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.element import Element
-
-BILINEAR = 0
+from data.simulation.laws.branches import bits, side, slider_margin, slider_next
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Element
 
 
 @inlined
-def force(p, e, branch, y, ydot, z):  # p = z_y, k1, k2, c1, c2
+def force(p, m, branch, y, ydot, z, work):  # p = z_y, k1, k2, c1, c2
     yielded = min(branch, 1)  # as a number: a processor guesses jumps badly that change often
-    r = p[e, 2] * y + (p[e, 1] - p[e, 2]) * z + p[e, 3 + yielded] * ydot
+    r = p[2] * y + (p[1] - p[2]) * z + (p[4] if yielded == 1 else p[3]) * ydot
     return r, (1 - yielded) * ydot
 
 
 @inlined
-def margin(p, e, branch, ydot, z):
-    return slider_margin(side(branch), p[e, 0], ydot, z)
+def margin(p, m, branch, y, ydot, z):
+    return slider_margin(side(branch), p[0], ydot, z)
 
 
 @inlined
-def next_branch(p, e, branch, ydot, z):
-    sliding, z = slider_next(side(branch), p[e, 0], ydot, z)
-    return bits(sliding), z
+def next_branch(p, m, branch, y, ydot, z):
+    sliding, z = slider_next(side(branch), p[0], ydot, z)
+    return bits(sliding), z, m
 
 
 @checked
@@ -38,7 +36,6 @@ def next_branch(p, e, branch, ydot, z):
 class Bilinear(Element):
     """Bilinear hysteresis: r = k2 y + (k1 − k2) z + c ẏ, z elastoplastic at ±z_y (Fig. 5a)."""
 
-    law = BILINEAR
     fibres = ("stiffness", "post_yield_stiffness")
     yield_displacement: float  # z_y [m]
     stiffness: float  # k1 [N/m]

@@ -29,11 +29,10 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from data.checked import checked
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.element import Element
-from data.simulation.elements.three_lines import end_of, on_line, way_of
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Element
+from data.simulation.laws.three_lines import end_of, on_line, way_of
 
-HYSTERETIC = 11
 BACK = 12  # p of the first of the back
 FIRST_PATH = 9  # branch
 AT_REST = 1e-4  # of Y₁: the element has no direction yet
@@ -111,13 +110,13 @@ def _shape(p, m, branch, y):
 
 
 @inlined
-def force(p, m, branch, y, ydot):  # p: as the fields of UnevenHysteretic
+def force(p, m, branch, y, ydot, z, work):  # p: as the fields of UnevenHysteretic
     r = p[0] * _shape(p, m, branch, y)
     return r + p[11] * ydot, r * ydot
 
 
 @inlined
-def margin(p, m, branch, y, ydot):
+def margin(p, m, branch, y, ydot, z):
     if branch == 0:
         return AT_REST * min(_place(p, 1.0, 1), _place(p, -1.0, 1)) - abs(y)
     side = way_of(branch)
@@ -203,21 +202,22 @@ def _turned(p, m, branch, y, rho, z):
 
 
 @inlined
-def next_branch(p, m, branch, y, z):
+def next_branch(p, m, branch, y, ydot, z):
     if branch == 0:
-        return (1 if y > 0.0 else 2), m
+        return (1 if y > 0.0 else 2), z, m
     side = way_of(branch)
     if branch < FIRST_PATH:
         line = (branch - 1) // 2
         if line < 3 and side * y > _place(p, side, line + 1):
-            return branch + 2, m
+            return branch + 2, z, m
     else:
         line = (branch - FIRST_PATH) // 2
         if side * y > end_of(m, line):
             if line < 2:
-                return branch + 2, m
-            return (1 if side > 0.0 else 2) + 2 * _line_at(p, side, side * y), m
-    return _turned(p, m, branch, y, _shape(p, m, branch, y), z)
+                return branch + 2, z, m
+            return (1 if side > 0.0 else 2) + 2 * _line_at(p, side, side * y), z, m
+    branch, m = _turned(p, m, branch, y, _shape(p, m, branch, y), z)
+    return branch, z, m
 
 
 @checked
@@ -231,7 +231,6 @@ class Hysteretic(Element):
     Raises ValueError for parameters out of range.
     """
 
-    law = HYSTERETIC
     by_path = True
     fibres = ("stiffness",)
     stiffness: float  # k [N/m]

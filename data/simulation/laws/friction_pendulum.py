@@ -25,11 +25,10 @@ import math
 from dataclasses import dataclass
 
 from data.checked import checked
-from data.simulation.elements.branches import bits, side, slider_margin, slider_next
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.element import Element
+from data.simulation.laws.branches import bits, side, slider_margin, slider_next
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Element
 
-FRICTION_PENDULUM = 7
 STEEPEST = 0.1  # cos θ, and 1 − F tan θ/W: no weight goes up to where a slope would not let it
 
 
@@ -51,7 +50,7 @@ def _shear(p, mu):
 
 
 @inlined
-def force(p, branch, y, ydot, z):  # p = W, R, f_max, f_min, a, Y, c, s, κ
+def force(p, m, branch, y, ydot, z, work):  # p = W, R, f_max, f_min, a, Y, c, s, κ
     sliding = side(branch)
     mu = _friction(p, _speed(branch, ydot))
     part = sliding if sliding != 0 else z / _shear(p, mu)
@@ -66,21 +65,21 @@ def force(p, branch, y, ydot, z):  # p = W, R, f_max, f_min, a, Y, c, s, κ
 
 
 @inlined
-def margin(p, branch, ydot, z):
+def margin(p, m, branch, y, ydot, z):
     speed = _speed(branch, ydot)
     shear = _shear(p, _friction(p, speed))
     return min(speed, slider_margin(side(branch), shear, ydot, z))
 
 
 @inlined
-def next_branch(p, branch, ydot, z):
+def next_branch(p, m, branch, y, ydot, z):
     """What slides has z = ±Y, from which it sticks where it has turned round."""
     shear = _shear(p, _friction(p, _speed(branch, ydot)))
     sliding = side(branch)
     if slider_margin(sliding, shear, ydot, z) < 0.0:
         sliding, z = slider_next(sliding, shear, ydot, z)
         z = min(max(z, -p[5]), p[5])
-    return bits(sliding) | (4 if ydot < 0.0 else 0), z
+    return bits(sliding) | (4 if ydot < 0.0 else 0), z, m
 
 
 @checked
@@ -95,7 +94,6 @@ class FrictionPendulum(Element):
     Raises ValueError for parameters out of range.
     """
 
-    law = FRICTION_PENDULUM
     fibres = ("weight",)
     weight: float  # W [N], carried by the bearing
     radius: float  # R [m]

@@ -5,7 +5,7 @@ A side is stored in two bits: 00 neither, 01 the positive, 10 the negative.
 
 from __future__ import annotations
 
-from data.simulation.elements.compiling import inlined
+from data.simulation.laws.compiling import inlined
 
 
 @inlined

@@ -15,10 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.element import Element
-
-SLACK_BRACE = 6
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Element
+from data.simulation.laws.memory import memory
 
 
 @inlined
@@ -27,7 +26,7 @@ def _side(branch):
 
 
 @inlined
-def force(p, m, branch, y, ydot):  # p = y_y, k, b, g, c
+def force(p, m, branch, y, ydot, z, work):  # p = y_y, k, b, g, c
     r = p[4] * ydot
     if branch == 0:
         return r, 0.0
@@ -38,7 +37,7 @@ def force(p, m, branch, y, ydot):  # p = y_y, k, b, g, c
 
 
 @inlined
-def margin(p, m, branch, y, ydot):
+def margin(p, m, branch, y, ydot, z):
     if branch == 0:
         return min(p[3] + m[0] - y, p[3] + m[1] + y)
     side = _side(branch)
@@ -49,16 +48,16 @@ def margin(p, m, branch, y, ydot):
 
 
 @inlined
-def next_branch(p, m, branch, y):
+def next_branch(p, m, branch, y, ydot, z):
     if branch == 0:
-        return (1 if y > p[3] + m[0] else 2), m
+        return (1 if y > p[3] + m[0] else 2), z, m
     out = _side(branch) * y - p[3]
     if branch <= 2:
-        return (0 if out < m[branch - 1] else branch + 2), m
+        return (0 if out < m[branch - 1] else branch + 2), z, m
     plastic = max(m[branch - 3], (1.0 - p[2]) * (out - p[0]))
     if branch == 3:
-        return 1, (plastic, m[1], 0.0, 0.0, 0.0, 0.0)
-    return 2, (m[0], plastic, 0.0, 0.0, 0.0, 0.0)
+        return 1, z, memory(plastic, m[1])
+    return 2, z, memory(m[0], plastic)
 
 
 @checked
@@ -70,7 +69,6 @@ class SlackBrace(Element):
     for y < 0 with p₋; c ẏ beside. Raises ValueError for parameters out of range.
     """
 
-    law = SLACK_BRACE
     by_path = True
     fibres = ("stiffness",)
     yield_displacement: float  # y_y [m], from taut to yield

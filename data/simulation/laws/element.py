@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
+from data.simulation.laws import NUMBERS
+
 PARAMETERS = 39  # numbers that a law may have, at most
 MEMORY = 12  # numbers that a law may remember of its past, besides its state z
 
@@ -22,7 +24,6 @@ class Element:
     """
 
     between: Sequence[str]
-    law: ClassVar[int]
     fibres: ClassVar[tuple[str, ...]]  # parameters that grow with the number of parallel fibres
     by_path: ClassVar[bool] = False  # whether branches end at deformations and turns, at any rate
 
@@ -50,6 +51,11 @@ class Element:
             value = getattr(self, name)
             if not 0.0 <= value < 1.0:
                 raise ValueError(f"{type(self).__name__}.{name}={value} must lie in [0, 1)")
+
+    @property
+    def law(self) -> int:
+        """The number by which compiled code knows the law."""
+        return NUMBERS[type(self).__module__.rpartition(".")[2]]
 
     @property
     def parameters(self) -> tuple[float, ...]:

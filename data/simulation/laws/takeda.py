@@ -19,10 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.element import Element
-
-TAKEDA = 8
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Element
+from data.simulation.laws.memory import memory
 
 
 @inlined
@@ -46,12 +45,12 @@ def _shape(p, m, branch, y):
 
 
 @inlined
-def force(p, m, branch, y, ydot):  # p = y_y, k, b, α, c
+def force(p, m, branch, y, ydot, z, work):  # p = y_y, k, b, α, c
     return p[1] * _shape(p, m, branch, y) + p[4] * ydot, 0.0
 
 
 @inlined
-def margin(p, m, branch, y, ydot):
+def margin(p, m, branch, y, ydot, z):
     if branch == 0:
         return p[0] - abs(y)
     side = _side(branch)
@@ -67,7 +66,7 @@ def _reload(p, m, side, y, rho):
     """Load from (y, ρ) towards the largest excursion of a side."""
     peak = m[0 if side > 0.0 else 1]
     slope = (_backbone(p, peak) - side * rho) / (peak - side * y)
-    return (5 if side > 0.0 else 6), (m[0], m[1], y, rho, slope, 0.0)
+    return (5 if side > 0.0 else 6), memory(m[0], m[1], y, rho, slope)
 
 
 @inlined
@@ -77,28 +76,31 @@ def _unload(p, m, side, y, rho):
     peak, other = m[here], m[there]
     chord = (_backbone(p, peak) + _backbone(p, other)) / (peak + other)
     slope = max((p[0] / peak) ** p[3], chord)
-    return (3 if side > 0.0 else 4), (m[0], m[1], y - rho / slope, 0.0, slope, y)
+    return (3 if side > 0.0 else 4), memory(m[0], m[1], y - rho / slope, 0.0, slope, y)
 
 
 @inlined
-def next_branch(p, m, branch, y):
+def next_branch(p, m, branch, y, ydot, z):
     if branch == 0:
-        return (1 if y > 0.0 else 2), (p[0], p[0], 0.0, 0.0, 0.0, 0.0)
+        return (1 if y > 0.0 else 2), z, memory(p[0], p[0])
     side, rho = _side(branch), _shape(p, m, branch, y)
     peak, backbone = m[0 if side > 0.0 else 1], 1 if side > 0.0 else 2
     if branch <= 2:
         forward, backward = (max(m[0], y), m[1]) if side > 0.0 else (m[0], max(m[1], -y))
-        return _unload(p, (forward, backward, 0.0, 0.0, 0.0, 0.0), side, y, rho)
+        branch, m = _unload(p, memory(forward, backward), side, y, rho)
+        return branch, z, m
     if branch <= 4:
         if side * (y - m[2]) < 0.0:
-            return _reload(p, m, -side, m[2], 0.0)
-        if side * m[5] >= peak:
-            return backbone, m
-        left = m[5]
-        return _reload(p, m, side, left, m[4] * (left - m[2]))
+            branch, m = _reload(p, m, -side, m[2], 0.0)
+        elif side * m[5] >= peak:
+            branch = backbone
+        else:
+            branch, m = _reload(p, m, side, m[5], m[4] * (m[5] - m[2]))
+        return branch, z, m
     if side * y > peak:
-        return backbone, m
-    return _unload(p, m, side, y, rho)
+        return backbone, z, m
+    branch, m = _unload(p, m, side, y, rho)
+    return branch, z, m
 
 
 @checked
@@ -110,7 +112,6 @@ class Takeda(Element):
     Clough's law. Raises ValueError for parameters out of range.
     """
 
-    law = TAKEDA
     by_path = True
     fibres = ("stiffness",)
     yield_displacement: float  # y_y [m]

@@ -19,10 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.element import Element
-
-MENEGOTTO_PINTO = 4
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Element
+from data.simulation.laws.memory import memory
 
 
 @inlined
@@ -45,19 +44,19 @@ def _shape(p, m, branch, y):
 
 
 @inlined
-def force(p, m, branch, y, ydot):  # p = y_y, k, b, R0, c1, c2, a1, a2, a3, a4, c
+def force(p, m, branch, y, ydot, z, work):  # p = y_y, k, b, R0, c1, c2, a1, a2, a3, a4, c
     return p[1] * _shape(p, m, branch, y) + p[10] * ydot, 0.0
 
 
 @inlined
-def margin(branch, y, ydot):
+def margin(p, m, branch, y, ydot, z):
     if branch == 0:
         return ydot if y > 0.0 else -ydot if y < 0.0 else abs(ydot)
     return ydot if branch == 1 else -ydot
 
 
 @inlined
-def next_branch(p, m, branch, y):
+def next_branch(p, m, branch, y, ydot, z):
     """Turn round at y: the new branch and memory."""
     rho, y_y, b = _shape(p, m, branch, y), p[0], p[2]
     forward = branch == 2 or (branch == 0 and y < 0.0)
@@ -73,7 +72,7 @@ def next_branch(p, m, branch, y):
     corner = y + side * max(span, 1e-9 * y_y)  # a turn on the yield line itself has no span
     xi = abs(towards - corner) / y_y
     R = p[3] * (1.0 - p[4] * xi / (p[5] + xi))
-    return (1 if forward else 2), (y, rho, corner, R, highest, lowest)
+    return (1 if forward else 2), z, memory(y, rho, corner, R, highest, lowest)
 
 
 @checked
@@ -87,7 +86,6 @@ class MenegottoPinto(Element):
     ValueError for parameters out of range.
     """
 
-    law = MENEGOTTO_PINTO
     by_path = True
     fibres = ("stiffness",)
     yield_displacement: float  # y_y [m]

@@ -8,32 +8,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.element import Element
-
-BOUC_WEN = 3
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Element
 
 
 @inlined
-def force(p, e, branch, ydot, z, work):  # p = A, β, γ, n, η, ν, dη/dwork, dν/dwork
+def force(p, m, branch, y, ydot, z, work):  # p = A, β, γ, n, η, ν, dη/dwork, dν/dwork
     speed = -ydot if branch & 1 else ydot  # |ẏ| on this branch
     size = -z if branch & 2 else z  # |r| on this branch
-    power = size if p[e, 3] == 1.0 else max(size, 0.0) ** p[e, 3]
-    eta, nu = p[e, 4] + p[e, 6] * work, p[e, 5] + p[e, 7] * work
-    loading = p[e, 1] * speed * (-power if branch & 2 else power) - p[e, 2] * ydot * power
-    return z, (p[e, 0] * ydot - nu * loading) / eta
+    power = size if p[3] == 1.0 else max(size, 0.0) ** p[3]
+    eta, nu = p[4] + p[6] * work, p[5] + p[7] * work
+    loading = p[1] * speed * (-power if branch & 2 else power) - p[2] * ydot * power
+    return z, (p[0] * ydot - nu * loading) / eta
 
 
 @inlined
-def margin(p, e, branch, ydot, z):
-    if p[e, 0] == 0.0:  # all its fibres are broken: no force, no branches
+def margin(p, m, branch, y, ydot, z):
+    if p[0] == 0.0:  # all its fibres are broken: no force, no branches
         return 1.0
     return min(-ydot if branch & 1 else ydot, -z if branch & 2 else z)
 
 
 @inlined
-def next_branch(ydot, z):
-    return (1 if ydot < 0.0 else 0) + (2 if z < 0.0 else 0), z
+def next_branch(p, m, branch, y, ydot, z):
+    return (1 if ydot < 0.0 else 0) + (2 if z < 0.0 else 0), z, m
 
 
 @checked
@@ -45,7 +43,6 @@ class BoucWen(Element):
     degrade its stiffness and strength (Baber & Wen 1981). The paper has η' = ν' = 0.
     """
 
-    law = BOUC_WEN
     fibres = ("stiffness",)
     stiffness: float  # A [N/m]
     beta: float  # β [N^(1−n)·1/m]

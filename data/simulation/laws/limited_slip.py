@@ -8,34 +8,32 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
-from data.simulation.elements.branches import bits, side, slider_margin, slider_next
-from data.simulation.elements.compiling import inlined
-from data.simulation.elements.element import Element
-
-LIMITED_SLIP = 1
+from data.simulation.laws.branches import bits, side, slider_margin, slider_next
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Element
 
 
 @inlined
-def force(p, e, branch, y, ydot, z):  # p = z_y, k1, k2, c1, c2, z_g
+def force(p, m, branch, y, ydot, z, work):  # p = z_y, k1, k2, c1, c2, z_g
     slider, gap = branch & 3, side(branch >> 2)
-    spring = 0.0 if gap == 0 else p[e, 2] * (y - gap * p[e, 5])
+    spring = 0.0 if gap == 0 else p[2] * (y - gap * p[5])
     if slider == 0:
-        return p[e, 1] * z + spring + p[e, 3] * ydot, ydot
-    return p[e, 1] * z + spring + p[e, 4] * ydot, 0.0
+        return p[1] * z + spring + p[3] * ydot, ydot
+    return p[1] * z + spring + p[4] * ydot, 0.0
 
 
 @inlined
-def margin(p, e, branch, y, ydot, z):
+def margin(p, m, branch, y, ydot, z):
     slider, gap = side(branch), side(branch >> 2)
-    to_gap = p[e, 5] - abs(y) if gap == 0 else gap * y - p[e, 5]
-    return min(to_gap, slider_margin(slider, p[e, 0], ydot, z))
+    to_gap = p[5] - abs(y) if gap == 0 else gap * y - p[5]
+    return min(to_gap, slider_margin(slider, p[0], ydot, z))
 
 
 @inlined
-def next_branch(p, e, branch, y, ydot, z):
-    slider, z = slider_next(side(branch), p[e, 0], ydot, z)
-    gap = 0.0 if abs(y) < p[e, 5] else y
-    return bits(slider) | bits(gap) << 2, z
+def next_branch(p, m, branch, y, ydot, z):
+    slider, z = slider_next(side(branch), p[0], ydot, z)
+    gap = 0.0 if abs(y) < p[5] else y
+    return bits(slider) | bits(gap) << 2, z, m
 
 
 @checked
@@ -43,7 +41,6 @@ def next_branch(p, e, branch, y, ydot, z):
 class LimitedSlip(Element):
     """Slider (k1, ±z_y) in parallel with a spring k2 beyond a gap ±z_g, plus c ẏ (Fig. 5b)."""
 
-    law = LIMITED_SLIP
     fibres = ("stiffness", "gap_stiffness")
     yield_displacement: float  # z_y [m]
     stiffness: float  # k1 [N/m]
