@@ -1,15 +1,20 @@
-"""Memory of a piece of work: whether there is enough, asked before it is begun."""
+"""Memory of a piece of work: whether there is enough, asked before it is begun; large arrays."""
 
 from __future__ import annotations
 
+import math
 import sys
 
+import numpy as np
 import psutil
+import torch
+from torch import Tensor
 
 if sys.platform != "win32":
     import resource
 
 SMALL = 16e6  # bytes that are not asked for: to ask takes longer than to simulate for a second
+LINE = 64  # bytes that a processor fetches at once
 PREFIXES = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
@@ -51,3 +56,15 @@ def amount(size: float) -> str:
     while size >= 1000.0 and power < len(PREFIXES) - 1:
         size, power = size / 1000.0, power + 1
     return f"{size:.3g} {PREFIXES[power]}"
+
+
+def empty_array(*shape: int) -> Tensor:
+    """An array of float64 without values yet.
+
+    NumPy asks for huge pages, PyTorch does not: large arrays are filled much sooner. The first
+    number lies where a line of the cache begins, so that BLAS sums in the same order in any array.
+    """
+    size = math.prod(shape)
+    raw = np.empty(size + LINE // 8)
+    begin = -raw.ctypes.data % LINE // 8
+    return torch.from_numpy(raw[begin : begin + size]).view(shape)

@@ -37,20 +37,20 @@ from models.composition.branch_law_compiled import (
     with_turning_points,
 )
 from models.composition.branch_run import Branches, branch_law
+from models.composition.states import LOWER, by_median
 from models.element_test import ElementTest
 from models.estimator import Parameter
 from models.fit.trainable import Trainable
-from models.starts.branch_choice import (
+from models.starts.branch_laws import (
     Choice,
     Chosen,
     Test,
-    chosen,
+    choose_law,
+    facts_of,
     largest_motion,
     of_element,
     require_starts,
-    told,
 )
-from models.starts.smoothed_states import LOWER, by_median
 
 NOISE = 5.0  # standard deviations by which a motion has to come back for a turning point
 MOST_RAMPS = 200
@@ -64,7 +64,7 @@ class BranchElement(ElementTest, Trainable):
     its turning point, the force there and the energy too: it fits more and extrapolates less.
     unsymmetric: pulled it may do otherwise than pushed.
     prior: weight of Σ (θ − θ₀)² beside the squared relative error. None for any of the three: it is
-    chosen on a motion that is held back (models/starts/branch_choice.py), after `law_starts` draws
+    chosen on a motion that is held back (models/starts/branch_laws.py), after `law_starts` draws
     from `seed`, and training goes on from there on all motions.
     Raises ValueError for other channels than an element test's.
     """
@@ -134,7 +134,7 @@ class BranchElement(ElementTest, Trainable):
             self.sample(motions)
             self.restart(torch.Generator().manual_seed(0))
             return facts
-        return {**facts, **told(self._choose(self.choice.seed))}
+        return {**facts, **facts_of(self._choose(self.choice.seed))}
 
     def measure(self, motions: Sequence[Test]) -> None:
         """Set the units from s, ṡ, r (T, E) of some motions."""
@@ -182,7 +182,7 @@ class BranchElement(ElementTest, Trainable):
         all_chosen = []
         for e in range(self.dofs):
             tests = of_element(self.tests, e)
-            found = chosen(self._single, tests, place, replace(self.choice, seed=seed))
+            found = choose_law(self._single, tests, place, replace(self.choice, seed=seed))
             self.take(e, found.law, found.weight)
             all_chosen.append(found)
         return all_chosen

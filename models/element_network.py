@@ -21,22 +21,22 @@ from data.memory import require_memory
 from data.record import Record
 from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
-from models.composition.joined import TOLD, incidence, nodes_of
 from models.composition.laws import SOFTEST, ElementLaws
+from models.composition.priors import typed
 from models.composition.simulate import Composition
-from models.composition.stated import typed
-from models.estimator import ByLaws, Parameter
-from models.physical.parameters import composed_laws
-from models.starts.equilibrium import forces_of, integrated_states
-from models.starts.ladder import Equations, linear_start
-from models.starts.smoothed_states import (
+from models.composition.states import (
     NOISY,
     are_of_one_motion,
+    integrated_states,
     noise_of_deformations,
-    smoothed,
+    smooth,
 )
+from models.composition.topology import IN_WORDS, MOST_PAIRED, incidence, nodes_of
+from models.estimator import ByLaws, Parameter
+from models.physical.parameters import composed_laws
+from models.starts.equilibrium import forces_of
+from models.starts.ladder import Equations, linear_start
 from models.starts.spectra import Layout, LinearStructure, Spectra
-from models.starts.topology import MOST_PAIRED
 
 Laws = Literal["units", "branch", "named"] | Sequence[str]
 
@@ -48,7 +48,7 @@ class ElementNetwork(ByLaws, Composite):
     a list of names, an `ElementNetworkNamed`, each with settings of its own.
     elements: the pairs of nodes that are joined, such as [[ground, x1], [x1, x2]]; "chain" for
     ground, x1, x2, … one after the other; "all" for all n(n + 1)/2 pairs; "frame" for a chain that
-    bends: three and four nodes in a row are joined, too (composition/joined.py); None for all
+    bends: three and four nodes in a row are joined, too (composition/topology.py); None for all
     where the motion can tell them apart, else the chain: beyond four DOFs, and where no force and
     no mass is known.  masses [kg]: None learns them, or one of them.  forced: numbers of the
     DOFs that carry the forces, None for all of them, "base" where f = −s̈ of a common support moves
@@ -60,7 +60,7 @@ class ElementNetwork(ByLaws, Composite):
     Where a base moves and no mass is known, springs between nodes that are no neighbours in a chain
     may be of either sign: columns that bend over several storeys look like negative ones.
     priors: {name of a parameter: [value in its unit, relative standard deviation]}.  ties: groups
-    of elements, or of parameters of one kind, that are one (composition/stated.py).
+    of elements, or of parameters of one kind, that are one (composition/priors.py).
     Raises ValueError for channels, masses, pairs of nodes, priors or ties that do not fit.
     """
 
@@ -121,7 +121,7 @@ class ElementNetwork(ByLaws, Composite):
             unclear = dofs > MOST_PAIRED or weightless
             elements = self.topology = "chain" if unclear and supports <= 1 else "all"
         if isinstance(elements, str):
-            self.topology = TOLD.get(elements, elements)
+            self.topology = IN_WORDS.get(elements, elements)
         self.elements = nodes_of(elements, dofs, supports)
         if not self.elements:
             raise ValueError("model.elements is empty; give pairs of nodes, or chain, all, frame")
@@ -240,7 +240,7 @@ class ElementNetwork(ByLaws, Composite):
         if not noise > NOISY:
             return records, {}
         told = f"noise of x is {100.0 * noise:.2g} % of a deformation"
-        found = [smoothed(record) for record in records]
+        found = [smooth(record) for record in records]
         if not all(map(are_of_one_motion, records, found)):
             return records, {"states": f"as measured; {told}, and x, v and ẍ do not agree"}
         return found, {"states": f"smoothed; {told}"}

@@ -5,7 +5,7 @@ M ẍ + Bᵀ r = f,   y = B x + B_s s,   r_e = F law(y_e/Y, ẏ_e/V; θ_e)    (c
 It starts by equilibrium (models/starts/equilibrium.py), where the law of every element is fitted as
 that of an element under an imposed motion, and is polished on its free run with exact derivatives.
 Where elements share forces, which equilibrium then leaves open, all laws are fitted together
-(models/starts/shared_forces.py). Of a chain whose accelerations alone are known, the nearest named
+(models/starts/equilibrium.py). Of a chain whose accelerations alone are known, the nearest named
 laws tell how it moved, where they are near enough (element_network_named.py). Masses are damped,
 too, by α m against the base or the ground: of Rayleigh's damping no element has that part
 (models/element_network_branch.py). They are not on supports whose motion is an input, nor where
@@ -35,34 +35,34 @@ from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.estimator import Parameter
-from models.fit.doing import doing
-from models.starts.branch_choice import (
+from models.fit.extrapolation import free_run_error
+from models.fit.held_back import hold_back_record
+from models.fit.minimise import minimise
+from models.fit.problem import Joint
+from models.fit.progress import announce
+from models.starts.branch_laws import (
+    BY_DEFAULT,
+    HELD_BACK,
+    SETTINGS,
     Choice,
     Chosen,
-    Joint,
     Test,
-    begun,
-    chosen,
-    fitted,
+    are_reconstructed,
+    choose_law,
+    dominant,
+    facts_of,
+    fit_law,
+    fit_until_bounded,
+    grow,
     largest_motion,
-    minimised,
+    motions_of,
     of_element,
-    parted,
+    polish_weight,
     records_of,
     require_starts,
-    told,
+    start_law,
 )
-from models.starts.branch_polish import (
-    BY_DEFAULT,
-    are_reconstructed,
-    grow,
-    motions_of,
-    polish_weight,
-    until_it_stands,
-)
-from models.starts.equilibrium import dominant
-from models.starts.judged import free_run_error
-from models.starts.shared_forces import fit_together
+from models.starts.equilibrium import fit_together
 
 OWN, SHARED = (14, 4), (6, 2)  # ramps and bends of laws that have, or share, their forces
 NAMED = 0.1  # error of a run of named laws: farther off, integrals of accelerations are as good
@@ -78,7 +78,7 @@ class ElementNetworkBranch(ElementNetwork):
     prior: weight of Σ (θ − θ₀)² beside the squared relative error; θ₀ is a law's start, and then
     the law by equilibrium. None: chosen on motion held back, for each law and then for the free
     run, in which a strong prior leaves the laws as equilibrium has them
-    (models/starts/branch_polish.py). With more elements than DOFs equilibrium leaves open the
+    (models/starts/branch_laws.py). With more elements than DOFs equilibrium leaves open the
     forces that would judge a law: the free run's is chosen, and laws have less memory and equal
     sides unless more is asked for; equal sides, too, where the motion is an integral. ramps, bends:
     None: 14 and 4, or, of elements that share forces, 6 and 2, which go less astray in larger
@@ -224,7 +224,7 @@ class ElementNetworkBranch(ElementNetwork):
 
     def _fit(self, seed: int) -> dict[str, float | str]:
         """Fit the laws; from other starts where they run away under motions like those measured."""
-        return until_it_stands(self, self.records, self._fit_from, seed)
+        return fit_until_bounded(self, self.records, self._fit_from, seed)
 
     def _fit_from(self, seed: int) -> dict[str, float | str]:
         """Choose every law and how the free run is polished; then fit the laws to all motions."""
@@ -243,7 +243,7 @@ class ElementNetworkBranch(ElementNetwork):
         errors, drawn = [], torch.Generator().manual_seed(choice.seed)
         for e, those in enumerate(tests):
             own = replace(choice, seed=int(torch.randint(2**31, (1,), generator=drawn)))
-            law, error = fitted(self._single, those, own, found[e] if found else None)
+            law, error = fit_law(self._single, those, own, found[e] if found else None)
             self._take(e, law)
             errors.append(error)
         self.begun.copy_(self.theta)
@@ -259,9 +259,9 @@ class ElementNetworkBranch(ElementNetwork):
         drawn = torch.Generator().manual_seed(choice.seed)
         for e in range(len(self.elements)):
             own = replace(settled, seed=int(torch.randint(2**31, (1,), generator=drawn)))
-            self._take(e, begun(self._single, of_element(self.tests, e), own))
+            self._take(e, start_law(self._single, of_element(self.tests, e), own))
         if choice.prior is None:
-            fit_together(self, parted(motions, place)[0])
+            fit_together(self, hold_back_record(motions, place, HELD_BACK)[0])
             self.begun.copy_(self.theta)
             weight, facts = polish_weight(self, self.records, place)
             self.weight.fill_(weight)
@@ -274,8 +274,8 @@ class ElementNetworkBranch(ElementNetwork):
     ) -> tuple[list[Chosen], dict[str, float | str]]:
         """Laws that are nearest to the motion held back, and the polish; what there is to tell."""
         place = largest_motion([y for y, *_ in self.tests])
-        found = [chosen(self._single, those, place, choice) for those in tests]
-        facts = told(found)
+        found = [choose_law(self._single, those, place, choice) for those in tests]
+        facts = facts_of(found)
         if choice.prior is None:
             for e, one in enumerate(found):
                 self._take(e, one.law)
@@ -351,13 +351,13 @@ def mass_damping(
     make: Callable[[bool, bool, float], Law], tests: Sequence[Test], drags: Drags, choice: Choice
 ) -> float:
     """α [1/s], not negative. choice: of settled laws."""
-    doing("damping of the masses")
+    announce("damping of the masses")
     alpha, elements = 0.0, range(tests[0][0].shape[1])
-    laws = [begun(make, of_element(tests, e), choice) for e in elements]
+    laws = [start_law(make, of_element(tests, e), choice) for e in elements]
     for number in range(ROUNDS):
         for e, law in enumerate(laws if number else ()):
             records = records_of(of_element(without(tests, drags, alpha), e), law.dt)
-            minimised(law, Joint.of(law, records), ITERATIONS)
+            minimise(Joint.of(law, records), SETTINGS, iterations=ITERATIONS)
         each = [_told(law, tests, drags, e, alpha) for e, law in enumerate(laws)]
         told = torch.stack(each).sum(dim=0)
         alpha = float((told[0] / told[1]).clamp_min(0.0)) if bool(told[1] > 0.0) else 0.0

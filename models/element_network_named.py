@@ -29,11 +29,11 @@ from data.record import Drive, Record, Response
 from data.simulation.laws.element import Element
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
-from models.composition.stated import typed
+from models.composition.priors import typed
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
 from models.estimator import Estimator, Parameter
-from models.fit.doing import doing
+from models.fit.progress import announce
 from models.named_laws.choice import chosen
 from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit, joined, units_of
@@ -331,7 +331,7 @@ def together(
     laws: Laws, motions: Sequence[Shaking], stiffness: Sequence[float], spread: Spread = map
 ) -> Laws:
     """Laws and α that suit the motions; masses are as they were. stiffness (E,): see `Storey`."""
-    doing("laws of all storeys together")
+    announce("laws of all storeys together")
     begin = replace(laws, learned=False)
 
     @lru_cache(KNOWN)  # a number of one law changes the run of no other

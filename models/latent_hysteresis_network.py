@@ -22,10 +22,10 @@ from models.composition.composite import Composite
 from models.composition.laws import ElementLaws
 from models.composition.simulate import Composition
 from models.estimator import Parameter
+from models.fit.extrapolation import free_run_error
 from models.layers.least_squares import RankDeficientError
 from models.linear import EquivalentLinear
 from models.physical.parameters import composed_laws, modal
-from models.starts.judged import free_run_error
 from models.starts.ladder import DOUBTFUL, STEEPEST
 from models.starts.spectra import Layout, Spectra, typical
 

@@ -19,8 +19,8 @@ from torch import Tensor, nn
 from data.record import Drive, Record, Response
 from models.estimator import Estimator, Parameter, weight_matrix
 from models.fit.metrics import free_run_score
+from models.fit.minimise import minimise
 from models.fit.problem import MOST_DERIVATIVES, in_steady_state
-from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.layers.integrate import between
 from models.layers.least_squares import LeastSquares
 from models.layers.state_variables import corner_frequency, state_variables
@@ -181,7 +181,10 @@ def stable(weights: Tensor, dofs: int) -> Tensor:
 #                                   Ljung (1999), System Identification, Sect. 7.2 (output error)
 # B records, T samples, n DOFs, p = 2n + m weights of a DOF.
 
-ITERATIONS, CHANGE, PATIENCE = 30, 1e-3, 3
+SETTINGS = {
+    **{"iterations": 30, "change": 1e-3, "patience": 3},
+    **{"damping": 1e-3, "gradient": 0.0, "scaled": True},
+}
 
 Run = Callable[[Tensor, Drive], Response]  # weights (2n + m, n), and what drives the system
 Seen = Callable[[Response], Tensor]  # of a motion, what was measured (…, T, n)
@@ -199,12 +202,7 @@ def fitted_by_free_run(weights: Tensor, records: Sequence[Record], run: Run, see
     problem = OutputError(weights, whole, run, seen)
     if not math.isfinite(float(problem.loss())):
         return weights
-    solver = LevenbergMarquardt(
-        [problem.theta], ITERATIONS, damping=1e-3, gradient=0.0, change=CHANGE, patience=PATIENCE,
-        scaled=True,
-    )  # fmt: skip
-    while not solver.finished:
-        solver.solve(problem)
+    minimise(problem, SETTINGS)
     return problem.weights()
 
 
@@ -223,6 +221,7 @@ class OutputError:
         size = torch.stack(squares).mean(dim=0).sqrt()
         self.size = torch.where(size > 0.0, size, 1.0)[:, None]  # (p, 1)
         self.theta = nn.Parameter(weights * self.size, requires_grad=False)
+        self.free = [self.theta]
 
     def weights(self) -> Tensor:
         return self.theta.data / self.size

@@ -20,8 +20,8 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.estimator import Estimator, Parameter
-from models.fit.free_run import simulate
+from models.estimator import Estimator, Parameter, simulate
+from models.fit.held_back import end_of_share
 from models.modal.between_samples import interpolated
 from models.modal.fit import ORDERS, Plan, fitted, learned
 from models.modal.layout import FAMILIES, Layout
@@ -340,8 +340,7 @@ class Scale:
         rms = np.sqrt((y * y).mean(axis=0))
         stop = len(y)
         if held_back:  # by power: a quiet tail shows but one mode
-            power = (y * y).sum(axis=1).cumsum()
-            place = int(np.searchsorted(power, (1.0 - held_back) * power[-1]))
+            place = end_of_share(torch.from_numpy(y * y).sum(dim=1)[None], 1.0 - held_back)
             first, last = (int(share * len(y)) for share in STOPS)
             stop = max(2, min(max(place, first), last))
         weight = 1.0 / np.sqrt(rms**2 + FAINT**2)

@@ -23,12 +23,12 @@ from torch import Tensor, nn
 
 from data.parallel import in_threads
 from data.record import Drive, Record, Response
+from models.composition.states import integrated_states
 from models.estimator import Estimator
-from models.fit.doing import doing
-from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.minimise import minimise
+from models.fit.progress import announce
 from models.frames.run_compiled import free, imposed
 from models.layers.integrate import between
-from models.starts.equilibrium import integrated_states
 
 
 class MomentFrame(Estimator):
@@ -132,6 +132,10 @@ class MomentFrame(Estimator):
 
 PRIOR = 1e-5  # weight of Σ θ² beside the squared relative error of the accelerations
 FIRST = 2  # motions that are balanced at first
+SETTINGS = {
+    **{"damping": 1e-3, "decrease": 0.2, "increase": 5.0, "largest": 1e4, "scaled": True},
+    **{"change": 2e-3, "patience": 2, "gradient": 0.0, "longest": 1.0},
+}
 ITERATIONS = (15, 25, 25)  # to balance these, to balance all, and of the free run
 STIFFER, STRONGER = (0.6, 1.0, 1.6, 2.5), (0.5, 1.0, 2.0)  # times those of the start: the grid
 FOLLOWED, FOLLOWING = 2, 15  # beginnings of the free run, iterations of each on some motions
@@ -194,13 +198,8 @@ def _best(
 
 def _solved(problem: Balance, iterations: int) -> np.ndarray:
     """θ where Levenberg–Marquardt ends."""
-    doing(f"a moment frame, {problem.doing}")
-    solver = LevenbergMarquardt(
-        [problem.theta], iterations, damping=1e-3, decrease=0.2, increase=5.0, largest=1e4,
-        change=2e-3, patience=2, gradient=0.0, scaled=True, longest=1.0,
-    )  # fmt: skip
-    while not solver.finished:
-        solver.solve(problem)
+    announce(f"a moment frame, {problem.doing}")
+    minimise(problem, SETTINGS, iterations=iterations)
     found: np.ndarray = problem.theta.detach().numpy().copy()
     return found
 
@@ -238,6 +237,7 @@ class Balance:
     ) -> None:
         self.known, self.motions, self.begin = known, motions, begin
         self.theta = nn.Parameter(torch.from_numpy(theta.copy()))
+        self.free = [self.theta]
         absolute = np.concatenate([m.a - m.u[:, None] for m in motions])
         self.y = torch.from_numpy(absolute.ravel())
         self.weight = float(np.sqrt(absolute.size)) / float(np.linalg.norm(absolute))

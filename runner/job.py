@@ -26,8 +26,8 @@ from data.datamodule import Data
 from data.parallel import take_threads
 from data.simulation.motion import EscapedMotionError
 from models.checkpoint import load_estimator
-from models.fit.doing import heard
 from models.fit.identification import Identification
+from models.fit.progress import listening
 from models.fit.resume import SaveProgress
 from models.training.assemble import assembled, changed
 from models.zoo import index as zoo
@@ -259,7 +259,7 @@ class FitProgress(Callback):
 
     def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         self.begun = time.monotonic()
-        self.listening.enter_context(heard(self._identifying))
+        self.listening.enter_context(listening(self._identifying))
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         self.begun = time.monotonic()

@@ -1,7 +1,8 @@
 """A chain or all pairs of masses: both are fitted, and motion that was held back chooses.
 
 Where nobody knows the masses of a shaken structure nor what joins them, a test of its accelerations
-guesses (models/starts/topology.py), which noise misleads. The free run on held-back motion decides.
+guesses (models/composition/topology.py), which noise misleads. The free run on held-back motion
+decides.
 """
 
 from __future__ import annotations

@@ -26,8 +26,7 @@ from data.record import Record, Response, stack
 from data.simulation.datamodule import SimulatedData
 from data.windows import WindowDataset
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
-from models.estimator import Estimator, NoFreeRunError
-from models.fit.free_run import simulate
+from models.estimator import Estimator, NoFreeRunError, simulate
 from models.fit.identification import SPLITS, Identification
 from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.linear import EquivalentLinear

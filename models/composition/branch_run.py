@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from data.memory import require_memory
+from data.memory import empty_array, require_memory
 from data.record import Drive, Response
 from models.composition.branch_law import LEAST_DAMPER, TAIL, Branch, branch_forces, ramp
 from models.composition.branch_law_compiled import extreme_at, hermite
@@ -28,7 +28,6 @@ from models.composition.trace import (
     stated_by,
 )
 from models.estimator import Parameter
-from models.fit.room import room
 from models.layers.integrate import between
 
 STEPS = 100  # of a push
@@ -72,7 +71,7 @@ def traced_branches(
     )
     fine = between(u, drive.hold, substeps)
     shapes = [(n,)] * 3 + [(E,)] * 2 + [(n, P + S)]
-    out = [room(len(u), drive.samples, *shape) for shape in shapes]
+    out = [empty_array(len(u), drive.samples, *shape) for shape in shapes]
     equation, sensors = stated_by(composition, P > 0, bound)
     theta = np.ascontiguousarray(branches.theta.detach().cpu().numpy()).reshape(-1)
     laws = Laws(theta, branches.sizes, np.ascontiguousarray(branches.scale.cpu().numpy()))

@@ -16,12 +16,12 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.composition.beginning import FEWEST, beginning, projected, units_of
-from models.composition.held import Held
-from models.composition.measured_states import MEASURES, reconstructed_of, states_of
+from models.composition.first_state import FEWEST, first_state, projected, units_of
+from models.composition.priors import Held
 from models.composition.simulate import ACCELERATION, Composition, simulate
+from models.composition.states import MEASURES, reconstructed_of, states_of
 from models.composition.trace import DifferentiatedRun, Trace, traced
-from models.fit.free_run import simulate as simulate_record
+from models.estimator import simulate as simulate_record
 
 MOST_SUBSTEPS = 10_000  # of a sample interval
 MOST_STEPS = 20_000  # under autograd, at some milliseconds each
@@ -121,7 +121,7 @@ class Composite(Held):
         return simulate(self.composition(), drive, substeps)
 
     def run_of(self, record: Record) -> Response:
-        """The free run of a record. An unknown beginning is estimated from the warm-up samples."""
+        """The free run of a record; the warm-up samples tell an unknown first state."""
         if not self._begins_unknown(record) or not record.warmup:
             return self.free_run(record.drive())
         return self._trace_of(record).response
@@ -134,14 +134,14 @@ class Composite(Held):
         if not self._begins_unknown(record) or not record.warmup:
             return self.trace(record.drive())
         seen = record.window(0, record.warmup)
-        return self.trace(record.drive(), begin=self.beginning(seen))
+        return self.trace(record.drive(), begin=self.first_state(seen))
 
     @torch.no_grad()
-    def beginning(self, record: Record, near: Tensor | None = None) -> Tensor:
+    def first_state(self, record: Record, near: Tensor | None = None) -> Tensor:
         """q, q̇ and the units' memory (…, 2n + E·units) at the first sample of a record.
 
         All its samples are simulated as well as can be; it begins where x and v are measured.
-        near: where the search begins instead, of the beginning in coarser steps, say.
+        near: where the search begins instead, of the first state in coarser steps, say.
         """
         self.require_identified(self.identified)
         drive, composition = record.drive(), self.composition()
@@ -164,14 +164,14 @@ class Composite(Held):
         limit, most = composition.limits().flatten(), start.new_full((2 * n + memory,), torch.inf)
         most[2 * n :] = limit
         if near is not None:
-            found_near = beginning(run, measured, [near.reshape(len(start), -1)], most, n, (1,))
+            found_near = first_state(run, measured, [near.reshape(len(start), -1)], most, n, (1,))
             return found_near.reshape(*lead, -1)
         starts = [start.clone() for _ in SHARES]
         for state, share in zip(starts, SHARES, strict=True):
             state[:, 2 * n :] = share * limit
         if found is not None and not self.has_states(record):
             starts.append(torch.zeros_like(start))  # reconstructed motions err at their ends
-        return beginning(run, measured, starts, most, n).reshape(*lead, -1)
+        return first_state(run, measured, starts, most, n).reshape(*lead, -1)
 
     def _first_motion(self, record: Record) -> tuple[Tensor, Tensor] | None:
         """x and v (…, T, n) of samples that tell how a record begins; None of other quantities."""
@@ -186,7 +186,7 @@ class Composite(Held):
     def first_states(self, record: Record) -> Tensor:
         key = hash(record.a.numpy().tobytes())
         if key not in self.first:
-            begin = self.beginning(record)
+            begin = self.first_state(record)
             by_begin = self.trace(record.drive(), None, 0, True, begin).by_begin
             unit = units_of(by_begin, record.a, self.composition().core.value.shape[1])
             self.first[key] = (begin, unit, begin.new_zeros(begin.numel()))
@@ -226,7 +226,7 @@ class Composite(Held):
     def finer_run(self, record: Record, times: int) -> Tensor:
         """The run (…, T, n) in so many times as many steps, right after that in the usual ones.
 
-        An unknown beginning is searched for about that of the run before, which was of this record.
+        An unknown first state is searched for about that of the run before, of this record.
         """
         substeps = self.substeps
         try:
@@ -242,7 +242,7 @@ class Composite(Held):
         anchors = self._anchors(record, horizon)
         if anchors is not None or not self._begins_unknown(record):
             return self.trace(record.drive(), anchors, horizon or 0, derivatives)
-        begin = self.beginning(record, near)
+        begin = self.first_state(record, near)
         self.last_beginning = begin
         trace = self.trace(record.drive(), None, 0, derivatives, begin)
         if not derivatives:

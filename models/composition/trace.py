@@ -15,13 +15,12 @@ import torch
 from torch import Tensor
 
 from data.interruptible import interruptible
-from data.memory import require_memory
+from data.memory import empty_array, require_memory
 from data.parallel import in_threads, threads
 from data.record import Drive, Response
 from models.composition.coefficients import PART, Part
 from models.composition.simulate import Composition
 from models.composition.simulate_compiled import Course, Equation, Histories, Sensors, Term, run
-from models.fit.room import room
 from models.layers.integrate import between
 
 Place = TypeVar("Place")
@@ -73,7 +72,7 @@ def traced(
     )
     fine = between(u, drive.hold, substeps)
     shapes = [(o,)] * 3 + [(E,)] * 2 + [(o, P + S)]
-    out = [room(len(u), drive.samples, *shape) for shape in shapes]
+    out = [empty_array(len(u), drive.samples, *shape) for shape in shapes]
     blocks = _blocks(P, S, -(-threads() // max(1, len(u))))
     stated = [stated_by(composition, derivatives, bound, lo, hi) for lo, hi, _ in blocks]
 

@@ -3,7 +3,7 @@
 A free run of a start far from the truth drifts apart, and its error tells nothing: so the run is
 begun anew from measured states, at first often, then seldom, at last never (multiple shooting, as
 Ribeiro et al. 2020, On the smoothness of nonlinear system identification). On measured records
-models of elements go along a path of their own (prior_path.py).
+models of elements go along a path of their own (stages.py).
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ import torch
 from data.checked import checked
 from data.record import Record
 from models.composition.composite import Composite
-from models.fit.by_noise import refit, weigh_at_first
-from models.fit.finalists import End, end_of, middle
+from models.fit.extrapolation import End, end_of, middle, stays_in_bounds
+from models.fit.held_back import SHORTEST, grows, held_back, onset, without_held_back
+from models.fit.noise_weights import refit, weigh_at_first
 from models.fit.objective import (
     MakeSolver,
     Note,
@@ -27,24 +28,23 @@ from models.fit.objective import (
     restore,
     state_of,
 )
-from models.fit.parts import SHORTEST, grows, held_back, onset, without_held_back
-from models.fit.prior_path import (
+from models.fit.problem import FreeRunProblem, run_problem
+from models.fit.solvers.solver import Solver
+from models.fit.stages import (
     FEW,
     LONGER,
     PATH,
     PRIORS,
     WORSE,
+    Stage,
     best_of,
+    by_prior,
     fit_linear,
     held_back_percent,
     horizons_of,
+    usual,
 )
-from models.fit.problem import FreeRunProblem
-from models.fit.solvers.solver import Solver
-from models.fit.stages import Stage, by_prior, usual
-from models.fit.stands import stands
 from models.fit.trainable import Trainable
-from models.fit.unknown_beginning import run_problem
 
 PARTS = (0.125, 0.25, 0.5)  # of the motion, in stages, where runs cannot begin anew
 RUNAWAY = 1e4  # loss of a law that does not stand another motion, beside its own: it comes last
@@ -66,16 +66,17 @@ class FreeRun(Objective):
     `seed`, each trained for `start_iterations` calls of the solver on the first horizon. finalists:
     number of starts, those with the lowest training losses, that go through the horizons after it,
     hurried; one of them goes on to the end, with all records: of those that fit alike the one in
-    the middle (finalists.py). Where all of them leave half of the motion, as where a start was near
-    in a few samples and went astray beyond, the start that comes next goes, too.
+    the middle (extrapolation.py). Where all of them leave half of the motion, as where a start was
+    near in a few samples only, the start that comes next goes, too.
     select: weights of the prior that are tried on all but the last `held_back` of the motion, and
     after them the path from the linear structure; the one with the least error of the free run on
     what is held back goes on, on the whole. The first part is held back in place of the last where
     that holds the strongest motion and runs can begin anew. None: some where records were
     measured, the first also from runs of single samples; []: none. It takes the place of
     finalists.
-    channels: "noise": once the fit is made, it goes on with errors in units of each channel's noise
-    (by_noise.py). "equal": all count alike. None: "noise" only where a noisy sensor takes over.
+    channels: "noise": once the fit is made, it goes on with errors in units of each channel's
+    noise (noise_weights.py). "equal": all count alike. None: "noise" only where a noisy sensor
+    takes over.
     """
 
     simulates = True
@@ -380,7 +381,7 @@ class FreeRun(Objective):
             if self.judges:
                 judged = held_back(record, self.held_back, self.judged_first)
             problems.append(FreeRunProblem(estimator, judged, None, prior=0.0))
-            stood = stood and stands(estimator, record.measured())
+            stood = stood and stays_in_bounds(estimator, record.measured())
         loss = mean_loss(problems) + (0.0 if stood else RUNAWAY)
         if self.judges:
             tried = self.plan[self.present].prior

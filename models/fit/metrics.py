@@ -14,8 +14,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from data.record import Record, Response
-from models.estimator import Estimator, NoFreeRunError
-from models.fit.free_run import simulate
+from models.estimator import Estimator, NoFreeRunError, simulate
 
 FREE_RUNS = {"train": "free_run_train", "test": "free_run"}  # where `metrics.json` has them
 LEFT = 100.0  # times the largest measured |ẍ| of a record: a free run beyond that has diverged

@@ -1,8 +1,12 @@
 """What a solver minimises: the squared relative error of an estimator over one batch.
 
 e = √N (g(u; θ) − y)/‖ẍ‖, so that mean(e²) is Eq. 21 squared.   Brewick & Masri (2016), Eq. 21
-`Problem` takes estimates from measured states, `FreeRunProblem` the simulation.
-N errors, P free parameters θ.
+`Problem` takes estimates from measured states, `FreeRunProblem` the simulation. First states that
+are not known are fitted along by `UnknownBeginningProblem`: they join the parameters in every step
+of Levenberg–Marquardt, and are dropped afterwards, for they belong to the records. With the other
+solvers, which know the model's parameters alone, the run itself eliminates them
+(models/composition/first_state.py).
+N errors, P free parameters θ, B records, T samples, n outputs, S numbers of a first state.
 """
 
 from __future__ import annotations
@@ -10,15 +14,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.func import functional_call, jacrev, jvp, vmap
 
+from data.memory import empty_array
 from data.parallel import in_threads
 from data.record import Record
-from models.fit.room import room
 from models.fit.trainable import Trainable
 from models.uncertainty.parameters import free_vector
 
@@ -148,6 +153,11 @@ class FreeRunProblem:
         self.noise: float | None = None  # variance of e where it was first asked for, over N
         self.known: tuple[Tensor, Tensor] | None = None  # θ, e of the last normal equations
 
+    @property
+    def free(self) -> Sequence[nn.Parameter]:
+        """The parameters that are fitted."""
+        return [p for p in self.estimator.parameters() if p.requires_grad]
+
     def errors(self) -> Tensor:
         """e (N,) at the present parameters."""
         if self.known is not None and not torch.is_grad_enabled():
@@ -210,7 +220,7 @@ class FreeRunProblem:
             i, first = place
             part, side = (signal[i, first : first + rows] for signal in (each, sides))
             some = part[::every]
-            some = torch.mul(weight[:, None], some, out=room(*some.shape))
+            some = torch.mul(weight[:, None], some, out=empty_array(*some.shape))
             return _gram(some.flatten(0, 1)), side.flatten() @ part.flatten(0, 1)
 
         places = [(i, first) for i in range(len(each)) for first in range(0, samples, rows)]
@@ -295,3 +305,104 @@ def _gram(jacobian: Tensor) -> Tensor:
         with np.errstate(over="ignore", invalid="ignore"):  # of a run that diverges
             return torch.from_numpy(rows.T @ rows)
     return jacobian.T @ jacobian
+
+
+def begins_unknown(estimator: Trainable, record: Record) -> bool:
+    """Whether the first states of the records are to be estimated, and can be."""
+    return record.initial_state == "unknown" and estimator.estimates_beginning
+
+
+class UnknownBeginningProblem(FreeRunProblem):
+    """A free run of whole records from first states of their own, which are in `own`."""
+
+    def __init__(
+        self,
+        estimator: Trainable,
+        record: Record,
+        last: bool = True,
+        prior: float | None = None,
+    ) -> None:
+        whole = replace(record, warmup=0)  # no sample is lost to a transient
+        super().__init__(estimator, whole, None, 0, last, prior)
+        self.own = [estimator.first_states(self.record)]  # (B·S,)
+
+    def errors(self) -> Tensor:
+        """e (N,) at the present parameters and first states."""
+        if torch.is_grad_enabled():
+            return super().errors()
+        run, _, _ = self.estimator.run_from(self.record, self.own[0], derivatives=False)
+        return self._errors(run)
+
+    def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
+        """JᵀJ (P + B·S, P + B·S) and Jᵀe, by the parameters and then by the first states."""
+        run, by_theta, by_state = self.estimator.run_from(self.record, self.own[0], True)
+        B, P, S = self.own[0].numel() // by_state.shape[-1], by_theta.shape[-1], by_state.shape[-1]
+        errors = self._errors(run).reshape(B, -1)
+        J = (self.weight[..., None] * by_theta).reshape(B, -1, P)
+        J0 = (self.weight[..., None] * by_state).reshape(B, -1, S)
+        matrix, vector = J.new_zeros(P + B * S, P + B * S), J.new_zeros(P + B * S)
+        prior, deviation = self._pull()
+        pull = errors.numel() * prior
+        matrix[:P, :P] = torch.einsum("btp,btq->pq", J, J) + torch.eye(P).to(J) * pull
+        vector[:P] = torch.einsum("btp,bt->p", J, errors) + pull * deviation
+        for b in range(B):
+            place = slice(P + b * S, P + (b + 1) * S)
+            matrix[place, place] = J0[b].T @ J0[b]
+            matrix[:P, place] = J[b].T @ J0[b]
+            matrix[place, :P] = matrix[:P, place].T
+            vector[place] = J0[b].T @ errors[b]
+        return matrix, vector
+
+
+def run_problem(
+    estimator: Trainable,
+    record: Record,
+    horizon: int | None,
+    warmup: int = 0,
+    last: bool = True,
+    prior: float | None = None,
+) -> FreeRunProblem:
+    """The error of a free run, with first states of its own where those are not known."""
+    if horizon is None and begins_unknown(estimator, record):
+        return UnknownBeginningProblem(estimator, record, last, prior)
+    return FreeRunProblem(estimator, record, horizon, warmup, last, prior)
+
+
+class Joint:
+    """Problems of one model on records of unequal length, each weighted by its size."""
+
+    steepest = 1.0
+    own: Sequence[Tensor] = ()
+
+    def __init__(self, problems: Sequence[Any]) -> None:
+        self.problems = problems
+        sizes = np.array([float((p.y**2).sum()) for p in problems])
+        self.shares = sizes / sizes.sum()
+        self.y = torch.cat([p.y.reshape(-1) for p in problems])
+
+    @classmethod
+    def of(cls, model: Trainable, records: Sequence[Record]) -> Joint:
+        """Of the free runs of whole records."""
+        return cls([FreeRunProblem(model, record, None) for record in records])
+
+    @property
+    def free(self) -> Sequence[nn.Parameter]:
+        free: Sequence[nn.Parameter] = self.problems[0].free
+        return free
+
+    @torch.no_grad()
+    def loss(self) -> Tensor:
+        losses = [w * p.loss() for w, p in zip(self.shares, self.problems, strict=True)]
+        return torch.stack(losses).sum()
+
+    def normal_equations(self, every: int = 1) -> tuple[Tensor, Tensor]:
+        both = [p.normal_equations(every) for p in self.problems]
+        weights = [
+            w * self.y.numel() / p.y.numel()
+            for w, p in zip(self.shares, self.problems, strict=True)
+        ]
+        matrix, vector = (
+            torch.stack([w * part[i] for w, part in zip(weights, both, strict=True)]).sum(dim=0)
+            for i in (0, 1)
+        )
+        return matrix, vector

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from models.fit.minimise import minimise
 from models.modal.element_start import Element, ElementSearch
 from models.modal.layout import Layout
 from models.modal.linear_start import by_spectra, held_back_error, settled
-from models.modal.problem import ModalProblem, Motion, State, minimised
+from models.modal.problem import ModalProblem, Motion, State
 from models.modal.run import outputs
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 20, 24)  # numbers of modes that are tried
@@ -28,7 +29,10 @@ SIMPLER = 1.02  # times the least error: of such laws the first is taken
 WEAKER = (1.0, 0.5, 0.2, 0.05)  # of an element's first strength, the first that helps
 MORE, TIMES = 3.0, 10.0  # times the excitation that a model has to stand, times the outputs then
 RUNAWAY = 100.0  # times its error: of a model that does not
-CHANGE = 1e-4  # of the loss in some iterations, at which training ends
+SETTINGS = {
+    **{"damping": 1e-3, "decrease": 0.1, "increase": 5.0, "largest": 1e8, "scaled": True},
+    **{"gradient": 0.0, "change": 1e-4, "patience": 4},
+}
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,8 @@ def trained(fit: Fit, motions: Sequence[Motion], plan: Plan, iterations: int) ->
     state = settled(fit.layout, fit.state, motions)
     problem = ModalProblem(fit.layout, motions, state, learned(fit, plan), plan.prior)
     with np.errstate(all="ignore"):
-        state = minimised(problem, iterations, CHANGE)
+        minimise(problem, SETTINGS, iterations=iterations)
+        state = problem.now()
     return judged(replace(fit, state=state), motions)
 
 

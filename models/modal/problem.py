@@ -14,7 +14,6 @@ import torch
 from torch import Tensor, nn
 
 from data.parallel import in_threads
-from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.modal.layout import Layout
 from models.modal.run import BLOCK, Excited, blocks
 
@@ -67,6 +66,7 @@ class ModalProblem:
         self.layout, self.motions, self.learned, self.prior = layout, motions, learned, prior
         self.state = state.copy()
         self.theta = nn.Parameter(torch.from_numpy(state.values[learned].copy()))
+        self.free = [self.theta]
         self.unknown = [i for i, motion in enumerate(motions) if motion.unknown]
         self.own: Sequence[Tensor] = [torch.from_numpy(state.begins[self.unknown].ravel().copy())]
         count = sum(motion.stop * motion.y.shape[1] for motion in motions)
@@ -140,14 +140,3 @@ class ModalProblem:
         matrix[np.arange(P), np.arange(P)] += pull
         vector[:P] += pull * state.values[self.learned]
         return torch.from_numpy(matrix), torch.from_numpy(vector)
-
-
-def minimised(problem: ModalProblem, iterations: int, change: float, patience: int = 4) -> State:
-    """The best state of so many iterations; they end where `patience` gain less than `change`."""
-    solver = LevenbergMarquardt(
-        [problem.theta], iterations, damping=1e-3, decrease=0.1, increase=5.0, largest=1e8,
-        gradient=0.0, change=change, patience=patience, scaled=True,
-    )  # fmt: skip
-    while not solver.finished:
-        solver.solve(problem)
-    return problem.now()

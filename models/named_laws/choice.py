@@ -16,7 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.fit.doing import doing
+from models.fit.held_back import hold_back_one
+from models.fit.progress import announce
 from models.named_laws import pairs
 from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES
@@ -54,7 +55,7 @@ def begun(
     candidate: Candidate, motions: Sequence[Motion], units: Units, rng: np.random.Generator
 ) -> list[Fit]:
     """The best of some starts after a few iterations, the best first."""
-    doing(f"starts of {candidate.name}")
+    announce(f"starts of {candidate.name}")
     drawn = sorted(_drawn(candidate, motions, units, rng), key=lambda one: one.error)
     count = min(max(2 * STAY, FOLLOWED // len(candidate.parameters)), MOST_FOLLOWED)
     count = len(drawn) if candidate.parts else count
@@ -179,7 +180,7 @@ def _ended(
     """Starts followed on all motions, the best first; no more of them where one leaves nothing."""
     ends: list[Fit] = []
     for number, one in enumerate(starts, start=1):
-        doing(
+        announce(
             f"{one.candidate.name}, start {number} of {len(starts)}, error {100 * one.error:.3g} %"
         )
         ends.append(followed(improved(one, largest, rng, enough), motions, MIDDLE))
@@ -201,7 +202,7 @@ def chosen(
     parallel are taken where no law alone suits that motion and they leave half as much.
     """
     units = units_of(motions)
-    rest, judged = parted(motions)
+    rest, judged = hold_back(motions)
     found = tried(names, rest, units, seed)
     errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
     best = smallest(errors)
@@ -275,7 +276,7 @@ def _leaning(fit: Fit, motions: Sequence[Motion], seed: int) -> Fit | None:
     starts = [leant(fit, share) for share in LEANS]
     if starts[0] is fit:
         return None
-    doing(starts[0].candidate.name)
+    announce(starts[0].candidate.name)
     motions = [motion.thinned() for motion in motions]
     ends = [followed(one, motions, MIDDLE) for one in starts]
     return followed(min(ends, key=_error), motions, LAST)
@@ -327,11 +328,13 @@ def smallest(errors: Mapping[str, float]) -> str:
     return min(alike(errors), key=lambda name: len(laws[name].parameters))
 
 
-def parted(motions: Sequence[Motion]) -> tuple[list[Motion], Motion]:
+def hold_back(motions: Sequence[Motion]) -> tuple[list[Motion], Motion]:
     """Motions to fit, and the farthest, to judge by; of a single motion its first and last part."""
-    if len(motions) > 1:
-        farthest = max(range(len(motions)), key=lambda i: float(np.ptp(motions[i].y)))
-        return [m for i, m in enumerate(motions) if i != farthest], motions[farthest]
-    (whole,) = motions
+    farthest = max(range(len(motions)), key=lambda i: float(np.ptp(motions[i].y)))
+    return hold_back_one(motions, farthest, _cut)
+
+
+def _cut(whole: Motion) -> tuple[Motion, Motion]:
+    """The first seven tenths of a motion in time, and the rest."""
     first = int(0.7 * len(whole.y))
-    return [whole.until(first)], replace(whole, first=first)
+    return whole.until(first), replace(whole, first=first)

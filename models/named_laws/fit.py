@@ -13,8 +13,8 @@ import numpy as np
 
 from data.simulation.element_test import force
 from data.simulation.laws.element import Element
+from models.composition.states import white_noise
 from models.named_laws.candidate import Candidate, Units
-from models.starts.smoothed_states import white_noise
 
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
 NEGLIGIBLE = 1e-3  # errors below are alike
@@ -134,7 +134,7 @@ def joined(motions: Sequence[Motion], name: str) -> np.ndarray:
 
 
 def noise_of(motions: Sequence[Motion]) -> float:
-    """Noise of the forces over their size; at most so much (models/starts/smoothed_states.py)."""
+    """Noise of the forces over their size; at most so much (models/composition/states.py)."""
     forces = [m.r[m.first :] for m in motions]
     noise = sum(len(r) * float(white_noise(r[:, None])[0]) ** 2 for r in forces)
     return math.sqrt(noise / sum(float(r @ r) for r in forces))

@@ -19,7 +19,7 @@ from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import Motion as Simulated
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models.fit.doing import doing
+from models.fit.progress import announce
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Spread, descended
@@ -204,7 +204,7 @@ class FreeRuns:
                 trial = replace(laws, fits=[*laws.fits[:e], other, *laws.fits[e + 1 :]])
                 if float(np.linalg.norm(self.residuals(trial))) > NEAR * laws.error + SOME:
                     continue
-                doing(f"element {e + 1}: {other.candidate.name} in place of its law")
+                announce(f"element {e + 1}: {other.candidate.name} in place of its law")
                 goal = RIVAL_GOAL * laws.error
                 trial = self.followed(trial, 1.0, RIVAL_ITERATIONS, PULL, goal)
                 more = other.q.size - laws.fits[e].q.size
@@ -231,7 +231,7 @@ class FreeRuns:
         more = trial.numbers.size - laws.numbers.size
         if not more:
             return laws
-        doing(what)
+        announce(what)
         trial = self.followed(trial, 1.0, ITERATIONS[-1], PULL, jumps=True)
         return trial if trial.error < BETTER**more * laws.error else laws
 
@@ -240,7 +240,7 @@ class FreeRuns:
         begin = replace(laws, error=float(np.linalg.norm(self.residuals(laws))))
         found = laws
         for share, iterations in zip(SHARES, ITERATIONS, strict=True):
-            doing(f"all laws together, {share:.0%} of the motions")
+            announce(f"all laws together, {share:.0%} of the motions")
             pull = PULL if share == 1.0 else EARLY_PULL
             found = self.followed(found, share, iterations, pull, jumps=share == 1.0)
         return found if found.error < begin.error else begin

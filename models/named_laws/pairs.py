@@ -14,7 +14,7 @@ from operator import attrgetter
 import numpy as np
 
 from data.simulation.laws.element import Element
-from models.fit.doing import doing
+from models.fit.progress import announce
 from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit, Motion, followed, two_largest
@@ -80,7 +80,7 @@ def nearest(names: Sequence[str], motions: Sequence[Motion], units: Units, seed:
     for pair in PAIRS.values():
         if not all(law.name in names for law in pair.halves):
             continue
-        doing(f"{pair.name} in parallel")
+        announce(f"{pair.name} in parallel")
         drawn = sorted(_drawn(pair, largest, units, pair.draws(seed)), key=ERROR)[:TRIED]
         ends += [followed(one, largest, FEW) for one in drawn]
     alive = [followed(one, largest, FEW) for one in sorted(ends, key=ERROR)[:ALIVE]]

@@ -30,7 +30,7 @@ import numpy as np
 from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models.fit.doing import doing
+from models.fit.progress import announce
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import descended
@@ -222,7 +222,7 @@ def chosen(
             ends[name] = sorted(tracks, key=lambda one: one.fit.error)[: KEPT[stage]]
             logs[name].append(math.log(max(ends[name][0].fit.error, 1e-12)))
         running = {name: ends[name] for name in _leading(ends, LAWS[stage], LEAD[stage])}
-        doing(f"laws of a storey, {share:.0%} of the motions, {', '.join(running)} in the lead")
+        announce(f"laws of a storey, {share:.0%} of the motions, {', '.join(running)} in the lead")
     errors = {name: math.exp(float(np.mean(logs[name][1:]))) for name in running}
     best = min(errors, key=lambda name: errors[name])  # noise hides how smaller laws differ
     near = [name for name, far in errors.items() if far <= RIVAL * min(errors.values())]

@@ -13,6 +13,7 @@ from itertools import count
 import torch
 from torch import Tensor
 
+from models.fit.held_back import end_of_share, hold_back_one
 from models.sliders.stop_operator import hats, stretches
 
 LINEAR = 3  # columns of r₀, k and c
@@ -177,7 +178,7 @@ def number_of(
     Each further one has to lower that error by a fifth: sliders that only follow what the law
     cannot do stand wrongly when another motion begins.
     """
-    rest, judged = parted(motions)
+    rest, judged = hold_back(motions)
     errors: list[float] = []
     for number in count(1):
         errors.append(fitted(rest, number, nodes, ridge).error(judged))
@@ -188,15 +189,15 @@ def number_of(
     raise AssertionError
 
 
-def parted(motions: Sequence[Motion]) -> tuple[list[Motion], Motion]:
+def hold_back(motions: Sequence[Motion]) -> tuple[list[Motion], Motion]:
     """Motions to fit, and the farthest, to judge by; of a single motion its first and last part."""
-    if len(motions) > 1:
-        ways = [float(motion.s.max() - motion.s.min()) for motion in motions]
-        farthest = max(range(len(ways)), key=ways.__getitem__)
-        return [m for i, m in enumerate(motions) if i != farthest], motions[farthest]
-    (whole,) = motions
-    done = whole.r.square().cumsum(dim=0)
-    first = int((done < (1.0 - HELD_BACK) * done[-1]).sum())
+    ways = [float(motion.s.max() - motion.s.min()) for motion in motions]
+    return hold_back_one(motions, max(range(len(ways)), key=ways.__getitem__), _cut)
+
+
+def _cut(whole: Motion) -> tuple[Motion, Motion]:
+    """The first and the last part of a motion, by the power of its force."""
+    first = end_of_share(whole.r.square()[None], 1.0 - HELD_BACK)
     first = min(max(first, whole.warmup + 1), len(whole.s) - 1)
     s, rate, r = (u[:first] for u in (whole.s, whole.rate, whole.r))
-    return [Motion(s, rate, r, whole.warmup, whole.at_rest)], replace(whole, warmup=first)
+    return Motion(s, rate, r, whole.warmup, whole.at_rest), replace(whole, warmup=first)

@@ -22,11 +22,11 @@ from data.simulation.datamodule import SimulatedData
 from data.simulation.excitation import Excitation
 from data.simulation.scenario import Scenario
 from data.simulation.structure import Structure
+from models.composition.topology import MOST_PAIRED, topology_of
 from models.estimator import Estimator
 from models.fit.identification import Identification
 from models.fit.objective import Objective
 from models.fit.solvers.solver import Solver
-from models.starts.topology import MOST_PAIRED, topology_of
 from models.training.build import arguments_of, build, class_of
 
 USUAL = Sensors(dt=1e-3, dofs=3, inputs=3)  # for which every baseline can be built

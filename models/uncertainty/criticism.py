@@ -19,7 +19,7 @@ from torch import Tensor
 
 from data.record import Record
 from models.composition.coefficients import Coefficients
-from models.composition.joined import all_pairs
+from models.composition.topology import all_pairs
 from models.element_network import ElementNetwork
 from models.fit.problem import FreeRunProblem
 from models.uncertainty.laplace import Laplace, singles

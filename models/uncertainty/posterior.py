@@ -140,7 +140,7 @@ class Likelihood:
             for problem in self.problems:
                 begin = None
                 if model._begins_unknown(problem.record):
-                    begin = model.beginning(problem.record)
+                    begin = model.first_state(problem.record)
                 runs.append(ManyRuns(model, problem.record.drive(), begin))
         except ValueError:
             return False

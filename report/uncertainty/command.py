@@ -18,7 +18,7 @@ from rich.text import Text
 from data.datamodule import Data
 from data.record import Record
 from data.terminal import terminal
-from models.composition.stated import dotted
+from models.composition.priors import dotted
 from models.estimator import Estimator
 from models.fit.trainable import Trainable
 from models.training.assemble import data_from

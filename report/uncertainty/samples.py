@@ -17,7 +17,7 @@ from rich.text import Text
 
 from data.record import Record
 from models.composition.many_runs import positive_of
-from models.composition.stated import numbers_of
+from models.composition.priors import numbers_of
 from models.fit.trainable import Trainable
 from models.uncertainty.intervals import Interval
 from models.uncertainty.laplace import Laplace

@@ -17,8 +17,7 @@ from torch import Tensor
 
 from data.datamodule import Data
 from data.record import Record, stack
-from models.estimator import Estimator
-from models.fit.free_run import simulate
+from models.estimator import Estimator, simulate
 from models.fit.metrics import left_at
 from models.uncertainty.conformal import Band, band_from
 from models.uncertainty.laplace import singles

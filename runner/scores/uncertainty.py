@@ -16,11 +16,10 @@ from data.record import Record
 from data.simulation.datamodule import SimulatedData
 from models.branch_element import BranchElement
 from models.composition.composite import Composite
-from models.composition.measured_states import MEASURES
+from models.composition.states import MEASURES
 from models.element_network import ElementNetwork
 from models.element_network_branch import ElementNetworkBranch
-from models.estimator import Estimator, NoFreeRunError
-from models.fit.free_run import simulate
+from models.estimator import Estimator, NoFreeRunError, simulate
 from models.fit.trainable import Trainable
 from models.physical.truth import forces_of, truth_of
 from models.uncertainty.bands import half_widths

@@ -11,7 +11,7 @@ from data.record import Drive, Record
 from models import ElementNetwork, LevenbergMarquardt
 from models.composition.simulate import simulate as simulate_in_pytorch
 from models.composition.trace import traced
-from models.fit.free_run import simulate
+from models.estimator import simulate
 from models.fit.free_run_objective import FreeRun
 
 DT, CUT = 0.01, 700

@@ -11,7 +11,7 @@ import torch
 from data.record import Record
 from models.branch_element import BranchElement
 from models.composition.branch_law import learned, of_sizes
-from models.starts import branch_choice
+from models.starts import branch_laws
 
 DT = 0.02
 SIZES = (0.02, 0.03, 0.015)  # of the motions [m]
@@ -36,7 +36,7 @@ def element(**more: object) -> BranchElement:
 
 @pytest.mark.parametrize(("pushed", "sides"), [(1.0, "alike"), (0.4, "differ")])
 def test_sides_differ_where_motion_held_back_says_so(monkeypatch, pushed, sides):
-    monkeypatch.setattr(branch_choice, "ITERATIONS", 40)
+    monkeypatch.setattr(branch_laws, "ITERATIONS", 40)
 
     def of(record: Record) -> Record:
         return replace(record, a=record.a * torch.where(record.a < 0.0, pushed, 1.0))

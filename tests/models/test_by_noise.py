@@ -11,13 +11,13 @@ from scipy.signal import butter, lfilter
 
 from data.record import Drive, Record, stack
 from models.element_network import ElementNetwork
-from models.fit.by_noise import (
+from models.fit.free_run_objective import FreeRun
+from models.fit.noise_weights import (
     _solve,
     noise_of_sensors,
     refit,
     weigh_at_first,
 )
-from models.fit.free_run_objective import FreeRun
 from models.fit.problem import FreeRunProblem
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import laplace

@@ -15,8 +15,7 @@ from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.records import Simulation
 from data.simulation.scenario import Noisy
 from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
-from models.estimator import Estimator, NoFreeRunError
-from models.fit.free_run import periodic_run, simulate
+from models.estimator import Estimator, NoFreeRunError, periodic_run, simulate
 from models.fit.metrics import FreeRunScore, free_run_score
 from models.layers.integrate import between, runge_kutta
 from models.linear import EquivalentLinear

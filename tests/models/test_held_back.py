@@ -10,7 +10,7 @@ import torch
 from data.record import Record
 from models.element_network import ElementNetwork
 from models.fit.free_run_objective import FreeRun
-from models.fit.parts import held_back_from
+from models.fit.held_back import held_back_from
 from tests.models.test_starts import motion as shaken
 from tests.models.test_starts import planted
 

@@ -11,8 +11,8 @@ from scipy.signal import lsim
 
 from data.record import Record, stack
 from models.composition.other_inputs import OtherInputs, lagged
+from models.fit.problem import run_problem
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
-from models.fit.unknown_beginning import run_problem
 from models.hysteretic_element import HystereticElement
 from tests.models.dampers import imposed_motion, magnetorheological, voltage
 

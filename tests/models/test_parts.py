@@ -9,13 +9,13 @@ import torch
 
 from data.record import Record
 from models.element_network import ElementNetwork
+from models.fit.extrapolation import stays_in_bounds
 from models.fit.free_run_objective import FreeRun
+from models.fit.held_back import held_back_from, onset
 from models.fit.identification import Identification
-from models.fit.parts import held_back_from, onset
-from models.fit.prior_path import LONGER, fit_linear, horizons_of
 from models.fit.problem import FreeRunProblem
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
-from models.fit.stands import stands
+from models.fit.stages import LONGER, fit_linear, horizons_of
 from models.hysteretic_element import HystereticElement
 from tests.models.test_objective import free_run_loss
 from tests.models.test_resume import Motions
@@ -81,11 +81,11 @@ def test_priors_are_tried_on_held_back_motion_unless_told_otherwise(select, tmp_
 def test_a_law_that_runs_away_under_a_larger_motion_is_found_out():
     model = planted(True)
     record = shaken(model, 600)
-    assert stands(model, record)
+    assert stays_in_bounds(model, record)
     with torch.no_grad():
         model.laws.cubic.theta.fill_(-1.0)
         model.laws.cubic.unit.mul_(1000.0)
-    assert not stands(model, record)
+    assert not stays_in_bounds(model, record)
 
 
 def test_a_law_that_moves_by_itself_is_found_out():
@@ -95,7 +95,7 @@ def test_a_law_that_moves_by_itself_is_found_out():
         model.laws.unit_limit.unit.mul_(0.05)
         model.laws.unit_stiffness.theta.fill_(-0.5)  # it drives what its units give way to
         assert float(model.free_run(record.drive()).a.abs().max()) < 20.0 * record.a.abs().max()
-    assert not stands(model, record)
+    assert not stays_in_bounds(model, record)
 
 
 def test_friction_that_keeps_its_force_at_small_motions_stands():
@@ -112,7 +112,7 @@ def test_friction_that_keeps_its_force_at_small_motions_stands():
         model.laws.unit_limit.unit.mul_(0.01)
         forces = [model.free_run(replace(test, f=share * imposed).drive()).a for share in (0.1, 1)]
     assert 0.9 < float(forces[0].abs().max() / forces[1].abs().max()) < 1.1
-    assert stands(model, test)
+    assert stays_in_bounds(model, test)
 
 
 def test_the_linear_structure_is_found_from_a_start_far_from_it():

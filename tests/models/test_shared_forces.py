@@ -9,9 +9,10 @@ import torch
 from data.record import Record, stack
 from models.element_network_branch import ElementNetworkBranch
 from models.fit.objective import restore, state_of
-from models.starts import branch_choice
-from models.starts.branch_polish import motions_of
-from models.starts.shared_forces import Balance, fit_together
+from models.fit.problem import Joint
+from models.starts import branch_laws
+from models.starts.branch_laws import motions_of
+from models.starts.equilibrium import Balance, fit_together
 from models.uncertainty.parameters import free_vector
 
 DT, MASSES = 0.01, [3e4, 2e4]
@@ -47,7 +48,7 @@ def network(**more: object) -> ElementNetworkBranch:
 @pytest.fixture(scope="module")
 def model() -> ElementNetworkBranch:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(branch_choice, "FIRST", 4)
+        patch.setattr(branch_laws, "FIRST", 4)
         patch.setattr("models.element_network_branch.fit_together", lambda *given: 1.0)
         model = network()
         model.identify([stack([shaken(0), shaken(1)])])
@@ -74,7 +75,7 @@ def test_the_balance_has_exact_derivatives(model):
 
 def test_laws_that_share_forces_are_nearer_to_them_when_fitted_together(model):
     before, motions = state_of(model), [shaken(0), shaken(1)]
-    begun = float(branch_choice.Joint([Balance(model, m, 0.0) for m in motions]).loss()) ** 0.5
+    begun = float(Joint([Balance(model, m, 0.0) for m in motions]).loss()) ** 0.5
     error = fit_together(model, motions)
     assert error < 0.5 * begun
     restore(model, before)

@@ -11,13 +11,8 @@ import torch
 from data import MenegottoPinto, SelfCentering
 from data.record import Record
 from data.simulation.structure import Structure
+from models.composition.states import NOISY, noise_of_deformations, smooth, white_noise
 from models.element_network_named import ElementNetworkNamed
-from models.starts.smoothed_states import (
-    NOISY,
-    noise_of_deformations,
-    smoothed,
-    white_noise,
-)
 from tests.models.test_named_laws import DT, error, shaken
 
 STEP, SAMPLES = 0.01, 3000
@@ -61,7 +56,7 @@ def test_noise_is_told_and_most_of_it_is_gone(level):
     truth = moved(0)
     measured = noisy(truth, level, 1)
     assert told(measured) == pytest.approx(level, rel=0.1)
-    better = smoothed(measured)
+    better = smooth(measured)
     for name in ("x", "v"):
         assert off(better, truth, name) < 0.35 * off(measured, truth, name)
     assert torch.equal(better.a, measured.a)

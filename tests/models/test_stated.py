@@ -13,7 +13,7 @@ from data.record import Drive, Record, stack
 from data.sample import Sensors
 from models.composition.many_runs import ManyRuns
 from models.element_network import ElementNetwork
-from models.fit.by_noise import refit
+from models.fit.noise_weights import refit
 from models.fit.problem import FreeRunProblem
 from models.training.assemble import estimator_from
 from models.uncertainty.intervals import intervals_of

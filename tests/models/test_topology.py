@@ -14,8 +14,8 @@ from data.record import Record
 from data.simulation.laws.element import Element
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
+from models.composition.topology import topology_of
 from models.element_network import ElementNetwork
-from models.starts.topology import topology_of
 from models.training.assemble import data_from
 from runner.config.compose import composed
 from tests.models.test_starts import DT, MASSES, STIFFNESS, motion

@@ -17,7 +17,7 @@ from omegaconf import DictConfig
 
 from data.datamodule import Data
 from data.record import Record
-from models.fit.free_run import simulate
+from models.estimator import simulate
 from models.fit.identification import Identification
 from models.training.assemble import changed, estimator_from, objective_from, solver_from
 from runner.config.compose import CONF, EARLIER, composed

@@ -11,7 +11,7 @@ import torch
 from data import Polynomial
 from data.record import Truth
 from data.simulation.structure import Structure
-from models.composition.measured_states import MEASURES
+from models.composition.states import MEASURES
 from models.physical.truth import forces_of
 from models.uncertainty.bands import half_widths
 from models.uncertainty.laplace import laplace

@@ -20,8 +20,8 @@ import torch
 
 from data.record import Record
 from models.composition.composite import Composite
+from models.fit.minimise import minimise
 from models.fit.problem import FreeRunProblem
-from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.uncertainty.laplace import CONTRADICTED, laplace, singles
 from models.uncertainty.parameters import free_vector, set_free_vector
 
@@ -103,19 +103,11 @@ def refit(
         change = max(change, _weigh_priors(model, batch, prior))
         if done and change < SAME:
             break
-        note(_solve(model, make_problem(batch)))
+        note(minimise(make_problem(batch), STEPS))
         errors = errors_of(model, batch)
     if model.stated:
         _ask_records_alone(model, batch, make_problem)
-    return [_told(errors)] if weighed and channels is None else []
-
-
-def _solve(model: Composite, problem: FreeRunProblem) -> list[float]:
-    solver = LevenbergMarquardt([p for p in model.parameters() if p.requires_grad], **STEPS)
-    losses = []
-    while not solver.finished:
-        losses += solver.solve(problem)
-    return losses
+    return [_remark_on(errors)] if weighed and channels is None else []
 
 
 def _ask_records_alone(
@@ -134,7 +126,7 @@ def _ask_records_alone(
     ends = []
     for start in (held, started):
         set_free_vector(model, start)
-        _solve(model, problem)
+        minimise(problem, STEPS)
         after = float((problem.errors() ** 2).mean())
         if 0.0 < after < before:
             ends.append((after, free_vector(model)))
@@ -208,7 +200,7 @@ def _weigh_priors(model: Composite, batch: Record, prior: float | None) -> float
     return change
 
 
-def _told(errors: Errors) -> str:
+def _remark_on(errors: Errors) -> str:
     deviation, size = deviations(errors)
     worst = int(deviation.argmax())
     times = float(deviation[worst] / np.median(np.delete(deviation, worst)))

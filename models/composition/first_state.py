@@ -28,7 +28,7 @@ PARTS = (8, 2, 1)  # of the samples: an eighth first, where a wrong state has no
 Run = Callable[[Tensor, int], Trace]  # the first samples of runs from (B, S), with ∂/∂(B, S)
 
 
-def beginning(
+def first_state(
     run: Run,
     measured: Tensor,
     starts: Sequence[Tensor],
@@ -53,7 +53,7 @@ def beginning(
             seen = measured[:, : max(T // part, min(T, FEWEST))]
             if state is not start:
                 state = _nearer(run, seen, start, state)
-            state, error = _fitted(run, seen, state, most, n)
+            state, error = _descend(run, seen, state, most, n)
         better = error < least
         best, least = torch.where(better[:, None], state, best), torch.minimum(error, least)
     return best
@@ -65,7 +65,7 @@ def _nearer(run: Run, measured: Tensor, start: Tensor, state: Tensor) -> Tensor:
     return torch.where((errors[0] < errors[1])[:, None], start, state)
 
 
-def _fitted(
+def _descend(
     run: Run, measured: Tensor, state: Tensor, most: Tensor, n: int
 ) -> tuple[Tensor, Tensor]:
     """The state (B, S) that damped steps lead to, and Σ e² (B,)."""

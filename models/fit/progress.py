@@ -1,4 +1,4 @@
-"""What a long identification is about, told to whoever listens: a line on the screen."""
+"""What a long identification does at present: a line on the screen of whoever listens."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from contextlib import contextmanager
 _listeners: list[Callable[[str], None]] = []
 
 
-def doing(what: str) -> None:
-    """Tell what is done now, in a few words; from any thread, and often."""
+def announce(what: str) -> None:
+    """Say what is done now, in a few words; from any thread, and often."""
     for listener in _listeners:
         listener(what)
 
 
 @contextmanager
-def heard(listener: Callable[[str], None]) -> Iterator[None]:
+def listening(listener: Callable[[str], None]) -> Iterator[None]:
     """Call the listener with what is done meanwhile."""
     _listeners.append(listener)
     try:

@@ -1,4 +1,7 @@
-"""Measured displacements and velocities without their noise, by what joins them to accelerations.
+"""x and v of a motion: as measured, filtered, integrated or reconstructed, without their noise.
+
+What is not measured comes from accelerations; what is measured is smoothed by what joins it to
+these:
 
     x_{k+1} = x_k + Δt (v_k + v_{k+1}) / 2 + Δt² (a_k − a_{k+1}) / 12,   v_{k+1} = v_k + Δt ā_k
 
@@ -7,12 +10,13 @@ these and of x and v, each over its noise: the smoother of Smyth & Wu (2007), Me
 Process. 21, 706–723. How strong a noise is, sixth differences tell, in which a smooth signal leaves
 next to nothing (Hall, Kay & Titterington 1990, Biometrika 77, 521–528). Without this, laws that
 take deformations as they are see turning points and yielding that never were.
-T samples, n DOFs, E elements.
+T samples, n DOFs or outputs, m channels of excitation, E elements.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +24,12 @@ import torch
 from torch import Tensor
 
 from data.record import Record
+from models.composition.simulate import ACCELERATION, DISPLACEMENT, VELOCITY
+from models.layers.reconstructed import corner_of, high_passed, passed, reconstructed
+from models.layers.state_variables import corner_frequency, state_variables
 
+MEASURES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION}
+BEYOND = 10.0  # times the corner of an acceleration's filter, for displacements and velocities
 LOWER, ORDER = 4, 6  # of the differences
 AS_MUCH = 1.25  # times what the sixth tell: fourth differences of white noise
 ALIKE = 0.01  # of a signal: what is left of one without noise
@@ -29,6 +38,61 @@ NOISY = 5e-3  # of a deformation: below, states are left as they are
 FIRM = 1e-3  # of the noise of x and v: least slack of their steps, so that rounding does no harm
 CONTRADICTS = (1.5, 3.0)  # times the noise of x and v, of which v may bend between samples
 LEAST = 1e-6  # of a signal's size: noise of one that has none
+
+
+def states_of(
+    record: Record, from_accelerations: bool
+) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
+    """x, v, a (T, n), u (T, m) as measured; filtered alike where x or v is missing.
+
+    One after the other of a batch, without the warm-up. from_accelerations: measured x and v are
+    not used.
+    """
+    counted = slice(record.warmup, None)
+    a = record.a.reshape(record.a.shape[:-2].numel(), *record.a.shape[-2:])
+    u = record.excitation.reshape(*a.shape[:2], record.excitation.shape[-1])
+    measured = MEASURES[record.quantity]
+    whole = measured == ACCELERATION and not from_accelerations
+    for i in range(len(a)):
+        if whole and record.x is not None and record.v is not None:
+            x, v = record.x.reshape(a.shape)[i], record.v.reshape(a.shape)[i]
+            yield x[counted], v[counted], a[i][counted], u[i][counted]
+            continue
+        corner = corner_frequency(a[i], record.dt)
+        if measured != ACCELERATION:
+            corner *= BEYOND  # the filters' own share is then flat below it
+        size = corner ** (ACCELERATION - measured)
+        x, v, filtered = (size * s for s in state_variables(a[i], corner, record.dt))
+        yield x, v, filtered, size * state_variables(u[i], corner, record.dt)[measured]
+
+
+def reconstructed_of(record: Record) -> tuple[Tensor, Tensor]:
+    """x and v (…, T, n) from what was measured of a record's motion."""
+    shape, order = record.a.shape, MEASURES[record.quantity]
+    y, u = (s.reshape(-1, *s.shape[-2:]) for s in (record.a, record.excitation))
+    found = [reconstructed(y[i], u[i], record.dt, order) for i in range(len(y))]
+    x, v = (torch.stack(parts).reshape(shape) for parts in zip(*found, strict=True))
+    return x, v
+
+
+def integrated_states(
+    record: Record, forces: int
+) -> Iterable[tuple[Tensor, Tensor, Tensor, Tensor]]:
+    """x, v, a, u (T, ·) of every motion whose accelerations alone were measured.
+
+    What is slower than the motion is left out of x and v, as of the supports' motions, which stand
+    behind so many forces in u.
+    """
+    a = record.a.reshape(-1, record.samples, record.dofs)
+    u = record.excitation.reshape(len(a), record.samples, -1)
+    for acceleration, drive in zip(a, u, strict=True):
+        corner = corner_of(acceleration, drive, record.dt)
+        x, v = passed(acceleration, record.dt, corner)
+        moved = drive.clone()
+        if drive.shape[1] > forces:
+            s, s_dot = drive[:, forces:].chunk(2, dim=1)
+            moved[:, forces:] = torch.cat(high_passed(s, s_dot, record.dt, corner), dim=1)
+        yield x, v, acceleration, moved
 
 
 def noise_of_deformations(
@@ -49,12 +113,12 @@ def noise_of_deformations(
     return float(shares.max(initial=0.0))
 
 
-def smoothed(record: Record) -> Record:
+def smooth(record: Record) -> Record:
     """The record with x and v smoothed; accelerations stay as they were measured."""
     assert record.x is not None
     assert record.v is not None
     motions = zip(*map(_motions, (record.x, record.v, record.a)), strict=True)
-    found = [_smoothed(x, v, a, record.dt) for x, v, a in motions]
+    found = [_smooth(x, v, a, record.dt) for x, v, a in motions]
     x, v = (torch.from_numpy(np.stack(parts)) for parts in zip(*found, strict=True))
     return replace(record, x=x.reshape(record.a.shape), v=v.reshape(record.a.shape))
 
@@ -117,17 +181,17 @@ def _motions(signal: Tensor) -> np.ndarray:
     return motions
 
 
-def _smoothed(
+def _smooth(
     x: np.ndarray, v: np.ndarray, a: np.ndarray, dt: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """x and v (T, n) of a motion."""
     noise = zip(*map(_weighed, (x, v, a)), strict=True)
-    found = [_nearest(x[:, i], v[:, i], a[:, i], dt, *own) for i, own in enumerate(noise)]
+    found = [_smooth_channel(x[:, i], v[:, i], a[:, i], dt, *own) for i, own in enumerate(noise)]
     xs, vs = zip(*found, strict=True)
     return np.stack(xs, axis=1), np.stack(vs, axis=1)
 
 
-def _nearest(
+def _smooth_channel(
     x: np.ndarray, v: np.ndarray, a: np.ndarray, dt: float, of_x: float, of_v: float, of_a: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """x and v (T,) by normal equations of z = (x₀, v₀, x₁, v₁, …), which have four diagonals."""

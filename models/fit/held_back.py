@@ -1,17 +1,21 @@
-"""Parts of a record: where its motion begins, and what of it is held back to be judged on.
+"""Motion that is held back to judge a fit by: a part of a record, or one motion of several.
 
-B records, T samples, n DOFs.
+Parts are counted by power and not by time: a quiet tail tells little. Where a motion begins is
+counted so, too.   B records, T samples, n DOFs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import torch
 from torch import Tensor
 
 from data.record import Record
+
+Motion = TypeVar("Motion")
 
 LOCAL, QUIET = 0.02, 0.2  # of a record, over which its level is taken; of its level: at rest
 SHORTEST = 20  # samples
@@ -29,11 +33,15 @@ def onset(record: Record) -> int:
     return first + width - 1 if first > 0 else 0
 
 
+def end_of_share(squares: Tensor, share: float) -> int:
+    """The sample at which signals with `squares` (B, T) have had a share of their power."""
+    shares = squares / squares.sum(dim=1, keepdim=True).clamp_min(1e-300)
+    return int((shares.mean(dim=0).cumsum(dim=0) < share).sum())
+
+
 def held_back_from(record: Record, share: float) -> int:
     """The sample after which the last `share` of the motion lies, by its power and not by time."""
-    size = _squares(record)
-    done = (size / size.sum(dim=1, keepdim=True).clamp_min(1e-300)).mean(dim=0).cumsum(dim=0)
-    first = int((done < 1.0 - share).sum())
+    first = end_of_share(_squares(record), 1.0 - share)
     return min(max(first, SHORTEST, record.warmup + 1), record.samples - 2)
 
 
@@ -64,6 +72,27 @@ def held_back(record: Record, share: float, first: bool) -> Record:
     if first:
         return record.window(0, held_back_from(record, 1.0 - share), record.warmup)
     return replace(record, warmup=held_back_from(record, share))
+
+
+def hold_back_one(
+    motions: Sequence[Motion], judged: int, cut: Callable[[Motion], tuple[Motion, Motion]]
+) -> tuple[list[Motion], Motion]:
+    """Motions to fit, and the one of number `judged`; a single motion is cut in two instead."""
+    if len(motions) > 1:
+        return [m for i, m in enumerate(motions) if i != judged], motions[judged]
+    first, last = cut(motions[0])
+    return [first], last
+
+
+def hold_back_record(
+    records: Sequence[Record], judged: int, share: float
+) -> tuple[list[Record], Record]:
+    """Records to fit, and the one to judge by; of a single record its first and its last part."""
+
+    def cut(whole: Record) -> tuple[Record, Record]:
+        return without_held_back(whole, share, first=False), held_back(whole, share, first=False)
+
+    return hold_back_one(records, judged, cut)
 
 
 def _squares(record: Record) -> Tensor:

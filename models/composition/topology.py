@@ -1,0 +1,152 @@
+"""Which nodes the elements of a network join: as given, or as the motion of a record shows.
+
+y = B x + B_s s: of two nodes (i, j) y = x_j − x_i, a spring between them; of three (i, j, k)
+y = x_i − 2 x_j + x_k, what bends at j; of more the difference of so much higher an order, by which
+bending changes along the chain.
+Columns whose joints turn carry shear and bending: in a chain both are springs of positive
+stiffness, where pairs of nodes alone need negative ones (x_i to x_k). Any symmetric stiffness is
+such springs in one way, if all nodes that follow on one another are joined, n(n + 1)/2 elements.
+
+A building is a chain. A bridge whose deck ends at an abutment is none: a mass of it moves under
+an element that the chain lacks. Each mass is asked on its own, by least squares of its acceleration
+on springs, dampers and sliders to its neighbours, and to all other nodes: without sliders a chain
+that yields looks like none.
+n DOFs or masses, E elements, p moving supports, T samples, k columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations, pairwise
+from math import comb
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.record import Record
+from data.topology import node_numbers
+from models.layers.reconstructed import reconstructed
+from models.sliders.stop_operator import stretches
+
+MOST_NODES = 300  # all of whose pairs are elements
+MOST_JOINED = 4  # nodes of an element of a frame: one of 6 storeys has its modes to some percent
+IN_WORDS = {"chain": "chain", "all": "all pairs", "frame": "chain that bends"}
+MOST_PAIRED = 4  # DOFs all of whose pairs one motion tells apart
+GAPS = (0.3, 0.6)  # of the largest deformation: where a spring may change its stiffness
+UNEXPLAINED = 0.3  # of a mass's acceleration, as an RMS: more than this the chain does not explain
+WIDTHS = (0.05, 0.1, 0.2, 0.4)  # half widths of sliders, of the largest deformation
+BETTER = 0.4  # times that, at most, is what all pairs leave
+RIDGE = 1e-4  # of the columns' norm
+
+
+def nodes_of(elements: Sequence[Sequence[str]] | str, dofs: int, supports: int) -> list[list[str]]:
+    """The nodes that each element joins. Raises ValueError for names that are no topology."""
+    if not isinstance(elements, str):
+        return [list(nodes) for nodes in elements]
+    if elements not in IN_WORDS:
+        raise ValueError(
+            f"model.elements={elements}: expected nodes, or one of {', '.join(IN_WORDS)}"
+        )
+    if elements == "all":
+        return all_pairs(dofs, supports)
+    if supports > 1:
+        raise ValueError(
+            f"model.elements={elements} is for one support, there are {supports}; name the "
+            "pairs that are joined"
+        )
+    nodes = ["s1" if supports else "ground", *(f"x{i + 1}" for i in range(dofs))]
+    chain = [list(pair) for pair in pairwise(nodes)]
+    if elements == "chain":
+        return chain
+    bends = [nodes[i : i + k] for k in range(3, MOST_JOINED + 1) for i in range(dofs + 2 - k)]
+    return chain + bends
+
+
+def all_pairs(dofs: int, supports: int) -> list[list[str]]:
+    """All pairs of nodes: every DOF with ground or each moving support, then every two DOFs."""
+    nodes = dofs + max(supports, 1)
+    if nodes > MOST_NODES:
+        raise ValueError(
+            f"{nodes} nodes make {dofs * (nodes - 1)} pairs; {MOST_NODES} nodes are "
+            "possible with model.elements=all: name the pairs that are joined"
+        )
+    names = [f"x{i + 1}" for i in range(dofs)]
+    fixed = [f"s{j + 1}" for j in range(supports)] or ["ground"]
+    found = [[node, name] for name in names for node in fixed]
+    return found + [list(pair) for pair in combinations(names, 2)]
+
+
+def incidence(elements: Sequence[Sequence[str]], dofs: int, supports: int) -> tuple[Tensor, Tensor]:
+    """B (E, n) and B_s (E, p). Raises ValueError for nodes that there are not, or that repeat."""
+    number = node_numbers(dofs, supports)
+    full = np.zeros((len(elements), dofs + supports + 1))
+    for row, nodes in zip(full, elements, strict=True):
+        if not 1 < len(set(nodes)) == len(nodes) or not set(nodes) <= set(number):
+            *moving, ground = number
+            raise ValueError(
+                f"model.elements holds {list(nodes)}: expected two different ones of "
+                f"{', '.join(moving)} and {ground}, or three, at whose middle one it bends, or more"
+            )
+        order = len(nodes) - 1
+        row[[number[node] for node in nodes]] = [
+            (-1.0) ** (order - i) * comb(order, i) for i in range(order + 1)
+        ]
+    return torch.tensor(full[:, :dofs]), torch.tensor(full[:, dofs : dofs + supports])
+
+
+def topology_of(records: Sequence[Record]) -> str:
+    """ "all" where masses of records (T, n) move as no chain explains, else "chain".
+
+    A base moves, accelerations are relative to it, and x and v are integrated from them; or one
+    support moves, and x and v are measured: where they are not, it is a chain.
+    """
+    if any(r.s is not None and (r.x is None or r.v is None) for r in records):
+        return "chain"
+    motions = [_of_base(r) if r.s is None else _of_support(r) for r in records]
+    for i in range(records[0].a.shape[-1]):
+        chain, pairs = (_unexplained(motions, i, near) for near in (True, False))
+        if chain > UNEXPLAINED and pairs < BETTER * chain:
+            return "all"
+    return "chain"
+
+
+Nodes = tuple[Tensor, Tensor, Tensor]  # displacements, velocities (T, 1 + n), accelerations (T, n)
+
+
+def _of_base(record: Record) -> Nodes:
+    """The base stands still; accelerations are absolute."""
+    x, v = reconstructed(record.a, record.f, record.dt)
+    ground = x.new_zeros(len(x), 1)
+    return torch.cat([ground, x], dim=1), torch.cat([ground, v], dim=1), record.a - record.f[:, :1]
+
+
+def _of_support(record: Record) -> Nodes:
+    u = record.signals()
+    return torch.cat([u["s"], u["x"]], dim=1), torch.cat([u["s_dot"], u["v"]], dim=1), record.a
+
+
+def _unexplained(motions: Sequence[Nodes], i: int, near: bool) -> float:
+    """Share of the absolute acceleration of mass i that no elements explain."""
+    rows, targets = [], []
+    for places, speeds, absolute in motions:
+        y, rate = (u - u[:, i + 1 : i + 2] for u in (places, speeds))
+        n = absolute.shape[1]
+        others = [j for j in range(n + 1) if j != i + 1 and (not near or abs(j - i - 1) == 1)]
+        rows.append(torch.cat([_columns(y[:, j], rate[:, j]) for j in others], dim=1))
+        targets.append(absolute[:, i])
+    A, target = torch.cat(rows), torch.cat(targets)
+    A = A / A.norm(dim=0).clamp_min(1e-300)
+    ridge = RIDGE * torch.eye(A.shape[1]).to(A)
+    padded = torch.cat([target, target.new_zeros(len(ridge))])[:, None]
+    known = torch.linalg.lstsq(torch.cat([A, ridge]), padded, driver="gelsd").solution[:, 0]
+    return float((target - A @ known).norm() / target.norm().clamp_min(1e-300))
+
+
+def _columns(y: Tensor, rate: Tensor) -> Tensor:
+    """What an element may do at a deformation y (T,) (T, k)."""
+    far = y.abs().max()
+    hinges = [torch.sign(y) * (y.abs() - gap * far).clamp_min(0.0) for gap in GAPS]
+    widths = far * torch.tensor(WIDTHS, dtype=y.dtype)
+    smooth = torch.stack([y, rate, y * y.abs(), y**3, *hinges], dim=1)
+    return torch.cat([smooth, stretches(y, widths, torch.zeros_like(widths))], dim=1)
