@@ -7,8 +7,6 @@ from functools import cache
 from typing import Any
 
 import torch
-from hydra import compose, initialize_config_dir
-from omegaconf import DictConfig
 
 from data.record import Record
 from data.sample import Sensors
@@ -17,12 +15,14 @@ from models.fit.objective import restore, state_of
 from models.fit.solvers.solver import hurry
 from models.fit.trainable import require_trainable
 from models.training.assemble import estimator_from, objective_from, solver_from
-from runner.config.compose import CONF, prepare_hydra
+from runner.config.compose import composed
+
+_config = cache(composed)
 
 
 def fit(words: Sequence[str], batch: Record) -> tuple[Estimator, dict[str, Any]]:
     """The model of a command line, fitted to a batch; and what its identification reports."""
-    cfg = _composed(tuple(words))
+    cfg = _config(*words)
     inputs = batch.excitation.shape[-1]
     estimator = estimator_from(cfg.model, Sensors(batch.dt, batch.dofs, inputs))
     facts = estimator.identify([batch])
@@ -52,13 +52,6 @@ def fit(words: Sequence[str], batch: Record) -> tuple[Estimator, dict[str, Any]]
     restore(trainable, min(ends, key=lambda end: end[0])[1])
     objective.refine(trainable, [batch], lambda losses: None)
     return estimator, facts
-
-
-@cache
-def _composed(words: tuple[str, ...]) -> DictConfig:
-    prepare_hydra()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("train", list(words))
 
 
 @torch.no_grad()

@@ -91,7 +91,7 @@ def _beginnings(folder: Path) -> float:
 def disturb(
     folder: Path, runs: int, kills: int, seconds: tuple[float, float], seed: int
 ) -> tuple[int, int]:
-    """Kill the sweep so many times; how many folders were damaged by that, and how many kills
+    """Kill the sweep a number of times; how many folders were damaged by that, and how many kills
     landed in work.
     """
     draw, (starting, working), hurt, hits = random.Random(seed), seconds, 0, 0

@@ -8,7 +8,7 @@
 Shear chains of OpenSees' own materials with Rayleigh damping on a shaking base, Newmark's method
 with 32 steps a sample. A model is given the masses, the chain and six records of 30 s; it simulates
 four unseen motions from rest, and the same with 1.5 times the ground motion. Prints relative RMS
-errors of the absolute accelerations [%] beside how far OpenSees is from itself with steps twice as
+errors of the absolute accelerations [%] and how far OpenSees is from itself with steps twice as
 long, seconds of the processor, and the laws that were chosen. Needs openseespy.   N, m, s
 """
 

@@ -44,7 +44,7 @@ PUBLIC = {  # class → the module that defines it
     "BenchmarkData": "data.public.datamodule",
     "MeasuredData": "data.measured.datamodule",
     "Mending": "data.measured.mend",
-    "SampleLines": "data.stream.lines",
+    "SampleLines": "data.stream",
     "WholeRecords": "data.measured.datamodule",
 }
 __all__ = list(PUBLIC)

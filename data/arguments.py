@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import io
 import sys
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 
@@ -61,6 +63,31 @@ class Pairs(argparse.Action):
                 parser.error(f"{option} {word}: expected name=value, such as a1=Acc_X")
             pairs[key] = value
         setattr(args, self.dest, pairs)
+
+
+def key_values(words: Sequence[str], keys: Mapping[str, str]) -> dict[str, str]:
+    """Words such as run=FOLDER by their keys. keys: what the value of each is.
+
+    Raises ValueError for other words, for a key that is given twice, and for one without a value.
+    """
+    given: dict[str, str] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals or key not in keys:
+            known = " ".join(f"{name}={what}" for name, what in keys.items()) or "no settings"
+            raise ValueError(f"{word}: expected {known}{suggestion(key, keys)}; see --help")
+        if key in given:
+            raise ValueError(f"{key}= is given twice; say it once")
+        if not value:
+            raise ValueError(f"{word} lacks a value: {key}={keys[key]}")
+        given[key] = value
+    return given
+
+
+def suggestion(word: str, choices: Iterable[str], most: int = 1, cutoff: float = 0.6) -> str:
+    """What a mistyped word may mean, for the end of an error: "; did you mean json?"; or ""."""
+    near = difflib.get_close_matches(word, list(choices), n=most, cutoff=cutoff)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
 
 
 def plain(text: str) -> str:

@@ -17,9 +17,9 @@ Result = TypeVar("Result")
 
 def _cores() -> int:
     """Those that this process may use; OMP_NUM_THREADS counts here as it does for BLAS."""
-    told = os.environ.get("OMP_NUM_THREADS", "")
-    if told.isdecimal() and int(told) > 0:
-        return int(told)
+    stated = os.environ.get("OMP_NUM_THREADS", "")
+    if stated.isdecimal() and int(stated) > 0:
+        return int(stated)
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

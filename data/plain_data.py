@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 import yaml
 from omegaconf import DictConfig, OmegaConf
 
-from data.regular_file import read_regular
+from data.whole_file import read_regular
 
 LARGEST = 16 * 2**20  # bytes of a file
 YAML, LINE = 2**21, 100_000  # characters of a YAML text, which is slow to read, and of a line of it

@@ -43,7 +43,7 @@ def cut(shortest: int, length: int | None, stride: int | None, warmup: int) -> t
 
 
 def after_rest(record: Record, samples: int) -> Record:
-    """A record that begins at rest, (T, ·), with rest before it up to so many samples."""
+    """A record that begins at rest, (T, ·), with rest before it, up to a number of samples."""
     before = samples - record.samples
 
     def longer(name: str, u: Tensor) -> Tensor:

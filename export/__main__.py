@@ -15,14 +15,13 @@ docs/export.md says which target is for whom.
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from data.arguments import print_any_text
+from data.arguments import key_values, print_any_text, suggestion
 from export.targets import TARGETS
 from runner.config.command_line import command_errors
 from runner.folder.run_files import FAILED, METRICS, require_finished, results_folder, run_folder
@@ -43,17 +42,7 @@ class Words:
 
 def read(words: Sequence[str]) -> Words:
     """The command line. Raises ValueError for words that it does not have."""
-    given: dict[str, str] = {}
-    for word in words:
-        key, equals, value = word.partition("=")
-        if not equals or key not in KEYS:
-            known = " ".join(f"{name}={what}" for name, what in KEYS.items())
-            raise ValueError(f"{word}: expected {known}{nearest(key, list(KEYS))}")
-        if key in given:
-            raise ValueError(f"{key}= is given twice; say it once")
-        if not value:
-            raise ValueError(f"{word} lacks a value: {key}={KEYS[key]}")
-        given[key] = value
+    given = key_values(words, KEYS)
     for key in ("run", "to"):
         if key not in given:
             raise ValueError(f"{key} must be given: {key}={KEYS[key]}; see --help")
@@ -67,14 +56,9 @@ def targets(text: str) -> list[str]:
     names = [name.strip() for name in text.strip("[]").split(",")]
     for name in names:
         if name not in TARGETS:
-            hint = nearest(name, list(TARGETS))
+            hint = suggestion(name.lower(), TARGETS, cutoff=0.5)
             raise ValueError(f"to={name}: there are {', '.join(TARGETS)}{hint}")
     return list(dict.fromkeys(names))
-
-
-def nearest(word: str, choices: list[str]) -> str:
-    near = difflib.get_close_matches(word.lower(), choices, n=1, cutoff=0.5)
-    return f"; did you mean {near[0]}?" if near else ""
 
 
 def require_run(folder: Path) -> None:
@@ -91,7 +75,7 @@ def main(words: Sequence[str]) -> None:
     require_run(asked.run)
     if asked.output.exists() and not asked.output.is_dir():
         raise ValueError(f"output={asked.output} is a file; give a folder")
-    with loading():  # takes seconds: a mistyped word is told before
+    with loading():  # takes seconds: a mistyped word is reported first
         write = importlib.import_module("export.write")
     write.show(write.export(asked.run, asked.targets, asked.output))
 

@@ -14,7 +14,7 @@ from models.vwnn import VWNN
 
 
 def write(model: Exported, folder: Path) -> list[Path]:
-    """A VWNN has NAME_online.c, too, which is told the measured accelerations.
+    """A VWNN has NAME_online.c, too, which reads the measured accelerations.
 
     Raises ValueError for a model without a step, OSError where the disk does not take it.
     """
@@ -23,7 +23,7 @@ def write(model: Exported, folder: Path) -> list[Path]:
         steps[f"{model.name}_online"] = _named(online.step_of(model.estimator), model)
     made = []
     for name, step in steps.items():
-        source = source_of(step, name, told_of(model))
+        source = source_of(step, name, remarks_of(model))
         files = {f"{source.name}.h": source.header, f"{source.name}.c": source.body}
         if name == model.name:
             files[f"{source.name}_main.c"] = program_of(step, source, model.hold)
@@ -45,7 +45,7 @@ def _named(step: Step, model: Exported) -> Step:
     return replace(step, inputs=[*own, *step.inputs[len(own) :]])
 
 
-def told_of(model: Exported) -> list[str]:
+def remarks_of(model: Exported) -> list[str]:
     """Lines for a comment."""
     return [*model.lines(), f"excitation between samples in training: {model.hold}"]
 

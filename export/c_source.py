@@ -1,7 +1,7 @@
 """A step as one file of C99 and its header: no allocation, nothing but math.h.
 
-The functions of a step (export/step.py) are translated as they stand (export/translate); around
-them stand a struct, which is the whole state, and four functions that a person calls.
+The functions of a step (export/step.py) are translated as they are (export/translate); around
+them is a struct, which is the whole state, and four functions that a person calls.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from export.names import c_comment, identifier
 from export.step import SIGNALS, Step, arrays_of
 from export.translate.program import Function, Program, array_of, wrapped
 from export.translate.scope import TAKEN
-from export.translate.tables import numbers_of, table
-from export.translate.values import DOUBLE, Value, known_value, number, tuple_of
+from export.translate.values import DOUBLE, Value, known_value, number, numbers_of, table, tuple_of
 
 OWN = """
 begin_motion fail get_value go_on instance jump model set_value start_anew tell_fault values
@@ -39,8 +38,8 @@ class Source:
     body: str
 
 
-def source_of(step: Step, name: str, told: Sequence[str] = ()) -> Source:
-    """A step as C. told: lines about the model, for a comment. Raises ValueError if it cannot."""
+def source_of(step: Step, name: str, remarks: Sequence[str] = ()) -> Source:
+    """A step as C. remarks: of the model, for a comment. Raises ValueError where it cannot."""
     name = identifier(name)
     name = f"{name}_" if name in RESERVED else name
     tuned = {array for array, *_ in step.parameters}
@@ -48,19 +47,19 @@ def source_of(step: Step, name: str, told: Sequence[str] = ()) -> Source:
     held = {**state, **{n: v for n, v in numbers.items() if n in tuned}}
     tables = {n: v for n, v in numbers.items() if n not in tuned}
     program = Program()
-    made = [_made(program, step, function) for function in (step.begin, step.observe, step.advance)]
+    made = [_in_c(program, step, function) for function in (step.begin, step.observe, step.advance)]
     text = program.text([function for function, _ in made])
     used = {n for function, _ in made for n in function.parameters}
     constants = [table(n, v) for n, v in tables.items() if n in used and isinstance(v, np.ndarray)]
     parts = [
-        c_comment([f"{name}: a model of a structure.", *told]),
+        c_comment([f"{name}: a model of a structure.", *remarks]),
         f'#include "{name}.h"\n\n#include <math.h>\n#include <string.h>',
         *constants,
         text,
         *_public(step, name, held, made),
     ]
     lines = [part for line in "\n\n".join(parts).split("\n") for part in wrapped(line)]
-    return Source(name, header_of(step, name, held, told), "\n".join(lines) + "\n")
+    return Source(name, header_of(step, name, held, remarks), "\n".join(lines) + "\n")
 
 
 def _arrays(step: Step) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -83,8 +82,8 @@ def _value_of(name: str, own: Any) -> Value:
     return known
 
 
-def _made(program: Program, step: Step, function: Any) -> tuple[Function, list[str]]:
-    """A function of the step in C, and what it is called with."""
+def _in_c(program: Program, step: Step, function: Any) -> tuple[Function, list[str]]:
+    """A function of the step in C, and its arguments."""
     arguments: dict[str, Value] = {}
     m, n = len(step.inputs), len(step.outputs[0][1])
     for argument in step.arguments(function):
@@ -102,7 +101,7 @@ def _made(program: Program, step: Step, function: Any) -> tuple[Function, list[s
 
 
 def _word(numbers: dict[str, Any], name: str) -> str:
-    """What stands for a number, or a table, where a function is called."""
+    """A number or a table as an argument of a call."""
     own = numbers.get(name)
     return c_number(own) if isinstance(own, float) else name
 
@@ -255,9 +254,9 @@ def c_number(value: float) -> str:
 # The header of a step in C: the struct that is its whole state, and what a person calls.
 
 
-def header_of(step: Step, name: str, held: dict[str, np.ndarray], told: Sequence[str]) -> str:
+def header_of(step: Step, name: str, held: dict[str, np.ndarray], remarks: Sequence[str]) -> str:
     big = name.upper()
-    lines = [c_comment([f"{name}: a model of a structure.", *told]), ""]
+    lines = [c_comment([f"{name}: a model of a structure.", *remarks]), ""]
     lines += [f"#ifndef {big}_H", f"#define {big}_H", ""]
     lines += [f"#define {big}_INPUTS {len(step.inputs)}"]
     lines += [f"#define {big}_{array.upper()} {len(names)}" for array, names, _ in step.outputs]

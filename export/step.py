@@ -97,7 +97,7 @@ def copy_of(value: Any) -> Any:
 
 
 def run(step: Step, drive: Drive) -> dict[str, np.ndarray]:
-    """The outputs (T, ·) of a drive, by the functions as they stand in Python: the reference."""
+    """The outputs (T, ·) of a drive, by the functions in Python: the reference."""
     held = {name: copy_of(value) for name, value in step.state.items()}
     known: dict[str, Any] = {**held, **step.numbers}
     u = drive.u.detach().numpy()

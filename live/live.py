@@ -8,18 +8,27 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
+import numpy as np
 import torch
 from omegaconf import DictConfig
 
+from data.sample import Sample, Sensors
 from data.terminal import Terminal
-from live.alarm import ResidualAlarm
-from live.log import EstimatesFile, Scalars
-from live.model import stream_from_nothing, stream_of_run
-from live.monitor import LiveMonitor
+from live.monitor import LiveMonitor, ResidualAlarm, TimedAlarm
 from live.source import Source, source_of
 from live.view import LiveView, no_sound_sample, summary
-from models.online.stream import Stream
+from models.layers.features import SigmoidProducts
+from models.linear_in_weights import LinearInWeights
+from models.online.adaptive import Online, stream_of
+from models.online.guard import Guard
+from models.online.laws.frozen import Frozen
+from models.online.laws.law import Law
+from models.online.stream import Stream, started
+from models.training.assemble import estimator_from
+from models.training.build import build
+from runner.folder.run import restore
 from runner.folder.run_files import run_folder
 
 INTERRUPTED = 130
@@ -115,3 +124,118 @@ def follow(
         view.tick()
         done = perf_counter()
         monitor.add_time(done - begin, done - due)
+
+
+# The stream of a live model: of a finished run, or beginning from nothing.
+
+LAMBDA = 0.05  # λ [1/unit] of a VWNN that no record tells the sizes of its channels
+
+
+def stream_from_nothing(cfg: DictConfig, sensors: Sensors) -> Stream:
+    """A stream of zero weights. Raises ValueError for models that need training first."""
+    if cfg.model._target_ != "models.Online":
+        raise ValueError(
+            f"model={cfg.model.name} cannot begin from nothing; choose model=online_vwnn or "
+            "another on-line model, or train it and give --run"
+        )
+    model = estimator_from(cfg.model, sensors)
+    assert isinstance(model, Online)
+    activation = getattr(model.estimator, "activation", None)
+    if isinstance(activation, SigmoidProducts) and activation.weight.isnan().any():
+        activation.weight.fill_(LAMBDA)
+    return model.stream(from_nothing=True)
+
+
+def stream_of_run(cfg: DictConfig, folder: Path, new_law: bool) -> Stream:
+    """A finished run's stream; the run's records may be gone.
+
+    new_law: adapt by the law `adaptation=` of the config. Otherwise an on-line run adapts by its
+    own law, and a run of batch training keeps its weights. Raises ValueError for a run whose
+    weights do not all enter linearly.
+    """
+    model = restore(cfg, folder)
+    if isinstance(model, Online) and not new_law:
+        return model.stream()
+    inner = model.estimator if isinstance(model, Online) else model
+    guard = model.guard if isinstance(model, Online) else Guard()
+    if not isinstance(inner, LinearInWeights):
+        raise ValueError(
+            f"{folder} is a run of {cfg.model.name}, whose weights do not enter linearly; choose "
+            "one of a VWNN, an equivalent linear system, a polynomial method or an on-line model"
+        )
+    law: Law = build(cfg.adaptation, Law) if new_law else Frozen()
+    return stream_of(inner, law, started(inner, law), guard)
+
+
+# Files of a live run: every estimate as a line of CSV, scalars for TensorBoard.
+#
+# A line is written at once, so that an interrupted run keeps its lines.
+
+SCALARS = 20.0  # a second: measured and estimated acceleration
+
+
+class EstimatesFile:
+    """Columns time [s], a1 …, estimate1 … [m/s²], alarm (a DOF, mostly empty). NaN: not measured.
+
+    A file without an estimate does not stay. Raises OSError where the file exists, unless `force`.
+    """
+
+    def __init__(self, path: Path, dofs: int, force: bool = False) -> None:
+        self.path, self.written = path, False
+        self.file = path.open("w" if force else "x", encoding="utf-8", buffering=1)
+        numbers = range(1, dofs + 1)
+        heads = ["time", *(f"a{i}" for i in numbers), *(f"estimate{i}" for i in numbers), "alarm"]
+        self.file.write(",".join(heads) + "\n")
+
+    def write(
+        self, time: float, sample: Sample, estimate: np.ndarray, raised: TimedAlarm | None
+    ) -> None:
+        """Append the line of a sample."""
+        a = np.full_like(estimate, np.nan) if sample.a is None else sample.a.numpy()
+        values = [round(time, 9), *a.tolist(), *estimate.tolist()]
+        dof = "" if raised is None else str(raised.alarm.dof)
+        self.file.write(",".join(map(repr, values)) + f",{dof}\n")
+        self.written = True
+
+    def close(self) -> None:
+        self.file.close()
+        if not self.written:
+            self.path.unlink()
+
+
+class Scalars:
+    """Measured and estimated accelerations, running error, norm of the weights, alarm level."""
+
+    def __init__(self, folder: Path, monitor: LiveMonitor, alarm: ResidualAlarm | None) -> None:
+        from torch.utils.tensorboard import SummaryWriter  # slow to import, seldom needed
+
+        self.writer: Any = SummaryWriter(str(folder), max_queue=1000, flush_secs=1)
+        self.monitor, self.alarm = monitor, alarm
+        self.next_signals = self.next_rest = 0.0  # [s]
+
+    def write(
+        self, time: float, sample: Sample, estimate: np.ndarray, raised: TimedAlarm | None
+    ) -> None:
+        """Add the scalars of a sample that are due."""
+        step, add = self.monitor.stream.watch.sample, self.writer.add_scalar
+        if raised is not None:
+            add("alarm/dof", raised.alarm.dof, step)
+        if time < self.next_signals:
+            return
+        self.next_signals = time + 1.0 / SCALARS
+        for i, value in enumerate(estimate.tolist(), start=1):
+            if sample.a is not None:
+                add(f"a{i}/measured", float(sample.a[i - 1]), step)
+            add(f"a{i}/estimated", value, step)
+        if time < self.next_rest:
+            return
+        self.next_rest = time + 1.0
+        add("error/running_percent", self.monitor.running_error()[0], step)
+        weights = torch.cat([w.flatten() for w in self.monitor.stream.weights])
+        add("weights/norm", float(torch.linalg.vector_norm(weights)), step)
+        level = None if self.alarm is None else self.alarm.level()
+        for i, value in enumerate([] if level is None else level.tolist(), start=1):
+            add(f"alarm/level{i}", value, step)
+
+    def close(self) -> None:
+        self.writer.close()

@@ -24,9 +24,8 @@ def samples(words: Sequence[str] | None = None) -> None:
     if kind not in (*RECORDED, "replay"):
         raise ValueError(f"{kind} is no record; choose simulation, test or --replay PATH")
     cfg = config_of(kind, args, settings)
-    with loading():  # takes seconds: a mistyped word is told before
-        from live.lines import lines_of
-        from live.source import recorded
+    with loading():  # takes seconds: a mistyped word is reported first
+        from live.source import lines_of, recorded
 
     record, sensors = recorded(kind, args, cfg)
     for line in lines_of(record, sensors.forced == "base", args.speed):

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from data.arguments import plain
-from data.stream.lines import SampleLines
+from data.stream import SampleLines
 from live.monitor import LiveMonitor, TimedAlarm
 from models.online.guard import Event
 from models.online.scores import WINDOW
@@ -22,7 +22,7 @@ BARS = " ▁▂▃▄▅▆▇█"
 WIDTH = 60  # columns of a signal
 REFRESH = 8  # a second
 SWITCH = 2e-4  # [s]
-TOLD = 10  # faults and events that are printed between two status lines; the rest is counted
+PRINTED = 10  # faults and events that are printed between two status lines; the rest is counted
 
 
 class LiveView:
@@ -39,7 +39,7 @@ class LiveView:
             raise ValueError(f"--every {every:g} s must be positive")
         self.live: Live | None = None
         self.next_line = every
-        self.told = [0, 0]  # faults of lines, events: printed or counted so far
+        self.counted = [0, 0]  # faults of lines, events: printed or counted so far
         if console.is_terminal:
             self.live = Live(
                 console=console, get_renderable=self.table, refresh_per_second=REFRESH,
@@ -79,10 +79,10 @@ class LiveView:
             total = self.lines.bad + self.lines.mistimed
             news.append((total, [plain(fault) for fault in self.lines.faults], "faults of lines"))
         for k, (total, words, what) in enumerate(news):
-            new, self.told[k] = max(total - self.told[k], 0), total
-            if new > TOLD:
-                self.console.print(f"{new - TOLD:,} more {what}", markup=False, soft_wrap=True)
-            for line in words[len(words) - min(new, TOLD) :]:
+            new, self.counted[k] = max(total - self.counted[k], 0), total
+            if new > PRINTED:
+                self.console.print(f"{new - PRINTED:,} more {what}", markup=False, soft_wrap=True)
+            for line in words[len(words) - min(new, PRINTED) :]:
                 self.console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def alarm(self, raised: TimedAlarm) -> None:

@@ -16,9 +16,8 @@ from safetensors.torch import save
 from data.annotations import shown
 from data.checked import built_with
 from data.plain_data import PARSER_ERRORS
-from data.regular_file import digest_of, open_regular
 from data.sample import Sensors
-from data.whole_file import whole_file
+from data.whole_file import digest_of, open_regular, whole_file
 from models.estimator import Estimator
 
 HEADER = 2**20  # bytes of names and shapes at most

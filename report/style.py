@@ -31,7 +31,7 @@ MARKERS = "osD^vP*X"
 TITLE = 11.0  # letters of a title in an inch
 LINE, BELOW, BESIDE, RIGHT = 0.22, 0.5, 1.0, 0.3  # of a text, of axes and their numbers [inches]
 MANY = 5.0  # decades, of which every second has a tick
-SERIES = (  # of what is no model
+SERIES = (  # of lines that are no model
     *("#D55E00", "#E69F00", "#56B4E9", "#0072B2", "#009E73", "#CC79A7", "#882255"),
     *("#777777", "#999933", "#663311", "#44AA99", "#BBBBBB", "#332288"),
 )
@@ -74,11 +74,40 @@ def placed(figure: Figure) -> Figure:
     return figure
 
 
-def one_legend(figure: Figure, panels: Iterable[Axes], **how: Any) -> None:
-    """A legend of a figure with every label of its panels once."""
+def panels(count: int, width: float, height: float, **how: Any) -> tuple[Figure, list[Axes]]:
+    """A figure with `count` panels of a size [inches], three in a row at most.
+
+    how: `more` width and height of the whole; settings of Matplotlib's Figure (layout) and subplots
+    (sharex, sharey).
+    """
+    columns = min(3, count)
+    rows = -(-count // columns)
+    wider, higher = how.pop("more", (0.0, 0.0))
+    size = (wider + width * columns, higher + height * rows)
+    figure = Figure(figsize=size, layout=how.pop("layout", None))
+    drawn = figure.subplots(rows, columns, squeeze=False, **how).flatten().tolist()
+    for axes in drawn[count:]:
+        axes.remove()
+    return figure, drawn[:count]
+
+
+def finish_loop(axes: Axes, title: str = "", force: str = "r [N]", y: str = "y [m]") -> None:
+    """Title, labels and grid of a loop: force over deformation."""
+    axes.set_title(title, fontsize="medium")
+    axes.locator_params(axis="x", nbins=4)  # numbers such as −0.0025 are wide
+    axes.set_xlabel(y)
+    axes.set_ylabel(force)
+    axes.grid(alpha=0.25)
+
+
+def one_legend(
+    figure: Figure, drawn: Iterable[Axes], order: Iterable[str] = (), **how: Any
+) -> None:
+    """A legend of a figure with every label of its panels once; those of `order` come first."""
     handles: dict[Any, Any] = {}
-    for axes in panels:
+    for axes in drawn:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    handles = {name: handles[name] for name in order if name in handles} | handles
     figure.legend(handles.values(), handles.keys(), frameon=False, **how)
 
 

@@ -17,7 +17,7 @@ import yaml
 
 from data.arguments import plain
 from data.measured.channels import signal_of
-from data.measured.finding import Finding
+from data.measured.raw_record import Finding
 from data.whole_file import write_text
 
 OWN = Path(__file__).parents[2] / "conf" / "data"

@@ -94,8 +94,8 @@ def record_of_channels(
             "motion; expected forces f1, …, a support's acceleration s_ddot1, or s1 and s_dot1"
         )
     record.require_finite()
-    told = meaning.initial_state is not None or begins != "rest"
-    if not told and begins_in_motion(record, based(channels, quantity)):
+    stated = meaning.initial_state is not None or begins != "rest"
+    if not stated and begins_in_motion(record, based(channels, quantity)):
         return replace(record, initial_state="unknown")
     return record
 
@@ -118,7 +118,7 @@ def _driven_by_base(
     return torch.neg(ground)
 
 
-# Whether a record begins in motion, told by its first part alone.   T samples, n DOFs.
+# Whether a record begins in motion, by its first part alone.   T samples, n DOFs.
 #
 # At rest no element bears anything: the absolute acceleration of a base-excited structure begins at
 # nil and without a slope, a displacement without a slope, and an acceleration under a force that

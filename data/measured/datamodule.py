@@ -23,8 +23,7 @@ from data.measured.assembly import (
     with_rates,
 )
 from data.measured.channels import numbered, signal_of
-from data.measured.clock_faults import require_common_time
-from data.measured.common_time import ALIGNMENTS
+from data.measured.clocks import ALIGNMENTS, require_common_time
 from data.measured.mend import Mending
 from data.measured.onset import without_quiet_start
 from data.measured.places import named_records, require_read

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.measured.finding import Finding
-from data.measured.raw_record import RawRecord
-from data.measured.signal_faults import blocking
-from data.measured.statistics import runs
+from data.measured.raw_record import Finding, RawRecord
+from data.measured.signal_faults import blocking, runs
 from data.measured.time_step import even_times, time_step
 from data.memory import require_memory
 

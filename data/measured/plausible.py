@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.measured.channels import numbered
-from data.measured.finding import Finding
+from data.measured.raw_record import Finding
 
 SHORTEST = 512  # samples
 COHERENT = 0.8  # least coherence of base and response

@@ -17,7 +17,7 @@ class RawRecord:
 
     name: str
     time: np.ndarray | None  # (T,) [s], from the first sample; None: the files have no clock
-    dt: float | None  # [s] where the files say it beside the columns
+    dt: float | None  # [s] where the files state it apart from the columns
     channels: dict[str, np.ndarray]  # {"a1": (T,), …} [SI]
     clocks: dict[str, np.ndarray] = field(default_factory=dict)  # of sensors that differ: (T_c,)
     notes: tuple[str, ...] = ()
@@ -81,3 +81,19 @@ def between(raw: RawRecord, start: float, stop: float | None, closed: bool = Tru
     cut = part(time)
     channels = {c: u[cut] for c, u in raw.channels.items()}
     return replace(raw, time=None if raw.time is None else raw.time[cut], channels=channels)
+
+
+# A fault of a record, in one line with its place and its remedy.
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fault of a record, and its remedy."""
+
+    what: str  # "dropped samples", "NaN run", "saturation", …
+    channel: str  # "" for the clock
+    message: str  # one line: values, places in seconds and samples, and the remedy
+    blocks: bool = False  # training must not go on unless it is mended
+
+    def __str__(self) -> str:
+        return f"{self.what}{f' in {self.channel}' if self.channel else ''}: {self.message}"

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from data.measured.channels import CHANNEL, CLOCKS, SIGNALS, signal_of
-from data.measured.common_time import aligned, on_common_grid
+from data.measured.clocks import aligned, on_common_grid
 from data.measured.files.columns import NoColumnError, shorten
 from data.measured.files.format import suffixes_of
 from data.measured.files.table import FORMATS, Table, read_table
 from data.measured.files.zipped import unpacked
-from data.measured.named_units import unit_in_name
 from data.measured.raw_record import RawRecord
-from data.measured.units import to_si
+from data.measured.units import to_si, unit_in_name
 from data.record import require_bearable
 
 SUFFIXES = suffixes_of(FORMATS)
@@ -36,7 +35,7 @@ def read_record(
 
     channels: {"time": column, "a1": column, …}; in a folder "file.csv:column". None takes columns
     by their own names. units: of a signal ("a": "g") or a channel ("a1": "g"); SI where neither
-    `units` nor the file names one. align: see data.measured.common_time. `reader` goes to
+    `units` nor the file names one. align: see data.measured.clocks. `reader` goes to
     data.measured.files.table.read_table.
     Raises ValueError for channels and columns that do not exist.
     """

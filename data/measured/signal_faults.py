@@ -7,20 +7,19 @@ sensors.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from data.measured.channels import CHANNEL
-from data.measured.clock_faults import clock_findings
-from data.measured.finding import Finding
-from data.measured.raw_record import RawRecord
-from data.measured.statistics import Statistics, runs, statistics
+from data.measured.clocks import clock_findings
+from data.measured.raw_record import Finding, RawRecord
 
 GRAVITY = 9.80665  # m/s²
 BLOCKS = 20  # of a record, whose means show a drift
 ACCELERATIONS = ("a", "s_ddot")
 MOTIONS = ("a", "s_ddot", "v", "s_dot", "x", "s")
-LARGEST = {  # what hardly any structure does [SI], and what the unit may be then
+LARGEST = {  # beyond the range of structures [SI], and the unit that it may be
     "a": (200.0, "cm/s^2 or gal"), "s_ddot": (40.0, "cm/s^2 or gal"),
     "v": (100.0, "mm/s"), "s_dot": (100.0, "mm/s"), "x": (100.0, "mm"), "s": (100.0, "mm"),
 }  # fmt: skip
@@ -219,3 +218,49 @@ def _drift(name: str, values: np.ndarray, stats: Statistics) -> Iterator[Finding
             "data.mend.high_pass removes it"
         )
         yield Finding("drift", name, text)
+
+
+# Statistics of a channel, and runs of samples within it.   T samples.
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Statistics of the finite samples of a channel, in its unit."""
+
+    minimum: float
+    maximum: float
+    mean: float
+    std: float
+    finite: int
+    nans: int
+    infinite: int
+
+
+def statistics(signal: np.ndarray) -> Statistics:
+    """Range, mean and deviation of a channel (T,), without what is not finite."""
+    finite = signal
+    nans = infinite = 0
+    if not np.isfinite(signal.min(initial=0.0) + signal.max(initial=0.0)):
+        nans = int(np.isnan(signal).sum())
+        infinite = int(np.isinf(signal).sum())
+        finite = signal[np.isfinite(signal)]
+    if not len(finite):
+        return Statistics(np.nan, np.nan, np.nan, np.nan, 0, nans, infinite)
+    mean, std = float(finite.mean()), _deviation(finite)
+    low, high = float(finite.min()), float(finite.max())
+    return Statistics(low, high, mean, std, len(finite), nans, infinite)
+
+
+def _deviation(signal: np.ndarray, chunk: int = 65536) -> float:
+    """Standard deviation, in pieces that stay in the cache."""
+    mean, total = signal.mean(), 0.0
+    for start in range(0, len(signal), chunk):
+        piece = signal[start : start + chunk] - mean
+        total += float(piece @ piece)
+    return float(np.sqrt(total / len(signal)))
+
+
+def runs(where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Starts and lengths of the runs of true values."""
+    edges = np.flatnonzero(np.diff(where.astype(np.int8), prepend=0, append=0))
+    return edges[::2], edges[1::2] - edges[::2]

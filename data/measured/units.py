@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pint import UnitRegistry
 
+
 # signal → (what it is, SI unit, examples)
 DIMENSIONS = {
     "time": ("a time", "s", "s, ms, us, ns, min"),
@@ -41,7 +42,7 @@ ACCELERATION = {
 }  # fmt: skip
 ENGINEERING = {"a": ACCELERATION, "s_ddot": ACCELERATION, "f": FORCE, "r": FORCE}
 
-# what may stand in the round brackets of a header and is then surely a unit
+# texts in the round brackets of a header that are surely units
 WORDS = frozenset(
     {"s", "sec", "secs", "ms", "msec", "us", "usec", "ns", "min", "h", "hr", "Hz", "kHz"}
     | {"m", "mm", "cm", "um", "km", "in", "inch", "inches", "ft", "feet", "mil", "rad", "deg"}
@@ -125,3 +126,32 @@ def _registry() -> UnitRegistry:
     import pint
 
     return pint.UnitRegistry()
+
+
+# Units at the end of a column's name: cm of disp_cm, kN of force_kN and force_kN2, ms of t_ms.
+#
+# Only unambiguous words: the g of acc_g may mean the ground, the in of
+# force_in for what goes in.
+
+TIMES = r"ms|us"  # ms2 is m/s²
+ENDINGS = r"mm|cm|um|inch|ft|kN|MN|lbf|kips?|kgf|mg|gal|Gal"
+RATES = r"(?P<length>mm|cm|in)[_/]?(per_)?s(?P<twice>\^?2|²)?"  # cm/s2, cms2, in_s2
+UNIT = rf"({TIMES})$|({ENDINGS})(?=\d{{0,3}}$)|{RATES}"
+ENDS = re.compile(rf".*[A-Za-z0-9][_ ](?P<unit>{UNIT})\d{{0,3}}")
+GRAVITY = re.compile(r".*\d[_ ]g")  # of a sensor with a number
+
+
+def unit_in_name(column: str, signal: str | None = None) -> str | None:
+    """The unit that the name of a column ends with, None without one.
+
+    signal: what the column is taken for; the unit of another is none. Without it any is taken.
+    """
+    name = column.strip()
+    if GRAVITY.fullmatch(name):
+        unit = "g"
+    elif found := ENDS.fullmatch(name):
+        rate = f"{found['length']}/s{'^2' if found['twice'] else ''}"
+        unit = rate if found["length"] else found["unit"]
+    else:
+        return None
+    return unit if signal is None or has_dimension(unit, signal) else None

@@ -16,8 +16,7 @@ import torch
 from data.datamodule import Data
 from data.public.benchmarks import benchmark_called, files_of
 from data.public.files import cache
-from data.public.measures import noise_floor
-from data.public.series import Series, choose, matching, require_held_out, stretch
+from data.public.series import Series, choose, matching, noise_floor, require_held_out, stretch
 from data.record import Record
 from data.simulation.scenario import Scenario
 from data.windows import WindowDataset

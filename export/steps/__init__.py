@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from export.steps.quantity import named_by
+from export.step import Step
 from models import PUBLIC
 
 if TYPE_CHECKING:
-    from export.step import Step
     from models.estimator import Estimator
+
 
 KINDS = {  # file of this folder → the estimators whose steps it has
     "composite": ("ElementNetwork", "HystereticElement", "LatentHysteresisNetwork"),
@@ -50,3 +51,29 @@ def step_of(model: Estimator, quantity: str | None = None) -> Step:
     file = FILES[kind.__name__]
     step: Step = import_module(f"export.steps.{file}").step_of(model)
     return step if quantity is None else named_by(step, quantity, file in INTEGRATE)
+
+
+# Names and units of outputs, where only the records say what a model's output is.
+
+SPELLED = {  # a quantity's letter and unit, as programs can spell them
+    "acceleration": ("a", "m/s2"),
+    "velocity": ("v", "m/s"),
+    "displacement": ("x", "m"),
+    "force": ("r", "N"),
+    "output": ("y", ""),
+}
+
+
+def named_by(step: Step, quantity: str, integrates: bool = False) -> Step:
+    """The step with the outputs that it has where its model was trained on this quantity.
+
+    integrates: whether its x and v are integrals of a, which mean nothing where a is no
+    acceleration.
+    """
+    letter, unit = SPELLED[quantity]
+    arrays = [array for array, *_ in step.outputs]
+    if "output" in arrays or (integrates and quantity != "acceleration"):
+        array = "output" if "output" in arrays else "a"
+        names = [f"{letter}{i + 1}" for i in range(step.state[array].size)]
+        return replace(step, outputs=[(array, names, unit)])
+    return step

@@ -54,7 +54,7 @@ def step_of(model: EquivalentLinear | LinearMotion) -> Step:
     system = model.system if isinstance(model, LinearMotion) else model
     model.require_identified(system.weights)
     if system.weights.ndim == 3:
-        raise ValueError(f"{len(system.weights)} models stand side by side; export one of them")
+        raise ValueError(f"{len(system.weights)} models are stacked in one; export one of them")
     parts = dict(zip("SFL", system._exact_step("linear"), strict=True)) | {"W": system.weights}
     numbers = {name: np.ascontiguousarray(part.detach().numpy()) for name, part in parts.items()}
     state = {name: np.zeros(model.dofs) for name in "xva"}

@@ -119,7 +119,7 @@ def step_of(model: GlobalMLP | ResidualMLP) -> Step:
 
 # A multilayer perceptron as a function of one sample: models/layers/perceptron.py.
 #
-# Weights stand layer by layer in one list, transposed, so that loops over neurons are contiguous.
+# Weights are stored layer by layer, transposed, so that loops over neurons are contiguous.
 
 
 def _activated(x, activation):

@@ -103,7 +103,7 @@ def step_of(model: ElementNetworkNamed | NamedElement) -> Step:
         return _of_element(model)
     model.require_identified(model.named.numbers)
     structure, gamma = model.structure(), model.composition().inputs.value.detach().numpy()
-    held, numbers = _held(structure, np.ascontiguousarray(gamma), model.forces, model.dt)
+    held, numbers = _arrays_of(structure, np.ascontiguousarray(gamma), model.forces, model.dt)
     n, E = structure.dofs, len(structure.elements)
     held |= {name: np.zeros(n) for name in "xva"} | {name: np.zeros(E) for name in "yr"}
     names = elements_of(model, E) if len(model.elements) == E else list(structure.elements)
@@ -123,14 +123,14 @@ def _of_element(model: NamedElement) -> Step:
     parts = model.laws.elements(0, ("ground", "s1"))
     bystander = Polynomial(between=("ground", "x1"), stiffness=1.0)
     structure = Structure([1.0], {str(i): part for i, part in enumerate((*parts, bystander))})
-    held, numbers = _held(structure, np.zeros((1, 2)), 0, model.dt)
+    held, numbers = _arrays_of(structure, np.zeros((1, 2)), 0, model.dt)
     return Step(
         begin, observe_element, advance, model.dt, {**held, "r": np.zeros(1)}, numbers,
         [("s1", "m"), ("s_dot1", "m/s")], [("r", ["r1"], "N")], any_step=True,
     )  # fmt: skip
 
 
-def _held(
+def _arrays_of(
     structure: Structure, gamma: np.ndarray, forces: int, dt: float
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """State and numbers of the integrator."""

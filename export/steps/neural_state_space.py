@@ -1,4 +1,4 @@
-"""Step of a neural state space: a linear system with a small network beside it.
+"""Step of a neural state space: a linear system plus a small network.
 
 z[k+1] = [z w] A + tanh([z w] W₁ + b₁) W₂ + b₂,    w[k] = [u[k], u[k+1]]
 ẍ[k]   = [z u] C + tanh([z u] V₁ + c₁) V₂ + c₂,    z = [x, ẋ, q], all in units of their sizes

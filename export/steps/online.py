@@ -1,8 +1,8 @@
-"""One step ahead: a VWNN that is told every measured acceleration after its estimate of it.
+"""One step ahead: a VWNN that reads each measured acceleration after it has estimated it.
 
 ẍ̂ = Wᵀ φ(ξ),  ξ of the samples before; then the law adapts W, and the filters take ẍ and f in.
 The excitation is [f, ẍ]: an estimate reads f alone, the step on from it reads both. A sample whose
-ẍ is not finite teaches nothing, and the estimate stands in for it; of other faults, which
+ẍ is not finite teaches nothing, and its estimate replaces it; of other faults, which
 models/online/guard.py finds, a step knows nothing.
 S stages, C = n + m channels of ζ, P features, n DOFs, m excitations.
 """

@@ -46,7 +46,7 @@ def begin(x0, v0, u, motion, elements, none, equation, back, w, p, lags):
 
 
 def observe(elements, w, p, nodes, force):
-    """The laws at the two nodes beside each input, and what lies between."""
+    """The laws at the two nodes around each input, interpolated."""
     for e in range(force.size):
         force[e] = nodes.offset[e]
         for i in range(w.size):

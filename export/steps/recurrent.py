@@ -3,7 +3,7 @@
 h[0−] = W₀ [x₀, v₀] + b₀,   h[k] = cell(h[k−1], u[k]),   [ẍ, x, ẋ][k] = W [h[k], u[k]] + b
 
 A cell takes the excitation at the sample, so h moves in `observe`, into `new`, which `advance`
-takes over. Weights stand transposed, so that loops over neurons are contiguous.
+takes over. Weights are stored transposed, so that loops over neurons are contiguous.
 n DOFs, m excitations, L layers, H neurons, G gates of each: 3 (r, z, n) or 4 (i, f, g, o).
 """
 

@@ -42,7 +42,7 @@ def observe(u, z, new, s, before, r, line, curves, widths, scale):
 
 
 def advance(z, new, s, before):
-    """The sliders stand where they were seen."""
+    """The sliders keep their positions."""
     z[:] = new
     before[:] = s
 

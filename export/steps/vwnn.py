@@ -55,7 +55,7 @@ def step_of(model: VWNN) -> Step:
     """The step of a network. Raises ValueError for one that is not identified."""
     model.require_identified(model.weights)
     if model.weights.ndim == 3:
-        raise ValueError(f"{len(model.weights)} models stand side by side; export one of them")
+        raise ValueError(f"{len(model.weights)} models are stacked in one; export one of them")
     numbers = {
         "W": model.weights.detach().numpy().copy(),
         "factors": model.activation.places().numpy(),

@@ -165,7 +165,7 @@ class Expressions:
         if function.kind == "type":
             return _converted(function.known, arguments[0])
         if function.kind != "function":
-            raise ValueError(f"{ast.unparse(node)} calls what is no function")
+            raise ValueError(f"{ast.unparse(node)} calls something that is not a function")
         return self._called(function.known, arguments)
 
     def _called(self, function: Any, arguments: list[Value]) -> Value:

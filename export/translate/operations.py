@@ -159,7 +159,7 @@ def _power(a: Value, b: Value) -> tuple[Value, str]:
 
 
 def compared(sign: ast.cmpop, a: Value, b: Value) -> Value:
-    """One comparison. Raises ValueError for what is no number, unless it is asked for None."""
+    """One comparison. Raises ValueError for operands that are not numbers, except None."""
     if isinstance(sign, ast.Is | ast.IsNot):
         same = a.kind == b.kind == "none"
         return number(same == isinstance(sign, ast.Is))

@@ -17,8 +17,16 @@ from export.translate.expressions import Expressions
 from export.translate.operations import HELPERS
 from export.translate.scope import Scope, c_name
 from export.translate.statements import Statements
-from export.translate.tables import Tables
-from export.translate.values import DOUBLE, INT, Value, flat, joined, known_value, tuple_of
+from export.translate.values import (
+    DOUBLE,
+    INT,
+    Tables,
+    Value,
+    common_value,
+    flat,
+    known_value,
+    tuple_of,
+)
 
 WIDTH = 100
 BROKEN_BEFORE = (" + ", " - ", " * ", " && ", " || ", " ? ", " : ")
@@ -98,7 +106,7 @@ class Program:
             where = f"{python.__module__}.{python.__name__}"
             known = str(error).startswith(f"{python.__module__.split('.')[0]}.")
             raise ValueError(str(error) if known else f"{where}: {error}") from None
-        raise ValueError(f"{python.__name__}: its variables cannot be told")
+        raise ValueError(f"{python.__name__}: its variables cannot be determined")
 
     def _function(self, name: str, scope: Scope, one: Statements) -> Function:
         if constant := scope.written & set(self.tables.values):
@@ -196,17 +204,17 @@ def _result(found: Function, words: list[str], inside: Expressions) -> Value:
         return Value(found.returned.kind, f"{found.name}({', '.join(words)})")
     if not inside.hoisting:
         raise ValueError(f"{found.name} returns several numbers where it may not be reached")
-    held = _held(found.returned, inside)
+    held = _temporaries(found.returned, inside)
     words = [*words, *(f"&{one.code}" for one in flat(held))]
     inside.before.append(f"{found.name}({', '.join(words)});")
     return held
 
 
-def _held(returned: Value, inside: Expressions) -> Value:
+def _temporaries(returned: Value, inside: Expressions) -> Value:
     """Variables for what a function returns."""
     if returned.kind != "tuple":
         return inside.scope.temporary(returned.kind)
-    return tuple_of([_held(item, inside) for item in returned.items], returned.fields)
+    return tuple_of([_temporaries(item, inside) for item in returned.items], returned.fields)
 
 
 def _argument(name: str, value: Value) -> Value:
@@ -244,7 +252,7 @@ def _returned(values: list[Value]) -> Value:
         return Value("none")
     found = values[0]
     for value in values[1:]:
-        found = joined(found, value)
+        found = common_value(found, value)
     return _kind_of(found)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from export.translate.values import Value, joined, tuple_of
+from export.translate.values import Value, common_value, tuple_of
 
 KEYWORDS = """
 auto break case char const continue default do double else enum extern float for goto if inline int
@@ -61,7 +61,7 @@ class Scope:
         """What the variable `name` is, given this value too. Raises ValueError if it is none."""
         before = self.kinds.get(name)
         try:
-            now = joined(before, value)
+            now = common_value(before, value)
         except ValueError as error:
             raise ValueError(f"{name} {error}") from None
         if before is None or (now.kind, now.fixed, now.known, now.shape) != (

@@ -104,13 +104,13 @@ class Statements:
     def _for(self, statement: ast.For) -> None:
         over = statement.iter
         if isinstance(over, ast.Call) and ast.unparse(over.func) == "range":
-            self._counted(statement, [self.expressions.value(a) for a in over.args])
+            self._range_loop(statement, [self.expressions.value(a) for a in over.args])
             return
         for item in self.expressions.value(over).items:
             self._take(statement.target, item)
             self.body(statement.body)
 
-    def _counted(self, statement: ast.For, bounds: list[Value]) -> None:
+    def _range_loop(self, statement: ast.For, bounds: list[Value]) -> None:
         first, stop = bounds[:2] if len(bounds) > 1 else (number(0), bounds[0])
         step = bounds[2].known if len(bounds) > 2 else 1
         if not isinstance(step, int):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 DOUBLE, INT = "double", "int"
 ATOM, UNARY, TIMES, PLUS, COMPARED, AND, OR, CHOSEN = 9, 8, 7, 6, 5, 4, 3, 2  # how tightly C binds
@@ -105,7 +107,7 @@ def flat(value: Value) -> list[Value]:
     return [one for item in value.items for one in flat(item)]
 
 
-def joined(one: Value | None, other: Value) -> Value:
+def common_value(one: Value | None, other: Value) -> Value:
     """What a variable is that is given both values, without their text.
 
     Raises ValueError where no variable of C can be both.
@@ -120,9 +122,58 @@ def joined(one: Value | None, other: Value) -> Value:
         return one
     if one.kind == other.kind == "tuple" and len(one.items) == len(other.items):
         both = zip(one.items, other.items, strict=True)
-        return tuple_of([joined(a, b) for a, b in both], one.fields)
+        return tuple_of([common_value(a, b) for a, b in both], one.fields)
     raise ValueError(f"is a {one.kind} and a {other.kind} of another shape")
 
 
 def _same(one: Any, other: Any) -> bool:
     return type(one) is type(other) and (one == other or (one != one and other != other))
+
+
+# Arrays of numbers that a module holds, as constants of C.
+
+KINDS = {np.dtype(np.float64): DOUBLE, np.dtype(np.int64): INT}
+ON_A_LINE = 6  # numbers of a table
+
+
+class Tables:
+    """Tables of all modules of a program by their names in C, which say nothing of the module."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, np.ndarray] = {}
+
+    def opened(self, names: dict[str, Any]) -> dict[str, Any]:
+        """Names of a module, with what C knows of its arrays in their place."""
+        return {
+            name: self._table(name, value) if _is_table(value) else value
+            for name, value in names.items()
+        }
+
+    def _table(self, name: str, value: np.ndarray) -> Value:
+        own = first = f"table_{name.strip('_').lower()}"  # not the name of any variable
+        count = 2
+        while self.values.setdefault(own, value) is not value:
+            own, count = f"{first}_{count}", count + 1
+        return Value("array", own, shape=value.shape, dtype=KINDS[value.dtype], root=own)
+
+    def text(self, used: set[str]) -> Iterable[str]:
+        for name, value in self.values.items():
+            if name in used:
+                yield table(name, value)
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype in KINDS and value.size > 0
+
+
+def table(name: str, value: np.ndarray) -> str:
+    kind = "int" if value.dtype.kind == "i" else "double"
+    head = f"static const {kind} {name}[{value.size}] = {{"
+    return "\n".join([head, *numbers_of(value, 4), "};"])
+
+
+def numbers_of(value: np.ndarray, indent: int) -> Iterable[str]:
+    """Lines with all numbers of an array, row after row."""
+    words = [number(one).code for one in value.ravel().tolist()]
+    for first in range(0, len(words), ON_A_LINE):
+        yield " " * indent + ", ".join(words[first : first + ON_A_LINE]) + ","

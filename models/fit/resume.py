@@ -18,8 +18,7 @@ from typing import Any
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 
-from data.regular_file import open_regular
-from data.whole_file import whole_file
+from data.whole_file import open_regular, whole_file
 
 MARK = b"\nsha256 "  # before the digest, at the end of the file
 TAIL = len(MARK) + 64

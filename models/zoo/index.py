@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from data.plain_data import LARGEST, read_json
-from data.regular_file import digest_of
+from data.whole_file import digest_of
 from models.stored.schema import COUNT, NUMBER, PERCENT, Rule, needing, require, within
 
 ROOT = Path(__file__).parents[2] / "zoo"

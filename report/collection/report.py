@@ -16,8 +16,7 @@ from rich.console import Console
 
 from data.terminal import terminal
 from data.whole_file import whole_file
-from report.collection.compare import as_table, compare, in_common
-from report.collection.figure import draw_comparison
+from report.collection.compare import as_table, compare, draw_comparison, in_common
 from report.collection.runs import collect, results_folder, varied_choices
 from report.collection.scores import Score, scores_of
 from report.output import save_figure, spreadsheet
@@ -69,7 +68,7 @@ def tell_ended(console: Console, runs: Sequence[Result]) -> None:
 #
 # Columns: run, model, system, scenario, seed, results, status, reason, split, estimate, metric,
 # dof, value; then every choice that differs between runs, by its dotted name. What diverged has
-# an infinite value. A run whose model is not identified says so, with the reason, beside its
+# an infinite value. A run whose model is not identified says so, with the reason, next to its
 # numbers. A run without numbers (failed, escaped, unfinished or damaged) has one row with the
 # reason, without a metric; runner/scores/spread.py says how such runs count.
 
@@ -165,5 +164,5 @@ def status_counts(runs: Sequence[Result]) -> str:
     counts = dict.fromkeys(VERDICTS, 0)
     for run in runs:
         counts[run.verdict] += 1
-    told = [f"{count} {status}" for status, count in counts.items() if count or status == FINISHED]
-    return f"{len(runs)} runs: {', '.join(told)}"
+    parts = [f"{count} {status}" for status, count in counts.items() if count or status == FINISHED]
+    return f"{len(runs)} runs: {', '.join(parts)}"

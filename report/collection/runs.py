@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from data.arguments import Parser
 from runner.config.choices import varying
 from runner.folder.run_files import CONFIG, FAILED, METRICS
 from runner.progress import print_damaged
@@ -28,6 +29,22 @@ def folders_of(typed: str | Sequence[str]) -> list[Path]:
             raise ValueError(f"{kind} {name}; runs= takes a folder, a list [a,b] or a pattern")
         found |= {folder.resolve(): folder for folder in folders}
     return list(found.values())
+
+
+def folders_and_output(
+    help_text: str | None, usual: Path, words: Sequence[str] | None
+) -> tuple[list[Path], Path | None]:
+    """Folders of runs and the output that a command line names; `usual` without any.
+
+    Raises ValueError where they hold no run.
+    """
+    parser = Parser(description=(help_text or "").splitlines()[0])
+    about = f"of the runs; {usual} without any"
+    parser.add_argument("folders", nargs="*", type=Path, default=[usual], help=about)
+    parser.add_argument("--output", type=Path, help="folder; results/ in that of the runs")
+    options = parser.parse_args(words)
+    run_folders(options.folders)
+    return options.folders, options.output
 
 
 def run_folders(folders: Sequence[Path]) -> list[Path]:
@@ -83,7 +100,7 @@ def varied_choices(runs: Sequence[Result]) -> dict[str, list[Any]]:
     found = {}
     for name, values in varying([run.choices for run in runs]).items():
         pairs = set(zip(systems, map(str, values), strict=True))
-        told = name.startswith("system.") and len(pairs) == len(set(systems))
-        if name not in NAMES and not told:
+        implied = name.startswith("system.") and len(pairs) == len(set(systems))
+        if name not in NAMES and not implied:
             found[name] = values
     return found

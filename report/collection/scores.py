@@ -66,10 +66,10 @@ def _of_split(split: str, estimate: str, scores: Mapping[str, Any]) -> Iterator[
 
 def _online(online: Mapping[str, Any]) -> Iterator[Score]:
     """Of a model that adapts (models/online/scores.py); infinite where an error never settled."""
-    for way, told in online.get("ways", {}).items():
+    for way, of_way in online.get("ways", {}).items():
         estimate = "" if way == "adapting" else way
-        yield _score("test", estimate, "worst_percent", None, told.get("worst_percent"))
-        for level, seconds in told.get("settle_s", {}).items():
+        yield _score("test", estimate, "worst_percent", None, of_way.get("worst_percent"))
+        for level, seconds in of_way.get("settle_s", {}).items():
             never = math.inf if seconds is None else seconds
             yield Score("test", estimate, f"settle_s/{level}", None, never)
     for seconds, percent in online.get("learnt_percent", {}).items():

@@ -1,4 +1,4 @@
-"""What a finished run's model is: masses, elements and modes with units; or what it reads.
+"""What a finished run's model is: masses, elements and modes with units; or its inputs.
 
 python -m report.describe run=FOLDER
 python -m report.describe run=zoo:element_network/bouc_wen
@@ -7,28 +7,21 @@ python -m report.describe run=FOLDER output=FILE.json    names, values and units
 
 from __future__ import annotations
 
-import difflib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from data.arguments import key_values
 from runner.config.command_line import command_errors
 from runner.folder.run_files import require_finished, run_folder
 from runner.loading import loading
 
-KEYS = ("run", "output")
+KEYS = {"run": "FOLDER", "output": "FILE.json"}
 
 
 def read_words(words: Sequence[str]) -> dict[str, str]:
     """{key: value} of the command line. Raises ValueError for other words."""
-    found: dict[str, str] = {}
-    for word in words:
-        key, equals, value = word.partition("=")
-        if key not in KEYS or not equals or not value:
-            near = difflib.get_close_matches(key, KEYS, n=1)
-            hint = f"; did you mean {near[0]}=…?" if near else ""
-            raise ValueError(f"{word}: expected run=FOLDER, and output=FILE.json{hint}")
-        found[key] = value
+    found = key_values(words, KEYS)
     if "run" not in found:
         raise ValueError("which model? give run=FOLDER, the folder that train.py wrote")
     if "output" in found and not found["output"].endswith(".json"):
@@ -46,7 +39,7 @@ def main(words: Sequence[str] | None = None) -> None:
         asked = read_words(words)
         folder = run_folder(asked["run"])
         require_finished(folder)
-        with loading():  # takes seconds: a mistyped word is told before
+        with loading():  # takes seconds: a mistyped word is reported first
             from report.describe.description import describe
 
         describe(folder, Path(asked["output"]) if "output" in asked else None)

@@ -9,31 +9,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from data.arguments import Parser
 from data.terminal import terminal
-from report.collection.runs import read_runs, results_folder, run_folders
+from report.collection.runs import folders_and_output, read_runs, results_folder
 from runner.config.command_line import command_errors
 
 LEADERBOARD = Path("runs/free_run")
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    parser = Parser(description=(__doc__ or "").splitlines()[0])
-    about = f"of the runs; {LEADERBOARD} without any"
-    parser.add_argument("folders", nargs="*", type=Path, default=[LEADERBOARD], help=about)
-    parser.add_argument("--output", type=Path, help="of tables; results/ in the folder of the runs")
+    """Bad input ends in one line and exit status 1."""
     with command_errors():
-        options = parser.parse_args(words)
-        run_folders(options.folders)
-        report_free_run(options.folders, options.output)
+        report_free_run(*folders_and_output(__doc__, LEADERBOARD, words))
 
 
 def report_free_run(folders: Sequence[Path], output: Path | None = None) -> None:
     """Write and print the leaderboard of the runs in some folders."""
     # PyTorch takes seconds to load: a mistyped folder is refused before
     from report.collection.report import tell_ended
-    from report.free_run.rows import leaderboard
-    from report.free_run.tables import CAPTION, sections, write_rows
+    from report.free_run.leaderboard import CAPTION, leaderboard, sections, write_rows
     from report.output import printed
 
     output = output or results_folder(folders)

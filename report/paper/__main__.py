@@ -9,23 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from data.arguments import Parser
 from data.terminal import terminal
-from report.collection.runs import read_runs, results_folder, run_folders
+from report.collection.runs import folders_and_output, read_runs, results_folder
 from runner.config.command_line import command_errors
 
 STUDY = Path("runs/study")
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    parser = Parser(description=(__doc__ or "").splitlines()[0])
-    add = parser.add_argument
-    add("folders", nargs="*", type=Path, default=[STUDY], help=f"of the runs; {STUDY} without any")
-    add("--output", type=Path, help="of tables and figures; results/ in the folder of the runs")
+    """Bad input ends in one line and exit status 1."""
     with command_errors():
-        options = parser.parse_args(words)
-        run_folders(options.folders)
-        report_paper(options.folders, options.output)
+        report_paper(*folders_and_output(__doc__, STUDY, words))
 
 
 def report_paper(folders: Sequence[Path], output: Path | None = None) -> None:
@@ -33,12 +27,11 @@ def report_paper(folders: Sequence[Path], output: Path | None = None) -> None:
 
     Raises ValueError where no run belongs to a table of the paper.
     """
-    # PyTorch and Matplotlib take seconds to load: a mistyped folder is told before
+    # PyTorch and Matplotlib take seconds to load: a mistyped folder is reported first
     from report.collection.report import tell_ended
     from report.output import printed
-    from report.paper.cells import study_cells
     from report.paper.figures import draw_study
-    from report.paper.tables import hits, printed_sections, write_tables
+    from report.paper.tables import hits, printed_sections, study_cells, write_tables
 
     output = output or results_folder(folders)
     runs = read_runs(folders)

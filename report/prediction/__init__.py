@@ -1,1 +1,1 @@
-"""A finished run's model under motions that it has not seen: what it does, and where it may err."""
+"""A finished run's model under motions that it has not seen: its response, and where it may err."""

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from models.estimator import Estimator
 from report.prediction.peaks import largest, leading
 from report.prediction.runs import Prediction, Signal, parts_of
-from report.style import DASHES, ESTIMATED, MEASURED, SERIES
+from report.style import DASHES, ESTIMATED, MEASURED, SERIES, finish_loop, panels
 
 MOST_ROWS, MOST_LOOPS = 8, 12  # that are drawn, those with the largest peaks
 OUTPUTS = ("displacement", "velocity", "acceleration", "force", "output")
@@ -79,19 +78,12 @@ def _loops(y: Signal, r: Signal, names: Sequence[str], unit: str, title: str) ->
     """Force over deformation, an element each."""
     sizes = np.abs(np.nan_to_num(r.values)).max(axis=0)
     shown = sorted(np.argsort(-sizes, kind="stable")[:MOST_LOOPS].tolist())
-    columns = min(3, len(shown))
-    rows = -(-len(shown) // columns)
-    figure = Figure(figsize=(1.5 + 2.6 * columns, 0.8 + 2.3 * rows), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
-    for ax, i in zip(axes, shown, strict=False):
+    figure, drawn = panels(len(shown), 2.6, 2.3, more=(1.5, 0.8), layout="constrained")
+    for ax, i in zip(drawn, shown, strict=True):
         ax.plot(y.values[:, i], r.values[:, i], color=ESTIMATED, linewidth=0.7)
-        ax.set_title(names[i], fontsize=8)
-        ax.grid(alpha=0.25)
+        finish_loop(ax, names[i], "", "")
         ax.tick_params(labelsize=7)
         ax.ticklabel_format(scilimits=(-3, 4))
-        ax.xaxis.set_major_locator(MaxNLocator(4))
-    for ax in axes[len(shown) :]:
-        ax.set_visible(False)
     figure.supxlabel(f"deformation [{unit}]", fontsize=8)
     figure.supylabel("force [N]", fontsize=8)
     figure.suptitle(title, fontsize=10, x=0.02, ha="left")

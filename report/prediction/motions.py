@@ -17,7 +17,7 @@ import numpy as np
 from omegaconf import DictConfig
 
 from data.measured.assembly import with_rates
-from data.measured.clock_faults import require_common_time
+from data.measured.clocks import require_common_time
 from data.measured.mend import Mending
 from data.measured.places import record_places
 from data.measured.raw_record import RawRecord, between
@@ -39,7 +39,7 @@ from runner.config.command_line import absolute
 
 KINDS = ("gaussian", "multisine", "sine_sweep")
 COMPONENTS = [f"{pair}{side}" for pair in range(1, 23) for side in "ab"]
-QUIET = 10.0  # s of rest after a motion of the ground, in which what is left of it shows
+QUIET = 10.0  # [s] of rest after a motion of the ground, for residual displacements
 READER = ("skip_rows", "delimiter", "decimal", "group", "header")
 OF_DATA = re.compile(  # keys of records, which here are those of the excitation
     r"\bdata\.(?=(path|channels|units|mend|dt|start|stop|align|group|header"
@@ -243,7 +243,7 @@ def _generated(
 
 
 def _motions(interface: Interface, count: int) -> list[int]:
-    """Columns of displacements and rates, of which `count` each were drawn."""
+    """Columns of displacements and rates; `count` of each were drawn."""
     p = interface.supports
     return [*(i % count for i in range(p)), *(count + i % count for i in range(p))]
 

@@ -24,7 +24,6 @@ from models.training.assemble import changed, data_from
 from report.collection.report import report_by, report_collection
 from report.collection.runs import folders_of
 from report.output import as_csv, save_figure, spreadsheet
-from report.run.bands import bands_of_run, over_seeds, print_bands
 from report.run.rescore import (
     draw_figures,
     draw_record,
@@ -43,6 +42,7 @@ from report.run.table import (
     titled,
     why_no_free_run,
 )
+from report.uncertainty.intervals import bands_of_run, over_seeds, print_bands
 from runner.config.command_line import absolute
 from runner.config.compose import composed
 from runner.folder.run import restore, sensors_of

@@ -16,11 +16,11 @@ from torch import Tensor
 
 from data.record import Record, Response
 from data.simulation.laws.element import Element
-from report.paper.signals import behaviour
-from report.run.compared import LOOPS, few_cycles, first_of, strong_motion
-from report.style import ESTIMATED, NARROW, TRUE, WIDE, one_legend, titled
+from report.paper.figures import behaviour
+from report.run.figures import LOOPS, few_cycles, first_of, strong_motion
+from report.style import ESTIMATED, NARROW, TRUE, WIDE, finish_loop, one_legend, panels, titled
 
-SHOWN = 2  # elements beside the motion, those of the largest forces, of two behaviours if there are
+SHOWN = 2  # elements next to the motion, of the largest forces, of two behaviours if there are
 ROOM = 0.25  # times the true range, beyond it: a loop that runs away does not hide the true one
 
 
@@ -84,8 +84,8 @@ def identified(
     for row, name in enumerate(_shown(true_r, elements, places)):
         axes, (e, sign) = figure.add_subplot(grid[row, 2]), places[name]
         i = list(elements).index(name)
-        _loop(axes, (true_y[:, i], true_r[:, i]), (sign * y[:, e], sign * r[:, e]), "free run")
-        axes.set_title(f"{name}: {behaviour(elements[name])}", fontsize="small")
+        title = f"{name}: {behaviour(elements[name])}"
+        _loop(axes, (true_y[:, i], true_r[:, i]), (sign * y[:, e], sign * r[:, e]), title)
     return figure
 
 
@@ -103,19 +103,16 @@ def loops_over_truth(
     whole = first_of(truth.y)
     span = few_cycles(whole, strong_motion(first_of(truth.a), record.dt), LOOPS)
     y, r, true_y, true_r = (first_of(u)[span] for u in (*loops, truth.y, truth.r))
-    columns = min(3, len(elements))
-    rows = -(-len(elements) // columns)
-    figure = Figure(figsize=(3.2 * columns, 2.6 * rows + 0.6), layout="constrained")
+    figure, drawn = panels(len(elements), 3.2, 2.6, more=(0.0, 0.6), layout="constrained")
     for i, (name, element) in enumerate(elements.items()):
-        axes, own = figure.add_subplot(rows, columns, i + 1), None
+        axes, own = drawn[i], None
         if name in places:
             e, sign = places[name]
             own = (sign * y[:, e], sign * r[:, e])
         else:
             axes.text(0.97, 0.03, "not in the model", transform=axes.transAxes, ha="right",
                       fontsize="x-small")  # fmt: skip
-        _loop(axes, (true_y[:, i], true_r[:, i]), own, "free run", colour)
-        axes.set_title(f"{name}: {behaviour(element)}", fontsize="medium")
+        _loop(axes, (true_y[:, i], true_r[:, i]), own, f"{name}: {behaviour(element)}", colour)
     one_legend(figure, figure.axes, loc="outside upper right", ncols=2)
     times = f"{record.dt * span.start:.3g}–{record.dt * span.stop:.3g} s"
     return titled(figure, f"{title}; {times}", 2.5)
@@ -125,20 +122,17 @@ def _loop(
     axes: Axes,
     true: tuple[np.ndarray, np.ndarray],
     own: tuple[np.ndarray, np.ndarray] | None,
-    label: str,
+    title: str,
     colour: str = ESTIMATED,
 ) -> None:
     """One element: its true loop (y, r), and that of a model."""
     axes.plot(*true, color=TRUE, linewidth=WIDE, label="true")
     if own is not None:
-        axes.plot(*own, color=colour, linewidth=NARROW, label=label)
+        axes.plot(*own, color=colour, linewidth=NARROW, label="free run")
     (left, right), (low, high) = ((float(u.min()), float(u.max())) for u in true)
     axes.set_xlim(left - ROOM * (right - left), right + ROOM * (right - left))
     axes.set_ylim(low - ROOM * (high - low), high + ROOM * (high - low))
-    axes.locator_params(axis="x", nbins=4)  # numbers such as −0.0025 are wide
-    axes.set_xlabel("y [m]")
-    axes.set_ylabel("r [N]")
-    axes.grid(alpha=0.25)
+    finish_loop(axes, title)
 
 
 def _shown(

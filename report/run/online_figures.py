@@ -10,15 +10,11 @@ from torch import Tensor
 from data.record import QUANTITIES, Record
 from models.estimator import Estimator
 from models.online.adaptive import Online, single
-from models.online.scores import WINDOW, running_error
 from models.online.stream import started
-from report.style import DASHES, SERIES, TRUE, plain_decades, titled
+from report.run.figures import draw_running_errors
+from report.style import DASHES, SERIES, TRUE, titled
 
-LINES = {  # colour and dash of each way of estimating
-    "from nothing": ("#d1495b", DASHES[1]),
-    "adapting": ("#2e6f95", DASHES[0]),
-    "frozen": ("#222222", DASHES[2]),
-}
+COLOURS = {"from nothing": "#d1495b", "adapting": "#2e6f95", "frozen": "#222222"}
 NAMED = 3  # weights of each DOF in colour, those with the largest share at the end
 STRETCHES = 250  # points of a curve of weights
 
@@ -41,21 +37,10 @@ def running_errors(model: Online, record: Record) -> Figure:
     """Draw the error of the last seconds against time, a line for each way of estimating."""
     figure = Figure(figsize=(9.0, 3.2), layout="constrained")
     axes = figure.add_subplot()
-    t = record.dt * np.arange(record.samples)
     with torch.no_grad():
-        estimates = model.estimates(record)
-    for way, estimate in estimates.items():
-        name = way.replace("_", " ") or "adapting"
-        error = running_error(estimate, record).cpu().numpy()
-        colour, dash = LINES[name]
-        error = np.where(np.isfinite(error), error, np.nan)
-        axes.plot(t, error, color=colour, linestyle=dash, linewidth=1.2, label=name)
-    axes.set_yscale("log")
-    plain_decades(axes.yaxis, [1.0, 2.0, 5.0])
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(f"error of the last {WINDOW:g} s [%]")
-    axes.margins(x=0.0)
-    axes.grid(alpha=0.25)
+        found = model.estimates(record).items()
+    estimates = {way.replace("_", " ") or "adapting": estimate for way, estimate in found}
+    draw_running_errors(axes, record, estimates, COLOURS)
     axes.legend(frameon=False)
     return figure
 

@@ -216,7 +216,7 @@ def draw_figures(
 
 
 def motion_of(data: Data, system: str, name: str) -> str:
-    """What a title calls a record: a file says of what it is, a simulated motion does not."""
+    """A record's name in a title: a file's own, or a simulated motion's with its structure."""
     return f"{system}, {name}" if isinstance(data, SimulatedData) else name
 
 

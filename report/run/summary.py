@@ -1,4 +1,4 @@
-"""The end of a run: its TensorBoard logs, and the table in the terminal."""
+"""The end of a run: its TensorBoard logs, and what the terminal shows."""
 
 from __future__ import annotations
 
@@ -16,10 +16,7 @@ from data.terminal import terminal
 from models.fit.identification import Identification
 from models.fit.metrics import FREE_RUNS
 from models.fit.trained_range import worst_of
-from report.run.bands import print_bands
-from report.run.criticism import print_criticism
-from report.run.hparams import numbers, swept
-from report.run.intervals import print_intervals
+from report.collection.scores import scores_of
 from report.run.table import (
     WIDTH,
     merged_rows,
@@ -30,6 +27,8 @@ from report.run.table import (
     titled,
     why_no_free_run,
 )
+from report.uncertainty.intervals import print_bands, print_criticism, print_intervals
+from runner.config.choices import dotted, typed
 from runner.scores.outcome import each_record
 from runner.scores.public_scores import benchmark_lines
 from runner.tensorboard import RunLogger
@@ -194,7 +193,7 @@ def _print_errors(console: Console, metrics: dict[str, Any]) -> None:
     """Tables of errors, of the model and of plain opponents; the verdict."""
     methods = {metrics["model"]: metrics, **metrics["baselines"]}
     rows = merged_rows(metrics["model"], metrics)
-    if metrics["paper"]:  # one step ahead, so it stands above the free run
+    if metrics["paper"]:  # one step ahead, so it comes before the free run
         rows.insert(1, ("  paper, its settings", metrics["paper"]))
     for name, scores in metrics["baselines"].items():
         rows += merged_rows(name, scores)
@@ -232,3 +231,31 @@ def _print_limits(console: Console, metrics: dict[str, Any]) -> None:
             f"{len(metrics['escaped'])} simulated motions escaped and are excluded; "
             "metrics.json lists them"
         )
+
+
+# What TensorBoard's HParams tab shows of a run: its choices, and its numbers in all splits.
+#
+# Choices and numbers have the names of the long table (report/collection/report.py).
+
+GROUPS = ("scenario", "excitation", "data", "model", "solver", "objective")
+FIRST = ("free_run/relative_rms_percent", "test/relative_rms_percent")
+FILES = ("path", "folder")  # where things lie is no choice that changes a number
+
+
+def swept(content: Mapping[str, Any]) -> dict[str, int | float | bool | str]:
+    """The choices that a person sweeps; a system is identified by its name alone."""
+    found: dict[str, Any] = {
+        name: content[name]["name"] for name in ("model", "system", "scenario")
+    }
+    found |= {name: content[name] for name in ("seed", "max_fail")}
+    for key, value in dotted({name: content[name] for name in GROUPS}).items():
+        text, last = typed(value), key.rpartition(".")[2]
+        if last not in ("name", *FILES) and not ("/" in str(text) or "\\" in str(text)):
+            found[key] = text
+    return found
+
+
+def numbers(metrics: Mapping[str, Any]) -> dict[str, float]:
+    """The numbers by name, the errors of test motion first; what diverged is in `diverged`."""
+    found = {s.name: s.value for s in scores_of(metrics) if math.isfinite(s.value)}
+    return {name: found[name] for name in FIRST if name in found} | found

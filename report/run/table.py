@@ -136,8 +136,8 @@ def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
 def _evidence(verdict: Mapping[str, Any]) -> str:
     """The errors by which a model counts as identified."""
     own, linear = percent(verdict.get("error_percent")), verdict.get("linear_percent")
-    beside = "" if linear is None else f", of the equivalent linear system {percent(linear)} %"
-    return f"error {WAYS[verdict['by']]} on the training motion {own} %{beside}"
+    compared = "" if linear is None else f", of the equivalent linear system {percent(linear)} %"
+    return f"error {WAYS[verdict['by']]} on the training motion {own} %{compared}"
 
 
 def _better(metrics: Mapping[str, Any]) -> str:

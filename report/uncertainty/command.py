@@ -28,11 +28,15 @@ from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood
 from models.uncertainty.profile import THRESHOLD, Profile, most_likely, profile_of
 from report.output import Section, printed, save_figure
-from report.run.criticism import print_criticism
-from report.run.intervals import beyond_training, print_intervals, which_to_believe
 from report.run.rescore import record_gone
 from report.run.table import WIDTH, print_verdict
-from report.style import ESTIMATED, MEASURED, one_legend
+from report.style import ESTIMATED, MEASURED, one_legend, panels
+from report.uncertainty.intervals import (
+    beyond_training,
+    print_criticism,
+    print_intervals,
+    which_to_believe,
+)
 from report.uncertainty.samples import corner_figure, print_samples, sampled
 from runner.folder.run import restore
 from runner.folder.run_folder import read_run, write_json
@@ -244,11 +248,8 @@ def print_profiles(
 def profile_figure(profiles: Sequence[Profile], intervals: Sequence[Interval]) -> Figure:
     """D against every parameter, with the threshold, and the parabola of the fit's interval."""
     fitted = {i.name: i for i in intervals}
-    columns = min(3, len(profiles))
-    rows = -(-len(profiles) // columns)
-    figure = Figure(figsize=(3.4 * columns, 2.7 * rows + 0.3), layout="constrained")
-    for place, p in enumerate(profiles, start=1):
-        axes = figure.add_subplot(rows, columns, place)
+    figure, drawn = panels(len(profiles), 3.4, 2.7, more=(0.0, 0.3), layout="constrained")
+    for place, (axes, p) in enumerate(zip(drawn, profiles, strict=True)):
         axes.axhline(THRESHOLD, color="#777777", linewidth=0.8, linestyle=":", label="95 %")
         axes.plot(p.values, p.deviance, "o", color=MEASURED, markersize=3, label="fitted")
         own = fitted[p.name]
@@ -265,7 +266,7 @@ def profile_figure(profiles: Sequence[Profile], intervals: Sequence[Interval]) -
         axes.set_xlabel(f"{p.name} [{p.unit}]" if p.unit else p.name)
         axes.set_title(p.told, fontsize="medium")
         axes.locator_params(axis="x", nbins=4)
-        if (place - 1) % columns == 0:
+        if place % 3 == 0:
             axes.set_ylabel("2 × loss of log-likelihood")
     one_legend(figure, figure.axes, loc="outside lower center", ncols=4, fontsize="small")
     return figure

@@ -1,30 +1,39 @@
-"""The card of a published model, from its run's files alone: what it is, reads, gives and fails at.
+"""The card of a published model, from its run's files alone: inputs, outputs, errors, failures.
 
 Front matter as huggingface_hub.ModelCard reads it, then Markdown.
 """
 
 from __future__ import annotations
 
+from report.output import markdown
+
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-
 import yaml
 from omegaconf import DictConfig
-
 from data.record import QUANTITIES, Record
 from data.sample import Sensors
 from export.passport import passport_of, software, trained_on_words
 from models.fit.metrics import FREE_RUNS
 from models.fit.trained_range import OTHER, warnings_of
 from report.about import prior_knowledge
-from report.zoo.licence import Licence
-from report.zoo.scores import ERROR, SEEDS
 from runner.scores.spread import DIVERGED, Spread
+from typing import Any
+from omegaconf import DictConfig
+from data.record import stack
+from data.simulation.datamodule import SimulatedData
+from data.simulation.motion import EscapedMotionError
+from models.estimator import Estimator
+from models.training.assemble import changed, data_from
+from models.fit.metrics import FreeRunScore, Scores
+from report.run.rescore import scores_of
+from dataclasses import dataclass
+
 
 POOR = 20.0  # % in free run
-FILES = "docs/zoo.md"  # where a card's numbers come from, told in its source
+FILES = "docs/zoo.md"  # where a card's numbers come from
 IDENTIFIERS = {"MIT": "mit", "BSD-2-Clause": "bsd-2-clause", "CC-BY-SA-4.0": "cc-by-sa-4.0"}
 
 
@@ -114,8 +123,8 @@ class Card:
         return Spread(tuple(values), escaped=len(self._rows) - len(rows))
 
     def _head(self) -> str:
-        remark = "" if self._rows else " (what it says of truth is of simulated structures)"
-        known = f"\n\nTold beforehand{remark}: {self._knowledge}." if self._knowledge else ""
+        remark = "" if self._rows else " (true laws are those of simulated structures)"
+        known = f"\n\nKnown beforehand{remark}: {self._knowledge}." if self._knowledge else ""
         return (
             f"# {self.name}\n\n`{self.kind}` identified on {self._data()}.{known}\n\n"
             "![measured motion and the model's own](picture.svg)"
@@ -144,7 +153,7 @@ pretrained.inside(drive)  # warns outside the envelope below
 motion = pretrained.model.free_run(drive)  # .x .v .a  (1000, {n})
 ```
 
-Or where a run's folder may stand: `python predict.py run=zoo:{self.name} {motion}`."""
+Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`."""
 
     def _signals(self) -> str:
         unit = QUANTITIES[self._quantity][1]
@@ -162,7 +171,7 @@ Or where a run's folder may stand: `python predict.py run=zoo:{self.name} {motio
         dt, held = self.sensors.dt, self.record.hold.replace("_", "-")
         return (
             "## Signals\n\n"
-            + _table(("signal", "what", "unit"), rows)
+            + markdown(("signal", "what", "unit"), rows, None)
             + f"\n\nSampled every {dt:.9g} s ({1 / dt:.6g} Hz), float64; between samples the "
             f"excitation is {held}. Initial state in training: {self.record.initial_state}. "
             f"{self._placed()}"
@@ -198,7 +207,7 @@ Or where a run's folder may stand: `python predict.py run=zoo:{self.name} {motio
         return (
             "## Training envelope\n\nThe largest that it has seen, of each element where it has "
             "elements; beyond, nobody measured what the weights do.\n\n"
-            + _table(("what", "largest", "unit"), rows)
+            + markdown(("what", "largest", "unit"), rows, None)
         )
 
     def _errors(self) -> str:
@@ -216,7 +225,7 @@ Or where a run's folder may stand: `python predict.py run=zoo:{self.name} {motio
         return (
             f"## How well\n\nRelative RMS error of the {self._quantity} [%] on motions that it was "
             f"not trained on.\n\n"
-            + _table(("on", "error"), rows)
+            + markdown(("on", "error"), rows, None)
             + f"\n\nWeights of one training, seed {self.cfg.seed}. Held "
             f"against these numbers by `python -m models.zoo verify`; scored by `{self._source}`."
         )
@@ -287,6 +296,57 @@ def _short(value: float) -> str:
     return f"{value:.3g}"
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+# Errors of a published model on its own test motion, and on motions of other seeds.
+
+SEEDS = (0, 1, 2, 3, 4)  # of a card's test motions
+ERROR = "relative_rms_percent"
+
+
+def is_simulated(cfg: DictConfig) -> bool:
+    return cfg.system.structure is not None
+
+
+def over_seeds(estimator: Estimator, cfg: DictConfig) -> list[dict[str, Any]]:
+    """For each seed: errors [%] of the free run and one step ahead, None where it diverges.
+
+    Or why there is none: the structure's own motion escaped, or the model cannot simulate.
+    """
+    rows: list[dict[str, Any]] = []
+    for seed in SEEDS:
+        data = data_from(changed(cfg, {"seed": seed}))
+        assert isinstance(data, SimulatedData)
+        try:
+            records, _ = data.simulation.records("test", 1, seed, data.train_records)
+        except EscapedMotionError as error:
+            rows.append({"seed": seed, "escaped": str(error)})
+            continue
+        one_step, free_run = Scores(), FreeRunScore()
+        one_step.update(estimator, stack(records))
+        free_run.update(estimator, stack(records))
+        percent = free_run.percent()
+        row = {"seed": seed, "one_step_percent": one_step.percent()[ERROR]}
+        row |= {"none": percent["none"]} if "none" in percent else {}
+        rows.append(row | {"free_run_percent": percent.get(ERROR)})
+    return rows
+
+
+def again(estimator: Estimator, cfg: DictConfig) -> dict[str, Any]:
+    """The scores of the test motion under the keys of metrics.json, computed from the records."""
+    data = data_from(cfg)
+    if isinstance(data, SimulatedData):
+        records, _ = data.simulation.records(
+            "test", data.test_records, cfg.seed, data.train_records
+        )
+        data.records = {"test": records}
+    else:
+        data.setup()
+    return scores_of(estimator, data, ("test",))
+
+
+@dataclass(frozen=True)
+class Licence:
+    """Of weights and of the data that they were trained on, apart."""
+
+    weights: str = "MIT"
+    data: str = "none is needed: simulated"
+    source: str = ""  # of the data

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from data.arguments import plain, print_any_text
+from data.arguments import key_values, plain, print_any_text, suggestion
 from data.plain_data import read_text
 from models.zoo.index import PREFIX, ROOT, entry_of
 from runner.config.command_line import command_errors
@@ -21,13 +20,7 @@ Words = tuple[list[str], dict[str, str]]
 def read(words: Sequence[str], keys: Sequence[str], most: int) -> Words:
     """Names, and values by key. Raises ValueError for other words."""
     names = [word for word in words if "=" not in word.partition("/")[0]]
-    given: dict[str, str] = {}
-    for word in (word for word in words if word not in names):
-        key, _, value = word.partition("=")
-        if key not in keys or not value:
-            known = " ".join(f"{key}=…" for key in keys) or "no settings"
-            raise ValueError(f"{word}: expected {known}; see --help")
-        given[key] = value
+    given = key_values([w for w in words if w not in names], dict.fromkeys(keys, "…"))
     if len(names) > most:
         raise ValueError(f"{names[most]} is one name too many; see --help")
     return names, given
@@ -50,7 +43,7 @@ def show_card(words: Sequence[str], root: Path = ROOT) -> None:
 
 def verify(words: Sequence[str]) -> None:
     names, given = read(words, ("records",), 1000)
-    chosen = [entry_of(name) for name in names]  # a mistyped name is told before PyTorch loads
+    chosen = [entry_of(name) for name in names]  # a mistyped name is reported before PyTorch loads
     records = Path(given["records"]) if "records" in given else None
     if records is not None and not records.is_dir():
         raise ValueError(f"records={records} is no folder")
@@ -69,21 +62,21 @@ def publish(words: Sequence[str]) -> None:
         require_finished(run)
     licence = {"weights": "licence", "data": "data_licence", "source": "source"}
     said = {field: given[key] for field, key in licence.items() if key in given}
-    room, licence_of = late("report.zoo.publish"), late("report.zoo.licence").Licence
+    room, licence_of = late("report.zoo.publish"), late("report.zoo.card").Licence
     for run in runs:
         name = names[1].removeprefix(PREFIX) if len(names) == 2 else None
         try:
-            told = room.publish(run, name, licence_of(**said), given.get("command"))
+            said_of = room.publish(run, name, licence_of(**said), given.get("command"))
         except ValueError as error:
             if len(runs) == 1:
                 raise
-            told = f"not published ({error})"
-        print(f"{told}  from {run}", flush=True)
+            said_of = f"not published ({error})"
+        print(f"{said_of}  from {run}", flush=True)
 
 
 def page(words: Sequence[str]) -> None:
     read(words, (), 0)
-    print(late("report.zoo.gallery").write_page())
+    print(late("report.zoo.publish").write_page())
 
 
 def late(module: str) -> Any:
@@ -109,8 +102,8 @@ def cli(help_text: str | None) -> None:
         return
     with command_errors():
         if words[0] not in VERBS:
-            near = difflib.get_close_matches(words[0], VERBS, n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            raise ValueError(f"{words[0]}: expected {', '.join(VERBS)}{hint}")
+            raise ValueError(
+                f"{words[0]}: expected {', '.join(VERBS)}{suggestion(words[0], VERBS)}"
+            )
         print_any_text()
         VERBS[words[0]](words[1:])

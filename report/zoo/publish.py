@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from report.output import markdown
+
 import json
 import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-
 import numpy as np
 import yaml
 from omegaconf import DictConfig
-
 from data.plain_data import read_text, read_yaml
 from data.record import Record
-from data.regular_file import digest_of
+from data.whole_file import digest_of
 from data.simulation.datamodule import SimulatedData
 from data.whole_file import write_text
 from models.estimator import Estimator
@@ -25,18 +25,27 @@ from models.zoo.golden import golden_of
 from models.zoo.index import FORMAT, INDEX, NAME, ROOT, entries
 from report.about import colour_of, prior_knowledge
 from report.zoo.card import Card
-from report.zoo.entry_config import (
-    command_of,
-    entry_config,
-    folders_of,
-    require_command,
-    without_folders,
-)
-from report.zoo.licence import Licence
+from report.zoo.card import Licence
 from report.zoo.picture import picture_of
-from report.zoo.scores import is_simulated, over_seeds
+from report.zoo.card import is_simulated, over_seeds
 from runner.folder.run import restore, sensors_of
 from runner.folder.run_folder import read_run
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from omegaconf import DictConfig
+from data.plain_data import as_config
+from runner.config.choices import dotted, plain
+from runner.config.compose import CONF, composed
+from runner.config.identity import INERT, with_class_of_laws
+from collections.abc import Iterator
+from pathlib import Path
+from string import Template
+from typing import Any
+from data.whole_file import write_text
+from models.zoo.index import ROOT, Entry, entries
+
 
 TRAINING = ("solver", "iterations", "stopped")  # what is kept of it; stages are a log
 
@@ -185,3 +194,177 @@ def write_index(root: Path, new: Mapping[str, Any]) -> None:
 def total_bytes(root: Path = ROOT) -> int:
     """Size of everything that is published, the index too."""
     return sum(path.stat().st_size for path in root.rglob("*") if path.is_file())
+
+
+# A run's config as an entry keeps it: without folders of a machine; and the command it is of.
+
+RECORDS = "RECORDS"  # in place of the folder that holds the folders of measured records
+ABSOLUTE = re.compile(r"""(?:^|[\s"'=:(,\[])(~?/[\w.-]+/|[A-Za-z]:\\|\.\./)""")
+NO_NUMBER = (*INERT, "records", "threads")  # settings that a command need not say
+TRIED = ("baselines", "solver", "objective", "scenario", "excitation", "damage")
+
+
+def without_folders(values: Any, folders: Mapping[str, str]) -> Any:
+    """The same with each of these folders replaced. Raises ValueError for a remaining path."""
+    if isinstance(values, dict):
+        return {key: without_folders(value, folders) for key, value in values.items()}
+    if isinstance(values, list):
+        return [without_folders(value, folders) for value in values]
+    if isinstance(values, str):
+        for folder, word in folders.items():
+            values = values.replace(folder, word)
+        if ABSOLUTE.search(values):
+            raise ValueError(f"{values!r} names a folder of this machine; say records=FOLDER")
+    return values
+
+
+def folders_of(cfg: DictConfig) -> dict[str, str]:
+    """{folder: word} of a run's records: RECORDS/name of the folder that held them."""
+    named = [cfg.get("records"), cfg.data.get("folder")]
+    return {str(one): f"{RECORDS}/{Path(one).name}" for one in named if one}
+
+
+def entry_config(cfg: DictConfig) -> dict[str, Any]:
+    """Values of config.yaml without folders and without what only a terminal sees."""
+    values = plain(cfg)
+    values |= {"figures": False, "grid": None}
+    values["model"].get("about", {}).pop("told", None)  # which conf/model has, and the card
+    scrubbed: dict[str, Any] = without_folders(values, folders_of(cfg))
+    return scrubbed
+
+
+def with_records(values: Mapping[str, Any], records: Path) -> DictConfig:
+    """An entry's config with its records where they are."""
+
+    def placed(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: placed(inner) for key, inner in value.items()}
+        if isinstance(value, list):
+            return [placed(inner) for inner in value]
+        return value.replace(RECORDS, str(records)) if isinstance(value, str) else value
+
+    return as_config(placed(values))
+
+
+def command_of(values: Mapping[str, Any]) -> str:
+    """The command of train.py that gives these values.
+
+    Raises ValueError where no choices of conf/ and settings do.
+    """
+    words = [f"model={values['model']['name']}", f"system={values['system']['name']}"]
+    for group in TRIED:
+        if any(key.startswith(f"{group}.") for key in _differing(words, values)):
+            words = min(
+                _with_choice(words, group), key=lambda tried: len(_differing(tried, values))
+            )
+    wanted = dotted(values)
+    for key in _differing(words, values):
+        if key not in wanted:
+            raise ValueError(f"no command gives this config: {key} is not in it; say command=…")
+        words.append(f"{key}={_typed(wanted[key])}")
+    return " ".join(["python train.py", *words])
+
+
+def require_command(command: str, values: Mapping[str, Any]) -> None:
+    """Raise ValueError unless a command of train.py gives these values."""
+    words = [word.strip("'\"") for word in command.removeprefix("python train.py ").split()]
+    if left := _differing(words, values):
+        raise ValueError(f"{command} gives other values of {', '.join(left[:5])}")
+
+
+def _with_choice(words: list[str], group: str) -> Iterator[list[str]]:
+    yield words
+    for path in sorted((CONF / group).glob("*.yaml")):
+        yield [*words, f"{group}={path.stem}"]
+
+
+def _differing(words: list[str], values: Mapping[str, Any]) -> list[str]:
+    """Dotted settings in which a command and these values differ, of those that change a number."""
+    try:
+        own, wanted = (
+            dotted({**of, "model": with_class_of_laws(of["model"])})
+            for of in (plain(composed(*words)), values)
+        )
+    except Exception:  # a choice that needs further settings
+        return ["?"] * 1000
+    keys = dict.fromkeys([*wanted, *own])
+    return [
+        key
+        for key in keys
+        if key.partition(".")[0] not in (*NO_NUMBER, "trainer")
+        and own.get(key) != wanted.get(key)  # null where older code had no such setting
+    ]
+
+
+def _typed(value: Any) -> str:
+    if isinstance(value, list):
+        return "[" + ",".join(_typed(one) for one in value) + "]"
+    return (
+        "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+    )
+
+
+# docs/zoo.md: a gallery of what is published, from zoo/index.json alone.
+
+TEMPLATE = Path(__file__).parent / "page.md"
+PAGE = ROOT.parent / "docs" / "zoo.md"
+
+
+def write_page(page: Path = PAGE, root: Path = ROOT) -> Path:
+    """Write the page; returns where it is."""
+    write_text(page, page_of(root))
+    return page
+
+
+def page_of(root: Path = ROOT) -> str:
+    """The page's text."""
+    found = entries(root)
+    text = TEMPLATE.read_text("utf-8")
+    facts = {
+        "count": str(len(found)),
+        "kilobytes": f"{total_bytes(root) / 1000.0:.0f}",
+        "gallery": "\n\n".join(_of_system(found)),
+        "told": _prior_table(found),
+    }
+    return Template(text).substitute(facts)
+
+
+def _of_system(found: list[Entry]) -> Iterator[str]:
+    """A table for each structure, the least free-run error first."""
+    for system in dict.fromkeys(entry.system for entry in found):
+        of_system = sorted((e for e in found if e.system == system), key=_rank)
+        head = "| model | free run [%] | one step [%] | parameters | kB | licence | motion |"
+        lines = [head, "| --- | ---: | ---: | ---: | ---: | --- | --- |"]
+        lines += [_row(entry) for entry in of_system]
+        yield f"### {system}\n\n" + "\n".join(lines)
+
+
+def _rank(entry: Entry) -> tuple[bool, float]:
+    free = entry.facts["free_run_percent"]
+    return isinstance(free, str), entry.facts["one_step_percent"] if isinstance(free, str) else free
+
+
+def _row(entry: Entry) -> str:
+    facts, place = entry.facts, f"../zoo/{entry.name}"
+    cells = (
+        f"[{entry.name}]({place}/card.md)",
+        _number(facts["free_run_percent"]),
+        _number(facts["one_step_percent"]),
+        facts["parameters"],
+        f"{entry.bytes / 1000.0:.1f}",
+        facts["licence"],
+        f'<img src="{place}/picture.svg" width="240" alt="">',
+    )
+    return "| " + " | ".join(map(str, cells)) + " |"
+
+
+def _number(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _prior_table(found: list[Entry]) -> str:
+    """Prior knowledge of the structure, by kind of model."""
+    known = {entry.model: " ".join(entry.told.split()) for entry in reversed(found)}
+    models = dict.fromkeys(entry.model for entry in found)
+    rows = [(f"`{model}`", known[model] or "–") for model in models]
+    return markdown(("model", "told beforehand"), rows, None)

@@ -14,8 +14,8 @@ from models.zoo.golden import difference
 from models.zoo.index import ROOT, Entry, entries
 from models.zoo.pretrained import Pretrained, load_pretrained
 from report.run.rescore import record_gone
-from report.zoo.entry_config import RECORDS, with_records
-from report.zoo.scores import ERROR, again, is_simulated, over_seeds
+from report.zoo.publish import RECORDS, with_records
+from report.zoo.card import ERROR, again, is_simulated, over_seeds
 
 GOLDEN, NUMBERS = 1e-12, 1e-9  # largest relative differences
 COMPARED = ("test", "free_run")
@@ -31,10 +31,10 @@ def verify(chosen: Sequence[Entry], records: Path | None = None, root: Path = RO
     for entry in chosen or entries(root):
         began = time.perf_counter()
         try:
-            told = ", ".join(facts_of(entry, records, root))
+            facts = ", ".join(facts_of(entry, records, root))
         except ValueError as error:
-            wrong, told = wrong + 1, f"WRONG: {error}"
-        print(f"{entry.name:48s} {told}  ({time.perf_counter() - began:.1f} s)", flush=True)
+            wrong, facts = wrong + 1, f"WRONG: {error}"
+        print(f"{entry.name:48s} {facts}  ({time.perf_counter() - began:.1f} s)", flush=True)
     if wrong:
         raise ValueError(f"{wrong} published models are not what they were; see above")
 

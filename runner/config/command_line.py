@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import errno
 import os
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -27,7 +26,7 @@ from omegaconf.errors import (
 )
 
 from data.annotations import shown
-from data.arguments import Parser, plain, reason
+from data.arguments import Parser, plain, reason, suggestion
 from runner.config.compose import (
     EARLIER,
     EXAMPLES,
@@ -185,7 +184,7 @@ def _explain(error: Exception, config: str) -> str:
             group, options = "experiment", [path.stem for path in experiments()]
         earlier = {path.stem for path in (EARLIER / group).glob("*.yaml")}
         return (
-            f"{group}={choice} does not exist{_hint(choice, options)} "
+            f"{group}={choice} does not exist{suggestion(choice, options, 2)} "
             f"(choices: {', '.join(option for option in options if option not in earlier)})"
         )
     if isinstance(error, OverrideParseException):
@@ -209,12 +208,7 @@ def _no_setting(key: str, config: str) -> str:
     except (HydraException, OmegaConfBaseException, ValueError):
         known, choices = keys_of(config), []
     elsewhere = f" with {' '.join(choices)}" if key in keys_of(config) else ""
-    return f"there is no setting {key!r}{elsewhere}{_hint(key, known)}; see --help"
-
-
-def _hint(word: str, choices: Sequence[str]) -> str:
-    near = difflib.get_close_matches(word, choices, n=2, cutoff=0.6)
-    return f"; did you mean {' or '.join(near)}?" if near else ""
+    return f"there is no setting {key!r}{elsewhere}{suggestion(key, known, 2)}; see --help"
 
 
 def absolute(folder: str | Path) -> Path:

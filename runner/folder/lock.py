@@ -17,7 +17,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from data.regular_file import read_regular
+from data.whole_file import read_regular
 
 RUN, SWEEP = ".lock", ".sweep.lock"
 GRACE = 1.0  # [s] in which the processes of a command that was killed end

@@ -11,9 +11,8 @@ from typing import Any
 from omegaconf import DictConfig
 
 from data.parallel import take_threads
-from data.regular_file import digest_of
 from data.sample import Sensors
-from data.whole_file import write_text
+from data.whole_file import digest_of, write_text
 from models.checkpoint import save_estimator
 from models.estimator import Estimator
 from models.fit.resume import fault_of

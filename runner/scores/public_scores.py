@@ -9,7 +9,7 @@ from torch import Tensor
 
 from data.datamodule import Data
 from data.public.datamodule import BenchmarkData
-from data.public.measures import in_band_rms
+from data.public.series import in_band_rms
 from data.record import Record
 from models.fit.identification import Identification
 

@@ -8,7 +8,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from data.inspect.guesses import suggest
+from data.inspect.inspection import suggest
 from data.measured.files.table import FileError, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.reading import read_records

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from data.inspect.guesses import suggest
-from data.inspect.inspection import inspection
+from data.inspect.inspection import inspection, suggest
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import torch
 from scipy.io import savemat
 
 from data.public.benchmarks import BENCHMARKS
-from data.public.measures import in_band_rms, noise_floor, official_rmse
+from data.public.series import in_band_rms, noise_floor, official_rmse
 from models.training.assemble import data_from
 from runner.job import identify
 from runner.scores.public_scores import benchmark_lines

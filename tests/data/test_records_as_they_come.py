@@ -7,7 +7,7 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from data.measured.common_time import aligned
+from data.measured.clocks import aligned
 from data.measured.datamodule import MeasuredData
 from data.measured.mend import Mending
 from data.measured.onset import onset_of

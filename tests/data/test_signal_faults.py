@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from data.measured.finding import Finding
-from data.measured.raw_record import RawRecord
+from data.measured.raw_record import Finding, RawRecord
 from data.measured.signal_faults import blocking, findings
 from data.measured.time_step import time_step
 

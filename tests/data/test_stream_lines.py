@@ -16,9 +16,7 @@ from data.measured.datamodule import WholeRecords
 from data.measured.mend import Mending
 from data.record import Record
 from data.simulation.scenario import FullState
-from data.stream.lines import LONGEST, SampleLines
-from data.stream.sources import one_client, paced
-from data.stream.time_stamps import AGREEING, TimeStamps
+from data.stream import AGREEING, LONGEST, SampleLines, TimeStamps, one_client, paced
 
 DT = 0.01
 HEADER = "t,f1,a1,a2"

@@ -6,8 +6,7 @@ import time
 
 import pytest
 
-from data.measured.named_units import unit_in_name
-from data.measured.units import DIMENSIONS, to_si
+from data.measured.units import DIMENSIONS, to_si, unit_in_name
 
 POUND_FORCE = 4.4482216152605  # N, exactly 0.45359237 kg × 9.80665 m/s²
 

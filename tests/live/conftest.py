@@ -10,7 +10,7 @@ import pytest
 from data.record import Record
 from live import __main__ as live
 from live import source as live_source
-from live.lines import lines_of
+from live.source import lines_of
 
 
 @pytest.fixture

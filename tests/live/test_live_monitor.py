@@ -14,8 +14,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from data.record import Record
 from data.sample import Sample
-from live.alarm import LEARNING, ResidualAlarm
-from live.monitor import LiveMonitor
+from live.monitor import LEARNING, LiveMonitor, ResidualAlarm
 from live.view import LiveView
 from models.online.adaptive import Online
 from models.online.scores import running_error

@@ -21,7 +21,7 @@ from models.fit.noise_weights import (
 from models.fit.problem import FreeRunProblem
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import laplace
-from report.run.intervals import unequal
+from report.uncertainty.intervals import unequal
 from runner.scores.uncertainty import _residual
 from tests.models.two_masses import identified, motion
 

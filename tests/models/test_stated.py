@@ -20,7 +20,7 @@ from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import laplace
 from models.uncertainty.parameters import free_vector
 from models.uncertainty.posterior import Prior
-from report.run.intervals import contradictions
+from report.uncertainty.intervals import contradictions
 from runner.config.compose import composed
 from runner.scores.uncertainty import _priors
 

@@ -101,7 +101,7 @@ def test_any_byte_that_is_changed_is_named(copied, tmp_path):
         load_pretrained("linear/bilinear", tmp_path)
 
 
-def test_an_index_that_is_damaged_is_told_of(copied, tmp_path):
+def test_an_index_that_is_damaged_is_remarks_of(copied, tmp_path):
     index = tmp_path / "index.json"
     content = json.loads(index.read_text())
     for damaged in ("{", "[]", '{"format": 9, "entries": {}}', '{"format": 1}'):

@@ -25,7 +25,7 @@ from models.baselines import Zero
 from models.checkpoint import save_estimator
 from report.collection.report import write_long
 from report.output import save_figure
-from report.prediction.histories import write_history
+from report.prediction.predict import write_history
 from report.prediction.runs import Prediction, Signal
 from report.zoo.publish import write_compact
 from runner.folder.run_files import CHECKPOINT

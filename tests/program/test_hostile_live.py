@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from data.record import Record
 from data.sample import Sample
-from data.stream.lines import LONGEST, SampleLines
+from data.stream import LONGEST, SampleLines
 from models.online.adaptive import Online
 from models.online.guard import Guard
 from models.online.laws.frozen import Frozen

@@ -89,5 +89,5 @@ def test_configs_name_classes_of_the_fronts():
                 named.add(str(node.get("_target_", "")))
             waiting += list(node.values()) if isinstance(node, dict) else []
             waiting += node if isinstance(node, list) else []
-    of_hydra = {"report.candidates.table.PrintCandidates"}  # called at the end of a sweep
+    of_hydra = {"report.candidates.PrintCandidates"}  # called at the end of a sweep
     assert {n for n in named if n and not n.startswith("hydra_plugins.")} <= listed | of_hydra

@@ -8,7 +8,7 @@ from pathlib import Path
 from omegaconf import OmegaConf
 
 from report.collection.runs import read_runs
-from report.free_run.rows import Row, leaderboard
+from report.free_run.leaderboard import Row, leaderboard
 
 QUICK = ["data.duration=8", "trainer.enable_progress_bar=false", "figures=false", "baselines=none"]
 LOST = None  # the free run diverged

@@ -7,8 +7,8 @@ from omegaconf import OmegaConf
 
 from models.training.assemble import data_from, estimator_from
 from report.about import about, models, prior_knowledge
-from report.free_run.rows import SYSTEMS
-from report.run.hparams import swept
+from report.free_run.leaderboard import SYSTEMS
+from report.run.summary import swept
 from runner.config.choices import dotted, plain
 from runner.config.compose import CONF
 from runner.config.identity import config_digest

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from models.uncertainty.laplace import about
-from report.candidates.table import (
+from report.candidates import (
     Candidate,
     odds_of,
     print_candidates,

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import evaluate
-from report.collection.compare import Comparison, as_table, compare
-from report.collection.figure import draw_comparison
+from report.collection.compare import Comparison, as_table, compare, draw_comparison
 from report.collection.report import long_table
 from report.collection.runs import collect
 from tests.program.test_train import run

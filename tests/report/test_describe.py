@@ -83,7 +83,7 @@ def test_a_black_box_is_called_one(tmp_path, capsys):
     ("words", "told"),
     [
         ([], "give run=FOLDER"),
-        (["rn=a"], "did you mean run=…?"),
+        (["rn=a"], "did you mean run?"),
         (["run=nowhere"], "is not a finished run"),
         (["run=a", "output=b.txt"], "ends in .json"),
     ],

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from report.free_run.tables import sections
+from report.free_run.leaderboard import sections
 from report.output import escaped, latex, sections_markdown
 from runner.scores.spread import quantile
 from tests.report.free_run_runs import LOST, NO_FREE_RUN, add_run, rows_of

@@ -6,8 +6,13 @@ import pytest
 from rich.console import Console
 
 from models.fit.metrics import FREE_RUNS
-from report.run.criticism import sentences
-from report.run.intervals import beyond_training, print_intervals, value_and_half, which_to_believe
+from report.uncertainty.intervals import (
+    beyond_training,
+    print_intervals,
+    sentences,
+    value_and_half,
+    which_to_believe,
+)
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,7 @@ from pathlib import Path
 from omegaconf import OmegaConf
 
 from report.collection.runs import read_runs
-from report.paper.cells import METHODS, Cell, study_cells
-from report.paper.tables import cells_latex, cells_markdown, hits
+from report.paper.tables import METHODS, Cell, cells_latex, cells_markdown, hits, study_cells
 from runner.scores.paper_values import paper_cells
 
 ESCAPED_AT = "polynomial, seed 4: the test motion escaped at t = 3.14 s; take another seed"

@@ -12,10 +12,12 @@ from hydra import compose, initialize_config_dir
 from numpy.testing import assert_allclose
 
 from report.collection.runs import read_runs
-from report.paper.figures import draw_study, error_curves, errors_against
-from report.paper.signals import (
+from report.paper.figures import (
     TURNS,
     accelerations,
+    draw_study,
+    error_curves,
+    errors_against,
     of_one_seed,
     sample_loops,
 )

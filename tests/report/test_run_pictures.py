@@ -8,8 +8,7 @@ import torch
 
 from data.record import Record, Response
 from models.hysteretic_element import HystereticElement
-from report.run.compared import CYCLES, LONGEST, SHORTEST, few_cycles, strong_motion
-from report.run.figures import run_figures
+from report.run.figures import CYCLES, LONGEST, SHORTEST, few_cycles, run_figures, strong_motion
 from report.run.rescore import draw_record, titled_picture
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from models.zoo.index import entries, entry_of
 from models.zoo.pretrained import load_pretrained
-from report.zoo import command, gallery, publish, verify
-from report.zoo.entry_config import ABSOLUTE, entry_config
-from report.zoo.licence import Licence
+from report.zoo import command, publish, verify
+from report.zoo.card import Licence
+from report.zoo.publish import ABSOLUTE, entry_config
 from runner.config.compose import composed
 from runner.folder.run_folder import read_run
 from runner.job import identify
@@ -47,7 +47,7 @@ def test_a_published_run_loads_and_is_verified(run, zoo, capsys):
     assert "files as published, golden 0.0e+00, numbers 0.0e+00" in capsys.readouterr().out
 
 
-def test_numbers_that_are_others_now_are_told_of(run, tmp_path, capsys, monkeypatch):
+def test_numbers_that_are_others_now_are_remarks_of(run, tmp_path, capsys, monkeypatch):
     publish.publish(run, "linear/other", Licence(), root=tmp_path)
     entry = entry_of("linear/other", tmp_path)
     path = entry.folder / "metrics.json"
@@ -126,7 +126,7 @@ def test_what_identified_nothing_or_is_no_run_is_not_published(run, tmp_path):
 
 
 def test_the_page_is_that_of_the_index():
-    assert gallery.PAGE.read_text("utf-8") == gallery.page_of(), "python -m models.zoo page"
+    assert publish.PAGE.read_text("utf-8") == publish.page_of(), "python -m models.zoo page"
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ class Contents:
     facts: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     records: int = 1  # that the file holds; the columns are of one of them
-    labels: dict[str, str] = field(default_factory=dict)  # where the sensor of a column stands
+    labels: dict[str, str] = field(default_factory=dict)  # where the sensor of a column is
 
 
 def shorten(text: object, length: int = 40, bare: bool = False) -> str:

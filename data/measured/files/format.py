@@ -40,7 +40,7 @@ class Format:
     suffixes: tuple[str, ...]  # in lower case, the usual one first
     read: Callable[[Path, Request], Contents]
     signatures: Mapping[bytes, str] = field(default_factory=dict)  # bytes → name of such content
-    places: tuple[int, ...] = (0,)  # offsets at which a signature may stand
+    places: tuple[int, ...] = (0,)  # possible offsets of a signature
     content: Callable[[bytes], str] = _nothing  # name of content without signature, "": another's
     options: tuple[str, ...] = ()  # fields of Request that mean something in this format
 

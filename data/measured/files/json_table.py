@@ -23,8 +23,7 @@ from data.measured.files.columns import (
     shorten,
 )
 from data.measured.files.format import Format
-from data.measured.files.text_cells import opens_object
-from data.measured.files.text_columns import to_times
+from data.measured.files.text_cells import opens_object, to_times
 
 LARGEST = GIB  # bytes; Python needs about ten times as much to hold them
 

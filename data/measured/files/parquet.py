@@ -20,7 +20,7 @@ from data.measured.files.columns import (
     seconds,
 )
 from data.measured.files.format import Format
-from data.measured.files.text_columns import to_times
+from data.measured.files.text_cells import to_times
 
 BATCH = 1024  # rows
 LONGEST_TIME = 64  # bytes of a time as text

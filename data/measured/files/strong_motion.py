@@ -17,6 +17,7 @@ import numpy as np
 
 from data.measured.files.columns import Contents, FileError, Request, check_size, choose, shorten
 from data.measured.files.format import Format
+from data.simulation.accelerograms import read_at2
 
 CSMIP = re.compile(  # 3000 points of accel data equally spaced at .020 sec, in cm/sec2. (8f10.3)
     r"\s*(?P<count>[0-9]{1,18})\s+points of (?P<kind>accel|veloc|displ)\w* data equally spaced at"
@@ -287,3 +288,26 @@ def _common_step(path: Path, blocks: dict[str, Block]) -> float:
             "one step in data.channels"
         )
     return low
+
+
+# PEER's .AT2 files: one acceleration in g, the time step in the header.
+
+
+def read_peer(path: Path, request: Request) -> Contents:
+    """The column acc [g] and the fact dt [s]. Raises FileError for a header that says neither."""
+    check_size(path, 16.0 * path.stat().st_size, path.stat().st_size)
+    try:
+        record = read_at2(path)
+    except ValueError as error:
+        raise FileError(str(error)) from None
+    choose(path, ["acc"], request.columns)
+    return Contents({"acc": record.a}, {"acc": "g"}, {"dt": record.dt})
+
+
+def peer_content(head: bytes) -> str:
+    """Name of content that begins as PEER's files do, "" for other content."""
+    text = head[:1000].decode("latin-1").upper()
+    return "PEER accelerogram" if "NPTS" in text and "DT" in text else ""
+
+
+PEER = Format("PEER", (".at2",), read_peer, content=peer_content)

@@ -21,8 +21,7 @@ from data.measured.files.json_table import JSON
 from data.measured.files.mat import MAT
 from data.measured.files.npz import NPY, NPZ
 from data.measured.files.parquet import PARQUET
-from data.measured.files.peer import PEER
-from data.measured.files.strong_motion import STRONG_MOTION
+from data.measured.files.strong_motion import PEER, STRONG_MOTION
 from data.measured.files.text import TEXT
 from data.measured.files.uff import UFF
 
@@ -42,7 +41,7 @@ class Table:
     facts: dict[str, float]  # scalars that the file holds beside its columns, such as dt, fs
     notes: tuple[str, ...]  # what the reader noticed and did
     records: int = 1  # that the file holds, in arrays records × samples (× channels)
-    labels: dict[str, str] = field(default_factory=dict)  # where the sensor of a column stands
+    labels: dict[str, str] = field(default_factory=dict)  # where the sensor of a column is
 
 
 def read_table(

@@ -29,12 +29,13 @@ from data.measured.files.text_cells import (
     DATE,
     ISO_TIME,
     MISSING,
+    any_number,
+    as_column,
     is_number,
     opens_object,
     split,
     spoilt_number,
 )
-from data.measured.files.text_columns import any_number, as_column
 from data.measured.files.text_layout import COMMENT, Layout, layout_of
 
 STRETCH = 2**20  # bytes searched for a fault

@@ -32,7 +32,7 @@ VARY = ("elements", "masses", "hinges", "tanhs", "units", "cubic", "rounded")
 
 @dataclass(frozen=True)
 class Candidate:
-    """A fit: what it may do, and how it does. error [%]: free run of unseen records.
+    """A fit: its settings and its quality. error [%]: free run of unseen records.
 
     kind: class of laws that it represents, perhaps with others; "" where it has no class.
     """

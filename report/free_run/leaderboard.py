@@ -8,14 +8,17 @@ count: runner/scores/spread.py.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
+from report.about import contains
+from report.output import Section, as_csv, latex, sections_markdown, write_texts
 from runner.config.choices import typed, varying
 from runner.scores.result import NOT_SCORED, Result, spread_of
-from runner.scores.spread import Spread, quantile
+from runner.scores.spread import Spread, percent, quantile
 
 SYSTEMS = ("bilinear", "polynomial", "bouc_wen")  # first, in this order; others after them
 RECORDS = "data.train_records"
@@ -40,7 +43,7 @@ class Row:
     train_records: int | None
     scenario: str
     model: str
-    varied: str  # settings that are not those of the other rows of this model, and their values
+    varied: str  # settings in which this row differs from the other rows of its model
     value: str
     errors: Spread  # of the free runs, in percent
     displacement: Spread
@@ -128,3 +131,70 @@ def rank(row: Row) -> tuple[Any, ...]:
         (place, row.system, -(row.train_records or 0), row.scenario),
         (error is None, math.inf if error is None else error, lost, row.model, row.varied),
     )
+
+
+# Rows of free runs as texts: columns, titles, and why some models have no free run.
+
+CAPTION = (
+    "errors of the test motions in %, against the true signals where they are known; free run: "
+    "from the excitation and the initial state alone. A run that diverged or failed is the worst"
+)
+Columns = dict[str, Callable[[Row], str]]  # heading: the text of a row below it
+Title = Callable[[Row], str]  # of rows that belong together
+
+
+def case(row: Row) -> str:
+    """Title of the rows of a system and setting."""
+    return f"{row.system}, {records_of(row.train_records)}{row.scenario}"
+
+
+def records_of(count: int | None) -> str:
+    return "" if count is None else f"{count} training record{'' if count == 1 else 's'}, "
+
+
+COLUMNS: Columns = {
+    "model": lambda row: row.model,
+    "setting": lambda row: row.varied,
+    "runs": lambda row: str(row.errors.runs),
+    "failed": lambda row: str(row.errors.failed),
+    "diverged": lambda row: str(row.errors.diverged),
+    "escaped": lambda row: str(row.errors.escaped or ""),
+    "free run": lambda row: row.errors.words(row.errors.median),
+    "quartiles": lambda row: row.errors.between(row.errors.quartiles),
+    "min – max": lambda row: row.errors.between(row.errors.range),
+    "displacement": lambda row: row.displacement.words(row.displacement.median),
+    "one step": lambda row: row.errors.words(row.one_step_percent),
+    "fit [s]": lambda row: percent(row.fit_seconds),
+    "parameters": lambda row: "" if row.parameters is None else str(row.parameters),
+    "law inside": lambda row: contains(row.model, row.system),
+}
+
+
+def sections(rows: Sequence[Row], columns: Columns = COLUMNS, title: Title = case) -> list[Section]:
+    """Rows that follow each other under a title; columns that are empty everywhere are omitted."""
+    filled = {name: text for name, text in columns.items() if any(text(row) for row in rows)}
+    result = []
+    for name, group in groupby(rows, key=title):
+        same = list(group)
+        lines = [[text(row) for text in filled.values()] for row in same]
+        result.append(Section(list(filled), lines, name, reasons(same)))
+    return result
+
+
+def reasons(rows: Sequence[Row]) -> list[str]:
+    """A line for each reason why there is no free run, with the models that it holds for."""
+    named: dict[str, list[str]] = {}
+    for row in rows:
+        if row.no_free_run:
+            named.setdefault(row.no_free_run, []).append(row.model)
+    return [f"no free run of {', '.join(models)}: {why}" for why, models in named.items()]
+
+
+def write_rows(name: str, rows: Sequence[Row], parts: list[Section], folder: Path) -> list[Path]:
+    """name.csv, .md and .tex in a folder."""
+    texts = {
+        "csv": as_csv([row.columns() for row in rows]),
+        "md": sections_markdown(parts, CAPTION),
+        "tex": latex(parts, CAPTION),
+    }
+    return write_texts(folder, name, texts)

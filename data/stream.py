@@ -10,9 +10,16 @@ executed; a line that is no sample is counted, reported and left out.   n DOFs.
 from __future__ import annotations
 
 import json
+import math
+import socket
+import sys
+import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from math import nan
+from contextlib import contextmanager
+from itertools import pairwise
+from math import isfinite, nan
+from statistics import median
 from time import perf_counter
 from typing import BinaryIO
 
@@ -21,10 +28,9 @@ import torch
 from data.measured.channels import CHANNEL, CLOCKS, numbered, signal_of
 from data.measured.files.columns import shorten, split_unit
 from data.measured.files.text_cells import MISSING, NUMBER
-from data.measured.named_units import unit_in_name
-from data.measured.units import to_si
-from data.sample import Sample, Sensors
-from data.stream.time_stamps import TimeStamps
+from data.measured.units import to_si, unit_in_name
+from data.record import Record
+from data.sample import Sample, Sensors, samples_of
 
 LONGEST = 1 << 16  # bytes of a line
 DIGITS = 64  # characters of a number
@@ -242,3 +248,129 @@ def _factor(name: str, units: Mapping[str, str], stated: Mapping[str, str]) -> f
     signal = signal_of(name)
     unit = stated.get(name) or stated.get(signal) or units.get(name)
     return 1.0 if unit is None else to_si(unit, signal)
+
+
+# Sources of live samples: a record at the pace of its sensors, a pipe, a socket.
+
+LOOPBACK = "127.0.0.1"
+
+
+def paced(record: Record, speed: float = 1.0) -> Iterator[tuple[float, Sample]]:
+    """The samples of one record (T, ·), each with the moment at which it was due.
+
+    speed: 1 is the pace of the sensors, inf does not wait. Moments [s] are of
+    `time.perf_counter`. Raises ValueError for a speed that is not positive.
+    """
+    if not speed > 0.0:
+        raise ValueError(f"--speed {speed:g} must be positive; inf does not wait")
+    start = time.perf_counter()
+    for k, sample in enumerate(samples_of(record)):
+        now = time.perf_counter()
+        due = now if math.isinf(speed) else start + k * record.dt / speed
+        if due > now:
+            time.sleep(due - now)
+        yield due, sample
+
+
+def standard_input() -> BinaryIO:
+    """Standard input, as bytes."""
+    return sys.stdin.buffer
+
+
+@contextmanager
+def one_client(port: int) -> Iterator[BinaryIO]:
+    """Lines that the first client of a port of this computer sends; no other client is let in.
+
+    Waits for the client. Port 0 takes a free port; its number is printed to standard error.
+    Raises ValueError for a number that is no port, OSError for a port in use.
+    """
+    if not 0 <= port < 1 << 16:
+        raise ValueError(f"--listen {port}: expected a port from 0 to 65535")
+    with socket.create_server((LOOPBACK, port), backlog=1) as server:
+        address, number = server.getsockname()
+        print(f"waiting for a client on {address}:{number}", file=sys.stderr, flush=True)
+        connection, _ = server.accept()
+    with connection, connection.makefile("rb") as lines:
+        yield lines
+
+
+# Time stamps of live samples → seconds since the first sample.
+
+AGREEING = 3  # stamps in a row that are off alike, then a gap or a new clock is believed
+NEAR = 3.5  # steps that a stamp may be ahead without being doubted
+PATIENCE = 100  # samples; a stamp no further behind may be that of a sample sent again
+LEAP = 3600.0  # [s]; a longer step is a clock set ahead, not a silent sensor
+CHECKED = 20  # first steps that are compared with the stated rate
+
+
+class TimeStamps:
+    """Seconds since the first sample; a missing stamp is one step after its predecessor.
+
+    So is a stamp that does not fit, ahead or far behind. Where the stamps after it agree with it,
+    it was a gap, and time is theirs; or the sensors' clock was set, by more than LEAP ahead or
+    back, and time goes on from its newest value. Stamps that repeat or lie a little behind the
+    newest are passed on unchanged, for the stream to report, unless they stay behind. Raises
+    ValueError where the first steps differ from dt [s] by half of it.
+    """
+
+    def __init__(self, dt: float) -> None:
+        self.dt = dt
+        self.time = -dt  # [s] of the newest sample
+        self.origin: float | None = None  # stamp at time 0
+        self.behind = 0
+        self.note = ""  # how the newest stamp was changed, "" if it was not
+        self._doubted: list[float] = []  # the newest stamps, which agree with one another alone
+        self._stamps: list[float] = []  # the first stamps
+
+    def __call__(self, stamp: float | None) -> float:
+        """Time [s] of the next sample, whose stamp [s] may be missing."""
+        self.note = ""
+        if stamp is None or not isfinite(stamp):
+            if stamp is not None:
+                self.note = "the time stamp is missing; one step after the one before"
+            return self._advance(self.time + self.dt)
+        if self.origin is None:
+            self.origin = stamp - (self.time + self.dt)
+        time = stamp - self.origin
+        self._check_rate(stamp)
+        steps = (time - self.time) / self.dt
+        if 0.0 < steps < NEAR:
+            self._doubted.clear()
+            return self._advance(time)
+        if -PATIENCE <= steps <= 0.0 and self.behind < PATIENCE:
+            self.behind += 1
+            return time
+        return self._doubt(stamp, time)
+
+    def _doubt(self, stamp: float, time: float) -> float:
+        """Time of a sample whose stamp does not follow from those before."""
+        before = self._doubted[-1] if self._doubted else stamp
+        if not 0.0 < (stamp - before) / self.dt < NEAR:
+            self._doubted.clear()
+        self._doubted.append(stamp)
+        if self.behind < PATIENCE and len(self._doubted) < AGREEING:
+            self.note = f"the time stamp {stamp:g} s does not fit; one step after the one before"
+            return self._advance(self.time + self.dt, self.behind)
+        self._doubted.clear()
+        if self.time < time < self.time + LEAP:
+            self.note = f"a gap of {time - self.time:g} s"
+            return self._advance(time)
+        self.note = f"the clock was set, by {time - self.time:g} s; time continues from there"
+        self.origin = stamp - (self.time + self.dt)
+        return self._advance(self.time + self.dt)
+
+    def _advance(self, time: float, behind: int = 0) -> float:
+        self.time, self.behind = time, behind
+        return time
+
+    def _check_rate(self, stamp: float) -> None:
+        if len(self._stamps) > CHECKED:
+            return
+        self._stamps.append(stamp)
+        if len(self._stamps) > CHECKED:
+            step = median(later - sooner for sooner, later in pairwise(self._stamps))
+            if not 0.5 * self.dt < step < 1.5 * self.dt:
+                raise ValueError(
+                    f"the time stamps are {step:g} s apart; expected {self.dt:g} s; "
+                    "say their unit (--units time=ms) or the rate (--rate)"
+                )

@@ -1,1 +1,0 @@
-"""Candidates for a structure compared: topologies and laws."""
