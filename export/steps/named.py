@@ -6,7 +6,7 @@ n DOFs, p supports, E elements, m excitations, N nodes.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,51 +22,96 @@ TOLERANCE = 1e-7  # as data/simulation has it
 MOST_STEPS = 1_000_000  # of the integrator in a sample
 
 
-def begin(x0, v0, u, masses, ends, law, p, gamma, f, s, w, forces, when, offset, element, changed,
-          wx, wv, wa, wy, wr, work, q, k, pull, branch, memory, scale, at, counts, tolerance, lost,
-          ):  # fmt: skip
+class System(NamedTuple):
+    """What `integrate` is given of a structure, none of whose elements changes."""
+
+    masses: np.ndarray  # (n,)
+    ends: np.ndarray  # (E, 2)
+    law: np.ndarray  # (E,)
+    gamma: np.ndarray  # (n, m)
+    forces: int  # of the excitations; then displacements and velocities of the supports
+    when: np.ndarray
+    offset: np.ndarray
+    element: np.ndarray
+    changed: np.ndarray
+
+
+class Sample(NamedTuple):
+    """Both ends of a sample: what drives the structure, and its motion (2, ·)."""
+
+    p: np.ndarray  # parameters of the laws
+    f: np.ndarray
+    s: np.ndarray
+    w: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    y: np.ndarray
+    r: np.ndarray
+    work: np.ndarray
+
+
+class Kept(NamedTuple):
+    """What `integrate` keeps from call to call: the arrays of `Progress`."""
+
+    q: np.ndarray
+    k: np.ndarray
+    forces: np.ndarray
+    branch: np.ndarray
+    memory: np.ndarray
+    scale: np.ndarray
+    at: np.ndarray
+    counts: np.ndarray
+
+
+def begin(x0, v0, u, system, sample, kept, lost):
     """At rest; where the excitation is not zero, it jumps to that."""
     lost[0] = 1.0 if _moves(x0, v0) else 0.0
-    _excitation(u, masses, gamma, forces, f, s, w, 0)
-    _excitation(u, masses, gamma, forces, f, s, w, 1)
-    integrate(
-        masses, ends, law, p, f, s, w, at[0], tolerance, when, offset, element, changed, offset,
-        wx, wv, wa, wy, wr, work, q, k, pull, branch, memory, scale, at, counts, 0,
-    )  # fmt: skip
-    for i in range(masses.size):
-        wx[1, i], wv[1, i], wa[1, i] = wx[0, i], wv[0, i], wa[0, i]
-    for e in range(law.size):
-        wy[1, e], wr[1, e] = wy[0, e], wr[0, e]
+    _excite(u, system, sample, 0)
+    _excite(u, system, sample, 1)
+    _go_on(kept.at[0], system, sample, kept, 0)
+    for i in range(system.masses.size):
+        sample.x[1, i], sample.v[1, i] = sample.x[0, i], sample.v[0, i]
+        sample.a[1, i] = sample.a[0, i]
+    for e in range(system.law.size):
+        sample.y[1, e], sample.r[1, e] = sample.y[0, e], sample.r[0, e]
 
 
-def observe(last, u, gamma, forces, lost, wx, wv, wa, wy, wr, x, v, a, y, r):
+def observe(last, u, system, sample, lost, x, v, a, y, r):
     """An excitation that is held between samples jumps at them."""
     far = np.inf if lost[0] > 0.0 else 1.0
     for i in range(x.size):
-        x[i], v[i], a[i] = far * wx[1, i], far * wv[1, i], wa[1, i]
-        for j in range(forces):
-            a[i] += gamma[i, j] * (u[j] - last[j])
+        x[i], v[i], a[i] = far * sample.x[1, i], far * sample.v[1, i], sample.a[1, i]
+        for j in range(system.forces):
+            a[i] += system.gamma[i, j] * (u[j] - last[j])
         a[i] = far * a[i]
     for e in range(y.size):
-        y[e], r[e] = wy[1, e], wr[1, e]
+        y[e], r[e] = sample.y[1, e], sample.r[1, e]
 
 
-def advance(first, last, dt, masses, ends, law, p, gamma, f, s, w, forces, when, offset, element,
-            changed, wx, wv, wa, wy, wr, work, q, k, pull, branch, memory, scale, at, counts,
-            tolerance, lost):  # fmt: skip
+def advance(first, last, dt, system, sample, kept, lost):
     """One sample; a motion that escapes is infinite from there on."""
     if lost[0] > 0.0:
         return
-    _excitation(first, masses, gamma, forces, f, s, w, 0)
-    _excitation(last, masses, gamma, forces, f, s, w, 1)
-    at[1] = 0.0
+    _excite(first, system, sample, 0)
+    _excite(last, system, sample, 1)
+    kept.at[1] = 0.0
+    counts = kept.counts
     counts[0], counts[1], counts[2], counts[3] = 1, 0, 0, 0
-    ended = integrate(
-        masses, ends, law, p, f, s, w, dt, tolerance, when, offset, element, changed, offset,
-        wx, wv, wa, wy, wr, work, q, k, pull, branch, memory, scale, at, counts, MOST_STEPS,
-    )  # fmt: skip
-    if ended != -1.0:
+    if _go_on(dt, system, sample, kept, MOST_STEPS) != -1.0:
         lost[0] = 1.0
+
+
+def _go_on(dt, system, sample, kept, most):
+    """How `integrate` ended."""
+    masses, ends, law, when = system.masses, system.ends, system.law, system.when
+    offset, element, changed = system.offset, system.element, system.changed
+    p, f, s, w, x, v, a, y, r, work = sample
+    q, k, forces, branch, memory, scale, at, counts = kept
+    return integrate(
+        masses, ends, law, p, f, s, w, dt, TOLERANCE, when, offset, element, changed, offset,
+        x, v, a, y, r, work, q, k, forces, branch, memory, scale, at, counts, most,
+    )  # fmt: skip
 
 
 def _moves(x0, v0):
@@ -76,8 +121,10 @@ def _moves(x0, v0):
     return moves
 
 
-def _excitation(u, masses, gamma, forces, f, s, w, row):
+def _excite(u, system, sample, row):
     """Forces and motions of supports at one end of a sample."""
+    masses, gamma, forces = system.masses, system.gamma, system.forces
+    f, s, w = sample.f, sample.s, sample.w
     for i in range(masses.size):
         f[row, i] = 0.0
         for j in range(forces):
@@ -87,11 +134,11 @@ def _excitation(u, masses, gamma, forces, f, s, w, row):
         w[row, j] = u[forces + s.shape[1] + j]
 
 
-def observe_element(wr, r):
+def observe_element(sample, r):
     """The force of an element test: of all parts but the bystander, which gives it a mass."""
     r[0] = 0.0
-    for e in range(wr.shape[1] - 1):
-        r[0] += wr[1, e]
+    for e in range(sample.r.shape[1] - 1):
+        r[0] += sample.r[1, e]
 
 
 def step_of(model: ElementNetworkNamed | NamedElement) -> Step:
@@ -132,21 +179,22 @@ def _of_element(model: NamedElement) -> Step:
 
 def _arrays_of(
     structure: Structure, gamma: np.ndarray, forces: int, dt: float
-) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """State and numbers of the integrator."""
     n, m, E = structure.dofs, structure.supports, len(structure.elements)
     progress, parameters = Progress(n, m, E, dt, TOLERANCE, memory=True), structure.parameters
     assert progress.memory is not None
-    state = {"q": progress.q, "k": progress.k, "pull": progress.forces, "at": progress.at}
-    state |= {"branch": progress.branch, "memory": progress.memory, "scale": progress.scale}
-    state |= {"counts": progress.counts, "lost": np.zeros(1), "p": parameters}
-    state |= {"f": np.zeros((2, n)), "s": np.zeros((2, m)), "w": np.zeros((2, m))}
-    state |= {name: np.zeros((2, n)) for name in ("wx", "wv", "wa")}
-    state |= {name: np.zeros((2, E)) for name in ("wy", "wr", "work")}
-    never, unit = np.array([-1]), np.zeros(1)  # no element changes
-    numbers = {
-        "masses": structure.masses, "ends": structure.ends, "law": structure.law,
-        "gamma": gamma, "forces": forces, "when": never, "offset": unit, "element": never,
-        "changed": np.zeros((1, parameters.shape[1])), "tolerance": TOLERANCE,
-    }  # fmt: skip
-    return state, numbers
+    kept = Kept(
+        progress.q, progress.k, progress.forces, progress.branch, progress.memory, progress.scale,
+        progress.at, progress.counts,
+    )  # fmt: skip
+    sample = Sample(
+        parameters, np.zeros((2, n)), np.zeros((2, m)), np.zeros((2, m)), *np.zeros((3, 2, n)),
+        *np.zeros((3, 2, E)),
+    )  # fmt: skip
+    never, changed = np.array([-1]), np.zeros((1, parameters.shape[1]))
+    system = System(
+        structure.masses, structure.ends, structure.law, gamma, forces, never, np.zeros(1), never,
+        changed,
+    )  # fmt: skip
+    return {"kept": kept, "sample": sample, "lost": np.zeros(1)}, {"system": system}
