@@ -163,25 +163,6 @@ def test_a_damaged_at2_file_is_refused(tmp_path, text, message):
     assert "damaged.AT2" in str(refused.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "is empty"),
-        ("# t, a\n", "is empty"),
-        ("0,0\n1", "damaged.csv"),
-        ("0,1,2\n1,2,3\n", "two columns"),
-        ("time,a\n0,1\n", "damaged.csv"),
-        ("\n".join(f"{0.01 * i + (i > 99)},1" for i in range(200)), "equally spaced"),
-        ("\n".join(f"{0.01 * i},nan" for i in range(200)), "not finite at sample 0"),
-    ],
-)
-def test_a_damaged_table_is_refused(tmp_path, text, message):
-    path = tmp_path / "damaged.csv"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=message):
-        read_event(str(path))
-
-
 def test_arguments_that_contradict_are_refused():
     for wrong, message in (
         ({"peak": 0.3, "scale": 2.0}, "not both"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import zipfile
 from pathlib import Path
 
-import matplotlib.image
 import numpy as np
 import pytest
 from omegaconf import OmegaConf
@@ -75,29 +74,6 @@ def test_bad_words_end_in_one_line(run, vibration, words, message):
     assert err.count("\n") == 1
 
 
-def test_sensors_in_files_of_their_own(run, tmp_path):
-    for name, late in (("one", 0.0), ("two", 0.254)):
-        t = 0.01 * np.arange(400) + late
-        rows = np.column_stack((t, np.sin(9.0 * t)))
-        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="t,Acc", comments="")
-    words = ["--channels", "time=t", "a1=one.csv:Acc", "a2=two.csv:Acc", "--config"]
-    status, out, _ = run(".", *words)
-    assert status == 0
-    assert "clock of a2: dt = 0.01 s" in out
-    assert "sensors out of sync: first samples at a1 0 s, a2 0.254 s" in out
-    (config,) = tmp_path.glob("configs/data/*.yaml")
-    assert "#   resample: 100" in config.read_text()
-
-
-def test_the_picture_shows_every_channel(run, vibration):
-    assert run("vibration.csv", "--picture", "seen.png")[0] == 0
-    image = matplotlib.image.imread("seen.png")[..., :3]
-    height = image.shape[0] // 2
-    for half in (image[:height], image[height:]):
-        assert (half.min(axis=-1) < 0.5).mean() > 0.005  # lines, beside the paper
-    assert run("vibration.csv", "--picture", "seen.png")[0] == 1
-
-
 def test_the_config_holds_the_mapping_and_the_remedies(run, strange):
     words = ["test 7.csv", "--delimiter", ";", "--units", "f=kN", "--config", "mine"]
     channels = ["--channels", "time=Time", "f1=Hammer", "a1=${oc.env:HOME}"]
@@ -132,18 +108,6 @@ def test_an_archive_of_one_file_is_told_as_that_file(run, strange):
     for more in ((), words):
         _, out, _ = run("test 7.csv", *more)
         assert run("packed.zip", *more) == (0, out.replace("test 7.csv", "packed.zip"), "")
-
-
-def test_an_archive_without_records_or_in_pieces_is_one_line(run, tmp_path):
-    (tmp_path / "notes.pdf").write_text("%PDF")
-    pack("packed.zip", tmp_path / "notes.pdf")
-    status, out, err = run("packed.zip")
-    assert (status, out) == (1, "")
-    assert err.startswith("error: packed.zip holds no file of .")
-    Path("packed.zip").write_bytes(b"PK")
-    status, out, err = run("packed.zip")
-    assert (status, out) == (1, "")
-    assert err.startswith("error: packed.zip is damaged: ")
 
 
 def test_columns_are_guessed_by_unit_and_name():

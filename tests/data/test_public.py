@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import pickle
 import sys
-import types
 from pathlib import Path
 
 import numpy as np
@@ -131,21 +130,6 @@ def test_a_damaged_file_is_one_line(damage, folder, tmp_path, monkeypatch):
     assert not Path("unpickled").exists()
 
 
-def test_a_failed_download_is_one_line(tmp_path, monkeypatch):
-    def fail(**_: object) -> None:
-        raise Exception("Download failed after 5 attempts: <urlopen error>\nno route to host")
-
-    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", types.SimpleNamespace(Silverbox=fail))
-    with pytest.raises(
-        ValueError, match=r"Silverbox could not be downloaded to .*5 attempts"
-    ) as error:
-        loaded("silverbox", tmp_path / "new", download=True)
-    assert "\n" not in str(error.value)
-    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", None)
-    with pytest.raises(ValueError, match=r"pip install -c constraints\.txt -e '\.\[benchmarks\]'"):
-        loaded("silverbox", tmp_path / "new", download=True)
-
-
 def test_the_initialisation_window_is_not_counted(folder):
     data = prepared("silverbox", folder)
     for split in ("train", "test"):
@@ -199,28 +183,6 @@ def test_series_for_bands_are_neither_trained_on_nor_tested(folder):
         loaded("bouc_wen", folder, **chosen, calibration="period_[34]")
     with pytest.raises(ValueError, match="neither trained on nor tested"):
         prepared("bouc_wen", folder).calibration_loader()
-
-
-def test_windows_begin_at_rest_for_their_state_is_not_known(folder):
-    data = prepared("bouc_wen", folder, window=300, stride=250, warmup=50, validation=0.2)
-    batch = next(iter(data.train_dataloader()))
-    assert (batch.initial_state, batch.warmup) == ("rest", 50)
-    assert not batch.drive().x0.any()
-    assert next(iter(data.val_dataloader())).initial_state == "rest"
-    held = prepared("bouc_wen", folder, window=300, train="start_1", test="end_4")
-    windows = held.windows("train")
-    assert [w.warmup for w in windows] == [0] * 15  # of 20; the state is not known before
-    assert windows.places[0][1] == 1500
-    with pytest.raises(ValueError, match=r"shorten data\.stride"):
-        prepared(
-            "bouc_wen", folder, window=300, stride=9000, train="start_1", test="end_4"
-        ).windows("train")
-    windows = prepared("silverbox", folder, window=65000).windows("train")
-    assert [w.warmup for w in windows] == [50]
-    windows = prepared("f16", folder).windows("train")
-    assert {(w.samples, w.warmup, w.initial_state) for w in windows} == {(300, 50, "unknown")}
-    whole = prepared("bouc_wen", folder)
-    assert next(iter(whole.train_dataloader())).initial_state == "periodic"
 
 
 def test_the_command_line_names_the_benchmark(folder, tmp_path):

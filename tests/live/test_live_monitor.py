@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from data.record import Record
 from data.sample import Sample
 from live.monitor import LEARNING, LiveMonitor, ResidualAlarm
-from live.view import LiveView
 from models.online.adaptive import Online
 from models.online.scores import running_error
 from tests.live.live_runs import DT, finished
@@ -62,18 +59,6 @@ def test_the_running_error_is_that_of_the_reports(bilinear_record):
     assert float(running_error(0.0 * record.a, record)[-1]) == pytest.approx(100.0)
     measured, _ = monitor.window()
     np.testing.assert_array_equal(measured, record.a[-200:].numpy())
-
-
-def test_the_table_of_a_terminal(bilinear_record):
-    monitor = followed(bilinear_record.measured(), 0.1)
-    file = io.StringIO()
-    console = Console(file=file, force_terminal=True, width=110, color_system=None)
-    with LiveView(monitor, None, console, 5.0) as view:
-        view.tick()
-    text = file.getvalue()
-    assert "1,000 samples: error 10.0 %" in text
-    assert text.count("measured") >= 3
-    assert set("▁█") & set(text)
 
 
 # The alarm

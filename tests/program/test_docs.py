@@ -170,14 +170,6 @@ def test_files_and_commands_that_are_named_exist(page):
             assert there, f"{page.name} names python -m {name}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_a_link_is_called_as_the_file_that_it_leads_to(page):
-    for name, target in re.findall(
-        r"\[([^\]]+\.(?:py|yaml|md))\]\(([^)#]+)", page.read_text("utf-8")
-    ):
-        assert f"/{target}".endswith(f"/{name}"), f"{page.name} calls {target} {name}"
-
-
 def test_the_page_of_classes_lists_what_the_packages_make_public():
     text = (ROOT / "docs" / "classes.md").read_text("utf-8")
     listed = dict(re.findall(r"^\| \[(\w+)\]\(\.\./(\S+)\.py\)", text, re.MULTILINE))

@@ -25,7 +25,6 @@ from data import (
     Simulation,
     Structure,
 )
-from data.checked import checked
 from data.simulation import motion
 from data.simulation.damage import StiffnessLoss
 from data.simulation.motion import simulate
@@ -188,18 +187,6 @@ def test_whatever_an_argument_is_it_is_taken_or_refused_in_a_line(source):
         make(**{**arguments, name: source.draw(VALUES)})
     except ValueError as error:
         assert len(str(error).splitlines()) == 1  # noqa: PT017
-
-
-def test_a_constructor_that_runs_out_of_memory_names_the_size():
-    @checked
-    class Long:
-        def __init__(self, samples: int, name: str = "") -> None:
-            self.samples = list(range(samples))
-
-    with pytest.raises(ValueError, match="Long of samples=2000000000000 fits no memory"):
-        Long(2_000_000_000_000)
-    with pytest.raises(ValueError, match=r"model\.order=2000000000000: choose 1, 2 or 3"):
-        models.VWNN(3, 3, 0.01, order=2_000_000_000_000)
 
 
 def test_whole_numbers_beyond_all_counting_and_lines_in_names_are_refused():

@@ -172,25 +172,6 @@ def test_numbers_of_a_prediction_are_finite(key, value, finished, tmp_path, monk
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (["excitation.seed=3", "excitation.scale=1e160"], "1e+160 has values beyond 1e+100"),
-        (["excitation.kind=gaussian", "excitation.std=1e160"], "beyond 1e+100"),
-        (["excitation.seed=3", "excitation.duration=1e300"], "excitation.duration=1e+300"),
-    ],
-)
-def test_motions_that_no_square_holds_are_refused(
-    words, named, finished, tmp_path, monkeypatch, capsys
-):
-    place = [f"run={finished}", f"output={tmp_path / 'out'}", "figures=false"]
-    assert run(predict, monkeypatch, *place, *words) == 1
-    error = capsys.readouterr().err
-    assert named in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_setting_of_numba_that_cannot_be_is_named(tmp_path):
     words = ["model=linear", "baselines=none", "data.calibration_records=0", *QUICK]
     done = subprocess.run(

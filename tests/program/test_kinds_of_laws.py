@@ -12,7 +12,7 @@ import models
 from models import ElementNetwork, ElementTest, Estimator
 from models.training.build import build, class_of
 from runner.config.choices import plain
-from runner.config.compose import CONF, help_text, placed
+from runner.config.compose import placed
 from runner.config.identity import config_digest
 from tests.program.test_every_config import composed
 
@@ -57,12 +57,6 @@ def test_finished_runs_of_earlier_code_are_found_by_their_digest(name, digest):
     assert config_digest(plain(composed(f"model={name}"))) == digest
 
 
-def test_other_laws_are_other_runs():
-    words = ("units", "branch", "named", "[Linear]", "[SlackBrace]")
-    cfgs = [composed("model=element_test", f"model.laws={laws}") for laws in words]
-    assert len({config_digest(plain(cfg)) for cfg in cfgs}) == len(words)
-
-
 def test_a_list_of_names_chooses_named_laws_where_a_model_has_any():
     assert composed("model=element_test", "model.laws=[Linear]").model.seed == 0
     assert "model/laws=named" not in placed(["model=modal_network", "model.laws=[cubic]"])
@@ -76,12 +70,3 @@ def test_laws_that_there_are_not_are_told(laws):
     with pytest.raises(ValueError, match=r"model\.laws=.*expected units, branch, named, or a list"):
         build(node, Estimator, dofs=1, inputs=2, dt=0.01)
     config_digest(plain(composed()) | {"model": {"name": "x", **node}})  # which is not the place
-
-
-def test_the_help_lists_few_models_by_what_they_are_for():
-    names = {path.stem for path in (CONF / "model").glob("*.yaml")}
-    assert len(names) <= 26
-    lines = help_text("train").splitlines()
-    assert "  one element under an imposed motion" in lines
-    assert "  others" not in lines  # unless a person adds one
-    assert not any(line.split()[:1] == ["hysteretic_element"] for line in lines)

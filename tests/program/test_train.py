@@ -102,18 +102,6 @@ def test_evaluate_gives_the_same_numbers_to_the_last_digit(finished, monkeypatch
             assert picture.read_bytes().startswith(magic)
 
 
-def test_a_run_on_a_damaged_structure_is_scored_again_as_it_was(tmp_path, monkeypatch, capsys):
-    linear = [*PLAIN, "model=linear", "baselines=none"]
-    words = ["damage=sudden", "damage.time=6", f"hydra.run.dir={tmp_path}"]
-    assert run(train, monkeypatch, *linear, *words) == 0
-    sound = tmp_path / "sound"
-    assert run(train, monkeypatch, *linear, f"hydra.run.dir={sound}") == 0
-    assert run(evaluate, monkeypatch, f"run={tmp_path}", "figures=false") == 0
-    assert "equal to metrics.json to the last digit" in capsys.readouterr().out
-    assert numbers(tmp_path)["train"] == numbers(sound)["train"]
-    assert numbers(tmp_path)["test"] != numbers(sound)["test"]
-
-
 def test_evaluate_under_noise_and_other_seeds(finished, monkeypatch, capsys):
     words = [f"run={finished}", "scenario=noisy", "seeds=[5,6]", "data.duration=25", "label=noise"]
     words += ["figures=false"]

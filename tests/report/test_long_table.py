@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 
 import pandas as pd
@@ -72,21 +71,6 @@ def test_runs_without_numbers_are_listed_with_their_reasons(tmp_path):
     assert bad.metric.tolist() == ["", "", ""]
     assert bad.value.isna().all()
     assert bad.seed.tolist()[:2] == [1, 2]
-
-
-def test_choices_that_differ_are_columns_of_their_type(tmp_path):
-    for seed, (cutoff, hidden, order) in enumerate([(10.0, [5], 2), (50.0, [5, 5], None)]):
-        add_run(tmp_path, 1.0, seed=seed, cutoff=cutoff, hidden=hidden, stages=2, order=order)
-    add_run(tmp_path, 1.0, model="vwnn", seed=2, stages=2)
-    table = table_of(tmp_path)
-    columns = [name for name in table.columns if "." in name]
-    assert columns == ["model.cutoff", "model.hidden", "model.order"]  # not model.stages
-    by_seed = table.groupby("seed").first()
-    assert by_seed["model.cutoff"].tolist()[:2] == [10.0, 50.0]
-    assert math.isnan(by_seed["model.cutoff"][2])
-    assert by_seed["model.hidden"].tolist()[:2] == ["[5]", "[5,5]"]
-    assert by_seed["model.order"][0] == 2
-    assert table["model.order"].dtype.kind == "f"  # null beside numbers
 
 
 def test_the_files_hold_what_the_table_holds(tmp_path):

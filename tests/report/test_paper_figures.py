@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
-from numpy.testing import assert_allclose
 
 from report.collection.runs import read_runs
 from report.paper.figures import (
     TURNS,
     accelerations,
     draw_study,
-    error_curves,
-    errors_against,
     of_one_seed,
     sample_loops,
 )
@@ -80,15 +76,6 @@ def test_a_study_draws_what_its_runs_allow(small_study, tmp_path):
     assert all(path.stat().st_size > 5000 for path in paths)
 
 
-def test_methods_are_compared_at_the_lowest_seed_that_all_have(small_study):
-    compared = of_one_seed(small_study, "bilinear", "full_state")
-    assert {(run.model, run.seed) for run in compared} == {
-        ("power_series_restoring_force", 1),
-        ("residual_mlp", 1),
-    }
-    assert of_one_seed(small_study, "bouc_wen", "full_state") == []
-
-
 def test_accelerations_show_both_ways_of_feeding_the_residual_back(small_study):
     figure = accelerations(of_one_seed(small_study, "bilinear", "full_state"), seconds=4.0)
     *rows, errors = figure.axes
@@ -101,14 +88,3 @@ def test_accelerations_show_both_ways_of_feeding_the_residual_back(small_study):
     assert len(errors.lines) == 3  # of the whole motion, where lines above hide each other
     assert "[%]" in errors.get_ylabel()
     assert "bilinear, full_state" in figure.get_suptitle()
-
-
-def test_curves_begin_without_noise_and_keep_to_the_seeds_in_common():
-    runs = [scored("linear", "noisy", seed, 100 * level, level=level) for seed, level in
-            product(range(3), (0.1, 0.2))]  # fmt: skip
-    runs += [scored("linear", "full_state", seed, 1.0) for seed in range(1, 5)]
-    curve = errors_against(runs, "linear", "noisy", "level")
-    assert curve == {0.0: [1.0, 1.0], 0.1: [10.0, 10.0], 0.2: [20.0, 20.0]}
-    assert errors_against(runs, "vwnn", "noisy", "level") == {}
-    (axes,) = error_curves({"linear": curve}, "noisy", "level").axes
-    assert_allclose(axes.lines[0].get_xydata(), [[0, 1], [10, 10], [20, 20]])

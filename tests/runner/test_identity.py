@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from models.zoo.index import ROOT as ZOO
 from runner import stamp
 from runner.config.compose import composed
-from runner.config.identity import RESULTS, identity_of
+from runner.config.identity import RESULTS
 from runner.folder.run_folder import read_failure, read_metrics, read_run
 from runner.progress import is_finished, would_fail_again
 from runner.seeds import SeedsOf
@@ -42,11 +41,6 @@ def test_a_choice_that_changes_numbers_is_another_identity():
         assert identity(word)["config"] != own["config"], word
 
 
-def test_an_identity_for_a_seed_is_that_of_its_values():
-    seeds = SeedsOf(composed())
-    assert seeds.identity(3) == identity_of(seeds.values(3)) == identity("seed=3")
-
-
 def test_a_run_without_a_results_version_is_read_and_is_not_finished(older):
     assert read_run(older)[1]["model"] == "vwnn"
     assert not is_finished(older)
@@ -65,17 +59,6 @@ def test_a_stamped_run_is_finished_and_as_old_as_before(older, capsys):
     stamp.main([str(older)])
     assert "0 of 1" in capsys.readouterr().out
     assert (older / "metrics.json").read_bytes() == written
-
-
-def test_runs_of_other_versions_and_published_ones_are_left_alone(older, capsys):
-    metrics = read_metrics(older)
-    metrics["identity"]["results"] = RESULTS + 1
-    (older / "metrics.json").write_text(json.dumps(metrics))
-    published = next(ZOO.glob("*/*/metrics.json")).parent
-    before = {path: path.read_bytes() for path in (older, published) for path in path.iterdir()}
-    stamp.main([str(older), str(published)])
-    assert "0 of 2" in capsys.readouterr().out
-    assert {path: path.read_bytes() for path in before} == before
 
 
 def test_failures_are_stamped_and_damaged_files_named(tmp_path, capsys):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from pathlib import Path
 from statistics import median
 
@@ -24,8 +23,7 @@ from runner.config.compose import CONF, placed, prepare_hydra
 from runner.config.identity import identity_of
 from runner.folder.run_folder import config_text, read_run, write_failure
 from runner.scores.outcome import validation_error
-from runner.search import distribution, start_of
-from tests.program.test_every_config import composed
+from runner.search import distribution
 from tests.program.test_train import run
 from tests.runner import test_sweep
 
@@ -68,18 +66,6 @@ def test_hydras_words_are_optunas_distributions():
         assert distribution(parser.parse_override(text)) == expected
     with pytest.raises(ValueError, match="a=5: what is tuned is an interval"):
         distribution(parser.parse_override("a=5"))
-
-
-def test_the_first_trial_is_the_config_itself_moved_into_the_intervals():
-    cfg = composed("model=global_mlp", "data.warmup=7", "+model.ridge=0.0")
-    space = {
-        "model.ridge": FloatDistribution(1e-9, 1.0, log=True),
-        "data.warmup": IntDistribution(1, 9),
-        "model.hidden": CategoricalDistribution(["[5]", "[10,10]"]),
-        "model.activation": CategoricalDistribution(["silu", "relu"]),
-    }
-    start = start_of(cfg, space)
-    assert start == {"model.ridge": 1e-9, "data.warmup": 7, "model.hidden": "[10,10]"}
 
 
 class Planted:
@@ -179,13 +165,6 @@ def test_a_setting_is_not_judged_by_a_run_that_was_lost(tmp_path, monkeypatch, c
     assert search(tmp_path, monkeypatch, *words) == 0
     assert [path.name.split("-")[3] for path in again.launched[:2]] == ["seed81", "seed80"]
     assert len(found(tmp_path)["trials"]) == 2
-
-
-def test_without_optuna_one_line_says_what_to_install(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "optuna", None)
-    monkeypatch.delitem(sys.modules, "runner.search")
-    assert search(tmp_path, monkeypatch) == 1
-    assert "pip install -c constraints.txt -e '.[optuna]'" in capsys.readouterr().err
 
 
 def test_a_search_and_the_tables_share_no_seed():

@@ -83,15 +83,10 @@ def errors_by_seed(folder: Path) -> dict[int, float]:
 
 
 def test_what_fails_fails_alone_and_says_why(tmp_path, monkeypatch, capsys):
-    """A seed that is none, and polynomial motions of which some escape."""
+    """A seed that is none, and a polynomial motion that escapes."""
     words = ["-m", "model=linear", "baselines=none", "trainer.enable_progress_bar=false"]
-    words += [
-        "system=polynomial",
-        "system.excitation.std=15",
-        "data.duration=30",
-        "seed=range(-1,6)",
-        "figures=false",
-    ]
+    words += ["system=polynomial", "system.excitation.std=15", "data.duration=30", "figures=false"]
+    words += ["seed=-1,0,3"]
     for launcher in ("basic", "batched"):
         place = f"hydra.sweep.dir={tmp_path / launcher}"
         assert run(train, monkeypatch, *words, f"hydra/launcher={launcher}", place) == 1
@@ -102,7 +97,8 @@ def test_what_fails_fails_alone_and_says_why(tmp_path, monkeypatch, capsys):
         }
         for launcher in ("basic", "batched")
     ]
-    assert 2 <= len(reasons[0]) < 7  # some escape, not all
+    assert len(reasons[0]) == 2
+    assert any("escaped" in reason for reason in reasons[0].values())
     assert reasons[0] == reasons[1]
     assert metrics_by_run(tmp_path / "basic").keys() == metrics_by_run(tmp_path / "batched").keys()
 

@@ -68,12 +68,6 @@ def test_folders_are_named_after_all_that_follows_from_the_seed(tmp_path, monkey
     configs = [OmegaConf.load(folder / "config.yaml") for folder in folders]
     assert sorted(cfg.data.duration for cfg in configs) == [7, 8]
     assert [folder.name for folder in folders] == [run_name(cfg) for cfg in configs]
-    own = "hydra.sweep.subdir=mine-${seed}"
-    assert run(train, monkeypatch, *words, own, f"hydra.sweep.dir={tmp_path / 'own'}") == 0
-    assert sorted(path.parent.name for path in tmp_path.glob("own/*/metrics.json")) == [
-        "mine-7",
-        "mine-8",
-    ]
 
 
 def test_a_second_call_repeats_nothing(tmp_path, monkeypatch, capsys):

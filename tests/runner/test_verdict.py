@@ -45,14 +45,6 @@ def test_what_cannot_run_free_is_not_judged_by_it():
     assert (verdict["identified"], verdict["reason"]) == (None, "it begins in motion")
 
 
-def test_a_single_run_that_is_no_result_is_an_error():
-    metrics = {"model": "gru", "verdict": judgement("free run", DIVERGED, False, None)}
-    with pytest.raises(NotIdentifiedError, match="gru is not identified: its free run of the"):
-        require_identified(metrics)
-    for identified in (True, None):
-        require_identified({"model": "gru", "verdict": {"identified": identified, "reason": ""}})
-
-
 def test_a_test_motion_on_which_a_free_run_diverges_is_named_and_no_success():
     runs = {"small": scores(10.0), "large": DIVERGED, "other": DIVERGED}
     lost = lost_on(runs, {"small": False, "large": True, "other": False})
