@@ -173,8 +173,8 @@ def shares_held(model: Any, found: Any, measured: Record, true: Record) -> list[
         for share in (
             ((true.a - run).abs() <= of_motion).double().mean(),
             ((measured.a - run).abs() <= of_sensors).double().mean(),
-            unseen[DISPLACEMENT].held(true.truth.x),
-            unseen[FORCE].held(true.truth.r[:, : len(model.elements)]),
+            unseen[DISPLACEMENT].coverage(true.truth.x),
+            unseen[FORCE].coverage(true.truth.r[:, : len(model.elements)]),
         )
     ]
 

@@ -29,7 +29,6 @@ from models.composition.branch_law import learned, of_sizes, sizes
 from models.composition.branch_law_compiled import law_size
 from models.composition.branch_run import Branches, branch_law, simulate_branches, traced_branches
 from models.composition.coefficients import Coefficients, Numbering, Part
-from models.composition.composite import MOST_STEPS
 from models.composition.simulate import Composition
 from models.composition.trace import Trace
 from models.element_network import ElementNetwork
@@ -310,18 +309,8 @@ class ElementNetworkBranch(ElementNetwork):
                 parts.append(more.deviation(last).reshape(-1))
         return self.weight if prior is None else prior, torch.cat(parts)
 
-    def free_run(self, drive: Drive) -> Response:
-        self.require_identified(self.identified)
-        if torch.is_grad_enabled() and self.theta.requires_grad:
-            substeps = self._substeps(drive.dt)
-            if drive.samples * substeps > MOST_STEPS:
-                raise ValueError(
-                    f"{drive.samples} samples in {substeps} substeps each are more than the "
-                    f"{MOST_STEPS} steps that autograd follows in Python; simulate under "
-                    "torch.no_grad(), or take a shorter drive"
-                )
-            return simulate_branches(self.composition(), self.branches, drive, substeps)
-        return self.trace(drive).response
+    def differentiable_run(self, drive: Drive, substeps: int) -> Response:
+        return simulate_branches(self.composition(), self.branches, drive, substeps)
 
     def traced(self, composition: Composition, drive: Drive, *settings: Any, **more: Any) -> Trace:
         trace = traced_branches(composition, self.branches, drive, *settings, **more)
@@ -358,7 +347,7 @@ def mass_damping(
         for e, law in enumerate(laws if number else ()):
             records = records_of(of_element(without(tests, drags, alpha), e), law.dt)
             minimise(Joint.of(law, records), SETTINGS, iterations=ITERATIONS)
-        each = [_told(law, tests, drags, e, alpha) for e, law in enumerate(laws)]
+        each = [_damping_sums(law, tests, drags, e, alpha) for e, law in enumerate(laws)]
         told = torch.stack(each).sum(dim=0)
         alpha = float((told[0] / told[1]).clamp_min(0.0)) if bool(told[1] > 0.0) else 0.0
     return alpha
@@ -369,7 +358,7 @@ def without(tests: Sequence[Test], drags: Drags, alpha: float) -> list[Test]:
     return [(y, rate, r - alpha * d) for (y, rate, r), d in zip(tests, drags, strict=True)]
 
 
-def _told(law: Law, tests: Sequence[Test], drags: Drags, e: int, alpha: float) -> Tensor:
+def _damping_sums(law: Law, tests: Sequence[Test], drags: Drags, e: int, alpha: float) -> Tensor:
     """dᵀ Q (r − law) and dᵀ Q d (2,) over what is left of r with α; Q: without what θ can do."""
     F, P, size = law.scale[2, 0], law.theta.numel(), 0.0
     normal = torch.zeros(P + 2, P + 2, dtype=torch.float64)

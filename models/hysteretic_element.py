@@ -229,8 +229,8 @@ class HystereticElement(ElementTest, Composite):
         rest = drive.x0.new_zeros(self.dofs * self.parallel)
         return replace(drive, x0=rest, v0=rest)
 
-    def simulated(self, drive: Drive, substeps: int) -> Response:
+    def differentiable_run(self, drive: Drive, substeps: int) -> Response:
         if self.others is None:
-            return super().simulated(drive, substeps)
+            return super().differentiable_run(drive, substeps)
         forces = simulate(self.composition(), self._side_by_side(drive), substeps).a
         return self.others.response(forces, drive)

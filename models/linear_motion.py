@@ -215,7 +215,7 @@ class OutputError:
     @torch.no_grad()
     def __init__(self, weights: Tensor, records: Sequence[Record], run: Run, seen: Seen) -> None:
         self.records, self.run, self.seen = records, run, seen
-        self.y = torch.cat([_counted(r, r.a).reshape(-1) for r in records])
+        self.y = torch.cat([_after_warmup(r, r.a).reshape(-1) for r in records])
         self.weight = self.y.numel() ** 0.5 / float(self.y.norm())
         squares = [self._driving(r, run(weights, r.drive())).square().mean(0) for r in records]
         size = torch.stack(squares).mean(dim=0).sqrt()
@@ -244,7 +244,7 @@ class OutputError:
         return matrix, vector
 
     def _errors(self, record: Record, motion: Response) -> Tensor:
-        return self.weight * _counted(record, self.seen(motion) - record.a).reshape(-1)
+        return self.weight * _after_warmup(record, self.seen(motion) - record.a).reshape(-1)
 
     def _driving(self, record: Record, motion: Response) -> Tensor:
         """φ (B T, p) of a motion."""
@@ -261,7 +261,7 @@ class OutputError:
         system = torch.cat([self.weights()[: 2 * n], torch.eye(n).to(phi)])
         rest = forces.new_zeros(*forces.shape[:-2], n)
         answer = self.seen(self.run(system, Drive(record.dt, forces, rest, rest)))
-        return self.weight * _counted(record, answer).reshape(p * n, -1)
+        return self.weight * _after_warmup(record, answer).reshape(p * n, -1)
 
 
 def decays(weights: Tensor, dofs: int) -> bool:
@@ -278,5 +278,5 @@ def poles_of(weights: Tensor, dofs: int) -> tuple[Tensor, Tensor]:
     return poles, shapes
 
 
-def _counted(record: Record, signal: Tensor) -> Tensor:
+def _after_warmup(record: Record, signal: Tensor) -> Tensor:
     return signal[..., record.warmup :, :]

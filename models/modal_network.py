@@ -22,13 +22,12 @@ from torch import Tensor, nn
 from data.record import Drive, Record, Response
 from models.estimator import Estimator, Parameter, simulate
 from models.fit.held_back import end_of_share
-from models.modal.between_samples import interpolated
-from models.modal.fit import ORDERS, Plan, fitted, learned
+from models.modal.excitation import Excited, interpolated, period_of, steady_mean
+from models.modal.fit import ORDERS, Plan, fit_modal, learned
 from models.modal.layout import FAMILIES, Layout
 from models.modal.linear_start import first_state
-from models.modal.periods import period_of, steady_mean
 from models.modal.problem import Motion
-from models.modal.run import Excited, outputs, steady_state
+from models.modal.run import outputs, steady_state
 from models.physical.parameters import modal
 
 MOST_MODES, MOST_ELEMENTS = 40, 8
@@ -145,7 +144,7 @@ class ModalNetwork(Estimator):
         substeps = self.substeps or self._substeps(scale)
         motions = [scale.motion(one, substeps, self.ahead, self.held_back) for one in signals]
         plan = replace(self.plan, through=records[0].quantity in THROUGH)
-        fit, facts = fitted(motions, plan)
+        fit, facts = fit_modal(motions, plan)
         layout = fit.layout
         count = int(learned(fit, plan).sum())
         self.counts.copy_(torch.tensor([layout.modes, layout.elements, substeps, count]))

@@ -1,6 +1,6 @@
 """Moment frame: floors on columns and beams of steel, whose joints turn; the base is shaken.
 
-M ẍ + α M v + F = M u,   F from members whose ends yield (models/frames/run_compiled.py)
+M ẍ + α M v + F = M u,   F from members whose ends yield (models/moment_frame_compiled.py)
 
 Only floors are measured. Yielding wanders between the joints: no law between two floors follows
 it, while columns and beams with joints as hidden unknowns do. Their numbers are fitted to forces
@@ -27,8 +27,8 @@ from models.composition.states import integrated_states
 from models.estimator import Estimator
 from models.fit.minimise import minimise
 from models.fit.progress import announce
-from models.frames.run_compiled import free, imposed
 from models.layers.integrate import between
+from models.moment_frame_compiled import free, imposed
 
 
 class MomentFrame(Estimator):
@@ -81,7 +81,7 @@ class MomentFrame(Estimator):
         free_run_error: of the free run.
         """
         motions = [motion for record in batches for motion in self._motions(record.to("cpu"))]
-        numbers, balance, free_run = fitted(self.known, motions)
+        numbers, balance, free_run = fit_numbers(self.known, motions)
         self.numbers.data.copy_(torch.from_numpy(numbers))
         return {"balance_error": balance, "free_run_error": free_run}
 
@@ -100,7 +100,7 @@ class MomentFrame(Estimator):
         frame = members(self.numbers.cpu().numpy(), self.known.mass, self.known.rho)
         none = torch.zeros(*drive.u.shape[:-1], self.dofs, dtype=torch.float64)
         motions = self._of(none, none, none, drive.u.cpu(), drive.hold, drive.dt)
-        runs = np.stack([simulated(frame, self.known, motion) for motion in motions], axis=1)
+        runs = np.stack([run_frame(frame, self.known, motion) for motion in motions], axis=1)
         x, v, a = torch.from_numpy(runs).reshape(3, *none.shape).to(drive.u.device)
         return Response(x, v, a)
 
@@ -166,7 +166,7 @@ class Known:
     rho: np.ndarray
 
 
-def fitted(known: Known, motions: Sequence[Motion]) -> tuple[np.ndarray, float, float]:
+def fit_numbers(known: Known, motions: Sequence[Motion]) -> tuple[np.ndarray, float, float]:
     """Numbers (P,) of the frame, relative errors where forces balance and in free run."""
     begin = start(known.mass, *_storeys(known, motions))
     theta = _solved(Balance(known, motions[:FIRST], begin, np.zeros_like(begin)), ITERATIONS[0])
@@ -204,7 +204,7 @@ def _solved(problem: Balance, iterations: int) -> np.ndarray:
     return found
 
 
-def simulated(frame: Members, known: Known, motion: Motion) -> np.ndarray:
+def run_frame(frame: Members, known: Known, motion: Motion) -> np.ndarray:
     """x, v, a (3, T, n) of a frame under the excitation of a motion, from rest."""
     found = np.zeros((3, len(motion.u), len(known.mass)))
     free(
@@ -245,9 +245,11 @@ class Balance:
     def errors(self, theta: np.ndarray) -> np.ndarray:
         """Weighted so that their mean square is that relative to the accelerations, (N n,)."""
         frame = members(moved(self.begin, theta), self.known.mass, self.known.rho)
-        return self.weight * np.concatenate([self._left(frame, m) for m in self.motions]).ravel()
+        return (
+            self.weight * np.concatenate([self._residual(frame, m) for m in self.motions]).ravel()
+        )
 
-    def _left(self, frame: Members, m: Motion) -> np.ndarray:
+    def _residual(self, frame: Members, m: Motion) -> np.ndarray:
         force = np.empty_like(m.x)
         imposed(frame.laws, frame.sag, self.known.rho, frame.beta, m.x, m.v, m.dt, force)
         return m.u[:, None] - frame.alpha * m.v - force / self.known.mass - m.a
@@ -276,8 +278,8 @@ class FreeRun(Balance):
 
     doing = "fitted to its free run"
 
-    def _left(self, frame: Members, m: Motion) -> np.ndarray:
-        left: np.ndarray = simulated(frame, self.known, m)[2] - m.a
+    def _residual(self, frame: Members, m: Motion) -> np.ndarray:
+        left: np.ndarray = run_frame(frame, self.known, m)[2] - m.a
         return left
 
 

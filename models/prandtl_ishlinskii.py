@@ -20,7 +20,7 @@ from data.record import Drive, Record, Response
 from models.element_test import ElementTest
 from models.estimator import Parameter
 from models.layers.least_squares import require_ridge
-from models.sliders.fit import LINEAR, Motion, Sliders, fitted, number_of
+from models.sliders.fit import LINEAR, Motion, Sliders, fit_sliders, number_of
 
 MOST_SLIDERS, MOST_NODES = 6, 200
 
@@ -73,7 +73,7 @@ class PrandtlIshlinskii(ElementTest):
         if number is None:
             number, errors = number_of(motions, MOST_SLIDERS, self.nodes, self.ridge)
             facts["held_back_percent"] = ", ".join(f"{100.0 * error:.2f}" for error in errors)
-        law = fitted(motions, number, self.nodes, self.ridge)
+        law = fit_sliders(motions, number, self.nodes, self.ridge)
         self.widths.zero_()[:number] = law.widths
         self.weights.data.zero_()[: len(law.weights)] = law.weights
         sizes = (law.widths * self.scale[0].cpu()).tolist()

@@ -12,8 +12,7 @@ import numpy as np
 
 from export.names import inputs_of
 from export.step import Step
-from models.modal.core import exact_steps
-from models.modal.run import BOUND, at_rest
+from models.modal.run import BOUND, at_rest, exact_steps
 from models.modal.run_compiled import Modes, Parts, _deform, _laws
 from models.modal.units_compiled import TERMS
 from models.modal_network import ModalNetwork

@@ -168,13 +168,13 @@ class Branch:
         self.highest, self.lowest = y.clamp_min(0.0), y.clamp_max(0.0)
         self.memory = theta.new_zeros(self.memories)
 
-    def grown(self, rate: Tensor) -> Tensor:
+    def growth(self, rate: Tensor) -> Tensor:
         """g of a rate."""
         return 1.0 - torch.exp(-rate.abs() / self.tail[4].exp())
 
     def go_on(self, y: Tensor, rate: Tensor) -> Tensor:
         """Move to y on the present branch; the element's force there."""
-        g, before = self.grown(rate), self.h
+        g, before = self.growth(rate), self.h
         if self.side:
             ends = torch.stack([self.side * y, self.side * self.y_turn])
             E, E_turn = (

@@ -113,10 +113,10 @@ class Composite(Held):
                     f"{MOST_STEPS} steps that autograd follows in Python; simulate under "
                     "torch.no_grad(), or take a shorter drive"
                 )
-            return self.simulated(drive, substeps)
+            return self.differentiable_run(drive, substeps)
         return self.trace(drive).response
 
-    def simulated(self, drive: Drive, substeps: int) -> Response:
+    def differentiable_run(self, drive: Drive, substeps: int) -> Response:
         """The free run in PyTorch, differentiable in all it returns."""
         return simulate(self.composition(), drive, substeps)
 

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.modal.core import exact_steps
 from models.modal.layout import Layout
 from models.modal.problem import Motion, State
-from models.modal.run import blocks, outputs
+from models.modal.run import blocks, exact_steps, outputs
 from models.modal.run_compiled import driven, features
 from models.modal.units_compiled import HINGE, TERMS, UNIT
 

@@ -16,7 +16,7 @@ import numpy as np
 from models.fit.minimise import minimise
 from models.modal.element_start import Element, ElementSearch
 from models.modal.layout import Layout
-from models.modal.linear_start import by_spectra, held_back_error, settled
+from models.modal.linear_start import by_spectra, held_back_error, settle
 from models.modal.problem import ModalProblem, Motion, State
 from models.modal.run import outputs
 
@@ -81,7 +81,7 @@ def learned(fit: Fit, plan: Plan) -> np.ndarray:
     return layout.join(mask).astype(bool)
 
 
-def extended(fit: Fit, element: Element, family: str, share: float, plan: Plan) -> Fit:
+def extend(fit: Fit, element: Element, family: str, share: float, plan: Plan) -> Fit:
     """The model with one more element, `share` as strong as it was found."""
     old = fit.layout
     layout = replace(old, elements=old.elements + 1, hinges=plan.hinges, units=plan.units)
@@ -102,25 +102,25 @@ def extended(fit: Fit, element: Element, family: str, share: float, plan: Plan) 
     return Fit(layout, State(layout.join(parts), begins), [*fit.laws, family])
 
 
-def trained(fit: Fit, motions: Sequence[Motion], plan: Plan, iterations: int) -> Fit:
+def train(fit: Fit, motions: Sequence[Motion], plan: Plan, iterations: int) -> Fit:
     """The model after so many iterations on the samples that are not held back."""
-    state = settled(fit.layout, fit.state, motions)
+    state = settle(fit.layout, fit.state, motions)
     problem = ModalProblem(fit.layout, motions, state, learned(fit, plan), plan.prior)
     with np.errstate(all="ignore"):
         minimise(problem, SETTINGS, iterations=iterations)
         state = problem.now()
-    return judged(replace(fit, state=state), motions)
+    return judge(replace(fit, state=state), motions)
 
 
-def judged(fit: Fit, motions: Sequence[Motion]) -> Fit:
+def judge(fit: Fit, motions: Sequence[Motion]) -> Fit:
     """The model with its error on held-back motion; one that runs away comes after all others."""
-    state = settled(fit.layout, fit.state, motions)
+    state = settle(fit.layout, fit.state, motions)
     error = held_back_error(fit.layout, state, motions)
-    stood = stands(replace(fit, state=state), motions)
+    stood = stays_in_bounds(replace(fit, state=state), motions)
     return replace(fit, state=state, error=error if stood else RUNAWAY * error)
 
 
-def stands(fit: Fit, motions: Sequence[Motion]) -> bool:
+def stays_in_bounds(fit: Fit, motions: Sequence[Motion]) -> bool:
     """Whether free runs stay in bounds under MORE times the excitation of each motion."""
     if not fit.laws:
         return True
@@ -137,18 +137,18 @@ def stands(fit: Fit, motions: Sequence[Motion]) -> bool:
 def loss(fit: Fit, motions: Sequence[Motion], plan: Plan) -> float:
     """Of the samples that are not held back."""
     with np.errstate(all="ignore"):
-        state = settled(fit.layout, fit.state, motions)
+        state = settle(fit.layout, fit.state, motions)
         problem = ModalProblem(fit.layout, motions, state, learned(fit, plan))
         return float(problem.loss())
 
 
-def begun(
+def start_with(
     fit: Fit, element: Element, family: str, motions: Sequence[Motion], plan: Plan
 ) -> Fit | None:
     """The model with an element as strong as helps; None where no strength does."""
     before = loss(fit, motions, plan)
     for share in WEAKER:
-        tried = extended(fit, element, family, share, plan)
+        tried = extend(fit, element, family, share, plan)
         if loss(tried, motions, plan) < before:
             return tried
     return None
@@ -162,12 +162,12 @@ def with_element(fit: Fit, motions: Sequence[Motion], plan: Plan, rng: np.random
     for family, elements in search.best(plan.families, rng, plan.directions).items():
         ends = []
         for element in elements[: plan.draws]:
-            start = begun(fit, element, family, motions, plan)
+            start = start_with(fit, element, family, motions, plan)
             if start is not None:
-                ends.append(trained(start, motions, plan, plan.first_iterations))
+                ends.append(train(start, motions, plan, plan.first_iterations))
         if ends:
             best = min(ends, key=lambda end: end.error)
-            found.append(trained(best, motions, plan, 2 * plan.first_iterations))
+            found.append(train(best, motions, plan, 2 * plan.first_iterations))
     if not found:
         return fit
     least = min(end.error for end in found)
@@ -185,7 +185,7 @@ def linear(motions: Sequence[Motion], plan: Plan) -> Fit:
         start = by_spectra(motions, modes)
         if start is None:
             break
-        found.append(trained(Fit(*start), motions, plan, plan.linear_iterations))
+        found.append(train(Fit(*start), motions, plan, plan.linear_iterations))
         earlier = [fit.error for fit in found[:-PATIENCE]]
         if earlier and min(fit.error for fit in found[-PATIENCE:]) > GAIN * min(earlier):
             break
@@ -193,10 +193,10 @@ def linear(motions: Sequence[Motion], plan: Plan) -> Fit:
     if not np.isfinite(least):
         raise ValueError("no linear system follows the motion; look for outliers in the record")
     chosen = next(fit for fit in found if fit.error <= ENOUGH * least)
-    return trained(chosen, motions, plan, plan.iterations)
+    return train(chosen, motions, plan, plan.iterations)
 
 
-def joined(fit: Fit, layout: Layout, state: State) -> Fit:
+def join_modes(fit: Fit, layout: Layout, state: State) -> Fit:
     """The model with the modes of a linear one beside its own, which elements do not see yet."""
     old = fit.layout
     wide = replace(old, modes=old.modes + layout.modes)
@@ -222,16 +222,16 @@ def with_modes(fit: Fit, motions: Sequence[Motion], plan: Plan) -> Fit:
     for modes in MORE_MODES if np.isfinite(fit.error) else ():
         more = by_spectra(left, modes)
         if more is not None and fit.layout.modes + more[0].modes <= max(ORDERS):
-            start = joined(fit, *more)
-            found.append(trained(start, motions, plan, plan.first_iterations))
+            start = join_modes(fit, *more)
+            found.append(train(start, motions, plan, plan.first_iterations))
     least = min((end.error for end in found), default=np.inf)
     if least > GAIN * fit.error:
         return fit
     chosen = next(end for end in found if end.error <= SIMPLER * least)
-    return trained(chosen, motions, plan, 2 * plan.first_iterations)
+    return train(chosen, motions, plan, 2 * plan.first_iterations)
 
 
-def fitted(motions: Sequence[Motion], plan: Plan) -> tuple[Fit, dict[str, Any]]:
+def fit_modal(motions: Sequence[Motion], plan: Plan) -> tuple[Fit, dict[str, Any]]:
     """A model of the motions, and what is to be told of it."""
     rng = np.random.default_rng(plan.seed)
     fit = linear(motions, plan)
@@ -244,5 +244,7 @@ def fitted(motions: Sequence[Motion], plan: Plan) -> tuple[Fit, dict[str, Any]]:
     facts |= {"modes": fit.layout.modes, "elements": ", ".join(fit.laws) or "none"}
     facts["held_back_percent"] = 100.0 * fit.error
     whole = [replace(motion, stop=len(motion.y)) for motion in motions]
-    end = trained(fit, whole, plan, plan.iterations)
-    return (fit if stands(fit, motions) and not stands(end, whole) else end), facts
+    end = train(fit, whole, plan, plan.iterations)
+    return (
+        fit if stays_in_bounds(fit, motions) and not stays_in_bounds(end, whole) else end
+    ), facts

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.modal.excitation import Excited
 from models.modal.layout import Layout
 from models.modal.problem import Motion, State
-from models.modal.run import Excited, blocks, outputs, steady_state
+from models.modal.run import blocks, outputs, steady_state
 
 RIDGE = 1e-12, 1e-5  # of the squares of columns; of several inputs, such as s and its rate
 STEPS = 8  # of Gauss and Newton, for a first state
@@ -57,7 +58,7 @@ def held_back_error(
     return float(np.sqrt(squares / count)) if np.isfinite(squares) else float("inf")
 
 
-def settled(layout: Layout, state: State, motions: Sequence[Motion]) -> State:
+def settle(layout: Layout, state: State, motions: Sequence[Motion]) -> State:
     """The state with the periods among the motions begun in their steady state."""
     state = state.copy()
     for number, motion in enumerate(motions):

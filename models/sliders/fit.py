@@ -47,11 +47,11 @@ class Sliders:
 
     def forces(self, motion: Motion) -> Tensor:
         """r (T,) of a motion, whose warm-up samples tell where the sliders stood."""
-        table = columns(motion, self.widths, self.begins(motion), self.nodes)
+        table = columns(motion, self.widths, self.first_stretches(motion), self.nodes)
         forces: Tensor = table @ self.weights
         return forces
 
-    def begins(self, motion: Motion) -> Tensor:
+    def first_stretches(self, motion: Motion) -> Tensor:
         """Where the sliders stood (J,): what suits the warm-up samples best, one by one in turn."""
         J = len(self.widths)
         if motion.at_rest or not motion.warmup:
@@ -136,7 +136,7 @@ def _blocks(
         yield torch.cat([line, hats(z[part], nodes).flatten(1)], dim=1), motion.r[part]
 
 
-def fitted(motions: Sequence[Motion], number: int, nodes: int, ridge: float) -> Sliders:
+def fit_sliders(motions: Sequence[Motion], number: int, nodes: int, ridge: float) -> Sliders:
     """So many sliders, put in one after another, each where it suits the motions best."""
     squares, chosen = Squares(motions, GRID, nodes, ridge), list[int]()
     for _ in range(number):
@@ -151,7 +151,7 @@ def fitted(motions: Sequence[Motion], number: int, nodes: int, ridge: float) -> 
         widths = _nearer(motions, widths, step, nodes, ridge)
     law = Squares(motions, widths, nodes, ridge).solved(range(number))[1]
     for _ in range(0 if all(motion.at_rest for motion in motions) else ROUNDS):
-        begins = [law.begins(motion) for motion in motions]
+        begins = [law.first_stretches(motion) for motion in motions]
         law = Squares(motions, widths, nodes, ridge, begins).solved(range(number))[1]
     return law
 
@@ -181,7 +181,7 @@ def number_of(
     rest, judged = hold_back(motions)
     errors: list[float] = []
     for number in count(1):
-        errors.append(fitted(rest, number, nodes, ridge).error(judged))
+        errors.append(fit_sliders(rest, number, nodes, ridge).error(judged))
         if number > 1 and not errors[-1] < WORTH * errors[-2]:
             return number - 1, errors
         if number == most:

@@ -99,7 +99,7 @@ def linear_start(
     if not fault and off < (DOUBTFUL if layout.either is None else UNSURE):
         return Start(first, "least squares", [], rank, open_names)
     told = [f"not least squares: {fault}"] if fault else []
-    found = {"spectra": nearest(spectra, layout)}
+    found = {"spectra": nearest_structure(spectra, layout)}
     errors = {"spectra": spectra.error(found["spectra"], layout)}
     if not fault:
         found["least squares"], errors["least squares"] = first, off
@@ -134,7 +134,7 @@ def fault_of(structure: LinearStructure, layout: Layout, substep: float) -> str:
     return ""
 
 
-def nearest(spectra: Spectra, layout: Layout, most: int = POLISHED) -> LinearStructure:
+def nearest_structure(spectra: Spectra, layout: Layout, most: int = POLISHED) -> LinearStructure:
     """The best of the polished structures of the best places."""
     ends = [polished(spectra, layout, place) for place in places(spectra, layout)[:most]]
     return min(ends, key=lambda end: spectra.error(end, layout))
@@ -154,7 +154,9 @@ def require_signs(spectra: Spectra, layout: Layout, error: float, forces: Sequen
     changed |= {name: flipped(spectra, layout, None, j) for j, name in enumerate(forces)}
     if len(forces) > 1:
         changed["all forces"] = flipped(spectra, layout, None, slice(None, len(forces)))
-    errors = {name: one.error(nearest(one, layout, 1), layout) for name, one in changed.items()}
+    errors = {
+        name: one.error(nearest_structure(one, layout, 1), layout) for name, one in changed.items()
+    }
     name = min(errors, key=lambda key: errors[key])
     if errors[name] < MARKED * error:
         raise ValueError(

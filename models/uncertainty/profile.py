@@ -53,7 +53,7 @@ class Profile:
         return {
             "name": self.name,
             "unit": self.unit,
-            "told": self.told,
+            "told": self.verdict,
             "likeliest": self.best,
             "low": low,
             "high": high,
@@ -63,7 +63,7 @@ class Profile:
         }
 
     @property
-    def told(self) -> str:
+    def verdict(self) -> str:
         """In a word: determined, or what the records leave open."""
         if np.isfinite(self.low) and np.isfinite(self.high):
             return "determined"

@@ -36,7 +36,7 @@ class Signal:
     half: Tensor
     truth: Tensor | None = None
 
-    def held(self, truth: Tensor) -> float:
+    def coverage(self, truth: Tensor) -> float:
         """Share of the true samples (T, c) within the band, of those that are scored."""
         scored = ~self.half.isnan()
         inside = (truth - self.run).abs() <= self.half

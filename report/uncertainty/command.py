@@ -230,17 +230,17 @@ def print_profiles(
         ends = [f"{end:.5g}" if math.isfinite(end) else OPEN for end in (p.low, p.high)]
         own = fitted[p.name]
         name = f"{p.name} [{p.unit}]" if p.unit else p.name
-        lines.append([name, f"{p.best:.5g}", *ends, f"{own.value:.5g} ± {own.half:.2g}", p.told])
+        lines.append([name, f"{p.best:.5g}", *ends, f"{own.value:.5g} ± {own.half:.2g}", p.verdict])
     head = ["parameter", "likeliest", "from", "to", "by the fit", "status"]
     console.print(printed(Section(head, lines), left=(0, 5)))
     for p in profiles:
-        if p.told != "determined":
+        if p.verdict != "determined":
             reach = f"{p.values.min():.4g} to {p.values.max():.4g}"
             line = (
-                f"{p.name} is {p.told}: from {reach} the other parameters compensate for it, up to "
-                f"{p.deviance.max():.2g} in 2 log likelihood ({THRESHOLD:.3g} would bound it)"
-                if p.told == "not identifiable"
-                else f"{p.name} is {p.told} (searched from {reach})"
+                f"{p.name} is {p.verdict}: from {reach} the other parameters compensate for it, "
+                f"up to {p.deviance.max():.2g} in 2 log likelihood ({THRESHOLD:.3g} would bound it)"
+                if p.verdict == "not identifiable"
+                else f"{p.name} is {p.verdict} (searched from {reach})"
             )
             console.print(Text(line, style="yellow"))
 
@@ -264,7 +264,7 @@ def profile_figure(profiles: Sequence[Profile], intervals: Sequence[Interval]) -
         axes.axvspan(*ends, color="#56B4E9", alpha=0.15, linewidth=0, label="interval")
         axes.set_ylim(0.0, max(2.0 * THRESHOLD, 1.0))
         axes.set_xlabel(f"{p.name} [{p.unit}]" if p.unit else p.name)
-        axes.set_title(p.told, fontsize="medium")
+        axes.set_title(p.verdict, fontsize="medium")
         axes.locator_params(axis="x", nbins=4)
         if place % 3 == 0:
             axes.set_ylabel("2 × loss of log-likelihood")

@@ -11,12 +11,11 @@ from scipy.integrate import solve_ivp
 
 from data.record import Record
 from models import ModalNetwork
-from models.modal.between_samples import interpolated
-from models.modal.core import exact_steps
+from models.modal.excitation import Excited, interpolated
 from models.modal.layout import Layout
 from models.modal.linear_start import by_spectra
 from models.modal.problem import Motion
-from models.modal.run import Excited, blocks, outputs
+from models.modal.run import blocks, exact_steps, outputs
 from models.modal.run_compiled import features
 
 SMALL = {
@@ -135,7 +134,7 @@ def test_band_limited_interpolation_between_samples(ahead):
 
 
 def test_a_causal_interpolation_does_not_see_what_is_to_come(monkeypatch):
-    monkeypatch.setattr("models.modal.between_samples.band_end", lambda u: 0.5)
+    monkeypatch.setattr("models.modal.excitation.band_end", lambda u: 0.5)
     u = np.random.default_rng(0).standard_normal((200, 1))
     u -= u.mean()
     other = u.copy()

@@ -14,9 +14,8 @@ from data.record import Drive, Record, stack
 from data.simulation.element_test import force
 from models import MomentFrame
 from models import moment_frame as fit
-from models.frames.hinge_compiled import MEMORY, turn
-from models.frames.run_compiled import elastic
 from models.moment_frame import SHARED, members
+from models.moment_frame_compiled import MEMORY, elastic, turn
 
 DT, MASSES, HEIGHTS = 0.01, [3.0e4, 2.5e4], [4.0, 3.0]
 KINDS = [8.0, 0.02, 15.0, 0.9, 6.0, 0.04, 10.0, 0.85]

@@ -126,7 +126,7 @@ def test_a_profile_of_a_determined_parameter_is_a_parabola(linear):
     (j,) = support_of(model, "r1.stiffness")
     deviation = np.sqrt(np.linalg.inv(point.matrix)[j, j])
     set_free_vector(model, before)
-    assert found.told == "determined"
+    assert found.verdict == "determined"
     assert 0.5 * np.log(found.high / found.low) == pytest.approx(1.96 * deviation, rel=0.05)
     assert np.sqrt(found.low * found.high) == pytest.approx(80.0 * np.exp(best[j]), rel=0.01)
 
@@ -142,5 +142,5 @@ def test_a_flat_profile_is_not_identifiable():
     likelihood = Likelihood(model, [record], laplace(model, [record]))
     best, point = most_likely(likelihood, free_vector(model).numpy())
     found = profile_of(likelihood, "r1.unit_1.stiffness", best, point)
-    assert found.told == "not identifiable"
+    assert found.verdict == "not identifiable"
     assert found.deviance.max() < 1.0

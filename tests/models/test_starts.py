@@ -14,7 +14,7 @@ from models.element_network import ElementNetwork
 from models.fit.free_run_objective import FreeRun
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.latent_hysteresis_network import LatentHysteresisNetwork
-from models.starts.ladder import nearest, not_negative, triangle
+from models.starts.ladder import nearest_structure, not_negative, triangle
 from models.starts.spectra import Layout, LinearStructure, Spectra, respond, typical
 
 DT = 0.01
@@ -74,7 +74,7 @@ def test_a_planted_chain_is_found_from_its_spectra_and_a_far_start():
     model = planted(base=True)
     record, layout = motion(model), layout_of(model)
     spectra = Spectra.of([record])
-    found = nearest(spectra, layout)
+    found = nearest_structure(spectra, layout)
     wanted = LinearStructure(np.array(MASSES), np.array(STIFFNESS), np.zeros(3))
     frequencies = [np.sqrt(s.frequencies(layout.B)) for s in (found, wanted)]
     assert frequencies[0] == pytest.approx(frequencies[1], rel=0.02)
@@ -117,8 +117,8 @@ def test_a_frame_whose_columns_bend_over_storeys_is_found_by_negative_springs():
     model = bent_frame()
     spectra, layout = Spectra.of([motion(model, 1500, noise=0.02)]), layout_of(model)
     either = replace(layout, either=np.array(model.laws.either))
-    found = nearest(spectra, either, 1)
-    errors = [spectra.error(one, layout) for one in (found, nearest(spectra, layout, 1))]
+    found = nearest_structure(spectra, either, 1)
+    errors = [spectra.error(one, layout) for one in (found, nearest_structure(spectra, layout, 1))]
     assert errors[0] < 0.75 * errors[1]  # both have what is cut off while it rings down
     assert [k > 0.0 for k in found.stiffness] == [k > 0.0 for k in BENT]
 
