@@ -12,8 +12,9 @@ from scipy.signal import butter, lfilter
 from data.record import Drive, Record, stack
 from models.element_network import ElementNetwork
 from models.fit.free_run_objective import FreeRun
+from models.fit.minimise import minimise
 from models.fit.noise_weights import (
-    _solve,
+    STEPS,
     noise_of_sensors,
     refit,
     weigh_at_first,
@@ -59,7 +60,7 @@ def fit(record: Record, channels: str | None) -> tuple[ElementNetwork, list[str]
     """A fit to all channels alike, and what follows it."""
     model = planted()
     model.admitted([record])
-    _solve(model, FreeRunProblem(model, record, None))
+    minimise(FreeRunProblem(model, record, None), STEPS)
     told = refit(model, record, lambda r: FreeRunProblem(model, r, None), channels, None, list)
     return model, told
 
