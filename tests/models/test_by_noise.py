@@ -15,7 +15,6 @@ from models.fit.free_run_objective import FreeRun
 from models.fit.minimise import minimise
 from models.fit.noise_weights import (
     STEPS,
-    noise_of_sensors,
     refit,
     weigh_at_first,
 )
@@ -107,17 +106,6 @@ def test_channels_of_like_noise_count_alike(clean, levels):
     weigh_at_first(model, [record], None)
     assert model.channels.tolist() == [1.0, 1.0]
     assert off(model) == off(alike)  # it was not fitted anew
-
-
-def test_motion_under_forces_of_all_frequencies_is_no_noise():
-    f = 5.0 * torch.from_numpy(np.random.default_rng(0).standard_normal((T, 2))) * torch.eye(2)[0]
-    rest = torch.zeros(2, dtype=torch.float64)
-    with torch.no_grad():
-        a = planted().free_run(Drive(DT, f, rest, rest)).a
-    assert noise_of_sensors([(a.numpy(), f.numpy())]).max() < 0.1 * float(a.std())
-    model = planted()
-    weigh_at_first(model, [Record(DT, a, f)], None)
-    assert model.channels.tolist() == [1.0, 1.0]
 
 
 def test_what_cannot_be_weighed_is_refused(clean):

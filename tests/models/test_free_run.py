@@ -221,16 +221,6 @@ def test_one_diverged_record_of_a_split_is_never_dropped():
     assert errors["relative_rms_percent"] is None
 
 
-def test_a_free_run_is_scored_by_hand_against_measured_and_true():
-    u = torch.ones(50, 1).double()
-    errors = free_run_score(Fixed(1.2), [one_record(u)])
-    assert errors["relative_rms_percent"] == pytest.approx(20.0)
-    assert "displacement_percent" not in errors  # there is none to compare with
-    errors = free_run_score(Fixed(1.2), [one_record(u, true=1.25 * u)])
-    assert errors["relative_rms_percent_true"] == pytest.approx(4.0)
-    assert errors["displacement_percent"] == pytest.approx(4.0)
-
-
 @pytest.mark.parametrize("build", [LastValue, TwoPoint, FilteredExtrapolation])
 def test_an_extrapolation_says_why_it_has_no_free_run(build, bilinear_record):
     estimator = build(3, 3, DT)

@@ -85,15 +85,6 @@ def test_lbfgs_says_why_it_stops(settings, why, iterations):
 # Adam
 
 
-def test_adams_first_step_is_its_rate_against_the_sign_of_each_slope():
-    problem, free, _ = linear()
-    before = free[0].detach().clone()
-    slope = torch.autograd.grad(problem.loss(), free)[0]
-    loss = float(problem.loss().detach())
-    assert Adam(free, rate=0.02).solve(problem) == [pytest.approx(loss, rel=1e-12)]
-    assert torch.allclose(free[0].detach(), before - 0.02 * slope.sign(), rtol=0.0, atol=1e-6)
-
-
 def test_adam_comes_close_to_the_least_squares_solution():
     problem, free, wanted = linear()
     run(Adam(free, iterations=400, rate=0.05), problem)

@@ -140,45 +140,7 @@ def test_the_residual_network_sees_the_acceleration_of_the_sample_before_alone()
     assert seen == {"a": [51], "x": [50, 51], "v": [50, 51], "f": [50, 51]}
 
 
-def test_its_own_residual_remembers_the_past_and_never_sees_an_acceleration():
-    record = motion(2)
-    estimator = identified("residual", record)
-    assert changed_samples(estimator, record, "own_residual", "a") == []
-    remembered = changed_samples(estimator, record, "own_residual", "f")
-    assert remembered[0] == 50
-    assert len(remembered) > 5
-    unknown = replace(record, a=torch.full_like(record.a, torch.nan))
-    assert torch.equal(estimator.with_own_residual(unknown), estimator.with_own_residual(record))
-
-
 # permutation
-
-
-def renumber(estimator: nn.Module, other: nn.Module, order: list[int]) -> None:
-    """Weights of `estimator` for masses that are renumbered, to `other`."""
-    weights = [p.detach().clone() for p in estimator.network.parameters()]
-    blocks = weights[0].shape[1] // len(order)
-    columns = [len(order) * block + i for block in range(blocks) for i in order]
-    weights[0] = weights[0][:, columns]
-    weights[-2:] = [u[order] for u in weights[-2:]]
-    with torch.no_grad():
-        for p, u in zip(other.network.parameters(), weights, strict=True):
-            p.copy_(u)
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_renumbered_masses_give_renumbered_estimates_and_the_same_loss(model):
-    order, record = [2, 0, 1], motion(3)
-    renumbered = record.map(lambda u: u[..., order])
-    one, other = identified(model, record), identified(model, renumbered, seed=1)
-    assert torch.allclose(one.network.output_scale.reach[order], other.network.output_scale.reach)
-    renumber(one, other, order)
-    for way, estimate in one.estimates(record).items():
-        again = other.estimates(renumbered)[way]
-        assert torch.allclose(again, estimate[..., order], rtol=0.0, atol=1e-10)
-    losses = [float(Problem(e, r).loss().detach()) for e, r in
-              ((one, record), (other, renumbered))]  # fmt: skip
-    assert losses[0] == pytest.approx(losses[1], rel=1e-10)
 
 
 # choices

@@ -107,14 +107,6 @@ def test_elastic_stiffness_is_that_of_slope_and_deflection():
     np.testing.assert_allclose(ours, to_ours[:, None] * K * to_ours, rtol=1e-6)
 
 
-def test_weight_takes_its_share_of_the_stiffness():
-    mass, rho = np.array(MASSES), np.array(HEIGHTS) / HEIGHTS[0]
-    heavy, light = (members(frame(g).numbers.numpy(), mass, rho) for g in (2.0, 1.0))
-    taken = elastic(light.laws, light.sag, rho) - elastic(heavy.laws, heavy.sag, rho)
-    g = mass[::-1].cumsum()[::-1] / rho
-    np.testing.assert_allclose(taken[:2, :2], [[g[0] + g[1], -g[1]], [-g[1], g[1]]], rtol=1e-6)
-
-
 def test_small_motions_are_those_of_the_condensed_frame_to_second_order():
     u, M, rho = shaken(3, 0.05, 400), np.array(MASSES), np.array(HEIGHTS) / HEIGHTS[0]
     still = frame(damping=1e-9)

@@ -17,7 +17,6 @@ from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
-from models.neural_state_space import NeuralStateSpace
 from tests.models.training import fit
 from tests.models.two_masses import DT
 
@@ -57,38 +56,6 @@ def test_stages_follow_each_other_and_are_reported(data, tmp_path):
     assert {stage["stopped"] for stage in trained["stages"]} == {"3 iterations"}
     assert trained["iterations"] == len(module.losses) == 9
     assert free_run_loss(module.estimator, data) == pytest.approx(module.losses[-1], rel=1e-9)
-
-
-def test_the_end_of_the_best_stage_is_kept(data, tmp_path):
-    """The last stage leads astray, on purpose."""
-
-    class Astray(LevenbergMarquardt):
-        made = 0
-
-        def __init__(self, parameters) -> None:
-            super().__init__(parameters, iterations=1, gradient=0.0)
-            Astray.made += 1
-            self.astray = Astray.made == 2
-
-        @torch.no_grad()
-        def solve(self, problem) -> list[float]:
-            if not self.astray:
-                return super().solve(problem)
-            for group in self.param_groups:
-                for p in group["params"]:
-                    p.mul_(0.1)
-            self.finished, self.why = True, "astray"
-            return [float(problem.loss())]
-
-    module = Identification(
-        NeuralStateSpace(2, 2, DT, memory=1, hidden=2, past=2),
-        lambda parameters: Astray(parameters),
-        objective=FreeRun([20, None]),
-    )
-    fit(module, data, tmp_path)
-    assert [stage["stopped"] for stage in module.ended] == ["1 iterations", "astray"]
-    assert free_run_loss(module.estimator, data) == pytest.approx(module.chosen[0], rel=1e-12)
-    assert module.chosen[0] < module.losses[-1]
 
 
 @pytest.mark.parametrize("solver", ["adam", "lbfgs"])

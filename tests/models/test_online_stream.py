@@ -10,7 +10,6 @@ import torch
 
 from data.record import Record
 from data.sample import Sample, samples_of
-from data.simulation.excitation import BandLimitedGaussian, Excitation
 from models.linear import EquivalentLinear
 from models.linear_in_weights import LinearInWeights
 from models.online.guard import Guard
@@ -71,21 +70,6 @@ def test_a_frozen_stream_is_the_batch_estimator(identified, record, name, kind):
     whole = identified[name](record)
     assert torch.allclose(run(stream, record), whole, rtol=0, atol=1e-11 * float(whole.abs().max()))
     assert not stream.events
-
-
-@pytest.mark.parametrize("kind", [Stream, VWNNStream])
-def test_supports_are_channels_of_a_stream_too(linear_structure, record_of, kind):
-    shaken = Excitation(
-        force=BandLimitedGaussian(2.0, (0.0, 4.5)),
-        support=BandLimitedGaussian(0.05, (0.0, 4.0)),
-        dofs=[2],
-    )
-    moved = record_of(linear_structure, shaken, 5.0)
-    estimator = VWNN(3, 7, DT, order=1, ridge=1e-10)
-    estimator.identify([moved])
-    assert torch.allclose(
-        run(kind(estimator, Frozen()), moved), estimator(moved), rtol=0, atol=1e-10
-    )
 
 
 @pytest.mark.parametrize("name", [name for name in ESTIMATORS if "vwnn" in name])
@@ -191,19 +175,6 @@ def test_samples_that_did_not_come_are_bridged(identified, record, kind):
     whole = identified["vwnn"](record)
     scale = float(record.a.abs().max())
     assert torch.allclose(torch.stack(estimates[260:]), whole[265:], rtol=0, atol=0.01 * scale)
-
-
-def test_a_sample_that_came_twice_counts_once(identified, record):
-    samples = list(samples_of(record))
-    law = RecursiveLeastSquares(0.999)
-    stream, once = (VWNNStream(identified["vwnn"], law) for _ in range(2))
-    for k, sample in enumerate(samples):
-        estimate = stream.step(sample)
-        assert torch.equal(estimate, once.step(sample))
-        if k == 100:
-            assert torch.equal(stream.step(sample), estimate)
-    assert found(stream) == [(100, "repeated", "all")]
-    assert torch.equal(stream.weights[0], once.weights[0])
 
 
 def test_a_sample_that_does_not_fit_says_how(identified, record):

@@ -16,7 +16,6 @@ from models.fit.identification import Identification
 from models.fit.problem import FreeRunProblem
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.fit.stages import LONGER, fit_linear, horizons_of
-from models.hysteretic_element import HystereticElement
 from tests.models.test_objective import free_run_loss
 from tests.models.test_resume import Motions
 from tests.models.test_starts import motion as shaken
@@ -86,33 +85,6 @@ def test_a_law_that_runs_away_under_a_larger_motion_is_found_out():
         model.laws.cubic.theta.fill_(-1.0)
         model.laws.cubic.unit.mul_(1000.0)
     assert not stays_in_bounds(model, record)
-
-
-def test_a_law_that_moves_by_itself_is_found_out():
-    model = planted(True)
-    record = shaken(model, 2000)
-    with torch.no_grad():
-        model.laws.unit_limit.unit.mul_(0.05)
-        model.laws.unit_stiffness.theta.fill_(-0.5)  # it drives what its units give way to
-        assert float(model.free_run(record.drive()).a.abs().max()) < 20.0 * record.a.abs().max()
-    assert not stays_in_bounds(model, record)
-
-
-def test_friction_that_keeps_its_force_at_small_motions_stands():
-    """An element test: under a tenth of the motion a slider bears nearly what it bore."""
-    t = torch.arange(2000, dtype=torch.float64) * DT
-    imposed = torch.stack([torch.sin(t), torch.cos(t)], dim=1)
-    model = HystereticElement(1, 2, DT, hinges=0, units=1, cubic=False)
-    test = Record(dt=DT, a=torch.sign(imposed[:, 1:]), f=imposed, quantity="force")
-    model.identify([test])
-    with torch.no_grad():
-        model.laws.damping.theta.fill_(-20.0)
-        stiffness = model.laws.stiffness()
-        model.laws.unit_stiffness.theta.copy_(stiffness / model.laws.unit_stiffness.unit)
-        model.laws.unit_limit.unit.mul_(0.01)
-        forces = [model.free_run(replace(test, f=share * imposed).drive()).a for share in (0.1, 1)]
-    assert 0.9 < float(forces[0].abs().max() / forces[1].abs().max()) < 1.1
-    assert stays_in_bounds(model, test)
 
 
 def test_the_linear_structure_is_found_from_a_start_far_from_it():

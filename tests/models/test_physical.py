@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from data import Bilinear, Drive, Record, SelfCentering
+from data import Bilinear, Drive, Record
 from data.simulation.element_test import force, growing_cycles
 from export.modes import modes_of
 from models import (
@@ -16,11 +16,7 @@ from models import (
     ElementNetwork,
     EquivalentLinear,
     LinearMotion,
-    NamedElement,
 )
-from models.named_laws.candidate import Units
-from models.named_laws.candidates import CANDIDATES
-from models.named_laws.fit import Fit
 from tests.models.zoo import DT, ESTIMATORS
 
 
@@ -74,24 +70,6 @@ def test_an_element_network_has_masses_and_laws_in_words(dofs):
     assert found["r1.yield_force"].derived
     assert not found["r1.stiffness"].derived
     assert len(found) == len(network(dofs).physical_parameters())  # no name twice
-
-
-def test_a_named_law_keeps_its_own_words():
-    law = SelfCentering(between=("ground", "x1"), activation_displacement=0.01, stiffness=1e6,
-                        hardening_ratio=0.05, flag=0.8, damping=100.0)  # fmt: skip
-    model = NamedElement(1, 2, 0.01, laws=["SelfCentering"])
-    units = Units(0.05, 0.1, 2e4, 1e6)
-    q = [math.log(0.01 / units.elastic), 0.0, _share(0.05), _share(0.8), math.log(1e2 / 2e5)]
-    model.laws.take(0, Fit(CANDIDATES["SelfCentering"], units, np.array(q)))
-    found = named(model)
-    for name in ("activation_displacement", "stiffness", "hardening_ratio", "flag", "damping"):
-        assert found[f"r1.{name}"].value == pytest.approx(getattr(law, name), rel=1e-9)
-    assert found["r1.activation_force"].value == pytest.approx(1e4)
-    assert found["r1.stiffness"].about.endswith("SelfCentering")
-
-
-def _share(value):
-    return math.log(value / (1.0 - value))
 
 
 def test_a_branch_law_is_told_by_a_slow_push():

@@ -15,7 +15,6 @@ from data.record import Record, Truth, stack
 from data.windows import WindowDataset
 from models.element_network import ElementNetwork
 from models.estimator import Estimator
-from models.fit.metrics import score
 from models.fit.problem import FreeRunProblem, Problem
 from models.fit.trainable import Trainable
 from models.mlp import GlobalMLP, ResidualMLP
@@ -94,20 +93,6 @@ def jacobian(estimator: Estimator, problem: Problem, step: float = 1e-6) -> np.n
     return np.stack(columns, axis=1)
 
 
-@pytest.mark.parametrize(("model", "kind"), PAIRS)
-def test_the_loss_is_the_squared_relative_error_of_the_counted_samples(model, kind):
-    record = RECORDS[kind]()
-    estimator = identified(model, record)
-    estimate = estimator(record.measured()).detach().numpy()[..., record.warmup :, :]
-    measured = record.a.numpy()[..., record.warmup :, :]
-    wanted = np.sum((measured - estimate) ** 2) / np.sum(measured**2)
-    problem = Problem(estimator, record)
-    assert float(problem.loss().detach()) == pytest.approx(wanted, rel=1e-12)
-    assert 100.0 * wanted**0.5 == pytest.approx(
-        score(estimator, [replace(record, truth=None)])["relative_rms_percent"], rel=1e-12
-    )
-
-
 @pytest.mark.parametrize("block", [1, 60, 1 << 22])
 @pytest.mark.parametrize(("model", "kind"), PAIRS)
 def test_normal_equations_are_those_of_finite_differences(model, kind, block, monkeypatch):
@@ -121,18 +106,6 @@ def test_normal_equations_are_those_of_finite_differences(model, kind, block, mo
     assert matrix.shape == (J.shape[1], J.shape[1])
     assert np.allclose(matrix, J.T @ J, rtol=0.0, atol=1e-7 * np.abs(J.T @ J).max())
     assert np.allclose(vector, J.T @ e, rtol=0.0, atol=1e-7 * np.abs(J.T @ e).max())
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_the_gradient_of_the_loss_is_that_of_the_normal_equations(model):
-    """∂ mean(e²)/∂θ = 2 Jᵀe/N, from reverse differentiation of the loss."""
-    record = windows()
-    estimator = identified(model, record)
-    problem = Problem(estimator, record)
-    gradient = torch.autograd.grad(problem.loss(), free_of(estimator))
-    flat = parameters_to_vector(gradient)
-    vector = problem.normal_equations()[1]
-    assert torch.allclose(2.0 * vector / problem.y.numel(), flat, rtol=1e-10, atol=1e-14)
 
 
 @pytest.mark.parametrize("model", MODELS)

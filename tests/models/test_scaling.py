@@ -33,17 +33,6 @@ def scale_of(u: torch.Tensor, *shape: int) -> Extents:
     return scale
 
 
-@pytest.mark.parametrize("order", [[0, 1, 2], [2, 0, 1], [1, 2, 0]])
-def test_extents_do_not_depend_on_the_pieces_they_were_taken_from(order):
-    """Pieces of unequal length and number of axes; extremes lie in any of them."""
-    u = signal(60, 3)
-    pieces = [u[:7], u[7:47].reshape(4, 10, 3), u[47:]]
-    scale = Extents(3)
-    scale.fit(pieces[i] for i in order)
-    assert np.allclose(scale.centre, (u.numpy().max(0) + u.numpy().min(0)) / 2.0, rtol=1e-14)
-    assert np.allclose(scale.reach, np.ptp(u.numpy(), axis=0) / 2.0, rtol=1e-14)
-
-
 def test_the_inverse_undoes_the_scaling_both_ways():
     u = signal(30, 4)
     scale, other = scale_of(u), 2.0 * signal(30, 4, seed=3)

@@ -111,16 +111,6 @@ def test_tied_elements_have_one_theta_and_the_derivatives_of_both(measured):
     ManyRuns(tied, measured.map(lambda u: u[0]).drive())  # raises where coefficients do not follow
 
 
-def test_tied_parameters_are_better_known_and_alike(measured):
-    _, free, _ = at_minimum(measured)
-    _, tied, _ = at_minimum(measured, ties=[["r1.stiffness", "r2.stiffness"]])
-    one, other = tied["r1.stiffness"], tied["r2.stiffness"]
-    assert (one.value, one.half) == pytest.approx((other.value, other.half))
-    assert one.half < min(free["r1.stiffness"].half, free["r2.stiffness"].half)
-    assert tied["r1.damping"].value != tied["r2.damping"].value
-    assert "r2.stiffness" not in one.combined_with
-
-
 def test_a_prior_sets_the_scale_that_no_force_tells():
     """Under a moving support: what has a mass of 500 kg has stiffnesses to suit."""
     more = {"elements": [["s1", "x1"], ["x1", "x2"]], "forced": [], "hinges": 0, "units": 0}
