@@ -166,6 +166,3 @@ def test_left_alone_a_dissipative_structure_never_gains_energy(bilinear_structur
     assert (energy[1:] - energy[:-1]).max() < 1e-4 * energy[0]
     assert energy[-1] < 0.1 * energy[0]
     assert (energy - torch.cummin(energy, dim=0).values).max() < 1e-3 * energy[0]
-
-
-# Inputs that do not fit

@@ -140,12 +140,6 @@ def test_the_residual_network_sees_the_acceleration_of_the_sample_before_alone()
     assert seen == {"a": [51], "x": [50, 51], "v": [50, 51], "f": [50, 51]}
 
 
-# permutation
-
-
-# choices
-
-
 # planting
 
 

@@ -1,4 +1,4 @@
-"""Planted models that each estimator recovers, and what their settings do."""
+"""Planted models that each estimator recovers, and the baselines it has to be better than."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 import torch
 
+from data.datamodule import Data
 from data.record import Record
 from data.simulation.excitation import BandLimitedGaussian, Excitation
-from models.baselines import FilteredExtrapolation
-from models.fit.metrics import score
+from models.baselines import FilteredExtrapolation, NotApplicableError, Rigid, Zero
+from models.fit.metrics import free_run_score, score
 from models.linear import EquivalentLinear
+from models.linear_motion import LinearMotion
 from models.vwnn import VWNN
+from runner.scores.outcome import compare_baselines
 from tests.models.zoo import DT
 
 
@@ -102,3 +105,48 @@ def test_filtered_extrapolation_misses_a_sinusoid_by_one_less_h_squared():
     decay, z = np.exp(-50.0 * DT), np.exp(2j * np.pi * 2.0 * DT)
     gain = abs(1.0 - (1.0 - decay) / (z - decay)) ** 2
     assert float(missed.abs().max()) == pytest.approx(gain, rel=1e-2)
+
+
+# no motion, or that of the base
+
+
+@pytest.mark.parametrize(("kind", "forced"), [(Zero, [1, 2, 3]), (Rigid, "base")])
+def test_no_motion_errs_by_all_of_it(kind, forced, bilinear_record):
+    model = kind(3, 3, bilinear_record.dt, forced)
+    model.identify([bilinear_record])
+    assert score(model, [bilinear_record])["relative_rms_percent"] == 100.0
+    assert free_run_score(model, [bilinear_record])["per_dof_percent"] == [100.0] * 3
+
+
+@pytest.mark.parametrize(("kind", "forced"), [(Rigid, [1]), (Zero, "base"), (Rigid, None)])
+def test_one_of_both_is_the_word_for_it(kind, forced, bilinear_record):
+    with pytest.raises(NotApplicableError, match="relative to a base"):
+        kind(3, 3, bilinear_record.dt, forced).identify([bilinear_record])
+
+
+def test_a_baseline_that_cannot_run_stops_nothing(bilinear_record):
+    class Given(Data):
+        dt, dofs, inputs = bilinear_record.dt, 3, 3
+
+        def make_records(self):
+            return {"train": [bilinear_record], "test": [bilinear_record]}
+
+    data = Given()
+    data.setup()
+
+    class Broken(Zero):
+        def identify(self, batches):
+            raise RuntimeError("the matrix is singular")
+
+    baselines = {
+        "broken": Broken(3, 3, bilinear_record.dt),
+        "unbuilt": ValueError("too many channels"),
+        "rigid": Rigid(3, 3, bilinear_record.dt),
+        "zero": Zero(3, 3, bilinear_record.dt),
+        "linear": LinearMotion(3, 3, bilinear_record.dt),
+    }
+    results = compare_baselines(baselines, data)
+    assert list(results) == ["broken", "unbuilt", "zero", "linear"]
+    assert results["broken"] == {"failed": "the matrix is singular"}
+    assert results["unbuilt"] == {"failed": "too many channels"}
+    assert 0.0 < results["linear"]["free_run"]["relative_rms_percent"] < 100.0

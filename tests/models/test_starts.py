@@ -9,10 +9,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from data.record import Drive, Record, stack
+from data.record import Drive, Record
 from models.element_network import ElementNetwork
-from models.fit.free_run_objective import FreeRun
-from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.latent_hysteresis_network import LatentHysteresisNetwork
 from models.starts.ladder import nearest_structure, not_negative, triangle
 from models.starts.spectra import Layout, LinearStructure, Spectra, respond, typical
@@ -185,16 +183,3 @@ def test_a_chain_by_its_name_and_where_all_pairs_are_not_determined():
     assert len(ElementNetwork(5, 5, DT).elements) == 5
     with pytest.raises(ValueError, match="is for one support, there are 3"):
         ElementNetwork(3, 9, DT, "chain")
-
-
-# Units
-
-
-def fitted(record: Record, model) -> float:
-    """Error of the free run after a few iterations."""
-    model.identify([record])
-    objective, free = FreeRun([None]), [p for p in model.parameters() if p.requires_grad]
-    solver = LevenbergMarquardt(free, iterations=4, damping=1e-4, largest=1e6, scaled=True)
-    while not solver.finished:
-        solver.solve(objective.problem(model, stack([record]), 0))
-    return error(model, record)

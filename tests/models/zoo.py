@@ -60,7 +60,9 @@ def zoo() -> tuple[dict[str, Callable[..., Estimator]], dict[str, Callable[..., 
     alone = {name for name, cfg in models.items() if class_name(cfg) in NO_STRUCTURE}
     made = {name: partial(build, cfg) for name, cfg in models.items()}
     structures = {name: make for name, make in made.items() if name not in alone}
-    return structures, {name: made[name] for name in sorted(alone - {"moment_frame"})}
+    return structures, {
+        name: made[name] for name in sorted(alone - {"moment_frame", "hysteretic_element"})
+    }
 
 
 STRUCTURES, ELEMENT_TESTS = zoo()
@@ -76,7 +78,5 @@ SIMULATORS = [  # what they estimate is a simulation, or they are identified by 
 ESTIMATORS = {  # their closed form is all there is to identify
     name: make for name, make in ZOO.items() if name not in (*ADAPTING, *TRAINED, *SIMULATORS)
 }
-SEE_STATE = [name for name in ESTIMATORS if "x" in KINDS[name].reads]
-SEE_ACCELERATION = [name for name in ESTIMATORS if name not in SEE_STATE]
 SOLVED = [name for name in ESTIMATORS if "f" in KINDS[name].reads]
 SEE_FORCE = [*SOLVED, *SIMULATORS, *ADAPTING]
