@@ -39,7 +39,7 @@ LONG = {  # files of ten seconds and more on one core; they start early: both en
     "test_c.py", "test_disk_full.py", "test_every_config.py", "test_every_estimator.py",
     "test_free_run_sweep.py", "test_golden.py", "test_hostile_configs.py",
     "test_hostile_files.py", "test_kills.py", "test_launchers.py", "test_live.py",
-    "test_moment_frame.py", "test_named_laws.py", "test_predict.py", "test_search.py",
+    "test_named_laws.py", "test_predict.py", "test_search.py",
     "test_side_by_side.py", "test_steps.py", "test_sweep.py", "test_train.py", "test_units.py",
     "test_zoo_names.py",
 }  # fmt: skip

@@ -10,7 +10,7 @@ from torch import nn
 from torch.func import functional_call, jvp, vmap
 
 from data.parallel import take_threads
-from data.record import Drive
+from data.record import Drive, stack
 from models.composition.composite import Composite
 from models.composition.simulate import simulate
 from models.composition.trace import SMALLEST_BLOCK
@@ -146,6 +146,16 @@ def test_the_derivatives_of_a_restarted_run_are_finite_differences(every):
                 ends.append(moved.restarted_run(record, every))
         wanted = (ends[0] - ends[1]) / 2e-6
         assert_close(jacobian @ flat(direction), wanted, 1e-5)
+
+
+def test_autograd_through_a_restarted_run_is_its_jacobian_transposed():
+    model, record = Everything(), stack([begun_in_motion(seed=0), begun_in_motion(seed=1)])
+    cotangent = spread(record.a.shape, -1.0, 1.0, 3)
+    run = model.restarted_run(record, 7)
+    slopes = torch.autograd.grad((cotangent * run).sum(), list(model.parameters()))
+    _, jacobian = model.restarted_jacobian(record, 7)
+    wanted = torch.einsum("btn,btnp->p", cotangent, jacobian)
+    assert_close(flat(dict(enumerate(slopes))), wanted, 1e-12)
 
 
 def test_parameters_that_are_held_are_left_out():

@@ -92,6 +92,19 @@ def test_the_compiled_run_and_its_derivatives_are_those_of_pytorch(model, memory
         )
 
 
+def test_derivatives_by_the_beginning_are_those_of_differences(model):
+    record, ours = shaken(2, 100), other(model)
+    begin = torch.tensor([0.01, -0.005, 0.02, 0.03]).double()
+    slopes = ours.trace(record.drive(), derivatives=True, begin=begin).by_begin
+    for i, step in enumerate((1e-7, 1e-7, 1e-6, 1e-6)):
+        ends = [
+            ours.trace(record.drive(), begin=begin + sign * step * torch.eye(4)[i].double())
+            for sign in (1.0, -1.0)
+        ]
+        wanted = (ends[0].response.a - ends[1].response.a) / (2.0 * step)
+        assert float((slopes[..., i] - wanted).norm() / wanted.norm()) < 1e-4
+
+
 def test_forces_by_equilibrium_are_those_of_the_elements(model):
     record = shaken(3)
     motion = simulate(structure(), np.zeros((600, 2)), DT, record.s.numpy(), record.s_dot.numpy())

@@ -119,3 +119,10 @@ def test_windows_with_warm_up_score_as_the_whole_record(bilinear_record):
     cut = score(estimator, windows)
     for name in ("relative_rms_percent", "relative_rms_percent_true"):
         assert cut[name] == pytest.approx(whole[name], rel=1e-12)
+
+
+def test_the_estimator_is_not_shown_the_truth():
+    estimator = Fixed(MEASURED)
+    score(estimator, [record_of(MEASURED, true=MEASURED)])
+    assert [record.truth for record in estimator.seen] == [None]
+    assert torch.equal(estimator.seen[0].a, MEASURED)

@@ -8,6 +8,7 @@ from functools import partial
 import pytest
 import torch
 
+from data.sample import samples_of
 from models.linear import EquivalentLinear
 from models.mlp import ResidualMLP
 from models.online.adaptive import Online
@@ -49,6 +50,12 @@ def test_with_the_adaptation_off_it_is_the_wrapped_estimator(online, bilinear_re
     assert torch.allclose(online(bilinear_record), expected, rtol=0, atol=1e-10)
 
 
+def test_a_record_is_followed_as_its_stream(online, bilinear_record):
+    stream, short = online.stream(), bilinear_record.window(0, 150)
+    made = torch.stack([stream.step(sample) for sample in samples_of(short)])
+    assert torch.allclose(made, online(short), rtol=0, atol=1e-8)
+
+
 def test_from_nothing_begins_at_zero_and_knows_no_training(online, bilinear_record):
     nothing = online.estimates(bilinear_record)["from_nothing"]
     zero = online.estimator.known(bilinear_record)
@@ -88,3 +95,10 @@ def test_forgetting_follows_a_structure_that_changes(bilinear_records):
         late = model(changed)[800:] - a[800:]
         errors.append(float(late.norm() / a[800:].norm()))
     assert errors[0] < 0.5 * errors[1]
+
+
+def test_warm_up_samples_teach_nothing(online, bilinear_record):
+    warm = replace(bilinear_record, warmup=300)
+    frozen = online.estimates(warm)["frozen"]
+    assert torch.equal(online(warm)[:301], frozen[:301])
+    assert not torch.equal(online(warm)[301:], frozen[301:])

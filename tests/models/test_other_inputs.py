@@ -93,6 +93,22 @@ def test_the_compiled_run_and_its_derivatives_are_those_of_pytorch():
     assert torch.allclose(ours, theirs, rtol=1e-7, atol=1e-9 * float(theirs.abs().max()))
 
 
+def test_first_states_have_exact_derivatives_too():
+    record = replace(some_record(200), initial_state="unknown")
+    model = model_of(record, units=2)
+    own = model.first_states(record)
+    own += 0.05
+    _, _, slopes = model.run_from(record, own, derivatives=True)
+    for place in range(len(own)):
+        ends = []
+        for way in (1e-5, -1e-5):
+            moved = own.clone()
+            moved[place] += way
+            ends.append(model.run_from(record, moved, derivatives=False)[0])
+        found = (ends[0] - ends[1]) / 2e-5
+        assert torch.allclose(slopes[..., place], found, rtol=1e-4, atol=1e-5)
+
+
 def fitted(records: list[Record], iterations: int, **more) -> HystereticElement:
     k = records[0].e.shape[-1]
     batch, model = stack(records), HystereticElement(1, 2 + k, DT, other_inputs=k, **more)

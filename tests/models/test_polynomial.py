@@ -76,6 +76,14 @@ def test_all_modes_at_once_are_the_modes_one_by_one(polynomial_record, method, p
     assert (estimate - wanted).abs().max() < 1e-11 * wanted.abs().max()
 
 
+@pytest.mark.parametrize("fits", ["residual", "restoring_force"])
+def test_powers_and_chebyshev_polynomials_agree(polynomial_record, fits):
+    power = identified([polynomial_record], fits=fits, basis="power")
+    cheb = identified([polynomial_record], fits=fits, basis="chebyshev")
+    scale = polynomial_record.a.abs().max()
+    assert (power(polynomial_record) - cheb(polynomial_record)).abs().max() < 1e-10 * scale
+
+
 def test_series_hold_all_products_and_know_numpy_chebyshev():
     q, q_dot = torch.linspace(-1.3, 1.3, 9, dtype=torch.float64), torch.full((9,), 0.4).double()
     both = torch.stack([q, q_dot], dim=-1)
