@@ -150,7 +150,7 @@ def test_true_displacements_and_forces_lie_in_the_bands():
             step = laplace(model, [measured]).step
             set_free_vector(model, free_vector(model) + torch.from_numpy(step))
         bands = unmeasured(model, laplace(model, [measured]), record)
-        hits.append([bands[name].held(signal) for name, signal in known.items()])
+        hits.append([bands[name].coverage(signal) for name, signal in known.items()])
     assert np.mean(hits, axis=0) == pytest.approx(0.95, abs=0.05)
 
 
