@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from data.arguments import Parser
+from models.stored.earlier_keys import todays_keys
 from runner.config.command_line import command_errors
 
 ROOT = Path(__file__).parent.parent
@@ -86,7 +87,8 @@ def results(folder: Path) -> dict[str, Any]:
             raise ValueError(
                 f"{folder} holds several runs {name}; vary model, system or seed alone"
             )
-        by_run[name] = json.loads(path.read_text("utf-8"), parse_float=str, parse_int=str)
+        content = json.loads(path.read_text("utf-8"), parse_float=str, parse_int=str)
+        by_run[name] = todays_keys(content)
     return by_run
 
 

@@ -103,7 +103,7 @@ def require_sound(folder: Path, metrics: Mapping[str, Any]) -> None:
             "model that is no result is not exported: train on more motion, or another model"
         )
     for split, which in (("train", "training"), ("test", "test")):
-        left = metrics.get(FREE_RUNS[split], {}).get("left_after_s")
+        left = metrics.get(FREE_RUNS[split], {}).get("diverged_after_s")
         if left:
             raise ValueError(
                 f"{folder}: the free run of the {which} motion diverges after {min(left):.3g} s; "

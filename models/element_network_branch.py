@@ -246,7 +246,7 @@ class ElementNetworkBranch(ElementNetwork):
             self._take(e, law)
             errors.append(error)
         self.begun.copy_(self.theta)
-        return {**facts, "laws_off_percent": ", ".join(f"{100.0 * e:.2f}" for e in errors)}
+        return {**facts, "force_error_percent": ", ".join(f"{100.0 * e:.2f}" for e in errors)}
 
     def _fit_shared(self, choice: Choice) -> dict[str, float | str]:
         """Begin with laws that share forces as linear springs do; then fit them together.
@@ -266,7 +266,7 @@ class ElementNetworkBranch(ElementNetwork):
             self.weight.fill_(weight)
         error = fit_together(self, motions)
         self.begun.copy_(self.theta)
-        return {**facts, "forces_off_percent": f"{100.0 * error:.2f}"}
+        return {**facts, "force_error_percent": f"{100.0 * error:.2f}"}
 
     def _choose(
         self, choice: Choice, tests: list[list[Test]]

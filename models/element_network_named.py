@@ -140,7 +140,11 @@ class ElementNetworkNamed(ElementNetwork):
                 if apart:  # by equilibrium, motion held back chose these
                     laws = runs.sided(runs.leaning(laws))
         self._take(laws)
-        return {**facts, **smooth, **told(laws.fits, errors, "apart" if apart else "held_back")}
+        return {
+            **facts,
+            **smooth,
+            **told(laws.fits, errors, "force_error" if apart else "held_out_error"),
+        }
 
     def _take(self, laws: Laws) -> None:
         for e, fit in enumerate(laws.fits):

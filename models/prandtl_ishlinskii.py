@@ -72,7 +72,7 @@ class PrandtlIshlinskii(ElementTest):
         number, facts = self.sliders, dict[str, Any]()
         if number is None:
             number, errors = number_of(motions, MOST_SLIDERS, self.nodes, self.ridge)
-            facts["held_back_percent"] = ", ".join(f"{100.0 * error:.2f}" for error in errors)
+            facts["held_out_error_percent"] = ", ".join(f"{100.0 * error:.2f}" for error in errors)
         law = fit_sliders(motions, number, self.nodes, self.ridge)
         self.widths.zero_()[:number] = law.widths
         self.weights.data.zero_()[: len(law.weights)] = law.weights

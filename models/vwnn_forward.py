@@ -219,7 +219,7 @@ class ForwardVWNN(ForwardNetwork):
         assert fit.triangle is not None
         length = torch.linalg.vector_norm(fit.triangle[:, : fit.features], dim=0)
         facts, error = self._choose_ridge(fit, batches)
-        facts["free_run_percent_unrefined"] = 100.0 * error
+        facts["free_run_percent_before_refinement"] = 100.0 * error
         accepted = 0
         while accepted < self.refinements and error < UNSTABLE:
             refined = self._refine(batches, torch.where(length > 0.0, length, 1.0), error)

@@ -52,7 +52,7 @@ def preferred(data: Data, first: Fitted, rival: Fitted) -> Fitted:
     data.topology = "all" if pairs < WORTH * chain else "chain"
     module, trainer = fits[data.topology]
     told = (f"{WORDS[n]} {100.0 * (e or math.inf):.3g}" for n, e in errors.items())
-    module.solution["topologies_held_back_percent"] = ", ".join(told)
+    module.solution["held_out_error_by_topology_percent"] = ", ".join(told)
     module.fit_seconds = sum(one.fit_seconds for one, _ in fits.values())
     return module, trainer
 

@@ -242,7 +242,7 @@ class FreeRun(Objective):
             **super().facts(),
             "prior": self.priors[best],
             "chosen": names[best],
-            "held_back_percent": percent,
+            "held_out_error_percent": percent,
         }
 
     @property

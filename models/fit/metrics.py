@@ -193,16 +193,16 @@ class FreeRunScore:
 
     def percent(self) -> dict[str, Any]:
         """For `metrics.json`: the keys of a one-step score, `displacement_percent`, and how many
-        runs left the motion and when. Errors are None where any run did. Or {"none": reason}.
+        runs diverged and when. Errors are None where any run did. Or {"no_free_run": reason}.
         """
         if self.none is not None:
-            return {"none": self.none}
+            return {"no_free_run": self.none}
         result = self.motion.percent()
         if self.displacement is not None:
             result["displacement_percent"] = _percent(float(self.displacement.compute()["total"]))
         if self.left:
             result = {k: [None] * len(v) if "per_dof" in k else None for k, v in result.items()}
-        return {**result, "diverged": len(self.left), "left_after_s": self.left}
+        return {**result, "diverged": len(self.left), "diverged_after_s": self.left}
 
     def over_time(self) -> Tensor | None:
         """Eq. 21 of the acceleration up to each sample, as a fraction (T,)."""

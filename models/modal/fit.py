@@ -235,14 +235,14 @@ def fit_modal(motions: Sequence[Motion], plan: Plan) -> tuple[Fit, dict[str, Any
     """A model of the motions, and what is to be told of it."""
     rng = np.random.default_rng(plan.seed)
     fit = linear(motions, plan)
-    facts: dict[str, Any] = {"held_back_linear_percent": 100.0 * fit.error}
+    facts: dict[str, Any] = {"held_out_error_linear_percent": 100.0 * fit.error}
     while len(fit.laws) < plan.elements:
         more = with_element(fit, motions, plan, rng)
         if more is fit:
             break
         fit = with_modes(more, motions, plan) if len(plan.orders) > 1 else more
     facts |= {"modes": fit.layout.modes, "elements": ", ".join(fit.laws) or "none"}
-    facts["held_back_percent"] = 100.0 * fit.error
+    facts["held_out_error_percent"] = 100.0 * fit.error
     whole = [replace(motion, stop=len(motion.y)) for motion in motions]
     end = train(fit, whole, plan, plan.iterations)
     return (

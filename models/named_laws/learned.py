@@ -102,7 +102,7 @@ class LearnedLaws(nn.Module):
 
 
 def told(
-    fits: Sequence[Fit], errors: Sequence[dict[str, float]], of: str = "held_back"
+    fits: Sequence[Fit], errors: Sequence[dict[str, float]], of: str = "held_out_error"
 ) -> dict[str, Any]:
     """Which laws were chosen, their parameters, and how far each law was from motions.
 

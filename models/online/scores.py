@@ -59,10 +59,10 @@ def settling_time(error: Tensor, level: float, dt: float) -> float | None:
 def online_scores(module: Identification, data: Data) -> dict[str, Any]:
     """For `metrics.json`; {} for models that do not adapt.
 
-    ways, of the first test batch: settle_s by level [%]; worst_percent, the largest running error
-    after LEARNING seconds, None where it is not finite; unstable_s, when it first exceeded UNSTABLE
-    after that, or None. learnt_percent: relative RMS error on the first test record of weights
-    frozen after so many seconds of the first training record.
+    estimates, of the first test batch: settle_s by level [%]; worst_percent, the largest running
+    error after LEARNING seconds, None where it is not finite; unstable_s, when it first exceeded
+    UNSTABLE after that, or None. frozen_error_percent: relative RMS error on the first test record,
+    by the seconds of the first training record after which the weights were frozen.
     """
     if not isinstance(module.estimator, Online):
         return {}
@@ -73,8 +73,8 @@ def online_scores(module: Identification, data: Data) -> dict[str, Any]:
         "window_s": WINDOW,
         "learning_s": LEARNING,
         "unstable_percent": UNSTABLE,
-        "ways": {way or "adapting": _of_way(u, record) for way, u in estimates.items()},
-        "learnt_percent": {f"{seconds:g}": error for seconds, error in learnt.items()},
+        "estimates": {way or "adapting": _of_way(u, record) for way, u in estimates.items()},
+        "frozen_error_percent": {f"{seconds:g}": error for seconds, error in learnt.items()},
     }
 
 

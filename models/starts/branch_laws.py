@@ -218,10 +218,10 @@ def facts_of(all_chosen: Sequence[Chosen]) -> dict[str, float | str]:
     memory = ["more" if is_larger(found.law.sizes) else "less" for found in all_chosen]
     sides = ["differ" if is_unsymmetric(found.law.sizes) else "alike" for found in all_chosen]
     return {
-        "memory": ", ".join(memory),
-        "sides": ", ".join(sides),
+        "law_memory": ", ".join(memory),
+        "tension_compression": ", ".join(sides),
         "law_prior": ", ".join(f"{found.weight:g}" for found in all_chosen),
-        "laws_off_held_back_percent": ", ".join(f"{100.0 * f.error:.2f}" for f in all_chosen),
+        "held_out_force_error_percent": ", ".join(f"{100.0 * f.error:.2f}" for f in all_chosen),
     }
 
 
@@ -254,7 +254,7 @@ def fit_until_bounded(
     far, state, facts = min(ends, key=lambda end: end[0])
     restore(model, state)
     ran_away = len(ends) - (far <= FAR)
-    return facts | ({"fits_that_ran_away": f"{ran_away} of {len(ends)}"} if ran_away else {})
+    return facts | ({"diverged_fits": f"{ran_away} of {len(ends)}"} if ran_away else {})
 
 
 def polish_weight(model: Composite, records: Sequence[Record], largest: int) -> tuple[float, Facts]:
@@ -281,7 +281,7 @@ def polish_weight(model: Composite, records: Sequence[Record], largest: int) -> 
     errors = [math.inf if start is None else start, *(error for _, error, _ in ends)]
     told = ", ".join(f"{100.0 * e:.2f}" for e in errors)
     weight = BY_DEFAULT if falls else weight
-    return weight, {"prior": weight, "held_back_percent": told}
+    return weight, {"prior": weight, "held_out_error_percent": told}
 
 
 def are_reconstructed(model: Composite, records: Sequence[Record]) -> bool:

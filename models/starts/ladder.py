@@ -56,7 +56,7 @@ class Start:
         return {
             "start": "; ".join([self.way, *self.told]),
             "rank": self.rank,
-            "left_open": ", ".join(self.left_open) or "none",
+            "undetermined": ", ".join(self.left_open) or "none",
         }
 
 

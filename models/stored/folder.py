@@ -14,6 +14,7 @@ from omegaconf import DictConfig
 
 from data.arguments import reason
 from data.plain_data import as_config, read_json, read_text, read_yaml
+from models.stored.earlier_keys import todays_keys
 from models.stored.schema import CONFIG_KIND, METRICS_KIND, SENSORS_KIND, front_name, require
 
 CONFIG, CHECKPOINT, METRICS = "config.yaml", "model.safetensors", "metrics.json"
@@ -40,7 +41,7 @@ def read_run(folder: Path) -> tuple[DictConfig, dict[str, Any]]:
     require_finished(folder)
     try:
         cfg = as_config(_by_front(read_config(folder)))
-        metrics = read_values(folder / METRICS, METRICS_KIND)
+        metrics = read_metrics(folder)
     except (ValueError, OSError) as error:
         raise ValueError(f"{folder} is damaged: {reason(error)}; repeat the run") from None
     if "download" in cfg.data:
@@ -71,6 +72,7 @@ def read_sensors(folder: Path) -> dict[str, Any]:
 def read_values(path: Path, kind: Any) -> dict[str, Any]:
     """Content of a JSON file, of the kind of models/stored/schema.py that it has to be of."""
     content = read_json(path)
+    content = todays_keys(content) if kind is METRICS_KIND else content
     try:
         require(content, kind)
     except ValueError as error:

@@ -70,8 +70,8 @@ MOST_THREADS, LARGEST_SEED = 1024, 2**32 - 1  # of PyTorch's and NumPy's generat
 SEED, THREADS = within(int, 0, LARGEST_SEED), within((int, None), 1, MOST_THREADS)
 OTHER = "other input"  # a kind of the trained range, which has two ends
 SCORES: dict[Any, Any] = {
-    "none": str,
-    "left_after_s": ([NUMBER], None),
+    "no_free_run": str,
+    "diverged_after_s": ([NUMBER], None),
     **{f"per_dof_{of}{true}": [PERCENT] for of in ("percent", "rms") for true in ("", "_true")},
     **{f"relative_rms_percent{true}": PERCENT for true in ("", "_true")},
 }
@@ -93,7 +93,7 @@ VERDICT = Rule(
         "identified": (bool, None),  # None: nothing to judge
         "reason": str,
         "by": str,
-        "lost": str,  # test motions on which the free run diverges
+        "test_diverges": str,  # test motions on which the free run diverges
         **dict.fromkeys(("error_percent", "linear_percent"), PERCENT),
     },
     _unexplained,
@@ -124,7 +124,7 @@ OUTSIDE_VALUES: dict[Any, Any] = {
     "channels": int,
 }
 OUTSIDE = needing(OUTSIDE_VALUES, *OUTSIDE_VALUES)
-CONFORMAL = ("factor", "floor", "memory_s", "others", "records")
+CONFORMAL = ("factor", "floor", "memory_s", "coverage_of_others", "records")
 
 
 def _open_band(band: Any) -> str:
@@ -136,9 +136,9 @@ def _open_band(band: Any) -> str:
 
 BAND = Rule(
     {
-        **dict.fromkeys(("none", "method"), str),
+        **dict.fromkeys(("unavailable", "method"), str),
         **{key: [within(NUMBER, 0.0, 1e300)] for key in ("factor", "floor")},
-        **{"others": [NUMBER], "records": int, "memory_s": within(NUMBER, 1e-12, 1e12)},
+        **{"coverage_of_others": [NUMBER], "records": int, "memory_s": within(NUMBER, 1e-12, 1e12)},
         **{"covered_percent": NUMBER, "mean_half_width": PERCENT, "mean_half_widths": [PERCENT]},
     },
     lambda band: _open_band(band) or _unlike(band, "factor", "floor", "mean_half_widths"),
@@ -161,19 +161,19 @@ UNCERTAINTY = Rule(
     {
         **dict.fromkeys(("bands", "one_step_bands"), BAND),
         "parameters": [INTERVAL],
-        "none": str,
+        "unavailable": str,
         "priors": [needing({**PRIOR, ...: ANYTHING}, *PRIOR)],
         "criticism": [needing({**FINDING, ...: ANYTHING}, *FINDING)],
-        "coloured": [needing({**COLOUR, ...: ANYTHING}, *COLOUR)],
-        **dict.fromkeys(("noise", "counts"), NUMBERS),
+        "residual_peaks": [needing({**COLOUR, ...: ANYTHING}, *COLOUR)],
+        **dict.fromkeys(("noise", "channel_weights"), NUMBERS),
         ...: ANYTHING,
     },
-    lambda value: "lacks noise" if "counts" in value and "noise" not in value else "",
+    lambda value: "lacks noise" if "channel_weights" in value and "noise" not in value else "",
 )
 PER_RECORD = needing({"test": SCORES, "free_run": SCORES}, "test")
 SEED_ROW = needing(
     {
-        **{"seed": SEED, "escaped": str, "none": str},
+        **{"seed": SEED, "escaped": str, "no_free_run": str},
         **dict.fromkeys(("one_step_percent", "free_run_percent"), PERCENT),
         ...: ANYTHING,
     },
@@ -200,7 +200,11 @@ METRICS_KIND = needing(
         "identification": {...: ANYTHING},
         "training": {"prior": within(PERCENT, 0.0, 1e30), ...: ANYTHING},
         "benchmark": ({"unit": str, ...: ANYTHING}, None),
-        "online": {"ways": {...: ONLINE_WAY}, "learnt_percent": {...: PERCENT}, ...: ANYTHING},
+        "online": {
+            "estimates": {...: ONLINE_WAY},
+            "frozen_error_percent": {...: PERCENT},
+            ...: ANYTHING,
+        },
         "over_seeds": [SEED_ROW],  # of an entry of the zoo
         ...: ANYTHING,
     },

@@ -53,7 +53,7 @@ class Profile:
         return {
             "name": self.name,
             "unit": self.unit,
-            "told": self.verdict,
+            "status": self.verdict,
             "likeliest": self.best,
             "low": low,
             "high": high,

@@ -57,23 +57,23 @@ def _of_split(split: str, estimate: str, scores: Mapping[str, Any]) -> Iterator[
         elif name.startswith("per_dof") and isinstance(value, list):
             for dof, of_dof in enumerate(value, start=1):
                 yield _score(split, estimate, name, dof, of_dof)
-        elif name == "left_after_s":  # by run that diverged: when the first of them left
+        elif name == "diverged_after_s":  # by run that diverged: when the first of them left
             if value:
                 yield Score(split, estimate, name, None, float(min(value)))
-        elif name != "none":  # why there is no free run
+        elif name != "no_free_run":  # why there is no free run
             yield _score(split, estimate, name, None, value)
 
 
 def _online(online: Mapping[str, Any]) -> Iterator[Score]:
     """Of a model that adapts (models/online/scores.py); infinite where an error never settled."""
-    for way, of_way in online.get("ways", {}).items():
+    for way, of_way in online.get("estimates", {}).items():
         estimate = "" if way == "adapting" else way
         yield _score("test", estimate, "worst_percent", None, of_way.get("worst_percent"))
         for level, seconds in of_way.get("settle_s", {}).items():
             never = math.inf if seconds is None else seconds
             yield Score("test", estimate, f"settle_s/{level}", None, never)
-    for seconds, percent in online.get("learnt_percent", {}).items():
-        yield _score("test", "", f"learnt_percent/{seconds}", None, percent)
+    for seconds, percent in online.get("frozen_error_percent", {}).items():
+        yield _score("test", "", f"frozen_error_percent/{seconds}", None, percent)
 
 
 def _parameters(uncertainty: Mapping[str, Any]) -> Iterator[Score]:

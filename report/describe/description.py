@@ -73,7 +73,7 @@ def _print_about(
     if error is not None:
         console.print(f"free-run error of the test motion: {error:.3g} %")
     elif free:
-        console.print(f"free run of the test motion: {free.get('none', 'diverges')}")
+        console.print(f"free run of the test motion: {free.get('no_free_run', 'diverges')}")
     symbol, unit = QUANTITIES[sensors.quantity]
     read = Interface.of(estimator, sensors).channels
     listed = ", ".join(read[:8]) + (f", … ({len(read)})" if len(read) > 8 else "")

@@ -88,10 +88,10 @@ def require_usable(metrics: Mapping[str, Any], folder: Path) -> None:
     own = metrics.get(FREE_RUNS["train"], {})
     if verdict.get("identified") is False:
         raise ValueError(f"{folder}: its model is not identified: {verdict['reason']}; {anyway}")
-    if "none" in own:
-        raise ValueError(f"{folder}: its model cannot simulate: {own['none']}")
+    if "no_free_run" in own:
+        raise ValueError(f"{folder}: its model cannot simulate: {own['no_free_run']}")
     for split, words in (("train", "training"), ("test", "test")):
-        left = metrics.get(FREE_RUNS[split], {}).get("left_after_s")
+        left = metrics.get(FREE_RUNS[split], {}).get("diverged_after_s")
         if left:
             raise ValueError(
                 f"{folder}: the free run of its own {words} motion diverges after "

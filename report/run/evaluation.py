@@ -148,7 +148,7 @@ WHOLE = {  # nothing is held back and nothing is cut out
     "validation": 0.0,
 }
 OF_SIMULATIONS = ("duration", "train_records", "test_records")
-COLUMNS = ("record", "estimate", "dof", "relative_rms_percent", "rms", "unit", "left_after_s")
+COLUMNS = ("record", "estimate", "dof", "relative_rms_percent", "rms", "unit", "diverged_after_s")
 
 
 def evaluate_records(
@@ -170,9 +170,9 @@ def evaluate_records(
     trained = metrics.get("trained_range", {})
     left = {n: outside(trained, range_of(estimator, [r])) for n, r in records.items()}
     scores = {
-        "together": _together(estimator, records),
+        "all_records": _together(estimator, records),
         "records": per_record(estimator, records),
-        "beside": _opponents(run, data, records),
+        "baselines": _opponents(run, data, records),
         "outside_trained_range": left,
     }
     sure = metrics.get("uncertainty", {})
@@ -285,11 +285,11 @@ def _print_range(console: Console, left: Mapping[str, Any], known: bool) -> None
 
 def _rows(scores: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """By record: estimates and free run, one row where both agree; then the plain opponents."""
-    together = {"all records": scores["together"]} if len(scores["records"]) > 1 else {}
+    together = {"all records": scores["all_records"]} if len(scores["records"]) > 1 else {}
     for name, of_record in {**scores["records"], **together}.items():
         yield from merged_rows(name, of_record)
-        for opponent, of_each in scores["beside"].items():
-            if name in of_each and "none" not in of_each[name]:
+        for opponent, of_each in scores["baselines"].items():
+            if name in of_each and "no_free_run" not in of_each[name]:
                 yield f"  {opponent}, free run", {"test": of_each[name]}
 
 
@@ -298,9 +298,9 @@ def table_of(records: Mapping[str, Any], unit: str) -> list[dict[str, Any]]:
     rows = []
     for name, of_record in records.items():
         for estimate, scores in zip(("one step", "free run"), of_record.values(), strict=True):
-            if "none" in scores:
+            if "no_free_run" in scores:
                 continue
-            left = min(scores.get("left_after_s") or [None])
+            left = min(scores.get("diverged_after_s") or [None])
             percent = [scores["relative_rms_percent"], *scores["per_dof_percent"]]
             rms = [None, *scores["per_dof_rms"]]
             for dof, values in enumerate(zip(percent, rms, strict=True)):

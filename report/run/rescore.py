@@ -149,7 +149,7 @@ def print_stored(metrics: dict[str, Any], gone: Path) -> None:
 def _print_medians(results: dict[str, Any], console: Console) -> None:
     """Over the seeds; one whose motion escaped has nothing to score."""
     for key, name in (("test", "test"), (FREE_RUNS["test"], "free run")):
-        scores = [r[key] for r in results.values() if key in r and "none" not in r[key]]
+        scores = [r[key] for r in results.values() if key in r and "no_free_run" not in r[key]]
         errors = [s["relative_rms_percent"] for s in scores]
         spread = Spread(
             tuple(math.inf if error is None else error for error in errors),
@@ -294,7 +294,7 @@ def titled_picture(
     scores = {"free run": free_run} if same else {"one step": one_step, "free run": free_run}
     errors = []
     for way, of_way in scores.items():
-        if "none" not in of_way:
+        if "no_free_run" not in of_way:
             error = of_way["relative_rms_percent"]
             errors.append(f"{way} {DIVERGED if error is None else percent(error) + ' %'}")
     return "; ".join(filter(None, (f"{model} on {record}: {', '.join(errors)}", remark)))

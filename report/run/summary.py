@@ -161,22 +161,21 @@ def _print_identified(console: Console, metrics: dict[str, Any]) -> None:
 
 
 LABELS = {  # of what a fit says of itself, where the key is no label
-    "memory": "memory of the law, by element",
-    "sides": "tension and compression, by element",
+    "law_memory": "memory of the law, by element",
+    "tension_compression": "tension and compression, by element",
     "law_prior": "weight of the law's prior, by element",
-    "left_open": "not determined by the motion",
+    "undetermined": "not determined by the motion",
     "linear_stiffness": "equivalent linear stiffness [N/m]",
-    "laws_off_held_back_percent": "held-out force error [%]",
-    "laws_off_percent": "force error [%]",
-    "forces_off_percent": "force error [%]",
-    "held_back_percent": "held-out error [%]",
-    "held_back_linear_percent": "held-out error of a linear model [%]",
-    "topologies_held_back_percent": "held-out error by topology [%]",
-    "free_run_percent_unrefined": "free-run error before refinement [%]",
+    "held_out_force_error_percent": "held-out force error [%]",
+    "force_error_percent": "force error [%]",
+    "held_out_error_percent": "held-out error [%]",
+    "held_out_error_linear_percent": "held-out error of a linear model [%]",
+    "held_out_error_by_topology_percent": "held-out error by topology [%]",
+    "free_run_percent_before_refinement": "free-run error before refinement [%]",
 }
 NUMBERED = {  # the same for one element, which the number at the key's end says
-    "held_back_percent": "held-out error by law [%]",
-    "apart_percent": "force error by law [%]",
+    "held_out_error_percent": "held-out error by law [%]",
+    "force_error_percent": "force error by law [%]",
 }
 
 

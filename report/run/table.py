@@ -125,7 +125,7 @@ def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
     verdict = metrics.get("verdict", {})
     if reason := not_identified(metrics):
         console.print(Text(f"not identified: {reason}", style="red"))
-    elif lost := verdict.get("lost"):
+    elif lost := verdict.get("test_diverges"):
         console.print(Text(lost, style="red"))
     elif verdict.get("identified") is None and verdict.get("reason"):
         console.print(f"not judged: {verdict['reason']}")
@@ -161,7 +161,7 @@ def record_rows(metrics: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]
     for name, scores in metrics.get("per_record", {}).items():
         free = scores.get(FREE_RUNS["test"], {})
         rows.append((name, {"test": scores["test"]}))
-        if "none" not in free:
+        if "no_free_run" not in free:
             rows.append(("  free run", {"test": free}))
     return rows
 
@@ -178,7 +178,7 @@ def rows_of(name: str, scores: Mapping[str, Any]) -> list[tuple[str, Mapping[str
         others = {split: value for split, value in found.items() if isinstance(value, dict)}
         rows.append((f"  {way.replace('_', ' ')}", others))
     free = {split: scores[key] for split, key in FREE_RUNS.items() if key in scores}
-    if any("none" not in of_split for of_split in free.values()):
+    if any("no_free_run" not in of_split for of_split in free.values()):
         rows.append(("  free run", free))
     return rows
 
@@ -200,14 +200,14 @@ def why_no_free_run(methods: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Reasons for no free run, a line each, with the methods that lack it."""
     named: dict[str, list[str]] = {}
     for name, scores in methods.items():
-        reasons = {scores.get(key, {}).get("none") for key in FREE_RUNS.values()}
+        reasons = {scores.get(key, {}).get("no_free_run") for key in FREE_RUNS.values()}
         for reason in sorted(reasons - {None}):
             named.setdefault(reason, []).append(name)
     return [f"no free run of {', '.join(names)}: {reason}" for reason, names in named.items()]
 
 
 def _cells(scores: Mapping[str, Any], dofs: int) -> list[str]:
-    left = scores.get("left_after_s")
+    left = scores.get("diverged_after_s")
     if left:
         several = f"{len(left)} diverge\nfrom" if len(left) > 1 else "diverges\nat"
         return [f"{several} {min(left):.1f} s", *["–"] * dofs]

@@ -40,8 +40,8 @@ def print_intervals(
     """
     rows = sorted(headline(uncertainty), key=_place)
     if not rows:
-        if "none" in uncertainty:
-            console.print(f"no intervals: {uncertainty['none']}")
+        if "unavailable" in uncertainty:
+            console.print(f"no intervals: {uncertainty['unavailable']}")
         return
     known = any("truth" in row for row in rows)
     table = Table(title=title or None, title_justify="left", caption_justify="left")
@@ -65,7 +65,9 @@ def print_intervals(
         table.add_row(f"{indent}{words.strip()}", value, *half, *truth, _words(row))
     table.caption = _caption(rows)
     console.print(table)
-    which = WIDER if uncertainty.get("lacking") and not both else which_to_believe(rows, both)
+    which = (
+        WIDER if uncertainty.get("model_lacks_terms") and not both else which_to_believe(rows, both)
+    )
     for line in (*contradictions(uncertainty), which, unequal(uncertainty)):
         if line:
             console.print(Text(line, style="yellow"))
@@ -134,7 +136,7 @@ def contradictions(uncertainty: Mapping[str, Any]) -> list[str]:
 
 def unequal(uncertainty: Mapping[str, Any]) -> str:
     """A line where channels are weighted by their noise; "" where all weigh the same."""
-    counts = uncertainty.get("counts")
+    counts = uncertainty.get("channel_weights")
     if not counts:
         return ""
     listed = ", ".join(plain(value, 2) for value in counts)
@@ -148,7 +150,7 @@ def unequal(uncertainty: Mapping[str, Any]) -> str:
 def beyond_training(metrics: Mapping[str, Any], uncertainty: Mapping[str, Any]) -> str:
     """A line where a residual that is not noise is far larger on motion that was not trained on."""
     errors = [metrics.get(FREE_RUNS[p], {}).get("relative_rms_percent") for p in ("train", "test")]
-    if None in errors or not uncertainty.get("coloured") or errors[1] < TIMES * errors[0]:
+    if None in errors or not uncertainty.get("residual_peaks") or errors[1] < TIMES * errors[0]:
         return ""
     return (
         f"neither interval holds for other motions: the free-run error is {percent(errors[1])} % "
@@ -253,7 +255,9 @@ def band_lines(uncertainty: Mapping[str, Any], unit: str) -> Iterator[str]:
     bands_of = {way: uncertainty.get(key) or {} for key, way in WAYS.items()}
     held = {way: band for way, band in bands_of.items() if "covered_percent" in band}
     if not held:
-        if reason := next((band["none"] for band in bands_of.values() if "none" in band), ""):
+        if reason := next(
+            (band["unavailable"] for band in bands_of.values() if "unavailable" in band), ""
+        ):
             yield f"no 95 % bands: {reason}"
         return
     if len(held) == 2 and len({str(band) for band in held.values()}) == 1:
@@ -265,13 +269,13 @@ def band_lines(uncertainty: Mapping[str, Any], unit: str) -> Iterator[str]:
         whose = ""
     count = next(iter(held.values()))["records"]
     yield f"95 % bands from {count} held-back records contain {', '.join(parts)}"
-    apart = min(min(band["others"], default=1.0) for band in held.values())
+    apart = min(min(band["coverage_of_others"], default=1.0) for band in held.values())
     if apart < ALIKE:
         yield (
             f"the held-back records differ: the band of the others contains {100.0 * apart:.0f} % "
             "of one; hold more back (data.calibration_records, data.calibration)"
         )
-    if "diverges" in (reason := bands.get("none", "")):
+    if "diverges" in (reason := bands.get("unavailable", "")):
         yield f"no 95 % band of the free run: {reason}"
 
 
@@ -317,7 +321,7 @@ def sentences(uncertainty: Mapping[str, Any]) -> Iterator[str]:
             f"the residual still depends on the excitation {inputs[0]['name']} "
             f"({_share(inputs[0])} of it): the model lacks dynamics"
         )
-    if coloured := uncertainty.get("coloured", []):
+    if coloured := uncertainty.get("residual_peaks", []):
         listed = ", ".join(
             f"channel {one['channel']}: {one['times']:.3g} times its median near "
             f"{one['frequency_hz']:.3g} Hz"

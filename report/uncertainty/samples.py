@@ -65,11 +65,11 @@ class Samples:
                     "name": name, "unit": self.units[q],
                     "mean": float(np.nanmean(self.values[:, q])),
                     "deviation": float(np.nanstd(self.values[:, q])),
-                    "low": float(low), "high": float(high), "told": self.told[q],
+                    "low": float(low), "high": float(high), "status": self.told[q],
                     "laplace": float(self.mode[q]), "laplace_deviation": float(self.deviation[q]),
                 }
             )  # fmt: skip
-        return {"parameters": rows, "fixed_at_the_fit": self.fixed, **diagnostics(self)}
+        return {"parameters": rows, "fixed_parameters": self.fixed, **diagnostics(self)}
 
 
 def diagnostics(samples: Samples) -> dict[str, Any]:
@@ -77,7 +77,7 @@ def diagnostics(samples: Samples) -> dict[str, Any]:
     return {
         "log_evidence": [run.log_evidence for run in samples.runs],
         "r_hat": samples.agreement.r_hat,
-        "apart": samples.agreement.apart,
+        "difference_of_means": samples.agreement.apart,
         "runs_of_the_model": sum(run.runs for run in samples.runs),
         "temperatures": [
             [(s.temperature, s.counting, s.acceptance, s.moves) for s in run.stages]

@@ -117,7 +117,7 @@ class Card:
 
     def _spread(self, key: str) -> Spread | None:
         rows = [row for row in self._rows if "escaped" not in row]
-        if not rows or (any("none" in row for row in rows) and key == "free_run_percent"):
+        if not rows or (any("no_free_run" in row for row in rows) and key == "free_run_percent"):
             return None
         values = (math.inf if row[key] is None else float(row[key]) for row in rows)
         return Spread(tuple(values), escaped=len(self._rows) - len(rows))
@@ -240,17 +240,17 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
 
     def _known_failures(self) -> Iterator[str]:
         free, own = self.metrics[FREE_RUNS["test"]], self.metrics[FREE_RUNS["train"]]
-        if "none" in free:
-            yield f"It cannot simulate ({free['none']}): it estimates one step ahead alone."
+        if "no_free_run" in free:
+            yield f"It cannot simulate ({free['no_free_run']}): it estimates one step ahead alone."
         for where, percent in (("test", free), ("training", own)):
-            if percent.get("left_after_s"):
+            if percent.get("diverged_after_s"):
                 yield (
                     f"Its free run of the {where} motion diverges after "
-                    f"{min(percent['left_after_s']):.3g} s: it is a model one step ahead, fed with "
+                    f"{min(percent['diverged_after_s']):.3g} s: it is a model one step ahead, fed with "
                     "measured motion."
                 )
         lost = [str(row["seed"]) for row in self._rows if row.get("free_run_percent", 0) is None]
-        if lost and not free.get("left_after_s"):
+        if lost and not free.get("diverged_after_s"):
             yield f"Its free run diverges on the test motions of seeds {', '.join(lost)}."
         error = free.get(ERROR)
         if error is not None and error > POOR:
@@ -287,7 +287,7 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
 
 
 def _percent(scores: Mapping[str, Any]) -> str:
-    if "none" in scores:
+    if "no_free_run" in scores:
         return "it cannot simulate"
     return DIVERGED if scores[ERROR] is None else f"{scores[ERROR]:.4g}"
 
@@ -325,7 +325,7 @@ def over_seeds(estimator: Estimator, cfg: DictConfig) -> list[dict[str, Any]]:
         free_run.update(estimator, stack(records))
         percent = free_run.percent()
         row = {"seed": seed, "one_step_percent": one_step.percent()[ERROR]}
-        row |= {"none": percent["none"]} if "none" in percent else {}
+        row |= {"no_free_run": percent["no_free_run"]} if "no_free_run" in percent else {}
         rows.append(row | {"free_run_percent": percent.get(ERROR)})
     return rows
 

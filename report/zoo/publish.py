@@ -165,7 +165,7 @@ def facts_of(folder: Path, licence: Licence) -> dict[str, Any]:
     free = metrics["free_run"]
     free_percent = free.get("relative_rms_percent")
     return {
-        "free_run_percent": "none" if "none" in free else free_percent or "diverges",
+        "free_run_percent": "none" if "no_free_run" in free else free_percent or "diverges",
         "one_step_percent": metrics["test"]["relative_rms_percent"],
         "parameters": metrics["parameters"],
         "quantity": metrics["quantity"],

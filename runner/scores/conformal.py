@@ -54,14 +54,14 @@ def conformal_bands(
             raise ValueError("the data have no records to hold back")
         held = [record.to(device) for record in singles(loader)]
     except CANNOT as error:
-        return {FREE_RUN: {"none": _reason(error)}}
+        return {FREE_RUN: {"unavailable": _reason(error)}}
     tests, found = list(singles(tested)), {}
     for key, way in WAYS.items():
         try:
             estimates = estimates_of(estimator, [*held, *tests], way)
             band = _band(held, estimates[: len(held)])
         except CANNOT as error:
-            found[key] = {"none": _reason(error)}
+            found[key] = {"unavailable": _reason(error)}
         else:
             found[key] = _content(band) | _shares(band, tests, estimates[len(held) :])
     return found
@@ -107,7 +107,7 @@ def _content(band: Band) -> dict[str, Any]:
         "factor": list(band.factor),
         "floor": list(band.floor),
         "memory_s": band.memory,
-        "others": list(band.others),
+        "coverage_of_others": list(band.others),
     }
 
 
@@ -120,7 +120,9 @@ def stored_band(uncertainty: Mapping[str, Any], key: str) -> Band | None:
     if content.get("method") != METHOD:
         return None
     try:
-        return Band(content["factor"], content["floor"], content["memory_s"], content["others"])
+        return Band(
+            content["factor"], content["floor"], content["memory_s"], content["coverage_of_others"]
+        )
     except KeyError as missing:
         raise ValueError(
             f"metrics.json: uncertainty.{key} has no {missing}; repeat the run"

@@ -53,4 +53,4 @@ def interval_in(interval: Mapping[str, Any] | None) -> dict[str, Any]:
     """What files tell of a parameter's interval; {} where there is none."""
     if interval is None:
         return {}
-    return {"half_width_95": believed(interval), "told": interval["status"]}
+    return {"half_width_95": believed(interval), "status": interval["status"]}

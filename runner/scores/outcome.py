@@ -138,17 +138,17 @@ def _lost(
 
     together: scores of its free runs of all test motions; each: of one motion at a time.
     """
-    if not judged_by_free_run(module) or not together.get("left_after_s"):
+    if not judged_by_free_run(module) or not together.get("diverged_after_s"):
         return {}
     runs = {name: scores[FREE_RUNS["test"]] for name, scores in each.items()}
     runs = runs or dict.fromkeys(tested, together)
     moved = {name: range_of(module.estimator, [record]) for name, record in tested.items()}
     beyond = {name: bool(outside(trained, new)) for name, new in moved.items()}
-    return {"lost": lost_on(runs, beyond)}
+    return {"test_diverges": lost_on(runs, beyond)}
 
 
 def _uncertainty(module: Identification, data: Data, tested: Iterable[Record]) -> dict[str, Any]:
-    """Intervals, criticism and bands of models with an exact Jacobian; or `none`, why not.
+    """Intervals, criticism and bands of models with an exact Jacobian; or `unavailable`, why not.
 
     Models without have bands from held-back records (runner/scores/conformal.py).
     """
@@ -171,7 +171,7 @@ def _intervals(module: Identification, data: Data, tested: Iterable[Record]) -> 
             return {}
         content = uncertainty_of(module.estimator, module.minimum, data, tested)
     except (ValueError, MemoryError) as error:
-        return {"none": str(error)}
+        return {"unavailable": str(error)}
     return content | {"seconds": time.perf_counter() - begun}
 
 
@@ -197,5 +197,5 @@ def require_identified(metrics: Mapping[str, Any]) -> None:
         raise NotIdentifiedError(
             f"{metrics['model']} is not identified: {metrics['verdict']['reason']}"
         )
-    if lost := metrics["verdict"].get("lost"):
+    if lost := metrics["verdict"].get("test_diverges"):
         raise NotIdentifiedError(f"{metrics['model']} does not model the test motion: {lost}")

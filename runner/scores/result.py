@@ -124,7 +124,7 @@ class Result:
     @property
     def no_free_run(self) -> str | None:
         """Why a finished run has no free run."""
-        return self._free_run.get("none")
+        return self._free_run.get("no_free_run")
 
     @property
     def free_run(self) -> float | None:
@@ -145,7 +145,7 @@ class Result:
 
     @property
     def _free_run(self) -> Mapping[str, Any]:
-        none = {"none": NOT_SCORED} if self.finished else {}
+        none = {"no_free_run": NOT_SCORED} if self.finished else {}
         scores: Mapping[str, Any] = self.metrics.get(FREE_RUN, none)
         return scores
 

@@ -59,7 +59,7 @@ def uncertainty_of(
     content = _parameters(estimator, found, data, lacking) | _residual(found, data.dt)
     content |= _priors(estimator, found)
     if findings:
-        content |= {"criticism": _reportable(findings), "lacking": lacking}
+        content |= {"criticism": _reportable(findings), "model_lacks_terms": lacking}
     return content | {"bands": _bands(estimator, found, tested)}
 
 
@@ -121,7 +121,7 @@ def _parameters(estimator: Trainable, found: Laplace, data: Data, lacking: bool)
 def _residual(found: Laplace, dt: float) -> dict[str, Any]:
     """Its standard deviation by channel, and where it is strongest, in the unit of the record.
 
-    counts: what errors of each channel were multiplied by, where not all count alike.
+    channel_weights: what errors of each channel were multiplied by, where not all count alike.
     """
     density = np.einsum("kii->ki", found.noise.spectrum).real
     bands = len(density)
@@ -133,9 +133,9 @@ def _residual(found: Laplace, dt: float) -> dict[str, Any]:
             coloured.append({"channel": i, "times": times, "frequency_hz": frequency})
     deviation = (found.noise.deviation / found.weight).tolist()
     fit = {name: getattr(found, name) for name in ("log_likelihood", "determined", "samples")}
-    counted = {"noise": deviation, "coloured": coloured, **fit}
+    counted = {"noise": deviation, "residual_peaks": coloured, **fit}
     if (found.weight != found.weight[0]).any():
-        counted["counts"] = (found.weight / found.weight.max()).tolist()
+        counted["channel_weights"] = (found.weight / found.weight.max()).tolist()
     return counted
 
 

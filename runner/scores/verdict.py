@@ -58,8 +58,8 @@ def judgement(
 ) -> dict[str, Any]:
     """The verdict on errors in percent on the training motion. linear: None where there is none."""
     verdict = {"by": way, "error_percent": scores.get(ERROR), "linear_percent": linear}
-    if "none" in scores:
-        return {"identified": None, "reason": scores["none"], **verdict}
+    if "no_free_run" in scores:
+        return {"identified": None, "reason": scores["no_free_run"], **verdict}
     reason = _fault(way, scores, on_base, linear)
     return {"identified": not reason, "reason": reason, **verdict}
 
@@ -67,7 +67,7 @@ def judgement(
 def _fault(way: str, scores: Mapping[str, Any], on_base: bool, linear: float | None) -> str:
     """Why a model is no result; "" where it is one."""
     what = f"its {'free run' if way == 'free run' else 'estimate'} of the training motion"
-    error, left = scores.get(ERROR), scores.get("left_after_s")
+    error, left = scores.get(ERROR), scores.get("diverged_after_s")
     if left:
         return f"{what} diverges after {min(left):.3g} s"
     if error is None:
@@ -86,7 +86,7 @@ def lost_on(runs: Mapping[str, Mapping[str, Any]], beyond: Mapping[str, bool]) -
     runs: scores of the free run of each test motion; beyond: whether that motion leaves the range
     that was trained, where nobody knows what the structure does.
     """
-    lost = {name: scores["left_after_s"] for name, scores in runs.items() if _diverges(scores)}
+    lost = {name: scores["diverged_after_s"] for name, scores in runs.items() if _diverges(scores)}
     motions = [
         f"{name} at {min(left):.3g} s" + (", outside the trained range" if beyond[name] else "")
         for name, left in lost.items()
@@ -95,7 +95,7 @@ def lost_on(runs: Mapping[str, Mapping[str, Any]], beyond: Mapping[str, bool]) -
 
 
 def _diverges(scores: Mapping[str, Any]) -> bool:
-    return bool(scores.get("left_after_s"))
+    return bool(scores.get("diverged_after_s"))
 
 
 def linear_percent(data: Data, baselines: Mapping[str, Mapping[str, Any]]) -> float | None:

@@ -90,7 +90,7 @@ def test_what_a_target_refuses_leaves_nothing_behind(vwnn_run, tmp_path, say):
     ("change", "expected"),
     [
         ({"verdict": {"identified": False, "reason": "it errs"}}, "identified nothing: it errs"),
-        ({"free_run": {"left_after_s": [1.5, 0.5]}}, "diverges after 0.5 s"),
+        ({"free_run": {"diverged_after_s": [1.5, 0.5]}}, "diverges after 0.5 s"),
     ],
 )
 def test_a_model_that_is_no_result_is_refused(copy, say, change, expected):

@@ -65,7 +65,7 @@ RUN: dict[str, Any] = {
             "scenario": "full_state",
             "identity": {"code": "abc", "config": "def"},
         },
-        **{"test": {"relative_rms_percent": 1.0}, "free_run": {"none": "no such run"}},
+        **{"test": {"relative_rms_percent": 1.0}, "free_run": {"no_free_run": "no such run"}},
         "verdict": {"identified": True, "reason": "", "by": "free run"},
         "trained_range": RANGES,
         "uncertainty": {
@@ -235,7 +235,7 @@ def shape_of_json(value: Any) -> Any:
     """Kinds of values, but of what a run may have more or less of."""
     if isinstance(value, dict):
         mine = {
-            k: v for k, v in value.items() if k not in ("half_width_95", "told", "trained_range")
+            k: v for k, v in value.items() if k not in ("half_width_95", "status", "trained_range")
         }
         return [shape_of_json(inner) for inner in mine.values()]
     return [shape_of_json(one) for one in value] if isinstance(value, list) else type(value)

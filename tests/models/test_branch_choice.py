@@ -43,7 +43,7 @@ def test_sides_differ_where_motion_held_back_says_so(monkeypatch, pushed, sides)
 
     records = [of(element_test(seed, size)) for seed, size in enumerate(SIZES)]
     model = element(force_memory=False, prior=1e-5, law_starts=2, ramps=6)
-    assert model.identify(records)["sides"] == sides
+    assert model.identify(records)["tension_compression"] == sides
 
 
 @pytest.mark.parametrize("own", [(False, False), (True, False), (False, True)])

@@ -186,8 +186,8 @@ def test_a_diverging_model_is_reported_with_its_time(linear_record):
     assert errors["diverged"] == 1
     a = simulate(estimator, linear_record).a
     beyond = (a.abs() > 100.0 * linear_record.a.abs().max()).any(dim=-1)
-    assert errors["left_after_s"] == [pytest.approx(DT * int(beyond.int().argmax()))]
-    assert 0.0 < errors["left_after_s"][0] < 10.0
+    assert errors["diverged_after_s"] == [pytest.approx(DT * int(beyond.int().argmax()))]
+    assert 0.0 < errors["diverged_after_s"][0] < 10.0
     assert errors["relative_rms_percent"] is None
     assert errors["displacement_percent"] is None
     assert errors["per_dof_percent_true"] == [None, None, None]
@@ -217,7 +217,7 @@ def test_one_diverged_record_of_a_split_is_never_dropped():
     score.update(Fixed(float("nan")), one_record(pad(lost[7:], (0, 0, 7, 0), value=-1.0)))
     errors = score.percent()
     assert errors["diverged"] == 2
-    assert errors["left_after_s"] == pytest.approx([0.0, 0.07])
+    assert errors["diverged_after_s"] == pytest.approx([0.0, 0.07])
     assert errors["relative_rms_percent"] is None
 
 
@@ -228,7 +228,7 @@ def test_an_extrapolation_says_why_it_has_no_free_run(build, bilinear_record):
         estimator.free_run(bilinear_record.drive())
     result = FreeRunScore()
     result.update(estimator, bilinear_record)
-    assert "has no excitation" in result.percent()["none"]
+    assert "has no excitation" in result.percent()["no_free_run"]
     assert result.over_time() is None
     assert result.example is None
 

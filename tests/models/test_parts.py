@@ -67,7 +67,7 @@ def test_priors_are_tried_on_held_back_motion_unless_told_otherwise(select, tmp_
     trained = module.how_trained()
     assert "reconstructed" in trained["remarks"][0]
     if select is None:
-        tried = trained["held_back_percent"]
+        tried = trained["held_out_error_percent"]
         path = [f"{p} from linear" for p in ("0.01", "0.001", "0.0001")]
         assert list(tried) == ["1e-06", "0.0001", "1e-06 from single steps", *path]
         assert tried[trained["chosen"]] == min(e for e in tried.values() if e is not None)

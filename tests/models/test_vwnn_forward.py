@@ -133,7 +133,7 @@ def test_refinements_lower_the_error_of_the_free_run(bilinear_records):
     estimator = small(refinements=2, cutoffs=(0.3, 0.4, 4.0, 50.0), factors=2)
     facts = estimator.identify(bilinear_records[:2])
     assert facts["refinements"] >= 1
-    assert facts["free_run_percent"] < facts["free_run_percent_unrefined"]
+    assert facts["free_run_percent"] < facts["free_run_percent_before_refinement"]
     batch = stack(bilinear_records[:2])
     error = 100.0 * relative(estimator.free_run(batch.drive()).a, batch.a)
     assert error == pytest.approx(facts["free_run_percent"], rel=1e-6)

@@ -48,7 +48,7 @@ def test_a_run_has_bands_of_both_ways_and_nothing_else_differs(finished, without
         assert 85.0 < band["covered_percent"] < 100.0  # of one short motion
         assert len(band["mean_half_widths"]) == 3
     assert bands(finished).keys() == {"bands", "one_step_bands"}
-    assert bands(without) == {"bands": {"none": "data.calibration_records=0"}}
+    assert bands(without) == {"bands": {"unavailable": "data.calibration_records=0"}}
     one, other = (json.loads((f / "metrics.json").read_text()) for f in (finished, without))
     for key in ("test", "train", "free_run", "peak", "checkpoint"):
         assert one[key] == other[key]

@@ -49,7 +49,7 @@ def test_laplace_has_both_kinds_and_says_which_to_believe(run, capsys):
 
 def test_a_profile_has_a_table_and_a_figure(run, capsys):
     found = evaluated(run, "uncertainty=profile", "parameter=r1.damping,x1.mass")
-    assert [p["told"] for p in found["parameters"]] == ["determined"] * 2
+    assert [p["status"] for p in found["parameters"]] == ["determined"] * 2
     folder = run / "evaluation" / "uncertainty_profile"
     assert (folder / "profile.png").exists()
     assert json.loads((folder / "uncertainty.json").read_text()) == found

@@ -58,7 +58,7 @@ FILES = ("config.yaml", "metrics.json", "sensors.json", "model.safetensors")
 SCORES = {"relative_rms_percent": 1.0, "per_dof_percent": [1.0] * 3, "per_dof_rms": [0.1] * 3}
 BAND = {
     "method": "conformal", "records": 5, "factor": [2.0] * 3, "floor": [0.1] * 3, "memory_s": 1.0,
-    "others": [0.9] * 5, "covered_percent": 95.0, "mean_half_width": 0.1,
+    "coverage_of_others": [0.9] * 5, "covered_percent": 95.0, "mean_half_width": 0.1,
     "mean_half_widths": [0.1] * 3,
 }  # fmt: skip
 INTERVAL = {
@@ -86,9 +86,9 @@ METRICS: dict[str, Any] = {  # beside those of a planted run
         ],
         "priors": [{"stated": "r1", "contradicted": True, "records_alone": 2.0, "fit": 1.0}],
         "criticism": [{"significant": True, "kind": "law", "name": "r1", "gain": 0.1}],
-        "coloured": [{"channel": 1, "times": 9.0, "frequency_hz": 2.0}],
+        "residual_peaks": [{"channel": 1, "times": 9.0, "frequency_hz": 2.0}],
         "noise": [0.1] * 3,
-        "counts": [1.0] * 3,
+        "channel_weights": [1.0] * 3,
     },
 }
 

@@ -197,8 +197,8 @@ def test_leaving_the_trained_range_and_diverging_are_told(tmp_path, predicted, c
             {"verdict": {"identified": False, "reason": "it errs by 120 %"}},
             "not identified: it errs",
         ),
-        ({"free_run_train": {"left_after_s": [2.5]}}, "training motion diverges after 2.5 s"),
-        ({"free_run": {"left_after_s": [0.5, 1.5]}}, "test motion diverges after 0.5 s"),
+        ({"free_run_train": {"diverged_after_s": [2.5]}}, "training motion diverges after 2.5 s"),
+        ({"free_run": {"diverged_after_s": [0.5, 1.5]}}, "test motion diverges after 0.5 s"),
     ],
 )
 def test_a_model_that_is_no_result_is_refused_but_on_request(

@@ -12,7 +12,7 @@ from report.free_run.leaderboard import Row, leaderboard
 
 QUICK = ["data.duration=8", "trainer.enable_progress_bar=false", "figures=false", "baselines=none"]
 LOST = None  # the free run diverged
-NO_FREE_RUN = {"none": "it looks at every sample"}
+NO_FREE_RUN = {"no_free_run": "it looks at every sample"}
 
 
 def add_run(folder: Path, free_run: float | dict | None, failed: bool = False, **choices) -> Path:

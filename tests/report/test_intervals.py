@@ -54,7 +54,7 @@ def test_intervals_of_one_motion_are_not_those_of_another(unseen, coloured, told
     """A residual that repeats with the motion is alike in all blocks: they cannot tell it."""
     errors = {"train": 10.0, "test": unseen}
     metrics = {FREE_RUNS[part]: {"relative_rms_percent": e} for part, e in errors.items()}
-    line = beyond_training(metrics, {"coloured": coloured})
+    line = beyond_training(metrics, {"residual_peaks": coloured})
     assert bool(line) == told
     assert not told or "error is 60" in line
 

@@ -31,7 +31,9 @@ def test_a_title_says_model_record_error_and_what_is_odd():
         "gru on kobe: one step 5.00 %, free run diverged; 2.1 × the trained deformation"
     )
     assert titled_picture("gru", "kobe", scores, scores) == "gru on kobe: free run 5.00 %"
-    assert titled_picture("two_point", "kobe", scores, {"none": "why"}).endswith("one step 5.00 %")
+    assert titled_picture("two_point", "kobe", scores, {"no_free_run": "why"}).endswith(
+        "one step 5.00 %"
+    )
 
 
 def test_every_picture_of_a_new_record_has_the_title(linear_record):

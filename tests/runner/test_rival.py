@@ -45,7 +45,7 @@ def test_held_back_motion_chooses_and_all_pairs_have_to_be_clearly_better(
     assert data.topology == kept
     assert (module, trainer) == fits[kept]
     assert module.fit_seconds == 4.0
-    told = module.solution["topologies_held_back_percent"]
+    told = module.solution["held_out_error_by_topology_percent"]
     assert told.startswith("chain" if guess == "chain" else "all pairs")
 
 

@@ -14,7 +14,7 @@ from runner.scores.outcome import require_identified
 from runner.scores.result import read_result, spread_of
 from runner.scores.verdict import NotIdentifiedError, judgement, lost_on
 
-DIVERGED = {"relative_rms_percent": None, "diverged": 1, "left_after_s": [2.8]}
+DIVERGED = {"relative_rms_percent": None, "diverged": 1, "diverged_after_s": [2.8]}
 
 
 def scores(percent: float) -> dict:
@@ -41,7 +41,7 @@ def test_a_free_run_is_held_against_nothing_and_a_linear_system(of_run, on_base,
 
 
 def test_what_cannot_run_free_is_not_judged_by_it():
-    verdict = judgement("free run", {"none": "it begins in motion"}, False, 30.0)
+    verdict = judgement("free run", {"no_free_run": "it begins in motion"}, False, 30.0)
     assert (verdict["identified"], verdict["reason"]) == (None, "it begins in motion")
 
 
@@ -50,7 +50,7 @@ def test_a_test_motion_on_which_a_free_run_diverges_is_named_and_no_success():
     lost = lost_on(runs, {"small": False, "large": True, "other": False})
     assert lost.endswith(": large at 2.8 s, outside the trained range; other at 2.8 s")
     assert lost_on({"small": scores(10.0)}, {"small": True}) == ""
-    verdict = judgement("free run", scores(10.0), False, None) | {"lost": lost}
+    verdict = judgement("free run", scores(10.0), False, None) | {"test_diverges": lost}
     assert verdict["identified"]
     with pytest.raises(NotIdentifiedError, match="gru does not model the test motion: its free"):
         require_identified({"model": "gru", "verdict": verdict})
