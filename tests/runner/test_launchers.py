@@ -25,13 +25,13 @@ from tests.program.test_train import run
 from tests.runner.test_sweep import QUICK, results
 
 ROOT = Path(__file__).parents[2]
-SWEEP = [sys.executable, "train.py", "-m", *QUICK, "model=linear,vwnn", "seed=range(0,4)"]
+SWEEP = [sys.executable, "train.py", "-m", *QUICK, "model=linear,vwnn", "seed=range(0,3)"]
 needs_ray = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="no Ray: '.[ray]'")
 needs_slurm = pytest.mark.skipif(bool(why_no_slurm()), reason=str(why_no_slurm()))
 
 
 def sweep(folder: Path, *words: str, **environment: str) -> subprocess.Popen:
-    """Eight cheap runs, begun."""
+    """Six cheap runs, begun."""
     env = {name: value for name, value in os.environ.items() if name not in THREADS}
     return subprocess.Popen(
         [*SWEEP, f"hydra.sweep.dir={folder}", *words],
@@ -58,7 +58,7 @@ def undisturbed(tmp_path_factory) -> dict[str, dict]:
     words = [*SWEEP[2:], "hydra/launcher=basic", f"hydra.sweep.dir={folder}"]
     with pytest.MonkeyPatch.context() as monkeypatch:
         assert run(train, monkeypatch, *words) == 0
-    assert len(results(folder)) == 8
+    assert len(results(folder)) == 6
     return results(folder)
 
 
@@ -96,15 +96,15 @@ def test_a_lost_process_is_replaced_and_costs_no_other_run(tmp_path):
     assert f"lost {TRIES} times" in lost["die"]
 
 
-def test_all_cores_lose_a_process_and_no_run(tmp_path, undisturbed):
-    process = sweep(tmp_path, "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+def test_a_sweep_loses_a_process_and_no_run(tmp_path, undisturbed):
+    process = sweep(tmp_path, "hydra/launcher=joblib", "hydra.launcher.n_jobs=1")
     wait_until(lambda: len(results(tmp_path)) >= 2, process)
     workers = [pid for pid, name in processes_of(process).items() if "LokyProcess" in name]
-    assert len(workers) == 2
+    assert len(workers) == 1
     os.kill(workers[0], signal.SIGKILL)
     printed = process.communicate()[0]
     assert process.returncode == 0, printed
-    assert "8 done, 0 failed" in printed
+    assert "6 done, 0 failed" in printed
     assert results(tmp_path) == undisturbed
 
 
@@ -159,10 +159,10 @@ def test_a_ray_cluster_loses_a_node_and_no_run(tmp_path, undisturbed):
         wait_until(lambda: len(results(tmp_path)) >= 3, process)
         wait_until(lambda: busy(second), process)
         kill(second)
-        assert len(results(tmp_path)) < 7
+        assert len(results(tmp_path)) < 5
         printed = process.communicate()[0]
     assert process.returncode == 0, printed
-    assert "8 done, 0 failed" in printed
+    assert "6 done, 0 failed" in printed
     assert results(tmp_path) == undisturbed
 
 
@@ -182,9 +182,9 @@ def test_slurm_does_a_sweep_whose_command_was_killed(tmp_path, undisturbed):
         wait_until(lambda: len(results(tmp_path)) >= 3, process)
         process.kill()
         process.communicate()
-        assert len(results(tmp_path)) < 8
+        assert len(results(tmp_path)) < 6
         printed = (process := sweep(tmp_path, *words, **environment)).communicate()[0]
     assert process.returncode == 0, printed
-    assert "8 done (" in printed
+    assert "6 done (" in printed
     assert results(tmp_path) == undisturbed
     assert all(json.loads(path.read_text()) == {} for path in tmp_path.glob("slurm/lost*.json"))

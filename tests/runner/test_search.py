@@ -184,30 +184,3 @@ def test_a_search_and_the_tables_share_no_seed():
     assert cfg.data.validation > 0.0
     assert cfg.data.warmup > 0
     assert float(sweeper.final["data.validation"]) == 0.0
-
-
-@pytest.fixture(scope="module")
-def small_search(tmp_path_factory) -> Path:
-    """A real one, of two trials."""
-    folder = tmp_path_factory.mktemp("tune")
-    words = ["-m", *QUICK, "hydra/launcher=basic", "experiment=tune_vwnn", "seed=80,81"]
-    words += ["hydra.sweeper.trials=2"]
-    words += ["data.duration=6"]
-    words += ["system=bilinear", "hydra.sweeper.final.seed='60,61'", f"hydra.sweep.dir={folder}"]
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        assert run(train, monkeypatch, *words) == 0
-    return folder
-
-
-def test_a_real_search_is_judged_by_what_its_runs_held_back(small_search):
-    told = found(small_search)
-    judged = []
-    for path in small_search.glob("*/metrics.json"):
-        metrics = json.loads(path.read_text())
-        if metrics["seed"] >= 80:
-            judged.append(metrics["validation"]["relative_rms_percent"])
-        else:
-            assert "validation" not in metrics
-    assert len(judged) == 4
-    assert told["best_percent"] <= told["first_percent"]
-    assert min(judged) <= told["best_percent"] <= max(judged)

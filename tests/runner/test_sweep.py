@@ -126,8 +126,6 @@ SEEDS = ["seed=1 and seed=0", "/same;", "'${seed}'"]
     ("words", "subdir", "named"),
     [
         (["seed=0,1", "hydra/launcher=batched"], "same", SEEDS),
-        (["seed=0,1", "hydra/launcher=slurm"], "same", SEEDS),
-        (["model=linear,two_point"], "a/../b", ["model=two_point", "/b;", "'${model.name}'"]),
         (["model.name=a,a/b"], "${model.name}", ["model.name=a/b inside", "/a;"]),
     ],
 )
