@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -119,3 +120,16 @@ def test_configs_name_classes_of_the_fronts():
             waiting += node if isinstance(node, list) else []
     of_hydra = {"report.candidates.PrintCandidates"}  # called at the end of a sweep
     assert {n for n in named if n and not n.startswith("hydra_plugins.")} <= listed | of_hydra
+
+
+def test_what_a_newcomer_asks_is_answered_in_three_files():
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    table = text.partition("| where a newcomer finds |")[2].partition("\n\n")[0]
+    rows = table.splitlines()[2:]
+    assert len(rows) == 6
+    for row in rows:
+        files = re.findall(r"`([\w/]+\.py)`(?: `(\w+)`)?", row)
+        assert 1 <= len(files) <= 3, row
+        for name, word in files:
+            assert (ROOT / name).is_file(), name
+            assert word in (ROOT / name).read_text("utf-8"), f"{name} has no {word}"
