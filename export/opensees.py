@@ -67,7 +67,7 @@ def script_of(model: Exported) -> str:
             "an element that bends joins three nodes, which no stock material does; choose to=c or "
             "to=fmu"
         )
-    elements = joined(network, model)
+    elements = joined_elements(network, model)
     notes = [f"{e.name}: {note}" for e in elements for m in e.materials for note in m.notes]
     told = [*model.lines(), "", *(notes or ["every term of every law is here"])]
     text = Template(SCRIPT.read_text("utf-8"))
@@ -86,7 +86,7 @@ def script_of(model: Exported) -> str:
     )
 
 
-def joined(network: ElementNetwork, model: Exported) -> list[Joined]:
+def joined_elements(network: ElementNetwork, model: Exported) -> list[Joined]:
     """The elements of a network, each from its first node to its second."""
     ranges = model.passport.facts["trained_range"].get("deformation", {}).get("largest")
     largest = ranges if ranges and len(ranges) == len(network.elements) else None
