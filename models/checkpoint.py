@@ -105,16 +105,16 @@ def _model_of(metadata: dict[str, str]) -> tuple[Any, Any]:
 def require_same(stored: Any, own: dict[str, Any], path: Path) -> None:
     """Raise ValueError where the weights were stored by a model of other settings."""
     for name, value in own.items():
-        if isinstance(stored, dict) and name in stored and not _alike(stored[name], value):
+        if isinstance(stored, dict) and name in stored and not _agree(stored[name], value):
             raise ValueError(
                 f"checkpoint {path} was stored with {name}={shown(stored[name])}; this model has "
                 f"{name}={shown(value)}: take weights and config from the same run"
             )
 
 
-def _alike(one: Any, other: Any) -> bool:
+def _agree(one: Any, other: Any) -> bool:
     if isinstance(one, dict) and isinstance(other, dict):
-        return all(_alike(one[name], other[name]) for name in one.keys() & other.keys())
+        return all(_agree(one[name], other[name]) for name in one.keys() & other.keys())
     if isinstance(one, float) and isinstance(other, float | int):
         return math.isclose(one, other, rel_tol=1e-9)
     return bool(one == other)

@@ -47,8 +47,8 @@ class GlobalMLP(Trainable):
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         """Fit the scaling; the weights are left to the solver."""
-        self.network.input_scale.fit(_counted(self.state(r), r) for r in batches)
-        self.network.output_scale.fit(_counted(r.a, r) for r in batches)
+        self.network.input_scale.fit(_after_warmup(self.state(r), r) for r in batches)
+        self.network.output_scale.fit(_after_warmup(r.a, r) for r in batches)
         return {}
 
     def state(self, record: Record) -> Tensor:
@@ -97,8 +97,8 @@ class ResidualMLP(EquivalentLinear, Trainable):
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
         """Identify the linear system and the scaling; the network is left to the solver."""
         solution = super().identify(batches)
-        self.network.input_scale.fit(_counted(self.regressors(r), r) for r in batches)
-        self.network.output_scale.fit(_counted(self.residual(r), r) for r in batches)
+        self.network.input_scale.fit(_after_warmup(self.regressors(r), r) for r in batches)
+        self.network.output_scale.fit(_after_warmup(self.residual(r), r) for r in batches)
         return solution
 
     def residual(self, record: Record) -> Tensor:
@@ -140,5 +140,5 @@ class ResidualMLP(EquivalentLinear, Trainable):
         return runge_kutta_delayed(law, drive, torch.zeros_like(drive.x0))
 
 
-def _counted(signal: Tensor, record: Record) -> Tensor:
+def _after_warmup(signal: Tensor, record: Record) -> Tensor:
     return signal[..., record.warmup :, :]

@@ -118,7 +118,7 @@ class NeuralStateSpace(Trainable):
         """The motion from the initial state; the encoder takes the time before it for rest."""
         now = torch.cat([drive.x0, drive.v0, drive.u[..., 0, :]], dim=-1)[..., None, :]
         before = now.new_zeros(*now.shape[:-2], self.past - 1, now.shape[-1])
-        return self._simulated(drive, torch.cat([before, now], dim=-2))
+        return self._run(drive, torch.cat([before, now], dim=-2))
 
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
         """Acceleration (…, T, n); the encoder reads the measured samples before each window."""
@@ -126,7 +126,7 @@ class NeuralStateSpace(Trainable):
             return self.free_run(record.drive()).a
         drive, window, place = windows_of(record, horizon, warmup)
         past = self._past(record, horizon, warmup)
-        return self._simulated(drive, past).a[..., window, place, :]
+        return self._run(drive, past).a[..., window, place, :]
 
     def _past(self, record: Record, horizon: int, warmup: int) -> Tensor:
         """[x, ẋ, u] (…, windows, past, 2n + m) up to the first sample of every window."""
@@ -136,7 +136,7 @@ class NeuralStateSpace(Trainable):
         reach = torch.arange(self.past, device=record.a.device)
         return padded[..., starts.clamp_min(0)[:, None] + reach, :]
 
-    def _simulated(self, drive: Drive, past: Tensor) -> Response:
+    def _run(self, drive: Drive, past: Tensor) -> Response:
         z0, w, u = self._scaled(drive, past)
         z = trajectory(LatentStep(), z0, w, *self.step.theta())  # (T, B, q)
         a = self.output(z, u) * self.sizes[-self.dofs :]

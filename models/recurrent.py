@@ -88,7 +88,7 @@ class Recurrent(Trainable):
         """Regression on all measured signals, each scaled to the acceleration of its DOF."""
         self.check(record)
         module = _AllSignals(self)
-        return module, record, module.alike(_motion(record))
+        return module, record, module.scaled(_motion(record))
 
     def free_run(self, drive: Drive) -> Response:
         a, x, v = self._motion(drive).split(self.dofs, dim=-1)
@@ -119,9 +119,9 @@ class _AllSignals(nn.Module):
         self.estimator = estimator
 
     def forward(self, record: Record) -> Tensor:
-        return self.alike(self.estimator._motion(record.drive()))
+        return self.scaled(self.estimator._motion(record.drive()))
 
-    def alike(self, motion: Tensor) -> Tensor:
+    def scaled(self, motion: Tensor) -> Tensor:
         """Signals scaled to the acceleration of their DOF, so that mean(e²) weighs all alike."""
         sizes = self.estimator.signals
         counted = sizes[sizes.any(dim=1)]

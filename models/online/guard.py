@@ -169,11 +169,11 @@ class Watch:
         """Whether an input of a sample may be an outlier: far off, or the first in motion."""
         signals = ((name, getattr(sample, name)) for name in INPUTS)
         pairs = [(name, u.tolist()) for name, u in signals if u is not None]
-        return any(self.ranges.begins(u) or self.ranges.far(name, u) for name, u in pairs)
+        return any(self.ranges.is_first_motion(u) or self.ranges.far(name, u) for name, u in pairs)
 
     def strays_after(self, a: Tensor, estimate: Tensor) -> bool:
         """Whether an acceleration (n,) may be an outlier: far off, or the first in motion."""
-        return self.ranges.begins(a.tolist()) or bool(self.far(a, estimate))
+        return self.ranges.is_first_motion(a.tolist()) or bool(self.far(a, estimate))
 
     def mended(self, sample: Sample) -> Sample:
         """The sample with the last sound values where its own are not finite, or outliers."""
@@ -187,7 +187,7 @@ class Watch:
             finite = isfinite(sum(values)) or all(map(isfinite, values))
             kept = values
             if far or not finite:
-                changed[name] = self._held(name, signal, far)
+                changed[name] = self._replace(name, signal, far)
                 kept = changed[name].tolist()
             self.ranges.take(
                 name, values, kept, [u != v for u, v in zip(values, kept, strict=True)]
@@ -197,7 +197,7 @@ class Watch:
         self.sound = replace(sample, **changed) if changed else sample
         return self.sound
 
-    def _held(self, name: str, signal: Tensor, far: list[int]) -> Tensor:
+    def _replace(self, name: str, signal: Tensor, far: list[int]) -> Tensor:
         good = torch.isfinite(signal)
         for i in torch.nonzero(~good).flatten().tolist():
             self._note("not_finite", f"{name}{i + 1}")
@@ -213,7 +213,7 @@ class Watch:
         errors = None if self.blind else (a - estimate).tolist()
         return self.ranges.far("a", a.tolist(), errors)
 
-    def judged(self, a: Tensor | None, sample: Sample, estimate: Tensor) -> tuple[Tensor, bool]:
+    def judge(self, a: Tensor | None, sample: Sample, estimate: Tensor) -> tuple[Tensor, bool]:
         """The acceleration (n,) or its replacement, and whether the weights may learn from it."""
         kept, values, wrong = estimate, [nan] * len(self.before), [True] * len(self.before)
         if a is None:

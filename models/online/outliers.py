@@ -142,7 +142,7 @@ class Ranges:
                 return None  # let us see what comes after it
         return {channel: (0.0, much * _of_event(u, much)) for channel, u in window.items()}
 
-    def begins(self, values: Sequence[float]) -> bool:
+    def is_first_motion(self, values: Sequence[float]) -> bool:
         """Whether a signal's values are the first in motion."""
         return self.times is not None and self.young > 0 and not self.first and any(values)
 

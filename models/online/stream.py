@@ -83,7 +83,7 @@ class Stream:
         self._check(sample)
         if self.sample is not None:
             self.update(None)
-        self._held(self.estimate, sample, self.watch.strays(sample))
+        self._keep_call(self.estimate, sample, self.watch.strays(sample))
         missed = self.watch.arrive(sample.time)
         self._came_twice = missed < 0
         if missed < 0:
@@ -100,8 +100,8 @@ class Stream:
             return
         if self.sample is None:
             raise ValueError("no sample is waiting for its acceleration; call estimate first")
-        self._held(self.update, a, a is not None and self.watch.strays_after(a, self.newest))
-        known, sound = self.watch.judged(a, self.sample, self.newest)
+        self._keep_call(self.update, a, a is not None and self.watch.strays_after(a, self.newest))
+        known, sound = self.watch.judge(a, self.sample, self.newest)
         self._learn(self.sample, known, sound)
         self.previous, self.sample = self.sample, None
         if self._hold is not None and not self.watch.repeats:
@@ -109,7 +109,7 @@ class Stream:
         if self.watch.sample >= self._restart.due and not self.watch.repeats:
             self._restart.review(self)
 
-    def _held(self, call: Callable[[Any], Any], argument: Any, stray: bool) -> None:
+    def _keep_call(self, call: Callable[[Any], Any], argument: Any, stray: bool) -> None:
         """Keep a call, and the stream as it is before, where a value is far off or lately was."""
         if self.watch.repeats:
             return
