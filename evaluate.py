@@ -21,6 +21,7 @@ from __future__ import annotations
 import hydra
 from omegaconf import DictConfig
 
+from runner.config.choices import plain, take_settings
 from runner.config.command_line import absolute, one_line_errors, read_words, refusals
 from runner.config.compose import CONF, prepare_hydra
 from runner.config.settings import EVALUATE, check_settings
@@ -38,22 +39,24 @@ def main(cfg: DictConfig) -> None:
             require_finished(absolute(run_folder(cfg.run)))
         require_folders(cfg.runs)
     with refusals(), loading():  # takes seconds: a mistyped word is reported before
-        from report.run.evaluation import evaluate, report_runs
+        from report.run.evaluation import Conditions, evaluate, report_runs
         from runner.job import job_errors
 
+    asked = plain(cfg)
     with job_errors():
         if cfg.run is None:
-            report_runs(cfg)
+            report_runs(*(asked[key] for key in ("runs", "by", "metric", "split", "output")))
             return
         if cfg.output or cfg.runs:
             raise ValueError("runs= and output= are for many runs; leave them out with run=")
         folder = absolute(run_folder(cfg.run))
+        conditions = take_settings(Conditions, asked)
         if cfg.uncertainty is not None:
-            from report.uncertainty.command import evaluate_uncertainty
+            from report.uncertainty.command import Question, evaluate_uncertainty
 
-            evaluate_uncertainty(cfg, folder)
+            evaluate_uncertainty(folder, take_settings(Question, asked), conditions)
             return
-        evaluate(cfg, folder, (cfg.label or "as_trained").replace("/", "_"))
+        evaluate(folder, (cfg.label or "as_trained").replace("/", "_"), conditions)
 
 
 def cli() -> None:

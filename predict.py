@@ -19,6 +19,7 @@ import sys
 import hydra
 from omegaconf import DictConfig
 
+from runner.config.choices import plain, take_settings
 from runner.config.command_line import absolute, one_line_errors, read_words, refusals
 from runner.config.compose import CONF, prepare_hydra
 from runner.config.settings import PREDICT, check_excitation, check_settings
@@ -38,12 +39,15 @@ def main(cfg: DictConfig) -> None:
         folder = absolute(run_folder(cfg.run))
         require_finished(folder)
     with refusals(), loading():  # takes seconds: a mistyped word is reported before
-        from report.prediction.predict import label_of, predict
+        from report.prediction.motions import Wanted
+        from report.prediction.predict import Written, predict
         from runner.job import job_errors
 
     with job_errors():
-        own = results_folder(folder) / "prediction" / label_of(cfg.excitation)
-        predict(cfg, folder, absolute(cfg.output) if cfg.output else own)
+        asked = plain(cfg)
+        wanted, written = take_settings(Wanted, asked["excitation"]), take_settings(Written, asked)
+        own = results_folder(folder) / "prediction" / wanted.label
+        predict(folder, wanted, written, absolute(cfg.output) if cfg.output else own)
 
 
 def cli() -> None:

@@ -11,26 +11,25 @@ import torch
 from data.record import Record
 from data.sample import Sensors
 from models.estimator import Estimator
+from models.experiment import Experiment
 from models.fit.objective import restore, state_of
 from models.fit.solvers.solver import hurry
 from models.fit.trainable import require_trainable
-from models.training.assemble import estimator_from, objective_from, solver_from
+from runner.config.choices import plain
 from runner.config.compose import composed
-
-_config = cache(composed)
 
 
 def fit(words: Sequence[str], batch: Record) -> tuple[Estimator, dict[str, Any]]:
     """The model of a command line, fitted to a batch; and what its identification reports."""
-    cfg = _config(*words)
+    experiment = _experiment(tuple(words))
     inputs = batch.excitation.shape[-1]
-    estimator = estimator_from(cfg.model, Sensors(batch.dt, batch.dofs, inputs))
+    estimator = experiment.model.estimator(Sensors(batch.dt, batch.dofs, inputs))
     facts = estimator.identify([batch])
     free = [p for p in estimator.parameters() if p.requires_grad]
     if not free:
         return estimator, facts
     trainable = require_trainable(estimator)
-    objective, make_solver = objective_from(cfg.objective), solver_from(cfg.solver)
+    objective, make_solver = experiment.make_objective(), experiment.make_solver()
     objective.prepare(trainable, [batch], measured=False)
     ends = [(objective.final_loss(trainable, [batch]), state_of(trainable))]
     objective.begin(trainable, [batch], make_solver, lambda losses: None)
@@ -52,6 +51,11 @@ def fit(words: Sequence[str], batch: Record) -> tuple[Estimator, dict[str, Any]]
     restore(trainable, min(ends, key=lambda end: end[0])[1])
     objective.refine(trainable, [batch], lambda losses: None)
     return estimator, facts
+
+
+@cache
+def _experiment(words: tuple[str, ...]) -> Experiment:
+    return Experiment.of(plain(composed(*words)))
 
 
 @torch.no_grad()

@@ -29,9 +29,9 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 
 from data.arguments import Parser
+from models.stored.run import read_run
 from runner.config.command_line import command_errors
 from runner.folder.run_files import CHECKPOINT, CONFIG, METRICS
-from runner.folder.run_folder import read_run
 
 ROOT = Path(__file__).parent.parent
 AT_START = 0.15  # of the kills, while programs start

@@ -24,13 +24,14 @@ import torch
 from benchmarks.table import show
 from data.arguments import Parser
 from data.sample import Sample
+from models.experiment import Experiment
 from models.online.laws import laws_compiled as compiled
 from models.online.laws.law import work_for
 from models.online.laws.recursive_least_squares import RecursiveLeastSquares
 from models.online.stream import Stream
 from models.online.vwnn_stream import VWNNStream
-from models.training.assemble import data_from
 from models.vwnn import VWNN
+from runner.config.choices import plain
 from runner.config.command_line import command_errors
 from runner.config.compose import composed
 
@@ -40,7 +41,8 @@ BLOCK = 500  # samples that are timed at once
 
 def motion(duration: float) -> tuple[torch.Tensor, torch.Tensor]:
     """Accelerations and forces (T, 3) of the paper's yielding frame at 1 kHz."""
-    data = data_from(composed("system=bilinear", f"data.dt={DT}", f"data.duration={duration}"))
+    words = ("system=bilinear", f"data.dt={DT}", f"data.duration={duration}")
+    data = Experiment.of(plain(composed(*words))).make_data()
     data.setup()
     record = data.records["train"][0]
     return record.a, record.f

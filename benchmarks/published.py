@@ -35,7 +35,8 @@ from benchmarks.fitting import fit as fit_zoo
 from benchmarks.table import show
 from data.arguments import Parser
 from data.record import Drive, Record, stack
-from models.training.assemble import data_from
+from models.experiment import Experiment
+from runner.config.choices import plain
 from runner.config.command_line import command_errors
 from runner.config.compose import composed
 
@@ -185,7 +186,8 @@ PACKAGES: dict[str, tuple[str, Callable[[list[Record], int, float], Simulator]]]
 
 def error_of(name: str, system: str, seed: int, sizes: Sequence[str], seconds: float) -> float:
     """Relative RMS error of the free run on the test record [%]; infinite where it diverged."""
-    data = data_from(composed(f"system={system}", f"seed={seed}", *sizes))
+    experiment = Experiment.of(plain(composed(f"system={system}", f"seed={seed}", *sizes)))
+    data = experiment.make_data()
     data.setup()
     train, (test, *_) = data.records["train"], data.records["test"]
     with warnings.catch_warnings(), torch.no_grad(), np.errstate(all="ignore"):

@@ -30,9 +30,10 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from benchmarks.table import show
 from data.arguments import Parser
 from data.record import Record
+from models.experiment import Experiment
 from models.fit.problem import Problem
 from models.fit.trainable import Trainable
-from models.training.assemble import data_from, estimator_from, solver_from
+from runner.config.choices import plain
 from runner.config.command_line import command_errors
 from runner.config.compose import composed
 from runner.job import quiet_lightning
@@ -91,7 +92,8 @@ class WatchedProblem(Problem):
 def ours(problem: WatchedProblem, *choices: str) -> None:
     """A solver of conf/solver with its defaults, bar the limits of iterations and of progress."""
     unlimited = [f"solver.iterations={UNLIMITED}", "solver.change=0"]
-    solver = solver_from(composed(*choices, *unlimited, "seed=0").solver)(problem.free)
+    experiment = Experiment.of(plain(composed(*choices, *unlimited, "seed=0")))
+    solver = experiment.make_solver()(problem.free)
     problem.watch.start = time.perf_counter()
     while not solver.finished:
         solver.solve(problem)
@@ -149,10 +151,11 @@ def identified(
 ) -> tuple[Trainable, Record]:
     """The study's first motion; weights as `python train.py` draws them with this seed."""
     cfg = composed(f"model={model}", f"system={system}", "seed=0", *settings)
-    data = data_from(cfg)
+    experiment = Experiment.of(plain(cfg))
+    data = experiment.make_data()
     data.setup()
     torch.manual_seed(seed)
-    estimator = estimator_from(cfg.model, data)
+    estimator = experiment.model.estimator(data)
     estimator.identify(data.loader("train"))
     assert isinstance(estimator, Trainable)
     return estimator, next(iter(data.loader("train")))

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import yaml
-from omegaconf import DictConfig, OmegaConf
 
 from data.whole_file import read_regular
 
@@ -147,22 +146,16 @@ def _require_scalar(value: Any) -> None:
         raise ValueError(f"it has a value of the kind {type(value).__name__}")
 
 
-def as_config(content: dict[str, Any]) -> DictConfig:
-    """A config with the texts of `content`, also where they look like interpolations.
-
-    Raises ValueError for a value that was never given (???).
-    """
-    return OmegaConf.create(_as_text(content, ""))
-
-
-def _as_text(value: Any, place: str) -> Any:
+def require_given(value: Any, place: str = "") -> None:
+    """Raise ValueError for a value that was never given (???)."""
     if isinstance(value, dict):
-        return {key: _as_text(inner, f"{place}{key}.") for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_as_text(inner, f"{place}{i}.") for i, inner in enumerate(value)]
-    if value == MISSING:
-        raise ValueError(f"{place.rstrip('.')}={MISSING}, a value that was never given")
-    return escaped(value) if isinstance(value, str) else value
+        for key, inner in value.items():
+            require_given(inner, f"{place}.{key}".lstrip("."))
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            require_given(inner, f"{place}.{i}")
+    elif value == MISSING:
+        raise ValueError(f"{place}={MISSING}, a value that was never given")
 
 
 def escaped(text: str) -> str:

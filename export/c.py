@@ -9,8 +9,7 @@ from export.c_source import Source, source_of
 from export.names import c_comment, c_string
 from export.run import Exported
 from export.step import Step
-from export.steps import online, step_of
-from models.vwnn import VWNN
+from export.steps import online_step_of, step_of
 
 
 def write(model: Exported, folder: Path) -> list[Path]:
@@ -19,8 +18,8 @@ def write(model: Exported, folder: Path) -> list[Path]:
     Raises ValueError for a model without a step, OSError where the disk does not take it.
     """
     steps = {model.name: step_for(model)}
-    if isinstance(model.estimator, VWNN):
-        steps[f"{model.name}_online"] = _named(online.step_of(model.estimator), model)
+    if (online := online_step_of(model.estimator)) is not None:
+        steps[f"{model.name}_online"] = _named(online, model)
     made = []
     for name, step in steps.items():
         source = source_of(step, name, remarks_of(model))

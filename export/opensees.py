@@ -31,7 +31,6 @@ from export.names import python_comment
 from export.opensees_laws import Material, material_of
 from export.run import Exported
 from models.element_network import ElementNetwork
-from models.element_network_named import ElementNetworkNamed
 
 SCRIPT = Path(__file__).with_name("opensees_script.py.txt")
 
@@ -56,12 +55,11 @@ def write(model: Exported, folder: Path) -> list[Path]:
 def script_of(model: Exported) -> str:
     """The text of the script. Raises ValueError for a model that stock materials cannot make."""
     network = model.estimator
-    if type(network) not in (ElementNetwork, ElementNetworkNamed):
+    if not isinstance(network, ElementNetwork) or network.laws_are_curves:
         raise ValueError(
             f"{type(network).__name__} is no network of elements that stock materials can make; "
             "choose to=c or to=fmu"
         )
-    assert isinstance(network, ElementNetwork)
     if any(len(nodes) > 2 for nodes in network.elements):
         raise ValueError(
             "an element that bends joins three nodes, which no stock material does; choose to=c or "
@@ -94,17 +92,15 @@ def joined_elements(network: ElementNetwork, model: Exported) -> list[Joined]:
     laws, found = composition.laws.value.detach(), []
     for e, pair in enumerate(network.elements):
         name = "–".join(pair)
-        if isinstance(network, ElementNetworkNamed):
-            parts = network.named.elements(e, pair)
+        if (parts := network.named_elements(e)) is not None:
             materials = [one for part in parts for one in named_materials(part, name)]
         else:
             most = None if largest is None else float(largest[e])
             materials = material_of(laws[e], composition.counts, most)
         found.append(Joined(name, *_ends(network, e), materials))
-    if isinstance(network, ElementNetworkNamed):
-        for name, damper in network.mass_dampers().items():
-            foot, mass = damper.between
-            found.append(Joined(name, foot, mass, named_materials(damper, name)))
+    for name, damper in network.mass_dampers().items():
+        foot, mass = damper.between
+        found.append(Joined(name, foot, mass, named_materials(damper, name)))
     return found
 
 

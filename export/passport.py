@@ -12,11 +12,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
-
 from data.public.benchmarks import BENCHMARKS
 from data.sample import Sensors
 from export.names import plain_values, wrap
+from models.experiment import Experiment
 from models.fit.metrics import FREE_RUNS
 from models.fit.trained_range import OTHER
 from runner.config.compose import CONF
@@ -48,20 +47,20 @@ class Passport:
 
 
 def passport_of(
-    cfg: DictConfig, metrics: Mapping[str, Any], sensors: Sensors, kind: str
+    experiment: Experiment, metrics: Mapping[str, Any], sensors: Sensors, kind: str
 ) -> Passport:
-    """The passport of a finished run from its config and metrics. kind: the estimator's class."""
+    """The passport of a finished run from its choices and metrics. kind: the estimator's class."""
     identity = metrics.get("identity", {})
     return Passport(
         {
-            "model": str(cfg.model.name),
+            "model": experiment.model.name,
             "class": kind,
             "software": software(),
             "results": identity.get("results", "unknown"),
             "config": identity.get("config", "unknown"),
             "dt_s": sensors.dt,
             "quantity": sensors.quantity,
-            "trained_on": _data(cfg, sensors),
+            "trained_on": _data(experiment, sensors),
             "error_percent": {
                 "free_run_test": _error(metrics, FREE_RUNS["test"]),
                 "free_run_training": _error(metrics, FREE_RUNS["train"]),
@@ -70,7 +69,7 @@ def passport_of(
             },
             "identified": metrics.get("verdict", {}).get("identified"),
             "trained_range": dict(metrics.get("trained_range", {})),
-            "licence": {"code": "MIT", "data": _licence(cfg)},
+            "licence": {"code": "MIT", "data": _licence(experiment)},
         }
     )
 
@@ -82,14 +81,13 @@ def software() -> str:
     return f"{project['name']} {project['version']}"
 
 
-def _data(cfg: DictConfig, sensors: Sensors) -> dict[str, Any]:
-    """Names, numbers and lengths of the records, as far as the config knows them."""
-    data = OmegaConf.to_container(cfg.data, resolve=True)
-    assert isinstance(data, dict)
+def _data(experiment: Experiment, sensors: Sensors) -> dict[str, Any]:
+    """Names, numbers and lengths of the records, as far as the choices know them."""
+    data = experiment.data.values
     facts: dict[str, Any] = {
-        "system": cfg.system.get("name", "unknown"),
-        "scenario": cfg.scenario.get("name", "unknown"),
-        "seed": int(cfg.seed),
+        "system": experiment.system.name,
+        "scenario": experiment.scenario.name,
+        "seed": experiment.seed,
         "dt_s": sensors.dt,
         "records": data.get("train_records"),
         "duration_s": data.get("duration"),
@@ -164,7 +162,7 @@ def _range_lines(ranges: Mapping[str, Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-def _licence(cfg: DictConfig) -> str:
-    if "train_records" in cfg.data:
+def _licence(experiment: Experiment) -> str:
+    if "train_records" in experiment.data.values:
         return "none is needed: they were simulated"
     return "as the owner of the records says"

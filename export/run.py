@@ -14,10 +14,10 @@ from export.names import channels_of, identifier, inputs_of, plain_unit
 from export.passport import Passport, passport_of
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
+from models.stored.run import read_run
 from models.stored.schema import ANYTHING, PERCENT, require
-from runner.folder.run import restore, sensors_of
+from runner.folder.run import restore
 from runner.folder.run_files import require_finished
-from runner.folder.run_folder import read_run
 
 INTERVAL = {"name": str, "status": str, "half": PERCENT, "believed": PERCENT, ...: ANYTHING}
 UNCERTAINTY = {"parameters": [INTERVAL], ...: ANYTHING}
@@ -71,19 +71,18 @@ def read_exported(folder: Path) -> Exported:
     identified.
     """
     require_finished(folder)
-    cfg, metrics = read_run(folder)
-    require_sound(folder, metrics)
-    sensors = sensors_of(cfg, folder)
-    estimator = restore(cfg, folder)
-    passport = passport_of(cfg, metrics, sensors, type(estimator).__name__)
+    run = read_run(folder)
+    require_sound(folder, run.metrics)
+    estimator, model = restore(run), run.experiment.model
+    passport = passport_of(run.experiment, run.metrics, run.sensors, type(estimator).__name__)
     return Exported(
         estimator,
-        identifier(cfg.model.name),
+        identifier(model.name),
         passport,
-        sensors,
-        {str(key): value for key, value in cfg.model.items() if key != "about"},
+        run.sensors,
+        {key: value for key, value in model.values.items() if key != "about"},
         passport.facts["trained_on"]["hold"],
-        _intervals(metrics.get("uncertainty", {})),
+        _intervals(run.metrics.get("uncertainty", {})),
     )
 
 

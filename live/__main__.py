@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 
 from data.arguments import Parser
-from live.command_line import add_lines, add_source, config_of, split_words
+from live.command_line import add_lines, add_source, choices_of, split_words
 from runner.config.command_line import command_errors
 from runner.loading import loading
 
@@ -41,11 +41,12 @@ def main(words: Sequence[str] | None = None) -> None:
     with command_errors():
         args = parser().parse_intermixed_args(words)
         kind, settings = split_words(args)
-        cfg = config_of(kind, args, settings)
+        choices = choices_of(kind, args, settings)
         with loading():  # takes seconds: a mistyped word is reported before
             from live.live import live
+            from models.experiment import Experiment
 
-        status = live(args, kind, settings, cfg)
+        status = live(args, kind, settings, Experiment.of(choices))
     sys.exit(status)
 
 

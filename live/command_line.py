@@ -1,17 +1,20 @@
-"""The command line of a live run: its source of samples, and the config of its model."""
+"""The command line of a live run: its source of samples, and the choices of its model."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
 from data.arguments import Pairs
+from models.choice import overlay
+from models.stored.folder import read_values_of_run
+from runner.config.choices import plain
 from runner.config.compose import composed
 from runner.folder.run_files import run_folder
-from runner.folder.run_folder import read_run
 
 RECORDED = ("simulation", "test")
 GROUPS = ("adaptation", "damage")  # choices that may differ from a finished run's,
@@ -59,8 +62,8 @@ def split_words(args: argparse.Namespace) -> tuple[str, list[str]]:
     return named[0], [word for word in args.words if "=" in word]
 
 
-def config_of(kind: str, args: argparse.Namespace, settings: Sequence[str]) -> DictConfig:
-    """The config of the finished run, or of a model that begins from nothing.
+def choices_of(kind: str, args: argparse.Namespace, settings: Sequence[str]) -> dict[str, Any]:
+    """The choices of the finished run, or of a model that begins from nothing.
 
     Raises ValueError, OSError for a folder or a record that is not there.
     """
@@ -68,28 +71,28 @@ def config_of(kind: str, args: argparse.Namespace, settings: Sequence[str]) -> D
     if not pattern and not Path(args.replay).exists():
         raise ValueError(f"--replay {args.replay}: there is no such file or folder")
     if args.run is None:
-        return fresh_config(settings, kind == "replay")
-    return run_config(run_folder(args.run), settings)
+        return fresh_choices(settings, kind == "replay")
+    return choices_of_run(run_folder(args.run), settings)
 
 
-def fresh_config(words: Sequence[str], replayed: bool) -> DictConfig:
-    """The config of a model that begins from nothing, as train.py would compose it."""
+def fresh_choices(words: Sequence[str], replayed: bool) -> dict[str, Any]:
+    """The choices of a model that begins from nothing, as train.py would compose it."""
     named = {word.partition("=")[0] for word in words}
     first = [] if "model" in named else ["model=online_vwnn"]
     if replayed and not named & {"data", "experiment"}:
         first.append("data=measured")
-    return composed(*first, *words)
+    return plain(composed(*first, *words))
 
 
-def run_config(folder: Path, words: Sequence[str]) -> DictConfig:
-    """A finished run's config, with the law, damage, data or seed that the words name.
+def choices_of_run(folder: Path, words: Sequence[str]) -> dict[str, Any]:
+    """A finished run's choices, with the law, damage, data or seed that the words name.
 
     Raises ValueError for other words: a run brings its model along.
     """
-    cfg, _ = read_run(folder)
+    choices, _ = read_values_of_run(folder)
     chosen = {word.partition("=")[0] for word in words} & set(GROUPS)
     for group in chosen:
-        cfg[group] = composed(*(w for w in words if _head(w) == group))[group]
+        choices[group] = plain(composed(*(w for w in words if _head(w) == group)))[group]
     keys = [word for word in words if _head(word) in {*KEYS, *GROUPS} - chosen]
     other = [word for word in words if _head(word) not in (*GROUPS, *KEYS)]
     if other:
@@ -97,9 +100,7 @@ def run_config(folder: Path, words: Sequence[str]) -> DictConfig:
             f"{other[0]}: the model is that of --run, which allows only "
             f"{', '.join(f'{name}=' for name in GROUPS)} seed= and data.…="
         )
-    merged = OmegaConf.merge(cfg, OmegaConf.from_dotlist(keys))
-    assert isinstance(merged, DictConfig)
-    return merged
+    return overlay(choices, plain(OmegaConf.from_dotlist(keys)))
 
 
 def _head(word: str) -> str:

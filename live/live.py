@@ -12,22 +12,22 @@ from typing import Any
 
 import numpy as np
 import torch
-from omegaconf import DictConfig
 
 from data.sample import Sample, Sensors
 from data.terminal import Terminal
 from live.monitor import LiveMonitor, ResidualAlarm, TimedAlarm
 from live.source import Source, source_of
 from live.view import LiveView, no_sound_sample, summary
+from models.choice import Choice
+from models.experiment import Experiment
 from models.layers.features import SigmoidProducts
-from models.linear_in_weights import LinearInWeights
+from models.linear_in_weights import require_linear
 from models.online.adaptive import Online, stream_of
 from models.online.guard import Guard
 from models.online.laws.frozen import Frozen
 from models.online.laws.law import Law
 from models.online.stream import Stream, started
-from models.training.assemble import estimator_from
-from models.training.build import build
+from models.stored.run import read_run
 from runner.folder.run import restore
 from runner.folder.run_files import run_folder
 
@@ -35,12 +35,17 @@ INTERRUPTED = 130
 
 
 @torch.no_grad()
-def live(args: argparse.Namespace, kind: str, settings: Sequence[str], cfg: DictConfig) -> int:
-    """Follow a source to its end, or to Ctrl-C; the exit status. Raises ValueError, OSError."""
+def live(
+    args: argparse.Namespace, kind: str, settings: Sequence[str], experiment: Experiment
+) -> int:
+    """Follow a source to its end, or to Ctrl-C; the exit status. Raises ValueError, OSError.
+
+    experiment: choices of the finished run, or of a model that begins from nothing.
+    """
     torch.set_num_threads(1)
     console = Terminal()
     with ExitStack() as stack:
-        source, stream = _opened(args, kind, settings, cfg, stack)
+        source, stream = _opened(args, kind, settings, experiment, stack)
         dofs, dt = stream.estimator.dofs, stream.estimator.dt
         alarm = None if args.sound is None else ResidualAlarm(dofs, dt, args.sound)
         monitor = LiveMonitor(stream, source.period)
@@ -65,16 +70,17 @@ def _opened(
     args: argparse.Namespace,
     kind: str,
     settings: Sequence[str],
-    cfg: DictConfig,
+    experiment: Experiment,
     stack: ExitStack,
 ) -> tuple[Source, Stream]:
     """The source, and a stream of the run or from nothing that fits the source."""
     if args.run is None:
-        source = source_of(kind, args, cfg, None, stack)
-        return source, stream_from_nothing(cfg, source.sensors)
+        source = source_of(kind, args, experiment, None, stack)
+        return source, stream_from_nothing(experiment, source.sensors)
     new_law = any(word.startswith("adaptation") for word in settings)
-    stream = stream_of_run(cfg, run_folder(args.run), new_law)
-    source = source_of(kind, args, cfg, stream.estimator.dt, stack)
+    law = experiment.adaptation if new_law else None
+    stream = stream_of_run(run_folder(args.run), law)
+    source = source_of(kind, args, experiment, stream.estimator.dt, stack)
     source.sensors.check(stream.estimator)
     return source, stream
 
@@ -131,14 +137,14 @@ def follow(
 LAMBDA = 0.05  # λ [1/unit] of a VWNN that no record tells the sizes of its channels
 
 
-def stream_from_nothing(cfg: DictConfig, sensors: Sensors) -> Stream:
+def stream_from_nothing(experiment: Experiment, sensors: Sensors) -> Stream:
     """A stream of zero weights. Raises ValueError for models that need training first."""
-    if cfg.model._target_ != "models.Online":
+    if experiment.model.target != "models.Online":
         raise ValueError(
-            f"model={cfg.model.name} cannot begin from nothing; choose model=online_vwnn or "
+            f"model={experiment.model.name} cannot begin from nothing; choose model=online_vwnn or "
             "another on-line model, or train it and give --run"
         )
-    model = estimator_from(cfg.model, sensors)
+    model = experiment.model.estimator(sensors)
     assert isinstance(model, Online)
     activation = getattr(model.estimator, "activation", None)
     if isinstance(activation, SigmoidProducts) and activation.weight.isnan().any():
@@ -146,25 +152,22 @@ def stream_from_nothing(cfg: DictConfig, sensors: Sensors) -> Stream:
     return model.stream(from_nothing=True)
 
 
-def stream_of_run(cfg: DictConfig, folder: Path, new_law: bool) -> Stream:
+def stream_of_run(folder: Path, new_law: Choice | None) -> Stream:
     """A finished run's stream; the run's records may be gone.
 
-    new_law: adapt by the law `adaptation=` of the config. Otherwise an on-line run adapts by its
+    new_law: by which it adapts, as `adaptation=` names it. Without, an on-line run adapts by its
     own law, and a run of batch training keeps its weights. Raises ValueError for a run whose
     weights do not all enter linearly.
     """
-    model = restore(cfg, folder)
-    if isinstance(model, Online) and not new_law:
+    run = read_run(folder)
+    model = restore(run)
+    if isinstance(model, Online) and new_law is None:
         return model.stream()
     inner = model.estimator if isinstance(model, Online) else model
     guard = model.guard if isinstance(model, Online) else Guard()
-    if not isinstance(inner, LinearInWeights):
-        raise ValueError(
-            f"{folder} is a run of {cfg.model.name}, whose weights do not enter linearly; choose "
-            "one of a VWNN, an equivalent linear system, a polynomial method or an on-line model"
-        )
-    law: Law = build(cfg.adaptation, Law) if new_law else Frozen()
-    return stream_of(inner, law, started(inner, law), guard)
+    linear = require_linear(inner, f"{folder} is a run of {run.experiment.model.name}")
+    law: Law = Frozen() if new_law is None else new_law.build(Law)
+    return stream_of(linear, law, started(linear, law), guard)
 
 
 # Files of a live run: every estimate as a line of CSV, scalars for TensorBoard.

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from data.arguments import Parser
-from live.command_line import RECORDED, add_source, config_of, split_words
+from live.command_line import RECORDED, add_source, choices_of, split_words
 from runner.config.command_line import command_errors
 from runner.loading import loading
 
@@ -23,11 +23,12 @@ def samples(words: Sequence[str] | None = None) -> None:
     kind, settings = split_words(args)
     if kind not in (*RECORDED, "replay"):
         raise ValueError(f"{kind} is no record; choose simulation, test or --replay PATH")
-    cfg = config_of(kind, args, settings)
+    choices = choices_of(kind, args, settings)
     with loading():  # takes seconds: a mistyped word is reported first
         from live.source import lines_of, recorded
+        from models.experiment import Experiment
 
-    record, sensors = recorded(kind, args, cfg)
+    record, sensors = recorded(kind, args, Experiment.of(choices))
     for line in lines_of(record, sensors.forced == "base", args.speed):
         print(line, flush=True)
 

@@ -6,9 +6,8 @@ import argparse
 import math
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from omegaconf import DictConfig
 from torch import Tensor
 
 from data.datamodule import Data
@@ -16,7 +15,7 @@ from data.record import Record
 from data.sample import INPUTS, Sample, Sensors
 from data.stream import SampleLines, one_client, paced, standard_input
 from live.command_line import RECORDED
-from models.training.assemble import changed, data_from, simulated_from
+from models.experiment import Experiment
 
 FASTEST = 1e6  # [Hz]
 
@@ -31,12 +30,12 @@ class Source:
     lines: SampleLines | None = None
 
 
-def recorded(kind: str, args: argparse.Namespace, cfg: DictConfig) -> tuple[Record, Sensors]:
+def recorded(kind: str, args: argparse.Namespace, experiment: Experiment) -> tuple[Record, Sensors]:
     """The record that is replayed, less its truth. Raises ValueError for other quantities.
 
     A simulation of a finished run has the seed after the run's, unless seed= names another.
     """
-    data = _data(kind, args, cfg)
+    data = _data(kind, args, experiment)
     data.setup()
     records = data.records["train" if kind == "replay" else "test"]
     if kind == "replay" and len(records) > 1:
@@ -47,24 +46,27 @@ def recorded(kind: str, args: argparse.Namespace, cfg: DictConfig) -> tuple[Reco
     return record, Sensors(record.dt, record.dofs, record.excitation.shape[-1], data.forced)
 
 
-def _data(kind: str, args: argparse.Namespace, cfg: DictConfig) -> Data:
+def _data(kind: str, args: argparse.Namespace, experiment: Experiment) -> Data:
     if kind == "simulation":
         stated = args.run is None or any(word.startswith("seed=") for word in args.words)
-        return simulated_from(cfg if stated else changed(cfg, {"seed": cfg.seed + 1}))
+        seed = experiment.seed if stated else experiment.seed + 1
+        return replace(experiment, seed=seed).make_simulated_data()
     if kind == "test":
-        return data_from(cfg)
-    if not cfg.data._target_.endswith(".MeasuredData"):
-        raise ValueError(f"--replay reads records of data=measured, not of {cfg.data._target_}")
+        return experiment.make_data()
+    records = experiment.data
+    if not records.target.endswith(".MeasuredData"):
+        raise ValueError(f"--replay reads records of data=measured, not of {records.target}")
     whole = {"_target_": "data.WholeRecords", "train": None, "test": None}
-    return data_from(changed(cfg, {"data": {**whole, "path": args.replay}}))
+    records = records.with_values({**whole, "path": args.replay})
+    return replace(experiment, data=records).make_data()
 
 
 def source_of(
-    kind: str, args: argparse.Namespace, cfg: DictConfig, dt: float | None, stack: ExitStack
+    kind: str, args: argparse.Namespace, experiment: Experiment, dt: float | None, stack: ExitStack
 ) -> Source:
     """Open a source; waits for its first line of text. `dt` [s]: of the run, where there is one."""
     if kind in (*RECORDED, "replay"):
-        record, sensors = recorded(kind, args, cfg)
+        record, sensors = recorded(kind, args, experiment)
         period = record.dt if math.isinf(args.speed) else record.dt / args.speed
         return Source(sensors, paced(record, args.speed), period)
     if args.rate is not None and not 0.0 < args.rate <= FASTEST:

@@ -11,7 +11,7 @@ B records, T samples, n DOFs, E elements, m excitations.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import torch
@@ -31,12 +31,24 @@ from models.composition.states import (
     noise_of_deformations,
     smooth,
 )
-from models.composition.topology import IN_WORDS, MOST_PAIRED, incidence, nodes_of
+from models.composition.topology import (
+    IN_WORDS,
+    MOST_PAIRED,
+    incidence,
+    is_open,
+    nodes_of,
+    rival_of,
+    topology_of,
+)
 from models.estimator import ByLaws, Parameter
 from models.physical.parameters import composed_laws
 from models.starts.equilibrium import forces_of
 from models.starts.ladder import Equations, linear_start
 from models.starts.spectra import Layout, LinearStructure, Spectra
+
+if TYPE_CHECKING:
+    from data.datamodule import Data
+    from data.simulation.laws.element import Element
 
 Laws = Literal["units", "branch", "named"] | Sequence[str]
 
@@ -151,6 +163,18 @@ class ElementNetwork(ByLaws, Composite):
 
     B: Tensor
     B_s: Tensor
+
+    @classmethod
+    def topology_from(cls, settings: Mapping[str, Any], data: Data) -> str | None:
+        """ "chain" or "all" pairs, where neither elements nor masses are given."""
+        if not is_open(settings, data):
+            return None
+        data.setup()
+        return topology_of(data.records["train"])
+
+    @classmethod
+    def rival_topology(cls, topology: str, error: float | None) -> str | None:
+        return rival_of(topology, error)
 
     def composition(self) -> Composition:
         numbering, device = Numbering(self), self.B.device
@@ -376,6 +400,14 @@ class ElementNetwork(ByLaws, Composite):
         springs = [values[f"r{e}.stiffness"] for e in numbers]
         dampers = [values.get(f"r{e}.damping", 0.0) for e in numbers]
         return self.B.new_tensor(springs), self.B.new_tensor(dampers)
+
+    def named_elements(self, e: int) -> Sequence[Element] | None:
+        """The parts of named laws that element e is made of; None where its law is learned."""
+        return None
+
+    def mass_dampers(self) -> Mapping[str, Element]:
+        """Dampers between the masses and a support by names, where the model has any."""
+        return {}
 
     def _mass_damping(self) -> Iterable[Parameter]:
         """Damping of the masses, where the model has any."""

@@ -233,6 +233,9 @@ class ElementNetworkNamed(ElementNetwork):
         M, C, K = (torch.from_numpy(m) for m in self.structure().linearised())
         return torch.linalg.solve(M, K), torch.linalg.solve(M, C), torch.eye(len(M)).to(M)
 
+    def named_elements(self, e: int) -> Sequence[Element]:
+        return self.named.elements(e, self.elements[e])
+
     def mass_dampers(self) -> dict[str, Element]:
         """Dampers between the masses and the support by names, none for α = 0."""
         return mass_dampers(float(self.mass_damping), self.mass().detach().cpu().numpy(), self.foot)

@@ -7,18 +7,21 @@ the acceleration at t_k.   B records, T samples, n DOFs, m channels of excitatio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import wraps
 from importlib import import_module
 from itertools import chain
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
 from data.checked import checked, constructor_of
 from data.record import Drive, Record, Response, all_finite, require_bearable, same_step
+
+if TYPE_CHECKING:
+    from data.datamodule import Data
 
 
 class NoFreeRunError(ValueError):
@@ -93,6 +96,22 @@ class Estimator(nn.Module):
         `batches` may be iterated more than once and need not fit in memory together.
         """
         return {}
+
+    @classmethod
+    def topology_from(cls, settings: Mapping[str, Any], data: Data) -> str | None:
+        """The topology of elements that the training records show; None where it is not open.
+
+        settings: of the model's config. It becomes `Sensors.topology`.
+        """
+        return None
+
+    @classmethod
+    def rival_topology(cls, topology: str, error: float | None) -> str | None:
+        """Another topology that is worth a fit as well; None for none.
+
+        error: relative, of the fitted model on held-back motion, where there is some.
+        """
+        return None
 
     def forward(self, record: Record) -> Tensor:
         """Estimated acceleration (…, T, n) [m/s²] of a record or a batch of records."""

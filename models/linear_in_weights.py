@@ -16,6 +16,20 @@ from data.sample import Sample
 from models.estimator import Estimator
 
 
+def require_linear(estimator: Estimator, what: str, solved: bool = False) -> LinearInWeights:
+    """The estimator. Raises ValueError, which begins with `what`, for one of other weights.
+
+    solved: nor may a solver train any of its weights.
+    """
+    free = solved and any(p.requires_grad for p in estimator.parameters())
+    if not isinstance(estimator, LinearInWeights) or free:
+        raise ValueError(
+            f"{what}, whose weights do not enter linearly; choose a VWNN, an equivalent linear "
+            "system or a polynomial method"
+        )
+    return estimator
+
+
 class LinearInWeights(Estimator):
     """Base of estimators that are sums of features; an adaptation law can follow their weights.
 

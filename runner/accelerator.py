@@ -6,22 +6,23 @@ Everything is in double precision, which Apple's GPUs do not have: a GPU is one 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
+from typing import Any
 
 import torch
-from omegaconf import DictConfig
 
 from models.estimator import Estimator
 
 
-def accelerator_of(cfg: DictConfig, estimator: Estimator) -> str:
+def accelerator_of(trainer: Mapping[str, Any], estimator: Estimator) -> str:
     """`cpu` or `cuda`: what Lightning's Trainer takes, and PyTorch; says where a GPU is not used.
 
-    Raises ValueError for a GPU that PyTorch does not find.
+    trainer: settings of that Trainer. Raises ValueError for a GPU that PyTorch does not find.
     """
-    chosen, found = cfg.trainer.get("accelerator") or "cpu", torch.cuda.is_available()
+    chosen, found = trainer.get("accelerator") or "cpu", torch.cuda.is_available()
     if chosen == "cpu" or (chosen == "auto" and not found):
         return "cpu"
-    require_accelerator(cfg)
+    require_accelerator(trainer)
     if estimator.on_processor:
         print(
             f"trainer.accelerator={chosen} is not used: compiled code of the processor does the "
@@ -32,9 +33,9 @@ def accelerator_of(cfg: DictConfig, estimator: Estimator) -> str:
     return "cuda"
 
 
-def require_accelerator(cfg: DictConfig) -> None:
+def require_accelerator(trainer: Mapping[str, Any]) -> None:
     """Raise ValueError for a GPU that PyTorch does not find."""
-    chosen = cfg.trainer.get("accelerator") or "cpu"
+    chosen = trainer.get("accelerator") or "cpu"
     if chosen in ("gpu", "cuda") and not torch.cuda.is_available():
         raise ValueError(
             f"trainer.accelerator={chosen}: PyTorch finds no GPU with CUDA on this machine; "

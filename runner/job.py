@@ -26,21 +26,23 @@ from data.datamodule import Data
 from data.parallel import take_threads
 from data.simulation.motion import EscapedMotionError
 from models.checkpoint import load_estimator
+from models.choice import overlay
+from models.experiment import Experiment, select_fit
 from models.fit.identification import Identification
 from models.fit.progress import listening
 from models.fit.resume import SaveProgress
-from models.training.assemble import assembled, changed
+from models.stored.run import read_run
 from models.zoo import index as zoo
 from runner.accelerator import accelerator_of, require_accelerator
 from runner.config import command_line
+from runner.config.choices import plain
 from runner.config.command_line import fail, reason_of
 from runner.config.settings import check_settings
 from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
 from runner.folder.run_files import CHECKPOINT, run_folder
-from runner.folder.run_folder import read_run, write_failure
+from runner.folder.run_folder import write_failure
 from runner.loading import without_compiler
-from runner.rival import preferred, with_other_topology
 from runner.scores.outcome import compare_baselines, metrics_of
 from runner.scores.verdict import judged_by_free_run
 from runner.tensorboard import RunLogger
@@ -79,43 +81,48 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
     """
     quiet_lightning()
     check_settings(cfg)
-    require_accelerator(cfg)
-    cfg = prepared(cfg)
+    values = plain(cfg)
+    require_accelerator(values["trainer"])
+    values = with_start(values)
+    experiment, start = Experiment.of(values), values.get("start")
     with without_compiler():
-        data, module, baselines = assembled(cfg)
-    begin_at_start(module, cfg)
-    run = Run.begin(folder, cfg, data.sensors)
+        data, module, baselines = experiment.assemble()
+    if start:
+        load_start(module, start, experiment.model.name)
+    run = Run.begin(folder, values, data.sensors)
     try:
         data.setup()
     except ValueError:
         run.withdraw()
         raise
 
-    take_threads(cfg.threads)
-    threadpool_limits(cfg.threads or 1)
+    take_threads(experiment.threads)
+    threadpool_limits(experiment.threads or 1)
     logger = RunLogger(folder)
-    accelerator = accelerator_of(cfg, module.estimator)
+    settings = values["trainer"]
+    accelerator = accelerator_of(settings, module.estimator)
     shared = {
         "plugins": LightningEnvironment(),  # a run is one process, in a Slurm job too
         "default_root_dir": folder,
         "enable_checkpointing": False,
         "enable_model_summary": False,
         "limit_val_batches": None if data.validation else 0,
-        **cfg.trainer,
+        **settings,
         "accelerator": accelerator,
-        "devices": cfg.trainer.get("devices", 1) if accelerator != "cpu" else 1,
+        "devices": settings.get("devices", 1) if accelerator != "cpu" else 1,
         "enable_progress_bar": False,  # ours is another
     }
-    saves = SaveProgress(run.progress, run.identity, cfg.checkpoint_seconds)
-    lines: list[Callback] = [FitProgress()] if cfg.trainer.get("enable_progress_bar", True) else []
+    saves = SaveProgress(run.progress, run.identity, values["checkpoint_seconds"])
+    lines: list[Callback] = [FitProgress()] if settings.get("enable_progress_bar", True) else []
     trainer = Trainer(logger=logger, callbacks=[saves, *lines], **shared)
     try:
         trainer.fit(module, datamodule=data, ckpt_path=run.unfinished, weights_only=True)
-        rival = with_other_topology(cfg, data, module)
+        rival = experiment.make_rival(data, module)
         if rival is not None:
             other = Trainer(logger=False, callbacks=lines, **shared)
             other.fit(rival, datamodule=data)
-            module, trainer = preferred(data, (module, trainer), (rival, other))
+            if select_fit(data, module, rival) is rival:
+                module, trainer = rival, other
             run.built_for(data.sensors)
         _check_weights(module.estimator)
         trainer.test(module, datamodule=data, verbose=False)
@@ -181,7 +188,8 @@ def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) 
         )
         own = expected and not isinstance(error, OSError)  # not that of a disk or a machine
         escaped = isinstance(error, EscapedMotionError)
-        write_failure(sweep_folder, cfg, words, trace, own, escaped)
+        values = None if cfg is None else plain(cfg)
+        write_failure(sweep_folder, values, words, trace, own, escaped)
     finally:
         release_all()
 
@@ -197,47 +205,40 @@ LATER = (
 )
 
 
-def prepared(cfg: DictConfig) -> DictConfig:
-    """The config of training from `cfg.start`: one start, later horizons; a version is pinned.
+def with_start(values: dict[str, Any]) -> dict[str, Any]:
+    """The choices of training from their `start`: one start, later horizons; a version is pinned.
 
-    The same config where no start is asked for. Raises ValueError for a start that is not there, or
-    is of another model.
+    The same where no start is asked for. Raises ValueError for a start that is not there, or is of
+    another model.
     """
-    if not cfg.get("start"):
-        return cfg
-    word, folder = cfg.start, run_folder(cfg.start)
-    if zoo.is_name(word):
-        word = zoo.PREFIX + zoo.entry_of(word).name
-    own, _ = read_run(folder)
-    if own.model.name != cfg.model.name:
-        raise ValueError(
-            f"start={cfg.start} holds {own.model.name}, and model={cfg.model.name} is trained; "
-            f"say model={own.model.name}"
-        )
-    changes: dict[str, Any] = {"start": word}
-    if "horizons" in cfg.objective:
-        horizons = list(cfg.objective.horizons)[-LATER:]
+    word = values.get("start")
+    if not word:
+        return values
+    own, model = read_run(run_folder(word)).experiment.model.name, values["model"]["name"]
+    if own != model:
+        raise ValueError(f"start={word} holds {own}, and model={model} is trained; say model={own}")
+    pinned = zoo.PREFIX + zoo.entry_of(word).name if zoo.is_name(word) else word
+    changes: dict[str, Any] = {"start": pinned}
+    if "horizons" in values["objective"]:
+        horizons = values["objective"]["horizons"][-LATER:]
         changes["objective"] = {"starts": 1, "finalists": 1, "select": [], "horizons": horizons}
-    return changed(cfg, changes)
+    return overlay(values, changes)
 
 
-def begin_at_start(module: Identification, cfg: DictConfig) -> None:
-    """Give the estimator the weights of `cfg.start`, if there is one.
+def load_start(module: Identification, start: str, model: str) -> None:
+    """Give the estimator the weights of the run that training starts from.
 
     Raises ValueError for a model that no solver trains, and for weights that do not fit the data.
     """
-    if not cfg.get("start"):
-        return
     if not module.free_parameters():
         raise ValueError(
-            f"start={cfg.start}: model={cfg.model.name} is solved in closed form, from nothing as "
-            "fast as from weights; leave start= out"
+            f"start={start}: model={model} is solved in closed form, from nothing as fast as from "
+            "weights; leave start= out"
         )
-    folder = run_folder(cfg.start)
-    _, metrics = read_run(folder)
-    checkpoint = Path(folder) / CHECKPOINT
-    load_estimator(module.estimator, checkpoint, cfg.model.name, metrics.get("checkpoint"))
-    module.begun_at = str(cfg.start)
+    run = read_run(run_folder(start))
+    digest = run.metrics.get("checkpoint")
+    load_estimator(module.estimator, run.folder / CHECKPOINT, model, digest)
+    module.begun_at = start
 
 
 # One line on a fit while it lasts: what it is about, error, seconds; nothing is left of it.

@@ -27,7 +27,7 @@ class SeedsOf:
         OmegaConf.update(other, "seed", cfg.seed + 1)
         self.content, changed = plain(cfg), plain(other)
         self.alone = {**changed, "seed": cfg.seed} == self.content
-        self._cfg, self._text = cfg, ""
+        self._text = ""
 
     @cached_property
     def _around(self) -> tuple[str, str]:
@@ -51,5 +51,5 @@ class SeedsOf:
 
     def text(self, seed: int) -> str:
         """The content of config.yaml."""
-        self._text = self._text or config_text(self._cfg)
+        self._text = self._text or config_text(self.content)
         return re.sub(r"^seed: .*$", f"seed: {seed}", self._text, count=1, flags=re.MULTILINE)

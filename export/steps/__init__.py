@@ -30,7 +30,16 @@ KINDS = {  # file of this folder → the estimators whose steps it has
     "vwnn_forward": ("ForwardVWNN",),
 }
 FILES = {name: file for file, names in KINDS.items() for name in names}
+WITH_ONLINE_STEP = ("VWNN",)  # beside their free run
 INTEGRATE = ("recurrent", "vwnn", "vwnn_forward")  # what they estimate, whatever that is
+
+
+def online_step_of(model: Estimator) -> Step | None:
+    """The step of a model that is told measured accelerations; None of most models."""
+    if type(model).__name__ not in WITH_ONLINE_STEP:
+        return None
+    step: Step = import_module("export.steps.online").step_of(model)
+    return step
 
 
 def step_of(model: Estimator, quantity: str | None = None) -> Step:

@@ -5,6 +5,8 @@ n coordinates, E elements, m excitations, o outputs.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import singledispatch
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -81,11 +83,34 @@ class Motion(NamedTuple):
     left: np.ndarray  # accelerations before the excitation jumps
 
 
+@singledispatch
 def step_of(model: Composite) -> Step:
     """The step of a network of elements, or of elements under an imposed motion.
 
     Raises ValueError for one that is not identified.
     """
+    step = _step(model)
+    names = elements_of(model, step.state["y"].size)
+    outputs = [
+        *motion_of(model),
+        ("y", [f"deformation_{name}" for name in names], "m"),
+        ("r", [f"force_{name}" for name in names], "N"),
+    ]
+    return replace(step, outputs=outputs)
+
+
+@step_of.register
+def _(model: HystereticElement) -> Step:
+    step = _step(model)
+    forces = ("r", [f"r{i + 1}" for i in range(step.state["a"].size)], "N")
+    step = replace(step, outputs=[forces])
+    if model.others is None:
+        return step
+    return import_module("export.steps.other_inputs").step_of(model, step)
+
+
+def _step(model: Composite) -> Step:
+    """A step whose outputs have no names yet."""
     model.require_identified(model.identified)
     made = model.composition()
     equation, sensors = stated_by(made, derivatives=False)
@@ -98,25 +123,11 @@ def step_of(model: Composite) -> Step:
     state: dict[str, Any] = {"motion": Motion(*np.zeros((5, n))), "elements": elements}
     state |= {name: np.zeros(o) for name in "xva"} | {name: np.zeros(E) for name in "yr"}
     numbers = {"equation": equation, "outputs": sensors.outputs.value, "back": sensors.back}
-    step = Step(
+    return Step(
         begin, observe, advance, model.dt, state, {**numbers, "none": none},
-        inputs_of(model), _outputs(model, E, o), model.substeps, True,
+        inputs_of(model), [], model.substeps, True,
         parameters=_parameters(model, made.counts, E),
     )  # fmt: skip
-    if isinstance(model, HystereticElement) and model.others is not None:
-        return import_module("export.steps.other_inputs").step_of(model, step)
-    return step
-
-
-def _outputs(model: Composite, E: int, o: int) -> list[tuple[str, list[str], str]]:
-    if isinstance(model, HystereticElement):
-        return [("r", [f"r{i + 1}" for i in range(o)], "N")]
-    names = elements_of(model, E)
-    return [
-        *motion_of(model),
-        ("y", [f"deformation_{name}" for name in names], "m"),
-        ("r", [f"force_{name}" for name in names], "N"),
-    ]
 
 
 def _parameters(

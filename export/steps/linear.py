@@ -6,11 +6,14 @@ n DOFs, m excitations.
 
 from __future__ import annotations
 
+from functools import singledispatch
+
 import numpy as np
 
 from export.names import inputs_of, motion_of
 from export.step import Step
 from export.steps import static
+from models.estimator import Estimator
 from models.linear import EquivalentLinear
 from models.linear_motion import DIFFERENTIATED, LinearMotion
 
@@ -47,11 +50,24 @@ def advance(first, last, x, v, S, F, L):
         x[i], v[i] = new[i], new[n + i]
 
 
-def step_of(model: EquivalentLinear | LinearMotion) -> Step:
+@singledispatch
+def step_of(model: Estimator) -> Step:
     """The step of a linear system. Raises ValueError for one that is not identified."""
-    if isinstance(model, LinearMotion) and model.quantity not in DIFFERENTIATED:
-        return static.step_of(model)
-    system = model.system if isinstance(model, LinearMotion) else model
+    raise NotImplementedError(f"{type(model).__name__} has no step here")
+
+
+@step_of.register
+def _(model: EquivalentLinear) -> Step:
+    return _step(model, model)
+
+
+@step_of.register
+def _(model: LinearMotion) -> Step:
+    differentiated = model.quantity in DIFFERENTIATED
+    return _step(model, model.system) if differentiated else static.step_of(model)
+
+
+def _step(model: Estimator, system: EquivalentLinear) -> Step:
     model.require_identified(system.weights)
     if system.weights.ndim == 3:
         raise ValueError(f"{len(system.weights)} models are stacked in one; export one of them")

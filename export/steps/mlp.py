@@ -7,6 +7,7 @@ n DOFs, m excitations.
 from __future__ import annotations
 
 import math
+from functools import singledispatch
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from torch import nn
 from export.names import inputs_of, motion_of
 from export.step import Step
 from export.steps.runge_kutta import advance, arrive, begin, midway, observe, towards
+from models.estimator import Estimator
 from models.layers.perceptron import ACTIVATIONS, Perceptron
 from models.mlp import GlobalMLP, ResidualMLP
 
@@ -98,19 +100,26 @@ def residual_advance(first, last, dt, before, now, x, v, a, parts):
     before[:] = now
 
 
-def step_of(model: GlobalMLP | ResidualMLP) -> Step:
+@singledispatch
+def step_of(model: Estimator) -> Step:
     """The step of a perceptron. Raises ValueError for one that is not identified."""
-    state = {name: np.zeros(model.dofs) for name in "xva"}
-    layers = layers_of(model.network)
-    if isinstance(model, GlobalMLP):
-        state["left"] = np.zeros(model.dofs)
-        return Step(
-            begin, observe, advance, model.dt, state, {"law": _law, "parts": layers},
-            inputs_of(model), motion_of(model), any_step=True,
-        )  # fmt: skip
+    raise NotImplementedError(f"{type(model).__name__} has no step here")
+
+
+@step_of.register
+def _(model: GlobalMLP) -> Step:
+    state = {name: np.zeros(model.dofs) for name in ("x", "v", "a", "left")}
+    return Step(
+        begin, observe, advance, model.dt, state, {"law": _law, "parts": layers_of(model.network)},
+        inputs_of(model), motion_of(model), any_step=True,
+    )  # fmt: skip
+
+
+@step_of.register
+def _(model: ResidualMLP) -> Step:
     model.require_identified(model.weights)
-    state |= {name: np.zeros(model.dofs) for name in ("before", "now")}
-    parts = Residual(model.weights.detach().numpy().copy(), layers)
+    state = {name: np.zeros(model.dofs) for name in ("x", "v", "a", "before", "now")}
+    parts = Residual(model.weights.detach().numpy().copy(), layers_of(model.network))
     return Step(
         residual_begin, residual_observe, residual_advance, model.dt, state, {"parts": parts},
         inputs_of(model), motion_of(model),

@@ -6,6 +6,7 @@ n DOFs, p supports, E elements, m excitations, N nodes.
 
 from __future__ import annotations
 
+from functools import singledispatch
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from data.simulation.structure import Structure
 from export.names import elements_of, inputs_of, motion_of
 from export.step import Step
 from models.element_network_named import ElementNetworkNamed
+from models.estimator import Estimator
 from models.named_element import NamedElement
 
 TOLERANCE = 1e-7  # as data/simulation has it
@@ -141,13 +143,17 @@ def observe_element(sample, r):
         r[0] += sample.r[1, e]
 
 
-def step_of(model: ElementNetworkNamed | NamedElement) -> Step:
+@singledispatch
+def step_of(model: Estimator) -> Step:
     """The step of a named element, or of a network of them, from rest.
 
     Begun in motion, a network is infinite. Raises ValueError for a model that is not identified.
     """
-    if isinstance(model, NamedElement):
-        return _of_element(model)
+    raise NotImplementedError(f"{type(model).__name__} has no step here")
+
+
+@step_of.register
+def _(model: ElementNetworkNamed) -> Step:
     model.require_identified(model.named.numbers)
     structure, gamma = model.structure(), model.composition().inputs.value.detach().numpy()
     held, numbers = _arrays_of(structure, np.ascontiguousarray(gamma), model.forces, model.dt)
@@ -164,7 +170,8 @@ def step_of(model: ElementNetworkNamed | NamedElement) -> Step:
     )
 
 
-def _of_element(model: NamedElement) -> Step:
+@step_of.register
+def _(model: NamedElement) -> Step:
     """An element between a support, which moves as imposed, and ground."""
     model.require_identified(model.laws.numbers)
     parts = model.laws.elements(0, ("ground", "s1"))

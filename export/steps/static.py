@@ -6,6 +6,7 @@ r = u W,   r = Σ_i Σ_j C_ij s̄ⁱ ṡ̄ʲ,   x = ẋ = ẍ = 0
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import singledispatch
 
 import numpy as np
 
@@ -51,31 +52,46 @@ def observe_still(x, v, a):
     a[:] = 0.0
 
 
-def step_of(model: LinearMotion | RestoringForceSurface | Motionless) -> Step:
+@singledispatch
+def step_of(model: Estimator) -> Step:
     """The step of a model without a memory. Raises ValueError for one that is not identified."""
-    if isinstance(model, Motionless):
-        state = {name: np.zeros(model.dofs) for name in "xva"}
-        return _static(model, observe_still, state, {}, motion_of(model))
+    raise NotImplementedError(f"{type(model).__name__} has no step here")
+
+
+@step_of.register
+def _(model: Motionless) -> Step:
+    state = {name: np.zeros(model.dofs) for name in "xva"}
+    return Step(
+        nothing, observe_still, nothing, model.dt, state, {}, inputs_of(model), motion_of(model),
+        any_step=True, holds=HOLDS,
+    )  # fmt: skip
+
+
+@step_of.register
+def _(model: LinearMotion) -> Step:
+    model.require_identified(model.weights)
+    numbers = {"W": model.weights.detach().numpy().copy()}
+    return _of_forces(model, observe_linear, numbers, inputs_of(model))
+
+
+@step_of.register
+def _(model: RestoringForceSurface) -> Step:
     model.require_identified(model.weights)
     W = model.weights.detach().numpy().copy()
-    forces = ("r", [f"r{i + 1}" for i in range(model.dofs)], "N")
-    state = {"r": np.zeros(model.dofs)}
-    if isinstance(model, LinearMotion):
-        return _static(model, observe_linear, state, {"W": W}, [forces])
     numbers = {name: getattr(model.scale, name).numpy().copy() for name in ("centre", "reach")}
     numbers["C"] = W.reshape(model.order + 1, -1)
-    return _static(model, observe_surface, state, numbers, [forces])
+    return _of_forces(model, observe_surface, numbers, IMPOSED)
 
 
-def _static(
+def _of_forces(
     model: Estimator,
     observe: Callable[..., None],
-    state: dict[str, np.ndarray],
     numbers: dict[str, np.ndarray],
-    outputs: list[tuple[str, list[str], str]],
+    inputs: list[tuple[str, str]],
 ) -> Step:
-    inputs = IMPOSED if isinstance(model, RestoringForceSurface) else inputs_of(model)
+    """Of elements under an imposed motion."""
+    forces = ("r", [f"r{i + 1}" for i in range(model.dofs)], "N")
     return Step(
-        nothing, observe, nothing, model.dt, state, numbers, inputs, outputs,
+        nothing, observe, nothing, model.dt, {"r": np.zeros(model.dofs)}, numbers, inputs, [forces],
         any_step=True, holds=HOLDS,
     )  # fmt: skip

@@ -10,15 +10,18 @@ such springs in one way, if all nodes that follow on one another are joined, n(n
 A building is a chain. A bridge whose deck ends at an abutment is none: a mass of it moves under
 an element that the chain lacks. Each mass is asked on its own, by least squares of its acceleration
 on springs, dampers and sliders to its neighbours, and to all other nodes: without sliders a chain
-that yields looks like none.
+that yields looks like none. Noise misleads that test: where motion was held back, a network of the
+other topology is fitted too, and its free run on held-back motion decides.
 n DOFs or masses, E elements, p moving supports, T samples, k columns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from itertools import combinations, pairwise
 from math import comb
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -29,6 +32,9 @@ from data.topology import node_numbers
 from models.layers.reconstructed import reconstructed
 from models.sliders.stop_operator import stretches
 
+if TYPE_CHECKING:
+    from data.datamodule import Data
+
 MOST_NODES = 300  # all of whose pairs are elements
 MOST_JOINED = 4  # nodes of an element of a frame: one of 6 storeys has its modes to some percent
 IN_WORDS = {"chain": "chain", "all": "all pairs", "frame": "chain that bends"}
@@ -38,6 +44,9 @@ UNEXPLAINED = 0.3  # of a mass's acceleration, as an RMS: more than this the cha
 WIDTHS = (0.05, 0.1, 0.2, 0.4)  # half widths of sliders, of the largest deformation
 BETTER = 0.4  # times that, at most, is what all pairs leave
 RIDGE = 1e-4  # of the columns' norm
+OTHER = {"chain": "all", "all": "chain"}
+ENOUGH = 0.03  # relative error on held-back motion: a chain that leaves less has no rival
+WORTH = 0.9  # times the error of the chain: what all pairs have to be below
 
 
 def nodes_of(elements: Sequence[Sequence[str]] | str, dofs: int, supports: int) -> list[list[str]]:
@@ -93,6 +102,39 @@ def incidence(elements: Sequence[Sequence[str]], dofs: int, supports: int) -> tu
             (-1.0) ** (order - i) * comb(order, i) for i in range(order + 1)
         ]
     return torch.tensor(full[:, :dofs]), torch.tensor(full[:, dofs : dofs + supports])
+
+
+def is_open(settings: Mapping[str, Any], data: Data) -> bool:
+    """Whether elements between unknown masses are left to the records, and these can tell.
+
+    settings: of the model's config.
+    """
+    unknown = all(settings.get(key, "") is None for key in ("elements", "masses"))
+    few = 1 < data.dofs <= MOST_PAIRED and data.quantity == "acceleration"
+    base = data.measured and data.forced == "base"
+    support = data.forced == [] and data.inputs == 2  # its displacement and velocity
+    return unknown and few and (base or support)
+
+
+def rival_of(topology: str, error: float | None) -> str | None:
+    """The other topology; None where it need not be fitted.
+
+    error: relative, of the free run on held-back motion; None where nothing was held back. A chain
+    that leaves next to no error has no rival.
+    """
+    enough = error is None or (topology == "chain" and error < ENOUGH)
+    return None if enough else OTHER[topology]
+
+
+def select_topology(errors: Mapping[str, float | None]) -> str:
+    """The better one on held-back motion, all pairs only if clearly. errors: as in `rival_of`."""
+    chain, pairs = (errors[name] or math.inf for name in ("chain", "all"))
+    return "all" if pairs < WORTH * chain else "chain"
+
+
+def comparison(errors: Mapping[str, float | None]) -> str:
+    """The errors in words, in percent."""
+    return ", ".join(f"{IN_WORDS[n]} {100.0 * (e or math.inf):.3g}" for n, e in errors.items())
 
 
 def topology_of(records: Sequence[Record]) -> str:

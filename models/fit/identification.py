@@ -333,6 +333,12 @@ class Identification(LightningModule):
         free = {FREE_RUNS[split]: scores.percent() for split, scores in self.free_runs.items()}
         return {**one_step, **free}
 
+    @property
+    def held_back_error(self) -> float | None:
+        """Relative error of the free run on held-back motion; None where none was judged."""
+        loss = self.objective.held_back_loss
+        return None if loss is None else math.sqrt(loss)
+
     def how_trained(self) -> dict[str, Any]:
         """How the solver ended; empty where the closed form was all."""
         if self.solver is None:

@@ -15,7 +15,7 @@ from torch import Tensor
 from data.record import Drive, Record, Response
 from data.sample import samples_of
 from models.estimator import Estimator
-from models.linear_in_weights import LinearInWeights
+from models.linear_in_weights import LinearInWeights, require_linear
 from models.online.guard import Guard
 from models.online.laws.frozen import Frozen
 from models.online.laws.law import Adapted, Law
@@ -49,16 +49,11 @@ class Online(Estimator):
         guard: Guard | None = None,
     ) -> None:
         super().__init__(dofs, inputs, dt)
-        estimator = estimator or VWNN(dofs, inputs, dt)
-        free = any(p.requires_grad for p in estimator.parameters())
-        if not isinstance(estimator, LinearInWeights) or free:
-            raise ValueError(
-                f"model.estimator is {type(estimator).__name__}, whose weights do not enter "
-                "linearly; choose a VWNN, an equivalent linear system or a polynomial method"
-            )
-        self.estimator, self.guard = estimator, guard or Guard()
+        inner = estimator or VWNN(dofs, inputs, dt)
+        what = f"model.estimator is {type(inner).__name__}"
+        self.estimator, self.guard = require_linear(inner, what, solved=True), guard or Guard()
         self.law = law or RecursiveLeastSquares()
-        for j, state in enumerate(started(estimator, self.law)):
+        for j, state in enumerate(started(self.estimator, self.law)):
             self.register_buffer(f"memory_{j}", state.memory)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:

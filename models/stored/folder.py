@@ -10,10 +10,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
-
 from data.arguments import reason
-from data.plain_data import as_config, read_json, read_text, read_yaml
+from data.plain_data import read_json, read_text, read_yaml, require_given
 from models.stored.earlier_keys import todays_keys
 from models.stored.schema import CONFIG_KIND, METRICS_KIND, SENSORS_KIND, front_name, require
 
@@ -31,22 +29,23 @@ def require_finished(folder: Path) -> None:
             )
 
 
-def read_run(folder: Path) -> tuple[DictConfig, dict[str, Any]]:
-    """Config and metrics of a finished run. Raises ValueError where there is none.
+def read_values_of_run(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Choices and metrics of a finished run. Raises ValueError where there is none.
 
-    The config is plain data: what looks like an interpolation in it is text, and the run's records
-    are never downloaded. Configs of earlier layouts, which name classes by their modules, are read
-    as today's.
+    The choices are plain data: what looks like an interpolation in them is text, and the run's
+    records are never downloaded. Configs of earlier layouts, which name classes by their modules,
+    are read as today's.
     """
     require_finished(folder)
     try:
-        cfg = as_config(_by_front(read_config(folder)))
+        choices = _by_front(read_config(folder))
+        require_given(choices)
         metrics = read_metrics(folder)
     except (ValueError, OSError) as error:
         raise ValueError(f"{folder} is damaged: {reason(error)}; repeat the run") from None
-    if "download" in cfg.data:
-        cfg.data.download = False
-    return cfg, metrics
+    if "download" in choices["data"]:
+        choices["data"]["download"] = False
+    return choices, metrics
 
 
 def read_config(folder: Path) -> dict[str, Any]:

@@ -1,45 +1,62 @@
-"""The model of a finished run, or of an entry of the zoo, built at the size of its weights."""
+"""A finished run, or an entry of the zoo, as objects: its choices, its numbers, its model."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-
-from omegaconf import DictConfig
+from typing import Any
 
 from data.sample import Sensors
 from models.checkpoint import load_estimator, require_built
 from models.estimator import Estimator
-from models.stored.folder import CHECKPOINT, SENSORS, read_metrics, read_sensors
-from models.training.assemble import data_from, estimator_from
+from models.experiment import Experiment
+from models.stored.folder import CHECKPOINT, SENSORS, read_sensors, read_values_of_run
 
 
-def sensors_of(cfg: DictConfig, folder: Path) -> Sensors:
-    """What a run's model was built for; runs of earlier layouts need their records for it."""
-    path = folder / SENSORS
-    if not os.path.lexists(path):
-        return data_from(cfg).sensors
-    try:
-        return Sensors(**read_sensors(folder))
-    except (ValueError, TypeError, OSError) as error:
-        raise ValueError(f"{path} is damaged ({error}); repeat the run") from None
+@dataclass(frozen=True)
+class StoredRun:
+    """What is read back of a run. values: all of its choices, resolved; metrics: `metrics.json`."""
+
+    folder: Path
+    values: Mapping[str, Any]
+    metrics: dict[str, Any]
+    experiment: Experiment
+
+    @cached_property
+    def sensors(self) -> Sensors:
+        """What the model was built for; runs of earlier layouts need their records for it."""
+        path = self.folder / SENSORS
+        if not os.path.lexists(path):
+            return self.experiment.make_data().sensors
+        try:
+            return Sensors(**read_sensors(self.folder))
+        except (ValueError, TypeError, OSError) as error:
+            raise ValueError(f"{path} is damaged ({error}); repeat the run") from None
+
+    def restore(self) -> Estimator:
+        """The identified estimator, of the size and time step that it was identified with.
+
+        Its records are not looked at: they may be gone. Raises ValueError where the file is not the
+        one that the run wrote.
+        """
+        path, model = self.folder / CHECKPOINT, self.experiment.model
+        require_built(path, model.values, self.sensors)
+        try:
+            estimator = model.estimator(self.sensors)
+        except (MemoryError, RuntimeError) as error:  # PyTorch's, for sizes that nobody has
+            raise ValueError(f"{self.folder}: its model cannot be built: {_first(error)}") from None
+        digest = self.metrics.get("checkpoint")  # runs of older code have none
+        load_estimator(estimator, path, model.name, digest)
+        return estimator.eval()
 
 
-def restore(cfg: DictConfig, folder: Path) -> Estimator:
-    """The identified estimator of a run, of the size and time step it was identified with.
-
-    Its records are not looked at: they may be gone. Raises ValueError where the file is not the one
-    that the run wrote.
-    """
-    sensors, path = sensors_of(cfg, folder), folder / CHECKPOINT
-    require_built(path, cfg.model, sensors)
-    try:
-        estimator = estimator_from(cfg.model, sensors)
-    except (MemoryError, RuntimeError) as error:  # PyTorch's, for sizes that nobody has
-        raise ValueError(f"{folder}: its model cannot be built: {_first(error)}") from None
-    digest = read_metrics(folder).get("checkpoint")  # runs of older code have none
-    load_estimator(estimator, path, cfg.model.name, digest)
-    return estimator.eval()
+def read_run(folder: Path) -> StoredRun:
+    """A finished run. Raises ValueError for a folder that holds none, and for damaged files."""
+    values, metrics = read_values_of_run(folder)
+    return StoredRun(folder, values, metrics, Experiment.of(values))
 
 
 def _first(error: Exception) -> str:

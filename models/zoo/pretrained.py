@@ -9,18 +9,15 @@ from typing import Any
 
 import numpy as np
 import torch
-from omegaconf import OmegaConf
 
 from data.plain_data import read_text
 from data.record import Drive
 from data.sample import Sensors
 from data.simulation.accelerograms import Accelerogram
 from data.simulation.earthquake import GRAVITY
-from models.element_network import ElementNetwork
 from models.estimator import Estimator, NoFreeRunError
-from models.stored.folder import read_run
-from models.stored.run import restore, sensors_of
 from models.fit.trained_range import outside, range_of_drive, warnings_of
+from models.stored.run import read_run
 from models.zoo.index import ROOT, entry_of
 
 
@@ -50,8 +47,10 @@ class Pretrained:
         relative to the ground. Linear between the samples of the record. Raises ValueError for a
         model that is driven otherwise.
         """
-        model, base = self.model, self.sensors.forced == "base"
-        known = isinstance(model, ElementNetwork) and model.forces == model.inputs == model.dofs
+        model, forced = self.model, self.sensors.forced
+        base, masses = forced == "base", self.model.masses()
+        forced = forced if isinstance(forced, list) else [*range(1, model.inputs + 1)]
+        known = masses is not None and len(forced) == model.inputs == model.dofs
         if not (base or known):
             raise ValueError(f"zoo:{self.name} is driven by neither a shaken base nor known masses")
         recorded = ground.dt * np.arange(len(ground.a))
@@ -59,8 +58,8 @@ class Pretrained:
         s_ddot = scale * GRAVITY * np.interp(times, recorded, ground.a)
         u = -torch.from_numpy(s_ddot)[:, None].expand(-1, model.inputs).clone()
         if not base:
-            assert isinstance(model, ElementNetwork)
-            u *= model.mass().detach()[model.forced]
+            assert masses is not None
+            u *= masses[[number - 1 for number in forced]]
         rest = torch.zeros(model.dofs, dtype=torch.float64)
         return Drive(model.dt, u, rest, rest)
 
@@ -100,15 +99,14 @@ def load_pretrained(name: str, root: Path = ROOT) -> Pretrained:
     """
     entry = entry_of(name, root)
     entry.require_untouched()
-    cfg, metrics = read_run(entry.folder)
+    run = read_run(entry.folder)
     with torch.random.fork_rng(devices=[]):  # starting weights, which are overwritten
-        estimator = restore(cfg, entry.folder)
-    plain: Any = OmegaConf.to_container(cfg, resolve=True)
+        estimator = run.restore()
     return Pretrained(
         name=entry.name,
         model=estimator.requires_grad_(False),
-        config=plain,
-        metrics=metrics,
-        sensors=sensors_of(cfg, entry.folder),
+        config=dict(run.values),
+        metrics=run.metrics,
+        sensors=run.sensors,
         card=read_text(entry.folder / "card.md"),
     )

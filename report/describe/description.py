@@ -19,13 +19,14 @@ from data.terminal import terminal
 from export.modes import Modes, modes_of
 from models.estimator import Estimator, Parameter
 from models.fit.metrics import FREE_RUNS
+from models.stored.run import read_run
 from report.output import save_figure
 from report.prediction.interface import Interface
 from report.prediction.peaks import number
 from report.style import ESTIMATED, MEASURED, one_legend
-from runner.folder.run import restore, sensors_of
+from runner.folder.run import restore
 from runner.folder.run_files import results_folder
-from runner.folder.run_folder import read_run, write_json
+from runner.folder.run_folder import write_json
 from runner.scores.headline import interval_in
 
 
@@ -34,12 +35,11 @@ def describe(folder: Path, output: Path | None) -> dict[str, Any]:
 
     Returns what the JSON holds. Raises ValueError for a folder that holds no finished run.
     """
-    run, metrics = read_run(folder)
-    estimator = restore(run, folder)
-    sensors = sensors_of(run, folder)
+    run = read_run(folder)
+    metrics, estimator = run.metrics, restore(run)
     parameters, modes = estimator.physical_parameters(), modes_of(estimator)
     console = terminal(WIDTH)
-    _print_about(console, metrics, estimator, sensors)
+    _print_about(console, metrics, estimator, run.sensors)
     _print_parameters(console, parameters, estimator, metrics)
     if modes is not None:
         print_modes(console, modes)

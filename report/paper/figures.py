@@ -24,8 +24,8 @@ from data.simulation.laws.limited_slip import LimitedSlip
 from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
-from models.training.assemble import simulated_from
-from models.training.build import build
+from models.choice import Choice
+from models.stored.run import read_run
 from report.about import colour_of
 from report.output import save_figure
 from report.paper.tables import METHODS, OWN_RESIDUAL, SETTINGS, as_configured, error_of, of
@@ -46,7 +46,6 @@ from report.style import (
 )
 from runner.config.compose import CONF
 from runner.folder.run import restore
-from runner.folder.run_folder import read_run
 from runner.scores.paper_values import paper_values
 from runner.scores.result import Result, spread_of
 from runner.scores.spread import Spread, quantile
@@ -255,9 +254,9 @@ def slowly(element: Element, turns: Sequence[float], leg: float = 20.0, dt: floa
 
 def paper_elements(system: str = "bilinear") -> dict[str, Any]:
     """Elements of a structure in conf/system, by name."""
-    cfg = OmegaConf.load(CONF / "system" / f"{system}.yaml")
-    assert isinstance(cfg, DictConfig)
-    return build(cfg.structure, Structure).elements
+    values: Any = OmegaConf.to_container(OmegaConf.load(CONF / "system" / f"{system}.yaml"))
+    structure: Structure = Choice("system.structure", values["structure"]).build(Structure)
+    return structure.elements
 
 
 def sample_loops() -> Figure:
@@ -347,7 +346,7 @@ def behaviour(element: Element) -> str:
 
 
 def _motions(run: Result) -> SimulatedData:
-    data = simulated_from(read_run(run.folder)[0])
+    data = read_run(run.folder).experiment.make_simulated_data()
     data.setup()
     return data
 
@@ -366,7 +365,7 @@ def estimates(runs: Sequence[Result], record: Record) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
     for run in runs:
         with torch.no_grad():
-            ways = restore(read_run(run.folder)[0], run.folder).estimates(record)
+            ways = restore(read_run(run.folder)).estimates(record)
         for way, a in ways.items():
             found[f"{run.model}_{way}" if way else str(run.model)] = a.numpy()
     return {method: found[method] for method in METHODS if method in found}

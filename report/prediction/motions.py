@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from omegaconf import DictConfig
 
 from data.measured.assembly import with_rates
 from data.measured.clocks import require_common_time
@@ -33,7 +32,7 @@ from data.simulation.excitation import (
     SineSweep,
     Waveform,
 )
-from models.training.build import build
+from models.experiment import Experiment
 from report.prediction.interface import BASE, FORCES, GROUND, IMPOSED, Interface
 from runner.config.command_line import absolute
 
@@ -61,31 +60,76 @@ class Motion:
         return len(next(iter(self.channels.values())))
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """The motions that a command asks for: `excitation` of conf/predict.yaml, which has words."""
+
+    path: str | Sequence[str] | None
+    events: str | int | Sequence[str | int] | None
+    kind: str | None
+    std: float | None
+    band: Sequence[float] | None
+    seed: int
+    duration: float | None  # [s]
+    scale: float | Sequence[float]
+    peak: float | None  # [g]
+    lag: float  # [s]
+    quiet: float | None  # [s]
+    hold: str | None
+    channels: Mapping[str, str] | None
+    units: Mapping[str, str | None]
+    dt: float | None  # [s]
+    start: float  # [s]
+    stop: float | None  # [s]
+    align: str | None
+    skip_rows: int
+    delimiter: str | None
+    decimal: str
+    group: str | None
+    header: bool
+    mend: Mapping[str, Any] | None
+
+    @property
+    def label(self) -> str:
+        """Name of a folder for it: "quake,scale=2" for excitation.path=dir/quake.csv."""
+        given = self.path if self.path is not None else self.events
+        if given is None:
+            duration = "" if self.duration is None else f",duration={self.duration:g}"
+            words = f"{self.kind or 'as_in_training'},seed={self.seed}{duration}"
+        else:
+            names = [str(g) for g in ([given] if isinstance(given, str | int) else given)]
+            words = "+".join(Path(name).stem.replace("*", "all") for name in names)
+        for key, usual in (("scale", 1.0), ("peak", None), ("start", 0.0), ("stop", None)):
+            if getattr(self, key) != usual:
+                words += f",{key}={getattr(self, key)}"
+        return re.sub(r"[^\w.,+=\[\]-]", "", words)[:80]
+
+
 def motions_of(
-    cfg: DictConfig, run: DictConfig, interface: Interface, model_dt: float, any_step: bool
+    wanted: Wanted, run: Experiment, interface: Interface, model_dt: float, any_step: bool
 ) -> list[Motion]:
     """The motions that a command asks for, with a time step that the model takes.
 
-    cfg: `excitation` of conf/predict.yaml; run: the config of the run. Raises ValueError for what
-    cannot be read, lacks a channel or has faults that `mend` does not repair.
+    run: choices of the run. Raises ValueError for what cannot be read, lacks a channel or has
+    faults that `mend` does not repair.
     """
-    ways = [key for key in ("path", "events", "kind") if cfg[key] is not None]
+    ways = [key for key in ("path", "events", "kind") if getattr(wanted, key) is not None]
     if len(ways) > 1:
         raise ValueError(f"excitation.{ways[0]} and excitation.{ways[1]}: give one of both")
-    if cfg.path is not None:
-        raws = _of_files(cfg, interface)
-    elif cfg.events is not None:
-        raws = list(_of_events(cfg.events))
+    if wanted.path is not None:
+        raws = _of_files(wanted, interface)
+    elif wanted.events is not None:
+        raws = list(_of_events(wanted.events))
         if not interface.takes_ground:
             raise ValueError(
                 f"an earthquake is an acceleration of the ground, and the model is driven by "
                 f"{interface.requirement}; give a file (excitation.path)"
             )
     else:
-        raws = _generated(cfg, run, interface, model_dt)
+        raws = _generated(wanted, run, interface, model_dt)
     with _words_of_excitation():
-        mending = Mending(**(cfg.mend or {}))
-    found = [_mended(raw, cfg, interface, mending, model_dt, any_step) for raw in raws]
+        mending = Mending(**(wanted.mend or {}))
+    found = [_mended(raw, wanted, interface, mending, model_dt, any_step) for raw in raws]
     names = [motion.name for motion in found]
     if double := next((n for n in names if names.count(n) > 1), None):
         raise ValueError(f"two motions are called {double}; rename a file, or give one of them")
@@ -94,7 +138,7 @@ def motions_of(
 
 def _mended(
     raw: RawRecord,
-    cfg: DictConfig,
+    wanted: Wanted,
     interface: Interface,
     mending: Mending,
     model_dt: float,
@@ -106,7 +150,7 @@ def _mended(
         require_bearable(f"{raw.name}: {channel}", u)
     raw = replace(raw, clocks={c: t for c, t in raw.clocks.items() if c in raw.channels})
     require_common_time(raw)
-    raw = between(raw, cfg.start, cfg.stop)
+    raw = between(raw, wanted.start, wanted.stop)
     with _words_of_excitation():
         dt, channels, done = mending(raw)
         coarse = GROUND in channels and interface.kind not in (BASE, FORCES)
@@ -125,16 +169,16 @@ def _mended(
             )
     dt = model_dt if abs(dt / model_dt - 1.0) <= 1e-6 else dt
     channels = with_rates(channels, dt, done)
-    if cfg.peak is not None:
+    if wanted.peak is not None:
         if GROUND not in channels:
             raise ValueError(
-                f"excitation.peak={cfg.peak} g is of ground accelerations, and {raw.name} holds "
+                f"excitation.peak={wanted.peak} g is of ground accelerations, and {raw.name} holds "
                 f"{', '.join(channels)}; use excitation.scale"
             )
-        size = cfg.peak * GRAVITY / max(float(np.abs(channels[GROUND]).max()), 1e-300)
+        size = wanted.peak * GRAVITY / max(float(np.abs(channels[GROUND]).max()), 1e-300)
         channels = {GROUND: size * channels[GROUND]}
-        done.append(f"times {size:.4g}, to a peak of {cfg.peak:g} g")
-    quiet = cfg.quiet if cfg.quiet is not None else QUIET if GROUND in channels else 0.0
+        done.append(f"times {size:.4g}, to a peak of {wanted.peak:g} g")
+    quiet = wanted.quiet if wanted.quiet is not None else QUIET if GROUND in channels else 0.0
     samples = quiet / dt
     require_memory(100.0 * samples * len(channels), f"excitation.quiet={quiet:g} s", "shorten it")
     rest = np.zeros(round(samples))
@@ -157,19 +201,21 @@ def _words_of_excitation() -> Iterator[None]:
         raise ValueError(OF_DATA.sub("excitation.", str(error))) from None
 
 
-def _of_files(cfg: DictConfig, interface: Interface) -> list[RawRecord]:
-    patterns = [cfg.path] if isinstance(cfg.path, str) else list(cfg.path)
-    channels = None if cfg.channels is None else dict(cfg.channels)
-    units = {key: unit for key, unit in cfg.units.items() if unit is not None}
-    reader = {key: cfg[key] for key in READER}
+def _of_files(wanted: Wanted, interface: Interface) -> list[RawRecord]:
+    patterns = [wanted.path] if isinstance(wanted.path, str) else list(wanted.path or [])
+    channels = None if wanted.channels is None else dict(wanted.channels)
+    units = {key: unit for key, unit in wanted.units.items() if unit is not None}
+    reader = {key: getattr(wanted, key) for key in READER}
     raws: list[RawRecord] = []
     with _words_of_excitation():
         for place in record_places([str(absolute(p)) for p in patterns], channels):
             own = channels
             if own is None and place.suffix.lower() == ".at2":
                 own = {GROUND: "acc"}
-            for name, raw in read_records(place, own, units, cfg.align, **reader).items():
-                known = raw if cfg.dt is None else replace(raw, time=None, clocks={}, dt=cfg.dt)
+            for name, raw in read_records(place, own, units, wanted.align, **reader).items():
+                known = (
+                    raw if wanted.dt is None else replace(raw, time=None, clocks={}, dt=wanted.dt)
+                )
                 taken = any(raw.name == name for raw in raws)
                 raws.append(replace(known, name=place.name if taken else name))
     return raws
@@ -207,25 +253,23 @@ def _unknown_event(event: str) -> str:
     )
 
 
-def _generated(
-    cfg: DictConfig, run: DictConfig, interface: Interface, dt: float
-) -> list[RawRecord]:
+def _generated(wanted: Wanted, run: Experiment, interface: Interface, dt: float) -> list[RawRecord]:
     """One motion of a kind, or of the run's own excitation, from a seed."""
-    duration = cfg.duration or run.data.get("duration") or 50.0
-    samples, rng = round(duration / dt), np.random.default_rng(cfg.seed)
+    duration = wanted.duration or run.data.values.get("duration") or 50.0
+    samples, rng = round(duration / dt), np.random.default_rng(wanted.seed)
     if samples < 4:
         raise ValueError(f"excitation.duration={duration:g} s holds {samples} steps of {dt:g} s")
     count = len(interface.forces) or interface.supports or 1
     room = f"excitation.duration={duration:g} s in steps of {dt:g} s"
     require_memory(100.0 * samples * count, room, "shorten it")
-    if cfg.kind is None:
-        return [_as_the_run(run, interface, dt, samples, rng, cfg.seed)]
+    if wanted.kind is None:
+        return [_as_the_run(run, interface, dt, samples, rng, wanted.seed)]
     if interface.others:
         raise ValueError(
             f"the model reads {', '.join(interface.others)} too, which is not generated; give "
             "excitation.path"
         )
-    wave = _waveform(cfg)
+    wave = _waveform(wanted)
     try:
         values, rates = wave.draw(samples, dt, count, 0, rng)
     except ValueError as error:
@@ -239,7 +283,7 @@ def _generated(
         none = np.zeros((len(interface.forces), samples))
         names = (*interface.forces, *interface.motions)
         channels = dict(zip(names, [*none, *both[:, _motions(interface, count)].T], strict=True))
-    return [RawRecord(f"{cfg.kind}_seed{cfg.seed}", None, dt, channels)]
+    return [RawRecord(f"{wanted.kind}_seed{wanted.seed}", None, dt, channels)]
 
 
 def _motions(interface: Interface, count: int) -> list[int]:
@@ -248,33 +292,34 @@ def _motions(interface: Interface, count: int) -> list[int]:
     return [*(i % count for i in range(p)), *(count + i % count for i in range(p))]
 
 
-def _waveform(cfg: DictConfig) -> Waveform:
-    if cfg.std is None:
+def _waveform(wanted: Wanted) -> Waveform:
+    std = wanted.std
+    if std is None:
         raise ValueError(
-            f"excitation.kind={cfg.kind} needs excitation.std: N of forces, m of supports and "
+            f"excitation.kind={wanted.kind} needs excitation.std: N of forces, m of supports and "
             "imposed deformations, m/s² of a base"
         )
-    band = list(cfg.band) if cfg.band is not None else [0.1, 3.0]
+    band = list(wanted.band) if wanted.band is not None else [0.1, 3.0]
     made: dict[str, Callable[[], Waveform]] = {
-        "gaussian": lambda: BandLimitedGaussian(cfg.std, band),
-        "multisine": lambda: Multisine(cfg.std, band),
-        "sine_sweep": lambda: SineSweep(cfg.std, band),
+        "gaussian": lambda: BandLimitedGaussian(std, band),
+        "multisine": lambda: Multisine(std, band),
+        "sine_sweep": lambda: SineSweep(std, band),
     }
-    if cfg.kind not in made:
-        raise ValueError(f"excitation.kind={cfg.kind}: choose {', '.join(KINDS)}")
-    return made[cfg.kind]()
+    if wanted.kind not in made:
+        raise ValueError(f"excitation.kind={wanted.kind}: choose {', '.join(KINDS)}")
+    return made[wanted.kind]()
 
 
 def _as_the_run(
-    run: DictConfig, interface: Interface, dt: float, samples: int, rng: Any, seed: int
+    run: Experiment, interface: Interface, dt: float, samples: int, rng: Any, seed: int
 ) -> RawRecord:
     """A motion as those that the run was identified with, from another seed."""
-    if "_target_" not in (run.get("excitation") or {}):
+    if run.excitation is None or not run.excitation.target:
         raise ValueError(
             "which motion? give excitation.path=FILE, excitation.events=7a (FEMA P695), or "
             f"excitation.kind={KINDS[0]} and excitation.std"
         )
-    own = build(run.excitation, Excitation)
+    own = run.excitation.build(Excitation)
     if interface.kind == IMPOSED or (own.support and not hasattr(own.support, "std")):
         raise ValueError("the run's excitation is no process; give excitation.events or .path")
     grow, growth = own._growth(dt * np.arange(samples)[:, None])

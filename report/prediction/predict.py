@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from omegaconf import DictConfig
 from rich.console import Console
 
 from data.record import HOLDS, require_bearable
@@ -20,50 +19,58 @@ from data.whole_file import whole_file, write_text
 from models.composition.composite import Composite
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
+from models.stored.run import read_run
 from report.output import as_csv, save_figure
 from report.prediction.figures import draw_many, draw_one
 from report.prediction.interface import GROUND, SUPPORTS, Interface
-from report.prediction.motions import Motion, motions_of, stem
+from report.prediction.motions import Motion, Wanted, motions_of, stem
 from report.prediction.peaks import WIDTH, peaks_of, print_many, print_one, row_of
 from report.prediction.runs import Prediction, Runner
-from runner.folder.run import restore, sensors_of
-from runner.folder.run_folder import read_run
+from runner.folder.run import restore
 from runner.scores.conformal import FREE_RUN, stored_band
 
 FEW = 10  # runs whose histories are written unless that is asked for
 MOST = 100_000
 
 
-def predict(cfg: DictConfig, folder: Path, output: Path) -> list[Prediction]:
-    """Free runs of a finished run's model under the motions of `cfg`, printed and written.
+@dataclass(frozen=True)
+class Written:
+    """What is written, and whether of any model: settings of conf/predict.yaml."""
 
-    Raises ValueError for a model that is not identified, unless `cfg.anyway`, and for motions that
-    do not fit the model.
+    format: str = "csv"
+    figures: bool = True
+    histories: bool | None = None
+    threads: int | None = None
+    anyway: bool = False
+
+
+def predict(folder: Path, wanted: Wanted, written: Written, output: Path) -> list[Prediction]:
+    """Free runs of a finished run's model under the motions that are wanted, printed and written.
+
+    Raises ValueError for a model that is not identified, unless `anyway`, and for motions that do
+    not fit the model.
     """
-    require_format(cfg.format)
-    scales = _scales(cfg.excitation.scale)
-    run, metrics = read_run(folder)
-    estimator = restore(run, folder)
-    if not cfg.anyway:
+    require_format(written.format)
+    scales = _scales(wanted.scale)
+    run = read_run(folder)
+    metrics, estimator = run.metrics, restore(run)
+    if not written.anyway:
         require_usable(metrics, folder)
-    sensors = sensors_of(run, folder)
-    interface = Interface.of(estimator, sensors)
+    interface = Interface.of(estimator, run.sensors)
     any_step = isinstance(estimator, Composite) or _takes(estimator, interface, 2.0 * estimator.dt)
-    motions = motions_of(cfg.excitation, run, interface, estimator.dt, any_step)
+    motions = motions_of(wanted, run.experiment, interface, estimator.dt, any_step)
     if len(motions) * len(scales) > MOST:
         raise ValueError(f"{len(motions)} motions at {len(scales)} scales are more than {MOST}")
-    hold = cfg.excitation.hold or run.data.get("hold") or "linear"
+    hold = wanted.hold or run.experiment.data.values.get("hold") or "linear"
     if hold not in HOLDS:
         raise ValueError(f"excitation.hold={hold}: choose {', '.join(HOLDS)}")
-    lag = cfg.excitation.lag
+    trained = metrics.get("trained_range", {})
     band = stored_band(metrics.get("uncertainty", {}), FREE_RUN)
-    runner = Runner(
-        estimator, interface, sensors.quantity, metrics.get("trained_range", {}), hold, lag, band
-    )
+    runner = Runner(estimator, interface, run.sensors.quantity, trained, hold, wanted.lag, band)
     console = terminal(WIDTH)
     _print_motions(console, motions, interface, estimator, metrics)
     about = f"{metrics['model']} identified on {metrics['system']}"
-    cores = cfg.threads or len(os.sched_getaffinity(0))
+    cores = written.threads or len(os.sched_getaffinity(0))
     predictions = runner.many(motions, scales, max(1, cores))
     for motion in motions:
         for channel, values in motion.channels.items():
@@ -72,10 +79,10 @@ def predict(cfg: DictConfig, folder: Path, output: Path) -> list[Prediction]:
     output.mkdir(parents=True, exist_ok=True)
     if len(motions) * len(scales) == 1:
         found = [next(predictions)]
-        _finish_one(console, found[0], estimator, about, cfg, output)
+        _finish_one(console, found[0], estimator, about, written, output)
     else:
         found = _finish_many(
-            console, predictions, len(motions) * len(scales), estimator, about, cfg, output
+            console, predictions, len(motions) * len(scales), estimator, about, written, output
         )
     console.print(f"written to {output}", soft_wrap=True)
     return found
@@ -97,21 +104,6 @@ def require_usable(metrics: Mapping[str, Any], folder: Path) -> None:
                 f"{folder}: the free run of its own {words} motion diverges after "
                 f"{min(left):.3g} s; {anyway}"
             )
-
-
-def label_of(excitation: DictConfig) -> str:
-    """Name of a folder for what was asked: "quake,scale=2" for excitation.path=dir/quake.csv."""
-    given = excitation.path if excitation.path is not None else excitation.events
-    if given is None:
-        duration = "" if excitation.duration is None else f",duration={excitation.duration:g}"
-        words = f"{excitation.kind or 'as_in_training'},seed={excitation.seed}{duration}"
-    else:
-        names = [str(g) for g in ([given] if isinstance(given, str | int) else given)]
-        words = "+".join(Path(name).stem.replace("*", "all") for name in names)
-    for key, usual in (("scale", 1.0), ("peak", None), ("start", 0.0), ("stop", None)):
-        if excitation[key] != usual:
-            words += f",{key}={excitation[key]}"
-    return re.sub(r"[^\w.,+=\[\]-]", "", words)[:80]
 
 
 def _takes(estimator: Estimator, interface: Interface, dt: float) -> bool:
@@ -174,15 +166,15 @@ def _finish_one(
     prediction: Prediction,
     estimator: Estimator,
     about: str,
-    cfg: DictConfig,
+    written: Written,
     output: Path,
 ) -> None:
     times = "" if prediction.scale == 1.0 else f" × {prediction.scale:g}"
     title = f"{prediction.name}{times}: {about}"
     print_one(console, prediction, estimator, title)
     write_text(output / "peaks.csv", as_csv(peaks_of(prediction, estimator)))
-    write_history(prediction, output / f"history.{cfg.format}", title)
-    if cfg.figures:
+    write_history(prediction, output / f"history.{written.format}", title)
+    if written.figures:
         for name, figure in draw_one(prediction, estimator, title).items():
             save_figure(figure, output, name)
 
@@ -193,16 +185,16 @@ def _finish_many(
     count: int,
     estimator: Estimator,
     about: str,
-    cfg: DictConfig,
+    written: Written,
     output: Path,
 ) -> list[Prediction]:
     """Print and write a row for each run; histories too where there are few, or on request."""
-    whole = cfg.histories if cfg.histories is not None else count <= FEW
+    whole = written.histories if written.histories is not None else count <= FEW
     found, rows = [], []
     for prediction in predictions:
         rows.append(row_of(prediction, estimator))
         if whole:
-            place = f"{stem(prediction.name)}_x{prediction.scale:g}.{cfg.format}"
+            place = f"{stem(prediction.name)}_x{prediction.scale:g}.{written.format}"
             title = f"{prediction.name} × {prediction.scale:g}: {about}"
             write_history(prediction, output / place, title)
         found.append(prediction.slim())
@@ -210,7 +202,7 @@ def _finish_many(
     write_text(output / "predictions.csv", as_csv(rows))
     if not whole:
         console.print("only peaks were written; histories=true writes the history of each run")
-    if cfg.figures:
+    if written.figures:
         save_figure(draw_many(found, about), output, "predictions")
     return found
 

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from data.datamodule import Data
-from data.plain_data import as_config
 from data.record import QUANTITIES, Record
 from data.sample import Sensors
 from data.terminal import terminal
 from data.whole_file import write_text
+from models.choice import Choice
 from models.estimator import Estimator
+from models.experiment import Experiment
 from models.fit.metrics import FREE_RUNS, free_run_score, score
 from models.fit.trained_range import outside, range_of, worst_of
 from models.linear_motion import LinearMotion
-from models.training.assemble import changed, data_from
+from models.stored.run import StoredRun, read_run
 from report.collection.report import report_by, report_collection
 from report.collection.runs import folders_of
 from report.output import as_csv, save_figure, spreadsheet
@@ -43,96 +43,115 @@ from report.run.table import (
     why_no_free_run,
 )
 from report.uncertainty.intervals import bands_of_run, over_seeds, print_bands
+from runner.config.choices import plain
 from runner.config.command_line import absolute
 from runner.config.compose import composed
-from runner.folder.run import restore, sensors_of
+from runner.folder.run import restore
 from runner.folder.run_files import results_folder
-from runner.folder.run_folder import read_run, write_json
+from runner.folder.run_folder import write_json
 from runner.scores.conformal import covered
 from runner.scores.outcome import each_record, per_record
 from runner.scores.verdict import CANNOT
 
 
-def evaluate(cfg: DictConfig, folder: Path, label: str) -> dict[str, Any]:
-    """Scores of a run under the changes in `cfg`, saved with figures in its `evaluation/`."""
-    run, metrics = read_run(folder)
-    estimator = restore(run, folder)
+@dataclass(frozen=True)
+class Conditions:
+    """Under which a run is scored again; None and {}: as it was trained.
+
+    seeds: of test motions; data: settings of the records.
+    """
+
+    seeds: Sequence[int] | None
+    data: Mapping[str, Any]
+    figures: bool
+    scenario: Mapping[str, Any] | None = None
+
+
+def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
+    """Scores of a run under some conditions, saved with figures in its `evaluation/`."""
+    run = read_run(folder)
+    metrics, as_trained = run.metrics, run.experiment
+    estimator = restore(run)
     require_scores(metrics, estimator.dofs)
-    changes = _typed(OmegaConf.to_container(cfg.data, resolve=True))
+    changes = _typed(asked.data)
     held_back = changes.pop("calibration_records", None)
-    as_trained = run.copy()
-    if cfg.get("scenario") is not None:
-        run.scenario = cfg.scenario
+    altered = asked.scenario is not None or bool(changes) or asked.seeds is not None
+    scenario = as_trained.scenario
+    if asked.scenario is not None:
+        scenario = Choice("scenario", asked.scenario)
     if "path" in changes:
-        return _on_new_records(cfg, run, metrics, folder, estimator, changes, label)
-    run = changed(run, {"data": as_config(changes)})
-    seeds = [run.seed] if cfg.seeds is None else list(cfg.seeds)
-    altered = cfg.get("scenario") is not None or bool(changes) or cfg.seeds is not None
-    require_scores(metrics, estimator.dofs)
-    gone = record_gone(run)
+        under = replace(as_trained, scenario=scenario)
+        return _on_new_records(asked, run, under, estimator, changes, label)
+    under = replace(as_trained, scenario=scenario, data=as_trained.data.with_values(changes))
+    seeds = [under.seed] if asked.seeds is None else list(asked.seeds)
+    gone = record_gone(under)
     if gone is not None and not altered:
         print_stored(metrics, gone)
         return metrics
 
     sure = bands_of_run(estimator, as_trained, metrics, held_back)
-    results = score_seeds(estimator, run, seeds, not changes, sure)
+    results = score_seeds(estimator, under, seeds, not changes, sure)
     print_evaluation(results, metrics, altered)
     print_bands(terminal(WIDTH), metrics, over_seeds(sure, results))
     output = results_folder(folder) / "evaluation" / label
     prior = metrics.get("training", {}).get("prior")
     output.mkdir(parents=True, exist_ok=True)
-    if cfg.figures:
-        draw_figures(estimator, run, seeds[0], output, prior, sure)
+    if asked.figures:
+        draw_figures(estimator, under, seeds[0], output, prior, sure)
     write_json(output / "scores.json", results)
-    print(f"{'figures and ' if cfg.figures else ''}scores in {output}")
+    print(f"{'figures and ' if asked.figures else ''}scores in {output}")
     return results
 
 
-def _typed(values: Any) -> dict[str, Any]:
+def _typed(values: Mapping[str, Any]) -> dict[str, Any]:
     """The settings that have a value."""
     kept = {key: _typed(v) if isinstance(v, dict) else v for key, v in values.items()}
     return {key: value for key, value in kept.items() if value is not None and value != {}}
 
 
 def _on_new_records(
-    cfg: DictConfig,
-    run: DictConfig,
-    metrics: dict[str, Any],
-    folder: Path,
+    asked: Conditions,
+    run: StoredRun,
+    under: Experiment,
     estimator: Estimator,
     changes: dict[str, Any],
     label: str,
 ) -> dict[str, Any]:
     """Scores on the records of other files, saved in the run's `evaluation/`."""
-    if cfg.seeds is not None:
+    if asked.seeds is not None:
         raise ValueError("seeds= draws motions, and data.path= names measured ones; leave one out")
     files = [changes["path"]] if isinstance(changes["path"], str) else list(changes["path"])
     changes["path"] = [str(absolute(file)) for file in files]
     stems = "+".join(Path(file).stem for file in files).replace("*", "all")
     label = stems[:80] if "data.path=" in label else label
-    output = results_folder(folder) / "evaluation" / label
-    results = evaluate_records(estimator, run, metrics, folder, changes, output, cfg.figures)
-    print(f"{'figures and ' if cfg.figures else ''}scores in {output}")
+    output = results_folder(run.folder) / "evaluation" / label
+    results = evaluate_records(estimator, run, under, changes, output, asked.figures)
+    print(f"{'figures and ' if asked.figures else ''}scores in {output}")
     return results
 
 
-def report_runs(cfg: DictConfig) -> None:
-    """All numbers of many runs, or a comparison of them."""
-    output = absolute(cfg.output) if cfg.output else None
-    typed = [cfg.runs] if isinstance(cfg.runs, str) else list(cfg.runs or [])
+def report_runs(
+    runs: str | Sequence[str] | None,
+    by: str | Sequence[str] | None,
+    metric: str,
+    split: str,
+    output: str | None,
+) -> None:
+    """All numbers of many runs, or a comparison of them; arguments as in conf/evaluate.yaml."""
+    place = absolute(output) if output else None
+    typed = [runs] if isinstance(runs, str) else list(runs or [])
     if not typed:
         asked = (
             "by= compares the runs of runs=FOLDER"
-            if cfg.by is not None
+            if by is not None
             else ("run=FOLDER scores a run again, runs=FOLDER compares many")
         )
         raise ValueError(f"{asked}; say which")
     folders = folders_of([str(absolute(name)) for name in typed])
-    if cfg.by is None:
-        report_collection(folders, output)
+    if by is None:
+        report_collection(folders, place)
     else:
-        keys = [cfg.by] if isinstance(cfg.by, str) else list(cfg.by)
-        report_by(folders, keys, cfg.metric, cfg.split, output)
+        report_by(folders, [by] if isinstance(by, str) else list(by), metric, split, place)
 
 
 # A finished run on records of other files: errors by record and DOF, warnings, pictures.
@@ -153,26 +172,26 @@ COLUMNS = ("record", "estimate", "dof", "relative_rms_percent", "rms", "unit", "
 
 def evaluate_records(
     estimator: Estimator,
-    run: DictConfig,
-    metrics: Mapping[str, Any],
-    folder: Path,
+    run: StoredRun,
+    under: Experiment,
     typed: Mapping[str, Any],
     output: Path,
     figures: bool = True,
 ) -> dict[str, Any]:
     """Scores of a run's model on new records, printed and saved in `output`, with pictures or not.
 
-    typed: settings of the records. Raises ValueError for records that do not fit the model.
+    under: the run's choices, or others in their place; typed: settings of the records. Raises
+    ValueError for records that do not fit the model.
     """
-    data = new_data(run, typed)
-    require_same_kind(sensors_of(run, folder), data.sensors)
+    data, metrics = new_data(under, typed), run.metrics
+    require_same_kind(run.sensors, data.sensors)
     records = {name: _on_grid(r, estimator.dt) for name, r in each_record(data, "train").items()}
     trained = metrics.get("trained_range", {})
     left = {n: outside(trained, range_of(estimator, [r])) for n, r in records.items()}
     scores = {
         "all_records": _together(estimator, records),
         "records": per_record(estimator, records),
-        "baselines": _opponents(run, data, records),
+        "baselines": _opponents(under, data, records),
         "outside_trained_range": left,
     }
     sure = metrics.get("uncertainty", {})
@@ -192,22 +211,20 @@ def evaluate_records(
     return scores
 
 
-def new_data(run: DictConfig, typed: Mapping[str, Any]) -> Data:
+def new_data(run: Experiment, typed: Mapping[str, Any]) -> Data:
     """The records of other files under "train", read as those of the run, except for `typed`."""
     if odd := [key for key in OF_SIMULATIONS if key in typed]:
         raise ValueError(
             f"data.{odd[0]} is of simulated motions, data.path of measured ones; leave one out"
         )
-    if run.data._target_.endswith("MeasuredData"):
-        base = run
-    else:
-        measured = composed("data=measured", "data.path=", "model=linear")
-        base = changed(run, {"excitation": None, "damage": None})
-        base.data, base.system = measured.data, {**measured.system, "name": run.system.name}
+    if not run.data.target.endswith("MeasuredData"):
+        measured = Experiment.of(plain(composed("data=measured", "data.path=", "model=linear")))
+        system = measured.system.with_values({"name": run.system.name})
+        run = replace(run, data=measured.data, system=system, excitation=None, damage=None)
+    records = run.data
     if "channels" in typed:
-        base.data.channels = None  # those of the run are not mixed with new ones
-    new = changed(base, {"data": {**WHOLE, **typed}})
-    data = data_from(new)
+        records = records.with_values({"channels": None})  # those of the run are not mixed in
+    data = replace(run, data=records.with_values({**WHOLE, **typed})).make_data()
     data.setup()
     return data
 
@@ -238,13 +255,13 @@ def _together(estimator: Estimator, records: Mapping[str, Record]) -> dict[str, 
     return {"test": score(estimator, every), FREE_RUNS["test"]: free_run_score(estimator, every)}
 
 
-def _opponents(run: DictConfig, data: Data, records: Mapping[str, Record]) -> dict[str, Any]:
+def _opponents(run: Experiment, data: Data, records: Mapping[str, Record]) -> dict[str, Any]:
     """Free runs of the plain opponents: no motion, and the run's linear system."""
     name = "rigid" if data.forced == "base" else "zero"
     still = {"relative_rms_percent": 100.0, "per_dof_percent": [100.0] * data.dofs}
     beside: dict[str, Any] = {name: dict.fromkeys(records, still)}
     try:
-        own = data_from(run)
+        own = run.make_data()
         own.setup()
         linear = LinearMotion(own.dofs, own.inputs, own.dt)
         linear.identify(own.loader("train"))

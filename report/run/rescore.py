@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from glob import has_magic
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
-from omegaconf import DictConfig
 from rich.console import Console
 from torch import Tensor
 
@@ -20,9 +20,9 @@ from data.simulation.motion import EscapedMotionError
 from data.terminal import terminal
 from models.composition.composite import Composite
 from models.estimator import Estimator
+from models.experiment import Experiment
 from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.fit.trained_range import loops_of, names_of
-from models.training.assemble import changed, data_from
 from models.uncertainty.unmeasured import Signal
 from report.output import save_figure
 from report.run.figures import run_figures
@@ -66,7 +66,7 @@ def score_split(estimator: Estimator, data: Data, split: str) -> tuple[Scores, F
 
 def score_seeds(
     estimator: Estimator,
-    run: DictConfig,
+    run: Experiment,
     seeds: list[int],
     same_motions: bool,
     uncertainty: Mapping[str, Any] | None = None,
@@ -78,7 +78,7 @@ def score_seeds(
     """
     results: dict[str, Any] = {}
     for seed in seeds:
-        data = data_from(changed(run, {"seed": seed}))
+        data = replace(run, seed=seed).make_data()
         try:
             data.setup()
             splits = SPLITS if same_motions and seed == run.seed else ("test",)
@@ -124,9 +124,10 @@ def print_evaluation(results: dict[str, Any], metrics: dict[str, Any], altered: 
         _print_medians(results, console)
 
 
-def record_gone(run: DictConfig) -> Path | None:
+def record_gone(run: Experiment) -> Path | None:
     """Where a run's measured record was, if it is not there any more."""
-    typed = [run.data[key] for key in ("path", "folder") if run.data.get(key)]
+    data = run.data.values
+    typed = [data[key] for key in ("path", "folder") if data.get(key)]
     each = [one for names in typed for one in ([names] if isinstance(names, str) else names)]
     return next((Path(one) for one in each if not (Path(one).exists() or has_magic(one))), None)
 
@@ -187,7 +188,7 @@ def _print_equality(scores: dict[str, Any], metrics: dict[str, Any], console: Co
 
 def draw_figures(
     estimator: Estimator,
-    run: DictConfig,
+    run: Experiment,
     seed: int,
     folder: Path,
     prior: float | None,
@@ -197,11 +198,11 @@ def draw_figures(
 
     prior: the weight that training ended with. uncertainty: with bands, as `metrics.json` has it.
     """
-    data = data_from(changed(run, {"seed": seed}))
+    data = replace(run, seed=seed).make_data()
     data.setup()
     trained = data
     if seed != run.seed:
-        trained = data_from(run)
+        trained = run.make_data()
         trained.setup()
     name, record = next(iter(each_record(data, "test").items()))
     name = motion_of(data, run.system.name, name)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.text import Text
 
@@ -21,13 +20,14 @@ from data.terminal import terminal
 from models.composition.priors import dotted
 from models.estimator import Estimator
 from models.fit.trainable import Trainable
-from models.training.assemble import data_from
+from models.stored.run import StoredRun, read_run
 from models.uncertainty.intervals import Interval, intervals_of
 from models.uncertainty.laplace import Laplace, laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.posterior import Likelihood
 from models.uncertainty.profile import THRESHOLD, Profile, most_likely, profile_of
 from report.output import Section, printed, save_figure
+from report.run.evaluation import Conditions
 from report.run.rescore import record_gone
 from report.run.table import WIDTH, print_verdict
 from report.style import ESTIMATED, MEASURED, one_legend, panels
@@ -39,7 +39,7 @@ from report.uncertainty.intervals import (
 )
 from report.uncertainty.samples import corner_figure, print_samples, sampled
 from runner.folder.run import restore
-from runner.folder.run_folder import read_run, write_json
+from runner.folder.run_folder import write_json
 from runner.scores.headline import headline
 from runner.scores.uncertainty import uncertainty_of
 
@@ -59,32 +59,47 @@ class Finished:
     prior: float | None
 
 
-def evaluate_uncertainty(cfg: DictConfig, folder: Path) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Question:
+    """How sure is a run? uncertainty: laplace, profile or smc; others as in conf/evaluate.yaml."""
+
+    uncertainty: str
+    parameter: str | Sequence[str] | None
+    priors: Mapping[str, Any]
+    particles: int
+    begin: str
+    seed: int
+    threads: int | None
+
+    @property
+    def names(self) -> list[str]:
+        """Of the parameters that are asked for."""
+        return [self.parameter] if isinstance(self.parameter, str) else list(self.parameter or [])
+
+
+def evaluate_uncertainty(folder: Path, asked: Question, conditions: Conditions) -> dict[str, Any]:
     """Print how sure a run is, in the way asked for; saved with figures in its `evaluation/`.
 
     Raises ValueError for a run whose model has no physical parameters or no exact derivatives, for
     names that it does not have, and for settings that do not go with `uncertainty`.
     """
-    _require_as_trained(cfg)
-    run, metrics = read_run(folder)
-    finished = _finished(run, metrics, folder)
-    names = [cfg.parameter] if isinstance(cfg.parameter, str) else list(cfg.parameter or [])
-    _require_known(names, finished.model)
+    _require_as_trained(conditions)
+    finished = _finished(read_run(folder))
+    _require_known(asked.names, finished.model)
     console = terminal(WIDTH)
-    print_verdict(console, metrics)
-    output = folder / "evaluation" / f"uncertainty_{cfg.uncertainty}"
-    of_kind = {"laplace": _laplace, "profile": _profile, "smc": _smc}[cfg.uncertainty]
-    results = of_kind(cfg, finished, names, console, output)
+    print_verdict(console, finished.metrics)
+    output = folder / "evaluation" / f"uncertainty_{asked.uncertainty}"
+    of_kind = {"laplace": _laplace, "profile": _profile, "smc": _smc}[asked.uncertainty]
+    results = of_kind(asked, finished, console, output)
     output.mkdir(parents=True, exist_ok=True)
     write_json(output / "uncertainty.json", results)
     console.print(f"saved in {output}", markup=False)
     return results
 
 
-def _require_as_trained(cfg: DictConfig) -> None:
+def _require_as_trained(asked: Conditions) -> None:
     """Raise ValueError for settings that ask for other motions."""
-    data = OmegaConf.to_container(cfg.data, resolve=True)
-    if cfg.get("scenario") is not None or cfg.seeds is not None or _said(data):
+    if asked.scenario is not None or asked.seeds is not None or _said(asked.data):
         raise ValueError(
             "uncertainty= uses the records that a run was trained on; leave out scenario, "
             "seeds and data"
@@ -92,14 +107,14 @@ def _require_as_trained(cfg: DictConfig) -> None:
 
 
 def _said(values: Any) -> bool:
-    if isinstance(values, dict):
+    if isinstance(values, Mapping):
         return any(_said(value) for value in values.values())
     return values is not None
 
 
-def _finished(run: DictConfig, metrics: dict[str, Any], folder: Path) -> Finished:
-    model, name = restore(run, folder), str(run.model.name)
-    if (gone := record_gone(run)) is not None:
+def _finished(run: StoredRun) -> Finished:
+    model, name, metrics = restore(run), run.experiment.model.name, run.metrics
+    if (gone := record_gone(run.experiment)) is not None:
         raise ValueError(f"intervals need the record {gone}, which is missing; put it back")
     if not model.physical_parameters():
         raise ValueError(
@@ -108,7 +123,7 @@ def _finished(run: DictConfig, metrics: dict[str, Any], folder: Path) -> Finishe
         )
     if not isinstance(model, Trainable) or not any(p.requires_grad for p in model.parameters()):
         raise ValueError(_without(name, model))
-    data = data_from(run)
+    data = run.experiment.make_data()
     data.setup()
     prior = metrics.get("training", {}).get("prior")
     found = laplace(model, data.loader("train"), prior)
@@ -134,11 +149,9 @@ def _require_known(names: Sequence[str], model: Trainable) -> None:
             raise ValueError(f"parameter={name}: there is none; did you mean {', '.join(near)}?")
 
 
-def _laplace(
-    cfg: DictConfig, run: Finished, names: Sequence[str], console: Console, output: Path
-) -> dict[str, Any]:
+def _laplace(asked: Question, run: Finished, console: Console, output: Path) -> dict[str, Any]:
     """Both kinds of intervals side by side, which to use, what the residual suggests."""
-    if names:
+    if asked.names:
         raise ValueError("parameter= is for uncertainty=profile and smc; laplace has all of them")
     content = uncertainty_of(run.model, run.found, run.data, [])
     print_intervals(console, content, both=True)
@@ -155,9 +168,7 @@ def _laplace(
     return content
 
 
-def _profile(
-    cfg: DictConfig, run: Finished, names: Sequence[str], console: Console, output: Path
-) -> dict[str, Any]:
+def _profile(asked: Question, run: Finished, console: Console, output: Path) -> dict[str, Any]:
     free = len(free_vector(run.model))
     if free > MOST_PROFILED:
         raise ValueError(
@@ -165,7 +176,7 @@ def _profile(
             f"{free}; the limit is {MOST_PROFILED}: train a smaller model (such as "
             "model.units=1 model.hinges=0), or take uncertainty=laplace"
         )
-    chosen = list(names) or _open(run.intervals, run.model)
+    chosen = asked.names or _open(run.intervals, run.model)
     profiles = profiles_of(run.model, run.data.loader("train"), run.found, chosen)
     print_profiles(console, profiles, run.intervals)
     save_figure(profile_figure(profiles, run.intervals), output, "profile")
@@ -181,20 +192,17 @@ def _open(intervals: Sequence[Interval], model: Trainable) -> list[str]:
     return [i.name for i in (unclear or by_width)[:PROFILED]]
 
 
-def _smc(
-    cfg: DictConfig, run: Finished, names: Sequence[str], console: Console, output: Path
-) -> dict[str, Any]:
-    stated: Any = OmegaConf.to_container(cfg.priors, resolve=True)
+def _smc(asked: Question, run: Finished, console: Console, output: Path) -> dict[str, Any]:
     samples = sampled(
         run.model,
         run.data.loader("train"),
         run.found,
-        names,
-        dict(dotted(stated)),
-        cfg.particles,
-        cfg.seed,
-        cfg.threads,
-        cfg.begin,
+        asked.names,
+        dict(dotted(asked.priors)),
+        asked.particles,
+        asked.seed,
+        asked.threads,
+        asked.begin,
         console,
     )
     print_samples(console, samples, run.intervals)

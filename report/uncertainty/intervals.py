@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from omegaconf import DictConfig
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from data.record import QUANTITIES
 from models.estimator import Estimator
+from models.experiment import Experiment
 from models.fit.metrics import FREE_RUNS
-from models.training.assemble import changed, data_from
 from models.uncertainty.criticism import ELEMENT, INPUT, LAW
 from runner.scores.conformal import FREE_RUN, METHOD, ONE_STEP, conformal_bands
 from runner.scores.headline import HEADLINE, believed, headline
@@ -191,7 +191,7 @@ WAYS = {ONE_STEP: "one step ahead", FREE_RUN: "in free run"}
 
 
 def bands_of_run(
-    estimator: Estimator, run: DictConfig, metrics: Mapping[str, Any], records: int | None
+    estimator: Estimator, run: Experiment, metrics: Mapping[str, Any], records: int | None
 ) -> Mapping[str, Any]:
     """`uncertainty` of a finished run; with bands where an older version made it without.
 
@@ -202,8 +202,8 @@ def bands_of_run(
     if known.get("method") or "covered_percent" in known or (known and records is None):
         return stored
     if records is not None:
-        run = changed(run, {"data": {"calibration_records": records}})
-    data = data_from(run)
+        run = replace(run, data=run.data.with_values({"calibration_records": records}))
+    data = run.make_data()
     from runner.scores.uncertainty import minimum_of  # loads every model that has intervals
 
     try:

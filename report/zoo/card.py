@@ -9,10 +9,9 @@ from report.output import markdown
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 import yaml
-from omegaconf import DictConfig
 from data.record import QUANTITIES, Record
 from data.sample import Sensors
 from export.passport import passport_of, software, trained_on_words
@@ -21,15 +20,14 @@ from models.fit.trained_range import OTHER, warnings_of
 from report.about import prior_knowledge
 from runner.scores.spread import DIVERGED, Spread
 from typing import Any
-from omegaconf import DictConfig
 from data.record import stack
 from data.simulation.datamodule import SimulatedData
 from data.simulation.motion import EscapedMotionError
 from models.estimator import Estimator
-from models.training.assemble import changed, data_from
+from models.experiment import Experiment
 from models.fit.metrics import FreeRunScore, Scores
 from report.run.rescore import scores_of
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 POOR = 20.0  # % in free run
@@ -42,7 +40,7 @@ class Card:
     """Everything that a card says of one entry."""
 
     name: str
-    cfg: DictConfig
+    experiment: Experiment
     metrics: Mapping[str, Any]
     sensors: Sensors
     kind: str  # class of the model
@@ -59,7 +57,7 @@ class Card:
 
     @property
     def _knowledge(self) -> str:
-        return " ".join(prior_knowledge(str(self.cfg.model.name)).split())
+        return " ".join(prior_knowledge(self.experiment.model.name).split())
 
     @property
     def _quantity(self) -> str:
@@ -131,7 +129,7 @@ class Card:
         )
 
     def _data(self) -> str:
-        system = str(self.cfg.system.name)
+        system = self.experiment.system.name
         if self._rows:
             return f"the structure {system} of this project"
         return f"{system}, measured ({self.licence.source})"
@@ -226,7 +224,7 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
             f"## How well\n\nRelative RMS error of the {self._quantity} [%] on motions that it was "
             f"not trained on.\n\n"
             + markdown(("on", "error"), rows, None)
-            + f"\n\nWeights of one training, seed {self.cfg.seed}. Held "
+            + f"\n\nWeights of one training, seed {self.experiment.seed}. Held "
             f"against these numbers by `python -m models.zoo verify`; scored by `{self._source}`."
         )
 
@@ -262,7 +260,7 @@ Or in place of a run's folder: `python predict.py run=zoo:{self.name} {motion}`.
             yield f"Its own test motion lies {line}."
 
     def _origin(self) -> str:
-        facts = passport_of(self.cfg, self.metrics, self.sensors, self.kind).facts
+        facts = passport_of(self.experiment, self.metrics, self.sensors, self.kind).facts
         versions = self.metrics.get("versions", {})
         libraries = ", ".join(f"{name} {version}" for name, version in versions.items())
         way = self.metrics.get("training", {})
@@ -302,19 +300,14 @@ SEEDS = (0, 1, 2, 3, 4)  # of a card's test motions
 ERROR = "relative_rms_percent"
 
 
-def is_simulated(cfg: DictConfig) -> bool:
-    return cfg.system.structure is not None
-
-
-def over_seeds(estimator: Estimator, cfg: DictConfig) -> list[dict[str, Any]]:
+def over_seeds(estimator: Estimator, run: Experiment) -> list[dict[str, Any]]:
     """For each seed: errors [%] of the free run and one step ahead, None where it diverges.
 
     Or why there is none: the structure's own motion escaped, or the model cannot simulate.
     """
     rows: list[dict[str, Any]] = []
     for seed in SEEDS:
-        data = data_from(changed(cfg, {"seed": seed}))
-        assert isinstance(data, SimulatedData)
+        data = replace(run, seed=seed).make_simulated_data()
         try:
             records, _ = data.simulation.records("test", 1, seed, data.train_records)
         except EscapedMotionError as error:
@@ -330,12 +323,12 @@ def over_seeds(estimator: Estimator, cfg: DictConfig) -> list[dict[str, Any]]:
     return rows
 
 
-def again(estimator: Estimator, cfg: DictConfig) -> dict[str, Any]:
+def again(estimator: Estimator, run: Experiment) -> dict[str, Any]:
     """The scores of the test motion under the keys of metrics.json, computed from the records."""
-    data = data_from(cfg)
+    data = run.make_data()
     if isinstance(data, SimulatedData):
         records, _ = data.simulation.records(
-            "test", data.test_records, cfg.seed, data.train_records
+            "test", data.test_records, run.seed, data.train_records
         )
         data.records = {"test": records}
     else:

@@ -8,34 +8,31 @@ import json
 import os
 import shutil
 from collections.abc import Mapping
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 import numpy as np
 import yaml
-from omegaconf import DictConfig
 from data.plain_data import read_text, read_yaml
 from data.record import Record
 from data.whole_file import digest_of
 from data.simulation.datamodule import SimulatedData
 from data.whole_file import write_text
 from models.estimator import Estimator
-from models.training.assemble import data_from
 from models.fit.metrics import LEFT
+from models.stored.run import StoredRun, read_run
+from models.experiment import Experiment
 from models.zoo.golden import golden_of
 from models.zoo.index import FORMAT, INDEX, NAME, ROOT, entries
 from report.about import colour_of, prior_knowledge
 from report.zoo.card import Card
 from report.zoo.card import Licence
 from report.zoo.picture import picture_of
-from report.zoo.card import is_simulated, over_seeds
-from runner.folder.run import restore, sensors_of
-from runner.folder.run_folder import read_run
+from report.zoo.card import over_seeds
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
-from omegaconf import DictConfig
-from data.plain_data import as_config
 from runner.config.choices import dotted, plain
 from runner.config.compose import CONF, composed
 from runner.config.identity import INERT, with_class_of_laws
@@ -46,12 +43,13 @@ from typing import Any
 from data.whole_file import write_text
 from models.zoo.index import ROOT, Entry, entries
 
+from runner.folder.run import restore
 
 TRAINING = ("solver", "iterations", "stopped")  # what is kept of it; stages are a log
 
 
 def publish(
-    run: Path, name: str | None, licence: Licence, command: str | None = None, root: Path = ROOT
+    folder: Path, name: str | None, licence: Licence, command: str | None = None, root: Path = ROOT
 ) -> str:
     """Add a finished run to the zoo; returns the name MODEL/SYSTEM.vN that it got.
 
@@ -60,21 +58,22 @@ def publish(
     identified nothing, a version that is published, weights that are, and measured records without
     a licence.
     """
-    cfg, metrics = read_run(run)
-    if metrics.get("verdict", {}).get("identified") is False:
-        raise ValueError(f"{run} identified nothing: {metrics['verdict']['reason']}")
-    if not is_simulated(cfg) and licence.data == Licence.data:
-        raise ValueError(f"{run} is of measured records: say data_licence=… and source=…")
-    full = _versioned(name or f"{cfg.model.name}/{cfg.system.name}", run, root)
-    values = entry_config(cfg)
+    run = read_run(folder)
+    verdict, experiment = run.metrics.get("verdict", {}), run.experiment
+    if verdict.get("identified") is False:
+        raise ValueError(f"{folder} identified nothing: {verdict['reason']}")
+    if not experiment.simulated and licence.data == Licence.data:
+        raise ValueError(f"{folder} is of measured records: say data_licence=… and source=…")
+    full = _versioned(name or f"{experiment.model.name}/{experiment.system.name}", folder, root)
+    values = entry_config(run.values)
     command = command or command_of(values)
     require_command(command, values)
-    model = restore(cfg, run).requires_grad_(False)
-    records = _records(cfg)
+    model = restore(run).requires_grad_(False)
+    records = _records(experiment)
     aside = root / full.replace(full.rpartition("/")[2], f".part-{os.getpid()}")
     aside.mkdir(parents=True)
     try:
-        _write(aside, full, run, cfg, values, metrics, model, records, licence, command)
+        _write(aside, full, run, values, model, records, licence, command)
         aside.rename(root / full)
     except BaseException:
         shutil.rmtree(aside, ignore_errors=True)
@@ -101,11 +100,11 @@ def _versioned(name: str, run: Path, root: Path) -> str:
     return f"{name}.v{max((entry.version for entry in same), default=0) + 1}"
 
 
-def _records(cfg: DictConfig) -> list[Record]:
+def _records(run: Experiment) -> list[Record]:
     """Test records of a run, one by one."""
-    data = data_from(cfg)
+    data = run.make_data()
     if isinstance(data, SimulatedData):
-        return data.simulation.records("test", data.test_records, cfg.seed, data.train_records)[0]
+        return data.simulation.records("test", data.test_records, run.seed, data.train_records)[0]
     data.setup()
     return data.records["test"]
 
@@ -113,37 +112,36 @@ def _records(cfg: DictConfig) -> list[Record]:
 def _write(
     folder: Path,
     name: str,
-    run: Path,
-    cfg: DictConfig,
+    run: StoredRun,
     values: dict[str, Any],
-    metrics: Mapping[str, Any],
     model: Estimator,
     records: list[Record],
     licence: Licence,
     command: str,
 ) -> None:
     """All files of an entry."""
-    shutil.copyfile(run / "model.safetensors", folder / "model.safetensors")
+    shutil.copyfile(run.folder / "model.safetensors", folder / "model.safetensors")
     text = yaml.safe_dump(
         values, sort_keys=False, allow_unicode=True, width=1000, default_flow_style=None
     )
     (folder / "config.yaml").write_text(text, encoding="utf-8")
     require_same_values(folder / "config.yaml", values)
-    sensors = sensors_of(cfg, run)
+    experiment, metrics = run.experiment, run.metrics
     kept = {key: value for key, value in metrics.items() if value not in ({}, [])}
     kept["training"] = {k: v for k, v in metrics.get("training", {}).items() if k in TRAINING}
-    if is_simulated(cfg):
-        kept["over_seeds"] = over_seeds(model, cfg)
-    kept = without_folders(kept, folders_of(cfg))
+    if experiment.simulated:
+        kept["over_seeds"] = over_seeds(model, experiment)
+    kept = without_folders(kept, folders_of(run.values))
     write_compact(folder / "metrics.json", kept)
-    write_compact(folder / "sensors.json", vars(sensors))
+    write_compact(folder / "sensors.json", vars(run.sensors))
     record = records[0]
     bound = LEFT * float(record.a.abs().max()) / 10.0
     golden = golden_of(model, record.excitation, record.hold, bound)
     np.savez_compressed(folder / "golden.npz", allow_pickle=False, **golden)
-    picture = picture_of(model, record, colour_of(str(cfg.model.name)))
+    picture = picture_of(model, record, colour_of(experiment.model.name))
     (folder / "picture.svg").write_text(picture, encoding="utf-8")
-    card = Card(name, cfg, kept, sensors, type(model).__name__, licence, command, record)
+    kind = type(model).__name__
+    card = Card(name, experiment, kept, run.sensors, kind, licence, command, record)
     (folder / "card.md").write_text(card.text(), encoding="utf-8")
 
 
@@ -218,23 +216,22 @@ def without_folders(values: Any, folders: Mapping[str, str]) -> Any:
     return values
 
 
-def folders_of(cfg: DictConfig) -> dict[str, str]:
+def folders_of(values: Mapping[str, Any]) -> dict[str, str]:
     """{folder: word} of a run's records: RECORDS/name of the folder that held them."""
-    named = [cfg.get("records"), cfg.data.get("folder")]
+    named = [values.get("records"), values["data"].get("folder")]
     return {str(one): f"{RECORDS}/{Path(one).name}" for one in named if one}
 
 
-def entry_config(cfg: DictConfig) -> dict[str, Any]:
-    """Values of config.yaml without folders and without what only a terminal sees."""
-    values = plain(cfg)
-    values |= {"figures": False, "grid": None}
-    values["model"].get("about", {}).pop("told", None)  # which conf/model has, and the card
-    scrubbed: dict[str, Any] = without_folders(values, folders_of(cfg))
+def entry_config(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of a run's config without folders and without what only a terminal sees."""
+    content = deepcopy(dict(values)) | {"figures": False, "grid": None}
+    content["model"].get("about", {}).pop("told", None)  # which conf/model has, and the card
+    scrubbed: dict[str, Any] = without_folders(content, folders_of(values))
     return scrubbed
 
 
-def with_records(values: Mapping[str, Any], records: Path) -> DictConfig:
-    """An entry's config with its records where they are."""
+def with_records(values: Mapping[str, Any], records: Path) -> dict[str, Any]:
+    """An entry's choices with its records where they are."""
 
     def placed(value: Any) -> Any:
         if isinstance(value, dict):
@@ -243,7 +240,8 @@ def with_records(values: Mapping[str, Any], records: Path) -> DictConfig:
             return [placed(inner) for inner in value]
         return value.replace(RECORDS, str(records)) if isinstance(value, str) else value
 
-    return as_config(placed(values))
+    found: dict[str, Any] = placed(dict(values))
+    return found
 
 
 def command_of(values: Mapping[str, Any]) -> str:

@@ -7,15 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
-
-from data.plain_data import as_config
+from models.experiment import Experiment
 from models.zoo.golden import difference
 from models.zoo.index import ROOT, Entry, entries
 from models.zoo.pretrained import Pretrained, load_pretrained
 from report.run.rescore import record_gone
 from report.zoo.publish import RECORDS, with_records
-from report.zoo.card import ERROR, again, is_simulated, over_seeds
+from report.zoo.card import ERROR, again, over_seeds
 
 GOLDEN, NUMBERS = 1e-12, 1e-9  # largest relative differences
 COMPARED = ("test", "free_run")
@@ -43,14 +41,13 @@ def facts_of(entry: Entry, records: Path | None, root: Path) -> Iterator[str]:
     """What was held against what was published, and how well it agreed. Raises ValueError."""
     pretrained = load_pretrained(entry.name, root)
     yield f"{len(entry.facts['files'])} files as published"
-    cfg = as_config(pretrained.config)
     yield f"golden {_golden(entry, pretrained):.1e}"
-    if records is not None:
-        cfg = with_records(pretrained.config, records.resolve())
-    if not is_simulated(cfg) and record_gone(cfg) is not None:
+    values = pretrained.config
+    run = Experiment.of(values if records is None else with_records(values, records.resolve()))
+    if not run.simulated and record_gone(run) is not None:
         yield f"numbers not recomputed: say records=FOLDER, see {RECORDS} in its config.yaml"
         return
-    yield f"numbers {_numbers(pretrained, cfg):.1e}"
+    yield f"numbers {_numbers(pretrained, run):.1e}"
 
 
 def _golden(entry: Entry, pretrained: Pretrained) -> float:
@@ -60,11 +57,11 @@ def _golden(entry: Entry, pretrained: Pretrained) -> float:
     return apart
 
 
-def _numbers(pretrained: Pretrained, cfg: DictConfig) -> float:
-    own = again(pretrained.model, cfg)
+def _numbers(pretrained: Pretrained, run: Experiment) -> float:
+    own = again(pretrained.model, run)
     pairs = [(pretrained.metrics[key], own[key], key) for key in COMPARED]
     if "over_seeds" in pretrained.metrics:
-        rows = zip(pretrained.metrics["over_seeds"], over_seeds(pretrained.model, cfg), strict=True)
+        rows = zip(pretrained.metrics["over_seeds"], over_seeds(pretrained.model, run), strict=True)
         pairs += [(then, now, f"seed {then['seed']}") for then, now in rows]
     worst = 0.0
     for then, now, where in pairs:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,11 @@ def plain(cfg: DictConfig) -> dict[str, Any]:
             OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
         )
     return content
+
+
+def take_settings(kind: Any, values: Mapping[str, Any]) -> Any:
+    """An object of a dataclass, whose fields have the names of settings; defaults where absent."""
+    return kind(**{one.name: values[one.name] for one in fields(kind) if one.name in values})
 
 
 def read_choices(path: Path) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """What the settings outside of the choices must be: held against types and ranges before any work.
 
-Settings inside a choice, such as model.cutoff, are checked in models/training/build.
+Settings inside a choice, such as model.cutoff, are checked in models/choice.py.
 """
 
 from __future__ import annotations

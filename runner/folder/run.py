@@ -8,18 +8,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
-
 from data.parallel import take_threads
 from data.sample import Sensors
 from data.whole_file import digest_of, write_text
 from models.checkpoint import save_estimator
 from models.estimator import Estimator
 from models.fit.resume import fault_of
-from models.stored import run as stored
-from models.stored.folder import read_run
-from models.stored.run import sensors_of as sensors_of
-from runner.config.choices import plain
+from models.stored.run import StoredRun, read_run
 from runner.config.identity import identity_of
 from runner.folder.lock import RUN, hold, release
 from runner.folder.run_files import (
@@ -48,15 +43,14 @@ class Run:
     identity: dict[str, Any]
 
     @classmethod
-    def begin(cls, folder: Path, cfg: DictConfig, sensors: Sensors) -> Run:
-        """Start a run in a folder, which has no results from now on.
+    def begin(cls, folder: Path, choices: dict[str, Any], sensors: Sensors) -> Run:
+        """Start a run in a folder, which has no results from now on. choices: resolved values.
 
         Raises OSError where the folder cannot be written to, ValueError where another process
         works in it.
         """
-        choices = plain(cfg)
         run = cls(folder, choices, identity_of(choices))
-        run.start(config_text(cfg), sensors)
+        run.start(config_text(choices), sensors)
         return run
 
     def start(self, config: str, sensors: Sensors) -> None:
@@ -116,10 +110,10 @@ class Run:
         release(self.folder)
 
 
-def restore(cfg: DictConfig, folder: Path) -> Estimator:
-    """The identified estimator of a run, on the threads of its config; see models/stored/run.py."""
-    take_threads(cfg.threads)  # the same threads, the same bits
-    return stored.restore(cfg, folder)
+def restore(run: StoredRun) -> Estimator:
+    """The identified estimator of a run, on the threads of its config."""
+    take_threads(run.experiment.threads)  # the same threads, the same bits
+    return run.restore()
 
 
 def load_run(folder: str | Path) -> Estimator:
@@ -134,6 +128,4 @@ def load_run(folder: str | Path) -> Estimator:
     compiled. Nothing of the folder is executed. Raises ValueError for a folder that holds no
     finished run.
     """
-    place = run_folder(str(folder))
-    cfg, _ = read_run(place)
-    return restore(cfg, place).requires_grad_(False)
+    return restore(read_run(run_folder(str(folder)))).requires_grad_(False)

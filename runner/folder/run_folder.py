@@ -17,12 +17,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+import yaml
+from omegaconf._utils import get_omega_conf_dumper
 
 from data.whole_file import write_text
 from models.stored.folder import read_config as read_config
 from models.stored.folder import read_metrics as read_metrics
-from models.stored.folder import read_run as read_run
 from models.stored.folder import read_values
 from models.stored.schema import FAILURE_KIND
 from runner.config.identity import RESULTS
@@ -35,9 +35,12 @@ def settings_of(choice: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in choice.items() if key not in ("name", "_target_")}
 
 
-def config_text(cfg: DictConfig) -> str:
-    """The content of config.yaml."""
-    return OmegaConf.to_yaml(cfg, resolve=True)
+def config_text(values: Mapping[str, Any]) -> str:
+    """The content of config.yaml, as OmegaConf writes it: texts stay texts when they are read."""
+    dumper = get_omega_conf_dumper()
+    return yaml.dump(
+        values, Dumper=dumper, default_flow_style=False, allow_unicode=True, sort_keys=False
+    )
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
@@ -46,7 +49,7 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 
 def write_failure(
     folder: Path,
-    cfg: DictConfig | None,
+    values: Mapping[str, Any] | None,
     reason: str,
     trace: str,
     own: bool,
@@ -54,13 +57,14 @@ def write_failure(
 ) -> None:
     """Why a run of a sweep has no numbers.
 
-    own: it would fail again, wherever it is run; escaped: the structure's own motion left every
-    bound, so no estimator ran. Raises ValueError where another process works in the folder.
+    values: its choices, where they are known; own: it would fail again, wherever it is run;
+    escaped: the structure's own motion left every bound, so no estimator ran. Raises ValueError
+    where another process works in the folder.
     """
     folder.mkdir(parents=True, exist_ok=True)
     hold(folder)
-    if cfg is not None:
-        write_text(folder / CONFIG, config_text(cfg))
+    if values is not None:
+        write_text(folder / CONFIG, config_text(values))
     content = {"reason": reason, "own": own, "escaped": escaped, "results": RESULTS}
     write_json(folder / FAILED, content | {"trace": trace})
 

@@ -18,8 +18,8 @@ from data.simulation.motion import simulate
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState, Noisy
 from data.simulation.structure import Structure
-from models.training.assemble import data_from
 from runner.config.compose import composed
+from tests.experiments import data_from
 from tests.reference import paper_structure, reference_response
 
 DT = 0.01

@@ -13,9 +13,9 @@ import yaml
 from hydra import compose, initialize_config_dir
 
 from data.inspect import __main__ as command_line
-from models.training.assemble import data_from, estimator_from
 from runner.config.compose import CONF, prepare_hydra
 from tests.data.odd_files import ODD, Odd
+from tests.experiments import data_from, estimator_from
 
 
 def inspected(odd: Odd, folder: Path, capsys) -> str:

@@ -14,7 +14,6 @@ from scipy.io import savemat
 
 from data.public.benchmarks import BENCHMARKS
 from data.public.series import in_band_rms, noise_floor, official_rmse
-from models.training.assemble import data_from
 from runner.job import identify
 from runner.scores.public_scores import benchmark_lines
 from tests.data.public_folders import (
@@ -29,6 +28,7 @@ from tests.data.public_folders import (
     prepare,
     prepared,
 )
+from tests.experiments import data_from
 from tests.program.test_every_config import composed
 
 

@@ -17,8 +17,8 @@ from data.measured.reading import read_record, read_records
 from data.simulation.scenario import FullState
 from data.windows import after_rest
 from models.hysteretic_element import HystereticElement
-from models.training.assemble import estimator_from
 from tests.data.odd_files import DT, clock, shaken, table
+from tests.experiments import estimator_from
 
 
 def measured(path, **choices) -> MeasuredData:

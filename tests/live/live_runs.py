@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from models.training.assemble import data_from, estimator_from
+from runner.config.choices import plain
 from runner.config.compose import composed
 from runner.folder.run import Run
+from tests.experiments import data_from, estimator_from
 
 ROOT = Path(__file__).parents[2]
 DT = 0.01
@@ -18,7 +19,7 @@ def finished(folder: Path, *words: str) -> Path:
     data = data_from(cfg)
     data.setup()
     estimator = estimator_from(cfg.model, data)
-    run = Run.begin(folder, cfg, data.sensors)
+    run = Run.begin(folder, plain(cfg), data.sensors)
     estimator.identify(data.loader("train"))
     run.save(estimator)
     names = ("model", "system", "scenario")

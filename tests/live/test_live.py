@@ -16,9 +16,8 @@ import torch
 from live import samples
 from models.online.adaptive import Online
 from models.online.stream import started
-from models.training.assemble import data_from
+from models.stored.run import read_run
 from runner.folder.run import restore
-from runner.folder.run_folder import read_run
 from tests.live.live_runs import DT, ROOT, finished
 
 
@@ -64,10 +63,10 @@ def test_a_frozen_run_is_the_batch_to_rounding(run, online):
 
 def restored(folder: Path):
     """Its model and its data."""
-    cfg, _ = read_run(folder)
-    data = data_from(cfg)
+    stored = read_run(folder)
+    data = stored.experiment.make_data()
     data.setup()
-    return restore(cfg, folder), data
+    return restore(stored), data
 
 
 def test_a_run_goes_on_from_where_training_ended(run, online):

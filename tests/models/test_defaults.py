@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 from omegaconf import OmegaConf
 
-from models.training.build import LABELS, class_of
+from models.choice import LABELS
 from runner.config.compose import CONF, EARLIER, composed
+from tests.experiments import class_of
 
 VARIANTS = {  # config → the settings that make it another model, or another way of solving
     "model=chebyshev_restoring_force": {"basis"},

@@ -20,9 +20,9 @@ from models.fit.problem import Problem
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.trainable import Trainable
 from models.linear import EquivalentLinear
-from models.training.assemble import data_from, estimator_from, solver_from
 from models.vwnn import VWNN
 from runner.config.compose import CONF, composed
+from tests.experiments import data_from, estimator_from, solver_from
 from tests.models.training import fit
 
 SOLVERS = sorted(path.stem for path in (CONF / "solver").glob("*.yaml"))

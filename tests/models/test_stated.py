@@ -15,7 +15,6 @@ from models.composition.many_runs import ManyRuns
 from models.element_network import ElementNetwork
 from models.fit.noise_weights import refit
 from models.fit.problem import FreeRunProblem
-from models.training.assemble import estimator_from
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import laplace
 from models.uncertainty.parameters import free_vector
@@ -23,6 +22,7 @@ from models.uncertainty.posterior import Prior
 from report.uncertainty.intervals import contradictions
 from runner.config.compose import composed
 from runner.scores.uncertainty import _priors
+from tests.experiments import estimator_from
 
 T, DT, NOISE = 500, 0.01, 0.1
 CHAIN = [["ground", "x1"], ["x1", "x2"]]

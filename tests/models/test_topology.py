@@ -16,8 +16,8 @@ from data.simulation.motion import Motion, simulate
 from data.simulation.structure import Structure
 from models.composition.topology import topology_of
 from models.element_network import ElementNetwork
-from models.training.assemble import data_from
 from runner.config.compose import composed
+from tests.experiments import data_from
 from tests.models.test_starts import DT, MASSES, STIFFNESS, motion
 
 

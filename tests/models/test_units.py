@@ -19,8 +19,8 @@ from data.datamodule import Data
 from data.record import Record
 from models.estimator import simulate
 from models.fit.identification import Identification
-from models.training.assemble import changed, estimator_from, objective_from, solver_from
 from runner.config.compose import CONF, EARLIER, composed
+from tests.experiments import changed, estimator_from, objective_from, solver_from
 from tests.models.training import fit
 from tests.models.zoo import NO_STRUCTURE, SMALLER, class_name
 

@@ -12,11 +12,10 @@ from models.estimator import Estimator
 from models.fit.trainable import Trainable
 from models.modal_network import ModalNetwork
 from models.online.adaptive import Online
-from models.training.assemble import changed, estimator_from
-from models.training.build import class_of
 from models.vwnn import VWNN
 from models.vwnn_forward import ForwardVWNN
 from runner.config.compose import CONF, EARLIER, composed
+from tests.experiments import changed, class_of, estimator_from
 
 DT = 0.01
 SMALLER = {  # what a class is built with here, so that it is identified in a second

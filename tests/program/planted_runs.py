@@ -11,6 +11,7 @@ from data.record import Record
 from data.sample import Sensors
 from models import ElementNetwork, Estimator
 from models.fit.trained_range import range_of
+from runner.config.choices import plain
 from runner.config.compose import composed
 from runner.folder.run import Run
 
@@ -54,7 +55,7 @@ def plant(folder: Path, model: Estimator, sensors: Sensors, *words: str, **metri
     """A finished run of a model, whose trained range is that of a motion of some centimetres."""
     settings = [f"model.{key}={value}" for key, value in _settings(model).items()]
     cfg = composed(*settings, *(words or ("model=element_network", "system=bilinear")))
-    run = Run.begin(folder, cfg, sensors)
+    run = Run.begin(folder, plain(cfg), sensors)
     run.save(model)
     run.finish(
         {

@@ -11,8 +11,8 @@ import pytest
 import evaluate
 import predict
 import train
-from models.training.assemble import data_from
 from runner.config.compose import composed
+from tests.experiments import data_from
 from tests.program.test_new_records import moved, write
 from tests.program.test_train import run
 

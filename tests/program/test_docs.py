@@ -25,7 +25,7 @@ from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
 from models.fit.metrics import free_run_score, score
-from models.training.build import build
+from tests.experiments import build
 
 ROOT = Path(__file__).parents[2]
 README, ADDING = ROOT / "README.md", ROOT / "docs" / "adding.md"

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from report.uncertainty.command import evaluate_uncertainty
+from report.run.evaluation import Conditions
+from report.uncertainty.command import Question, evaluate_uncertainty
+from runner.config.choices import plain, take_settings
 from runner.config.compose import composed
 from tests.program.planted_runs import DT, forced, plant, training
 
@@ -37,7 +39,10 @@ def run(tmp_path_factory) -> Path:
 
 
 def evaluated(run: Path, *words: str) -> dict:
-    return evaluate_uncertainty(composed("label=x", *words, config="evaluate"), run)
+    asked = plain(composed("label=x", *words, config="evaluate"))
+    return evaluate_uncertainty(
+        run, take_settings(Question, asked), take_settings(Conditions, asked)
+    )
 
 
 def test_laplace_has_both_kinds_and_says_which_to_believe(run, capsys):

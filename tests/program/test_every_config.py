@@ -15,14 +15,6 @@ from omegaconf import DictConfig, OmegaConf
 from data import Excitation
 from models import Estimator
 from models.fit.metrics import score
-from models.training.assemble import (
-    changed,
-    data_from,
-    estimator_from,
-    objective_from,
-    solver_from,
-)
-from models.training.build import build
 from runner.config.compose import (
     CONF,
     EARLIER,
@@ -33,6 +25,7 @@ from runner.config.compose import (
     prepare_hydra,
 )
 from runner.config.settings import check_settings
+from tests.experiments import build, changed, data_from, estimator_from, objective_from, solver_from
 
 ROOT = Path(__file__).parents[2]
 

@@ -12,12 +12,12 @@ import torch
 
 from data.record import Drive
 from models import MomentFrame
-from models.training.assemble import data_from
 from report.run.summary import log_run
 from runner.config.compose import CONF, EARLIER, composed
 from runner.folder.run import load_run
 from runner.job import identify
-from runner.side_by_side import fit_runs
+from runner.launch.batched import fit_runs
+from tests.experiments import data_from, experiment_of
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
 
@@ -112,7 +112,7 @@ def test_seeds_side_by_side_on_the_gpu_are_as_on_the_processor():
     for own in data:
         own.setup()
     here, there = (
-        [errors(module.results()) for module in fit_runs(cfg.model, data, device)]
+        [errors(module.results()) for module in fit_runs(experiment_of(cfg).model, data, device)]
         for device in ("cpu", "cuda")
     )
     for one, other in zip(here, there, strict=True):

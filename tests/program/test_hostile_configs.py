@@ -16,13 +16,12 @@ from omegaconf import OmegaConf
 from data import Excitation
 from data.annotations import expectation, fits
 from models import Estimator
-from models.training.assemble import assembled
-from models.training.build import build
 from runner import job
 from runner.config.command_line import read_words, refusals
 from runner.config.compose import composed
 from runner.config.settings import check_settings
 from runner.folder.lock import release_all
+from tests.experiments import build, experiment_of
 
 ROOT = Path(__file__).parents[2]
 SIZES = {"dofs": 3, "inputs": 3, "dt": 0.01}
@@ -145,7 +144,7 @@ def test_a_changed_config_is_refused_in_a_line_or_built(source):
         with refusals():
             cfg = OmegaConf.create(content)
             check_settings(cfg)
-            _, module, _ = assembled(cfg)
+            _, module, _ = experiment_of(cfg).assemble()
     except SystemExit as error:
         assert len(str(error).splitlines()) == 1  # noqa: PT017
     except ValueError as error:

@@ -13,32 +13,34 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from omegaconf import DictConfig
 
 import hubconf
 from data.sample import Sensors
 from export.__main__ import main as export
-from models.stored import run
+from models.experiment import Model
 from models.stored.schema import METRICS_KIND, SENSORS_KIND, require
-from models.training.assemble import estimator_from
 from models.zoo.index import ROOT
 from models.zoo.pretrained import load_pretrained
 from models.zoo.table import list_pretrained
 from report.describe import description
 from report.describe.__main__ import main as describe
-from report.prediction.predict import predict
-from report.run.evaluation import evaluate
+from report.prediction.motions import Wanted
+from report.prediction.predict import Written, predict
+from report.run.evaluation import Conditions, evaluate
 from report.zoo import command, verify
+from runner.config.choices import plain, take_settings
 from runner.config.command_line import command_errors, one_line_errors
 from runner.config.compose import composed
 from runner.folder.run import load_run
 from runner.job import job_errors
+from tests.experiments import estimator_from
 from tests.hostile_files import (
     Change,
     changes,
@@ -117,17 +119,17 @@ def _describe(run: Path) -> None:
 
 def _predict(run: Path) -> None:
     with one_line_errors("predict"), job_errors():
-        predict(PREDICT.copy(), run, Path("predicted"))
+        predict(run, WANTED, WRITTEN, Path("predicted"))
 
 
 def _evaluate(run: Path) -> None:
     with one_line_errors("evaluate"), job_errors():
-        evaluate(EVALUATE.copy(), run, "again")
+        evaluate(run, "again", EVALUATE)
 
 
 def _score(run: Path) -> None:
     with one_line_errors("evaluate"), job_errors():
-        evaluate(SCORE.copy(), run, "again")
+        evaluate(run, "again", SCORE)
 
 
 def _export(run: Path) -> None:
@@ -141,11 +143,10 @@ def _load(run: Path) -> None:
 
 
 WORDS = ("run=here", "figures=false", "threads=1")
-PREDICT: DictConfig = composed(
-    *WORDS, "excitation.seed=5", "excitation.duration=1", config="predict"
-)
-EVALUATE: DictConfig = composed(*WORDS, "seeds=[5]", config="evaluate")
-SCORE: DictConfig = composed(*WORDS, config="evaluate")
+PREDICT = plain(composed(*WORDS, "excitation.seed=5", "excitation.duration=1", config="predict"))
+WANTED, WRITTEN = take_settings(Wanted, PREDICT["excitation"]), take_settings(Written, PREDICT)
+SCORE = Conditions(scenario=None, seeds=None, data={}, figures=False)
+EVALUATE = replace(SCORE, seeds=[5])
 COMMANDS: dict[str, Callable[[Path], None]] = {
     "describe": _describe, "predict": _predict, "evaluate": _evaluate, "score": _score,
     "export": _export, "load": _load,
@@ -416,6 +417,6 @@ def test_a_model_of_another_size_than_its_weights_is_not_built(runs, tmp_path, m
     folder = shutil.copytree(runs["network"], tmp_path / "run")
     sensors = json.loads((folder / "sensors.json").read_text("utf-8"))
     (folder / "sensors.json").write_text(json.dumps(sensors | {"dofs": 10_000, "forced": None}))
-    monkeypatch.setattr(run, "estimator_from", None)  # calling it would be another error
+    monkeypatch.setattr(Model, "estimator", None)  # calling it would be another error
     with pytest.raises(ValueError, match="was stored with dofs=3; this model has dofs=10000"):
         load_run(folder)

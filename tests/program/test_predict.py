@@ -18,9 +18,9 @@ from data.record import Drive
 from data.sample import Sensors
 from data.simulation.motion import simulate
 from models import EquivalentLinear, HystereticElement
-from models.training.assemble import estimator_from
 from runner.config.compose import composed
 from runner.folder.run import load_run
+from tests.experiments import estimator_from
 from tests.program.planted_runs import AFTER, DT, C, K, Y, carried, forced, plant, shaken
 from tests.program.test_train import run
 

@@ -15,9 +15,9 @@ from models import VWNN, ElementNetworkNamed, EquivalentLinear
 from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
-from models.training.assemble import estimator_from
 from report.describe.__main__ import main
 from runner.config.compose import composed
+from tests.experiments import estimator_from
 from tests.program.planted_runs import DT, K, carried, forced, plant, shaken
 
 

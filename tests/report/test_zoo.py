@@ -8,13 +8,15 @@ from pathlib import Path
 
 import pytest
 
+from models.experiment import Experiment
+from models.stored.run import read_run
 from models.zoo.index import entries, entry_of
 from models.zoo.pretrained import load_pretrained
 from report.zoo import command, publish, verify
 from report.zoo.card import Licence
 from report.zoo.publish import ABSOLUTE, entry_config
+from runner.config.choices import plain
 from runner.config.compose import composed
-from runner.folder.run_folder import read_run
 from runner.job import identify
 from tests.live.live_runs import finished
 
@@ -39,7 +41,7 @@ def zoo(run, tmp_path_factory) -> Path:
 
 def test_a_published_run_loads_and_is_verified(run, zoo, capsys):
     pretrained = load_pretrained("linear/bilinear", zoo)
-    assert pretrained.metrics["free_run"] == read_run(run)[1]["free_run"]
+    assert pretrained.metrics["free_run"] == read_run(run).metrics["free_run"]
     assert [row["seed"] for row in pretrained.metrics["over_seeds"]] == [0, 1, 2, 3, 4]
     own = pretrained.metrics["over_seeds"][0]
     assert own["free_run_percent"] == pretrained.metrics["free_run"]["relative_rms_percent"]
@@ -78,18 +80,18 @@ def test_a_version_is_never_written_again(run, zoo, tmp_path):
 
 
 def test_a_measured_record_asks_for_its_licence_and_loses_its_folders(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(publish, "is_simulated", lambda cfg: False)
+    monkeypatch.setattr(Experiment, "simulated", False)
     with pytest.raises(ValueError, match="say data_licence"):
         publish.publish(run, None, Licence(), root=tmp_path / "zoo")
     cfg = composed(
         "experiment=friction_damper", f"records={tmp_path}/damper", "model=prandtl_ishlinskii"
     )
-    values = entry_config(cfg)
+    values = entry_config(plain(cfg))
     assert values["data"]["path"][0] == "RECORDS/damper/0.5Hz36lbtension1amplitude.json"
     assert values["records"] == "RECORDS/damper"
     cfg.data.path = [str(tmp_path / "elsewhere.json")]
     with pytest.raises(ValueError, match="names a folder of this machine; say records=FOLDER"):
-        entry_config(cfg)
+        entry_config(plain(cfg))
 
 
 @pytest.mark.parametrize(

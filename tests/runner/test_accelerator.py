@@ -7,6 +7,7 @@ import torch
 
 from models import VWNN, ElementNetwork
 from runner.accelerator import accelerator_of
+from runner.config.choices import plain
 from runner.config.compose import composed
 from runner.job import identify
 
@@ -16,7 +17,7 @@ COMPILED = ElementNetwork(3, 3, 0.01)
 
 def chosen(words: str, found: bool, monkeypatch: pytest.MonkeyPatch, estimator=SEEN_BY_PYTORCH):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: found)
-    return accelerator_of(composed(*words.split()), estimator)
+    return accelerator_of(plain(composed(*words.split()))["trainer"], estimator)
 
 
 @pytest.mark.parametrize("words", ["trainer=gpu", "trainer=gpu trainer.accelerator=cuda"])

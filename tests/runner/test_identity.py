@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from models.stored.run import read_run
 from runner import stamp
 from runner.config.compose import composed
 from runner.config.identity import RESULTS
-from runner.folder.run_folder import read_failure, read_metrics, read_run
+from runner.folder.run_folder import read_failure, read_metrics
 from runner.progress import is_finished, would_fail_again
 from runner.seeds import SeedsOf
 
@@ -42,7 +43,7 @@ def test_a_choice_that_changes_numbers_is_another_identity():
 
 
 def test_a_run_without_a_results_version_is_read_and_is_not_finished(older):
-    assert read_run(older)[1]["model"] == "vwnn"
+    assert read_run(older).metrics["model"] == "vwnn"
     assert not is_finished(older)
 
 

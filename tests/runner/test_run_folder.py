@@ -11,11 +11,10 @@ import evaluate
 import train
 from models.fit.identification import SPLITS
 from models.fit.metrics import FREE_RUNS
-from models.training.assemble import data_from
+from models.stored.run import read_run
 from report.run.rescore import scores_of
-from runner.folder.run import restore, sensors_of
+from runner.folder.run import restore
 from runner.folder.run_files import SENSORS
-from runner.folder.run_folder import read_run
 from tests.program.test_train import run
 
 EARLIER = Path(__file__).with_name("earlier_layout")  # runs of version 0.1, before the rooms
@@ -36,11 +35,12 @@ def close(scores: dict, stored: dict, rel: float) -> bool:
 # since version 0.4 a unit's memory has no jump where it passes zero: errors of 1 % differ by 3 %
 @pytest.mark.parametrize(("name", "rel"), [("vwnn", 1e-9), ("element_network", 0.03)])
 def test_a_run_of_the_earlier_layout_loads_and_scores_the_same(name, rel):
-    cfg, metrics = read_run(EARLIER / name)
-    assert cfg.model._target_.count(".") == 1  # as the front names it
-    data = data_from(cfg)
+    stored = read_run(EARLIER / name)
+    metrics, experiment = stored.metrics, stored.experiment
+    assert experiment.model.target.count(".") == 1  # as the front names it
+    data = experiment.make_data()
     data.setup()
-    scores = scores_of(restore(cfg, EARLIER / name), data, SPLITS)
+    scores = scores_of(restore(stored), data, SPLITS)
     keys = {*SPLITS, *FREE_RUNS.values()}
     assert keys == set(scores)
     assert close(scores, {key: metrics[key] for key in keys}, rel)
@@ -63,11 +63,11 @@ def test_a_measured_run_is_rebuilt_and_read_without_its_record(measured, monkeyp
     record, folder = measured
     kept = record.read_text()
     record.unlink()
-    cfg, metrics = read_run(folder)
-    sensors = sensors_of(cfg, folder)
+    stored = read_run(folder)
+    metrics, sensors = stored.metrics, stored.sensors
     assert (sensors.dt, sensors.dofs, sensors.inputs) == (pytest.approx(0.01), 1, 1)
     assert sensors.channels == ("f1", "a1")
-    assert restore(cfg, folder).dofs == 1
+    assert restore(stored).dofs == 1
     capsys.readouterr()
     assert run(evaluate, monkeypatch, f"run={folder}", "figures=false") == 0
     out = " ".join(capsys.readouterr().out.split())
@@ -91,4 +91,4 @@ def test_damaged_sensors_are_named(measured):
     for text in ("", "[]", '{"dofs": 1}', '{"dt": 0.01, "dofs": 1, "inputs": 1, "eyes": 2}'):
         (folder / SENSORS).write_text(text)
         with pytest.raises(ValueError, match=r"sensors\.json is damaged"):
-            sensors_of(read_run(folder)[0], folder)
+            _ = read_run(folder).sensors

@@ -17,11 +17,11 @@ from optuna.distributions import CategoricalDistribution, FloatDistribution, Int
 import train
 from data.whole_file import write_text
 from models.fit.metrics import score
-from models.training.assemble import data_from, estimator_from
+from models.stored.run import read_run
 from runner.config.choices import plain
 from runner.config.compose import CONF, placed, prepare_hydra
 from runner.config.identity import identity_of
-from runner.folder.run_folder import config_text, read_run, write_failure
+from runner.folder.run_folder import config_text, write_failure
 from runner.scores.outcome import validation_error
 from runner.search import distribution
 from tests.program.test_train import run
@@ -37,12 +37,12 @@ SEARCH = ["-m", "experiment=tune_vwnn", "hydra/launcher=basic", "system=bilinear
 def test_a_run_scores_what_it_held_back_and_its_fit_has_not_seen_it(tmp_path, monkeypatch):
     words = [*QUICK, *HELD, "model=linear", f"hydra.run.dir={tmp_path}"]
     assert run(train, monkeypatch, *words) == 0
-    cfg, metrics = read_run(tmp_path)
-    data = data_from(cfg)
+    stored = read_run(tmp_path)
+    metrics, data = stored.metrics, stored.experiment.make_data()
     data.setup()
     (held_back,) = data.records["validation"]
     assert held_back.samples == 200
-    fitted = estimator_from(cfg.model, data)
+    fitted = stored.experiment.model.estimator(data)
     fitted.identify([data.loader("train").collate_fn([record]) for record in data.windows("train")])
     assert data.records["train"][0].samples == 800
     assert metrics["validation"] == score(fitted, data.loader("validation"))
@@ -105,7 +105,7 @@ class Planted:
             names = {"model": "vwnn", "system": "bilinear", "scenario": "full_state"}
             content = {**names, "train": scores, "test": scores}
             content["identity"] = identity_of(plain(cfg))
-            write_text(folder / "config.yaml", config_text(cfg))
+            write_text(folder / "config.yaml", config_text(plain(cfg)))
             held = {"validation": scores} if cfg.data.validation else {}
             (folder / "metrics.json").write_text(json.dumps({**content, **held}))
 

@@ -13,9 +13,10 @@ import train
 from data import parallel
 from data.record import Record
 from models.layers.least_squares import LeastSquares, RankDeficientError
-from runner import side_by_side as batch
 from runner.config.compose import composed
-from runner.side_by_side import can_be_batched, replicate_weights
+from runner.launch import batched as batch
+from runner.launch.batched import can_be_batched, replicate_weights
+from runner.seeds import SeedsOf
 from tests.program.test_train import run
 
 QUICK = ["data.duration=8", "trainer.enable_progress_bar=false", "figures=false"]
@@ -104,8 +105,8 @@ def test_what_fails_fails_alone_and_says_why(tmp_path, monkeypatch, capsys):
 
 
 def test_what_cannot_go_side_by_side_is_told_apart():
-    assert can_be_batched(composed("model=vwnn"))
-    assert can_be_batched(composed("model=linear", "scenario=noisy"))
+    assert can_be_batched(SeedsOf(composed("model=vwnn")))
+    assert can_be_batched(SeedsOf(composed("model=linear", "scenario=noisy")))
     for words in (
         ["model=global_mlp", "baselines=none"],
         ["model=residual_mlp", "baselines=none"],
@@ -114,15 +115,18 @@ def test_what_cannot_go_side_by_side_is_told_apart():
         ["model=vwnn", "data.window=50"],
         ["model=vwnn", "scenario.level=${seed}", "scenario=noisy"],
     ):
-        assert not can_be_batched(composed(*words)), words
+        assert not can_be_batched(SeedsOf(composed(*words))), words
 
 
 def test_runs_side_by_side_have_one_thread_each(tmp_path, monkeypatch):
     seen, before = [], torch.get_num_threads()
     monkeypatch.setattr(parallel, "_limit", None)
-    monkeypatch.setattr(batch, "_run_group", lambda *_: seen.append(torch.get_num_threads()) or [])
+    monkeypatch.setattr(batch, "_run_side_by_side", lambda *_: seen.append(torch.get_num_threads()))
     torch.set_num_threads(2)
-    assert batch.run_batch(composed("model=vwnn"), [0, 1], [tmp_path / "0", tmp_path / "1"]) == []
+    assert (
+        batch.run_batch(SeedsOf(composed("model=vwnn")), [0, 1], [tmp_path / "0", tmp_path / "1"])
+        == []
+    )
     torch.set_num_threads(before)
     assert seen == [1]
 

@@ -1,57 +1,88 @@
-"""A config node → the object that it describes, without running anybody's code.
+"""A choice of a run: a public class and its arguments, built without running anybody's code.
 
-A config may come from somebody else. It is resolved once, to plain values; its `_target_`s name
-classes that a front lists, nothing else; what stands beside them is held against the names and
-annotations of their arguments before the first object is made.
+A config may come from somebody else. Its values are plain; its `_target_`s name classes that a
+front lists, nothing else; what stands beside them is held against the names and annotations of
+their arguments before the first object is made.
 """
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, get_type_hints
-
-from omegaconf import DictConfig, OmegaConf
+from typing import Any, Self, get_type_hints
 
 import data
 import models
 from data.annotations import require, shown
 from data.checked import constructor_of
+from data.plain_data import MISSING
 
 FRONTS = {"data": data, "models": models}
 LABELS = ("name", "about")  # of a choice: what tables call it, and what they say of it
 
 
-def build(node: Any, kind: type, **more: Any) -> Any:
-    """The object of this kind that a config node describes.
+@dataclass(frozen=True)
+class Choice:
+    """What a config says of one part of a run. key: its place there, such as "model"."""
 
-    `more` comes before what the config says. Raises ValueError for a class that no front lists or
-    that is of another kind, for an argument that the class does not know, lacks or cannot use, and
-    for what the class itself refuses.
-    """
-    if not isinstance(node, DictConfig):
-        raise ValueError(f"{shown(node)!r} is not a {kind.__name__}; see --help")
-    key = _key_of(node)
-    content: Any = OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
-    if not isinstance(content, dict) or "_target_" not in content:
-        raise ValueError(f"{key}={shown(content)} has no _target_; {_remedy(key)}")
-    if not issubclass(class_of(content), kind):
-        raise ValueError(
-            f"{_below(key, '_target_')}={content['_target_']} is no {kind.__name__}; {_remedy(key)}"
-        )
-    content = {k: v for k, v in content.items() if k not in (*LABELS, *more)}
-    _check_targets(content, key, more)
-    return _object(content, key, more)
+    key: str
+    values: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        """What tables and folders call it."""
+        return str(self.values.get("name", ""))
+
+    @property
+    def target(self) -> str:
+        """The class, as the config names it; "" where there is none."""
+        return str(self.values.get("_target_", ""))
+
+    def with_values(self, changes: Mapping[str, Any]) -> Self:
+        """The same with some values changed."""
+        return replace(self, values=overlay(self.values, changes))
+
+    def build(self, kind: type, **more: Any) -> Any:
+        """The object of this kind that the choice describes.
+
+        `more` comes before what the config says. Raises ValueError for a class that no front lists
+        or that is of another kind, for an argument that the class does not know, lacks or cannot
+        use, for a value that was never given, and for what the class itself refuses.
+        """
+        if not isinstance(self.values, Mapping):
+            raise ValueError(f"{shown(self.values)!r} is not a {kind.__name__}; see --help")
+        key = self.key
+        _require_given(self.values, key)
+        if "_target_" not in self.values:
+            raise ValueError(f"{key}={shown(self.values)} has no _target_; {_remedy(key)}")
+        if not issubclass(class_of(self.values), kind):
+            raise ValueError(
+                f"{_below(key, '_target_')}={self.target} is no {kind.__name__}; {_remedy(key)}"
+            )
+        content = {k: v for k, v in self.values.items() if k not in (*LABELS, *more)}
+        _check_targets(content, key, more)
+        return _object(content, key, more)
 
 
-def class_of(node: Mapping[str, Any]) -> type:
+def overlay(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Values with some of them changed; a mapping in a mapping's place changes what it names."""
+    found = dict(values)
+    for name, new in changes.items():
+        old = found.get(name)
+        both = isinstance(old, Mapping) and isinstance(new, Mapping)
+        found[name] = overlay(old, new) if both else new  # type: ignore[arg-type]
+    return found
+
+
+def class_of(values: Mapping[str, Any]) -> type:
     """The class that `_target_` and `laws` name. Raises ValueError unless a front lists it."""
-    target = node.get("_target_")
+    target = values.get("_target_")
     room, _, name = target.partition(".") if isinstance(target, str) else ("", "", "")
     if room in FRONTS and name in FRONTS[room].PUBLIC:
         if room == "models":
-            name = models.class_name(name, node.get("laws"))
+            name = models.class_name(name, values.get("laws"))
         public: type = getattr(FRONTS[room], name)
         return public
     raise ValueError(
@@ -115,9 +146,16 @@ def _object(node: Any, key: str, more: Mapping[str, Any]) -> Any:
         raise (ValueError(f"{key}: {error}") if nested else error) from None
 
 
-def _key_of(node: DictConfig) -> str:
-    """A node's place in the config, dotted; "" for the whole of it."""
-    return str(node._get_full_key(None) or "")
+def _require_given(values: Any, key: str) -> None:
+    """Raise ValueError for a value that was never given."""
+    if isinstance(values, Mapping):
+        for name, value in values.items():
+            _require_given(value, _below(key, name))
+    elif isinstance(values, list):
+        for place, value in enumerate(values):
+            _require_given(value, f"{key}[{place}]")
+    elif values == MISSING:
+        raise ValueError(f"{key} must be given: {key}=…; see --help")
 
 
 def _below(key: str, name: Any) -> str:

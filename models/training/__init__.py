@@ -1,1 +1,0 @@
-"""Config → data, estimator, solver and objective of a run."""

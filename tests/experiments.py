@@ -1,0 +1,67 @@
+"""The objects that configs and their nodes describe, as a run makes them of its choices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from data.datamodule import Data
+from data.sample import Sensors
+from models import choice
+from models.choice import Choice
+from models.estimator import Estimator
+from models.experiment import Experiment, Model
+from models.fit.objective import Objective
+from runner.config.choices import plain
+from runner.config.compose import composed
+
+
+def experiment_of(cfg: DictConfig) -> Experiment:
+    return Experiment.of(plain(cfg))
+
+
+def data_from(cfg: DictConfig) -> Data:
+    return experiment_of(cfg).make_data()
+
+
+def estimator_from(node: Any, data: Data | Sensors) -> Estimator:
+    return Model(*_placed(node)).estimator(data)
+
+
+def solver_from(node: Any) -> Callable[..., Any]:
+    return replace(_usual(), solver=Choice(*_placed(node))).make_solver()
+
+
+def objective_from(node: Any) -> Objective:
+    return replace(_usual(), objective=Choice(*_placed(node))).make_objective()
+
+
+def build(node: Any, kind: type, **more: Any) -> Any:
+    return Choice(*_placed(node)).build(kind, **more)
+
+
+def class_of(node: Any) -> type:
+    return choice.class_of(_placed(node)[1])
+
+
+def changed(cfg: DictConfig, changes: Mapping[str, Any]) -> DictConfig:
+    """A copy of a config with some values changed."""
+    merged = OmegaConf.merge(cfg, changes)
+    assert isinstance(merged, DictConfig)
+    return merged
+
+
+@cache
+def _usual() -> Experiment:
+    return experiment_of(composed())
+
+
+def _placed(node: Any) -> tuple[str, Any]:
+    """The key and the resolved values of a node; "" for a whole config."""
+    if not isinstance(node, DictConfig):
+        return "", node
+    return str(node._get_full_key(None) or ""), OmegaConf.to_container(node, resolve=True)
