@@ -185,41 +185,26 @@ def test_an_undamped_hysteretic_force_does_not_depend_on_speed(element):
     assert_allclose(slow, fast, atol=1e-6)
 
 
-VALID = {
+PLAIN = {
     Bilinear: {"yield_displacement": 0.02, "stiffness": 40.0, "post_yield_stiffness": 20.0},
     LimitedSlip: {"yield_displacement": 0.01, "stiffness": 40.0, "gap_stiffness": 30.0, "gap": 0.1},
     Polynomial: {"stiffness": 40.0},
     BoucWen: {"stiffness": 40.0, "beta": 10.0, "gamma": 13.0},
 }
 MEANINGLESS = {
-    Bilinear: {
-        "yield_displacement": (0.0, -0.1), "stiffness": (0.0, np.nan),
-        "post_yield_stiffness": (np.inf,), "damping": (-0.1,), "post_yield_damping": (-0.1,),
-        "between": (("x1", "x1"), ("x1",), ("x1", "x2", "x3")),
-    },
-    LimitedSlip: {
-        "yield_displacement": (0.0, -0.1), "stiffness": (0.0,), "gap_stiffness": (-1.0,),
-        "gap": (0.0, -0.1), "damping": (-0.1,), "slip_damping": (-0.1,),
-    },
-    Polynomial: {"stiffness": (np.nan,), "damping": (-0.1,), "cubic_stiffness": (np.inf,)},
-    BoucWen: {
-        "stiffness": (0.0, -1.0), "gamma": (np.nan,), "exponent": (0.5, 0.0), "eta": (0.0,),
-        "nu": (0.0,), "eta_rate": (-0.1,), "nu_rate": (-0.1,),
-    },
+    Bilinear: {"yield_displacement": 0.0, "stiffness": np.nan, "post_yield_stiffness": np.inf,
+               "damping": -0.1, "between": ("x1", "x1")},
+    LimitedSlip: {"yield_displacement": -0.1, "gap_stiffness": -1.0, "gap": 0.0,
+                  "slip_damping": -0.1},
+    Polynomial: {"stiffness": np.nan, "damping": -0.1, "cubic_stiffness": np.inf},
+    BoucWen: {"stiffness": 0.0, "gamma": np.nan, "exponent": 0.5, "eta": 0.0, "nu_rate": -0.1},
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("law", "name", "value"),
-    [
-        (law, name, value)
-        for law, bad in MEANINGLESS.items()
-        for name, values in bad.items()
-        for value in values
-    ],
-)
-def test_parameters_without_physical_meaning_are_refused(law, name, value):
-    valid = {"between": BETWEEN, **VALID[law]}
+@pytest.mark.parametrize("law", PLAIN)
+def test_parameters_without_physical_meaning_are_refused(law):
+    valid = {"between": BETWEEN, **PLAIN[law]}
     law(**valid)
-    with pytest.raises(ValueError, match=name):
-        law(**{**valid, name: value})
+    for name, value in MEANINGLESS[law].items():
+        with pytest.raises(ValueError, match=name):
+            law(**{**valid, name: value})

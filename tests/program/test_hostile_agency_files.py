@@ -18,7 +18,7 @@ from data.measured.files.zipped import unpacked
 from data.measured.reading import read_records
 from tests.hostile_records import File, record_files
 
-EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "60"))
+EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "30"))
 HEAD = "CORRECTED ACCELEROGRAM\n"
 SERIES = "1 points of accel data equally spaced at .02 sec, in cm/sec2. (8f10.3)\n     1.000\n"
 
