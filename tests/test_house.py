@@ -17,15 +17,15 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (13_200, 10_500),
-    "models": (25_000, 17_000),
+    "data": (13_300, 10_500),
+    "models": (25_300, 17_000),
     "runner": (4_800, 3_600),
-    "export": (5_500, 4_200),
-    "report": (7_700, 6_000),
-    "live": (1_000, 800),
-    "benchmarks": (2_600, 2_500),
+    "export": (5_600, 4_200),
+    "report": (7_800, 6_000),
+    "live": (1_100, 800),
+    "benchmarks": (2_700, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (26_600, 18_000),
+    "tests": (26_700, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "benchmarks")  # on the roof
