@@ -16,10 +16,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from data.simulation.laws.candidate import Candidate, Units, Values
 from models.fit.held_back import hold_back_one
 from models.fit.progress import announce
 from models.named_laws import pairs
-from models.named_laws.candidate import Candidate, Units, Values
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import (
     NEGLIGIBLE,

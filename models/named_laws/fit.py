@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from data.simulation.element_test import force
+from data.simulation.laws.candidate import Candidate, Units
 from data.simulation.laws.element import Element
 from models.composition.states import white_noise
-from models.named_laws.candidate import Candidate, Units
 
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
 NEGLIGIBLE = 1e-3  # errors below are alike

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
 from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import Motion as Simulated
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.fit.progress import announce
-from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import Spread, descended
 from models.named_laws.fit import Fit

@@ -14,14 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from data.simulation.laws.candidate import Candidate, Parameter, Values
 from data.simulation.laws.element import Element
 from data.simulation.laws.polynomial import Polynomial
-from models.named_laws.candidate import Candidate, Parameter, Values
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 
 GRAVITY = "gravity_stiffness"  # k_g
-STIFFNESS = Parameter(0.003, 0.1, lambda units: units.slope)
+STIFFNESS = Parameter(0.003, 0.1, lambda units: units.slope, symbol="N/m")
 HARDENING = ("hardening_ratio", "post_yield_ratio")
 LEANS = (0.01, 0.05)  # of the stiffness: starts of what a weight takes away, less hardening
 NONE_LEFT, HARDENS = 0.01, 0.03  # of the stiffness: a law that hardens less may lean; its start

@@ -9,37 +9,16 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
 from models.estimator import Parameter
-from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from models.named_laws.leaning import LEANING
 from models.named_laws.pairs import PAIRS, halves
 
-UNITS = {  # of the parameters of candidates.py
-    **dict.fromkeys(
-        ("activation_displacement", "yield_displacement", "gap", "largest", "pinching_width"), "m"
-    ),
-    **dict.fromkeys(("stiffness", "spring", "gravity_stiffness"), "N/m"),
-    **dict.fromkeys(("slow", "faster"), "N"),
-    **dict.fromkeys(("eta_rate", "nu_rate", "pinching_rate"), "1/J"),
-    "curvature": "1/m",
-    "damping": "N s/m",
-    "rate": "s/m",
-    "pinching_spread": "m/J",
-}
-WORDS = {  # of parameters whose names in code say too little beside others
-    "spring": "parallel_stiffness",
-    "slow": "friction_slow",
-    "faster": "friction_fast_less_slow",
-    "largest": "largest_hysteretic_displacement",
-    "above_one": "exponent_less_one",
-    "rate": "friction_rate",
-}
-YIELDS = ("yield_displacement", "activation_displacement", "largest")  # at a force of k times it
 LAWS = {  # by the numbers that models are saved with
-    **dict(enumerate(CANDIDATES.values())),
+    **{law.number: law for law in CANDIDATES.values()},
     **dict(enumerate(PAIRS.values(), start=100)),
     **dict(enumerate(LEANING.values(), start=200)),
 }
@@ -123,13 +102,11 @@ def named_law(fit: Fit, part: str, about: str) -> Iterator[Parameter]:
         for number, half in enumerate(halves(fit), start=1):
             yield from named_law(half, f"{part}.law_{number}", about)
         return
-    name, values = fit.candidate.name, fit.candidate.values(fit.q, fit.units)
-    about = f"{about}, {name}"
-    for key, value in values.items():
-        yield Parameter(f"{part}.{WORDS.get(key, key)}", value, UNITS.get(key, ""), about)
-    for key in YIELDS:
-        if key in values and not name.endswith("FrictionPendulum"):
-            share = 1.0 - values.get("post_yield_ratio", 0.0)
-            force = share * values["stiffness"] * values[key]
-            word = "activation_force" if name == "SelfCentering" else "yield_force"
-            yield Parameter(f"{part}.{word}", force, "N", about, derived=True)
+    law, values = fit.candidate, fit.candidate.values(fit.q, fit.units)
+    about = f"{about}, {law.name}"
+    for key, parameter in law.parameters.items():
+        yield Parameter(f"{part}.{parameter.word or key}", values[key], parameter.symbol, about)
+    if law.yields:
+        share = 1.0 - values.get("post_yield_ratio", 0.0)
+        force = share * values["stiffness"] * values[law.yields]
+        yield Parameter(f"{part}.{law.yield_force}", force, "N", about, derived=True)

@@ -27,11 +27,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from data.simulation.laws.candidate import Small, Units
 from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.fit.progress import announce
-from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import descended
 from models.named_laws.fit import NEGLIGIBLE, Fit
@@ -47,12 +47,11 @@ RIVAL = 1.5  # times the least error: laws that the whole structure is to judge
 LEAD = (2.0, 2.0, RIVAL, RIVAL)  # times the least error: laws beyond are given up
 HOPELESS = 5.0  # times the error of a law's best: draws beyond are not followed, but at first
 LEAST_BEND, MOST_BEND = math.log(0.03), math.log(1.2)  # of the largest deformation, where it yields
-BRACE = 1.5  # times e^±: stiffness of a slack brace over that of its frame
+BRACE = 1.5  # times e^±: stiffness of what is slack over that of the spring
 TOLERANCE, PULL = 1e-5, 1e-6  # of the simulation; of the numbers towards their start
 GAIN = 1e-3  # of the squared error: less of it ends the search of a law
 HELD = math.sqrt(2.0)  # h: a filter with less damping rings, one with more is slow
 LIGHT = 0.2  # of the mass above, at z, which moves with it
-BENDING = ("yield_displacement", "activation_displacement", "largest")
 
 
 @dataclass(frozen=True)
@@ -151,20 +150,9 @@ class Beginning:
         """A law that is this spring and damper at first, and the logarithm of where it yields."""
         candidate = CANDIDATES[name]
         bend, brace = rng.uniform(LEAST_BEND, MOST_BEND), rng.uniform(-BRACE, BRACE)
-        sizes = {key: self.units.length * math.exp(bend) for key in BENDING}
-        sizes |= {"stiffness": self.stiffness, "damping": self.damping}
+        small = Small(self.stiffness, self.damping, self.sure, bend, brace, self.units)
         q = dict(zip(candidate.parameters, candidate.drawn(rng).tolist(), strict=True))
-        if name.endswith("FrictionPendulum"):  # the spring before it slides is short
-            q["slow"] = bend
-            del sizes["stiffness"]
-            sizes["yield_displacement"] = math.exp(bend) * self.units.force / self.stiffness
-        elif name == "SlackBrace":  # the brace is slack at first
-            sizes |= {"spring": self.stiffness, "stiffness": self.stiffness * math.exp(brace)}
-        if not self.sure:
-            bends = () if name.endswith("FrictionPendulum") else BENDING
-            sizes = {key: size for key, size in sizes.items() if key in bends}
-        for key in sizes.keys() & q.keys():
-            q[key] = math.log(sizes[key] / candidate.parameters[key].unit(self.units))
+        q |= candidate.begin(candidate, small)
         return bend, Fit(candidate, self.units, np.array(list(q.values())))
 
     def tracks(

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from data.record import Drive
+from data.simulation.laws.candidate import Units
 from export.steps import step_of
 from models.named_element import NamedElement
-from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from tests.export import networks

@@ -19,12 +19,12 @@ import torch
 from data import FrictionPendulum, Polynomial
 from data.record import Drive
 from data.simulation.element_test import force
+from data.simulation.laws.candidate import Units
 from export.opensees import named_materials, script_of, write
 from export.opensees_laws import material_of
 from models import ElementNetwork, ElementNetworkNamed
 from models.composition.laws import law as law_of
 from models.composition.laws import units
-from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from tests.export.conftest import DT, drive_of, exported, network

@@ -10,10 +10,10 @@ import torch
 
 from data.record import Record
 from data.simulation.element_test import force
+from data.simulation.laws.candidate import Units
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed as Named
 from models.named_element import NamedElement
-from models.named_laws.candidate import Units
 from models.named_laws.fit import Fit
 from models.named_laws.pairs import PAIRS, halves
 from tests.models.test_named_laws import DT, PLANTED, error, motion, shaken

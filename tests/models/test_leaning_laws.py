@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from data.record import Record
+from data.simulation.laws.candidate import Units
 from models.named_element import NamedElement
-from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit, Motion
 from models.named_laws.free_run import FreeRuns

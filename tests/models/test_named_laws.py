@@ -22,14 +22,14 @@ from data import (
 )
 from data.record import Record
 from data.simulation.element_test import force
+from data.simulation.laws.candidate import Units
 from data.simulation.laws.element import Element
+from data.simulation.laws.envelopes import envelopes
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
 from models.named_element import NamedElement
-from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
-from models.named_laws.envelopes import envelopes
 from models.named_laws.fit import Fit
 from models.named_laws.free_run import FreeRuns, Laws, Shaking, mass_dampers
 from models.named_laws.leaning import LEANING

@@ -10,9 +10,9 @@ import torch
 
 from data.record import Drive
 from data.sample import Sensors
+from data.simulation.laws.candidate import Units
 from export.modes import modes_of
 from models import VWNN, ElementNetworkNamed, EquivalentLinear
-from models.named_laws.candidate import Units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from report.describe.__main__ import main

@@ -16,11 +16,24 @@ ASCE 111, 1010–1026, and Foliente (1995), J. Struct. Eng. ASCE 121, 1013–102
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from data.checked import checked
+from data.simulation.laws.candidate import (
+    DAMPING,
+    STIFFNESS,
+    YIELD,
+    Candidate,
+    Parameter,
+    Values,
+    share,
+)
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Element
+from data.simulation.laws.element import Command, Element
+from data.simulation.laws.polynomial import Polynomial
+
+SAME = 1e-6  # loss of stiffness that makes no difference
 
 
 @inlined
@@ -100,3 +113,85 @@ class BaberNoori(Element):
 
     def tangent(self) -> tuple[float, float]:
         return self.stiffness, 0.0
+
+    def opensees(self) -> list[Command]:
+        if self.pinching > SAME or self.asymmetry != 0.0:
+            raise ValueError("pinching and asymmetry of BaberNoori are not in OpenSees' BoucWen")
+        smooth = (self.post_yield_ratio, self.stiffness, self.exponent, self.gamma, self.beta, 1.0)
+        return [("BoucWen", *smooth, 0.0, self.nu_rate, self.eta_rate)]
+
+
+def _smooth(values: Values, between: Sequence[str]) -> list[Element]:
+    """By the largest z: β + γ ± 2 φ = z⁻ⁿ; of β + γ, β has a share above a half.
+
+    uneven: how many times as large as backward z grows forward.
+    """
+    exponent, uneven = 1.0 + values["above_one"], values.get("uneven", 1.0) ** 0.5
+    forward, backward = ((values["largest"] * u) ** -exponent for u in (uneven, 1.0 / uneven))
+    bend = 0.5 * (forward + backward)
+    beta = bend * (0.5 + 0.5 * values["beta_share"])
+    own = {name: values[name] for name in ("stiffness", "post_yield_ratio")}
+    degrading = {name: v for name, v in values.items() if name in _DEGRADING}
+    law = BaberNoori(
+        between=between,
+        beta=beta,
+        gamma=bend - beta,
+        asymmetry=0.25 * (forward - backward),
+        exponent=exponent,
+        **own,
+        **degrading,
+    )
+    return [law, Polynomial(between=between, stiffness=0.0, damping=values["damping"])]
+
+
+def _per_work(low: float, high: float) -> Parameter:
+    return Parameter(
+        low, high, lambda units: 1.0 / (units.force * units.length), symbol="1/J", per_energy=True
+    )
+
+
+_PARAMETERS = {
+    "stiffness": STIFFNESS,
+    "post_yield_ratio": share(0.02, 0.3),
+    "largest": replace(YIELD, word="largest_hysteretic_displacement"),
+    "beta_share": share(0.2, 0.9),
+    "above_one": Parameter(0.05, 1.0, word="exponent_less_one"),
+    "damping": DAMPING,
+}
+_DEGRADING = {
+    "eta_rate": _per_work(1e-3, 0.1),
+    "nu_rate": _per_work(1e-3, 0.1),
+    "pinching_rate": _per_work(0.03, 1.0),
+    "pinching_spread": Parameter(
+        1e-4, 1e-2, lambda units: 1.0 / units.force, symbol="m/J", per_energy=True
+    ),
+    "pinching": share(0.3, 0.9),
+    "pinching_place": share(0.05, 0.3),
+    "pinching_width": Parameter(0.03, 1.0, lambda units: units.elastic, symbol="m"),
+    "pinching_lambda": Parameter(0.05, 0.5),
+}
+_UNEVEN = {"uneven": Parameter(0.9, 1.1)}
+UNEVEN_BOUC_WEN = Candidate(
+    "UnevenBoucWen", {**_PARAMETERS, **_UNEVEN}, _smooth, number=13, yields="largest"
+)
+UNEVEN = Candidate(
+    "UnevenBaberNoori",
+    {**_PARAMETERS, **_DEGRADING, **_UNEVEN},
+    _smooth,
+    number=14,
+    yields="largest",
+)
+CANDIDATES = (
+    Candidate("BoucWen", _PARAMETERS, _smooth, number=4, yields="largest", uneven=UNEVEN_BOUC_WEN),
+    Candidate(
+        "BaberNoori",
+        {**_PARAMETERS, **_DEGRADING},
+        _smooth,
+        number=6,
+        yields="largest",
+        paired=True,
+        uneven=UNEVEN,
+    ),
+    UNEVEN_BOUC_WEN,
+    UNEVEN,
+)

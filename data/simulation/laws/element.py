@@ -14,6 +14,12 @@ from data.simulation.laws import NUMBERS
 
 PARAMETERS = 39  # numbers that a law may have, at most
 MEMORY = 12  # numbers that a law may remember of its past, besides its state z
+Command = tuple[object, ...]  # material and its numbers
+
+
+def opensees_damper(damping: float) -> list[Command]:
+    """The damper beside a law, none for 0."""
+    return [("Elastic", 0.0, damping)] if damping > 0.0 else []
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +76,13 @@ class Element:
         p, named = self.parameters, [f.name for f in fields(self) if f.name != "between"]
         sizes = [kept if name in self.fibres else 1.0 for name in named]
         return (*(size * value for size, value in zip(sizes, p, strict=False)), *p[len(sizes) :])
+
+    def opensees(self) -> list[Command]:
+        """Stock materials of OpenSees that are the law in parallel: words of `uniaxialMaterial`.
+
+        Raises ValueError where there are none.
+        """
+        raise ValueError(f"{type(self).__name__} is no stock material of OpenSees")
 
     def tangent(self) -> tuple[float, float]:
         """Stiffness [N/m] and damping [N s/m] for small motions about rest."""

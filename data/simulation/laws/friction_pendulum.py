@@ -22,13 +22,16 @@ Branch: the slider's side in bits 0–1; bit 2 is set where ẏ < 0.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from data.checked import checked
 from data.simulation.laws.branches import bits, side, slider_margin, slider_next
+from data.simulation.laws.candidate import DAMPING, Candidate, Parameter, Small, Values
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Element
+from data.simulation.laws.element import Command, Element
 
+SAME = 1e-6  # share of a friction that makes no difference
 STEEPEST = 0.1  # cos θ, and 1 − F tan θ/W: no weight goes up to where a slope would not let it
 
 
@@ -124,3 +127,84 @@ class FrictionPendulum(Element):
     def tangent(self) -> tuple[float, float]:
         stick = self.friction_slow / self.yield_displacement
         return self.weight * (1.0 / self.radius + stick), self.damping
+
+    def opensees(self) -> list[Command]:
+        if self.friction_fast - self.friction_slow > SAME * self.friction_fast:
+            raise ValueError(
+                "friction that grows with speed has no stock material between two nodes"
+            )
+        if self.curvature > 0.0:
+            raise ValueError("a curved surface (curvature) has no stock material between two nodes")
+        slider = self.weight * self.friction_fast / self.yield_displacement
+        return [
+            ("Elastic", self.weight / self.radius, self.damping),
+            ("ElasticPP", slider, self.yield_displacement),
+        ]
+
+
+def _bearing(values: Values, between: Sequence[str]) -> list[Element]:
+    """By forces: the weight is one, so that friction and curvature are what they do."""
+    slow, fast = values["slow"], values["slow"] + values["faster"]
+    bearing = FrictionPendulum(
+        between=between,
+        weight=1.0,
+        radius=1.0 / values["stiffness"],
+        friction_fast=fast,
+        friction_slow=slow,
+        rate=values["rate"],
+        yield_displacement=values["yield_displacement"],
+        damping=values["damping"],
+        spring_share=values.get("spring_share", 0.0),
+        curvature=values.get("curvature", 0.0),
+    )
+    return [bearing]
+
+
+def _begin(law: Candidate, small: Small) -> dict[str, float]:
+    """The spring of small motions is what sticks, which is short; it slides at a force."""
+    numbers = {"slow": small.bend}
+    if small.sure:
+        shear = math.exp(small.bend) * small.units.force / small.spring
+        sizes = {"yield_displacement": shear, "damping": small.damper}
+        numbers |= law.numbers(sizes, small.units)
+    return numbers
+
+
+_PARAMETERS = {
+    "stiffness": Parameter(0.1, 1.0, lambda units: units.force / units.length, symbol="N/m"),
+    "slow": Parameter(0.05, 0.5, lambda units: units.force, symbol="N", word="friction_slow"),
+    "faster": Parameter(
+        0.02, 0.5, lambda units: units.force, symbol="N", word="friction_fast_less_slow"
+    ),
+    "rate": Parameter(0.3, 3.0, lambda units: 1.0 / units.rate, symbol="s/m", word="friction_rate"),
+    "yield_displacement": Parameter(0.05, 1.0, lambda units: units.elastic, symbol="m"),
+    "damping": DAMPING,
+}
+_CURVED = {
+    "spring_share": Parameter(0.1, 0.9, from_zero=True),
+    "curvature": Parameter(  # its radius is twice the largest deformation at least
+        0.1, 0.5, lambda units: 0.5 / units.length, from_zero=True, symbol="1/m"
+    ),
+}
+_SIZES = ("stiffness", "slow", "faster")
+CURVED = Candidate(
+    "CurvedFrictionPendulum",
+    _PARAMETERS | _CURVED,
+    _bearing,
+    number=15,
+    sized=_SIZES,
+    begin=_begin,
+)
+CANDIDATES = (
+    Candidate(
+        "FrictionPendulum",
+        _PARAMETERS,
+        _bearing,
+        number=3,
+        paired=True,
+        sized=_SIZES,
+        begin=_begin,
+        uneven=CURVED,
+    ),
+    CURVED,
+)

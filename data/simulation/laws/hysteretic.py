@@ -26,12 +26,31 @@ and backward, the points of a path (three_lines.py), u₀ forward and backward. 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 
 from data.checked import checked
+from data.simulation.laws.candidate import (
+    DAMPING,
+    STIFFNESS,
+    YIELD,
+    Candidate,
+    Parameter,
+    Values,
+    share,
+)
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Element
-from data.simulation.laws.three_lines import end_of, on_line, way_of
+from data.simulation.laws.element import Command, Element, opensees_damper
+from data.simulation.laws.envelopes import (
+    envelopes,
+    moved,
+    names_of,
+    sizes_of,
+    uneven_envelopes,
+    uneven_moved,
+)
+from data.simulation.laws.three_lines import end_of, on_line, points_of, way_of
 
 BACK = 12  # p of the first of the back
 FIRST_PATH = 9  # branch
@@ -278,6 +297,15 @@ class Hysteretic(Element):
     def tangent(self) -> tuple[float, float]:
         return self.stiffness, self.damping
 
+    def opensees(self) -> list[Command]:
+        points = [*points_of(self, PLACES), *self._back_points()]
+        damage = (self.growth_by_ductility, self.growth_by_energy, self.unloading_exponent)
+        joint = ("Hysteretic", *points, self.reloading_place, self.reloading_force, *damage)
+        return [joint, *opensees_damper(self.damping)]
+
+    def _back_points(self) -> list[float]:
+        return points_of(self, PLACES, side=-1.0)
+
 
 @checked
 @dataclass(frozen=True, kw_only=True)
@@ -304,5 +332,76 @@ class UnevenHysteretic(Hysteretic):
         strengths = [f"strength_{i}" for i in (1, 2, 3)]
         return tuple(getattr(self, f"back_{name}") for name in (*PLACES, *strengths))
 
+    def _back_points(self) -> list[float]:
+        return points_of(self, PLACES, "back_", -1.0)
+
 
 PLACES = ("yield_displacement", "displacement_2", "displacement_3")
+
+
+COUNT = 3  # of points
+_POINTS = names_of(COUNT)
+_OWN = {field.name for field in fields(Hysteretic)} - {"between"}
+
+
+def _made(values: Values, between: Sequence[str]) -> list[Element]:
+    return [Hysteretic(between=between, **_front(values))]
+
+
+def _uneven(values: Values, between: Sequence[str]) -> list[Element]:
+    """The back by what its numbers are times those of the front."""
+    strength = values["back_stiffness"] * values["back_yield_displacement"]
+    own = {name: values[name] * values[f"back_{name}"] for name in _POINTS}
+    back = {"strength_1": strength, **sizes_of(own, COUNT, strength)}
+    ends = {f"back_{name}": value for name, value in back.items()}
+    return [UnevenHysteretic(between=between, **_front(values), **ends)]
+
+
+def _front(values: Values) -> dict[str, float]:
+    own = {name: value for name, value in values.items() if name in _OWN}
+    return own | sizes_of(values, COUNT)
+
+
+SHAPE = {
+    "reloading_place": share(0.2, 0.9),
+    "reloading_force": share(0.1, 0.9),
+    "unloading_exponent": share(0.05, 0.5),
+}
+GROWTH = {
+    "growth_by_ductility": Parameter(1e-3, 0.05),
+    "growth_by_energy": Parameter(3e-3, 0.1),
+}
+PARAMETERS = {
+    "stiffness": STIFFNESS,
+    "yield_displacement": YIELD,
+    **{f"farther_{i}": Parameter(0.5, 4.0) for i in (2, 3)},
+    "stronger_2": Parameter(1.05, 2.0),
+    "stronger_3": Parameter(0.6, 1.4),
+    **SHAPE,
+    **GROWTH,
+    "damping": DAMPING,
+}
+OF_BACK = {f"back_{name}": Parameter(0.7, 1.4) for name in ("stiffness", *_POINTS)}
+PARTS = [list(SHAPE), list(GROWTH)]
+UNEVEN = Candidate(
+    "UnevenHysteretic",
+    PARAMETERS | OF_BACK,
+    _uneven,
+    number=12,
+    yields="yield_displacement",
+    read=partial(uneven_envelopes, count=COUNT),
+    parts=PARTS,
+    moved=partial(uneven_moved, count=COUNT),
+)
+ALIKE = Candidate(
+    "Hysteretic",
+    PARAMETERS,
+    _made,
+    number=11,
+    yields="yield_displacement",
+    read=partial(envelopes, count=COUNT),
+    parts=PARTS,
+    moved=partial(moved, count=COUNT),
+    uneven=UNEVEN,
+)
+CANDIDATES = (ALIKE, UNEVEN)

@@ -16,11 +16,21 @@ Memory m: y_r, ρ_r, y₀, R, y₊, y₋. Branch 0 is the first loading, 1 goes 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from data.checked import checked
+from data.simulation.laws.candidate import (
+    DAMPING,
+    STIFFNESS,
+    YIELD,
+    Candidate,
+    Parameter,
+    Values,
+    share,
+)
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Element
+from data.simulation.laws.element import Command, Element, opensees_damper
 from data.simulation.laws.memory import memory
 
 
@@ -109,3 +119,49 @@ class MenegottoPinto(Element):
 
     def tangent(self) -> tuple[float, float]:
         return self.stiffness, self.damping
+
+    def opensees(self) -> list[Command]:
+        k, shape = self.stiffness, (self.sharpness, self.sharpness_loss, self.loss_excursion)
+        hardening = (self.a1, self.a2, self.a3, self.a4)
+        force, ratio = k * self.yield_displacement, self.hardening_ratio
+        steel = ("Steel02", force, k, ratio, *shape, *hardening)
+        return [steel, *opensees_damper(self.damping)]
+
+
+def _steel(values: Values, between: Sequence[str]) -> list[Element]:
+    """uneven: how many times as much the yield line grows in compression as in tension."""
+    uneven = values.get("uneven", 1.0) ** 0.5
+    growth = {"a1": values["growth"] * uneven, "a3": values["growth"] / uneven}
+    own = {name: value for name, value in values.items() if name not in ("growth", "uneven")}
+    return [MenegottoPinto(between=between, **own, **growth)]
+
+
+_PARAMETERS = {
+    "yield_displacement": YIELD,
+    "stiffness": STIFFNESS,
+    "hardening_ratio": share(0.01, 0.2),
+    "sharpness": Parameter(5.0, 25.0),
+    "sharpness_loss": share(0.8, 0.95),
+    "loss_excursion": Parameter(0.05, 0.3),
+    "growth": Parameter(0.003, 0.1),
+    "damping": DAMPING,
+}
+UNEVEN = Candidate(
+    "UnevenMenegottoPinto",
+    {**_PARAMETERS, "uneven": Parameter(0.9, 1.1)},
+    _steel,
+    number=9,
+    yields="yield_displacement",
+)
+CANDIDATES = (
+    Candidate(
+        "MenegottoPinto",
+        _PARAMETERS,
+        _steel,
+        number=5,
+        yields="yield_displacement",
+        paired=True,
+        uneven=UNEVEN,
+    ),
+    UNEVEN,
+)

@@ -26,12 +26,31 @@ forward.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 
 from data.checked import checked
+from data.simulation.laws.candidate import (
+    DAMPING,
+    STIFFNESS,
+    YIELD,
+    Candidate,
+    Parameter,
+    Values,
+    share,
+)
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Element
-from data.simulation.laws.three_lines import end_of, on_line, way_of
+from data.simulation.laws.element import Command, Element, opensees_damper
+from data.simulation.laws.envelopes import (
+    envelopes,
+    moved,
+    names_of,
+    sizes_of,
+    uneven_envelopes,
+    uneven_moved,
+)
+from data.simulation.laws.three_lines import end_of, on_line, points_of, way_of
 
 BACK = 27  # p[BACK + 1] is the first of the back
 FIRST_PATH = 11  # branch
@@ -324,6 +343,19 @@ class Pinching4(Element):
     def tangent(self) -> tuple[float, float]:
         return self.stiffness, self.damping
 
+    def opensees(self) -> list[Command]:
+        losses = [getattr(self, name) for name in LOSSES]
+        wall = ("Pinching4", *self._sides(), *losses, self.energy_capacity, "energy")
+        return [wall, *opensees_damper(self.damping)]
+
+    def _sides(self) -> list[float]:
+        """Points and shares as OpenSees takes them."""
+        return [*points_of(self, PLACES), *self._pinching("")]
+
+    def _pinching(self, back: str) -> list[float]:
+        named = ("reloading_place", "reloading_force", "unloading_force")
+        return [getattr(self, f"{back}{name}") for name in named]
+
 
 @checked
 @dataclass(frozen=True, kw_only=True)
@@ -356,11 +388,111 @@ class UnevenPinching4(Pinching4):
         strengths = [f"strength_{i}" for i in (1, 2, 3, 4)]
         return tuple(getattr(self, f"back_{name}") for name in (*PLACES, *strengths, *SHARES))
 
+    def _sides(self) -> list[float]:
+        points = [*points_of(self, PLACES), *points_of(self, PLACES, "back_", -1.0)]
+        return [*points, *self._pinching(""), *self._pinching("back_")]
+
 
 PLACES = ("yield_displacement", "displacement_2", "displacement_3", "displacement_4")
+KINDS = ("softening", "lengthening", "weakening")  # of losses
 SHARES = ("unloading_force", "reloading_place", "reloading_force")
 LOSSES = tuple(
     f"{loss}_{part}"
-    for loss in ("softening", "lengthening", "weakening")
+    for loss in KINDS
     for part in ("by_excursion", "by_energy", "excursion_power", "energy_power", "limit")
 )
+
+
+LOSS_OF = {
+    "by_excursion": Parameter(0.01, 0.5),
+    "by_energy": Parameter(0.01, 0.5),
+    "excursion_power": Parameter(0.2, 1.5),
+    "energy_power": Parameter(0.2, 1.5),
+    "limit": share(0.3, 0.9),
+}
+COUNT = 4  # of points
+
+
+def _made(values: Values, between: Sequence[str]) -> list[Element]:
+    own = {name: v for name, v in values.items() if name in _OWN}
+    return [Pinching4(between=between, **(own | _side(values)))]
+
+
+def _uneven(values: Values, between: Sequence[str]) -> list[Element]:
+    """The back by what its numbers are times those of the front, its shares by their odds."""
+    own = {name: v for name, v in values.items() if name in _OWN}
+    back = {name: values[name] * values[f"back_{name}"] for name in _POINTS}
+    back |= {name: _odds(values[name], values[f"back_{name}"]) for name in SHAPE}
+    strength = values["back_stiffness"] * values["back_yield_displacement"]
+    ends = {f"back_{name}": v for name, v in _side(back, strength).items()}
+    ends["back_strength_1"] = strength
+    return [UnevenPinching4(between=between, **(own | _side(values)), **ends)]
+
+
+def _side(values: Values, strength: float = 1.0) -> dict[str, float]:
+    """Points, by how much farther and stronger each is than the one before, and pinching.
+
+    strength: of the first point, over that of the front.
+    """
+    own = sizes_of(values, COUNT, strength)
+    unloading = 2.0 * values["unloading"] - 1.0
+    least = max(unloading, 0.0)
+    return own | {
+        "reloading_place": values["reloading_place"],
+        "unloading_force": unloading,
+        "reloading_force": least + (1.0 - least) * values["reloading"],
+    }
+
+
+def _odds(share: float, times: float) -> float:
+    """The share of so many times the odds."""
+    return times * share / (1.0 - share + times * share)
+
+
+_POINTS = names_of(COUNT)
+_OWN = {field.name for field in fields(Pinching4)} - {"between"}
+SHAPE = {
+    "unloading": share(0.4, 0.6),
+    "reloading_place": share(0.1, 0.8),
+    "reloading": share(0.1, 0.6),
+}
+OF_LOSS = {
+    loss: {f"{loss}_{part}": parameter for part, parameter in LOSS_OF.items()} for loss in KINDS
+}
+PARAMETERS = {
+    "stiffness": STIFFNESS,
+    "yield_displacement": YIELD,
+    **{f"farther_{i}": Parameter(0.5, 4.0) for i in (2, 3, 4)},
+    "stronger_2": Parameter(1.05, 2.0),
+    "stronger_3": Parameter(0.9, 1.4),
+    "stronger_4": Parameter(0.4, 1.2),
+    **SHAPE,
+    **OF_LOSS["softening"],
+    **OF_LOSS["lengthening"],
+    **OF_LOSS["weakening"],
+    "damping": DAMPING,
+}
+OF_BACK = {f"back_{n}": Parameter(0.7, 1.4) for n in ("stiffness", *_POINTS, *SHAPE)}
+PARTS = [list(part) for part in (SHAPE, *OF_LOSS.values())]
+UNEVEN = Candidate(
+    "UnevenPinching4",
+    PARAMETERS | OF_BACK,
+    _uneven,
+    number=10,
+    yields="yield_displacement",
+    read=partial(uneven_envelopes, count=COUNT),
+    parts=[*PARTS, [f"back_{name}" for name in SHAPE]],
+    moved=partial(uneven_moved, count=COUNT),
+)
+ALIKE = Candidate(
+    "Pinching4",
+    PARAMETERS,
+    _made,
+    number=7,
+    yields="yield_displacement",
+    read=partial(envelopes, count=COUNT),
+    parts=PARTS,
+    moved=partial(moved, count=COUNT),
+    uneven=UNEVEN,
+)
+CANDIDATES = (ALIKE, UNEVEN)

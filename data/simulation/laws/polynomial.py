@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 
 from data.checked import checked
+from data.simulation.laws.candidate import DAMPING, STIFFNESS, Candidate, Values
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Element
+from data.simulation.laws.element import Command, Element
 
 
 @inlined
@@ -41,3 +43,29 @@ class Polynomial(Element):
 
     def tangent(self) -> tuple[float, float]:
         return self.stiffness, self.damping
+
+    def opensees(self) -> list[Command]:
+        cubic = [("ElasticPowerFunc", "-coeff", self.cubic_stiffness, "-exp", 3.0)]
+        spring = ("Elastic", self.stiffness, self.damping)
+        return [spring, *(cubic if self.cubic_stiffness != 0.0 else [])]
+
+
+def elements_of(law: type[Element]) -> Callable[[Values, Sequence[str]], list[Element]]:
+    """The law by its own parameters, with a spring in parallel where there is one."""
+    known = {field.name for field in fields(law)}
+
+    def made(values: Values, between: Sequence[str]) -> list[Element]:
+        own = {name: value for name, value in values.items() if name in known}
+        elements: list[Element] = [law(between=between, **own)]
+        if "spring" in values:
+            elements.append(Polynomial(between=between, stiffness=values["spring"]))
+        return elements
+
+    return made
+
+
+CANDIDATES = (  # a storey that stays elastic would show nothing of a law's yielding
+    Candidate(
+        "Linear", {"stiffness": STIFFNESS, "damping": DAMPING}, elements_of(Polynomial), number=8
+    ),
+)

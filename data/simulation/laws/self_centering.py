@@ -16,8 +16,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
+from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Candidate, share
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Element
+from data.simulation.laws.element import Command, Element, opensees_damper
+from data.simulation.laws.polynomial import elements_of
 
 
 @inlined
@@ -93,3 +95,27 @@ class SelfCentering(Element):
 
     def tangent(self) -> tuple[float, float]:
         return self.stiffness, self.damping
+
+    def opensees(self) -> list[Command]:
+        k, force = self.stiffness, self.stiffness * self.activation_displacement
+        flag = ("SelfCentering", k, self.hardening_ratio * k, force, self.flag)
+        return [flag, *opensees_damper(self.damping)]
+
+
+CANDIDATES = (
+    Candidate(
+        "SelfCentering",
+        {
+            "activation_displacement": YIELD,
+            "stiffness": STIFFNESS,
+            "hardening_ratio": share(0.01, 0.3),
+            "flag": share(0.3, 0.95),
+            "damping": DAMPING,
+        },
+        elements_of(SelfCentering),
+        number=0,
+        yields="activation_displacement",
+        yield_force="activation_force",
+        paired=True,
+    ),
+)

@@ -12,12 +12,24 @@ each direction. Memory m: p₊, p₋. Branch 0 is slack, 1 and 2 taut (y > 0, y 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from data.checked import checked
+from data.simulation.laws.candidate import (
+    DAMPING,
+    STIFFNESS,
+    YIELD,
+    Candidate,
+    Parameter,
+    Small,
+    of_spring,
+    share,
+)
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Element
+from data.simulation.laws.element import Command, Element, opensees_damper
 from data.simulation.laws.memory import memory
+from data.simulation.laws.polynomial import elements_of
 
 
 @inlined
@@ -85,3 +97,46 @@ class SlackBrace(Element):
 
     def tangent(self) -> tuple[float, float]:
         return (self.stiffness if self.gap == 0.0 else 0.0), self.damping
+
+    def opensees(self) -> list[Command]:
+        k, force = self.stiffness, self.stiffness * self.yield_displacement
+        braces = [
+            ("ElasticPPGap", k, side * force, side * self.gap, self.hardening_ratio, "damage")
+            for side in (1.0, -1.0)
+        ]
+        return [*braces, *opensees_damper(self.damping)]
+
+
+def _begin(law: Candidate, small: Small) -> dict[str, float]:
+    """The brace is slack at first: the spring beside it is that of small motions."""
+    numbers = of_spring(law, small)
+    if small.sure:
+        brace = small.spring * math.exp(small.brace)
+        numbers |= law.numbers({"spring": small.spring, "stiffness": brace}, small.units)
+    return numbers
+
+
+CANDIDATES = (
+    Candidate(
+        "SlackBrace",
+        {
+            "yield_displacement": YIELD,
+            "stiffness": STIFFNESS,
+            "hardening_ratio": share(0.01, 0.3),
+            "gap": Parameter(0.01, 0.2, lambda units: units.length, symbol="m"),
+            "damping": DAMPING,
+            "spring": Parameter(
+                0.02,
+                0.5,
+                lambda units: units.force / units.length,
+                symbol="N/m",
+                word="parallel_stiffness",
+            ),
+        },
+        elements_of(SlackBrace),
+        number=2,
+        yields="yield_displacement",
+        paired=True,
+        begin=_begin,
+    ),
+)

@@ -19,9 +19,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from data.checked import checked
+from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Candidate, share
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Element
 from data.simulation.laws.memory import memory
+from data.simulation.laws.polynomial import elements_of
 
 
 @inlined
@@ -128,3 +130,21 @@ class Takeda(Element):
 
     def tangent(self) -> tuple[float, float]:
         return self.stiffness, self.damping
+
+
+CANDIDATES = (
+    Candidate(
+        "Takeda",
+        {
+            "yield_displacement": YIELD,
+            "stiffness": STIFFNESS,
+            "hardening_ratio": share(0.01, 0.3),
+            "unloading_exponent": share(0.1, 0.6),
+            "damping": DAMPING,
+        },
+        elements_of(Takeda),
+        number=1,
+        yields="yield_displacement",
+        paired=True,
+    ),
+)

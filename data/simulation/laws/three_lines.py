@@ -6,7 +6,20 @@ motion. Of a law that follows such paths odd branches go forward.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from data.simulation.laws.compiling import inlined
+
+
+def points_of(law: Any, names: Sequence[str], back: str = "", side: float = 1.0) -> list[float]:
+    """Force [N] and place [m] of every point of a side of an envelope, as OpenSees takes them."""
+    first = getattr(law, f"{back}strength_1") if back else 1.0
+    more = [getattr(law, f"{back}strength_{i + 1}") for i in range(1, len(names))]
+    places = [getattr(law, f"{back}{name}") for name in names]
+    force = law.stiffness * law.yield_displacement
+    pairs = zip([first, *more], places, strict=True)
+    return [side * number for s, y in pairs for number in (force * s, y)]
 
 
 @inlined

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from models.named_laws.candidate import Loops, Values
+from data.simulation.laws.candidate import Loops, Values
 
 BINS, UPPER = 60, 0.8  # of the deformation; quantile of the force there, of the least damaged
 NEAREST, FARTHEST = 0.03, 1.5  # points, of the largest deformation
@@ -26,7 +26,7 @@ BOTH = (1.0, -1.0)  # sides
 LEVEL = 1e-3  # weight of level ends, which the data may not tell
 
 
-def points_of(values: Values, count: int, strength: float = 1.0) -> dict[str, float]:
+def sizes_of(values: Values, count: int, strength: float = 1.0) -> dict[str, float]:
     """Places [m] and strengths of points, as the fields of an element name them.
 
     strength: of the first point, over that of the front.

@@ -47,6 +47,8 @@ class Parameter:
     """A number of a law: its unit, whether it is a share of one, and where it begins.
 
     from_zero: unit·(1 − exp(−q)), none at q = 0 and below, as in models of before there was one.
+    symbol: of its unit, as in "N/m". word: its name in reports, where that in code says too little.
+    per_energy: falls as the law grows, so that the law keeps its shape.
     """
 
     low: float
@@ -54,6 +56,9 @@ class Parameter:
     unit: Callable[[Units], float] = lambda units: 1.0
     share: bool = False
     from_zero: bool = False
+    symbol: str = ""
+    word: str = ""
+    per_energy: bool = False
 
     def value(self, q: float, units: Units) -> float:
         q = min(max(q, -SPAN), SPAN)
@@ -73,15 +78,36 @@ def share(low: float, high: float) -> Parameter:
     return Parameter(low, high, share=True)
 
 
-STIFFNESS = Parameter(0.7, 2.0, lambda units: units.slope)
-YIELD = Parameter(0.1, 1.2, lambda units: units.elastic)
-DAMPING = Parameter(1e-3, 0.03, lambda units: units.damping)
-PER_ENERGY = {  # of the work that a law took up
-    "eta_rate": Parameter(1e-3, 0.1, lambda units: 1.0 / (units.force * units.length)),
-    "nu_rate": Parameter(1e-3, 0.1, lambda units: 1.0 / (units.force * units.length)),
-    "pinching_rate": Parameter(0.03, 1.0, lambda units: 1.0 / (units.force * units.length)),
-    "pinching_spread": Parameter(1e-4, 1e-2, lambda units: 1.0 / units.force),
-}
+STIFFNESS = Parameter(0.7, 2.0, lambda units: units.slope, symbol="N/m")
+YIELD = Parameter(0.1, 1.2, lambda units: units.elastic, symbol="m")
+DAMPING = Parameter(1e-3, 0.03, lambda units: units.damping, symbol="N s/m")
+
+
+@dataclass(frozen=True)
+class Small:
+    """Small motions of an element: its spring [N/m] and damper [N s/m], and whether these are sure.
+
+    bend: logarithm of the deformation at which it yields, over the largest; brace: of the stiffness
+    of what is slack over that of the spring, both drawn.
+    """
+
+    spring: float
+    damper: float
+    sure: bool
+    bend: float
+    brace: float
+    units: Units
+
+
+def of_spring(law: Candidate, small: Small) -> dict[str, float]:
+    """q of a law that is the spring and damper of small motions until it yields."""
+    sizes = {law.yields: small.units.length * math.exp(small.bend)} if law.yields else {}
+    if small.sure:
+        sizes |= {"stiffness": small.spring, "damping": small.damper}
+    known = {name: size for name, size in sizes.items() if name in law.parameters}
+    return law.numbers(known, small.units)
+
+
 Loops = Sequence[tuple[np.ndarray, np.ndarray]]  # deformation and force (T,) of every motion
 
 
@@ -89,6 +115,10 @@ Loops = Sequence[tuple[np.ndarray, np.ndarray]]  # deformation and force (T,) of
 class Candidate:
     """A law: its free parameters, and the elements in parallel that they make.
 
+    number: with which models are saved, never changed. parameters: "damping" is of a damper beside
+    the law, "spring" of a spring. yields: the deformation at which the line of the stiffness ends;
+    yield_force: what reports call the force there. paired: tried beside others in parallel.
+    begin: q of the parameters that small motions tell, `of_spring` unless the law begins otherwise.
     read: starts that are read off the motions, as values of some parameters. parts: parameters that
     a search draws anew together, the others held. moved: values of others that mean nearly the
     same. uneven: the same law where its sides may differ, with more parameters behind its own, each
@@ -99,10 +129,15 @@ class Candidate:
     name: str
     parameters: Mapping[str, Parameter]
     made: Callable[[Values, Sequence[str]], list[Element]]
+    number: int = -1
+    yields: str = ""
+    yield_force: str = "yield_force"
+    paired: bool = False
     sized: Sequence[str] = ("stiffness",)  # what multiplies the force of the law
     read: Callable[[Loops, np.random.Generator], list[Values]] = lambda loops, rng: [{}]
     parts: Sequence[Sequence[str]] = ()
     moved: Callable[[Values, np.random.Generator], Values] | None = None
+    begin: Callable[[Candidate, Small], dict[str, float]] = of_spring
     uneven: Candidate | None = None
     halves: tuple[Candidate, ...] = ()
 
@@ -125,9 +160,11 @@ class Candidate:
     def with_values(self, q: np.ndarray, values: Values, units: Units) -> np.ndarray:
         """q with positive values of some parameters, none of them a share."""
         numbers = dict(zip(self.parameters, q.tolist(), strict=True))
-        for name, value in values.items():
-            numbers[name] = math.log(value / self.parameters[name].unit(units))
-        return np.array(list(numbers.values()))
+        return np.array(list((numbers | self.numbers(values, units)).values()))
+
+    def numbers(self, values: Values, units: Units) -> dict[str, float]:
+        """q of positive values by the names of their parameters, none of them a share."""
+        return {n: math.log(v / self.parameters[n].unit(units)) for n, v in values.items()}
 
     def sized_anew(self, q: np.ndarray, units: Units, sizes: Values) -> np.ndarray:
         """q of a law so many times as strong (""), with another damper and spring in parallel.
@@ -140,6 +177,6 @@ class Candidate:
                 numbers[name] = math.log(sizes[name] / parameter.unit(units))
             elif name in self.sized:
                 numbers[name] += math.log(sizes[""])
-            elif name in PER_ENERGY:
+            elif parameter.per_energy:
                 numbers[name] -= math.log(sizes[""])
         return np.array(list(numbers.values()))
