@@ -32,7 +32,12 @@ README, ADDING = ROOT / "README.md", ROOT / "docs" / "adding.md"
 PAGES = sorted([README, ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
 TEMPLATES = [ROOT / "report" / "zoo" / "page.md"]
 ESTIMATOR = ("# models/quadratic_damping", "# conf/model/quadratic_damping")
-OF_THE_READER = ("my_", "quadratic_damping", "logger.py")  # names of files that do not exist yet
+OF_THE_READER = (
+    "my_",
+    "quadratic_damping",
+    "logger.py",
+    "kinematic.py",
+)  # names of files that do not exist yet
 
 
 def blocks(page: Path, language: str) -> list[str]:
