@@ -49,7 +49,7 @@ def _read(path: Path, limit: int) -> bytes:
 
 
 def _require_ours() -> None:
-    """Raise ImportError where somebody else's package stands where ours has to."""
+    """Raise ImportError where another package has the name of ours."""
     for name in _OURS:
         there = sys.modules.get(name)
         if there is None:
@@ -68,7 +68,7 @@ def _pretrained(name: str) -> Any:
 
 
 def list_pretrained(system: str | None = None, model: str | None = None) -> Any:
-    """The published models: name, errors, parameters, size, licence, what they were told."""
+    """The published models: name, errors, parameters, size, licence, what they were given."""
     _require_ours()
     return importlib.import_module("models.zoo.table").list_pretrained(system, model)
 

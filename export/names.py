@@ -106,7 +106,7 @@ def identifiers(names: Sequence[str], kind: str, taken: Iterable[str] = ()) -> l
 
 
 def unit_of(text: str) -> str:
-    """A unit of base units, powers, products and quotients as it stands; none of other texts."""
+    """A unit of base units, powers, products and quotients unchanged; none of other texts."""
     return text if UNIT.fullmatch(text) else ""
 
 

@@ -2,7 +2,7 @@
 
 The pip package of OpenSees takes no materials of one's own. Each term of an element's law becomes
 a stock material (export/opensees_laws.py, of a named law its own `opensees`), `Parallel`
-joins them between two nodes, and the equation of motion is left to OpenSees' explicit
+joins them between two nodes, and the equation of motion is solved by OpenSees' explicit
 Newmark method, which needs no iterations: its steps are a fraction of the model's own, so it is
 stable where the model is.
 """

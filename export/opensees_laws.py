@@ -8,7 +8,7 @@
     w z, b and a limit        BoucWen in Series with an ElasticPP slider, which caps its force
 
 The law of z knows increments of y alone. So a slider in series, which takes up what goes beyond the
-limit, leaves z as it is there: the same law, but for the slider's flexibility 1/K. With
+limit, leaves z as it is there: the same law, except for the slider's flexibility 1/K. With
 
     k₀ (1 − k₀/K) = 1,   b' (1 − 2 k₀/K) = b
 
@@ -38,7 +38,7 @@ PIECES, TAIL = 600, 9.0  # of a tanh: straight pieces; s |y ∓ b| beyond which 
 class Material:
     """`factor` times a material. parts: the commands that make it, the last of which it is.
 
-    "@-1" in a command stands for the tag of the command before, "@-2" of the one before that.
+    "@-1" in a command represents the tag of the command before, "@-2" of the one before that.
     """
 
     parts: Sequence[tuple[object, ...]]

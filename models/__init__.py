@@ -1,7 +1,7 @@
 """The zoo: one estimator per file, each a plain nn.Module that knows no Lightning.
 
 Every public class by its name, loaded when it is first used: `from models import VWNN`. The same
-names stand in configs as `_target_: models.VWNN`. A file of this folder is public without a line
+names are in configs as `_target_: models.VWNN`. A file of this folder is public without a line
 here: its classes are found in its text, and nothing is imported for that.
 """
 

@@ -63,7 +63,7 @@ class BranchElement(ElementTest, Trainable):
     ramps: of the envelope; bends: ramps of stiffness and of sharpness. force_memory: a branch knows
     its turning point, the force there and the energy too: it fits more and extrapolates less.
     unsymmetric: pulled it may do otherwise than pushed.
-    prior: weight of Σ (θ − θ₀)² beside the squared relative error. None for any of the three: it is
+    prior: weight of Σ (θ − θ₀)², relative to the squared error. None for any of the three: it is
     chosen on a motion that is held back (models/starts/branch_laws.py), after `law_starts` draws
     from `seed`, and training goes on from there on all motions.
     Raises ValueError for other channels than an element test's.
@@ -165,7 +165,7 @@ class BranchElement(ElementTest, Trainable):
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:
-        """Draw envelope, stiffness and sharpness anew; choose anew where that is asked for."""
+        """Draw envelope, stiffness and sharpness again; choose again where that is asked for."""
         if not self.tests and not self.samples:
             raise ValueError("BranchElement restarts from its identification; identify it")
         if self.choice.open:
@@ -215,7 +215,7 @@ class BranchElement(ElementTest, Trainable):
         return Response(s, rate, self._differentiable(drive.u, drive.dt))
 
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
-        """Forces (…, T, E) of the whole motion: it is imposed, and nothing begins anew."""
+        """Forces (…, T, E) of the whole motion: it is imposed, and nothing begins again."""
         return self._differentiable(record.excitation, record.dt)
 
     def restarted_jacobian(

@@ -304,7 +304,7 @@ class ElementNetwork(ByLaws, Composite):
 
     @torch.no_grad()
     def settle(self) -> None:
-        """Start the laws anew at the present springs and dampers, which set the units of θ."""
+        """Start the laws again at the present springs and dampers, which set the units of θ."""
         if self.mass.learned:
             self.mass.start(self.mass())
         assert self.linear is not None
@@ -434,7 +434,7 @@ class ElementNetwork(ByLaws, Composite):
         )
 
     def restart(self, generator: torch.Generator) -> None:
-        """Go back to the identified springs and dampers; spread hinges and limits anew."""
+        """Go back to the identified springs and dampers; spread hinges and limits again."""
         if self.linear is None:
             raise ValueError("ElementNetwork restarts from its identification; identify it first")
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()

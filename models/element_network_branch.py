@@ -74,7 +74,7 @@ class ElementNetworkBranch(ElementNetwork):
 
     elements, masses, forced, from_accelerations: as for `ElementNetwork`. ramps, bends,
     force_memory, law_starts, unsymmetric: of every law, as for `BranchElement`.
-    prior: weight of Σ (θ − θ₀)² beside the squared relative error; θ₀ is a law's start, and then
+    prior: weight of Σ (θ − θ₀)², relative to the squared error; θ₀ is a law's start, and then
     the law by equilibrium. None: chosen on motion held back, for each law and then for the free
     run, in which a strong prior leaves the laws as equilibrium has them
     (models/starts/branch_laws.py). With more elements than DOFs equilibrium leaves open the
@@ -214,7 +214,7 @@ class ElementNetworkBranch(ElementNetwork):
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:
-        """Fit the laws to equilibrium anew, from other starts."""
+        """Fit the laws to equilibrium again, from other starts."""
         if not self.tests:
             raise ValueError(
                 "ElementNetworkBranch restarts from its identification; identify it first"
@@ -333,7 +333,7 @@ Law = Any  # a BranchElement of one element
 Drags = Sequence[Tensor]  # (T, E) [N s] of every motion
 ROUNDS, ITERATIONS = 3, 12
 LEAST = 1e-8  # of the squared forces: what is left of them at least
-HELD = 1e-6  # weight of Σ Δθ² beside the squared relative error
+HELD = 1e-6  # weight of Σ Δθ² relative to the squared relative error
 
 
 def mass_damping(

@@ -37,7 +37,7 @@ class HystereticElement(ElementTest, Composite):
     hinges, tanhs, units: numbers of them in each law; cubic: each law has a cubic spring; rounded:
     units bend before they yield, as those of Bouc and Wen; without, they are elastoplastic.
     other_inputs: number k of channels e after s and ṡ, (T, 2 E + k). Each has a law at up to so
-    many `nodes` in its range, over which hinges, tanhs and units are spread, and in which so many
+    many `nodes` in its range, over which hinges, tanhs and units are spread, and in which that many
     `rates` are forces that saturate with the rate. The units then begin at rest, and the first
     samples of a record, which tell of its beginning, let them forget.
     priors, ties: as for `ElementNetwork`, without other inputs.
@@ -183,13 +183,13 @@ class HystereticElement(ElementTest, Composite):
 
     @torch.no_grad()
     def settle(self) -> None:
-        """Start the laws anew at the present springs and dampers."""
+        """Start the laws again at the present springs and dampers."""
         assert self.linear is not None
         self.linear = self.laws.stiffness().cpu(), self.laws.damping().cpu(), self.linear[2]
         self.laws.start(*self.linear, (0.5, 0.5))
 
     def restart(self, generator: torch.Generator) -> None:
-        """Go back to the identified springs and dampers; spread hinges and limits anew."""
+        """Go back to the identified springs and dampers; spread hinges and limits again."""
         if self.linear is None:
             raise ValueError("HystereticElement restarts from its identification; identify it")
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()

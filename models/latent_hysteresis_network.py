@@ -165,7 +165,7 @@ class LatentHysteresisNetwork(Composite):
 
     @torch.no_grad()
     def restart(self, generator: torch.Generator) -> None:
-        """Draw directions of deformation anew: differences of displacements of unit length."""
+        """Draw directions of deformation again: differences of displacements of unit length."""
         self.require_identified(self.identified)
         E, shapes = self.directions.theta.shape[0], self.shapes().cpu()
         drawn = torch.randn(E, self.dofs, generator=generator, dtype=torch.float64)

@@ -46,7 +46,7 @@ class GlobalMLP(Trainable):
         self.network = Perceptron(2 * dofs + inputs, hidden, dofs, activation)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Fit the scaling; the weights are left to the solver."""
+        """Fit the scaling; the weights are fitted by the solver."""
         self.network.input_scale.fit(_after_warmup(self.state(r), r) for r in batches)
         self.network.output_scale.fit(_after_warmup(r.a, r) for r in batches)
         return {}
@@ -95,7 +95,7 @@ class ResidualMLP(EquivalentLinear, Trainable):
         self.network = Perceptron(3 * dofs + inputs, hidden, dofs, activation)
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Identify the linear system and the scaling; the network is left to the solver."""
+        """Identify the linear system and the scaling; the network is fitted by the solver."""
         solution = super().identify(batches)
         self.network.input_scale.fit(_after_warmup(self.regressors(r), r) for r in batches)
         self.network.output_scale.fit(_after_warmup(self.residual(r), r) for r in batches)

@@ -45,7 +45,7 @@ class ModalNetwork(Estimator):
     mode. ahead: samples that the interpolation of a band-limited excitation may look ahead, 0: it
     is causal; None: as many as it likes. iterations: of the last fit. held_back: share of each
     record's motion, its last part by power, on which modes and laws are chosen. directions, draws:
-    that are tried for an element. prior: weight of Σ θ² beside the squared relative error.
+    that are tried for an element. prior: weight of Σ θ² relative to the squared relative error.
 
     A record of unknown beginning tells its first state by its warm-up samples; of those that are
     trained on, all samples tell.

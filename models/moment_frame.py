@@ -130,7 +130,7 @@ class MomentFrame(Estimator):
 # Derivatives are differences, a run for each number.   T samples, S steps of a sample, n floors,
 # P numbers.
 
-PRIOR = 1e-5  # weight of Σ θ² beside the squared relative error of the accelerations
+PRIOR = 1e-5  # weight of Σ θ² relative to the squared relative error of the accelerations
 FIRST = 2  # motions that are balanced at first
 SETTINGS = {
     **{"damping": 1e-3, "decrease": 0.2, "increase": 5.0, "largest": 1e4, "scaled": True},

@@ -1,4 +1,4 @@
-"""Neural state space: a linear system with a small network beside it, in a latent state.
+"""Neural state space: a linear system plus a small network, in a latent state.
 
 z[k+1] = A z[k] + B w[k] + W₂ tanh(W₁ [z[k], w[k]] + b₁),    w[k] = [u[k], u[k+1]]
 ẍ[k]   = C z[k] + D u[k] + V₂ tanh(V₁ [z[k], u[k]] + c₁)
@@ -107,7 +107,7 @@ class NeuralStateSpace(Trainable):
             weight[2 * n + i, : 2 * n] = (1.0 - kept) * mixture[i]
 
     def restart(self, generator: torch.Generator) -> None:
-        """Draw the networks anew; the linear system stays."""
+        """Draw the networks again; the linear system stays."""
         self.step.draw(generator)
         self.output.draw(generator)
 

@@ -135,7 +135,7 @@ class ModalPolynomial(EquivalentLinear):
         return acceleration
 
     def _places(self, device: torch.device) -> list[Tensor]:
-        """Where the two factors of every term of every mode stand in T_k(q_a), a after a."""
+        """Where the two factors of every term of every mode are in T_k(q_a), a after a."""
         columns = self.order + 1
         terms = [term for of_mode in self.terms for term in of_mode]
         places = (

@@ -3,7 +3,7 @@
 r = r₀ + k s + c ṡ + Σ_j f_j(z_j),   z_j = min(max(z_j + ds, −l_j), l_j)
                         the model of Prandtl and Ishlinskii, generalised: Al Janaideh et al. (2011)
 
-A spring f of any shape stands in series with a slider: slack in its middle and stiff at its ends it
+A spring f of any shape is in series with a slider: slack in its middle and stiff at its ends it
 is backlash before friction; unlike at both ends, friction of unequal limits. The half widths l are
 searched, all else is least squares (models/sliders/fit.py); no solver is needed.   T samples.
 """

@@ -60,7 +60,7 @@ class Recurrent(Trainable):
         self.register_buffer("signals", torch.full((3, dofs), torch.nan, dtype=double))  # RMS
 
     def identify(self, batches: Iterable[Record]) -> dict[str, float]:
-        """Fit the scaling; the weights are left to the solver."""
+        """Fit the scaling; the weights are fitted by the solver."""
         records = list(batches)
         self.input_scale.fit(r.excitation for r in records)
         motions = [_motion(r) for r in records]
@@ -73,7 +73,7 @@ class Recurrent(Trainable):
         return {}
 
     def restart(self, generator: torch.Generator) -> None:
-        """Draw cells uniformly in ±1/√hidden, as at construction, and the linear layers anew."""
+        """Draw cells uniformly in ±1/√hidden, as at construction, and the linear layers again."""
         super().restart(generator)
         reach = self.cells.hidden_size**-0.5
         with torch.no_grad():

@@ -2,7 +2,7 @@
 
 Well below its first resonance a structure follows its base: an absolute acceleration is then that
 of the base itself, H(f) = 1; a relative one is +(f/f₁)² of it; and where a displacement of the base
-stands for its acceleration, H(f) = −(2πf)².  Slope, sign and size of H decide which.
+represents its acceleration, H(f) = −(2πf)².  Slope, sign and size of H decide which.
 """
 
 from __future__ import annotations

@@ -156,7 +156,7 @@ def _read_hdf5(place: Path, variables: Sequence[str]) -> dict[str, Any]:
 def _read_csv(place: Path, variables: Sequence[str]) -> dict[str, Any]:
     """Columns by their headers; a variable of several columns has them numbered from 1.
 
-    A number that stands once, such as a sampling rate, leaves the rest of its column empty.
+    A number that is given once, such as a sampling rate, leaves the rest of its column empty.
     """
     try:
         with place.open(encoding="utf-8-sig") as file:

@@ -92,7 +92,7 @@ def _lagged(now, before, after, lag, dt):
 
 
 def step_of(model: HystereticElement, laws: Step) -> Step:
-    """The step of elements whose laws stand side by side in the step `laws`."""
+    """The step of elements whose laws are evaluated side by side in the step `laws`."""
     others, E = model.others, model.dofs
     assert others is not None
     lags = Lags(

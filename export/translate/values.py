@@ -80,7 +80,7 @@ def tuple_of(items: Sequence[Value], fields: tuple[str, ...] = ()) -> Value:
 
 
 def known_value(value: Any) -> Value | None:
-    """What a name of a module stands for; None where it is of no use here."""
+    """The value of a name of a module; None where it is of no use here."""
     if isinstance(value, Value):
         return value
     if value is None:

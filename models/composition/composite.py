@@ -206,9 +206,9 @@ class Composite(Held):
         self.first.clear()
 
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
-        """Acceleration (…, T, n) of runs that begin anew at measured x and v.
+        """Acceleration (…, T, n) of runs that begin again at measured x and v.
 
-        The memory of hysteretic units goes on where a run begins anew, so runs need no warm-up.
+        The memory of hysteretic units goes on where a run begins again, so runs need no warm-up.
         """
         free = [p for p in self.parameters() if p.requires_grad]
         if torch.is_grad_enabled() and free:
@@ -287,7 +287,7 @@ class Composite(Held):
         derivatives: bool = False,
         begin: Tensor | None = None,
     ) -> Trace:
-        """A compiled run, begun anew from `anchors` (…, 2, T, n) every so many samples.
+        """A compiled run, restarted from `anchors` (…, 2, T, n) every so many samples.
 
         begin: q, q̇ and the units' memory (…, S) at the first sample, in place of the drive's.
         """

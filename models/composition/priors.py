@@ -223,7 +223,7 @@ def _shared(coefficients: Coefficients, tied: Sequence[Sequence[int]]) -> torch.
 class Held(Trainable):
     """Base of compositions whose parameters are held.
 
-    prior: weight of Σ θ² beside the squared relative error; parameters that the data do not
+    prior: weight of Σ θ² relative to the squared relative error; parameters that the data do not
     determine stay where they started, without effect. early_prior: the weight before the last stage
     of training; None: `prior`. Raises ValueError for weights below 0.
     """

@@ -52,7 +52,7 @@ def traced(
 ) -> Trace:
     """The compiled run of a batch of drives.
 
-    anchors: measured x and v (…, 2, T, o), from which the run begins anew every `every` samples;
+    anchors: measured x and v (…, 2, T, o), from which the run begins again every `every` samples;
     None: it never does. derivatives: fill the Jacobian too. bound: what sensors measure (o,) in a
     run that has diverged; None: it is infinite. begin: q, q̇ and the units' memory
     (…, 2n + E·units) at the first sample, in place of the drive's; by_begin: derivatives by it too.
@@ -117,7 +117,7 @@ def on_processor(drive: Drive) -> Drive:
 
 
 def anchors_of(drive: Drive, anchors: Tensor | None) -> Tensor:
-    """x and v (B, 2, T, o) from which runs begin anew; of the first sample alone where none do."""
+    """x and v (B, 2, T, o) from which runs begin again; of the first sample alone where none do."""
     lead = drive.u.shape[:-2]
     if anchors is not None:
         return anchors.cpu().reshape(lead.numel(), *anchors.shape[-3:])

@@ -81,7 +81,7 @@ class Identification(LightningModule):
         self.fit_seconds = 0.0
         self.best: tuple[float, dict[str, Tensor]] = (float("inf"), {})
         self.fails = 0
-        self.rescued = 0  # how often the present stage was begun anew
+        self.rescued = 0  # how often the present stage was restarted
         self.validated: list[float] = []  # losses of the records of a validation
         self.broken_off: dict[str, Any] = {}  # a checkpoint to go on from
         self.minimum: Laplace | None = None  # what intervals are made of, once it is known
@@ -183,7 +183,7 @@ class Identification(LightningModule):
             self._stop_after_last_stage()
 
     def _rescue(self, record: Record) -> None:
-        """Begin a stage anew whose run is not finite at its start; at most so often.
+        """Begin a stage again whose run is not finite at its start; at most so often.
 
         Where the plain run of the whole motion is finite, as in steps from noisy states, the stage
         is left out: what comes after it begins there.

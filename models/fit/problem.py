@@ -123,9 +123,9 @@ class Problem:
 
 
 class FreeRunProblem:
-    """Errors, loss and normal equations of a simulation that begins anew every `horizon` samples.
+    """Errors, loss and normal equations of a simulation that begins again every `horizon` samples.
 
-    horizon: None: the simulation never begins anew. warmup: samples that each restarted run takes
+    horizon: None: the simulation never begins again. warmup: samples that each restarted run takes
     before its samples count. prior: weight of the pull instead of the estimator's own.
     """
 

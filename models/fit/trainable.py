@@ -30,7 +30,7 @@ class Trainable(Estimator):
         return self, record, record.a
 
     def restart(self, generator: torch.Generator) -> None:
-        """Draw the starting weights of all layers anew (Glorot & Bengio 2010).
+        """Draw the starting weights of all layers again (Glorot & Bengio 2010).
 
         Raises ValueError where nothing starts at random.
         """
@@ -50,11 +50,11 @@ class Trainable(Estimator):
         return record.x is not None and record.v is not None
 
     def begins_anew(self, record: Record) -> bool:
-        """Whether runs in training may begin anew within a record."""
+        """Whether runs in training may begin again within a record."""
         return self.has_states(record)
 
     def restarted_run(self, record: Record, horizon: int | None, warmup: int = 0) -> Tensor:
-        """Acceleration (…, T, n) of free runs that begin anew every `horizon` samples.
+        """Acceleration (…, T, n) of free runs that begin again every `horizon` samples.
 
         Each run begins at the measured x and v, `warmup` samples before its samples count; the
         first at the record's own initial state. None for the horizon: a single free run.
@@ -92,7 +92,7 @@ class Trainable(Estimator):
     def pull(
         self, last: bool, prior: float | None = None, noise: float = 0.0
     ) -> tuple[float | Tensor, Tensor]:
-        """Weights w of Σ w d² beside the squared relative error of a free run, and d (P,).
+        """Weights w of Σ w d² relative to the squared relative error of a free run, and d (P,).
 
         d is the distance of the free parameters from where they would stay without data, in the
         `last` stage of training or before. prior: the weight instead of the estimator's own.
@@ -130,7 +130,7 @@ def require_trainable(estimator: Estimator) -> Trainable:
 
 
 def windows_of(record: Record, horizon: int, warmup: int) -> tuple[Drive, Tensor, Tensor]:
-    """Drives (…, windows, ·) of runs that begin anew, and the place of every sample in them.
+    """Drives (…, windows, ·) of runs that begin again, and the place of every sample in them.
 
     Returns the window (T,) of every sample and its place (T,) within the window. Windows are of
     equal length: the last goes on under its last excitation. What a band-limited excitation does

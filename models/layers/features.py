@@ -21,7 +21,7 @@ AT_LARGEST = 0.5  # λ ξ at the largest ξ of a channel, where λ is left open
 
 
 def _products(channels: int, factors: int, squares: bool) -> int:
-    """Number of products of so many factors."""
+    """Number of products of a number of factors."""
     if factors == 1 or not squares:
         return comb(channels, factors)
     return comb(channels + factors - 1, factors)
@@ -81,7 +81,7 @@ class SigmoidProducts(nn.Module):
         return np.ascontiguousarray(self.weight.expand(self.channels).cpu().numpy())
 
     def places(self) -> Tensor:
-        """The three factors of every feature, by channel (features, 3); `channels` stands for 1."""
+        """The three factors of every feature, by channel (features, 3); `channels` represents 1."""
         singles = [torch.arange(self.channels).unsqueeze(1)] if 1 in self.orders else []
         constant = [torch.empty(1, 0, dtype=torch.int64)] if self.bias else []
         rows = [*singles, *(factors.T.cpu() for factors in self._factors()), *constant]

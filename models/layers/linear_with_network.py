@@ -1,4 +1,4 @@
-"""A linear map with a small network beside it, as a layer and as a step in time.
+"""A linear map plus a small network, as a layer and as a step in time.
 
 L [z, w] + W₂ tanh(W₁ [z, w] + b₁) + b₂,   θ = (L, W₁, b₁, W₂, b₂)           Suykens et al. (1995)
 T samples, B runs, q states.
@@ -13,7 +13,7 @@ START = 0.01  # of a Glorot start: the network begins as a small addition to the
 
 
 class LinearWithNetwork(nn.Module):
-    """Layer from [z, w] (…, inputs) to outputs, with `hidden` neurons beside the linear map."""
+    """Layer from [z, w] (…, inputs) to outputs, a linear map plus `hidden` neurons."""
 
     def __init__(self, inputs: int, hidden: int, outputs: int) -> None:
         super().__init__()

@@ -1,7 +1,7 @@
 """Displacement and velocity of a motion from what was measured of it, off line: for training alone.
 
 A(f)/(iω)ⁿ, high-passed, or iω X(f), low-passed, without phase: x and v at a sample depend on what
-follows it, so no estimate may see them. They are where a run in training begins anew.
+follows it, so no estimate may see them. They are where a run in training begins again.
 T samples, n outputs, m channels of excitation.
 """
 

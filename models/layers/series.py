@@ -31,7 +31,7 @@ BASES = {"power": powers, "chebyshev": chebyshev}
 
 
 def require_order(order: int, pairs: int, series: int) -> None:
-    """Raise ValueError for series of so many pairs of coordinates that no least squares solves."""
+    """Raise ValueError for series of too many pairs of coordinates that no least squares solves."""
     terms = max(pairs * (order + 1) ** 2, series * (order + 1) ** 2)
     require_solvable(terms, f"model.order={order}", "lower model.order")
 

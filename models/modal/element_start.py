@@ -72,7 +72,7 @@ class ElementSearch:
         return max(float(np.abs(states[:, :J] @ D).max()) for states in self.states)
 
     def directions(self, rng: np.random.Generator, count: int) -> list[np.ndarray]:
-        """Directions (J,) of deformations up to 1: of the outputs, and so many random ones."""
+        """Directions (J,) of deformations up to 1: of the outputs, and a number of random ones."""
         if self.layout.modes == 1:
             drawn = [np.ones(1)]
         else:

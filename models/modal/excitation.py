@@ -3,7 +3,7 @@
 Between samples, at the ends and middles of substeps: zero_order and linear as they say;
 band_limited by the Fourier series of a periodic record, else by the best linear interpolation of a
 signal that is flat up to the band's end and has nothing beyond (Oetken, Parks & Schüßler 1975),
-from so many samples on both sides, or `ahead` samples at most: with 0 it is causal, and the less
+from several samples on both sides, or `ahead` samples at most: with 0 it is causal, and the less
 exact the nearer the band comes to half the sampling rate.
 Of a record that repeats itself the mean of the periods is taken: what is left is its noise.
 T samples, N of a period, m inputs, o outputs, S substeps.

@@ -103,7 +103,7 @@ def extend(fit: Fit, element: Element, family: str, share: float, plan: Plan) ->
 
 
 def train(fit: Fit, motions: Sequence[Motion], plan: Plan, iterations: int) -> Fit:
-    """The model after so many iterations on the samples that are not held back."""
+    """The model after a number of iterations on the samples that are not held back."""
     state = settle(fit.layout, fit.state, motions)
     problem = ModalProblem(fit.layout, motions, state, learned(fit, plan), plan.prior)
     with np.errstate(all="ignore"):
@@ -176,7 +176,7 @@ def with_element(fit: Fit, motions: Sequence[Motion], plan: Plan, rng: np.random
 
 
 def linear(motions: Sequence[Motion], plan: Plan) -> Fit:
-    """The smallest linear model whose error on held-back motion is nearly least.
+    """The smallest linear model whose error on held-back motion is within 2 % of the least.
 
     Raises ValueError where no number of modes gives a run that is finite.
     """
@@ -232,7 +232,7 @@ def with_modes(fit: Fit, motions: Sequence[Motion], plan: Plan) -> Fit:
 
 
 def fit_modal(motions: Sequence[Motion], plan: Plan) -> tuple[Fit, dict[str, Any]]:
-    """A model of the motions, and what is to be told of it."""
+    """A model of the motions, and its notes."""
     rng = np.random.default_rng(plan.seed)
     fit = linear(motions, plan)
     facts: dict[str, Any] = {"held_out_error_linear_percent": 100.0 * fit.error}

@@ -22,7 +22,7 @@ MOST_MOTIONS = 6  # whose spectra give the poles, those with most samples
 
 
 def by_spectra(motions: Sequence[Motion], modes: int) -> tuple[Layout, State] | None:
-    """Layout without elements, parameters and first states; None where the lines tell no so many.
+    """Layout without elements, parameters and first states; None where the lines show fewer.
 
     The motions' outputs are those of a linear system of so many modes, or what another model
     leaves of outputs.
@@ -101,7 +101,7 @@ def _columns(motion: Motion, k: np.ndarray, c: np.ndarray) -> np.ndarray:
 def _by_least_squares(
     motions: Sequence[Motion], k: np.ndarray, c: np.ndarray
 ) -> tuple[Layout, State]:
-    """All linear parameters beside k and c, from the outputs up to `stop`."""
+    """All linear parameters except k and c, from the outputs up to `stop`."""
     J, m, o = len(k), motions[0].excited.u.shape[1], motions[0].y.shape[1]
     shared, own = 2 * J * m + m + 1, 2 * J
     width = shared + own * len(motions)

@@ -126,7 +126,7 @@ def outputs(
 def steady_state(
     layout: Layout, values: np.ndarray, excited: Excited, period: int, periods: int = 4
 ) -> np.ndarray:
-    """The first state (S,) of an excitation that repeats itself, after so many periods from rest.
+    """The first state (S,) of an excitation that repeats itself, after some periods from rest.
 
     Units begin without memory: it is short beside a period.
     """

@@ -1,7 +1,7 @@
 """The named law that suits motions of an element best.
 
 Starts are drawn, the likeliest are followed on the two largest motions, the best on all. Laws of
-many parameters draw some of them anew, the others held, until that gains nothing. Which law it is
+many parameters draw some of them again, the others held, until that gains nothing. Which law it is
 shows on the largest motion, which is held back: of those whose error there is nearly the least, or
 next to none, the law of the fewest parameters is taken. But for the last fit, motions are thinned.
 Sides of a law that may differ: at first, where that leaves half; at the end, where it still gains.
@@ -34,7 +34,7 @@ from models.named_laws.fit import (
 from models.named_laws.leaning import LEANING, LEANS, leant
 
 DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
-MOST_IN_PARTS, IN_PARTS = 6, 4  # of a law whose parts are drawn anew; parameters for each of them
+MOST_IN_PARTS, IN_PARTS = 6, 4  # of a law whose parts are drawn again; parameters for each of them
 OF_A_START = 60  # draws of all else, for each start that was read off the motions
 FOLLOWED, MOST_FOLLOWED = 72, 14  # over the parameters of a law: starts that are followed at first
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
@@ -90,7 +90,7 @@ def _read(
 
 
 def improved(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator, enough: float) -> Fit:
-    """The law after rounds in which parts of its numbers are drawn anew, the others held.
+    """The law after rounds in which parts of its numbers are drawn again, the others held.
 
     motions: those of the law's error, of which `enough` ends the search.
     """
@@ -196,7 +196,7 @@ def chosen(
 
     Laws may be alike there because the largest motion alone shows what tells them apart; or the law
     may suit that motion badly even when it is fitted to it, because it yielded nowhere else, and
-    starts had nothing to be judged by. Then starts are drawn anew on all motions, and the law is
+    starts had nothing to be judged by. Then starts are drawn again on all motions, and the law is
     the smallest that suits all. Where no other start of a law drawn in parts ended as well as the
     best of them, it is searched once more: where the best lies, most starts would end. Two laws in
     parallel are taken where no law alone suits that motion and they leave half as much.
@@ -258,7 +258,7 @@ def _alone(ends: Sequence[Fit], enough: float) -> bool:
 
 
 def _final(ends: Sequence[Fit], motions: Sequence[Motion], seed: int) -> Fit:
-    """The best of a law after the last fit, to all motions; its parts are drawn anew on these."""
+    """The best of a law after the last fit, to all motions; its parts are drawn again on these."""
     best = min([followed(one, motions, LAST) for one in ends[:STAY]], key=_error)
     enough = floor_of(motions)
     if best.error < enough:

@@ -32,7 +32,7 @@ class Online(Estimator):
     squares. guard: against bad samples; None: a Guard with its defaults.
 
     Training is one pass over the training records, one after the other. `forward` goes on from
-    there on every record anew, adapting; the module stays as it is. Other ways of estimating:
+    there on every record again, adapting; the module stays as it is. Other ways of estimating:
     "frozen", with the weights as training left them, and "from_nothing", from zero weights on.
     Raises ValueError for an estimator whose weights do not all enter linearly.
     """
@@ -137,7 +137,7 @@ class Online(Estimator):
     def _sample_by_sample(
         self, record: Record, law: Law, states: list[Adapted], longest: int
     ) -> Iterator[tuple[Tensor, list[Adapted]]]:
-        """`stretches` of a record with bad samples, for which the guard lets estimates stand in."""
+        """`stretches` of a record with bad samples, in which the guard uses estimates."""
         stream, estimates = Stream(self.estimator, law, states, self.guard), []
         for k, sample in enumerate(samples_of(record)):
             stream.law = Frozen() if k < record.warmup else law

@@ -3,7 +3,7 @@
     not_finite  a channel is NaN or infinite
     outlier     a value far from all of late, and alone (models/online/outliers.py)
     saturated   an acceleration is at the sensor's full scale
-    repeated    an acceleration stands still to the last bit, or a sample came twice
+    repeated    an acceleration does not change to the last bit, or a sample came twice
     dropped     samples, or an acceleration, did not come
 
 Inputs keep their last sound value; the estimate stands in for a missing acceleration.
@@ -44,7 +44,7 @@ class Event:
 class Guard(nn.Module):
     """Which samples count as bad, and for how long the weights then rest.
 
-    outlier: so many times as far as anything of late, and alone, is an outlier, > 1; None: nothing.
+    outlier: this many times as far as anything of late, and alone, is one, > 1; None: nothing.
     full_scale: |ẍ| [m/s²] at which a sensor saturates; None: not known.
     repeats: so many values in a row that equal the one before are a fault, ≥ 1; a structure at
     rest, where all is zero, is none. Sensors of few bits repeat themselves: raise it for them.
@@ -137,14 +137,14 @@ class Watch:
         """Number of samples missing before this one; −1 for a sample that came already.
 
         A clock may be off by half a sample period at a time. One that goes back by more than a gap
-        that is bridged was set anew.
+        that is bridged was set again.
         """
         started = self.sample >= 0
         if time is None or not isfinite(time):
             time = self.time + self.dt if started else 0.0
         missed = round((time - self.time) / self.dt) - 1 if started else 0
-        came, anew = self.sample + 1, missed < -self.guard.longest - 1
-        if missed < 0 and not anew:
+        came, again = self.sample + 1, missed < -self.guard.longest - 1
+        if missed < 0 and not again:
             self._add(Event(self.sample, time, "repeated", "all"))
             return -1
         self.still_bad, self.bad = self.bad, set()
@@ -152,7 +152,7 @@ class Watch:
             self._add(Event(came, self.time + self.dt, "dropped", "all"))
             self.unsettled = self.blind = self.guard.settle
         self.sample, self.time = came + max(missed, 0), time
-        return self.guard.longest + 1 if anew else missed
+        return self.guard.longest + 1 if again else missed
 
     def next_time(self, time: float | None) -> float | None:
         """The time of a sample that comes right after the newest one; None of all others."""
@@ -263,7 +263,7 @@ class Watch:
         self.sample, self.time, self.replays = other.sample, other.time, other.replays
 
     def restart(self) -> None:
-        """Name the newest sample as that after which the model is one begun anew."""
+        """Name the newest sample as that after which the model is a restarted one."""
         self._add(Event(self.sample, self.time, "restarted", "all"))
 
     def bounded(self, estimate: Tensor) -> Tensor:

@@ -3,11 +3,11 @@
 A value is far off where its step from the value before, and its innovation, together exceed those
 of late: |Δu| |e| > times² max|Δu| max|e|, both maxima fading in FADE samples. Rejecting by the
 innovation is the recursive least M-estimate of Zou, Chan & Ng (2000), with the hard limit of
-Hampel's identifier; the largest of late stands in for their median, as innovations of sound data
+Hampel's identifier; the largest of late replaces their median, as innovations of sound data
 come in bursts. Whether a far value was alone is known some samples later
 (`models/online/stream.py`).
 
-The first samples in motion have nothing before them. They are taken as they come and judged once
+The first samples in motion have nothing before them. They are taken unchanged and judged once
 there are enough: the same product, with the distance from the median as the step, is then compared
 with the largest of all the others.
 """
@@ -176,7 +176,7 @@ def _of_event(sizes: Sequence[float], much: float) -> float:
 def limits_of_first(window: Mapping[Channel, Sequence[float]], times: float) -> Limits | None:
     """Limits of the channels whose first values hold outliers; None: let us see what comes after.
 
-    An onset is told from an outlier by what follows it.
+    An onset is distinguished from an outlier by what follows it.
     """
     limits: Limits = {}
     for channel, values in window.items():

@@ -176,7 +176,7 @@ def number_of(
     """How many sliders, and the errors of one, two, … on the motion that was held back.
 
     Each further one has to lower that error by a fifth: sliders that only follow what the law
-    cannot do stand wrongly when another motion begins.
+    cannot do are wrongly placed when another motion begins.
     """
     rest, judged = hold_back(motions)
     errors: list[float] = []

@@ -15,11 +15,11 @@ model also has to stand that motion 1.5 times as large, and a tenth of it; where
 by equilibrium are no good, and the free run has its way. The first weight is next to no polish.
 
 Where accelerations alone were measured, what is slow in the motion is lost to equilibrium, laws are
-a tenth off, and free runs of them drift away. Runs then begin anew at the reconstructed motion
+a tenth off, and free runs of them drift away. Runs then begin again at the reconstructed motion
 first, ever more seldom, so that the free run may teach the laws what is slow.
 
 What a law does where no motion of training led it is chance, and another start of it does something
-else there: where laws run away under motions like those of training, they are fitted anew.
+else there: where laws run away under motions like those of training, they are fitted again.
 """
 
 from __future__ import annotations
@@ -285,13 +285,13 @@ def polish_weight(model: Composite, records: Sequence[Record], largest: int) -> 
 
 
 def are_reconstructed(model: Composite, records: Sequence[Record]) -> bool:
-    """Whether x and v come from accelerations, and runs can begin anew at them."""
+    """Whether x and v come from accelerations, and runs can begin again at them."""
     measured = all(model.has_states(record) for record in records)
     return not measured and all(model.begins_anew(record) for record in records)
 
 
 def grow(model: Composite, motions: Sequence[Record], weight: float) -> None:
-    """Fit all laws to runs that begin anew, at first every few samples, then ever more seldom."""
+    """Fit all laws to runs that begin again, at first every few samples, then ever more seldom."""
     announce("runs of all laws, longer and longer")
     period = min(1.0 / (dominant(motion.a, motion.dt) * motion.dt) for motion in motions)
     for horizon in dict.fromkeys(max(2, round(share * period)) for share in GROWING):

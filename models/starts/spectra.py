@@ -22,7 +22,7 @@ TAPER = 0.1  # of a record that is faded, where it is cut
 GRID, POLISHED, EVALUATIONS = 60, 5, 40  # places tried, of them polished, evaluations for each
 STIFFEST, ASIDE = 3.0, 0.05  # of the frequencies; stiffness beside a chain of 1
 RATIO = 0.05  # of critical damping of the first mode, to begin with
-PULL_MASS, PULL = 3e-3, 1e-3  # weight of (log of a ratio)² beside the squared relative error
+PULL_MASS, PULL = 3e-3, 1e-3  # weight of (log of a ratio)² relative to the squared relative error
 TINY = 1e-300
 
 

@@ -1,7 +1,7 @@
 """What the files of a run hold: types, sizes and needed keys of all values that programs use.
 
 A kind is a type, None, a tuple of kinds of which one has to fit, [kind] for a list, {key: kind} for
-a mapping, where `...` stands for all other keys; or a Rule, which asks for more than a kind does.
+a mapping, where `...` represents all other keys; or a Rule, which asks for more than a kind does.
 Keys may be absent unless a rule needs them: older runs lack some.
 """
 
@@ -128,7 +128,7 @@ CONFORMAL = ("factor", "floor", "memory_s", "coverage_of_others", "records")
 
 
 def _open_band(band: Any) -> str:
-    """What a band lacks to be drawn, or to be told of."""
+    """What a band lacks to be drawn or printed."""
     held = ("mean_half_widths",) if "covered_percent" in band else ()
     known = band.get("method") == "conformal"
     return needing(dict, *CONFORMAL, *held).fault(band) if known else ""

@@ -131,6 +131,6 @@ def _level_of_records(scores: Tensor) -> tuple[float, Tensor]:
 
 
 def _quantile(ordered: Tensor, level: float) -> Tensor:
-    """The smallest of values (m, n), in order, that so many of them do not exceed."""
+    """The smallest of values (m, n), in order, that a given number of them do not exceed."""
     m = len(ordered)
     return ordered[min(max(math.ceil(level * m - 1e-9), 1), m) - 1]

@@ -151,7 +151,7 @@ def missing_elements(estimator: ElementNetwork, records: Sequence[Record]) -> Te
 
 
 def _apart(pair: Sequence[str]) -> int:
-    """How far two nodes of a chain are apart; ground and supports stand before the first."""
+    """How far two nodes of a chain are apart; ground and supports come before the first."""
     place = [int(node[1:]) if node[0] == "x" else 0 for node in pair]
     return abs(place[0] - place[1])
 

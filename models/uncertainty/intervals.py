@@ -2,7 +2,7 @@
 
 *determined*: its interval is narrow. *only in a combination*: it would be, were the others known;
 the record tells it together with those named. *not excited*: not even then; the motion did not
-move what it stands for. *given*: it was not learned.
+move the parameter. *given*: it was not learned.
 P free parameters.
 """
 

@@ -232,7 +232,7 @@ def _without(
 
 
 def _scores(residuals: list[np.ndarray], jacobians: list[np.ndarray]) -> np.ndarray:
-    """Jᵀe (m, P) of at least so many blocks of equal length, whole records where they are many."""
+    """Jᵀe (m, P) of several blocks of equal length, whole records where they are many."""
     parts = -(-FEWEST_BLOCKS // len(residuals))
     found = []
     for e, J in zip(residuals, jacobians, strict=True):

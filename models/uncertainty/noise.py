@@ -1,4 +1,4 @@
-"""The noise of a record, told from the residual of a fit: a spectrum, constant in bands.
+"""The noise of a record, estimated from the residual of a fit: a spectrum, constant in bands.
 
 The residual of a simulation is seldom white: sensors drift, excitations have noise of their own,
 which the structure filters. A free run depends on nothing that was measured but its drive, so the

@@ -9,7 +9,7 @@ follow the particles themselves: Ching & Chen (2007), Transitional Markov chain 
 
 The particles move by Metropolis steps: along the difference of two others (ter Braak 2006, A
 Markov chain Monte Carlo version of the genetic algorithm Differential Evolution), and to places
-that do not depend on where they stand, from a t distribution about all of them. They move until
+that do not depend on where they are, from a t distribution about all of them. They move until
 where they were tells little of where they are. Two runs that know nothing of each other show
 whether this was enough.
 N particles, p parameters.
@@ -269,7 +269,7 @@ def _move(cloud: _Cloud, beta: float, fits: Sequence[_Fit]) -> tuple[float, int,
 
 
 def _along_others(cloud: _Cloud, beta: float) -> float:
-    """Each particle goes along the difference of two others, of the half that stands still."""
+    """Each particle goes along the difference of two others, of the half that does not move."""
     N, rng = len(cloud.theta), cloud.rng
     shuffled = rng.permutation(N)
     halves = (shuffled[: N // 2], shuffled[N // 2 :])
@@ -286,7 +286,7 @@ def _along_others(cloud: _Cloud, beta: float) -> float:
 
 
 def _independently(cloud: _Cloud, beta: float, fits: Sequence[_Fit]) -> float:
-    """Proposals that do not depend on where a particle stands, nor on where its half stood."""
+    """Proposals that do not depend on where a particle is, nor on where its half was."""
     p = cloud.theta.shape[1]
 
     def density(own: np.ndarray) -> np.ndarray:

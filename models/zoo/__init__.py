@@ -1,6 +1,6 @@
 """Published weights: `from models.zoo import list_pretrained, load_pretrained`.
 
-Loaded when first used: a name is looked up, or a mistyped one told, before PyTorch is there.
+Loaded when first used: a name is looked up, or a mistyped one reported, before PyTorch is loaded.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class Table(Sequence[dict[str, Any]]):
 
 
 def _aligned(line: Sequence[str], widths: Sequence[int]) -> str:
-    """Name and licence to the left, numbers to the right, what was told at the end."""
+    """Name and licence to the left, numbers to the right, the given facts at the end."""
     left = {"name", "licence"}
     cells = [
         cell.ljust(width) if column in left else cell.rjust(width)

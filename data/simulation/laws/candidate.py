@@ -120,7 +120,7 @@ class Candidate:
     yield_force: what reports call the force there. paired: tried beside others in parallel.
     begin: q of the parameters that small motions tell, `of_spring` unless the law begins otherwise.
     read: starts that are read off the motions, as values of some parameters. parts: parameters that
-    a search draws anew together, the others held. moved: values of others that mean nearly the
+    a search draws again together, the others held. moved: values of others that mean nearly the
     same. uneven: the same law where its sides may differ, with more parameters behind its own, each
     one where the sides are alike; or another that is wider, and the same at zero. halves: the
     laws in parallel that it is made of, if it is.

@@ -1,6 +1,6 @@
 """How the laws are compiled: with each other and with the integrator, which calls them.
 
-A change in any of these files compiles all of them anew.
+A change in any of these files compiles all of them again.
 """
 
 from __future__ import annotations

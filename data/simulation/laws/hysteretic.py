@@ -310,7 +310,7 @@ class Hysteretic(Element):
 @checked
 @dataclass(frozen=True, kw_only=True)
 class UnevenHysteretic(Hysteretic):
-    """The same with an envelope of its own on the back, where y < 0.
+    """The same with its own envelope on the back, where y < 0.
 
     Forces of the back are over k Y₁ of the front. Raises ValueError for parameters out of range.
     """

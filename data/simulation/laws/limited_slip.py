@@ -1,4 +1,4 @@
-"""Limited slip: a slider beside a spring behind a gap. Brewick & Masri (2016), Fig. 5b, Table 1.
+"""Limited slip: a slider, and a spring behind a gap. Brewick & Masri (2016), Fig. 5b, Table 1.
 
 The branch keeps the slider's side in bits 0–1 and the gap's in bits 2–3.
 """

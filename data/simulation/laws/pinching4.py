@@ -360,7 +360,7 @@ class Pinching4(Element):
 @checked
 @dataclass(frozen=True, kw_only=True)
 class UnevenPinching4(Pinching4):
-    """The same with points and pinching of its own on the back, where y < 0; losses are common.
+    """The same with its own points and pinching on the back, where y < 0; losses are common.
 
     Forces of the back are over k Y₁ of the front. Raises ValueError for parameters out of range.
     """
