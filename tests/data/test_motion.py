@@ -277,3 +277,21 @@ def test_a_slider_never_carries_more_than_its_yield_force():
     limit = 40.0 * 0.02
     assert (np.abs(friction) == limit).mean() > 0.2
     assert np.abs(friction).max() == limit
+
+
+def test_renumbered_masses_give_the_renumbered_motion(bouc_wen_structure, record_of):
+    order = [2, 0, 1]  # the new x1 is the old x3, ...
+    new_name = {f"x{old + 1}": f"x{new + 1}" for new, old in enumerate(order)}
+    elements = {
+        name: BoucWen(
+            between=[new_name.get(node, node) for node in e.between],
+            stiffness=e.stiffness, beta=e.beta, gamma=e.gamma,
+        )
+        for name, e in bouc_wen_structure.elements.items()
+    }  # fmt: skip
+    renumbered = Structure(bouc_wen_structure.masses[order], elements)
+    force = forces(bouc_wen_structure, Excitation(force=BandLimitedGaussian(1.2, (0.0, 3.0))))
+    motion = simulate(bouc_wen_structure, force, DT)
+    again = simulate(renumbered, force[:, order], DT)
+    assert relative_rms(again.a, motion.a[:, order]) < 1e-9
+    assert relative_rms(again.r, motion.r) < 1e-9

@@ -10,11 +10,11 @@ from torch import nn
 from torch.func import functional_call, jvp, vmap
 
 from data.parallel import take_threads
-from data.record import Drive, stack
+from data.record import Drive, Record, stack
 from models.composition.composite import Composite
 from models.composition.simulate import simulate
 from models.composition.trace import SMALLEST_BLOCK
-from tests.models.composites import Everything, assert_close, begun_in_motion, excited, spread
+from tests.models.composites import DT, Everything, assert_close, begun_in_motion, excited, spread
 
 # The compiled run is the one in PyTorch
 
@@ -182,3 +182,28 @@ def test_a_restart_without_states_says_what_to_do():
             moved = replace(record, quantity=quantity)
             assert torch.isfinite(Everything().restarted_run(moved, 7)).all()
         assert torch.isfinite(Everything()(record)).all()
+
+
+@pytest.mark.parametrize("every", [1, 7])
+def test_without_memory_a_restarted_run_is_that_of_every_window_by_itself(every):
+    """A sample at which a run begins anew is the end of the run before."""
+    record = begun_in_motion(60)
+    model = Everything()
+    model.laws.unit_stiffness.theta.data.zero_()
+    with torch.no_grad():
+        ours = model.restarted_run(record, every)
+        for begin in range(0, record.samples - 1, every):
+            window = record.window(begin, min(every + 1, record.samples - begin))
+            alone = model.free_run(window.drive()).a
+            assert_close(ours[begin + 1 : begin + every + 1], alone[1:], 1e-10)
+
+
+def test_the_memory_goes_on_where_a_run_begins_anew():
+    """On the model's own motion it changes nothing but the velocity that the dampers see."""
+    model, drive = Everything(), excited()
+    with torch.no_grad():
+        motion = model.free_run(drive)
+        signals = (drive.u[:, :2], motion.x, motion.v, drive.u[:, 2:3], drive.u[:, 3:])
+        record = Record(DT, motion.a, *signals, initial_state="given")
+        assert_close(model.restarted_run(record, 7), motion.a, 1e-4)
+        assert_close(model(record), motion.a, 1e-3)

@@ -262,3 +262,12 @@ def test_missing_samples_neither_alarm_nor_deafen(missing):
     assert [a.block for a in alarms[holed]] == [a.block for a in alarms[whole]]
     assert alarms[holed][0].block in range(30, 36)
     assert alarms[holed][0].dof == 2
+
+
+def test_a_fall_of_the_energy_is_found_as_well():
+    detector = CumulativeSum()
+    detector.learn(noise(40, 200, EVERY, 1))
+    quieter = noise(1, 200, EVERY, 1, seed=5)
+    quieter[0, 100:] *= 0.7
+    statistic = detector.statistics(quieter)[0, :, 0]
+    assert float(statistic[199]) > 10.0 * float(statistic[:100].max())

@@ -170,3 +170,11 @@ def test_a_fitted_law_makes_no_energy_in_a_closed_cycle(model, amplitude, centre
             r = law(record)[-samples - 1 :, 0]
         work = float(torch.trapezoid(r, s[-samples - 1 :]))
         assert work > -1e-3 * float(r.abs().max()) * amplitude * Y
+
+
+def test_far_beyond_the_trained_motion_it_stays_finite(model):
+    record = shaken(6, 800, 0.6)
+    with torch.no_grad():
+        run = model.free_run(record.drive())
+    assert torch.isfinite(run.a).all()
+    assert float(run.a.abs().max()) < 20.0 * float(record.a.abs().max())

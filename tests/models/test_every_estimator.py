@@ -332,3 +332,18 @@ def test_a_record_that_is_no_element_test_is_refused(element):
         make(1, 2, DT).identify([replace(element_test(0), quantity="acceleration")])
     with pytest.raises(ValueError, match=r"element test|s_dot1|channels"):
         make(1, 1, DT)
+
+
+def permuted(record: Record, order: list[int]) -> Record:
+    moved = {name: u[..., order] for name, u in record.signals().items()}
+    return replace(record.measured(), **moved)
+
+
+@pytest.mark.parametrize("name", ["vwnn_first_order", "vwnn", "linear"])
+def test_renumbered_masses_give_renumbered_estimates(identified, bilinear_records, name):
+    order = [2, 0, 1]
+    estimator = ESTIMATORS[name](3, 3, DT)
+    estimator.identify([permuted(record, order) for record in bilinear_records[:2]])
+    estimate = estimator(permuted(bilinear_records[2], order))
+    expected = identified[name](bilinear_records[2])[:, order]
+    assert torch.allclose(estimate, expected, rtol=0, atol=1e-9)

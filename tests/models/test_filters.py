@@ -75,3 +75,9 @@ def test_chunks_that_hand_over_their_state_equal_the_whole(cuts):
 def test_filters_that_cannot_be_are_refused(cutoff, stages, message):
     with pytest.raises(ValueError, match=message):
         LowPassCascade(cutoff, stages, DT)
+
+
+def test_a_held_input_gives_the_exact_solution_of_the_differential_equation():
+    xi, _ = LowPassCascade(50.0, 1, DT)(torch.ones(100, 1).double())
+    t = DT * torch.arange(100.0).double()[:, None]
+    assert torch.allclose(xi, 1.0 - torch.exp(-50.0 * t), rtol=1e-12, atol=1e-15)

@@ -261,3 +261,17 @@ def test_a_model_is_judged_under_the_force_that_acted_where_its_sensor_erred(lin
     assert scores["relative_rms_percent_true"] < 0.1
     assert scores["displacement_percent"] < 0.1
     assert scores["relative_rms_percent"] > 3.0
+
+
+def test_a_residual_network_that_says_nothing_leaves_the_linear_system(bilinear_record):
+    linear, residual = EquivalentLinear(3, 3, DT), ResidualMLP(3, 3, DT)
+    for estimator in (linear, residual):
+        estimator.identify([bilinear_record])
+    for p in residual.network.layers.parameters():
+        p.data.zero_()
+    residual.network.output_scale.centre.zero_()
+    record = short(bilinear_record)
+    ours, exact = simulate(residual, record), simulate(linear, record)
+    integrated = runge_kutta(linear.acceleration, record.drive())
+    assert torch.allclose(ours.a, integrated.a, rtol=0, atol=1e-12)
+    assert torch.allclose(ours.x, exact.x, rtol=0, atol=1e-3 * float(exact.x.abs().max()))

@@ -103,3 +103,10 @@ def test_one_kind_of_sensor_is_enough_to_start_from(linear_motion, quantity):
         run = model.free_run(linear_motion.drive())
     assert (run.a - seen).norm() < 0.05 * seen.norm()
     assert (run.x - linear_motion.x).norm() < 0.05 * linear_motion.x.norm()
+
+
+def test_all_damping_is_positive_whatever_the_parameters(linear_motion):
+    model = identified(linear_motion)
+    for part in (model.damping, model.stiffness, model.laws.damping, model.laws.unit_limit):
+        part.theta.data -= 5.0
+        assert (part() > 0.0).all()

@@ -108,3 +108,29 @@ def _of_base(record: Record) -> Record:
     pushed = torch.from_numpy(np.gradient(record.s_dot.numpy(), DT, axis=0, edge_order=2).copy())
     x, v = record.x - record.s, record.v - record.s_dot
     return Record(DT, record.a - pushed, -pushed, x, v)
+
+
+@pytest.mark.parametrize("base", [False, True], ids=["support", "base"])
+def test_masses_of_a_chain_are_found_with_its_laws(base):
+    """The scale is open; masses stand in the ratio that they have, and laws are those planted."""
+    first, second = PLANTED["MenegottoPinto"], PLANTED["SelfCentering"]
+    structure = Structure(
+        [5e4, 3e4],
+        {
+            "r1": replace(first, between=("s1", "x1"), damping=6e4),
+            "r2": replace(second, between=("x1", "x2"), activation_displacement=0.004, damping=6e4),
+        },
+    )
+    records = [shaken(structure, i, size) for i, size in enumerate((0.3, 0.22))]
+    unseen = shaken(structure, 7, 0.28)
+    if base:
+        records, unseen = [_of_base(r) for r in records], _of_base(unseen)
+    model = Named(
+        2, records[0].excitation.shape[-1], DT, "chain", forced="base" if base else [],
+        laws=["MenegottoPinto", "SelfCentering"],
+    )  # fmt: skip
+    facts = model.identify(records)
+    assert facts["laws"] == "MenegottoPinto, SelfCentering"
+    light, heavy = sorted(model.mass().tolist())
+    assert heavy / light == pytest.approx(5.0 / 3.0, rel=0.02)
+    assert error(model, [unseen]) < 3.0

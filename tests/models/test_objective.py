@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
 
+from data.record import stack
 from data.simulation.datamodule import SimulatedData
 from data.simulation.excitation import BandLimitedGaussian, Excitation
 from data.simulation.scenario import FullState
 from models.estimator import Estimator
+from models.fit.extrapolation import middle
 from models.fit.free_run_objective import FreeRun
 from models.fit.identification import Identification
 from models.fit.objective import OneStep
@@ -17,8 +21,9 @@ from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.mlp import GlobalMLP
+from models.neural_state_space import NeuralStateSpace
 from tests.models.training import fit
-from tests.models.two_masses import DT
+from tests.models.two_masses import DT, identified, motion
 
 # stages in the LightningModule
 
@@ -121,3 +126,69 @@ def test_the_best_of_several_starts_goes_on(data, tmp_path):
 def test_an_objective_that_makes_no_sense_is_refused(wrong):
     with pytest.raises(ValueError, match=r"objective\."):
         FreeRun(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("losses", "farther", "chosen"),
+    [
+        ((1.0, 1.1, 1.2), (9.0, 2.0, 2.1), 2),  # the best fit is alone in what it does farther out
+        ((1.0, 1.1, 1.2), (2.0, 2.3, 2.1), 2),  # between the others
+        ((1.0, 3.0, 3.1), (9.0, 2.0, 2.1), 0),  # the others fit worse: they say nothing
+        ((1.0, 1.1), (9.0, 2.0), 0),  # of two neither is in the middle
+        ((1.2, 1.0, 1.1), (math.nan, 2.0, 2.1), 1),  # a run that is lost agrees with none
+        ((1.1, 1.0, math.inf), (2.0, 2.1, math.nan), 1),
+    ],
+)
+def test_of_finalists_that_fit_alike_the_one_in_the_middle_goes_on(losses, farther, chosen):
+    runs = [[torch.full((1, 5, 2), value).double()] for value in farther]
+    ends = [
+        (loss, [torch.tensor(k)], run)
+        for k, (loss, run) in enumerate(zip(losses, runs, strict=True))
+    ]
+    assert int(middle(ends)[0]) == chosen
+
+
+def test_the_best_of_the_finalists_alone_is_trained_on_all_records():
+    batch = stack([motion(), motion(seed=1), motion(seed=2)])
+    estimator = identified("global", batch)
+    objective = FreeRun([1, 10, None], starts=2, finalists=2, records=2)
+    objective.prepare(estimator, [batch], measured=False)
+    assert objective.stages[-2:] == ["horizon whole record, start 2", "the chosen in full"]
+    sizes = [len(objective.problem(estimator, batch, k).y) for k in range(5)]
+    assert sizes == [2, 2, 2, 2, 3]
+    for stage in range(5):
+        objective.present = stage
+        assert objective.refits is (stage == 4)
+        objective.final_loss(estimator, [batch])
+
+
+def test_the_end_of_the_best_stage_is_kept(data, tmp_path):
+    """The last stage leads astray, on purpose."""
+
+    class Astray(LevenbergMarquardt):
+        made = 0
+
+        def __init__(self, parameters) -> None:
+            super().__init__(parameters, iterations=1, gradient=0.0)
+            Astray.made += 1
+            self.astray = Astray.made == 2
+
+        @torch.no_grad()
+        def solve(self, problem) -> list[float]:
+            if not self.astray:
+                return super().solve(problem)
+            for group in self.param_groups:
+                for p in group["params"]:
+                    p.mul_(0.1)
+            self.finished, self.why = True, "astray"
+            return [float(problem.loss())]
+
+    module = Identification(
+        NeuralStateSpace(2, 2, DT, memory=1, hidden=2, past=2),
+        lambda parameters: Astray(parameters),
+        objective=FreeRun([20, None]),
+    )
+    fit(module, data, tmp_path)
+    assert [stage["stopped"] for stage in module.ended] == ["1 iterations", "astray"]
+    assert free_run_loss(module.estimator, data) == pytest.approx(module.chosen[0], rel=1e-12)
+    assert module.chosen[0] < module.losses[-1]

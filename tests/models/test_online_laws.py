@@ -193,3 +193,14 @@ def test_a_setting_out_of_range_is_named(law, setting):
     (name,) = setting
     with pytest.raises(ValueError, match=rf"adaptation\.{name}="):
         law(**setting)
+
+
+def test_the_gradient_overshoots_from_two_on():
+    phi = torch.ones(60, 1, dtype=torch.float64)
+    left = []
+    for gain in (1.9, 2.1):
+        law = NormalisedGradient(gain, floor=0.0)
+        _, state = law.follow(zero(law, 1, 1), phi, phi)
+        left.append(abs(1.0 - float(state.weights)))
+    assert left[0] == pytest.approx(0.9**60, rel=1e-6)
+    assert left[1] == pytest.approx(1.1**60, rel=1e-6)

@@ -189,3 +189,24 @@ def test_a_sample_that_does_not_fit_says_how(identified, record):
         next(samples_of(record.map(lambda u: u[None])))
     with pytest.raises(ValueError, match=r"guard\.repeats=0"):
         Guard(repeats=0)
+
+
+def test_a_clock_that_is_set_anew_is_a_gap(identified, record):
+    samples = list(samples_of(record))
+    stream = Stream(identified["vwnn"], Frozen(), guard=Guard(longest=20))
+    for sample in samples[:200]:
+        stream.step(sample)
+    later = torch.stack([stream.step(s) for s in samples[:100]])
+    assert found(stream) == [(200, "dropped", "all")]
+    assert torch.allclose(later, identified["vwnn"](record)[:100], rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("kind", [Stream, VWNNStream])
+def test_after_a_long_gap_the_filters_begin_at_rest(identified, record, kind):
+    samples = list(samples_of(record))
+    stream = kind(identified["vwnn"], Frozen(), guard=Guard(longest=20))
+    for sample in samples[:200]:
+        stream.step(sample)
+    later = torch.stack([stream.step(s) for s in samples[300:]])
+    anew = identified["vwnn"](record.window(300, 200))
+    assert torch.allclose(later, anew, rtol=0, atol=1e-11)

@@ -183,3 +183,13 @@ def test_the_first_part_is_held_back_where_the_strongest_motion_comes_last(model
     whole = [float(objective.problem(model, r, last).loss()) for r in (growing, other, later)]
     assert whole[0] == pytest.approx(whole[1])
     assert whole[2] > 1.5 * whole[0]
+
+
+def test_a_law_that_moves_by_itself_is_found_out():
+    model = planted(True)
+    record = shaken(model, 2000)
+    with torch.no_grad():
+        model.laws.unit_limit.unit.mul_(0.05)
+        model.laws.unit_stiffness.theta.fill_(-0.5)  # it drives what its units give way to
+        assert float(model.free_run(record.drive()).a.abs().max()) < 20.0 * record.a.abs().max()
+    assert not stays_in_bounds(model, record)

@@ -147,3 +147,23 @@ def test_under_base_excitation_no_mass_need_be_known(fits):
     model = ModalPolynomial(2, 1, 0.01, fits=fits, order=1, forced="base")
     model.identify([record])
     assert torch.allclose(model(record), record.a, rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_least_squares_mass_is_what_a_cubic_spring_is_missed_by(duffing_record, method):
+    """Eq. 8 takes part of the cubic force for mass, so that the series cannot be exact."""
+    estimator = identified([duffing_record], **METHODS[method])
+    assert abs(float(estimator.matrices()[2]) - 1.0) > 1e-4
+    assert 1e-3 < score(estimator, [duffing_record])["relative_rms_percent"] < 20.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_extents_are_those_of_training_alone(polynomial_record, method):
+    estimator = identified([polynomial_record], **METHODS[method])
+    before = estimator.scale.reach.clone()
+    larger = polynomial_record.map(lambda u: 3.0 * u)
+    estimator(larger)
+    assert torch.equal(estimator.scale.reach, before)
+    scaled = estimator.scale(estimator._modal(polynomial_record.x, polynomial_record.v))
+    assert torch.allclose(scaled.amax(dim=0), torch.ones(6).double())
+    assert torch.allclose(scaled.amin(dim=0), -torch.ones(6).double())

@@ -11,7 +11,13 @@ import torch
 from data import MenegottoPinto, SelfCentering
 from data.record import Record
 from data.simulation.structure import Structure
-from models.composition.states import NOISY, noise_of_deformations, smooth, white_noise
+from models.composition.states import (
+    NOISY,
+    are_of_one_motion,
+    noise_of_deformations,
+    smooth,
+    white_noise,
+)
 from models.element_network_named import ElementNetworkNamed
 from tests.models.test_named_laws import DT, error, shaken
 
@@ -94,3 +100,12 @@ def test_laws_of_a_chain_are_found_in_states_with_noise():
     assert facts["laws"] == "MenegottoPinto, SelfCentering"
     assert str(facts["states"]).startswith("smoothed; noise of x is")
     assert error(model, [shaken(structure, 7, 0.3)]) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("scale", "lag", "agrees"), [(1.0, 0, True), (1.1, 0, False), (1.0, 5, False)]
+)
+def test_a_displacement_that_is_wrongly_scaled_or_lags_is_told(scale, lag, agrees):
+    measured = noisy(moved(0), 0.02, 1)
+    wrong = replace(measured, x=scale * measured.x.roll(lag, dims=0))
+    assert are_of_one_motion(wrong, smooth(wrong)) is agrees

@@ -101,6 +101,10 @@ def test_derivatives_of_a_response_are_those_of_differences(base):
 BENT = [900.0, -100.0, -40.0, 700.0, -80.0, 500.0]  # N/m; all but a chain's are below zero
 
 
+class Positive(ElementNetwork):
+    takes_either_sign = False
+
+
 def bent_frame(kind: type[ElementNetwork] = ElementNetwork) -> ElementNetwork:
     """All pairs of three masses on a shaken base, whose columns bend over several storeys."""
     model = kind(3, 1, DT, "all", forced="base", hinges=0, units=0, from_accelerations=True)
@@ -183,3 +187,18 @@ def test_a_chain_by_its_name_and_where_all_pairs_are_not_determined():
     assert len(ElementNetwork(5, 5, DT).elements) == 5
     with pytest.raises(ValueError, match="is for one support, there are 3"):
         ElementNetwork(3, 9, DT, "chain")
+
+
+def test_springs_of_either_sign_pass_through_zero():
+    model = bent_frame()
+    stiffness = model.laws.stiffness
+    assert stiffness().detach() == pytest.approx(torch.tensor(BENT))
+    assert stiffness.exponential.tolist() == [k > 0.0 for k in BENT]
+    slope, theta = stiffness.slope(), stiffness.theta.data
+    for step in (0.3, -2.0, 2.0):
+        before = stiffness().tolist()
+        theta[1] += step
+        assert stiffness().tolist()[1] - before[1] == pytest.approx(step * float(slope[1]))
+    assert Positive(3, 1, DT, "all", forced="base").laws.either == []
+    assert ElementNetwork(3, 1, DT, "chain", forced="base").laws.either == []
+    assert ElementNetwork(3, 3, DT, "all").laws.either == []

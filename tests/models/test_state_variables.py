@@ -54,3 +54,15 @@ def test_an_offset_of_the_accelerometer_does_not_drift():
     assert float(x[-1, 0]) == pytest.approx(0.25, rel=1e-9)
     assert v[-1].abs().max() < 1e-9
     assert a[-1].abs().max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("which", "numerator"), [(0, [1.0]), (1, [1.0, 0.0]), (2, [1.0, 0.0, 0.0])]
+)
+def test_the_filters_are_those_of_scipy(which, numerator):
+    """1, s and s² over (s + ω₀)²."""
+    corner, signal = 4.0, force_of(500)
+    b, a = bilinear(numerator, [1.0, 2.0 * corner, corner**2], fs=1.0 / DT)
+    ours = state_variables(column(signal), corner, DT)[which][:, 0].numpy()
+    wanted = lfilter(b, a, signal)
+    assert np.abs(ours - wanted).max() < 1e-9 * np.abs(wanted).max()

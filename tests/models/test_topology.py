@@ -108,3 +108,9 @@ def test_drawn_chains_are_chains_and_abutments_are_seen():
     for one in (0, 1):  # on a support with the state measured; on a base, by noisy accelerations
         assert sum(topology_of([pair[one]]) == "all" for pair in chains) <= 1
         assert sum(topology_of([pair[one]]) == "all" for pair in bridges) >= 9
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_deck_that_moves_against_the_ground_is_none(seed):
+    records = [motion(bridge(1000.0), 2000, noise=0.03, seed=seed + 10 * i) for i in range(2)]
+    assert topology_of(records) == "all"

@@ -172,3 +172,21 @@ def test_settings_that_cannot_be_are_refused(choices, message):
     choices = {"factors": 1, **choices} if "cutoffs" in choices else choices
     with pytest.raises(ValueError, match=message):
         small(**choices)
+
+
+def test_slow_poles_give_velocity_and_displacement():
+    t = DT * torch.arange(2000.0, dtype=torch.float64)[:, None]
+    x, v, a = torch.sin(6.0 * t), 6.0 * torch.cos(6.0 * t), -36.0 * torch.sin(6.0 * t)
+    filters = SlowCascades([1e-4, 2e-4], DT)
+    ours = filters.outputs @ filters.states(a)  # from v = 0, where the sine begins with v = 6
+    assert (ours[:, 0] - (v - 6.0)).abs().max() < 0.02
+    assert (ours[:, 1] - (x - 6.0 * t))[:500].abs().max() < 0.05
+
+
+def test_odd_orders_alone_are_an_odd_map(forward, bilinear_records, bilinear_record):
+    odd = VWNN(3, 3, DT, order=[1, 3], bias=False, ridge=1e-6, unfiltered_excitation=True)
+    odd.identify(bilinear_records[:2])
+    drive = bilinear_record.drive()
+    for estimator in (odd, forward):
+        run, mirrored = (estimator.free_run(replace(drive, u=s * drive.u)) for s in (1.0, -1.0))
+        assert torch.equal(mirrored.a, -run.a)

@@ -214,3 +214,10 @@ def test_every_room_is_installed():
     setup = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
     rooms = {path.parent.name for path in ROOT.glob("*/__init__.py")} - {"benchmarks", "tests"}
     assert {f"{room}*" for room in rooms} <= set(setup["packages"]["find"]["include"])
+
+
+def test_the_table_of_the_readme_is_that_of_the_results():
+    results = (ROOT / "docs" / "results.md").read_text("utf-8").splitlines()
+    rows = [line for line in README.read_text("utf-8").splitlines() if line.startswith("| `")]
+    assert len(rows) > 3
+    assert set(rows) <= set(results)
