@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import sys
+from typing import TYPE_CHECKING
 
 import numpy as np
 import psutil
-import torch
-from torch import Tensor
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 if sys.platform != "win32":
     import resource
@@ -64,6 +66,8 @@ def empty_array(*shape: int) -> Tensor:
     NumPy asks for huge pages, PyTorch does not: large arrays are filled much sooner. The first
     number lies where a line of the cache begins, so that BLAS sums in the same order in any array.
     """
+    import torch
+
     size = math.prod(shape)
     raw = np.empty(size + LINE // 8)
     begin = -raw.ctypes.data % LINE // 8

@@ -365,4 +365,4 @@ def _prior_table(found: list[Entry]) -> str:
     known = {entry.model: " ".join(entry.told.split()) for entry in reversed(found)}
     models = dict.fromkeys(entry.model for entry in found)
     rows = [(f"`{model}`", known[model] or "–") for model in models]
-    return markdown(("model", "told beforehand"), rows, None)
+    return markdown(("model", "given beforehand"), rows, None)

@@ -132,7 +132,7 @@ def tame(tmp_path_factory):
     save_estimator(model, folder / "model.safetensors", NAME)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fmu, "_compiled", lambda folder, name, version: {})
-        patch.setattr("export.run.restore", lambda cfg, folder: model)
+        patch.setattr("export.run.restore", lambda run: model)
         translated = Program()  # the same functions every time
         patch.setattr("export.c_source.Program", lambda: translated)
         write_run(folder, RUN, digest_of(folder / "model.safetensors"))

@@ -43,13 +43,13 @@ from export.steps import step_of
 from models import ElementNetworkNamed
 from report.describe.description import describe
 from runner.folder.run import restore
-from runner.folder.run_folder import read_run
+from models.stored.run import read_run
 from tests.export.compiling import run_in_c
 from tests.export.conftest import exported
 
 run = Path("run")
 describe(run, None)
-model = restore(read_run(run)[0], run)
+model = restore(read_run(run))
 y = torch.from_numpy(growing_cycles(0.02, 5, 0.01, 0.5))
 rest = torch.zeros(1, dtype=torch.float64)
 drive = Drive(0.01, torch.stack([y, torch.gradient(y, spacing=0.01)[0]], dim=1), rest, rest)

@@ -56,7 +56,7 @@ def test_runs_of_other_seeds_are_named_and_written_without_composing_them():
         own = config("model=linear", f"seed={seed}")
         assert of.name(seed) == run_name(own)
         assert of.values(seed) == plain(own)
-        assert of.text(seed) == config_text(own)
+        assert of.text(seed) == config_text(plain(own))
     assert not SeedsOf(config("data.duration='${seed}'", "seed=3")).alone
 
 
