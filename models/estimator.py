@@ -60,6 +60,7 @@ class Estimator(nn.Module):
     reads: ClassVar[tuple[str, ...]] = ("a", "f")
     mends: ClassVar[bool] = False  # copes with NaN
     later: ClassVar[tuple[str, ...]] = ()  # buffers that older files of weights lack
+    gone: ClassVar[tuple[str, ...]] = ()  # ends of names that older files have, and no model reads
     takes_other_inputs: ClassVar[bool] = True  # such as a voltage, beside forces and motions
     reading_other_inputs: ClassVar[str] = "gru, lstm or neural_state_space"  # instead of this one
     laws_are_curves: ClassVar[bool] = False  # which no parameter states

@@ -25,8 +25,8 @@ from models.composition.simulate_compiled import (
 from models.composition.trace import stated_by
 from models.hysteretic_element import HystereticElement
 
-NAMES = ("stiffness", "damping", "cubic", "quadratic", "absolute_damping", "square_damping")
-UNITS = ("N/m", "N s/m", "N/m3", "N/m2", "N s/m2", "N s/m3")
+NAMES = ("stiffness", "damping", "cubic")
+UNITS = ("N/m", "N s/m", "N/m3")
 HINGE = (("stiffness", "N/m"), ("gap", "m"))
 TANH = (("stiffness", "N/m"), ("slope", "1/m"), ("place", "m"))
 UNIT = (("stiffness", "N/m"), ("limit", "m"), ("rising", "1/m"), ("falling", "1/m"))

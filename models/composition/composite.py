@@ -29,6 +29,13 @@ SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for i
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
 
 
+GONE = tuple(  # terms that no law has had; always zero
+    f"laws.{term}.{part}"
+    for term in ("quadratic", "absolute_damping", "square_damping")
+    for part in ("theta", "unit")
+)
+
+
 class Composite(Held):
     """Base of the networks of elements. `substeps` divide a sample interval of `dt`.
 
@@ -39,6 +46,7 @@ class Composite(Held):
     on_processor = True
     estimates_beginning = True
     later: ClassVar[tuple[str, ...]] = ("bound", "channels", *Held.later)
+    gone: ClassVar[tuple[str, ...]] = GONE
     traced = staticmethod(traced)  # how a composition is run
     measures: Tensor  # (n,): of the sensors, displacement 0, velocity 1, acceleration 2
     bound: Tensor  # (n,): of what sensors measure; a run beyond has diverged

@@ -25,7 +25,7 @@ from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.laws_compiled import LARGEST, SMALL, TERMS, TERMS_OF_LOGARITHM
 
 MOST_COLUMNS, MOST_COEFFICIENTS = 1000, 200_000  # of a law, of all of them
-LINEAR = 6  # columns k, c, k₃, k₂, c₁, c₂ before those of hinges, tanhs and units
+LINEAR = 3  # columns k, c, k₃ before those of hinges, tanhs and units
 GAPS = (0.05, 0.8)  # of the largest deformation: between these the hinges start
 STEEPNESS = 2.0  # s b of a tanh at the start
 LIMITS = (0.05, 0.8)  # of the largest deformation: between these the units' limits start
@@ -35,9 +35,6 @@ NAMED = (  # attribute of ElementLaws, name of the parameter, unit
     ("stiffness", "stiffness", "N/m"),
     ("damping", "damping", "N s/m"),
     ("cubic", "cubic_stiffness", "N/m³"),
-    ("quadratic", "quadratic_stiffness", "N/m²"),
-    ("absolute_damping", "damping_by_deformation", "N s/m²"),
-    ("square_damping", "damping_by_square_deformation", "N s/m³"),
 )
 GROUPS = (  # of terms of a law that come several times
     ("hinge", (("hinge_gap", "gap", "m"), ("hinge_stiffness", "stiffness", "N/m"))),
@@ -51,10 +48,10 @@ GROUPS = (  # of terms of a law that come several times
 class ElementLaws(nn.Module):
     """Coefficients of the laws of E elements.
 
-    hinges, tanhs, units: numbers of them in each law. cubic, quadratic: stiffness k₃, k₂ is
-    learned; absolute_damping, square_damping: damping |y| ẏ, y² ẏ is learned; springs: linear
-    stiffness is learned, beside that of a core. rounded: b₊ and b₋ are learned; without, units are
-    elastoplastic. either: elements whose linear stiffness may be of either sign; none: ().
+    hinges, tanhs, units: numbers of them in each law. cubic: stiffness k₃ is learned; springs:
+    linear stiffness is learned, in addition to that of a core. rounded: b₊ and b₋ are learned;
+    without, units are elastoplastic. either: elements whose linear stiffness may be of either
+    sign; none: ().
     """
 
     def __init__(
@@ -64,9 +61,6 @@ class ElementLaws(nn.Module):
         tanhs: int,
         units: int,
         cubic: bool = True,
-        quadratic: bool = False,
-        absolute_damping: bool = False,
-        square_damping: bool = False,
         springs: bool = True,
         rounded: bool = True,
         either: Sequence[bool] = (),
@@ -88,9 +82,6 @@ class ElementLaws(nn.Module):
         self.stiffness = Coefficients(elements, positive=True, learned=springs)
         self.damping = Coefficients(elements, positive=True)
         self.cubic = Coefficients(elements, learned=cubic)
-        self.quadratic = Coefficients(elements, learned=quadratic)
-        self.absolute_damping = Coefficients(elements, learned=absolute_damping)
-        self.square_damping = Coefficients(elements, learned=square_damping)
         self.hinge_stiffness = Coefficients(elements, hinges)
         self.hinge_gap = Coefficients(elements, hinges, positive=True)
         self.tanh_stiffness = Coefficients(elements, tanhs)
@@ -127,9 +118,6 @@ class ElementLaws(nn.Module):
             self.stiffness.start(stiffness)
         self.damping.start(damping)
         self.cubic.start(stiffness / largest**2)
-        self.quadratic.start(stiffness / largest)
-        self.absolute_damping.start(damping / largest)
-        self.square_damping.start(damping / largest**2)
         each, size = stiffness[:, None], largest[:, None]
         self.hinge_stiffness.start(each.expand(-1, hinges))
         self.tanh_stiffness.start(each.expand(-1, tanhs))
@@ -146,8 +134,7 @@ class ElementLaws(nn.Module):
 
     def table(self, numbering: Numbering) -> Part:
         """Coefficients of all laws (E, L)."""
-        columns = [self.stiffness, self.damping, self.cubic, self.quadratic]
-        columns += [self.absolute_damping, self.square_damping]
+        columns = [self.stiffness, self.damping, self.cubic]
         groups = (
             [self.hinge_stiffness, self.hinge_gap],
             [self.tanh_stiffness, self.tanh_slope, self.tanh_place],
@@ -163,9 +150,8 @@ class ElementLaws(nn.Module):
 def law(laws: Tensor, counts: tuple[int, int, int], y: Tensor, rate: Tensor, z: Tensor) -> Tensor:
     """Forces r (…, E) of deformations y and rates (…, E), units z (…, E, units)."""
     hinges, tanhs, _ = counts
-    k, c, cubic, quadratic, absolute, square = laws[:, :LINEAR].T
-    r = k * y + c * rate + cubic * y**3 + quadratic * y**2
-    r = r + (absolute * y.abs() + square * y**2) * rate
+    k, c, cubic = laws[:, :LINEAR].T
+    r = k * y + c * rate + cubic * y**3
     a, b = LINEAR + 2 * hinges, LINEAR + 2 * hinges + 3 * tanhs
     each = y[..., None]
     stiffness, gap = laws[:, LINEAR:a:2], laws[:, LINEAR + 1 : a : 2]

@@ -16,7 +16,7 @@ from data.numba_cache import compilers
 HERE = Path(__file__)
 _, inlined = compilers(HERE, contract=True)
 
-LINEAR = 6  # columns before those of hinges, tanhs and units
+LINEAR = 3  # columns before those of hinges, tanhs and units
 SMALL = 0.1  # b y below which the laws of units are summed as series,
 TERMS, TERMS_OF_LOGARITHM = 12, 18  # of so many terms
 LAST = 1.0 / math.factorial(TERMS)
@@ -98,16 +98,13 @@ def memoryless(e, y, rate, laws, ilaws, slaws, hinges, tanhs, dr, sensitive):
     """
     p = laws[e]
     size, side = abs(y), (1.0 if y > 0.0 else -1.0)
-    r = p[0] * y + p[1] * rate + p[2] * y**3 + p[3] * y * y + (p[4] * size + p[5] * y * y) * rate
-    by_y = p[0] + 3.0 * p[2] * y * y + 2.0 * p[3] * y + (p[4] * side + 2.0 * p[5] * y) * rate
-    by_rate = p[1] + p[4] * size + p[5] * y * y
+    r = p[0] * y + p[1] * rate + p[2] * y**3
+    by_y = p[0] + 3.0 * p[2] * y * y
+    by_rate = p[1]
     if sensitive:
         add(dr, ilaws[e, 0], slaws[e, 0] * y)
         add(dr, ilaws[e, 1], slaws[e, 1] * rate)
         add(dr, ilaws[e, 2], slaws[e, 2] * y**3)
-        add(dr, ilaws[e, 3], slaws[e, 3] * y * y)
-        add(dr, ilaws[e, 4], slaws[e, 4] * size * rate)
-        add(dr, ilaws[e, 5], slaws[e, 5] * y * y * rate)
     for j in range(LINEAR, LINEAR + 2 * hinges, 2):
         if size > p[j + 1]:
             r += p[j] * side * (size - p[j + 1])

@@ -350,8 +350,7 @@ def _others(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
     k = own["stiffness"].value if "stiffness" in own else 0.0
     others = []
     for q, p in own.items():
-        power = {"cubic_stiffness": 2, "quadratic_stiffness": 1}.get(q)
-        faint = power and largest and abs(p.value) * largest**power < MATTERS * k
+        faint = q == "cubic_stiffness" and largest and abs(p.value) * largest**2 < MATTERS * k
         if q not in HEADS and "." not in q and q not in NO_WORDS and p.value != 0.0 and not faint:
             others.append(f"{q.replace('_', ' ')} {number(p.value)} {p.unit}".strip())
     return others

@@ -33,7 +33,7 @@ class Everything(Composite):
         self.reactions = Coefficients(2, 3)
         self.directions = Coefficients(3, 2)
         self.shapes = Coefficients(2, 2)
-        self.laws = ElementLaws(3, 2, 1, 2, True, True, True, True)
+        self.laws = ElementLaws(3, 2, 1, 2, True)
         self.identified.fill_(1.0)
         self.core_stiffness.start(torch.tensor([30.0, 60.0]))
         self.core_damping.start(torch.tensor([0.5, 0.8]))

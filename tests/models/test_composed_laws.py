@@ -10,7 +10,7 @@ from data.record import Drive
 from data.simulation.structure import Structure
 from models.composition.coefficients import Numbering, Part
 from models.composition.composite import Composite
-from models.composition.laws import ElementLaws, law, units
+from models.composition.laws import LINEAR, ElementLaws, law, units
 from models.composition.simulate import Composition
 from models.element_network import ElementNetwork
 from tests.models.composites import DT
@@ -64,8 +64,8 @@ def test_an_elastoplastic_unit_encloses_the_area_of_the_bilinear_loop():
 @pytest.mark.parametrize("b", [-3.0, 2.0])
 def test_a_unit_without_limit_rises_along_the_exponential_of_bouc_and_wen(b):
     """dz = (1 + b z) dy from rest is z = (eᵇʸ − 1)/b; falling, b₋ takes the place of b₊."""
-    table = torch.zeros(1, 10).double()
-    table[0, 6:] = torch.tensor([1.0, 1e9, b, 7.0])
+    table = torch.zeros(1, LINEAR + 4).double()
+    table[0, LINEAR:] = torch.tensor([1.0, 1e9, b, 7.0])
     step = torch.full((1,), 0.01, dtype=torch.float64)
     z = torch.full((1, 1), np.expm1(b * 0.01) / b, dtype=torch.float64)
     for k in range(2, 51):
@@ -159,9 +159,9 @@ def test_left_alone_a_dissipative_structure_never_gains_energy(bilinear_structur
                 z = units(table, model.laws.counts, z, y[k] - y[k - 1])
             stored.append(z[:, 0])
         z = torch.stack(stored)
-    k, weight, gap = table[:, 0], table[:, 8], table[:, 7]
+    k, weight, gap = table[:, 0], table[:, LINEAR + 2], table[:, LINEAR + 1]
     beyond = torch.relu(y.abs() - gap)
-    potential = (k - weight) * y**2 + weight * z**2 + table[:, 6] * beyond**2
+    potential = (k - weight) * y**2 + weight * z**2 + table[:, LINEAR] * beyond**2
     energy = 0.5 * ((motion.v**2) @ model.mass() + potential.sum(dim=-1))
     assert (energy[1:] - energy[:-1]).max() < 1e-4 * energy[0]
     assert energy[-1] < 0.1 * energy[0]

@@ -8,7 +8,7 @@ import torch
 from scipy.integrate import solve_ivp
 
 from data.record import Record
-from models.composition.laws import units
+from models.composition.laws import LINEAR, units
 from models.composition.laws_compiled import unit_step
 from models.element_network import ElementNetwork
 
@@ -60,7 +60,9 @@ def test_the_compiled_unit_and_its_slopes_are_those_of_pytorch(case):
     z, delta, limit, up, down = (torch.tensor(v, dtype=torch.float64) for v in case)
     leaves = [t.requires_grad_() for t in (z, delta, up, down)]
     one = torch.ones_like(up)
-    table = torch.cat([torch.zeros(1, 6).double(), torch.stack([one, limit, up, down])[None]], 1)
+    table = torch.cat(
+        [torch.zeros(1, LINEAR).double(), torch.stack([one, limit, up, down])[None]], 1
+    )
     new = units(table, (0, 0, 1), z.reshape(1, 1), delta.reshape(1))
     slopes = torch.autograd.grad(new.sum(), leaves, allow_unused=True)
     got, _, *ours = unit_step(*case)
