@@ -208,10 +208,6 @@ def _channels(record: Inspection) -> Table:
     return table
 
 
-if __name__ == "__main__":
-    main()
-
-
 # A folder of one file per sensor: which channels its files may be together.
 
 APART = 30.0  # times: motions of one structure differ by less, most units by more
@@ -296,3 +292,7 @@ def _order(record: Inspection) -> tuple[list[int], str]:
     """Files by the numbers in their names: floor_10 after floor_9."""
     name = record.path.stem
     return [int(digits) for digits in re.findall(r"\d{1,9}", name)], name
+
+
+if __name__ == "__main__":
+    main()
