@@ -133,3 +133,11 @@ def test_what_a_newcomer_asks_is_answered_in_three_files():
         for name, word in files:
             assert (ROOT / name).is_file(), name
             assert word in (ROOT / name).read_text("utf-8"), f"{name} has no {word}"
+
+
+def test_a_command_is_called_by_the_last_lines_of_its_file():
+    """What is defined below the call is not there yet."""
+    for path in MODULES.values():
+        body = ast.parse(path.read_text("utf-8")).body
+        calls = [ast.unparse(node).startswith("if __name__ ==") for node in body]
+        assert True not in calls[:-1], path
