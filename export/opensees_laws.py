@@ -98,7 +98,7 @@ def _unit(w: float, limit: float, rising: float, falling: float, largest: float 
     if _capless(limit, rising, falling):
         return Material([_smooth(1.0, rising, falling)], w)
     if largest is not None and _reached(rising, falling, FAR * largest) < limit:
-        note = f"a limit {limit:.3g} m of z is left out, which {FAR * largest:.3g} m do not reach"
+        note = f"the limit {limit:.3g} m of z is omitted: {FAR * largest:.3g} m do not reach it"
         return Material([_smooth(1.0, rising, falling)], w, [note])
     stiffness = 0.5 * STIFF * (1.0 - math.sqrt(1.0 - 4.0 / STIFF))
     more = 1.0 / (1.0 - 2.0 * stiffness / STIFF)

@@ -61,7 +61,7 @@ def load_estimator(estimator: Estimator, path: Path, name: str, digest: str | No
     require_same(built, built_with(estimator), path)
     if not wanted:
         tensors.pop("empty", None)
-    tensors = {key: t for key, t in tensors.items() if not key.endswith(estimator.gone)}
+    tensors = estimator.todays_weights(tensors)
     for key in estimator.later:
         tensors.setdefault(key, wanted[key])
     differ = sorted(set(wanted) ^ set(tensors)) or [

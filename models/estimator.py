@@ -60,7 +60,6 @@ class Estimator(nn.Module):
     reads: ClassVar[tuple[str, ...]] = ("a", "f")
     mends: ClassVar[bool] = False  # copes with NaN
     later: ClassVar[tuple[str, ...]] = ()  # buffers that older files of weights lack
-    gone: ClassVar[tuple[str, ...]] = ()  # ends of names that older files have, and no model reads
     takes_other_inputs: ClassVar[bool] = True  # such as a voltage, beside forces and motions
     reading_other_inputs: ClassVar[str] = "gru, lstm or neural_state_space"  # instead of this one
     laws_are_curves: ClassVar[bool] = False  # which no parameter states
@@ -97,6 +96,13 @@ class Estimator(nn.Module):
         `batches` may be iterated more than once and need not fit in memory together.
         """
         return {}
+
+    def todays_weights(self, stored: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Weights of an earlier version as this one has them.
+
+        Raises ValueError where that changes the model.
+        """
+        return stored
 
     @classmethod
     def topology_from(cls, settings: Mapping[str, Any], data: Data) -> str | None:

@@ -104,7 +104,7 @@ class SimulatedData(Data):
             self.notes |= {
                 f"{split}: record {one.record + 1}": [
                     f"escaped at t = {one.time:.2f} s; the motion drawn after it "
-                    f"({one.redrawn} of this seed) stands in its place (data.escape=redraw)"
+                    f"({one.redrawn} of this seed) replaces it (data.escape=redraw)"
                 ]
                 for one in escapes
                 if one.redrawn

@@ -116,8 +116,8 @@ class RecordedEarthquake(Waveform):
         number = record - len(train)
         if number >= len(test):
             raise ValueError(
-                f"test record {number + 1} has no event: beside the earthquakes trained on "
-                f"there are only {len(test)}; list more, or lower data.test_records"
+                f"test record {number + 1} has no event: the earthquakes that are "
+                f"not trained on are {len(test)}; list more, or lower data.test_records"
             )
         event = train[record] if number < 0 else test[number]
         arrivals = self.lag * np.arange(channels)

@@ -29,11 +29,7 @@ SHARES = (0.0, 0.5, -0.5)  # of its limit: a unit's memory, where a search for i
 LOST = 1e6  # times the largest measured motion: a run that goes so far has diverged
 
 
-GONE = tuple(  # terms that no law has had; always zero
-    f"laws.{term}.{part}"
-    for term in ("quadratic", "absolute_damping", "square_damping")
-    for part in ("theta", "unit")
-)
+GONE = ("laws.quadratic", "laws.absolute_damping", "laws.square_damping")  # of weights until 0.11
 
 
 class Composite(Held):
@@ -46,7 +42,6 @@ class Composite(Held):
     on_processor = True
     estimates_beginning = True
     later: ClassVar[tuple[str, ...]] = ("bound", "channels", *Held.later)
-    gone: ClassVar[tuple[str, ...]] = GONE
     traced = staticmethod(traced)  # how a composition is run
     measures: Tensor  # (n,): of the sensors, displacement 0, velocity 1, acceleration 2
     bound: Tensor  # (n,): of what sensors measure; a run beyond has diverged
@@ -80,6 +75,17 @@ class Composite(Held):
 
     def weights_of_channels(self) -> Tensor | None:
         return self.channels
+
+    def todays_weights(self, stored: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Without the terms of laws until 0.11 that no config learned, whose θ are zero.
+
+        Raises ValueError where they are not.
+        """
+        kept = {name: t for name, t in stored.items() if name.rpartition(".")[0] not in GONE}
+        used = [name for name in stored if name not in kept and name.endswith("theta")]
+        if any(bool(stored[name].any()) for name in used):
+            raise ValueError(f"{', '.join(used)}: laws have no such terms any more; repeat the run")
+        return kept
 
     def composition(self) -> Composition:
         """The equation of motion with coefficients at the present parameters."""

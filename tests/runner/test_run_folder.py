@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
 
 import evaluate
 import train
+from models.element_network import ElementNetwork
 from models.fit.identification import SPLITS
 from models.fit.metrics import FREE_RUNS
 from models.stored.run import read_run
@@ -44,6 +46,15 @@ def test_a_run_of_the_earlier_layout_loads_and_scores_the_same(name, rel):
     keys = {*SPLITS, *FREE_RUNS.values()}
     assert keys == set(scores)
     assert close(scores, {key: metrics[key] for key in keys}, rel)
+
+
+def test_weights_of_a_term_that_laws_lost_are_refused_where_it_was_used():
+    network = ElementNetwork(2, 2, 0.01, "chain", hinges=0, units=0)
+    stored = {**network.state_dict(), "laws.quadratic.theta": torch.zeros(2)}
+    assert network.todays_weights(stored).keys() == network.state_dict().keys()
+    stored["laws.quadratic.theta"][1] = 0.1
+    with pytest.raises(ValueError, match=r"laws.quadratic.theta: laws have no such terms"):
+        network.todays_weights(stored)
 
 
 @pytest.fixture

@@ -58,6 +58,15 @@ class Element:
             if not 0.0 <= value < 1.0:
                 raise ValueError(f"{type(self).__name__}.{name}={value} must lie in [0, 1)")
 
+    def _require_growing(self, *names: str) -> None:
+        """Check places of an envelope, each of which lies beyond the one before."""
+        places = [getattr(self, name) for name in names]
+        if sorted(set(places)) != places:
+            raise ValueError(
+                f"{type(self).__name__}: {', '.join(names)} = {places} m must grow from one to "
+                "the next"
+            )
+
     @property
     def law(self) -> int:
         """The number by which compiled code knows the law."""

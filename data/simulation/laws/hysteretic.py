@@ -276,15 +276,6 @@ class Hysteretic(Element):
                 raise ValueError(f"{type(self).__name__}.{name}={value} must lie in [0, 1]")
         self._require_growing(*PLACES)
 
-    def _require_growing(self, *names: str) -> None:
-        """Check that the points of a side lie one behind the other."""
-        places = [getattr(self, name) for name in names]
-        if sorted(set(places)) != places:
-            raise ValueError(
-                f"{type(self).__name__}: {', '.join(names)} = {places} m must grow from one to "
-                "the next"
-            )
-
     @property
     def parameters(self) -> tuple[float, ...]:
         own = [f.name for f in fields(Hysteretic) if f.name != "between"]

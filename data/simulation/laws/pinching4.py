@@ -316,13 +316,7 @@ class Pinching4(Element):
 
     def _require_side(self, back: str = "") -> None:
         """Check that the points of a side grow, and that its pinching is one."""
-        named = [f"{back}{name}" for name in PLACES]
-        places = [getattr(self, name) for name in named]
-        if sorted(set(places)) != places:
-            raise ValueError(
-                f"{type(self).__name__}: {', '.join(named)} = {places} m must grow from one to "
-                "the next"
-            )
+        self._require_growing(*(f"{back}{name}" for name in PLACES))
         u, f = getattr(self, f"{back}unloading_force"), getattr(self, f"{back}reloading_force")
         if not (-1.0 < u < f < 1.0 and f >= 0.0):
             raise ValueError(
