@@ -15,6 +15,7 @@ from export.steps import step_of
 from models.baselines import LastValue
 from models.estimator import Estimator
 from models.linear import EquivalentLinear
+from tests.export import networks
 from tests.export.every_model import DT, ELEMENTS, MODELS, drive, imposed
 
 TOLERANCE = 1e-12  # largest difference over largest signal, of each output
@@ -24,8 +25,10 @@ SIZES = (1, 4)
 def differences(model: Estimator, given: Drive) -> dict[str, float]:
     """Of each output of a step from the free run, over its largest."""
     with torch.inference_mode():
-        whole = model.free_run(given)
+        whole, loops = model.run_with_loops(given)
     wanted = {"x": whole.x, "v": whole.v, "a": whole.a, "r": whole.a, "output": whole.a}
+    if loops is not None:
+        wanted |= {"y": loops[0], "r": loops[1]}
     found = {}
     for name, signal in run(step_of(model), given).items():
         right = wanted[name].numpy()
@@ -92,6 +95,12 @@ def test_what_is_observed_again_is_made_good(name):
     once, twice = run(step, given), run(once_more(step), given)
     for output in once:
         np.testing.assert_array_equal(once[output], twice[output])
+
+
+@pytest.mark.parametrize("hold", ["linear", "zero_order"])
+@pytest.mark.parametrize("kind", [networks.network, networks.latent])
+def test_the_step_of_a_network_is_its_free_run(kind, hold):
+    agrees(kind(2), drive(2, 2, 60, hold))
 
 
 def test_a_run_that_left_its_bounds_is_lost_from_there():
