@@ -165,7 +165,7 @@ LABELS = {  # of what a fit says of itself, where the key is no label
     "tension_compression": "tension and compression, by element",
     "law_prior": "weight of the law's prior, by element",
     "undetermined": "not determined by the motion",
-    "linear_stiffness": "equivalent linear stiffness [N/m]",
+    "linear_stiffness": "element stiffness of the linear start [N/m]",
     "held_out_force_error_percent": "held-out force error [%]",
     "force_error_percent": "force error [%]",
     "held_out_error_percent": "held-out error [%]",

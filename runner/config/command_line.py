@@ -108,7 +108,7 @@ def read_words() -> None:
             "--experimental-rerun reads a pickle, which can run any code; give the words again"
         )
     if parser.parse_args().multirun and program in INSTEAD:
-        raise ValueError(f"--multirun: {program}.py sweeps nothing; {INSTEAD[program]}")
+        raise ValueError(f"--multirun: {program}.py has no sweeps; {INSTEAD[program]}")
     overrides = OverridesParser.create().parse_overrides(parser.parse_args().overrides)
     for override in overrides:
         key = override.key_or_group
@@ -131,11 +131,11 @@ def _check_word_of_hydra(key: str, program: str) -> None:
         return
     if program in INSTEAD:
         raise ValueError(
-            f"{shown(key)} is no setting of {program}.py, which sweeps nothing; of Hydra's it has "
-            f"hydra.run.dir and hydra.searchpath; {INSTEAD[program]}"
+            f"{shown(key)} is not a setting of {program}.py, which has no sweeps; its settings of "
+            f"Hydra are hydra.run.dir and hydra.searchpath; {INSTEAD[program]}"
         )
     raise ValueError(
-        f"{shown(key)} is no setting of this program; of Hydra's it has hydra.run.dir, "
+        f"{shown(key)} is not a setting of this program; its settings of Hydra are hydra.run.dir, "
         "hydra.sweep.dir, hydra.sweep.subdir, hydra.mode, hydra.searchpath, "
         "hydra/launcher, hydra.launcher.… and hydra.sweeper.…"
     )

@@ -143,7 +143,7 @@ def test_programs_without_sweeps_refuse_words_of_sweeps(
 ):
     assert run(program, monkeypatch, *words, f"run={finished}") == 1
     error = capsys.readouterr().err
-    assert "sweeps nothing" in error
+    assert "has no sweeps" in error
     assert error.count("\n") == 1
 
 
