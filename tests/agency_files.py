@@ -1,4 +1,4 @@
-"""Files as agencies and analysers write them, made for tests: CSMIP V1 and V2, COSMOS, PEER.
+"""Files as agencies and analysers write them, made for tests: CSMIP, COSMOS, PEER, K-NET, LabVIEW.
 
 The layouts are those of the published formats; the numbers are ours.
 """
@@ -140,3 +140,103 @@ def uff58(
             out += "".join("".join(rows[k : k + 4]) + "\n" for k in range(0, len(a), 4)).encode()
         out += f"{-1:6d}\n".encode()
     return out
+
+
+def cesmd_v2(channel: int, place: str, a: np.ndarray, dt: float, decimals: int = 5) -> str:
+    """One channel as CESMD distributes it today: the header of volume 1 below a first line."""
+    direction, _, location = place.partition(", ")
+    text = [
+        f"Corrected accelerogram   12345-N2628-22354.08   Chan {channel:2d}: {direction}   from",
+        "Uncorrected Accelerogram Data             Processed: 12/20/22, XXX  xx12345h",
+        "Rcrd of Tue Dec 20, 2022 02:34:01.0 PST               (Avol1 v2.0, 4/18 XXX)",
+        "", "", "Station No. 12345   40.585N, 124.146W    Etna2   s/n 2628  (3 Chns of  3 at Sta)",
+        "Somewhere - an Office Bldg", f"Chan {channel:2d}: {direction}          "
+        + (f"Location: {location}" if location else ""),
+        *[""] * 7, f" {len(a)} points of instrument- and baseline-corrected accel, veloc and displ",
+        *[""] * 9,
+    ]  # fmt: skip
+    lines = text + whole(100, 5, 16, 3) + fixed(np.zeros(100), 10, 3, 8)
+    v = dt * np.cumsum(CM * a)
+    for kind, unit, u in (
+        ("accel", "cm/sec2.", CM * a), ("veloc", "cm/sec. ", v),
+        ("displ", "cm.     ", dt * v.cumsum()),
+    ):  # fmt: skip
+        lines.append(
+            f"{len(a):6d} points of {kind} data equally spaced at {dt:5.3f} sec, in {unit} (8f10.5)"
+        )
+        lines += fixed(u, 10, decimals, 8)
+    return "\r\n".join([*lines, f"/&  ---------- End of data for channel {channel:2d}", ""])
+
+
+def cesmd_v1(channel: int, place: str, a: np.ndarray, dt: float) -> str:
+    """Volume 1 of today: 27 lines of header, a line that announces them, then g in 8f9.6."""
+    text = [
+        "Uncorrected Accelerogram Data             Processed: 12/20/22, XXX",
+        *[""] * 5,
+        f"Chan {channel:2d}: {place}",
+        *[""] * 3,
+        "Units of uncor accel are g",
+        "",
+        "",
+    ]
+    lines = text + whole(100, 5, 16, 3) + fixed(np.zeros(50), 10, 3, 8)
+    lines.append(f"{len(a):6d} points of accel data equally spaced at {dt:6.3f} sec, in g. (8f9.6)")
+    lines += fixed(a / 9.80665, 9, 6, 8)
+    return "\n".join([*lines, f"/&  ---------- End of data for channel {channel:2d}", ""])
+
+
+def knet(a: np.ndarray, dt: float, direction: str = "E-W", scale: str = "3920(gal)/6182761") -> str:
+    """K-NET and KiK-net: 17 lines of header, counts, eight in a line; a [m/s²]."""
+    gal, _, parts = scale.partition("(gal)/")
+    counts = np.round(CM * a * float(parts) / float(gal)).astype(int) + 17
+    said = {
+        "Origin Time": "2014/12/31 23:49:00", "Lat.": "35.785", "Long.": "139.887",
+        "Depth. (km)": "84", "Mag.": "4.2", "Station Code": "XXX003", "Station Lat.": "35.7943",
+        "Station Long.": "140.0564", "Station Height(m)": "28",
+        "Record Time": "2014/12/31 23:50:11",
+        "Sampling Freq(Hz)": f"{round(1 / dt)}Hz", "Duration Time(s)": f"{int(len(a) * dt)}",
+        "Dir.": direction, "Scale Factor": scale, "Max. Acc. (gal)": "3.0",
+        "Last Correction": "2014/12/31 23:50:12", "Memo.": "",
+    }  # fmt: skip
+    rows = ["".join(f"{n:8d} " for n in counts[k : k + 8]) for k in range(0, len(counts), 8)]
+    return "\n".join([f"{key:<18}{value}" for key, value in said.items()] + rows) + "\n"
+
+
+def lvm(
+    channels: dict[str, np.ndarray],
+    dt: float,
+    units: str | None = "g",
+    decimal: str = ".",
+    separator: str = "Tab",
+    clock: str = "One",
+    segments: int = 1,
+    ending: str = "\r\n",
+) -> str:
+    """LabVIEW's measurement file with X_Columns No, One or Multi; segments with headings each."""
+    cut = {"Tab": "\t", "Comma": ","}[separator]
+    count, rows = len(channels), len(next(iter(channels.values())))
+    lines = ["LabVIEW Measurement", "Writer_Version{}2", "Reader_Version{}2",
+             f"Separator{{}}{separator}", f"Decimal_Separator{{}}{decimal}",
+             f"Multi_Headings{{}}{'Yes' if segments > 1 else 'No'}", f"X_Columns{{}}{clock}",
+             "Time_Pref{}Relative", "***End_of_Header***", ""]  # fmt: skip
+    lines = [line.replace("{}", cut) for line in lines]
+    for segment in range(segments):
+        about = {"Channels": [str(count)], "Samples": [str(rows)] * count}
+        about |= {"Y_Unit_Label": [units] * count} if units else {}
+        about |= {"X_Dimension": ["Time"] * count, "Delta_X": [f"{dt:.6f}"] * count}
+        lines += [cut.join([key, *values]).replace(".", decimal) for key, values in about.items()]
+        lines.append("***End_of_Header***")
+        wide = {"Multi": ["X_Value"] * count, "One": ["X_Value"], "No": ["X_Value"]}[clock]
+        names = [*wide, *channels]
+        if clock == "Multi":
+            names = [name for pair in zip(wide, channels, strict=True) for name in pair]
+        lines.append(cut.join([*names, "Comment"]))
+        for k in range(rows):
+            time = f"{k * dt:.6f}" if clock != "No" else ""
+            cells = [f"{(segment + 1) * u[k]:.6f}" for u in channels.values()]
+            row = [time, *cells]
+            if clock == "Multi":
+                row = [cell for one in cells for cell in (time, one)]
+            lines.append(cut.join(row + (["begun, here"] if k == 0 else [])).replace(".", decimal))
+        lines.append("")
+    return ending.join(lines)

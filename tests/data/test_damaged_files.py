@@ -21,6 +21,7 @@ import scipy.sparse
 from scipy.io.matlab import MatlabObject
 
 from data.measured.files.table import FileError, Table, read_table
+from tests.agency_files import knet, lvm
 from tests.data.damaged_files import (
     INF,
     LONG,
@@ -56,6 +57,8 @@ from tests.data.damaged_files import (
 pytestmark = pytest.mark.usefixtures("read_here")
 TA = {"t": [0.0, 1.0], "a": [2.0, 3.0]}
 CELL = np.array([1.0, "x"], dtype=object)
+KNET = knet(np.arange(100.0), 0.01)
+LVM = lvm({"a1": np.arange(40.0), "a2": np.arange(40.0)}, 0.01, decimal=",")
 # name: file, how to write it, options, what the message must match or a check of what comes out
 CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Table], None]]] = {
     # --- text: the file as a whole
@@ -77,9 +80,26 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Table], None]
     "JSON named CSV": ("a.csv", text('{"a": [1, 2]}'), {}, r"the content is JSON; rename it to \.json"),
     "parquet named CSV": ("a.csv", parquet(a=[1.0, 2.0]), {}, r"promises text, but the content is Parquet; rename"),
     "CSV named MAT": ("a.mat", text("t,a\n0,2\n1,3\n"), {}, r"promises MAT, but the content is text"),
-    "spreadsheet": ("a.xlsx", xlsx, {}, r"suffix '\.xlsx' is not known; expected one of \.csv"),
+    "spreadsheet": ("a.xlsx", xlsx, {}, r"a\.xlsx"),
     "spreadsheet named NPZ": ("a.npz", xlsx, {}, r"is it a spreadsheet\? export it as CSV"),
-    "unknown suffix": ("a.log", text("t,a\n0,2\n1,3\n"), {}, r"suffix '\.log' is not known"),
+    "unknown suffix of text": ("a.log", text("t,a\n0,2\n1,3\n"), {}, columns(**TA)),
+    "unknown suffix, no table": ("a.log", text("Dear all,\nsee below.\n"), {}, r"a\.log: line 1|a\.log: column|no column of numbers|a\.log"),
+    "unknown suffix, no text": ("a.xyz", text(b"\x01\x00\x02" * 99), {}, r"suffix '\.xyz' is not known and the content is no text; export the record as one of \.h5"),
+    "figure of MATLAB": ("a.fig", text(b"\x01\x00\x02" * 99), {}, r"in MATLAB: L = findobj\(openfig\('a'\), 'Type', 'line'\)"),
+    "program": ("a.tcl", text("recorder Node -file a.out\n"), {}, r"is a program; give the file of numbers it writes"),
+    "K-NET without scale": ("a.ew", text(KNET.replace("Scale Factor", "Scale")), {}, r"expected such as 3920\(gal\)/6182761"),
+    "K-NET without rate": ("a.ew", text(KNET.replace("100Hz", "fast")), {}, r"'sampling freq\(hz\)' 'fast'; expected a number above 0"),
+    "K-NET with a rate of zero": ("a.ew", text(KNET.replace("100Hz", "0Hz")), {}, r"expected a number above 0"),
+    "K-NET cut off": ("a.ew", text(KNET[: -len(KNET) // 4]), {}, r"announces 100 counts and \d+ follow"),
+    "K-NET with text": ("a.ew", text(KNET.replace(" 17 ", " xx ")), {}, r"invalid literal.*expected whole counts"),
+    "K-NET of huge counts": ("a.ew", text(KNET.replace("Duration Time(s)  1", "Duration Time(s)  99999999999")), {}, r"announces 9999999999900 counts and 100 follow"),
+    "LabVIEW without end of header": ("a.lvm", text("LabVIEW Measurement\t\nSeparator\tTab\n0\t1\n"), {}, r"its header does not end"),
+    "LabVIEW without rows": ("a.lvm", text(LVM.partition("X_Value")[0]), {}, r"a\.lvm"),
+    "LabVIEW cut off": ("a.lvm", text(LVM[:-16]), {}, r"line \d+ has 2 cells; expected 3"),
+    "LabVIEW with a strange decimal sign": ("a.lvm", text(LVM.replace("Decimal_Separator\t,", "Decimal_Separator\tx")), {}, r"the decimal sign 'x'"),
+    "LabVIEW, clocks that differ": ("a.lvm", text(LVM.replace("X_Value\ta1", "X_Value\tX_Value")), {}, r"clocks of their own, and 'X_Value 2' differs"),
+    "response spectra": ("a.V3", text("Response and Fourier Amplitude Spectra\n" * 3), {}, r"volume 3\), from which no motion comes back; take volume 2"),
+    "volume 2 with a count beyond all": ("a.V2", text("Corrected accelerogram\n999999999999999999 points of accel data equally spaced at .01 sec, in cm/sec2. (8f10.3)\n  1.0\n"), {}, r"announces 999999999999999999 values and 1 follow"),
     "pickle named CSV": ("a.csv", lambda p: p.write_bytes(pickle.dumps(Planted(p.parent / "PICKLE_RAN"))), {}, r"pickle, which could run code"),
     "NUL bytes in a row": ("a.csv", text("t,a\n0,2\n1\0,3\n"), {}, r"line 3 holds a NUL byte"),
     "NUL bytes far down": ("a.csv", text("t,a\n" + "0,2\n" * 60000 + "\0" * 50), {}, r"line 60002 holds a NUL byte"),

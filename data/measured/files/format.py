@@ -17,10 +17,20 @@ PACKED = {
     b"7z\xbc\xaf": "7-zip",
 }
 FOREIGN = {  # formats that are recognised in order to be refused by name
-    b"\xd0\xcf\x11\xe0": "an old Office document",
     b"%PDF": "PDF",
     b"ARROW1": "Arrow IPC",
     **{bytes((0x80, n)): "a Python pickle, which could run code" for n in range(2, 6)},
+}
+WAYS_OUT = {  # suffixes of programs → how a record leaves them
+    (".fig",): "in MATLAB: L = findobj(openfig('NAME'), 'Type', 'line'), then writematrix of "
+    "[L.XData; L.YData]' to a .csv",
+    (".m", ".mlx", ".py", ".ipynb", ".tcl"): "it is a program; give the file of numbers it writes",
+    (".rsp", ".drv", ".rpc"): "export it as text from RPC Pro, or by its ASCII translator",
+    (".dxd", ".dwd", ".d7d"): "export it as MAT or CSV from DewesoftX",
+    (".pkl", ".pickle"): "a pickle could run code; save the arrays by numpy.savez",
+    (".evt", ".gcf"): "convert it to miniSEED by its maker's program",
+    (".rds", ".rdata"): "in R: write.csv(x, 'NAME.csv', row.names = FALSE)",
+    (".docx", ".doc", ".pdf", ".png", ".jpg"): "a document holds no record; take its table as CSV",
 }
 
 
@@ -32,8 +42,8 @@ def _nothing(head: bytes) -> str:
 class Format:
     """One file format: how its files are recognised, and the reader of such files.
 
-    `signatures` and `content` name what the first bytes are; a format without either takes any
-    file of its suffixes whose content no other format recognises.
+    `signatures` and `content` name what the first bytes are; a format without signatures takes any
+    file of its suffixes whose content no other format recognises, text included.
     """
 
     name: str
@@ -43,6 +53,8 @@ class Format:
     places: tuple[int, ...] = (0,)  # possible offsets of a signature
     content: Callable[[bytes], str] = _nothing  # name of content without signature, "": another's
     options: tuple[str, ...] = ()  # fields of Request that mean something in this format
+    layout: bool = False  # text of a known layout, which files of any suffix of text may have
+    plain: bool = False  # any text: what no other format recognises
 
     def signed(self, head: bytes) -> str:
         """Name of content that begins with `head` and bears a signature of this format, or ""."""
@@ -58,7 +70,8 @@ def suffixes_of(formats: Iterable[Format]) -> list[str]:
 def format_of(path: Path, formats: Sequence[Format]) -> Format:
     """The one of `formats` that the suffix of `path` promises and its content does not belie.
 
-    Raises FileError for an empty or packed file, an unknown suffix, and content of another format.
+    Content decides where the suffix is unknown, and which layout of text it is. Raises FileError
+    for an empty or packed file, and for content that is not read or that the suffix belies.
     """
     with path.open("rb") as file:
         head = file.read(HEAD)
@@ -69,13 +82,20 @@ def format_of(path: Path, formats: Sequence[Format]) -> Format:
         raise FileError(f"{path.name} is packed with {packed}; unpack it first")
     suffix = path.suffix.lower()
     promised = next((format_ for format_ in formats if suffix in format_.suffixes), None)
-    if promised is None:
-        raise FileError(
-            f"{path.name}: suffix {suffix!r} is not known; expected one of "
-            f"{', '.join(suffixes_of(formats))}; export the record as one of these"
-        )
     content, actual = _content(head, promised, formats)
-    if content and actual is not promised:
+    way_out = next((way for suffixes, way in WAYS_OUT.items() if suffix in suffixes), "")
+    if promised is None and (actual is None or (way_out and actual.plain)):
+        known = ", ".join(suffixes_of(formats))
+        raise FileError(
+            f"{path.name}: suffix {suffix!r} is not known"
+            f"{f', and the content is {content}' if content else ' and the content is no text'}; "
+            f"{way_out.replace('NAME', path.stem[:60]) or f'export the record as one of {known}'}"
+        )
+    if actual is not None and (promised is None or (actual.layout and promised.plain)):
+        return actual
+    assert promised is not None
+    unsure = actual is not None and actual.plain and not promised.signatures
+    if content and actual is not promised and not unsure:
         remedy = f"rename it to {actual.suffixes[0]}" if actual else "export it again"
         raise FileError(
             f"{path.name}: suffix {suffix} promises {promised.name}, but the content is {content}; "
@@ -84,19 +104,21 @@ def format_of(path: Path, formats: Sequence[Format]) -> Format:
     return promised
 
 
-def _content(head: bytes, promised: Format, formats: Sequence[Format]) -> tuple[str, Format | None]:
+def _content(
+    head: bytes, promised: Format | None, formats: Sequence[Format]
+) -> tuple[str, Format | None]:
     """Name of the content, "" where nothing is known of it, and its format where that is read."""
     foreign = _beginning(head, FOREIGN)
     if foreign:
         return foreign, None
+    page = head.lstrip(b"\xef\xbb\xbf \t\r\n")
+    if page[:9].lower().startswith((b"<!doctype", b"<html", b"<?xml")):
+        return f"a web page or XML: {shorten(page[:20].decode('latin-1'))}", None
     for format_ in sorted(formats, key=lambda format_: len(format_.places)):
         signed = format_.signed(head)
         if signed:
             return signed, format_
-    page = head.lstrip()
-    if page[:9].lower().startswith((b"<!doctype", b"<html", b"<?xml")):
-        return f"a web page or XML: {shorten(page[:20].decode('latin-1'))}", None
-    for format_ in (promised, *formats):
+    for format_ in sorted(formats, key=lambda format_: (format_.plain, format_ is not promised)):
         content = format_.content(head)
         if content:
             return content, format_

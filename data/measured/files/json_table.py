@@ -60,8 +60,9 @@ def read_json(path: Path, request: Request) -> Contents:
 
 
 def content(head: bytes) -> str:
-    """Name of content with these first bytes that may be JSON, "" for other content."""
-    return "JSON" if b"\0" not in head or opens_object(head) else ""
+    """Name of content that begins as an object or a list of objects, "" for other content."""
+    rows = head.lstrip(b"\xef\xbb\xbf \t\r\n").removeprefix(b"[").lstrip()[:1] in (b"{", b"[")
+    return "JSON" if opens_object(head) or (rows and b"\0" not in head) else ""
 
 
 JSON = Format("JSON", (".json",), read_json, content=content)

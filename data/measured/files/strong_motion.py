@@ -2,8 +2,10 @@
 
 Text of fixed columns: per channel a text header, whole numbers, real numbers, then blocks of
 accelerations, and in volume 2 of velocities and displacements, each announced by a line that says
-how many there are, their unit and their Fortran format. Sources: COSMOS Strong Motion Data Format
-1.20 (2001); the CSMIP formats as CESMD distributes them.   T samples.
+how many there are, their unit and their Fortran format. The first line of a channel says which
+volume it is; the header of volume 2 repeats that of volume 1 below it. Sources: COSMOS Strong
+Motion Data Format 1.20 (2001); Shakal & Huang, OSMS 85-03, and files as CESMD distributes them.
+T samples.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from data.simulation.accelerograms import read_at2
 CSMIP = re.compile(  # 3000 points of accel data equally spaced at .020 sec, in cm/sec2. (8f10.3)
     r"\s*(?P<count>[0-9]{1,18})\s+points of (?P<kind>accel|veloc|displ)\w* data equally spaced at"
     r"\s*(?P<dt>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?)\s*sec[.,]*\s*"
-    r"(?:\(?in (?P<unit>[\w/^* ]+?)\)?[.,]?\s*)?"
+    r"(?:\(?in (?P<unit>[\w/^* ]+?)[.,]?\)?[.,]?\s*)?"
     r"(?:\(\s*(?P<format>[^()]*)\))?\s*$",
     re.IGNORECASE,
 )
@@ -36,11 +38,17 @@ CHANNEL = re.compile(r"chan(?:nel|\.)?\s*([0-9]{1,9})\s*:\s*(.*)", re.IGNORECASE
 LOCATION = re.compile(r"location:\s*(\S.*)", re.IGNORECASE)
 END = re.compile(r"^(/&)?\s*-*\s*end[ -]of[ -]data", re.IGNORECASE)
 POINTS = re.compile(r"no\.? of points\s*=\s*([0-9]{1,18})\b", re.IGNORECASE)
+SPECTRA = re.compile(r"\s*(response\b.*spectr|fourier\b.*spectr)", re.IGNORECASE)
+OPENING = re.compile(
+    r"accelerogram|\(format v ?\d|response (and|spectr)|points of accel data|header values follow",
+    re.IGNORECASE,
+)
 UNCORRECTED = re.compile(r"units of uncor\w*\.? accel\w* are (?P<what>.*?)(?:\.\s|\s{2,}|$)", re.I)
 UNITS = {"cm/sec2": "cm/s^2", "cm/sec/sec": "cm/s^2", "cm/s/s": "cm/s^2", "cm/sec^2": "cm/s^2",
          "cm/sec": "cm/s", "g/10": "0.1*g", "cm": "cm", "g": "g", "cm/s^2": "cm/s^2",
          "cm/s2": "cm/s^2", "cm/s": "cm/s", "mg": "mg", "in": "in"}  # fmt: skip
 SHORT = {"accel": "acc", "veloc": "vel", "displ": "disp"}
+OF_VOLUME_2 = {"acc": "cm/sec2", "vel": "cm/sec", "disp": "cm"}  # where a file does not say it
 HEADER_V1 = 27  # lines of a channel of volume 1: 13 of text, 7 of whole and 7 of real numbers
 UNKNOWN = -999.0
 WIDEST = 400  # characters of a line that are looked at for words
@@ -102,13 +110,16 @@ def read_strong_motion(path: Path, request: Request) -> Contents:
 
 def content(head: bytes) -> str:
     """Name of content that begins as such a file does, "" for other content."""
-    text = head.decode("latin-1").lower()
-    known = ("accelerogram", "acceleration", "corrected data", "-header values follow", "velocity")
-    return "strong-motion accelerograms" if any(word in text for word in known) else ""
+    first = head.lstrip().decode("latin-1")[:WIDEST]
+    return "strong-motion accelerograms" if OPENING.search(first) else ""
 
 
 STRONG_MOTION = Format(
-    "strong motion", (".v2", ".v1", ".v2c", ".v1c", ".raw"), read_strong_motion, content=content
+    "strong motion",
+    (".v2", ".v1", ".v2c", ".v1c", ".raw", ".v3", ".v3c"),
+    read_strong_motion,
+    content=content,
+    layout=True,
 )
 
 
@@ -118,6 +129,11 @@ def _blocks(path: Path, lines: Sequence[str]) -> list[Block]:
     header: Header | None = None  # of this channel, once a series follows
     while at < len(lines):
         line = lines[at][:WIDEST]
+        if at == start and SPECTRA.match(line):
+            raise FileError(
+                f"{path.name} holds response spectra (volume 3), from which no motion comes back; "
+                f"take volume 2 of the same channel, such as {path.stem}.V2"
+            )
         found = CSMIP.match(line) or COSMOS.match(line)
         if found is not None:
             header = header or _header(lines[start:at])
@@ -143,7 +159,7 @@ def _read_block(
     per_line, width = _format(path, at, said.get("format"))
     rows = -(-count // per_line)
     values = _numbers(path, lines[at + 1 : at + 1 + rows], count, width, at)
-    unit = _unit(path, said.get("unit") or header.unit, at)
+    unit = _unit(path, said.get("unit") or header.unit or OF_VOLUME_2[kind], at)
     dt = float(said["dt"]) if said.get("dt") else _step_of_cosmos(path, header, at, count)
     return Block(kind, header.number, header.place, unit, dt, values), at + 1 + rows
 
@@ -180,13 +196,12 @@ def _numbers(path: Path, rows: Sequence[str], count: int, width: int, at: int) -
     return values
 
 
-def _unit(path: Path, text: str | None, at: int) -> str:
-    text = text or "cm/sec2"
+def _unit(path: Path, text: str, at: int) -> str:
     known = UNITS.get(text.strip().lower().rstrip(".").replace("sec**2", "sec2"))
     if known is None:
         raise FileError(
             f"{path.name}: line {at + 1} is in {shorten(text)}; expected cm/sec2, g/10, g, cm/sec "
-            "or cm (counts are not converted; download the corrected record)"
+            "or cm (counts are not converted: download volume 2, the corrected record)"
         )
     return known
 
@@ -208,7 +223,8 @@ def _step_of_cosmos(path: Path, header: Header, at: int, count: int) -> float:
 def _header(lines: Sequence[str]) -> Header:
     lines = [line[:WIDEST] for line in lines]
     said = next((m for m in map(UNCORRECTED.search, lines) if m), None)
-    unit = None if said is None else said["what"].lower().replace("sec and ", "")
+    unsaid = "a unit that it does not say" if _is_uncorrected(lines) else None
+    unit = unsaid if said is None else said["what"].lower().replace("sec and ", "")
     points = next((int(m[1]) for m in map(POINTS.search, lines) if m), 0)
     return Header(*_channel(lines), unit, _reals(lines), points)
 
@@ -239,9 +255,14 @@ def _channel(header: Sequence[str]) -> tuple[str, str]:
     return number, place
 
 
+def _is_uncorrected(header: Sequence[str]) -> bool:
+    titles = (text.strip().lower() for text in header)
+    return next((title for title in titles if title), "").startswith("uncorrected")
+
+
 def _has_pairs(header: Sequence[str], line: str) -> bool:
     """Whether a channel of volume 1 holds pairs of time and acceleration from this line on."""
-    uncorrected = any("uncorrected" in text.lower() for text in header[:2])
+    uncorrected = _is_uncorrected(header)
     return uncorrected and re.search(r"[A-Za-z]{2}", line) is None and bool(line.strip())
 
 
@@ -260,7 +281,7 @@ def _read_pairs(path: Path, lines: Sequence[str], start: int, at: int) -> tuple[
     values = pairs[:, 1]
     if np.abs(time - time[0] - even).max() > 0.5 * dt:  # digitised by hand
         values = np.interp(even, time - time[0], values)
-    unit = _unit(path, header.unit, at)
+    unit = _unit(path, header.unit or "", at)
     return Block("acc", header.number, header.place, unit, dt, values), last
 
 
@@ -310,4 +331,4 @@ def peer_content(head: bytes) -> str:
     return "PEER accelerogram" if "NPTS" in text and "DT" in text else ""
 
 
-PEER = Format("PEER", (".at2",), read_peer, content=peer_content)
+PEER = Format("PEER", (".at2",), read_peer, content=peer_content, layout=True)

@@ -18,6 +18,8 @@ from data.measured.files.columns import Contents, FileError, Request
 from data.measured.files.format import Format, format_of
 from data.measured.files.hdf5 import HDF5
 from data.measured.files.json_table import JSON
+from data.measured.files.knet import KNET
+from data.measured.files.lvm import LVM
 from data.measured.files.mat import MAT
 from data.measured.files.npz import NPY, NPZ
 from data.measured.files.parquet import PARQUET
@@ -27,8 +29,8 @@ from data.measured.files.uff import UFF
 
 __all__ = ["FileError", "Table", "read_table"]
 
-# the first that recognises a file without signature names it: JSON is text, too
-FORMATS = (TEXT, HDF5, MAT, PARQUET, NPZ, NPY, JSON, STRONG_MOTION, PEER, UFF)
+# the first that recognises a file without signature names it: all but the binary ones are text
+FORMATS = (HDF5, MAT, PARQUET, NPZ, NPY, JSON, STRONG_MOTION, KNET, LVM, PEER, UFF, TEXT)
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,7 @@ TEXT = Format(
     read_text,
     content=content,
     options=("skip_rows", "delimiter", "decimal", "header"),
+    plain=True,
 )
 
 
