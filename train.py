@@ -41,7 +41,7 @@ def main(cfg: DictConfig) -> float | None:
 
     error: float | None = math.inf  # of a run that fails
     with job_errors(folder if in_sweep else None, cfg):
-        metrics = identify(cfg, folder, log_run)
+        metrics = identify(cfg, folder, log_run, progress=not in_sweep)
         error = validation_error(metrics) if cfg.data.validation else None
         if not in_sweep:
             print_run(metrics, folder)

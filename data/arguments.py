@@ -95,6 +95,11 @@ def plain(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
+def count_of(number: int, noun: str) -> str:
+    """So many of what the noun names: "1 overrun", "2,000 samples"."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
 def label(text: str, length: int = 60) -> str:
     """Plain text for a picture, where a $ is a $ and begins no formula."""
     shown = plain(text)

@@ -227,8 +227,15 @@ class Record:
     def remedy_of_state(self) -> str:
         """What to do where x and v are missing: only accelerations can be integrated."""
         if self.quantity == "acceleration":
-            return "measure them or integrate (scenario=integrated)"
-        return f"choose a model that a {self.quantity} alone can train (it reads no x and v)"
+            return (
+                "measure them, integrate (scenario=integrated), or take a model that reads none: "
+                "model=element_network model/reads=accelerations, model=linear_modes, model=vwnn"
+            )
+        own = "element_test" if self.quantity == "force" else "element_network"
+        return (
+            f"take a model that a {self.quantity} alone can train: model={own}, "
+            "model=linear_modes, model=vwnn"
+        )
 
     def signals(self) -> dict[str, Tensor]:
         """The measured signals that this record has, by name."""

@@ -16,6 +16,7 @@ docs/export.md says which target is for whom.
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,6 +57,10 @@ def targets(text: str) -> list[str]:
     names = [name.strip() for name in text.strip("[]").split(",")]
     for name in names:
         if name not in TARGETS:
+            word = rf"\b{re.escape(name.lower())}\b"
+            of = [t for t, about in TARGETS.items() if re.search(word, about.reader.lower())]
+            if name and of:
+                raise ValueError(f"to={name}: {name} reads to={' or to='.join(of)}")
             hint = suggestion(name.lower(), TARGETS, cutoff=0.5)
             raise ValueError(f"to={name}: there are {', '.join(TARGETS)}{hint}")
     return list(dict.fromkeys(names))

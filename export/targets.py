@@ -18,8 +18,10 @@ class Target:
 
 
 TARGETS = {
-    "c": Target("export.c", "anything that compiles C99: controllers, Simulink's S-functions"),
-    "fmu": Target("export.fmu", "Simulink, Modelica and other co-simulation by FMI 2 or 3"),
+    "c": Target("export.c", "anything that compiles C99: controllers, S-functions of Simulink"),
+    "fmu": Target(
+        "export.fmu", "Simulink, Dymola, OpenModelica, other co-simulation by FMI 2 or 3"
+    ),
     "opensees": Target("export.opensees", "OpenSeesPy, stock materials"),
-    "json": Target("export.json", "people and programs that want the parameters"),
+    "json": Target("export.json", "people, Python, MATLAB: whoever wants the parameters"),
 }

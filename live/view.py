@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from data.arguments import plain
+from data.arguments import count_of, plain
 from data.stream import SampleLines
 from live.monitor import LiveMonitor, TimedAlarm
 from models.online.guard import Event
@@ -146,11 +146,11 @@ def bars(signal: np.ndarray, size: float, first: int) -> str:
 def status_line(monitor: LiveMonitor, lines: SampleLines | None) -> str:
     """Time, samples, running error [%], overruns, events and bad lines so far."""
     total, by_dof = monitor.running_error()
-    bad = "" if lines is None else f", {lines.bad:,} bad lines"
+    bad = "" if lines is None else f", {count_of(lines.bad, 'bad line')}"
     return (
-        f"t = {monitor.time:.1f} s, {monitor.samples:,} samples: error {total:.1f} % "
-        f"({' '.join(f'{e:.1f}' for e in by_dof)}), {monitor.overruns:,} overruns, "
-        f"{sum(monitor.kinds.values()):,} events{bad}"
+        f"t = {monitor.time:.1f} s, {count_of(monitor.samples, 'sample')}: error {total:.1f} % "
+        f"({' '.join(f'{e:.1f}' for e in by_dof)}), {count_of(monitor.overruns, 'overrun')}, "
+        f"{count_of(sum(monitor.kinds.values()), 'event')}{bad}"
     )
 
 
@@ -186,9 +186,9 @@ def alarm_line(raised: TimedAlarm) -> str:
 def no_sound_sample(monitor: LiveMonitor, lines: SampleLines | None) -> str:
     """What is wrong with a run in which there was nothing to compare an estimate with."""
     if lines is not None and lines.bad:
-        found = f"{lines.bad:,} bad lines, the last: {plain(lines.faults[-1])}"
+        found = f"{count_of(lines.bad, 'bad line')}, the last: {plain(lines.faults[-1])}"
     else:
-        found = f"{monitor.samples:,} samples"
+        found = f"{count_of(monitor.samples, 'sample')}"
     if monitor.last_event is not None:
         found += f"; {event_line(monitor)}"
     return (
@@ -203,10 +203,11 @@ def summary(monitor: LiveMonitor, lines: SampleLines | None) -> list[str]:
     last, _ = monitor.running_error()
     middle, most = monitor.latency()
     text = [
-        f"{monitor.time:.1f} s, {monitor.samples:,} samples: relative error {total:.2f} % "
-        f"(DOFs {', '.join(f'{e:.2f}' for e in by_dof)}), of the last {WINDOW:g} s {last:.2f} %",
+        f"{monitor.time:.1f} s, {count_of(monitor.samples, 'sample')}: relative error "
+        f"{total:.2f} % (DOFs {', '.join(f'{e:.2f}' for e in by_dof)}), of the last {WINDOW:g} s "
+        f"{last:.2f} %",
         f"time per sample: median {1e6 * middle:.0f} µs, 99.9th percentile {1e6 * most:.0f} µs; "
-        f"{monitor.overruns:,} overruns of {1e3 * monitor.period:.4g} ms",
+        f"{count_of(monitor.overruns, 'overrun')} of {1e3 * monitor.period:.4g} ms",
     ]
     if monitor.last_event is not None:
         text.append(event_line(monitor))

@@ -38,7 +38,7 @@ from models.composition.branch_law_compiled import (
 )
 from models.composition.branch_run import Branches, branch_law
 from models.composition.states import LOWER, by_median
-from models.element_test import ElementTest
+from models.element_test import REMEDY, ElementTest
 from models.estimator import Parameter
 from models.fit.trainable import Trainable
 from models.starts.branch_laws import (
@@ -95,7 +95,7 @@ class BranchElement(ElementTest, Trainable):
         if inputs != 2 * dofs:
             raise ValueError(
                 f"an element test has a deformation s and a rate s_dot for each of {dofs} forces; "
-                f"there are {inputs} channels: name s1, s_dot1 and r1 among data.measured.channels"
+                f"there are {inputs} channels: {REMEDY}"
             )
         if min(ramps, bends) < 0 or max(ramps, bends) > MOST_RAMPS:
             raise ValueError(

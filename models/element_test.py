@@ -9,6 +9,11 @@ from __future__ import annotations
 from data.record import Record
 from models.estimator import ByLaws, Estimator
 
+REMEDY = (  # where a record is no element test
+    "give it columns s1, s_dot1 and r1 (data.quantity=force), or take model=element_network for "
+    "the motion of a structure, with model/reads=accelerations if these alone are measured"
+)
+
 
 class ElementTest(ByLaws, Estimator):
     """Forces r (…, T, E) from imposed deformations s and rates ṡ, the excitation [s, ṡ].
@@ -25,9 +30,7 @@ class ElementTest(ByLaws, Estimator):
         if (self.dofs, self.inputs) != (1, 2):
             raise ValueError(
                 f"{type(self).__name__} takes one force r1 under a deformation s1 and its rate "
-                f"s_dot1; here are {self.dofs} responses and {self.inputs} excitations: give it "
-                "the test of one element (data=measured data.quantity=force), or choose a network "
-                "of elements"
+                f"s_dot1; here are {self.dofs} responses and {self.inputs} excitations: {REMEDY}"
             )
 
     def require_force(self, record: Record) -> None:
@@ -35,5 +38,5 @@ class ElementTest(ByLaws, Estimator):
         if record.quantity != "force":
             raise ValueError(
                 f"{type(self).__name__} describes the force of an element test; the record holds "
-                f"{record.quantity}: choose element_network or another model"
+                f"{record.quantity}: {REMEDY}"
             )

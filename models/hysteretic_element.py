@@ -24,7 +24,7 @@ from models.composition.laws import ElementLaws
 from models.composition.other_inputs import OtherInputs
 from models.composition.simulate import Composition, simulate
 from models.composition.trace import Trace, traced
-from models.element_test import ElementTest
+from models.element_test import REMEDY, ElementTest
 from models.estimator import Parameter
 from models.physical.parameters import composed_laws
 
@@ -71,8 +71,7 @@ class HystereticElement(ElementTest, Composite):
         if inputs != 2 * dofs + others:
             raise ValueError(
                 f"an element test has a deformation s and a rate s_dot for each of {dofs} forces; "
-                f"there are {inputs} channels, {others} of them other inputs: name s1, s_dot1 and "
-                "r1 among data.measured.channels"
+                f"there are {inputs} channels, {others} of them other inputs: {REMEDY}"
             )
         self.others = OtherInputs(dofs, others, nodes, rates) if others else None
         self.estimates_beginning = self.others is None

@@ -64,7 +64,7 @@ class MomentFrame(Estimator):
             if values is None or len(values) != dofs or not all(value > 0.0 for value in values):
                 raise ValueError(
                     f"model.{name}={values}: expected {dofs} positive numbers, from the lowest "
-                    "floor to the roof"
+                    "floor to the roof; model=element_network needs none"
                 )
         if substeps < 1:
             raise ValueError(f"model.substeps={substeps}: expected at least 1")

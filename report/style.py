@@ -94,7 +94,8 @@ def panels(count: int, width: float, height: float, **how: Any) -> tuple[Figure,
 def finish_loop(axes: Axes, title: str = "", force: str = "r [N]", y: str = "y [m]") -> None:
     """Title, labels and grid of a loop: force over deformation."""
     axes.set_title(title, fontsize="medium")
-    axes.locator_params(axis="x", nbins=4)  # numbers such as −0.0025 are wide
+    axes.locator_params(axis="x", nbins=3)  # numbers such as −0.0025 are wide
+    axes.tick_params(axis="x", labelsize="small")
     axes.set_xlabel(y)
     axes.set_ylabel(force)
     axes.grid(alpha=0.25)

@@ -73,10 +73,13 @@ def _thread_failed(failed: threading.ExceptHookArgs) -> None:
 Log = Callable[[RunLogger, dict[str, Any], Identification, Data, dict[str, Any]], None]
 
 
-def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str, Any]:
+def identify(
+    cfg: DictConfig, folder: Path, log: Log | None = None, progress: bool = True
+) -> dict[str, Any]:
     """One run: data, fit, test, files; returns what `metrics.json` holds.
 
-    `log` adds to the TensorBoard logs before the run is finished. Raises ValueError for choices
+    `log` adds to the TensorBoard logs before the run is finished. progress: the fit shows how far
+    it is, unless the config says otherwise. Raises ValueError for choices
     that do not fit together and for a fit that failed, OSError for a folder that cannot be used.
     """
     quiet_lightning()
@@ -92,6 +95,7 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
     run = Run.begin(folder, values, data.sensors)
     try:
         data.setup()
+        _require_samples(data)
     except ValueError:
         run.withdraw()
         raise
@@ -113,7 +117,8 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
         "enable_progress_bar": False,  # ours is another
     }
     saves = SaveProgress(run.progress, run.identity, values["checkpoint_seconds"])
-    lines: list[Callback] = [FitProgress()] if settings.get("enable_progress_bar", True) else []
+    shown = progress and settings.get("enable_progress_bar", True)
+    lines: list[Callback] = [FitProgress()] if shown else []
     trainer = Trainer(logger=logger, callbacks=[saves, *lines], **shared)
     try:
         trainer.fit(module, datamodule=data, ckpt_path=run.unfinished, weights_only=True)
@@ -136,6 +141,20 @@ def identify(cfg: DictConfig, folder: Path, log: Log | None = None) -> dict[str,
         log(logger, run.choices, module, data, metrics)
     run.finish(metrics)
     return metrics
+
+
+FEWEST = 50  # samples N: the RMS of so many independent errors is known to 1/√(2 N) = 10 %
+
+
+def _require_samples(data: Data) -> None:
+    """Raise ValueError for measured records too short to tell an error by."""
+    for split in ("train", "test") if data.measured else ():
+        scored = sum(record.samples - record.warmup for record in data.records[split])
+        if scored < FEWEST:
+            raise ValueError(
+                f"the {split} part of the record has {scored} samples ({scored * data.dt:.3g} s) "
+                f"to be scored, and {FEWEST} tell an error to a tenth; give a longer record"
+            )
 
 
 def _check_weights(estimator: nn.Module) -> None:

@@ -10,9 +10,10 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -63,18 +64,21 @@ class Watch:
         self.left, self.total, self.done = set(folders), total, total - len(folders)
         self.before, self.failed = total - len(folders) - hopeless, hopeless
         self.ends = {f: [f"{f}/{METRICS}", f"{f}/{FAILED}"] for f in folders}  # looked for often
-        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[failed]} failed"))
         self.results: dict[Path, Result] = {}  # of runs that ended under it
         self.console = terminal(130)
-        self.progress = Progress(*columns, TimeRemainingColumn(), console=self.console)
+        self.progress = Progress(
+            BarColumn(),
+            TextColumn("{task.fields[done]} done, {task.fields[failed]} failed"),
+            TextColumn("{task.fields[left]} left", style="default"),
+            TimeRemainingColumn(),
+            console=self.console,
+        )
         self.ended = threading.Event()
 
     def __enter__(self) -> Watch:
         if self.before:
             self.console.print(f"{self.before} of {self.total} runs were finished before")
-        self.task = self.progress.add_task(
-            "", total=self.total, completed=self.done, failed=self.failed
-        )
+        self.task = self.progress.add_task("", total=self.total, **self._counts())
         if self.console.is_terminal:
             self.progress.start()
         self.thread = threading.Thread(target=self._watch, daemon=True)
@@ -88,6 +92,11 @@ class Watch:
         for folder in self.left if kind else ():
             with suppress(FileNotFoundError):
                 os.replace(folder / EARLIER, folder / METRICS)
+
+    def _counts(self) -> dict[str, Any]:
+        """What the one line of a terminal shows; `completed` moves its bar."""
+        counts = {"done": self.done - self.failed, "failed": self.failed}
+        return {"completed": self.done, **counts, "left": self.total - self.done}
 
     def _watch(self) -> None:
         last_pass = False
@@ -105,8 +114,9 @@ class Watch:
             count = f"[{self.done:>{len(str(self.total))}}/{self.total}]"
             self.results[folder] = run = read_result(folder)
             line = f"{count} {_line(run, failed)}"
-            self.console.print(line, highlight=False, markup=False, soft_wrap=True)
-            self.progress.update(self.task, completed=self.done, failed=self.failed)
+            if not self.console.is_terminal:  # which shows one line, and the table at the end
+                self.console.print(line, highlight=False, markup=False, soft_wrap=True)
+            self.progress.update(self.task, **self._counts())
 
 
 def _line(run: Result, failed: bool) -> str:

@@ -322,7 +322,8 @@ class Composite(Held):
             if record.quantity not in MEASURES:
                 raise ValueError(
                     f"{type(self).__name__} describes motions; the record holds "
-                    f"{record.quantity}: choose another model"
+                    f"{record.quantity}: take model=element_test for the force of an element, "
+                    "model=gru for other outputs"
                 )
             self.measures.fill_(MEASURES[record.quantity])
         self.bind(records)

@@ -21,12 +21,27 @@ SENSORS = "sensors.json"
 
 def require_finished(folder: Path) -> None:
     """Raise ValueError for a folder that holds no finished run."""
+    if not folder.is_dir():
+        raise ValueError(
+            f"{folder} is not a finished run: there is no such folder; give the one that train.py "
+            "wrote (hydra.run.dir)"
+        )
+    if not os.path.lexists(folder / METRICS) and (inside := _runs_in(folder)):
+        raise ValueError(
+            f"{folder} is not a finished run, it holds {len(inside)}; give one of them, such as "
+            f"{inside[0]}"
+        )
     for name in (CONFIG, CHECKPOINT, METRICS):
         if not os.path.lexists(folder / name):
             raise ValueError(
                 f"{folder} is not a finished run: it has no {name}; "
                 "give the folder that train.py wrote (hydra.run.dir)"
             )
+
+
+def _runs_in(folder: Path) -> list[Path]:
+    """Finished runs in a folder, as of a sweep, or in its folders, as of a day's."""
+    return sorted(p.parent for depth in ("*", "*/*") for p in folder.glob(f"{depth}/{METRICS}"))
 
 
 def read_values_of_run(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:

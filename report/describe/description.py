@@ -23,7 +23,7 @@ from models.stored.run import read_run
 from report.output import save_figure
 from report.prediction.interface import Interface
 from report.prediction.peaks import number
-from report.style import ESTIMATED, MEASURED, one_legend
+from report.style import ESTIMATED, MEASURED, one_legend, titled
 from runner.folder.run import restore
 from runner.folder.run_files import results_folder
 from runner.folder.run_folder import write_json
@@ -158,7 +158,8 @@ def draw_modes(modes: Modes, title: str) -> Figure:
     columns = min(6, count)
     rows = -(-count // columns)
     height = 1.2 + 0.22 * min(max(dofs, 4), 12)
-    figure = Figure(figsize=(0.8 + 1.5 * columns, 0.7 + rows * height), layout="constrained")
+    size = (max(4.0, 0.8 + 1.5 * columns), 0.7 + rows * height)  # of one mode, with its title
+    figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
     place = np.arange(dofs + 1)
     for i, ax in enumerate(axes[:count]):
@@ -174,7 +175,7 @@ def draw_modes(modes: Modes, title: str) -> Figure:
         ax.set_xlim(-1.15, 1.15)
         ax.tick_params(labelsize=7)
         step = -(-dofs // 12)
-        ax.set_yticks(place[::step], ["rest", *(f"x{j}" for j in place[1:])][::step])
+        ax.set_yticks(place[::step], ["ground", *(f"x{j}" for j in place[1:])][::step])
     for ax in axes[count:]:
         ax.set_visible(False)
     more = (
@@ -182,7 +183,7 @@ def draw_modes(modes: Modes, title: str) -> Figure:
         if count < len(modes.frequencies)
         else ""
     )
-    figure.suptitle(f"{title}{more}", fontsize=9)
+    titled(figure, f"{title}{more}")
     for ax in axes[max(0, count - columns) : count]:
         ax.set_xlabel("shape [–]", fontsize=8)
         ax.tick_params(labelbottom=True)

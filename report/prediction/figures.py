@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from models.estimator import Estimator
 from report.prediction.peaks import largest, leading
 from report.prediction.runs import Prediction, Signal, parts_of
-from report.style import DASHES, ESTIMATED, MEASURED, SERIES, finish_loop, panels
+from report.style import DASHES, ESTIMATED, MEASURED, SERIES, finish_loop, panels, titled
 
 MOST_ROWS, MOST_LOOPS = 8, 12  # that are drawn, those with the largest peaks
 OUTPUTS = ("displacement", "velocity", "acceleration", "force", "output")
@@ -46,7 +46,7 @@ def _histories(prediction: Prediction, estimator: Estimator, title: str) -> Figu
     for ax, signal in zip(axes, panels, strict=True):
         _history(ax, t, signal, parts_of(signal, estimator))
     axes[-1].set_xlabel("time [s]")
-    axes[0].set_title(title, fontsize=10, loc="left")
+    titled(figure, title)
     return figure
 
 
@@ -86,7 +86,7 @@ def _loops(y: Signal, r: Signal, names: Sequence[str], unit: str, title: str) ->
         ax.ticklabel_format(scilimits=(-3, 4))
     figure.supxlabel(f"deformation [{unit}]", fontsize=8)
     figure.supylabel("force [N]", fontsize=8)
-    figure.suptitle(title, fontsize=10, x=0.02, ha="left")
+    titled(figure, title)
     return figure
 
 
@@ -127,7 +127,7 @@ def draw_many(predictions: Sequence[Prediction], title: str) -> Figure:
     ax.set_ylim(bottom=0.0)
     ax.legend(fontsize=7, loc="lower right")
     ax.grid(alpha=0.25)
-    ax.set_title(title, fontsize=10, loc="left")
+    titled(figure, title)
     return figure
 
 
@@ -144,7 +144,7 @@ def _bars(
     ax.set_yticks(range(len(peaks)), [p.name for p in predictions], fontsize=7)
     ax.invert_yaxis()
     ax.set_xlabel(label)
-    ax.set_title(title, fontsize=10, loc="left")
+    titled(figure, title)
     kinds = (("inside the trained range", "#0072B2", ""), ("outside it", ESTIMATED, "///"))
     for name, colour, hatch in kinds:
         ax.bar(0, 0, color=colour, hatch=hatch, edgecolor="white", label=name)

@@ -49,7 +49,7 @@ def log_run(
     """Log choices, scalars, errors over time and, with `figures`, figures for TensorBoard."""
     board = logger.experiment
     over_time = errors_over_time(module)
-    logger.log_hyperparams(swept(choices), numbers(metrics))
+    logger.log_choices(swept(choices), numbers(metrics), IDENTITY)
     for key, error in over_time.items():
         each = max(1, len(error) // 200)
         for i, value in enumerate((100.0 * error[::each]).tolist()):
@@ -236,6 +236,7 @@ def _print_limits(console: Console, metrics: dict[str, Any]) -> None:
 #
 # Choices and numbers have the names of the long table (report/collection/report.py).
 
+IDENTITY = ("model", "system", "scenario", "seed")  # the first columns
 GROUPS = ("scenario", "excitation", "data", "model", "solver", "objective")
 FIRST = ("free_run/relative_rms_percent", "test/relative_rms_percent")
 FILES = ("path", "folder")  # where things lie is no choice that changes a number
@@ -243,10 +244,9 @@ FILES = ("path", "folder")  # where things lie is no choice that changes a numbe
 
 def swept(content: Mapping[str, Any]) -> dict[str, int | float | bool | str]:
     """The choices that a person sweeps; a system is identified by its name alone."""
-    found: dict[str, Any] = {
-        name: content[name]["name"] for name in ("model", "system", "scenario")
-    }
-    found |= {name: content[name] for name in ("seed", "max_fail")}
+    *named, seed = IDENTITY
+    found: dict[str, Any] = {name: content[name]["name"] for name in named}
+    found |= {name: content[name] for name in (seed, "max_fail")}
     for key, value in dotted({name: content[name] for name in GROUPS}).items():
         text, last = typed(value), key.rpartition(".")[2]
         if last not in ("name", *FILES) and not ("/" in str(text) or "\\" in str(text)):

@@ -19,6 +19,7 @@ from hydra.errors import (
     OverrideParseException,
 )
 from hydra.utils import to_absolute_path
+from omegaconf import ListConfig, OmegaConf
 from omegaconf.errors import (
     InterpolationToMissingValueError,
     MissingMandatoryValue,
@@ -63,6 +64,12 @@ def reason_of(error: BaseException) -> str:
         return f"{error.strerror or error}: {error.filename or ''}{hint}"
     if isinstance(error, MissingMandatoryValue):
         return f"{error.full_key} must be given: {error.full_key}=…; see --help"
+    if isinstance(error, InterpolationToMissingValueError) and "hydra.job." in str(error):
+        return (
+            "hydra.job.num and hydra.job.id are no names of folders: a sweep that goes on after an "
+            "interruption finds runs by their choices; leave hydra.sweep.subdir out, or name what "
+            "varies, as in hydra.sweep.subdir='${model.name}-${seed}'"
+        )
     if isinstance(error, InterpolationToMissingValueError):
         missing = str(error).splitlines()[0].rpartition(": ")[2]
         needs = f", {error.full_key} needs it" if error.full_key else ""
@@ -188,16 +195,54 @@ def _explain(error: Exception, config: str) -> str:
             f"(choices: {', '.join(option for option in options if option not in earlier)})"
         )
     if isinstance(error, OverrideParseException):
-        return (
-            f"{shown(error.override)!r} is no key=value that can be read; put it in single quotes, "
-            "so that the shell leaves it, and close its brackets"
-        )
+        return _unreadable(error.override)
+    if several := re.match(r"Ambiguous value for argument '(.*)'", str(error)):
+        return _several(several[1], config)
     cause = getattr(error.__cause__, "full_key", None) or getattr(error.__cause__, "key", None)
     first = " ".join(str(error).splitlines()[:2]).removesuffix(".")
     if first.startswith("Could not override"):
         key = first.split("'")[1].replace("/", ".") if "'" in first else str(cause)
         return _no_setting(key, config)
     return first
+
+
+def _unreadable(override: str | None) -> str:
+    """Why a word cannot be read: the shell split it at a blank, or it is in no quotes."""
+    words = sys.argv[1:]
+    place = words.index(override) if override in words else len(words)
+    around = [
+        " ".join(words[first : last + 1])
+        for first in range(place, -1, -1)
+        for last in range(max(place, first + 1), len(words))
+    ]
+    whole = next(filter(_can_be_read, sorted(around, key=len)), None)
+    if whole is not None:
+        return (
+            f"the shell splits {shown(whole)} at its blank; leave blanks out, or put all of it in "
+            f"single quotes: '{plain(whole)}'"
+        )
+    return (
+        f"{shown(override)!r} is no key=value that can be read; put it in single quotes, "
+        "so that the shell leaves it, and close its brackets"
+    )
+
+
+def _can_be_read(word: str) -> bool:
+    try:
+        OverridesParser.create().parse_override(word).value()
+    except HydraException:
+        return False
+    return True
+
+
+def _several(word: str, config: str) -> str:
+    """What a word that gives several values may mean where a run has one."""
+    key, _, values = word.partition("=")
+    now = OmegaConf.select(composed(config=config), key, throw_on_missing=False)
+    lists = f"; a list is {key}=[{values}]" if now is None or isinstance(now, ListConfig) else ""
+    if config in INSTEAD:
+        return f"{word} gives several values, and {config}.py has no sweeps{lists}"
+    return f"{word} gives several values, a run has one; for a run with each: train.py -m …{lists}"
 
 
 def _no_setting(key: str, config: str) -> str:

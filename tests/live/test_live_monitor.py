@@ -13,6 +13,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from data.record import Record
 from data.sample import Sample
 from live.monitor import LEARNING, LiveMonitor, ResidualAlarm
+from live.view import status_line, summary
 from models.online.adaptive import Online
 from models.online.scores import running_error
 from tests.live.live_runs import DT, finished
@@ -46,6 +47,14 @@ def followed(record: Record, offset: float = 0.0) -> LiveMonitor:
         monitor.add_sample(sample, ((1.0 + offset) * record.a[k]).numpy())
         monitor.add_time(1e-5, 0.0)
     return monitor
+
+
+def test_one_overrun_is_one(bilinear_record):
+    monitor = followed(bilinear_record.measured().window(0, 50), 0.1)
+    for count, words in ((0, " 0 overruns"), (1, " 1 overrun "), (2, " 2 overruns")):
+        monitor.overruns = count
+        assert words in " ".join(summary(monitor, None)).replace("overrun of", "overrun  of")
+        assert words.rstrip() in status_line(monitor, None)
 
 
 def test_the_running_error_is_that_of_the_reports(bilinear_record):

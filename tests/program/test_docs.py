@@ -32,6 +32,9 @@ README, ADDING = ROOT / "README.md", ROOT / "docs" / "adding.md"
 PAGES = sorted([README, ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
 TEMPLATES = [ROOT / "report" / "zoo" / "page.md"]
 ESTIMATOR = ("# models/quadratic_damping", "# conf/model/quadratic_damping")
+KEPT = (  # models that tests or usual baselines name
+    *("vwnn", "vwnn_first_order", "linear", "two_point", "last_value", "filtered_extrapolation"),
+)
 OF_THE_READER = (
     "my_",
     "quadratic_damping",
@@ -137,6 +140,27 @@ def test_an_estimator_is_added_by_two_files(tmp_path):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "quadratic_damping on measured" in done.stdout
+
+
+def test_the_estimator_of_the_docs_meets_the_contract_and_so_does_a_variant(tmp_path):
+    """The contract of every estimator, on a zoo that holds these two alone."""
+    for room in ("models", "conf", "tests"):
+        copytree(ROOT / room, tmp_path / room)
+    for room in ("data", "runner", "report", "hydra_plugins", "pyproject.toml"):
+        (tmp_path / room).symlink_to(ROOT / room)
+    for other in (*tmp_path.glob("conf/model/*.yaml"), *tmp_path.glob("conf/earlier/model/*.yaml")):
+        if other.stem not in KEPT:
+            other.unlink()
+    for text in (block for k in ("python", "yaml") for block in blocks(ADDING, k)):
+        if text.startswith(ESTIMATOR):
+            other = text.replace("v.abs() * v", "x**3").replace("QuadraticDamping", "CubicSpring")
+            for words in (text, other.replace("quadratic_damping", "cubic_spring")):
+                (tmp_path / words.split("\n")[0].removeprefix("# ")).write_text(words, "utf-8")
+    tests = ["tests/models/test_every_estimator.py", "-k", "quadratic_damping or cubic_spring"]
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) > 30
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -46,6 +46,18 @@ def test_the_plugin_has_the_choices_by_their_dotted_names(finished):
     assert not [name for name in found if name.startswith("system.")]
 
 
+def test_the_columns_begin_with_model_scenario_seed_and_system(finished):
+    """TensorBoard sorts by name those that differ, then the others."""
+    (content,) = (
+        events.summary_metadata[metadata.EXPERIMENT_TAG].plugin_data.content
+        for events in events_of(finished)
+        if metadata.EXPERIMENT_TAG in events.summary_metadata
+    )
+    columns = metadata.parse_experiment_plugin_data(content).hparam_infos
+    assert [one.name for one in columns][:4] == ["model", "system", "scenario", "seed"]
+    assert {one.name for one in columns if one.differs} == {"model", "system", "scenario", "seed"}
+
+
 def test_the_numbers_have_the_names_and_values_of_the_long_table(finished):
     (of_run,) = collect([finished])
     logged: dict[str, float] = {}

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import torch
 
 from data.record import Record, Response
 from models.hysteretic_element import HystereticElement
-from report.run.figures import CYCLES, LONGEST, SHORTEST, few_cycles, run_figures, strong_motion
+from report.describe.description import Modes, draw_modes
+from report.run.figures import (
+    CYCLES,
+    LONGEST,
+    SHORTEST,
+    few_cycles,
+    identified_loops,
+    run_figures,
+    strong_motion,
+)
 from report.run.rescore import draw_record, titled_picture
+from report.style import placed
 
 
 def test_the_strong_motion_is_where_the_power_is():
@@ -81,3 +93,30 @@ def test_all_that_is_written_lies_in_the_picture(linear_record, size, joined):
         assert box.y0 >= 0.0, name
         assert box.x1 <= page.x1, name
         assert box.y1 <= page.y1, name
+
+
+@pytest.mark.parametrize("ends", [(-0.036, 0.048), (-0.0026, 0.0024), (-110.0, 90.0)])
+def test_numbers_below_a_loop_stand_apart(ends):
+    y = torch.linspace(*ends, 200, dtype=torch.float64)[:, None]
+    figure = placed(identified_loops(y, y, ["storey 1"]))
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    shown = [label.get_window_extent() for label in axes.get_xticklabels()]
+    inside = [box for box in shown if axes.bbox.x0 <= box.x0 + box.width / 2 <= axes.bbox.x1]
+    assert len(inside) > 1
+    for left, right in pairwise(inside):
+        assert left.x1 + 0.3 * left.height < right.x0
+
+
+@pytest.mark.parametrize("dofs", [1, 3, 14])
+def test_a_picture_of_modes_holds_its_title_and_begins_at_the_ground(dofs):
+    shapes = np.eye(dofs, dtype=complex)
+    figure = draw_modes(
+        Modes(np.arange(1.0, dofs + 1.0), np.full(dofs, 0.02), shapes),
+        "small motions of element_network on a structure with a long name",
+    )
+    figure.canvas.draw()
+    box, page = figure.get_tightbbox(), figure.bbox_inches
+    assert page.x0 <= box.x0 < box.x1 <= page.x1
+    assert box.y1 <= page.y1
+    assert figure.axes[0].get_yticklabels()[0].get_text() == "ground"
