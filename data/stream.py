@@ -26,9 +26,9 @@ from typing import BinaryIO
 import torch
 
 from data.measured.channels import CHANNEL, CLOCKS, numbered, signal_of
-from data.measured.files.columns import shorten, split_unit
+from data.measured.files.columns import shorten
 from data.measured.files.text_cells import MISSING, NUMBER
-from data.measured.units import to_si, unit_in_name
+from data.measured.units import DIMENSIONS, split_brackets, to_si, unit_in_name
 from data.record import Record
 from data.sample import Sample, Sensors, samples_of
 
@@ -113,7 +113,7 @@ class SampleLines:
         own_units: dict[str, str] = {}
         called = {column: channel for channel, column in channels.items()}
         for k, head in enumerate(heads):
-            bare, unit = split_unit(head)
+            bare, unit = split_brackets(head)
             name = called.get(bare, "" if bare in channels else bare)
             name = "time" if name in CLOCKS else name
             if name != "time" and not CHANNEL.fullmatch(name):
@@ -122,6 +122,14 @@ class SampleLines:
                 raise ValueError(f"two columns of the input are both {name}; rename one of them")
             places[name] = k
             unit = unit or unit_in_name(bare, signal_of(name))
+            if unit is None and name != bare and name != "time":
+                stated = units.get(name) or units.get(signal_of(name))
+                if stated is None and signal_of(name) != "u":
+                    raise ValueError(
+                        f"no unit is understood in {shorten(bare)}: say it, as in --units "
+                        f"{signal_of(name)}=g; {DIMENSIONS[signal_of(name)][1]} is taken only "
+                        "where it is said"
+                    )
             if unit is not None:
                 own_units[name] = unit
         missing = [column for column in channels.values() if column not in map(_bare, heads)]
@@ -240,7 +248,7 @@ def _json_number(value: object) -> float:
 
 
 def _bare(head: str) -> str:
-    return split_unit(head)[0]
+    return split_brackets(head)[0]
 
 
 def _factor(name: str, units: Mapping[str, str], stated: Mapping[str, str]) -> float:

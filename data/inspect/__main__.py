@@ -124,7 +124,7 @@ def save_config(path: Path, record: Inspection, args: argparse.Namespace) -> Non
     settings["units"] = args.units or None
     settings |= {"align": args.align} if args.align else {}
     settings |= {key: v for key in READER if (v := getattr(args, key)) != READER[key]}
-    write_config(path, settings, record.guesses, record.findings)
+    write_config(path, settings, record.guesses, record.likely, record.findings)
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -159,7 +159,9 @@ def show(console: Console, record: Inspection) -> None:
     if record.guesses:
         words = [f"{channel}={shlex.quote(column)}" for column, channel in record.guesses.items()]
         console.print(Text("  proposed channels; check them:", style="cyan"))
-        console.print(Text(plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
+        units = " ".join(f"{signal}={shlex.quote(u)}" for signal, u in record.likely.items())
+        units = f" --units {units}" if units else ""
+        console.print(Text(plain(f"    --channels {' '.join(words)}{units}")), soft_wrap=True)
         lack = lacking(record.guesses)
         if lack:
             console.print(Text(f"  {lack}", style="yellow"), soft_wrap=True)

@@ -70,14 +70,22 @@ def _choice(name: str) -> str:
 
 
 def write_config(
-    path: Path, settings: Mapping[str, Any], guesses: Mapping[str, str], findings: Sequence[Finding]
+    path: Path,
+    settings: Mapping[str, Any],
+    guesses: Mapping[str, str],
+    units: Mapping[str, str],
+    findings: Sequence[Finding],
 ) -> None:
-    """Write the settings of `data=measured` for one record; guesses and remedies as comments."""
+    """Write the settings of `data=measured` for one record; guesses and remedies as comments.
+
+    guesses: {column: channel}; units: {signal: unit} to propose where the file says none.
+    """
     chosen = {k: v for k, v in settings.items() if k not in ("path", "channels") and v is not None}
     channels = settings.get("channels") or {}
     inner = [
         *_dumped({"path": settings["path"]}),
         *_channels(channels, guesses),
+        *_units(chosen.pop("units", None) or {}, units),
         *_dumped(chosen),
         *_remedies(findings),
     ]
@@ -101,6 +109,16 @@ def _channels(channels: Mapping[str, str], guesses: Mapping[str, str]) -> Iterat
         yield "channels: # guesses: take away the # of each line that is right"
         for column, channel in guesses.items():
             yield f"  # {_dumped({channel: column})[0]}"
+
+
+def _units(said: Mapping[str, str], likely: Mapping[str, str]) -> Iterator[str]:
+    if said or likely:
+        guessed = " # no unit was understood: take away the # of each line that is right"
+        yield f"units:{guessed if likely else ''}"
+        yield from (f"  {line}" for line in _dumped(said))
+        for signal, units in likely.items():
+            unit, *others = units.split("|")
+            yield f"  # {_dumped({signal: unit})[0]}{' # or ' * bool(others)}{', '.join(others)}"
 
 
 def _remedies(findings: Sequence[Finding]) -> Iterator[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from glob import glob
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from data.measured.files.columns import FileError
 from data.measured.files.table import Table, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.onset import without_quiet_start
-from data.measured.plausible import plausibility
+from data.measured.plausible import likely_units, plausibility, questions_of_units
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
     by_name,
@@ -27,10 +27,11 @@ from data.measured.reading import (
     read_records,
     record_of,
     stated_dt,
+    units_of,
 )
 from data.measured.signal_faults import Statistics, findings, statistics
 from data.measured.time_step import time_step
-from data.measured.units import DIMENSIONS, has_dimension, to_si, unit_in_name
+from data.measured.units import DIMENSIONS, KINDS, has_dimension, is_clock, to_si, unit_in_name
 
 FORWARD = 0.9  # of the steps of what is called a clock
 
@@ -46,6 +47,7 @@ class Inspection:
     statistics: dict[str, Statistics]  # by channel
     spectra: dict[str, Spectrum | None]  # by channel
     findings: list[Finding]
+    likely: dict[str, str] = field(default_factory=dict)  # {signal: units, where none is said}
 
 
 def inspections(
@@ -89,7 +91,7 @@ def inspection(
 
 
 def _mapped(path: Path, raw: RawRecord) -> Inspection:
-    units = {name: DIMENSIONS[signal_of(name)][1] for name in raw.channels}
+    units = {c: DIMENSIONS[signal_of(c)][1] for c in raw.channels if c not in raw.unsaid}
     record = _examined(path, raw, units, {}, {})
     steps = {step_of(raw, name) for name in raw.channels}
     if len(steps) == 1 and not raw.clocks:
@@ -115,7 +117,7 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         guesses = guesses if clock is None else {clock: "time", **guesses}
     time = None
     if clock is not None and np.mean(np.diff(columns[clock]) >= 0.0) > FORWARD:
-        unit = units.get("time") or told_units.get(clock, "s")
+        unit = units.get("time") or unit_in_name(clock, "time") or told_units.get(clock, "s")
         time = (columns[clock] - columns[clock][0]) * to_si(unit, "time")
         notes.append(f"{clock!r} is taken for the clock, in {unit}, {how}")
     elif clock is not None:
@@ -124,18 +126,31 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     if not columns:
         raise FileError(f"{path.name}: the clock {clock!r} is the only column; add a signal")
     signals = {c: signal_of(g) for c, g in guesses.items() if g != "time"}
-    own = {c: told_units.get(c, DIMENSIONS[s][1]) for c, s in signals.items()}
-    in_si = {c: s for c, s in signals.items() if to_si(own[c], s) == 1.0}
+    said = units_of({"": table}, {g: ("", c) for c, g in guesses.items()}, units)
+    own = {c: said[guesses[c]] for c in signals}
+    told_units = {c: u for c in columns if (u := own.get(c, told_units.get(c))) is not None}
+    in_si = {c: s for c, s in signals.items() if c in told_units and to_si(told_units[c], s) == 1.0}
     raw = RawRecord(path.name, time, stated_dt([table]), columns, notes=tuple(notes))
     record = _examined(path, raw, told_units, guesses, in_si)
     findings = [
         replace(f, blocks=f.blocks and (not f.channel or f.channel in guesses))
         for f in record.findings
     ]
-    mapped = {g: columns[c] * to_si(own[c], signals[c]) for c, g in guesses.items() if g != "time"}
-    if time is not None or raw.dt is not None:
-        findings += plausibility(mapped, step_of(raw, next(iter(columns))))
-    return replace(record, findings=findings)
+    kinds = {
+        c: next((s for _, s in UNITS if has_dimension(u, s)), "u") for c, u in told_units.items()
+    }
+    signals |= {c: kind for c, kind in kinds.items() if c not in signals}
+    values = {
+        c: columns[c] * to_si(told_units[c], s) if c in told_units else columns[c]
+        for c, s in signals.items()
+    }
+    asked = {c: c for c in own if c not in told_units and signals[c] != "u"}
+    dt = None if time is None and raw.dt is None else step_of(raw, next(iter(columns)))
+    if dt is not None and not any(signals[c] in ("a", "s_ddot") for c in asked):
+        mapped = {g: values[c] for c, g in guesses.items() if g != "time"}
+        findings += plausibility(mapped, dt)
+    findings = questions_of_units(values, signals, asked, dt) + findings
+    return replace(record, findings=findings, likely=likely_units(values, signals, asked, dt))
 
 
 def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> str | None:
@@ -215,28 +230,16 @@ PLACE = (
     r"roof|floor|store?y|level|top|mass[ _-]?\d|dof[ _-]?\d|deck|pier|girder|mid.?span|"
     r"\b(l|lvl|m)[ _-]?\d+\b"
 )
-KINDS = (  # in a column's name → signal
-    (r"acc|^a[_ ]?[xyz]?\d*$", "a"),
-    (r"disp|lvdt|stroke|laser|deflection|position", "x"),
-    (r"vel(o|\b|_|\d|$)|^v[_ ]?\d*$", "v"),
-    (r"force|load|hammer|^f[_ ]?\d*$", "f"),
-)
 OTHER = (
     r"volt|current|command|temperature|pressure|preload|pretension|"
     r"(normal|vertical|axial|gravity).?(force|load)"
 )
 ELEMENT = r"damper|device|bearing|isolator|brace|piston|stroke|actuator|element|hysteresis"
-CLOCK = r"time|zeit|temps|tiempo|seconds?$|^t$|^t[_ ]?\[?[mu]?s\]?$"
 UNITS = (("m/s^2", "a"), ("m/s", "v"), ("m", "x"), ("N", "f"))
 OTHER_UNITS = ("V", "mV", "A", "mA", "degC", "°C", "C", "K", "bar", "kPa", "MPa", "psi")
 OF_BASE = {"a": "s_ddot", "v": "s_dot", "x": "s"}
 OF_ELEMENT = {"f": "r", "x": "s", "v": "s_dot"}
 EXPLAINED = 0.5  # of what a motion leaves of a force: less is left where a mass is in it
-
-
-def is_clock(column: str) -> bool:
-    """Whether a column's name sounds like a clock."""
-    return re.search(CLOCK, column.lower()) is not None
 
 
 def suggest(

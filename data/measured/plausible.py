@@ -8,13 +8,15 @@ represents its acceleration, H(f) = −(2πf)².  Slope, sign and size of H deci
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from data.measured.channels import numbered
-from data.measured.raw_record import Finding
+from data.measured.channels import CLOCKS, numbered, signal_of
+from data.measured.files.columns import shorten
+from data.measured.raw_record import Finding, RawRecord
+from data.measured.units import DIMENSIONS, to_si
 
 SHORTEST = 512  # samples
 COHERENT = 0.8  # least coherence of base and response
@@ -138,3 +140,160 @@ def _units(name: str, gain: float) -> str:
         for pair in fitting
     )
     return f"their units seem {units}; {check}"
+
+
+# Units that nobody said: what else a record tells of them.   T samples.
+
+USUAL = {  # SI units, units in use, and the peaks that structures have [SI]
+    "s": (("s", "ms", "us"), (5e-4, 0.5)),  # of a clock's steps
+    "m/s^2": (("m/s^2", "g", "gal", "mm/s^2", "mg", "in/s^2"), (0.02, 60.0)),
+    "m/s": (("m/s", "mm/s", "cm/s", "in/s"), (1e-4, 10.0)),
+    "m": (("mm", "m", "cm", "in"), (1e-5, 1.0)),
+    "N": (("kN", "N", "kip", "lbf"), (1.0, 1e7)),
+}
+ALIKE = 0.03  # of a unit, by which what a displacement tells may err
+STEADY = 0.1  # of the ratio of an acceleration to a displacement, by which it may vary
+LOW = 0.05  # of the sampling rate: below it differences are derivatives to 1 %
+
+
+def unit_findings(raw: RawRecord) -> list[Finding]:
+    """Channels whose unit nobody said, in a line for each kind, with what else tells it."""
+    values = dict(raw.channels)
+    dt = raw.dt
+    clock = next(iter(raw.clocks.values()), raw.time)
+    if clock is not None and len(clock) > 1:
+        dt = float(np.nanmedian(np.diff(clock)))
+    unsaid = {channel: column for channel, column in raw.unsaid.items() if channel in values}
+    signals = {channel: signal_of(channel) for channel in values}
+    findings = questions_of_units(values, signals, unsaid, dt)
+    column = raw.unsaid.get("time")
+    low, high = USUAL["s"][1]
+    if column is not None and clock is not None and dt is not None and dt > 0.0:
+        low, high = (1e-6, 1.0 - 1e-9) if column in CLOCKS else (low, high)
+        if not low <= dt <= high:
+            text = _ask([column], "time", fitting_units("time", dt))
+            findings.append(Finding("no unit", "time", text, True))
+    return findings
+
+
+def questions_of_units(
+    values: Mapping[str, np.ndarray],
+    signals: Mapping[str, str],
+    unsaid: Mapping[str, str],
+    dt: float | None,
+) -> list[Finding]:
+    """Questions for the units of channels or columns, in a line for each signal.
+
+    values (T,): in SI where the unit was said; unsaid: names of those where it was not.
+    """
+    findings = []
+    told = unit_of_accelerations(values, signals, unsaid, dt)
+    for signal, names in _by_signal(signals, unsaid).items():
+        columns = [unsaid[name] for name in names]
+        text = _ask(columns, signal, fitting_units(signal, _peak(values, names)))
+        if told is not None and DIMENSIONS[signal][1] == "m/s^2":
+            text = f"{_none_in(columns)}; {told[1]}: say data.units.{signal}={told[0]}"
+        findings.append(Finding("no unit", ", ".join(names[:6]), text, True))
+    return findings
+
+
+def likely_units(
+    values: Mapping[str, np.ndarray],
+    signals: Mapping[str, str],
+    unsaid: Mapping[str, str],
+    dt: float | None,
+) -> dict[str, str]:
+    """Units to propose for each signal whose unit nobody said, as in "g|m/s^2".
+
+    Arguments as for the questions.
+    """
+    told = unit_of_accelerations(values, signals, unsaid, dt)
+    likely = {}
+    for signal, names in _by_signal(signals, unsaid).items():
+        si = DIMENSIONS[signal][1]
+        likely[signal] = "|".join(fitting_units(signal, _peak(values, names)) or [si])
+        likely[signal] = told[0] if told is not None and si == "m/s^2" else likely[signal]
+    return likely
+
+
+def _by_signal(signals: Mapping[str, str], names: Iterable[str]) -> dict[str, list[str]]:
+    kinds: dict[str, list[str]] = {}
+    for name in names:
+        kinds.setdefault(signals[name], []).append(name)
+    return kinds
+
+
+def _peak(values: Mapping[str, np.ndarray], names: Iterable[str]) -> float:
+    """Largest finite value of some channels."""
+    sizes = (np.abs(values[name][np.isfinite(values[name])]) for name in names)
+    return max((float(size.max(initial=0.0)) for size in sizes), default=0.0)
+
+
+def _none_in(columns: Sequence[str]) -> str:
+    more = f" and {len(columns) - 3} more" if len(columns) > 3 else ""
+    return f"no unit is understood in {', '.join(map(shorten, columns[:3]))}{more}"
+
+
+def _ask(columns: Sequence[str], signal: str, fitting: Sequence[str]) -> str:
+    si = DIMENSIONS[signal][1]
+    others = [unit for unit in fitting if unit != si]
+    size = f"; by its size it may be {', '.join(fitting)}" if fitting else ""
+    return (
+        f"{_none_in(columns)}{size}: say data.units.{signal}={(*others, *USUAL[si][0])[0]}, or "
+        f"what it is; {si} is taken only with data.units.{signal}={si}"
+    )
+
+
+def fitting_units(signal: str, peak: float) -> list[str]:
+    """Usual units in which a peak, or the step of a clock, has a size that structures have."""
+    units, (low, high) = USUAL[DIMENSIONS[signal][1]]
+    return [unit for unit in units if low <= peak * to_si(unit, signal) <= high]
+
+
+def unit_of_accelerations(
+    values: Mapping[str, np.ndarray],
+    signals: Mapping[str, str],
+    unsaid: Mapping[str, str],
+    dt: float | None,
+) -> tuple[str, str] | None:
+    """The unit of accelerations that a displacement beside them tells, and how; None without."""
+    for name in unsaid:
+        for other in values if signals[name] in ("a", "s_ddot") and dt else ():
+            if signals.get(other) in ("x", "s") and other not in unsaid:
+                size = _ratio(values[other], values[name], float(dt or 0.0))
+                units = USUAL["m/s^2"][0]
+                near = [u for u in units if size and abs(size / to_si(u, "a") - 1.0) < ALIKE]
+                if near:
+                    near.sort(key=lambda u: abs(float(size or 0.0) / to_si(u, "a") - 1.0))
+                    why = f"as the second derivative of {other!r}, {unsaid[name]!r} is in {near[0]}"
+                    return near[0], why
+    return None
+
+
+def _ratio(displacement: np.ndarray, acceleration: np.ndarray, dt: float) -> float | None:
+    """SI units in one unit of an acceleration (T,) that is a displacement's [m]; None for others.
+
+    Differences of second order stand for the derivative, and their gain is taken out: a drift of
+    the displacement then leaks nowhere.
+    """
+    from scipy.signal import csd, welch  # slow to import
+
+    if len(displacement) < SHORTEST or len(displacement) != len(acceleration):
+        return None
+    curve = np.diff(displacement, 2) / dt**2
+    known = acceleration[1:-1]
+    if not (np.isfinite(curve).all() and np.isfinite(known).all()):
+        return None
+    rate: dict[str, float | int] = {"fs": 1.0 / dt, "nperseg": min(len(curve) // 4, 1024)}
+    f, s_xx = welch(curve, **rate)
+    s_aa, s_xa = welch(known, **rate)[1], csd(curve, known, **rate)[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        coherence = np.abs(s_xa) ** 2 / (s_xx * s_aa)
+        ratio = np.sign(s_xa.real) * np.abs(s_xa / s_xx) * np.sinc(f * dt) ** 2
+    good = (coherence > 0.95) & (f > 1.5 * f[1]) & (f < LOW / dt) & (s_aa > FAINT * s_aa.max())
+    if good.sum() < LINES:
+        return None
+    middle = float(np.median(ratio[good]))
+    if not middle > 0.0 or float(np.median(np.abs(ratio[good] / middle - 1.0))) > STEADY:
+        return None
+    return 1.0 / middle

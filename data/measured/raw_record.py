@@ -22,6 +22,7 @@ class RawRecord:
     clocks: dict[str, np.ndarray] = field(default_factory=dict)  # of sensors that differ: (T_c,)
     notes: tuple[str, ...] = ()
     whole: bool = True  # False: the rest of a record that was cut in motion
+    unsaid: dict[str, str] = field(default_factory=dict)  # {channel: column} without a unit
 
     def own_time(self) -> np.ndarray:
         """Times (T,) [s] of the samples. Raises ValueError without a clock and a dt."""

@@ -16,7 +16,7 @@ from data.measured.files.format import suffixes_of
 from data.measured.files.table import FORMATS, Table, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.raw_record import RawRecord
-from data.measured.units import to_si, unit_in_name
+from data.measured.units import DIMENSIONS, is_clock, to_si, unit_in_name
 from data.record import require_bearable
 
 SUFFIXES = suffixes_of(FORMATS)
@@ -162,8 +162,9 @@ def by_name(table: Table) -> dict[str, str]:
             'what, as in "data.channels={time: t, f1: Force, a1: Acc_X}", or call them time, f1, '
             "a1, … in the file"
         )
-    clock = next((name for name in CLOCKS if name in table.columns), None)
-    return channels | ({} if clock is None else {"time": clock})
+    clocks = [name for name in CLOCKS if name in table.columns]
+    clocks += [name for name in table.columns if is_clock(name) and name not in channels]
+    return channels | ({"time": clocks[0]} if clocks else {})
 
 
 def _tables_of_folder(
@@ -220,6 +221,7 @@ def assembled(
     _check_names(path, places, units)
     signals: dict[str, np.ndarray] = {}
     notes = list(dict.fromkeys(note for table in tables.values() for note in table.notes))
+    understood = units_of(tables, places, units)
     for channel, (file, column) in places.items():
         table = tables[file]
         if column not in table.columns:
@@ -228,13 +230,16 @@ def assembled(
                 f"data.channels: {channel}: {table.path} has no column {shorten(column)}; it has "
                 f"{has}"
             )
-        clock = channel.startswith("time")
-        signal = "time" if clock else signal_of(channel)
-        own = None if clock else units.get(channel)
-        unit = own or units.get(signal) or table.units.get(column) or unit_in_name(column, signal)
+        signal, unit = _signal(channel), understood[channel]
         values = table.columns[column]
         if unit is not None:
-            values = values * to_si(unit, signal)
+            try:
+                values = values * to_si(unit, signal)
+            except ValueError as error:
+                key = channel if channel in units else signal
+                raise ValueError(
+                    f"{path.name}: {shorten(column)}: {error}; data.units.{key} says another"
+                ) from None
             notes.append(f"{signal} in {unit}")
         signals[channel] = values
     clocks = {
@@ -243,7 +248,55 @@ def assembled(
     for channel, u in signals.items():
         require_bearable(f"{path.name}: {channel}", u)
     notes_ = tuple(dict.fromkeys(notes))
-    return _on_one_clock(path, signals, clocks, places, tables, notes_, align)
+    raw = _on_one_clock(path, signals, clocks, places, tables, notes_, align)
+    return replace(raw, unsaid=_unsaid(understood, places))
+
+
+def _signal(channel: str) -> str:
+    return "time" if channel.startswith("time") else signal_of(channel)
+
+
+def units_of(
+    tables: Mapping[str, Table],
+    places: Mapping[str, tuple[str, str]],
+    units: Mapping[str, str],
+) -> dict[str, str | None]:
+    """The unit of each channel: as it was stated, else as the file says it; None where none is.
+
+    The g of acc_g may be the ground, and the in of disp_in what goes in: they are units where every
+    column of the kind ends with one.
+    """
+    found: dict[str, str | None] = {}
+    doubtful: set[str] = set()
+    for channel, (file, column) in places.items():
+        signal = _signal(channel)
+        stated = None if signal == "time" else units.get(channel)
+        stated = stated or units.get(signal) or tables[file].units.get(column)
+        found[channel] = stated or unit_in_name(column, signal)
+        if stated is None and unit_in_name(column, signal, sure=True) is None:
+            doubtful.add(channel)
+    for channel in doubtful:
+        kind = DIMENSIONS[_signal(channel)][1]
+        alike = [c for c in found if DIMENSIONS[_signal(c)][1] == kind]
+        if any(found[c] is None and not _in_si(places[c][1]) for c in alike):
+            found[channel] = None
+    return found
+
+
+def _in_si(column: str) -> bool:
+    """Whether a column is called as ours are, which are in SI units where nothing else is said."""
+    return CHANNEL.fullmatch(column) is not None
+
+
+def _unsaid(
+    units: Mapping[str, str | None], places: Mapping[str, tuple[str, str]]
+) -> dict[str, str]:
+    """{channel: column} of what is in no unit that is said, nor in SI by its name."""
+    return {
+        channel.partition(" ")[0]: places[channel][1]
+        for channel, unit in units.items()
+        if unit is None and not _in_si(places[channel][1]) and _signal(channel) != "u"
+    }
 
 
 def _on_one_clock(

@@ -13,6 +13,7 @@ import numpy as np
 
 from data.measured.channels import CHANNEL
 from data.measured.clocks import clock_findings
+from data.measured.plausible import unit_findings
 from data.measured.raw_record import Finding, RawRecord
 
 GRAVITY = 9.80665  # m/s²
@@ -37,7 +38,7 @@ def findings(
     the signals ("a", "x", …) of channels that have other names.
     """
     clocks = clock_findings(raw)
-    first = [f for f in clocks if f.blocks] + _lacking(raw)
+    first = [f for f in clocks if f.blocks] + unit_findings(raw) + _lacking(raw)
     others = [f for f in clocks if not f.blocks]
     others += list(_zero_first_row(raw))
     for name, signal in raw.channels.items():
@@ -50,7 +51,7 @@ def findings(
 
 def blocking(raw: RawRecord) -> list[Finding]:
     """Faults that must be mended before anything is fitted; quick: one pass over each channel."""
-    return [f for f in clock_findings(raw) if f.blocks] + _lacking(raw)
+    return [f for f in clock_findings(raw) if f.blocks] + unit_findings(raw) + _lacking(raw)
 
 
 def _lacking(raw: RawRecord) -> list[Finding]:

@@ -20,6 +20,8 @@ from models.hysteretic_element import HystereticElement
 from tests.data.odd_files import DT, clock, shaken, table
 from tests.experiments import estimator_from
 
+SI = {"a": "m/s^2", "s_ddot": "m/s^2"}
+
 
 def measured(path, **choices) -> MeasuredData:
     return MeasuredData(
@@ -60,18 +62,18 @@ def events_of_one_file(folder, *, lacks=()):
 
 def test_files_of_one_name_in_folders_of_events_are_records_by_their_folders(tmp_path):
     where = events_of_one_file(tmp_path / "events")
-    data = measured(tmp_path / "events", channels=where, test="third_acc")
+    data = measured(tmp_path / "events", channels=where, units=SI, test="third_acc")
     assert data.names["train"] == ["first_acc", "second_acc"]
 
 
 def test_a_record_that_lacks_a_channel_is_left_out_and_named(tmp_path):
     where = events_of_one_file(tmp_path / "events", lacks=("second",))
-    data = measured(tmp_path / "events", channels=where, test="third_acc")
+    data = measured(tmp_path / "events", channels=where, units=SI, test="third_acc")
     assert data.names["train"] == ["first_acc"]
     (said,) = (notes for name, notes in data.notes.items() if name.startswith("left out"))
     assert "'top'" in said[0]
     with pytest.raises(ValueError, match="names second_acc, which lacks a channel"):
-        measured(tmp_path / "events", channels=where, test="second_acc")
+        measured(tmp_path / "events", channels=where, units=SI, test="second_acc")
 
 
 def test_where_one_training_record_begins_in_motion_all_begin_in_an_unknown_state(tmp_path):
@@ -106,7 +108,7 @@ def test_arrays_of_records_by_samples(tmp_path, deep):
     assert list(records) == [f"r_{k}" for k in range(1, 6)]
     for raw, expected in zip(records.values(), roof, strict=True):
         assert np.array_equal(raw.channels["a1"], expected)
-    data = measured(tmp_path / "r.npz", channels=where, test=["r_4", "r_5"], onset=False)
+    data = measured(tmp_path / "r.npz", channels=where, units=SI, test=["r_4", "r_5"], onset=False)
     assert [len(data.records[split]) for split in ("train", "test")] == [3, 2]
 
 

@@ -23,6 +23,10 @@ KNOWN = [
     ("um", "x", 1e-6), ("µm", "x", 1e-6),
     ("in/s", "v", 0.0254), ("mm/s", "s_dot", 1e-3), ("cm/s", "v", 0.01),
     ("s", "time", 1.0), ("ms", "time", 1e-3), ("us", "time", 1e-6), ("µs", "time", 1e-6),
+    ("g's", "a", 9.80665), ("%g", "a", 0.0980665), ("CM/SEC/SEC", "a", 0.01),
+    ("in./sec^2", "a", 0.0254), ("m·s⁻²", "a", 1.0), ("m.s-2", "a", 1.0), ("mps2", "a", 1.0),
+    ("unit: cm/sec^2", "a", 0.01), ("ips", "v", 0.0254), ("KN", "f", 1e3), ("in.", "x", 0.0254),
+    ('"', "x", 0.0254), ("MM", "x", 1e-3), ("meters per second squared", "a", 1.0),
     ("ns", "time", 1e-9), ("min", "time", 60.0), ("sec", "time", 1.0),
 ]  # fmt: skip
 
@@ -63,13 +67,17 @@ NAMED = [
     ("disp_cm", "x", "cm"), ("x1_mm", "x", "mm"), ("force_kN", "r", "kN"), ("t_ms", "time", "ms"),
     ("Load kips", "f", "kips"), ("acc_cm_s2", "a", "cm/s^2"), ("acc1_cms2", "s_ddot", "cm/s^2"),
     ("v_mm/s", "v", "mm/s"), ("a1_g", "a", "g"), ("stroke_inch", "s", "inch"),
-    ("force_kN2", "f", "kN"), ("disp_mm12", "x", "mm"),
+    ("force_kN2", "f", "kN"), ("disp_mm12", "x", "mm"), ("acc_g", "s_ddot", "g"),
+    ("d Acc/g", "a", "g"), ("acc, g", "a", "g"), ("acc in g", "a", "g"), ("acc.g", "a", "g"),
+    ("acc - g", "a", "g"), ("ACC_CM_S2", "a", "CM/S^2"), ("acc_m_s_2", "a", "m/s^2"),
+    ("acc cm/sec^2", "a", "cm/sec^2"), ("vel_ms", "v", "m/s"), ("Load in lb", "f", "lb"),
+    ("disp_in", "x", "in"), ("acc m s^-2", "a", "m s^-2"), ("k acc cm/s²", "a", "cm/s^2"),
 ]  # fmt: skip
 UNNAMED = [
-    ("acc_g", "s_ddot"), ("a_g", "a"), ("deck_m", "a"), ("roof_N", "a"), ("force_in", "f"),
-    ("deck_mm", "a"), ("acc_kN", "a"), ("mm", "x"), ("_mm", "x"), ("programme", "x"),
+    ("a_g", "a"), ("acc_g1", "a"), ("disp_m2", "x"), ("deck_m", "a"), ("roof_N", "a"),
+    ("force_in", "f"), ("deck_mm", "a"), ("acc_kN", "a"), ("mm", "x"), ("_mm", "x"),
+    ("programme", "x"),
     ("drums", "time"), ("x2_mm_filtered", "x"), ("acc_3", "a"),
-    ("acc_ms2", "a"),
 ]  # fmt: skip
 
 

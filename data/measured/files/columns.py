@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import difflib
-import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from data.measured.units import is_unit
+from data.measured.units import split_brackets
 from data.memory import require_memory
 
 EXACT = 2**53  # float64 holds every integer up to here
@@ -68,31 +68,24 @@ def reason_of(error: Exception) -> str:
     return (line if len(line) <= 120 else line[:119] + "…") or type(error).__name__
 
 
-def split_unit(header: str) -> tuple[str, str | None]:
-    """("acc", "g") for "acc [g]" and "acc (g)"; round brackets count only around known units."""
-    match = re.fullmatch(r"(.*\S)\s*(\[\s*([^\[\]]+?)\s*\]|\(\s*([^()]+?)\s*\))", header.strip())
-    if match is None:
-        return header.strip(), None
-    square, round_ = match[3], match[4]
-    if (square and not square.isdigit()) or (round_ and is_unit(round_)):
-        return match[1], square or round_
-    return header.strip(), None
-
-
 def name_columns(path: Path, headers: Sequence[str]) -> tuple[list[str], dict[str, str]]:
-    """Names without their units, and the units.
+    """Names without the brackets of their units, and the units.
 
-    Raises FileError for a name that occurs twice and for one that is too long to be a name.
+    Columns of one name in two units keep their brackets: Force (V), Force (kN). Raises FileError
+    for a name that occurs twice and for one that is too long to be a name.
     """
     places: dict[str, int] = {}
     units: dict[str, str] = {}
+    bare = Counter(split_brackets(header)[0] for header in headers if len(header) <= LONGEST)
     for number, header in enumerate(headers, start=1):
         if len(header) > LONGEST:
             raise FileError(
                 f"{path.name}: the name of column {number}, {shorten(header)}, has {len(header)} "
                 f"characters; expected at most {LONGEST}; is it a name? rename that column"
             )
-        name, unit = split_unit(header)
+        name, unit = split_brackets(header)
+        if unit is not None and bare[name] > 1:
+            name = header.strip()
         first = places.setdefault(name, number)
         if first != number:
             raise FileError(
