@@ -124,7 +124,7 @@ def save_config(path: Path, record: Inspection, args: argparse.Namespace) -> Non
     settings["units"] = args.units or None
     settings |= {"align": args.align} if args.align else {}
     settings |= {key: v for key in READER if (v := getattr(args, key)) != READER[key]}
-    write_config(path, settings, record.guesses, record.likely, record.findings)
+    write_config(path, settings, record.guesses, record.findings, record.likely)
 
 
 def main(words: Sequence[str] | None = None) -> None:

@@ -73,8 +73,8 @@ def write_config(
     path: Path,
     settings: Mapping[str, Any],
     guesses: Mapping[str, str],
-    units: Mapping[str, str],
     findings: Sequence[Finding],
+    units: Mapping[str, str] | None = None,
 ) -> None:
     """Write the settings of `data=measured` for one record; guesses and remedies as comments.
 
@@ -85,7 +85,7 @@ def write_config(
     inner = [
         *_dumped({"path": settings["path"]}),
         *_channels(channels, guesses),
-        *_units(chosen.pop("units", None) or {}, units),
+        *_units(chosen.pop("units", None) or {}, units or {}),
         *_dumped(chosen),
         *_remedies(findings),
     ]

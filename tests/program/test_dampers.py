@@ -37,6 +37,7 @@ def trained(folder, tmp_path_factory) -> Path:
     run_folder = tmp_path_factory.mktemp("runs") / "damper"
     paths = ",".join(str(folder / f"{name}.csv") for name in "abcd")
     words = ["data=measured", f"data.path=[{paths}]", "data.test=d", f"data.channels={CHANNELS}"]
+    words += ["data.units.s_dot=m/s"]
     with pytest.MonkeyPatch.context() as monkeypatch:
         found = run(train, monkeypatch, *words, "model=hysteretic_element", *SHORT,
                     f"hydra.run.dir={run_folder}")  # fmt: skip

@@ -268,11 +268,12 @@ def test_a_column_of_any_name_is_found_through_the_config(run, tmp_path, column)
     path.write_text(
         json.dumps({"t": t.tolist(), "f": np.sin(t).tolist(), column: np.cos(t).tolist()})
     )
-    words = ["--channels", "time=t", "f1=f", f"a1={column}", "--config"]
+    words = ["--channels", "time=t", "f1=f", f"a1={column}", "--units", "f=N", "a=m/s^2"]
+    words += ["--config"]
     assert run("record.json", *words)[::2] == (0, "")
     loaded = OmegaConf.load("configs/data/record.yaml").data
     data = OmegaConf.to_container(loaded, resolve=True, throw_on_missing=True)
-    records = measured(data["path"], channels=data["channels"]).records
+    records = measured(data["path"], channels=data["channels"], units=data["units"]).records
     assert records["train"][0].a[0, 0] == 1.0
     assert not (tmp_path / "executed").exists()
 
