@@ -17,6 +17,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+# LLVM's second level compiles in three quarters of the time of its third, which is numba's own
+# choice, and the golden values have the same bits: what the third adds, these loops cannot use.
+os.environ.setdefault("NUMBA_OPT", "2")
 try:
     import numba
 except ValueError as error:  # it reads its settings when it is loaded

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import shutil
 import sys
 import threading
@@ -29,7 +30,7 @@ from models.checkpoint import load_estimator
 from models.choice import overlay
 from models.experiment import Experiment, select_fit
 from models.fit.identification import Identification
-from models.fit.progress import listening
+from models.fit.progress import leaves_out, limited, listening, present_budget
 from models.fit.resume import SaveProgress
 from models.stored.run import read_run
 from models.zoo import index as zoo
@@ -37,7 +38,7 @@ from runner.accelerator import accelerator_of, require_accelerator
 from runner.config import command_line
 from runner.config.choices import plain
 from runner.config.command_line import fail, reason_of
-from runner.config.settings import check_settings
+from runner.config.settings import check_settings, seconds_of
 from runner.folder.lock import HeldError, release_all
 from runner.folder.run import Run
 from runner.folder.run_files import CHECKPOINT, run_folder
@@ -121,14 +122,17 @@ def identify(
     lines: list[Callback] = [FitProgress()] if shown else []
     trainer = Trainer(logger=logger, callbacks=[saves, *lines], **shared)
     try:
-        trainer.fit(module, datamodule=data, ckpt_path=run.unfinished, weights_only=True)
-        rival = experiment.make_rival(data, module)
-        if rival is not None:
-            other = Trainer(logger=False, callbacks=lines, **shared)
-            other.fit(rival, datamodule=data)
-            if select_fit(data, module, rival) is rival:
-                module, trainer = rival, other
-            run.built_for(data.sensors)
+        with limited(seconds_of(values.get("budget"))) as budget:
+            trainer.fit(module, datamodule=data, ckpt_path=run.unfinished, weights_only=True)
+            late = data.topology is not None and leaves_out("the other topology")
+            rival = None if late else experiment.make_rival(data, module)
+            if rival is not None:
+                other = Trainer(logger=False, callbacks=lines, **shared)
+                other.fit(rival, datamodule=data)
+                if select_fit(data, module, rival) is rival:
+                    module, trainer = rival, other
+                run.built_for(data.sensors)
+        module.solution = {**module.solution, **budget.facts()}
         _check_weights(module.estimator)
         trainer.test(module, datamodule=data, verbose=False)
     except SystemExit:  # what Lightning makes of Ctrl-C
@@ -301,7 +305,9 @@ class FitProgress(Callback):
         self._clear()
 
     def _identifying(self, what: str) -> None:
-        self._tell(lambda: f"identifying: {what}, {time.monotonic() - self.begun:.0f} s")
+        left = present_budget().left
+        end = f", at most {left:.0f} s left" if math.isfinite(left) else ""
+        self._tell(lambda: f"identifying: {what}, {time.monotonic() - self.begun:.0f} s{end}")
 
     def _tell(self, line: Any) -> None:
         terminal, now = sys.stderr.isatty(), time.monotonic()
@@ -326,17 +332,19 @@ class FitProgress(Callback):
 
 
 def line_of(module: Identification, seconds: float) -> str:
-    """Stage, iterations, error [%], seconds of a fit and how many its stage may take yet.
+    """Stage, iterations, error [%], seconds of a fit and how many all its stages may take yet.
 
-    seconds: since the stage began.
+    seconds: since the stage began. An iteration of a later stage is taken to last as long as one
+    of this, and every stage to need all its iterations: fits end sooner. A budget ends them.
     """
     stages, solver = module.objective.stages, module.solver
     stage = f"stage {module.stage + 1} of {len(stages)} ({stages[module.stage]}), "
     error = f", error {100.0 * module.losses[-1] ** 0.5:.4g} %" if module.losses else ""
-    left = ""
+    more = present_budget().left
     if solver is not None and solver.done:
-        more = seconds / solver.done * (solver.iterations - solver.done)
-        left = f", at most {more:.0f} s left" + (" in it" if len(stages) > 1 else "")
+        later = solver.iterations * (len(stages) - module.stage - 1)
+        more = min(more, seconds / solver.done * (solver.iterations - solver.done + later))
+    left = f", at most {more:.0f} s left" if math.isfinite(more) else ""
     where = stage if len(stages) > 1 else ""
     spent = time.perf_counter() - module.start
     return f"{where}iteration {len(module.losses)}{error}, {spent:.0f} s{left}"

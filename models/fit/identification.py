@@ -21,6 +21,7 @@ from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
 from models.fit.objective import Objective, OneStep, restore, state_of
 from models.fit.problem import FreeRunProblem
+from models.fit.progress import present_budget
 from models.fit.solvers.solver import Minimised, Solver, hurry
 from models.fit.trainable import Trainable, require_trainable
 from models.uncertainty.laplace import Laplace
@@ -174,6 +175,7 @@ class Identification(LightningModule):
         assert self.solver is not None
         if self.solver.finished:
             self._next_stage()
+        present_budget().begin(f"stage {self.objective.stages[self.stage]}")
         problem = self.objective.problem(self.trainable, record, self.stage)
         accepted = self.solver.solve(problem)
         if self.solver.finished and not accepted and not _is_finite(problem):

@@ -1,15 +1,53 @@
-"""What a long identification does at present: a line on the screen of whoever listens."""
+"""What a long fit does at present, for whoever listens, and how long it may go on.
+
+Past the end of its time a fit takes no further step: every solver ends where it is, so that what is
+compared, chosen and kept is the best so far, and searches leave out what they have not begun.
+"""
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+NAMED = 6  # of what was left out; the rest is counted: a line or two
 _listeners: list[Callable[[str], None]] = []
+
+
+class Budget:
+    """The seconds that a fit may take; what it did when they were spent, and what it left out."""
+
+    def __init__(self, seconds: float = math.inf) -> None:
+        self.seconds, self.end = seconds, time.monotonic() + seconds
+        self.doing, self.spent_at, self.left_out = "", "", list[str]()
+
+    @property
+    def left(self) -> float:
+        """Seconds that are left; 0 where none are, infinite without an end."""
+        return max(0.0, self.end - time.monotonic())
+
+    def begin(self, what: str) -> None:
+        """Know what is done now, in a few words."""
+        if self.left > 0.0:
+            self.doing = what
+
+    def facts(self) -> dict[str, str]:
+        """In words, what became of a fit that it ended; empty of one that ended by itself."""
+        if not self.spent_at and not self.left_out:
+            return {}
+        names = list(dict.fromkeys(self.left_out))
+        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+        others = f"; not tried: {', '.join(names[:NAMED])}{more}" if names else ""
+        return {"out_of_time": f"after {self.seconds:g} s, at {self.spent_at or 'its end'}{others}"}
+
+
+_budget = Budget()
 
 
 def announce(what: str) -> None:
     """Say what is done now, in a few words; from any thread, and often."""
+    _budget.begin(what)
     for listener in _listeners:
         listener(what)
 
@@ -22,3 +60,35 @@ def listening(listener: Callable[[str], None]) -> Iterator[None]:
         yield
     finally:
         _listeners.remove(listener)
+
+
+@contextmanager
+def limited(seconds: float | None) -> Iterator[Budget]:
+    """Let what is fitted meanwhile take so many seconds; None: as many as it needs."""
+    global _budget
+    before, _budget = _budget, Budget(math.inf if seconds is None else seconds)
+    try:
+        yield _budget
+    finally:
+        _budget = before
+
+
+def present_budget() -> Budget:
+    """The one that holds now."""
+    return _budget
+
+
+def is_out_of_time() -> bool:
+    """Whether the budget is spent: take no further step, and end with the best so far."""
+    if _budget.left > 0.0:
+        return False
+    _budget.spent_at = _budget.spent_at or _budget.doing or "its start"
+    return True
+
+
+def leaves_out(what: str) -> bool:
+    """Whether there is no time to try this, which is then noted."""
+    if not is_out_of_time():
+        return False
+    _budget.left_out.append(what)
+    return True

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from models.fit.minimise import minimise
+from models.fit.progress import announce, leaves_out
 from models.modal.element_start import Element, ElementSearch
 from models.modal.layout import Layout
 from models.modal.linear_start import by_spectra, held_back_error, settle
@@ -237,6 +238,9 @@ def fit_modal(motions: Sequence[Motion], plan: Plan) -> tuple[Fit, dict[str, Any
     fit = linear(motions, plan)
     facts: dict[str, Any] = {"held_out_error_linear_percent": 100.0 * fit.error}
     while len(fit.laws) < plan.elements:
+        announce(f"nonlinear element {len(fit.laws) + 1}")
+        if leaves_out(f"more than {len(fit.laws)} nonlinear elements"):
+            break
         more = with_element(fit, motions, plan, rng)
         if more is fit:
             break

@@ -18,7 +18,7 @@ import numpy as np
 
 from data.simulation.laws.candidate import Candidate, Units, Values
 from models.fit.held_back import hold_back_one
-from models.fit.progress import announce
+from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.named_laws import pairs
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import (
@@ -99,7 +99,7 @@ def improved(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator, enou
         ends = [followed(one, motions, AGAIN) for one in trials]
         before, fit = fit.error, min([fit, *ends], key=_error)
         over = number + 1 >= ROUNDS and fit.error > GAINED * before
-        if fit.error < enough or over:
+        if fit.error < enough or over or is_out_of_time():
             break
     return fit
 
@@ -128,7 +128,10 @@ def tried(
     motions = [motion.thinned() for motion in motions]
     largest = two_largest(motions)
     draws = _draws([CANDIDATES[name] for name in names], seed)
-    starts = {name: begun(CANDIDATES[name], largest, units, draws[name]) for name in names}
+    starts: dict[str, list[Fit]] = {}
+    for name in names:
+        if not starts or not leaves_out(name):
+            starts[name] = begun(CANDIDATES[name], largest, units, draws[name])
     least = min(one.error for ends in starts.values() for one in ends)
     lead = math.hypot(noise, max(IN_THE_LEAD * _beside(noise, least), noise))
     if sides := _sides(starts, motions, largest, draws):
@@ -184,7 +187,7 @@ def _ended(
             f"{one.candidate.name}, start {number} of {len(starts)}, error {100 * one.error:.3g} %"
         )
         ends.append(followed(improved(one, largest, rng, enough), motions, MIDDLE))
-        if ends[-1].error < enough:
+        if ends[-1].error < enough or is_out_of_time():
             break
     return sorted(ends, key=lambda one: one.error)
 

@@ -15,6 +15,7 @@ from data.simulation.element_test import force
 from data.simulation.laws.candidate import Candidate, Units
 from data.simulation.laws.element import Element
 from models.composition.states import white_noise
+from models.fit.progress import is_out_of_time
 
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
 NEGLIGIBLE = 1e-3  # errors below are alike
@@ -187,10 +188,12 @@ def _slopes(motion: Motion, far: float) -> np.ndarray:
 
 
 def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
-    """The law after so many iterations of damped least squares.
+    """The law after so many iterations of damped least squares; none where time is out.
 
     Numbers count from their start: so the first step is no longer than one.
     """
+    if is_out_of_time():
+        return replace(fit, error=fit.error_on(motions))
     from scipy.optimize import least_squares  # slow to import
 
     begin = fit.q

@@ -15,7 +15,7 @@ import numpy as np
 
 from data.simulation.laws.candidate import Candidate, Units, Values
 from data.simulation.laws.element import Element
-from models.fit.progress import announce
+from models.fit.progress import announce, leaves_out
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit, Motion, followed, two_largest
 
@@ -79,6 +79,8 @@ def nearest(names: Sequence[str], motions: Sequence[Motion], units: Units, seed:
     ends: list[Fit] = []
     for pair in PAIRS.values():
         if not all(law.name in names for law in pair.halves):
+            continue
+        if leaves_out(f"{pair.name} in parallel"):
             continue
         announce(f"{pair.name} in parallel")
         drawn = sorted(_drawn(pair, largest, units, pair.draws(seed)), key=ERROR)[:TRIED]

@@ -41,7 +41,7 @@ from models.fit.held_back import hold_back_record
 from models.fit.minimise import minimise
 from models.fit.objective import restore, state_of
 from models.fit.problem import FreeRunProblem, Joint
-from models.fit.progress import announce
+from models.fit.progress import announce, is_out_of_time, leaves_out
 
 Law = Any  # a BranchElement, whose file imports this one
 Test = tuple[Tensor, Tensor, Tensor]  # deformations, rates and forces (T, E)
@@ -229,7 +229,9 @@ def _best_start(law: Law, records: Sequence[Record], choice: Choice) -> None:
     """Leave the law at the best of its starts after FIRST iterations on every other record."""
     some, ends = Joint.of(law, records[::2]), []
     generator = torch.Generator().manual_seed(choice.seed)
-    for _ in range(choice.starts):
+    for number in range(choice.starts):
+        if number and leaves_out("more starts of a law"):
+            break
         law.restart(generator)
         minimise(some, SETTINGS, iterations=FIRST)
         ends.append((float(some.loss()), state_of(law)))
@@ -248,7 +250,7 @@ def fit_until_bounded(
     for _ in range(FITS):
         facts = fit(seed)
         ends.append((farthest(model, records), state_of(model), facts))
-        if ends[-1][0] <= FAR:
+        if ends[-1][0] <= FAR or is_out_of_time():
             break
         seed = int(torch.randint(2**31, (1,), generator=generator))
     far, state, facts = min(ends, key=lambda end: end[0])

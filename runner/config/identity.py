@@ -36,8 +36,9 @@ def choices_text(content: dict[str, Any]) -> str:
     """Every choice that can change a number, always in the same order."""
     content = _without_words({k: v for k, v in content.items() if k not in INERT})
     content["model"] = with_class_of_laws(content["model"])
-    if content.get("start") is None:  # as in runs of older code, which have no such setting
-        content.pop("start", None)
+    for later in ("start", "budget"):  # as in runs of older code, which have no such setting
+        if content.get(later) is None:
+            content.pop(later, None)
     content["data"] = {k: v for k, v in content["data"].items() if k not in INERT_DATA}
     if content["data"].get("calibration", "") is None:  # likewise
         del content["data"]["calibration"]

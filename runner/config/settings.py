@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,6 +50,16 @@ NAME = Setting(str, _is_name, "a name: text that can be part of a folder's name,
 THREADS = Setting(
     int | None, lambda n: n is None or 1 <= n <= MOST_THREADS, f"1 to {MOST_THREADS}, or null"
 )
+BUDGET = re.compile(r"(\d+(?:\.\d*)?) *(s|min|h|)")
+UNITS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+def seconds_of(budget: str | float | None) -> float | None:
+    """A budget in seconds: 90, "90s", "10min", "2h"; None without one."""
+    found = None if budget is None else BUDGET.fullmatch(str(budget).strip())
+    return float(found[1]) * UNITS[found[2]] if found else None
+
+
 TRAIN = {
     **dict.fromkeys(("system", "scenario", "data", "model", "solver", "objective"), Setting(Group)),
     **dict.fromkeys(("adaptation", "baselines", "trainer"), Setting(Group)),
@@ -56,6 +67,11 @@ TRAIN = {
     "threads": THREADS,
     "figures": Setting(bool),
     "checkpoint_seconds": Setting(float, lambda s: s >= 0.0, "0 or more, inf to save none", True),
+    "budget": Setting(
+        str | float | int | None,
+        lambda b: b is None or (seconds_of(b) or 0.0) > 0.0,
+        "a time, such as 90s, 10min or 2h, or null",
+    ),
     "max_fail": Setting(int, lambda n: n >= 1, "1 or more"),
     "grid": Setting(str | None),
     "start": Setting(str | None),

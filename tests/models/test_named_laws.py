@@ -28,6 +28,7 @@ from data.simulation.laws.envelopes import envelopes
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
 from models.element_network_named import ElementNetworkNamed
+from models.fit.progress import limited
 from models.named_element import NamedElement
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import descended
@@ -85,6 +86,15 @@ def test_a_planted_law_is_found_by_its_name_and_holds_beyond_what_it_saw(name):
     facts = model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025))])
     assert facts["laws"] == name
     assert error(model, [element_test(law, 7, 0.035), element_test(law, 8, 0.06)]) < 1.0
+
+
+def test_a_search_out_of_time_ends_with_its_first_law_and_names_the_others():
+    law, names = PLANTED["Takeda"], ["MenegottoPinto", "Takeda"]
+    model = NamedElement(1, 2, DT, laws=names)
+    with limited(0.0) as budget:
+        facts = model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025))])
+    assert facts["laws"] in names
+    assert set(names) - {facts["laws"]} <= set(budget.left_out)
 
 
 LOPSIDED = {

@@ -38,6 +38,7 @@ def test_a_choice_that_changes_numbers_is_another_identity():
     own = identity()
     assert own["results"] == RESULTS
     assert identity("figures=false", "checkpoint_seconds=1") == own
+    assert identity("budget=60s") != own  # where it ends is not told by the other choices
     for word in ("seed=1", "model.cutoff=51", "data.dt=0.02", "model=linear"):
         assert identity(word)["config"] != own["config"], word
 

@@ -13,7 +13,8 @@ import torch
 from torch import nn
 
 from data.checked import checked
-from models.fit.solvers.solver import Minimised
+from models.fit.progress import is_out_of_time
+from models.fit.solvers.solver import OUT_OF_TIME, Minimised
 
 
 @checked
@@ -38,8 +39,11 @@ class Adam(torch.optim.Adam):
         """One step. The loss is that of the mini-batch before the step.
 
         A mini-batch whose loss or gradient is not finite is left out; a gradient longer than the
-        problem's `steepest` is shortened.
+        problem's `steepest` is shortened. None is taken where the fit is out of time.
         """
+        if is_out_of_time():
+            self.finished, self.why = True, OUT_OF_TIME
+            return []
         for group in self.param_groups:
             group["lr"] = 0.5 * self.rate * (1.0 + math.cos(math.pi * self.done / self.iterations))
         self.zero_grad()

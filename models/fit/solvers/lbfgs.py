@@ -13,7 +13,8 @@ import torch
 from torch import Tensor, nn
 
 from data.checked import checked
-from models.fit.solvers.solver import Minimised
+from models.fit.progress import is_out_of_time
+from models.fit.solvers.solver import OUT_OF_TIME, Minimised
 
 WALL = 1e6  # of the largest loss that is remembered
 MOST_HISTORY = 100_000  # pairs; some tens will do
@@ -58,7 +59,10 @@ class LBFGS(torch.optim.LBFGS):
         self.finished, self.why = False, ""
 
     def solve(self, problem: Minimised) -> list[float]:
-        """Up to `patience` iterations."""
+        """Up to `patience` iterations; none where the fit is out of time."""
+        if is_out_of_time():
+            self._finish(OUT_OF_TIME)
+            return []
         recall = _Recall(self, problem)
         accepted = [recall()]
         if not recall.points:

@@ -15,7 +15,8 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from data.checked import checked
 from data.memory import require_memory
-from models.fit.solvers.solver import Minimised
+from models.fit.progress import is_out_of_time
+from models.fit.solvers.solver import OUT_OF_TIME, Minimised
 
 SMALLEST_SHARE = 1e-9  # of the largest diagonal element, for parameters without any effect
 
@@ -83,7 +84,9 @@ class LevenbergMarquardt(torch.optim.Optimizer):
 
     @torch.no_grad()
     def solve(self, problem: Minimised) -> list[float]:
-        """One iteration."""
+        """One iteration; none where the fit is out of time."""
+        if is_out_of_time():
+            return self._finish(OUT_OF_TIME)
         free = [p for group in self.param_groups for p in group["params"]] + list(problem.own)
         here, (matrix, vector) = parameters_to_vector(free), problem.normal_equations(self.every)
         loss = float(problem.loss())  # after the normal equations, which may know it

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Protocol
 from torch import Tensor
 
 HURRY, SOON = 5.0, 3  # times the usual change; iterations without a gain
+OUT_OF_TIME = "the budget of time is spent"  # why a solver ended
 
 
 class Minimised(Protocol):

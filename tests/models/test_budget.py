@@ -1,0 +1,55 @@
+"""A fit that is out of time takes no further step, and says what it left out."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from models.fit.progress import announce, is_out_of_time, leaves_out, limited
+from models.fit.solvers.adam import Adam
+from models.fit.solvers.lbfgs import LBFGS
+from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
+from models.fit.solvers.solver import OUT_OF_TIME
+from runner.config.settings import TRAIN, seconds_of
+from tests.models.solver_problems import network
+
+
+@pytest.mark.parametrize("solver", [Adam, LBFGS, LevenbergMarquardt])
+def test_no_solver_moves_without_time(solver):
+    problem, parameters = network()
+    before = [p.detach().clone() for p in parameters]
+    with limited(0.0):
+        one = solver(parameters)
+        assert one.solve(problem) == []
+        assert one.finished
+        assert one.why == OUT_OF_TIME
+    assert all(torch.equal(p, b) for p, b in zip(parameters, before, strict=True))
+    assert solver(parameters).solve(problem)  # the budget held within its block alone
+
+
+def test_what_was_done_last_and_what_was_left_out_is_said():
+    with limited(60.0) as budget:
+        announce("one law")
+        assert not leaves_out("another law")
+        budget.end -= 60.0
+        announce("a third law")
+        assert all(leaves_out(f"law {k}") for k in range(9))
+    told = budget.facts()["out_of_time"]
+    assert told == (
+        "after 60 s, at one law; not tried: law 0, law 1, law 2, law 3, law 4, law 5 and 3 more"
+    )
+    assert not is_out_of_time()
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("90", 90.0), ("90s", 90.0), ("1.5min", 90.0), ("2 h", 7200.0), (3, 3.0)]
+)
+def test_a_budget_is_a_number_with_a_unit(text, seconds):
+    TRAIN["budget"].check("budget", text)
+    assert seconds_of(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["0", "-3", "10 weeks", "soon", ".inf"])
+def test_what_is_no_time_is_refused(text):
+    with pytest.raises(ValueError, match="such as 90s, 10min or 2h"):
+        TRAIN["budget"].check("budget", text)
