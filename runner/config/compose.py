@@ -46,10 +46,13 @@ MODELS = {  # what they are for; the help lists any other below these
         *("residual_mlp", "global_mlp", "vwnn", "power_series_residual"),
         *("power_series_restoring_force", "chebyshev_restoring_force"),
     ),
-    "plain opponents": ("linear", "two_point", "last_value", "filtered_extrapolation"),
+    "plain opponents": (
+        *("fir", "linear_state_space", "linear", "linear_modes"),
+        *("two_point", "last_value", "filtered_extrapolation"),
+    ),
     "simulate structures": (
         *("element_network", "latent_hysteresis_network", "modal_network", "moment_frame"),
-        *("linear_modes", "neural_state_space", "gru", "lstm", "vwnn_forward"),
+        *("neural_state_space", "gru", "lstm", "vwnn_forward"),
     ),
     "one element under an imposed motion": (
         *("element_test", "prandtl_ishlinskii", "restoring_force_surface"),

@@ -9,7 +9,9 @@ from omegaconf import DictConfig
 
 from data.sample import Sensors
 from models.estimator import Estimator
+from models.fir import FIR
 from models.fit.trainable import Trainable
+from models.linear_state_space import LinearStateSpace
 from models.modal_network import ModalNetwork
 from models.online.adaptive import Online
 from models.vwnn import VWNN
@@ -69,10 +71,11 @@ ZOO = {**STRUCTURES, "vwnn_unfiltered": partial(VWNN, unfiltered_excitation=True
 KINDS = {name: make(3, 3, DT) for name, make in ZOO.items()}
 ADAPTING = [name for name, kind in KINDS.items() if isinstance(kind, Online)]  # while they estimate
 TRAINED = [name for name, kind in KINDS.items() if isinstance(kind, Trainable)]
+OF_EXCITATION = FIR | ForwardVWNN | LinearStateSpace | ModalNetwork
 SIMULATORS = [  # what they estimate is a simulation, or they are identified by one
     name
     for name, kind in KINDS.items()
-    if isinstance(kind, ForwardVWNN | ModalNetwork) or (name in TRAINED and "x" not in kind.reads)
+    if isinstance(kind, OF_EXCITATION) or (name in TRAINED and "x" not in kind.reads)
 ]
 ESTIMATORS = {  # their closed form is all there is to identify
     name: make for name, make in ZOO.items() if name not in (*ADAPTING, *TRAINED, *SIMULATORS)

@@ -1,0 +1,152 @@
+"""Blocks of records that are held back in turn, for models that are linear in their weights.
+
+y = Φ w, the features Φ made from the excitation alone: Gram matrices of blocks add up, and the
+error on a block that was left out costs no simulation.
+T samples, P features, q outputs, K blocks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from data.record import Record
+from models.fit.held_back import end_of_share
+from models.fit.problem import in_steady_state
+
+BLOCKS = 5  # held back in turn: fewer tell no standard error, more cost a fit each
+ROUNDING = 1e-10  # squared relative error that rounding of normal equations leaves
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One record: excitation u (T, m); y (T, q), what was measured, of which `first` counts."""
+
+    u: np.ndarray
+    y: np.ndarray
+    first: int  # sample
+
+    def size(self, outputs: int) -> torch.Tensor:
+        """Squares (1, T) of the first outputs, where they count."""
+        squares = np.square(self.y[:, :outputs]).sum(axis=1)
+        squares[: self.first] = 0.0
+        return torch.from_numpy(squares)[None]
+
+
+class Piece(NamedTuple):
+    motion: int
+    start: int
+    stop: int
+
+
+def motions_of(batches: Iterable[Record]) -> list[Motion]:
+    """Motions of records and of batches of them; y is [a, x, v], or a where x, v are unknown.
+
+    Raises ValueError where nothing drives them.
+    """
+    motions = []
+    for batch in batches:
+        record = in_steady_state(batch) if batch.initial_state == "periodic" else batch
+        known = record.x is not None and record.v is not None
+        outputs = [u for u in (record.a, record.x, record.v) if u is not None]
+        y = torch.cat(outputs, dim=-1) if known else record.a
+        signals = (s.cpu().reshape(s.shape[:-2].numel(), *s.shape[-2:]) for s in
+                   (record.excitation, y))  # fmt: skip
+        for u, own in zip(*(s.numpy() for s in signals), strict=True):
+            motions.append(Motion(u, own, record.warmup))
+    if motions[0].u.shape[1] == 0:
+        raise ValueError(
+            "nothing drives the motion: a model of the excitation alone cannot follow it; give the "
+            "record forces or the motion of a support"
+        )
+    return motions
+
+
+def blocks_of(motions: Sequence[Motion], dofs: int) -> list[list[Piece]]:
+    """Blocks of about equal power: whole motions, or parts of them where they are few."""
+    if len(motions) >= BLOCKS:
+        return [
+            [Piece(i, motions[i].first, len(motions[i].u)) for i in range(k, len(motions), BLOCKS)]
+            for k in range(BLOCKS)
+        ]
+    parts = math.ceil(BLOCKS / len(motions))
+    blocks = []
+    for i, motion in enumerate(motions):
+        size = motion.size(dofs)
+        inner = [end_of_share(size, part / parts) for part in range(1, parts)]
+        ends = np.maximum.accumulate([motion.first, *inner, len(motion.u)])
+        blocks += [[Piece(i, int(a), int(b))] for a, b in pairwise(ends) if a < b]
+    if len(blocks) < 2:
+        raise ValueError("the records are too short, or too still, to hold a part of them back")
+    return blocks
+
+
+def sizes_of(motions: Sequence[Motion], blocks: Sequence[Sequence[Piece]], dofs: int) -> np.ndarray:
+    """Squares (K,) of the first `dofs` outputs in each block."""
+    squares = [motion.size(dofs)[0] for motion in motions]
+    return np.array(
+        [sum(float(squares[p.motion][p.start : p.stop].sum()) for p in own) for own in blocks]
+    )
+
+
+@dataclass(frozen=True)
+class Grams:
+    """ΦᵀΦ (K, P, P) and Φᵀy (K, P, q) of blocks, and the squares (K,) of the first `dofs` y."""
+
+    features: np.ndarray
+    targets: np.ndarray
+    sizes: np.ndarray
+    dofs: int
+
+    def first(self, count: int) -> Grams:
+        """With the first features alone."""
+        return Grams(
+            self.features[:, :count, :count], self.targets[:, :count], self.sizes, self.dofs
+        )
+
+    def weights(self, ridge: float, without: int | None = None) -> np.ndarray:
+        """Weights (P, q) by all blocks but one. ridge > 0, on columns of unit length."""
+        from scipy.linalg import cho_factor, cho_solve  # slow to import
+
+        matrix, right = self.features.sum(axis=0), self.targets.sum(axis=0)
+        if without is not None:
+            matrix, right = matrix - self.features[without], right - self.targets[without]
+        length = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
+        length[length == 0.0] = 1.0
+        matrix = matrix / length / length[:, None]
+        matrix[np.diag_indices_from(matrix)] += ridge
+        factor = cho_factor(matrix, overwrite_a=True, check_finite=False)
+        return np.asarray(cho_solve(factor, right / length[:, None]) / length[:, None])
+
+    def held_back_error(self, ridge: float, k: int) -> float:
+        """Squared relative error on block k, by weights that all others determine."""
+        w, c = self.weights(ridge, without=k)[:, : self.dofs], self.targets[k][:, : self.dofs]
+        error = float(self.sizes[k] + np.sum(w * (self.features[k] @ w - 2.0 * c)))
+        return max(error, 0.0) / self.sizes[k] if math.isfinite(error) else math.inf
+
+
+def fewest(errors: np.ndarray) -> int:
+    """The first of candidates that is as good as the best: within one standard error.
+
+    errors (C, K): of candidates with ever more parameters, on held-back blocks. The standard error
+    is that of the blocks' differences. Raises ValueError where no candidate has an error.
+    """
+    means = errors.mean(axis=1)
+    best = int(means.argmin())
+    if not np.isfinite(means[best]):
+        raise ValueError("no model of the excitation follows the motion; look for outliers in it")
+    worse = errors - errors[best]
+    allowed = worse.std(axis=1, ddof=1) / math.sqrt(errors.shape[1]) + ROUNDING
+    return int(np.argmax(worse.mean(axis=1) <= allowed))
+
+
+def scales_of(signals: Sequence[np.ndarray]) -> np.ndarray:
+    """RMS of each channel over all (T, c); one of a silent channel."""
+    rms = np.sqrt(np.mean(np.square(np.concatenate(signals)), axis=0))
+    return np.where(rms > 0.0, rms, 1.0)

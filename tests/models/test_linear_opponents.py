@@ -1,0 +1,169 @@
+"""FIR filter and linear state-space model: what is linear is found, also from several records."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from data.record import Drive, Record
+from models.fir import FIR
+from models.fit.blocks import BLOCKS, blocks_of, fewest, motions_of
+from models.fit.metrics import free_run_score
+from models.linear_state_space import LinearStateSpace, terms
+
+MODELS = (FIR, LinearStateSpace)
+DT = 0.01
+POLES = np.array([0.97 * np.exp(0.2j), 0.9 * np.exp(0.7j), 0.5])  # and their conjugates
+
+
+def drawn(seed: int, samples: int, inputs: int = 2, level: float = 1.0) -> Record:
+    """A record of a planted system of five poles, two outputs and a direct way through."""
+    noise = np.random.default_rng(seed).normal(size=(samples, inputs))
+    u, sizes = level * noise, np.random.default_rng(9)
+    y = u @ sizes.normal(size=(inputs, 2))
+    for pole in POLES:
+        pair = np.array([[pole.real, abs(pole.imag)], [pole.real, -abs(pole.imag)]])
+        answer = terms(u @ sizes.normal(size=(inputs, 1)), pair)
+        y = y + answer[:, 1:] @ sizes.normal(size=(2, 2))
+    return Record(DT, torch.from_numpy(y), torch.from_numpy(u))
+
+
+def fitted(make, records, **settings):
+    model = make(records[0].dofs, records[0].excitation.shape[-1], records[0].dt, **settings)
+    return model, model.identify(records)
+
+
+def error(model, records) -> float:
+    return free_run_score(model, records)["relative_rms_percent"]
+
+
+def impulse(model, samples: int, inputs: int = 2) -> torch.Tensor:
+    u = torch.zeros(samples, inputs, dtype=torch.float64)
+    u[0, 0] = 1.0
+    rest = torch.zeros(model.dofs, dtype=torch.float64)
+    return model.free_run(Drive(DT, u, rest, rest)).a
+
+
+@pytest.mark.parametrize("records", [1, 3, 12])
+def test_a_planted_system_is_found_from_one_or_several_records(records):
+    given = [drawn(seed, 1800 // records) for seed in range(records)]
+    model, facts = fitted(LinearStateSpace, given)
+    assert facts["poles"] == 5
+    found = torch.view_as_complex(model.poles[:5]).numpy()
+    assert min(abs(found - 0.5)) < 1e-6
+    assert min(abs(found - POLES[0])) < 1e-6
+    assert error(model, [drawn(99, 1000)]) < 1e-3
+
+
+def test_the_impulse_response_is_that_of_the_planted_system():
+    given, planted = [drawn(0, 4000)], drawn(0, 60)
+    u = torch.zeros_like(planted.f)
+    u[0, 0] = 1.0
+    state_space, _ = fitted(LinearStateSpace, given)
+    fir, facts = fitted(FIR, given)
+    for model, near in ((state_space, 1e-4), (fir, 0.05)):
+        answer = impulse(model, 60)
+        assert torch.allclose(answer, impulse(state_space, 60), atol=near)
+    assert 100 <= facts["taps"] <= 300  # 0.97^150 = 0.01
+    assert torch.equal(impulse(fir, 400)[facts["taps"] :], torch.zeros(400 - facts["taps"], 2))
+
+
+@pytest.mark.parametrize("make", MODELS)
+def test_the_motion_of_a_linear_structure_is_followed(make, linear_structure, record_of):
+    from data.simulation.excitation import BandLimitedGaussian, Excitation
+
+    shaken = Excitation(force=BandLimitedGaussian(2.0, (0.0, 4.5)), dofs=[1])
+    train, test = (record_of(linear_structure, shaken, 50.0, seed) for seed in range(2))
+    model, _ = fitted(make, [train.measured()])
+    run = model.free_run(test.drive())
+    assert error(model, [test]) < {FIR: 12.0, LinearStateSpace: 0.5}[make]
+    assert (run.x - test.x).norm() < 0.2 * test.x.norm()  # measured in training, so modelled
+
+
+@pytest.mark.parametrize("make", MODELS)
+def test_noise_is_not_learned(make):
+    """Neither more parameters than held-back motion asks for, nor noise that has no cause."""
+    generator = torch.Generator().manual_seed(0)
+    clean = [drawn(seed, 3000) for seed in range(2)]
+    noise = [torch.randn(r.a.shape, generator=generator).double() for r in clean]
+    noisy = [replace(r, a=r.a + 0.3 * r.a.std() * n) for r, n in zip(clean, noise, strict=True)]
+    model, _ = fitted(make, noisy)
+    assert error(model, [drawn(5, 3000)]) < 12.0
+    useless = [replace(r, a=n) for r, n in zip(clean, noise, strict=True)]
+    model, facts = fitted(make, useless)
+    assert 95.0 < error(model, useless) < 101.0
+    assert facts["held_out_error_percent"] > 99.0
+    assert facts.get("poles", 0) <= 2
+    assert facts.get("taps", 0) <= 16
+
+
+@pytest.mark.parametrize("make", MODELS)
+def test_units_change_nothing(make):
+    record, other = drawn(1, 1500), drawn(2, 1500)
+    model, facts = fitted(make, [record])
+    scaled = [Record(DT, 1e6 * r.a, 1e-6 * r.f) for r in (record, other)]
+    theirs, their_facts = fitted(make, scaled[:1])
+    assert their_facts == pytest.approx(facts, rel=1e-4, abs=1e-5)
+    assert error(theirs, scaled[1:]) == pytest.approx(error(model, [other]), rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize("make", MODELS)
+def test_records_by_themselves_and_in_a_batch_are_one_motion_each(make):
+    """No window and no lag reaches from one record into the next."""
+    from data.record import stack
+
+    records = [drawn(seed, 900, level=10.0**seed) for seed in range(3)]
+    one, _ = fitted(make, records)
+    other, _ = fitted(make, [stack(records)])
+    assert torch.allclose(impulse(one, 100), impulse(other, 100), atol=1e-6)
+
+
+@pytest.mark.parametrize("make", MODELS)
+def test_imposed_motions_and_displacements_are_inputs_and_outputs_too(make):
+    u = drawn(3, 2000)
+    s, rate = u.f[:, :1], u.f[:, 1:]
+    record = Record(DT, u.a[:, :1], u.f[:, :0], s=s, s_dot=rate, quantity="displacement")
+    model, _ = fitted(make, [record])
+    assert error(model, [record]) < 10.0
+
+
+@pytest.mark.parametrize("make", MODELS)
+def test_samples_of_the_warm_up_are_not_fitted(make):
+    record = drawn(4, 2000)
+    spoilt = record.a.clone()
+    spoilt[:500] += 100.0
+    model, _ = fitted(make, [replace(record, a=spoilt, warmup=500)])
+    assert error(model, [replace(record, warmup=500)]) < 3.0
+
+
+@pytest.mark.parametrize("make", MODELS)
+def test_what_is_too_short_or_still_is_refused(make):
+    if make is LinearStateSpace:
+        with pytest.raises(ValueError, match="too short"):
+            fitted(make, [drawn(0, 400).window(0, 20)])
+    record = drawn(0, 400)
+    with pytest.raises(ValueError, match=r"too still|follows the motion"):
+        fitted(make, [replace(record, a=torch.zeros_like(record.a))])
+    with pytest.raises(ValueError, match="expected a number from 1"):
+        make(2, 2, DT, 0)
+
+
+def test_blocks_have_equal_power_and_cover_each_counted_sample_once():
+    records = [replace(drawn(seed, 1000), warmup=50) for seed in range(2)]
+    motions = motions_of(records)
+    blocks = blocks_of(motions, 2)
+    assert len(blocks) >= BLOCKS
+    assert sum(p.stop - p.start for block in blocks for p in block) == 2 * 950
+    sizes = [float(motions[p.motion].size(2)[0, p.start : p.stop].sum()) for [p] in blocks]
+    assert max(sizes) < 1.2 * min(sizes)
+
+
+def test_the_fewest_parameters_within_a_standard_error_are_chosen():
+    errors = np.array([[0.5, 0.5, 0.5], [0.11, 0.09, 0.1], [0.1, 0.1, 0.1], [0.09, 0.1, 0.1]])
+    assert fewest(errors) == 1
+    assert fewest(errors - [[0], [0], [0.09], [0.09]]) == 2
+    with pytest.raises(ValueError, match="outliers"):
+        fewest(np.full((2, 3), np.inf))
