@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatch
 from glob import escape
+from typing import Any
 
 import numpy as np
 
@@ -115,15 +116,12 @@ class MeasuredData(Data):
             )
         self.name, self.seed, self.scenario, self.mend = name, seed, scenario, mend
         self.initial_state, self.hold = initial_state, hold
-        self.stated_dt, self.stated_quantity = dt, quantity
+        self.stated_quantity = quantity
         self.accelerations, self.stated_units = accelerations, dict(units or {})
-        text = {"skip_rows": skip_rows, "delimiter": delimiter, "decimal": decimal}
-        reader = {**text, "group": group, "header": header}
-        raws, left_out = named_records(path, channels, units, align, **reader)
-        for name_of, raw in raws.items():
-            require_common_time(raw)
-            part = between(self._with_clock(raw), start, stop)
-            raws[name_of] = without_quiet_start(part) if onset and start == 0.0 else part
+        reader: dict[str, Any] = {"skip_rows": skip_rows, "delimiter": delimiter, "dt": dt}
+        reader |= {"decimal": decimal, "group": group, "header": header, "align": align}
+        reader |= {"start": start, "stop": stop, "onset": onset}
+        raws, left_out = whole_records(path, channels, units, **reader)
         require_read(left_out, {"train": train, "test": test, "calibration": calibration})
         self.notes = {f"left out {record}": [why] for record, why in left_out.items()}
         self.parts = self._parts(raws, train, test, split, calibration)
@@ -224,11 +222,6 @@ class MeasuredData(Data):
         others = {c: self.stated_units.get(c) or self.stated_units.get("u") or "" for c in units}
         self.units = {c: others[c] if signal_of(c) == "u" else unit for c, unit in units.items()}
 
-    def _with_clock(self, raw: RawRecord) -> RawRecord:
-        if self.stated_dt is None:
-            return raw
-        return replace(raw, time=None, clocks={}, dt=self.stated_dt)
-
     def _on_one_step(self, records: dict[str, list[Record]]) -> dict[str, list[Record]]:
         """The records with the time step of the first, where theirs are the same to rounding."""
         dt = records["train"][0].dt
@@ -257,6 +250,32 @@ class WholeRecords(MeasuredData):
 
     def _parts(self, raws: dict[str, RawRecord], *_: object) -> dict[str, dict[str, RawRecord]]:
         return {"train": raws, "test": {}}
+
+
+def whole_records(
+    path: str | Sequence[str],
+    channels: Mapping[str, str] | None,
+    units: Mapping[str, str | None] | None,
+    *,
+    align: str | None = None,
+    dt: float | None = None,
+    start: float = 0.0,
+    stop: float | None = None,
+    onset: bool = True,
+    **reader: Any,
+) -> tuple[dict[str, RawRecord], dict[str, str]]:
+    """Records of files as they are trained on, scored and predicted from, and those left out.
+
+    Arguments as of `MeasuredData`; reader: of `data.measured.places.named_records`. The clock is
+    the stated one, `start` to `stop` is kept, and of a quiet start offsets and time are taken off.
+    """
+    raws, left_out = named_records(path, channels, units, align, **reader)
+    for name, raw in raws.items():
+        require_common_time(raw)
+        timed = raw if dt is None else replace(raw, time=None, clocks={}, dt=dt)
+        part = between(timed, start, stop)
+        raws[name] = without_quiet_start(part) if onset and start == 0.0 else part
+    return raws, left_out
 
 
 # Which records train and which test: never a sample in both.

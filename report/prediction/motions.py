@@ -17,10 +17,11 @@ import numpy as np
 
 from data.measured.assembly import with_rates
 from data.measured.clocks import require_common_time
+from data.measured.datamodule import whole_records
 from data.measured.mend import Mending
 from data.measured.places import record_places
 from data.measured.raw_record import RawRecord, between
-from data.measured.reading import read_records
+from data.measured.reading import NoColumnError
 from data.memory import require_memory
 from data.record import require_bearable
 from data.simulation.accelerograms import EARTHQUAKES, FAR_FIELD, read_event
@@ -34,12 +35,16 @@ from data.simulation.excitation import (
 )
 from models.experiment import Experiment
 from report.prediction.interface import BASE, FORCES, GROUND, IMPOSED, Interface
+from report.run.evaluation import read_as_the_run, said_alone
 from runner.config.command_line import absolute
 
 KINDS = ("gaussian", "multisine", "sine_sweep")
 COMPONENTS = [f"{pair}{side}" for pair in range(1, 23) for side in "ab"]
 QUIET = 10.0  # [s] of rest after a motion of the ground, for residual displacements
-READER = ("skip_rows", "delimiter", "decimal", "group", "header")
+READER = (  # settings by which files are read, beside channels
+    *("skip_rows", "delimiter", "decimal", "group", "header", "units", "align"),
+    *("dt", "start", "stop", "onset"),
+)
 OF_DATA = re.compile(  # keys of records, which here are those of the excitation
     r"\bdata\.(?=(path|channels|units|mend|dt|start|stop|align|group|header"
     r"|skip_rows|delimiter|decimal|duration)\b)"
@@ -79,14 +84,14 @@ class Wanted:
     channels: Mapping[str, str] | None
     units: Mapping[str, str | None]
     dt: float | None  # [s]
-    start: float  # [s]
+    start: float | None  # [s]
     stop: float | None  # [s]
     align: str | None
-    skip_rows: int
+    skip_rows: int | None
     delimiter: str | None
-    decimal: str
+    decimal: str | None
     group: str | None
-    header: bool
+    header: bool | None
     mend: Mapping[str, Any] | None
 
     @property
@@ -99,7 +104,7 @@ class Wanted:
         else:
             names = [str(g) for g in ([given] if isinstance(given, str | int) else given)]
             words = "+".join(Path(name).stem.replace("*", "all") for name in names)
-        for key, usual in (("scale", 1.0), ("peak", None), ("start", 0.0), ("stop", None)):
+        for key, usual in (("scale", 1.0), ("peak", None), ("start", None), ("stop", None)):
             if getattr(self, key) != usual:
                 words += f",{key}={getattr(self, key)}"
         return re.sub(r"[^\w.,+=\[\]-]", "", words)[:80]
@@ -117,7 +122,11 @@ def motions_of(
     if len(ways) > 1:
         raise ValueError(f"excitation.{ways[0]} and excitation.{ways[1]}: give one of both")
     if wanted.path is not None:
-        raws = _of_files(wanted, interface)
+        said = {key: getattr(wanted, key, None) for key in ("channels", "mend", *READER)}
+        settings = read_as_the_run(run, said_alone(said)).data.values
+        with _words_of_excitation():
+            raws = _of_files(wanted, settings, interface)
+        mend = {key: value for key, value in settings["mend"].items() if key != "_target_"}
     elif wanted.events is not None:
         raws = list(_of_events(wanted.events))
         if not interface.takes_ground:
@@ -127,8 +136,11 @@ def motions_of(
             )
     else:
         raws = _generated(wanted, run, interface, model_dt)
+    if wanted.path is None:
+        raws = [between(raw, wanted.start or 0.0, wanted.stop) for raw in raws]
+        mend = dict(wanted.mend or {})
     with _words_of_excitation():
-        mending = Mending(**(wanted.mend or {}))
+        mending = Mending(**mend)
     found = [_mended(raw, wanted, interface, mending, model_dt, any_step) for raw in raws]
     names = [motion.name for motion in found]
     if double := next((n for n in names if names.count(n) > 1), None):
@@ -150,7 +162,6 @@ def _mended(
         require_bearable(f"{raw.name}: {channel}", u)
     raw = replace(raw, clocks={c: t for c, t in raw.clocks.items() if c in raw.channels})
     require_common_time(raw)
-    raw = between(raw, wanted.start, wanted.stop)
     with _words_of_excitation():
         dt, channels, done = mending(raw)
         coarse = GROUND in channels and interface.kind not in (BASE, FORCES)
@@ -201,24 +212,39 @@ def _words_of_excitation() -> Iterator[None]:
         raise ValueError(OF_DATA.sub("excitation.", str(error))) from None
 
 
-def _of_files(wanted: Wanted, interface: Interface) -> list[RawRecord]:
+def _of_files(wanted: Wanted, settings: Mapping[str, Any], interface: Interface) -> list[RawRecord]:
     patterns = [wanted.path] if isinstance(wanted.path, str) else list(wanted.path or [])
-    channels = None if wanted.channels is None else dict(wanted.channels)
-    units = {key: unit for key, unit in wanted.units.items() if unit is not None}
-    reader = {key: getattr(wanted, key) for key in READER}
     raws: list[RawRecord] = []
-    with _words_of_excitation():
-        for place in record_places([str(absolute(p)) for p in patterns], channels):
-            own = channels
-            if own is None and place.suffix.lower() == ".at2":
-                own = {GROUND: "acc"}
-            for name, raw in read_records(place, own, units, wanted.align, **reader).items():
-                known = (
-                    raw if wanted.dt is None else replace(raw, time=None, clocks={}, dt=wanted.dt)
-                )
-                taken = any(raw.name == name for raw in raws)
-                raws.append(replace(known, name=place.name if taken else name))
+    for place in record_places([str(absolute(p)) for p in patterns], settings["channels"]):
+        found, left_out = _read(place, settings, interface)
+        for why in left_out.values():
+            raise ValueError(why)
+        for name, raw in found.items():
+            taken = any(raw.name == name for raw in raws)
+            raws.append(replace(raw, name=place.name if taken else name))
     return raws
+
+
+def _read(
+    place: Path, settings: Mapping[str, Any], interface: Interface
+) -> tuple[dict[str, RawRecord], dict[str, str]]:
+    """A file's records: with all channels of the run, or those that drive, or by its own names.
+
+    Raises ValueError for a file that has neither.
+    """
+    named, reader = settings["channels"], {key: settings[key] for key in READER}
+    if named is None and place.suffix.lower() == ".at2":
+        named = {GROUND: "acc"}
+    own = (*interface.channels, GROUND, "time")
+    driving = {channel: column for channel, column in (named or {}).items() if channel in own}
+    ways = [named, driving, None] if named else [None]
+    errors = []
+    for channels in ways:
+        try:
+            return whole_records(str(place), channels, **reader)
+        except NoColumnError as error:
+            errors.append(error)
+    raise errors[0]
 
 
 def _of_events(asked: str | int | Sequence[str | int]) -> Iterator[RawRecord]:

@@ -73,7 +73,7 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
     metrics, as_trained = run.metrics, run.experiment
     estimator = restore(run)
     require_scores(metrics, estimator.dofs)
-    changes = _typed(asked.data)
+    changes = said_alone(asked.data)
     held_back = changes.pop("calibration_records", None)
     altered = asked.scenario is not None or bool(changes) or asked.seeds is not None
     scenario = as_trained.scenario
@@ -103,9 +103,9 @@ def evaluate(folder: Path, label: str, asked: Conditions) -> dict[str, Any]:
     return results
 
 
-def _typed(values: Mapping[str, Any]) -> dict[str, Any]:
+def said_alone(values: Mapping[str, Any]) -> dict[str, Any]:
     """The settings that have a value."""
-    kept = {key: _typed(v) if isinstance(v, dict) else v for key, v in values.items()}
+    kept = {key: said_alone(v) if isinstance(v, dict) else v for key, v in values.items()}
     return {key: value for key, value in kept.items() if value is not None and value != {}}
 
 
@@ -213,6 +213,13 @@ def evaluate_records(
 
 def new_data(run: Experiment, typed: Mapping[str, Any]) -> Data:
     """The records of other files under "train", read as those of the run, except for `typed`."""
+    data = read_as_the_run(run, typed).make_data()
+    data.setup()
+    return data
+
+
+def read_as_the_run(run: Experiment, typed: Mapping[str, Any]) -> Experiment:
+    """The run with the settings by which it reads other files: its own, except for `typed`."""
     if odd := [key for key in OF_SIMULATIONS if key in typed]:
         raise ValueError(
             f"data.{odd[0]} is of simulated motions, data.path of measured ones; leave one out"
@@ -224,9 +231,7 @@ def new_data(run: Experiment, typed: Mapping[str, Any]) -> Data:
     records = run.data
     if "channels" in typed:
         records = records.with_values({"channels": None})  # those of the run are not mixed in
-    data = replace(run, data=records.with_values({**WHOLE, **typed})).make_data()
-    data.setup()
-    return data
+    return replace(run, data=records.with_values({**WHOLE, **typed}))
 
 
 def require_same_kind(run: Sensors, new: Sensors) -> None:

@@ -32,6 +32,7 @@ from runner.config.compose import (
     EARLIER,
     EXAMPLES,
     GROUPS,
+    can_be_read,
     composed,
     experiments,
     help_text,
@@ -208,35 +209,31 @@ def _explain(error: Exception, config: str) -> str:
 
 def _unreadable(override: str | None) -> str:
     """Why a word cannot be read: the shell split it at a blank, or it is in no quotes."""
-    words = sys.argv[1:]
-    place = words.index(override) if override in words else len(words)
+    words, own = (
+        [word.removeprefix("++") for word in sys.argv[1:]],
+        str(override).removeprefix("++"),
+    )
+    place = words.index(own) if own in words else len(words)
     around = [
         " ".join(words[first : last + 1])
         for first in range(place, -1, -1)
         for last in range(max(place, first + 1), len(words))
     ]
-    whole = next(filter(_can_be_read, sorted(around, key=len)), None)
+    whole = next(filter(can_be_read, sorted(around, key=len)), None)
     if whole is not None:
         return (
             f"the shell splits {shown(whole)} at its blank; leave blanks out, or put all of it in "
             f"single quotes: '{plain(whole)}'"
         )
     return (
-        f"{shown(override)!r} is no key=value that can be read; put it in single quotes, "
+        f"{shown(own)!r} is no key=value that can be read; put it in single quotes, "
         "so that the shell leaves it, and close its brackets"
     )
 
 
-def _can_be_read(word: str) -> bool:
-    try:
-        OverridesParser.create().parse_override(word).value()
-    except HydraException:
-        return False
-    return True
-
-
 def _several(word: str, config: str) -> str:
     """What a word that gives several values may mean where a run has one."""
+    word = word.removeprefix("++")
     key, _, values = word.partition("=")
     now = OmegaConf.select(composed(config=config), key, throw_on_missing=False)
     lists = f"; a list is {key}=[{values}]" if now is None or isinstance(now, ListConfig) else ""

@@ -16,7 +16,9 @@ from hydra import compose, initialize_config_dir
 from hydra._internal import defaults_list
 from hydra._internal.hydra import Hydra
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.plugins import Plugins
+from hydra.errors import HydraException
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from data.annotations import shown
@@ -181,8 +183,19 @@ def placed(words: Iterable[str]) -> list[str]:
             found.append("model/laws=named")  # what is listed are names
         elif key.startswith(NAMED):
             key = f"++{key}"
+            if key.count(".") > 1 and not can_be_read(f"{key}={names}"):  # m/s^2, or Base (g's)
+                names = "'" + names.replace("'", "\\'") + "'"
         found.append(f"{key}{equals}{names}")
     return found
+
+
+def can_be_read(word: str) -> bool:
+    """Whether a word is key=value in Hydra's grammar."""
+    try:
+        OverridesParser.create().parse_override(word).value()
+    except HydraException:
+        return False
+    return True
 
 
 def _choices_of(group: str) -> list[str]:

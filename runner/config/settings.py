@@ -112,7 +112,8 @@ PREDICT = {
 EXCITATION = {
     "path": FILES,
     "events": Setting(str | int | list[str | int] | None, lambda e: e != [], "null, or events"),
-    **dict.fromkeys(("kind", "hold", "align", "delimiter", "group"), Setting(str | None)),
+    **dict.fromkeys(("kind", "hold", "align", "delimiter"), Setting(str | None)),
+    **dict.fromkeys(("group", "decimal"), Setting(str | None)),
     "std": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, or null"),
     "band": Setting(list[float] | None),
     "seed": Setting(int, lambda n: 0 <= n <= LARGEST_SEED, f"between 0 and {LARGEST_SEED}"),
@@ -124,11 +125,10 @@ EXCITATION = {
     **dict.fromkeys(("channels", "mend"), Setting(Group | None)),
     "units": Setting(Group),
     "dt": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, in s, or null"),
-    "start": Setting(float, lambda s: s >= 0.0, "0 s or more"),
+    "start": Setting(NUMBER, lambda s: s is None or s >= 0.0, "0 s or more, or null"),
     "stop": Setting(NUMBER),
-    "skip_rows": Setting(int, lambda n: n >= 0, "0 or more"),
-    "decimal": Setting(str),
-    "header": Setting(bool),
+    "skip_rows": Setting(int | None, lambda n: n is None or n >= 0, "0 or more, or null"),
+    "header": Setting(bool | None),
 }
 MENDING = {
     **dict.fromkeys(("resample", "fill", "low_pass", "high_pass", "order"), Setting(NUMBER)),

@@ -8,6 +8,7 @@ import shlex
 
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 from rich.console import Console
 
 import evaluate
@@ -51,6 +52,13 @@ def test_a_blank_that_splits_a_word_is_named(say, words, whole):
     assert status == 1
     assert "splits" in line
     assert whole in line
+
+
+@pytest.mark.parametrize("word", ["data.units.a=m/s^2", "data.channels.a1=Base acc. (g's)"])
+def test_a_unit_and_a_name_are_read_as_they_are_typed(word):
+    key, _, value = word.partition("=")
+    typed = composed("data=measured", "data.path=a.csv", "model=linear", word)
+    assert OmegaConf.select(typed, key) == value
 
 
 def test_several_values_are_a_sweep_or_a_list(say):

@@ -18,6 +18,8 @@ from data.record import Drive
 from data.sample import Sensors
 from data.simulation.motion import simulate
 from models import EquivalentLinear, HystereticElement
+from models.stored.run import read_run
+from report.run.evaluation import new_data
 from runner.config.compose import composed
 from runner.folder.run import load_run
 from tests.experiments import estimator_from
@@ -264,3 +266,32 @@ def test_the_page_runs_as_it_stands(tmp_path, monkeypatch, capsys):
     exec(compile(example, "predict.md", "exec"), {})
     assert 0.0 < float(capsys.readouterr().out) < 1.0
     assert folder.is_dir()
+
+
+def test_a_file_is_read_as_the_records_of_the_run_and_as_evaluate_reads_it(tmp_path, predicted):
+    """Names, units, offsets of a quiet start and filters are the run's; words come first."""
+    model, sensors = shaken(2)
+    signals = {"Base": quake(size=2.0), "Roof": quake(size=3.0), "First": quake(size=1.0)}
+    rng = np.random.default_rng(0)
+    for name, a in signals.items():
+        whole = np.concatenate([np.zeros(400), a]) + 1e-4 * rng.standard_normal(400 + len(a))
+        signals[name] = 100.0 * (whole + 0.05)  # gal, and an offset
+    whole, alone = tmp_path / "whole.csv", tmp_path / "alone.csv"
+    write(whole, **signals)
+    write(alone, Base=signals["Base"])
+    named = "data.channels={time: time, s_ddot1: Base, a1: First, a2: Roof}"
+    units = ["data.units.s_ddot=gal", "data.units.a=gal", "data.mend.low_pass=20", named]
+    words = ["model=element_network", "data=measured", f"data.path={whole}", *units]
+    folder = plant(tmp_path / "run", model, sensors, *words)
+    record = new_data(read_run(folder).experiment, {"path": str(whole)}).records["train"][0]
+    with torch.no_grad():
+        expected = load_run(folder).free_run(record.drive()).a - record.f
+    for file in (whole, alone):
+        found = history(predicted(folder, f"excitation.path={file}", "excitation.quiet=0"))
+        ground = -record.f[:, 0].numpy()
+        assert len(ground) < 800
+        np.testing.assert_allclose(found["s_ddot1 [m/s^2]"], ground, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(found["a2 [m/s^2]"], expected[:, 1].numpy(), rtol=0, atol=1e-7)
+    more = ("excitation.units.s_ddot=m/s^2", "excitation.quiet=0")
+    larger = history(predicted(folder, f"excitation.path={whole}", *more))["s_ddot1 [m/s^2]"]
+    np.testing.assert_allclose(larger, 100.0 * ground, rtol=0, atol=1e-6)
