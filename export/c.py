@@ -19,7 +19,7 @@ def write(model: Exported, folder: Path) -> list[Path]:
     """
     steps = {model.name: step_for(model)}
     if (online := online_step_of(model.estimator)) is not None:
-        steps[f"{model.name}_online"] = _named(online, model)
+        steps[f"{model.name}_online"] = named(online, model)
     made = []
     for name, step in steps.items():
         source = source_of(step, name, remarks_of(model))
@@ -34,12 +34,14 @@ def write(model: Exported, folder: Path) -> list[Path]:
 
 def step_for(model: Exported) -> Step:
     """The step of a run's model, with the names of its channels."""
-    return _named(step_of(model.estimator, model.passport.facts["quantity"]), model)
+    return named(step_of(model.estimator, model.passport.facts["quantity"]), model)
 
 
-def _named(step: Step, model: Exported) -> Step:
+def named(step: Step, model: Exported) -> Step:
+    """A step with the channels of a run: their names, and what the ground's motion is."""
     own = model.plain_inputs
-    if all(name == f"u{i + 1}" for i, (name, _) in enumerate(own)):
+    step = replace(step, ground=model.ground, absolute=model.absolute)
+    if not model.ground and all(name == f"u{i + 1}" for i, (name, _) in enumerate(own)):
         return step  # the run does not know better than the model
     return replace(step, inputs=[*own, *step.inputs[len(own) :]])
 

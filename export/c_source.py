@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from export.names import c_comment, identifier
+from export.names import GROUND, c_comment, identifier
 from export.step import SIGNALS, Step, arrays_of
 from export.translate.program import Function, Program, array_of, wrapped
 from export.translate.scope import TAKEN
@@ -96,7 +96,10 @@ def _in_c(program: Program, step: Step, function: Any) -> tuple[Function, list[s
     found = program.function(function, arguments)
     state, numbers = _arrays(step)
     held = {*state, *(array for array, *_ in step.parameters)}
-    words = [f"m->{name}" if name in held else _word(numbers, name) for name in found.parameters]
+    words = [
+        f"m->{step.member(name)}" if name in held else _word(numbers, name)
+        for name in found.parameters
+    ]
     return found, words
 
 
@@ -115,9 +118,12 @@ def _public(
     step: Step, name: str, held: dict[str, np.ndarray], made: list[tuple[Function, list[str]]]
 ) -> Iterable[str]:
     begin, observe, advance = made
-    kept = {"last": "m->u", "u": "m->u"}
+    given = "f" if step.ground else "u"
+    kept = {"last": "m->last", "u": "m->last"}
     inputs, n = len(step.inputs), len(step.outputs[0][1])
     yield "\n".join(_reset(step, name))
+    if step.ground:
+        yield "\n".join(_driving(step, name))
     state, _ = _arrays(step)
     tuned = [a for a in held if a not in state and held[a].size]
     yield "\n".join(
@@ -137,14 +143,16 @@ def _public(
         [
             f"void {name}_begin({name} *m, const double *x0, const double *v0, const double *u)",
             "{",
+            *_given(step, inputs),
             "    reset(m);",
             *_copied("m->u", "u", inputs),
-            *_copied("m->last", "u", inputs),
+            *_copied("m->last", given, inputs),
             *([] if any("x0" in w for w in begin[1]) else ["    (void)x0;"]),
             *([] if any("v0" in w for w in begin[1]) else ["    (void)v0;"]),
             *([] if inputs else ["    (void)u;"]),
             f"    {_call(begin, **kept)}",
             f"    {_call(observe, **kept)}",
+            *_absolute(step),
             "}",
         ]
     )
@@ -152,8 +160,10 @@ def _public(
         [
             f"void {name}_excite({name} *m, const double *u)",
             "{",
-            f"    {_call(observe, last='m->last', u='u')}",
+            *_given(step, inputs),
+            f"    {_call(observe, last='m->last', u=given)}",
             *_copied("m->u", "u", inputs),
+            *_absolute(step),
             "}",
         ]
     )
@@ -169,13 +179,36 @@ def _reset(step: Step, name: str) -> Iterable[str]:
     for array in filled:
         yield from _first_values(array, state[array])
     for array, value in state.items():
+        own = f"m->{step.member(array)}"
         if array in filled:
-            yield f"    memcpy(m->{array}, first_{array}, sizeof first_{array});"
+            yield f"    memcpy({own}, first_{array}, sizeof first_{array});"
             continue
-        yield f"    memset(m->{array}, 0, sizeof m->{array});"
+        yield f"    memset({own}, 0, sizeof {own});"
         for place in np.flatnonzero(value):
-            yield f"    m->{array}[{place}] = {c_number(value.flat[place].item())};"
+            yield f"    {own}[{place}] = {c_number(value.flat[place].item())};"
     yield "}"
+
+
+def _driving(step: Step, name: str) -> Iterable[str]:
+    """What a caller gives as the model reads it: −s̈, and accelerations against the ground."""
+    yield f"static void driving(double *f, const double *u) /* f1 of {name} is -{GROUND} */"
+    yield "{"
+    yield "    f[0] = -u[0];"
+    for i, (channel, _) in enumerate(step.inputs[1:], start=1):
+        measured = step.absolute and channel.endswith("_measured")
+        yield f"    f[{i}] = u[{i}]{' - u[0]' if measured else ''};"
+    yield "}"
+
+
+def _given(step: Step, inputs: int) -> list[str]:
+    return [f"    double f[{inputs}];", "", "    driving(f, u);"] if step.ground else []
+
+
+def _absolute(step: Step) -> list[str]:
+    """The accelerations that sensors give, from those against the ground."""
+    own = step.sensed
+    count = 0 if own is None else step.state[own].size
+    return [f"    m->{own}[{i}] = m->{own}_relative[{i}] + m->u[0];" for i in range(count)]
 
 
 def _first_values(array: str, value: np.ndarray) -> Iterable[str]:
@@ -202,11 +235,15 @@ def _stepping(
     yield "{"
     yield f"    const double parts = floor({step.substeps}.0 * dt / {big}_DT + 0.5);"
     yield "    const int count = parts < 1.0 ? 1 : (int)parts;"
-    begins = "first" in advance[1]
+    begins, given = "first" in advance[1], "f" if step.ground else "u"
     own = f"{big}_DT" if step.substeps == 1 else f"{big}_DT / {step.substeps}.0"
-    yield f"    double start[{size}], {f'first[{size}], ' if begins else ''}last[{size}];"
+    more = f"f[{size}], " if step.ground else ""
+    yield f"    double {more}start[{size}], {f'first[{size}], ' if begins else ''}last[{size}];"
     yield "    int part, i;"
     yield ""
+    if step.ground:
+        yield "    driving(f, u);"
+        yield "    driving(start, m->u);"
     if step.any_step:
         yield "    if (!(dt > 0.0) || parts > 1e9) {"
     else:
@@ -215,7 +252,7 @@ def _stepping(
     yield "    }"
     yield f"    for (i = 0; i < {inputs}; ++i) {{" if inputs else "    i = 0;"
     if inputs:
-        yield "        start[i] = last[i] = m->u[i];"
+        yield f"        {'last[i] = start[i]' if step.ground else 'start[i] = last[i] = m->u[i]'};"
         yield "    }"
     else:
         yield "    start[i] = last[i] = 0.0;"
@@ -224,17 +261,19 @@ def _stepping(
     if begins:
         yield "            first[i] = last[i];"
     if inputs:
-        yield "            last[i] = start[i] + (double)part / count * (u[i] - start[i]);"
+        goes = f"(double)part / count * ({given}[i] - start[i])"
+        yield f"            last[i] = start[i] + {goes};"
     yield "        }"
     step_of_dt = "dt / count" if step.any_step else own
     yield f"        {_call(advance, first='first', last='last', dt=step_of_dt)}"
     if not step.any_step:
-        yield f"        {_call(observe, last='last', u='part < count ? last : u')}"
+        yield f"        {_call(observe, last='last', u=f'part < count ? last : {given}')}"
     yield "    }"
     if step.any_step:
-        yield f"    {_call(observe, last='last', u='u')}"
+        yield f"    {_call(observe, last='last', u=given)}"
     yield from _copied("m->last", "last", inputs)
     yield from _copied("m->u", "u", inputs)
+    yield from _absolute(step)
     if not inputs:
         yield "    (void)u;"
     last = [f"m->{array}" for array, *_ in step.outputs]
@@ -273,7 +312,9 @@ def header_of(step: Step, name: str, held: dict[str, np.ndarray], remarks: Seque
     for array, value in held.items():
         kind = "int" if value.dtype.kind == "i" else "double"
         words = f" {c_comment([f'[{units[array]}]'])}" if array in units else ""
-        lines += [f"    {kind} {array}[{max(value.size, 1)}];{words}"]
+        lines += [f"    {kind} {step.member(array)}[{max(value.size, 1)}];{words}"]
+    if step.sensed is not None:
+        lines += [f"    double {step.sensed}[{big}_{step.sensed.upper()}]; /* [m/s2], absolute */"]
     lines += [f"}} {name};", ""]
     lines += ["/* The numbers that were identified, at rest. */", f"void {name}_init({name} *m);"]
     lines += ["/* A motion that begins with x0, v0 and the excitation u. */"]

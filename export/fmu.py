@@ -14,7 +14,7 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
@@ -180,8 +180,13 @@ def variables_of(step: Step) -> list[Variable]:
         Variable(name, f"input[{i}]", "input", unit, 0.0, "excitation")
         for i, (name, unit) in enumerate(step.inputs)
     ]
+    against = {}
+    if step.ground:
+        found[0] = replace(found[0], said=f"{WORDS['a']} of the ground, with its sensor's sign")
+        against = dict.fromkeys("xva", " relative to the ground")
     for array, names, unit in step.outputs:
-        said = WORDS.get(array, "")
+        said = WORDS.get(array, "") + against.get(array, "")
+        said = f"{WORDS['a']}, absolute, as a sensor gives it" if array == step.sensed else said
         found += [
             Variable(name, f"own.{array}[{i}]", "output", unit, None, said)
             for i, name in enumerate(names)

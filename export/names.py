@@ -19,6 +19,7 @@ from typing import Any
 from export.translate.scope import KEYWORDS
 from models.estimator import Estimator
 
+GROUND = "s_ddot1"  # the acceleration of the ground
 MOTION = (("x", "m"), ("v", "m/s"), ("a", "m/s2"))
 WIDTH = 90  # of a line of text in a comment
 LONGEST_NAME = 40  # characters

@@ -66,6 +66,7 @@ def script_of(model: Exported) -> str:
         supports=network.supports,
         forced=[i + 1 for i in network.forced],
         base=network.base,
+        absolute=model.absolute,
         columns=[name for name, _ in model.plain_inputs],
         units=", ".join(f"{name} [{unit}]" for name, unit in model.plain_inputs),
         dt=repr(network.dt),

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from data.sample import Sensors
-from export.names import channels_of, identifier, inputs_of, plain_unit
+from export.names import GROUND, channels_of, identifier, inputs_of, plain_unit, wrap
 from export.passport import Passport, passport_of
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
@@ -34,13 +34,21 @@ class Exported:
     config: Mapping[str, Any]  # the model's settings
     hold: str = "linear"  # of the excitation in training
     intervals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # by parameter
+    absolute: bool = False  # accelerations beside the ground's were measured so
 
     @cached_property
     def _channels(self) -> tuple[list[tuple[str, str]], list[str]]:
         names = self.passport.facts["trained_range"].get("excitation", {}).get("names")
         if not names or len(names) != self.estimator.inputs:
             names = [name for name, _ in inputs_of(self.estimator)]
+        if self.ground:
+            names = [GROUND, *names[1:]]
         return channels_of(names, [self._unit(name) for name in names])
+
+    @property
+    def ground(self) -> bool:
+        """Whether the acceleration of the ground drives the model, which reads f1 = −s̈."""
+        return self.sensors.forced == "base"
 
     @property
     def inputs(self) -> list[tuple[str, str]]:
@@ -54,11 +62,27 @@ class Exported:
 
     def lines(self) -> list[str]:
         """What every file says of the model: its passport, and how the run names its channels."""
-        return [*self.passport.lines(), *self._channels[1]]
+        return [*self._frame(), *self.passport.lines(), *self._channels[1]]
+
+    def _frame(self) -> list[str]:
+        """What the ground's motion is, and against what the structure's is."""
+        if not self.ground:
+            return []
+        how = "absolute (the ground's is added), as the sensors gave them"
+        how = how if self.absolute else "relative to it"
+        moved = "; accelerations a are " + how if self.sensors.quantity == "acceleration" else ""
+        return wrap(
+            [
+                f"{GROUND} is the acceleration of the ground, with the sign of its sensor; "
+                f"displacements and velocities are relative to the ground{moved}"
+            ]
+        )
 
     def _unit(self, name: str) -> str:
+        if name == GROUND:
+            return "m/s²"
         if re.fullmatch(r"f\d+", name):
-            return "m/s²" if self.sensors.forced == "base" else "N"
+            return "N"
         kinds = {r"s\d+": "m", r"s_dot\d+": "m/s"}
         known = [unit for pattern, unit in kinds.items() if re.fullmatch(pattern, name)]
         return known[0] if known else str(self.sensors.units.get(name) or "")
@@ -83,6 +107,9 @@ def read_exported(folder: Path) -> Exported:
         {key: value for key, value in model.values.items() if key != "about"},
         passport.facts["trained_on"]["hold"],
         _intervals(run.metrics.get("uncertainty", {})),
+        run.sensors.forced == "base"
+        and run.sensors.quantity == "acceleration"
+        and run.experiment.data.values.get("accelerations") == "absolute",
     )
 
 

@@ -56,6 +56,8 @@ class Step:
     any_step: bool = False  # whether `advance` takes any dt; others take their own alone
     holds: tuple[str, ...] = ("linear", "zero_order")  # that it knows
     parameters: list[tuple[str, tuple[int, ...], str, str]] = field(default_factory=list)
+    ground: bool = False  # the first excitation is −s̈, of which callers give s̈ [m/s²]
+    absolute: bool = False  # and of accelerations those against the ground plus s̈
 
     def __post_init__(self) -> None:
         """Raise ValueError for names that are none, units and numbers: they become code."""
@@ -66,6 +68,16 @@ class Step:
                 raise ValueError(f"{name!r} [{unit!r}] is no name and unit of a signal")
         if type(self.substeps) is not int or not isinstance(self.dt, float | int):
             raise ValueError(f"dt={self.dt!r}, substeps={self.substeps!r}: expected numbers")
+
+    @property
+    def sensed(self) -> str | None:
+        """The array whose outputs are accelerations against the ground, given as absolute ones."""
+        found = [array for array, names, _ in self.outputs if names[:1] == ["a1"]]
+        return found[0] if self.absolute and found else None
+
+    def member(self, array: str) -> str:
+        """What the struct calls an array of the state; by its own name go absolute ones."""
+        return f"{array}_relative" if array == self.sensed else array
 
     def arguments(self, function: Callable[..., None]) -> list[str]:
         """Names of what a function takes. Raises ValueError for one that nobody holds."""

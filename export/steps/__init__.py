@@ -30,6 +30,10 @@ KINDS = {  # file of this folder → the estimators whose steps it has
     "vwnn_forward": ("ForwardVWNN",),
 }
 FILES = {name: file for file, names in KINDS.items() for name in names}
+NO_STEP = {  # why, and what to take
+    "BranchElement": "looks for turning points in the whole imposed motion, which a step has not "
+    "seen; take model=element_test model.laws=units or model.laws=named, or to=json for its curves",
+}
 WITH_ONLINE_STEP = ("VWNN",)  # beside their free run
 INTEGRATE = ("recurrent", "vwnn", "vwnn_forward")  # what they estimate, whatever that is
 
@@ -52,6 +56,8 @@ def step_of(model: Estimator, quantity: str | None = None) -> Step:
     free run, or one that is not of this zoo, even where it derives from one that is.
     """
     kind = type(model)
+    if why := NO_STEP.get(kind.__name__):
+        raise ValueError(f"{kind.__name__} has no step to export: it {why}")
     if kind.__name__ not in FILES or PUBLIC.get(kind.__name__) != kind.__module__:
         raise ValueError(
             f"{kind.__name__} has no step to export: it has no free run, or nobody wrote it; "

@@ -10,13 +10,18 @@ import torch
 
 from data.record import Drive
 from data.simulation.laws.candidate import Units
-from export.steps import step_of
+from export.c import named, remarks_of, step_for
+from export.c_source import source_of
+from export.fmu import description2, description3, variables_of
+from export.steps import online_step_of, step_of
+from models.branch_element import BranchElement
 from models.named_element import NamedElement
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit
 from tests.export import networks
 from tests.export.compiling import needs_gcc, run_in_c
-from tests.export.every_model import ELEMENTS, MODELS, drive, imposed
+from tests.export.conftest import exported, network
+from tests.export.every_model import ELEMENTS, MODELS, drive, imposed, recurrent
 
 pytestmark = needs_gcc
 CLOSE = 1e-12  # of the largest of each output
@@ -191,3 +196,49 @@ def test_an_element_test_runs_in_c(tmp_path):
     rest = torch.zeros(2, dtype=torch.float64)
     found = apart(model, Drive(networks.DT, u, rest, rest), tmp_path)
     assert found["r"] <= CLOSE
+
+
+@pytest.mark.parametrize("hold", ["linear", "zero_order"])
+@pytest.mark.parametrize("name", ["network", "linear_base", "gru"])
+def test_a_shaken_structure_takes_the_ground_and_gives_what_sensors_gave(name, hold, tmp_path):
+    """s_ddot1 with its own sign in, absolute accelerations out; the header says so."""
+    base = {"inputs": 1, "forced": "base", "elements": "chain"}
+    model = {
+        "network": lambda: network(3, 2, ("unit_stiffness",), **base),
+        "linear_base": lambda: MODELS["linear_base"](3),
+        "gru": lambda: recurrent(3, "gru", 1, inputs=1),
+    }[name]()
+    given = drive(model.dofs, 1, hold=hold)
+    given = replace(given, x0=0.0 * given.x0, v0=0.0 * given.v0)
+    shaken = exported(model, "shaken", hold)
+    shaken = replace(shaken, sensors=replace(shaken.sensors, forced="base"), absolute=True)
+    step = step_for(shaken)
+    assert [one for one, _ in step.inputs] == ["s_ddot1"]
+    ground = replace(given, u=-given.u)
+    with torch.inference_mode():
+        right = (model.free_run(given).a + ground.u).numpy()
+    found = run_in_c(step, ground, tmp_path)[step.sensed]
+    assert np.abs(found - right).max() < 1e-11 * np.abs(right).max()
+    source = source_of(step, "shaken", remarks_of(shaken))
+    assert "acceleration of the ground, with the sign of its sensor" in source.header
+    assert "[m/s2], absolute" in source.header
+    for describe in (description2, description3):
+        words = describe(step, "shaken", variables_of(step), "token", remarks_of(shaken))
+        assert 'description="acceleration of the ground, with its sensor\'s sign"' in words
+        assert words.count('description="acceleration, absolute, as a sensor gives it"') == 3
+        assert "s_ddot1 is the acceleration of the ground" in words.partition("CoSimulation")[0]
+
+
+def test_a_shaken_vwnn_on_line_reads_absolute_accelerations():
+    model = MODELS["vwnn_no_squares"](2)
+    shaken = exported(model, "shaken")
+    shaken = replace(shaken, sensors=replace(shaken.sensors, forced="base"), absolute=True)
+    body = source_of(named(online_step_of(model), shaken), "shaken_online").body
+    assert "f[0] = -u[0];" in body
+    assert "f[2] = u[2] - u[0];" in body
+    assert "m->a[1] = m->a_relative[1] + m->u[0];" in body
+
+
+def test_a_branch_law_of_an_element_says_why_it_stays_and_what_to_take():
+    with pytest.raises(ValueError, match=r"whole imposed motion.*model\.laws=units"):
+        step_of(BranchElement(1, 2, networks.DT))
