@@ -73,6 +73,11 @@ class ElementNetworkNamed(ElementNetwork):
                 f"model.masses={typed(masses)}: named laws need all masses or none; give "
                 "numbers, or choose model.laws=units"
             )
+        if inputs == 0:
+            raise ValueError(
+                "nothing drives this motion, which goes on from a first state, and named laws are "
+                "fitted from rest: choose model.laws=units"
+            )
         super().__init__(
             dofs, inputs, dt, elements, masses, forced, 0, 0, 0, False,
             from_accelerations=from_accelerations,

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from data.measured.channels import matrix, numbered
+from data.measured.onset import DRIVES, rings_down
 from data.record import Record
 
 OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
@@ -55,7 +56,10 @@ def record_of_channels(
 
     Beside the acceleration of a support, s_ddot1, accelerations become relative to it, and
     displacements and velocities are taken to be so.
-    Raises ValueError for channels that hold nothing to estimate or nothing that drives.
+    Where nothing drives it, it is a free vibration, from a first state that is unknown unless x
+    and v are measured.
+    Raises ValueError for channels that hold nothing to estimate, and for a motion that nothing
+    drives and that does not ring down, unless its initial state was stated.
     """
     quantity = meaning.quantity or next((q for q in USUAL if numbered(channels, OUTPUTS[q])), None)
     output = None if quantity is None else matrix(channels, OUTPUTS[quantity])
@@ -74,7 +78,8 @@ def record_of_channels(
     x, v = (u if u is not None and u.shape == output.shape else None for u in (x, v))
     known = x is not None and v is not None
     imposed = quantity == "force"  # what an element remembers of motions before was not measured
-    begins = "given" if known else "unknown" if imposed or not whole else "rest"
+    free = quantity != "force" and not any(numbered(channels, d) for d in DRIVES)
+    begins = "given" if known else "unknown" if imposed or free or not whole else "rest"
     record = Record(
         dt=dt,
         a=output,
@@ -88,10 +93,13 @@ def record_of_channels(
         hold=meaning.hold,
         quantity=quantity,
     )
-    if record.excitation.shape[-1] == (0 if record.e is None else record.e.shape[-1]):
+    undriven = record.excitation.shape[-1] == (0 if record.e is None else record.e.shape[-1])
+    if undriven and not (free and (meaning.initial_state or not whole or rings_down(channels))):
         raise ValueError(
             f"{name}: the channels {', '.join(channels)} hold nothing that drives the "
-            "motion; expected forces f1, …, a support's acceleration s_ddot1, or s1 and s_dot1"
+            "motion, and it does not ring down from its beginning; expected forces f1, …, a "
+            "support's acceleration s_ddot1, or s1 and s_dot1; of a free vibration say "
+            "data.initial_state=unknown"
         )
     record.require_finite()
     stated = meaning.initial_state is not None or begins != "rest"

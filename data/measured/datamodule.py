@@ -26,7 +26,7 @@ from data.measured.assembly import (
 from data.measured.channels import numbered, signal_of
 from data.measured.clocks import ALIGNMENTS, require_common_time
 from data.measured.mend import Mending
-from data.measured.onset import without_quiet_start
+from data.measured.onset import from_release, without_quiet_start
 from data.measured.places import named_records, require_read
 from data.measured.plausible import doubts
 from data.measured.raw_record import RawRecord, between
@@ -274,7 +274,8 @@ def whole_records(
         require_common_time(raw)
         timed = raw if dt is None else replace(raw, time=None, clocks={}, dt=dt)
         part = between(timed, start, stop)
-        raws[name] = without_quiet_start(part) if onset and start == 0.0 else part
+        own = onset and start == 0.0
+        raws[name] = from_release(without_quiet_start(part)) if own else part
     return raws, left_out
 
 

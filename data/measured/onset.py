@@ -1,4 +1,6 @@
-"""Where a record begins to move after a quiet start, and its offsets.   T samples.
+"""Where a record begins to move after a quiet start, its offsets, and where it is let go.
+
+T samples.
 
 A start is quiet while no channel stirs: no response, and no excitation.  What comes later is never
 looked at, so that a training motion's beginning does not depend on its end.
@@ -8,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
-from data.measured.channels import signal_of
+from data.measured.channels import numbered, signal_of
 from data.measured.raw_record import RawRecord
 
 BLOCK = 0.25  # s
@@ -75,3 +78,50 @@ def without_quiet_start(raw: RawRecord) -> RawRecord:
         note += f"; offsets of the quiet part subtracted (SI): {shown}"
     later = None if raw.time is None else raw.time[first:]
     return replace(raw, time=later, channels=channels, notes=(*raw.notes, note))
+
+
+# Free vibrations: a structure is pulled and let go, or struck, and rings down.
+
+DRIVES = ("f", "s", "s_dot", "s_ddot")  # signals that drive a motion
+PIECES = 5  # of a record, each of which moves less than the one before
+
+
+def _of_response(channels: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Size (T,) of the acceleration, else of the velocity or the steps of the displacement."""
+    for signal in ("a", "v", "x"):
+        found = [channels[f"{signal}{i}"] for i in numbered(channels, signal)]
+        if found:
+            moved = np.stack(found, axis=1)
+            moved = np.diff(moved, axis=0, append=moved[-1:]) if signal == "x" else moved
+            size = (moved - np.median(moved, axis=0)) / np.maximum(moved.std(axis=0), 1e-300)
+            return np.asarray(np.abs(size).max(axis=1))
+    return np.zeros(0)
+
+
+def rings_down(channels: Mapping[str, np.ndarray]) -> bool:
+    """Whether a motion (T,) that nothing drives is largest at first and then falls, piece by piece.
+
+    One that something drives unseen, wind or an earthquake, does so in 1 of 120 orders of PIECES.
+    """
+    size = _of_response(channels)
+    pieces = [float((piece**2).mean()) for piece in np.array_split(size, PIECES) if len(piece)]
+    falls = all(later < before for before, later in pairwise(pieces))
+    return len(pieces) == PIECES and falls and int(size.argmax()) < len(size) / PIECES
+
+
+def from_release(raw: RawRecord) -> RawRecord:
+    """A free vibration from where it is let go: what was held before is no vibration.
+
+    The largest acceleration is at the release. As it is where something drives the motion.
+    """
+    driven = any(numbered(raw.channels, d) for d in (*DRIVES, "r"))
+    if driven or raw.clocks or not all(np.isfinite(u).all() for u in raw.channels.values()):
+        return raw
+    size = _of_response(raw.channels)
+    first = int(size.argmax()) if len(size) else 0
+    rest = {c: u[first:] for c, u in raw.channels.items()}
+    if first == 0 or not rings_down(rest):
+        return raw
+    later = None if raw.time is None else raw.time[first:]
+    note = f"free vibration from its largest motion on: the first {first} samples cut off"
+    return replace(raw, time=later, channels=rest, notes=(*raw.notes, note))

@@ -69,7 +69,8 @@ def states_of(
 def reconstructed_of(record: Record) -> tuple[Tensor, Tensor]:
     """x and v (…, T, n) from what was measured of a record's motion."""
     shape, order = record.a.shape, MEASURES[record.quantity]
-    y, u = (s.reshape(-1, *s.shape[-2:]) for s in (record.a, record.excitation))
+    runs = record.a.shape[:-2].numel()  # excitation has no channel, where the motion is free
+    y, u = (s.reshape(runs, *s.shape[-2:]) for s in (record.a, record.excitation))
     found = [reconstructed(y[i], u[i], record.dt, order) for i in range(len(y))]
     x, v = (torch.stack(parts).reshape(shape) for parts in zip(*found, strict=True))
     return x, v
@@ -84,7 +85,7 @@ def integrated_states(
     behind so many forces in u.
     """
     a = record.a.reshape(-1, record.samples, record.dofs)
-    u = record.excitation.reshape(len(a), record.samples, -1)
+    u = record.excitation.reshape(*a.shape[:2], record.excitation.shape[-1])
     for acceleration, drive in zip(a, u, strict=True):
         corner = corner_of(acceleration, drive, record.dt)
         x, v = passed(acceleration, record.dt, corner)

@@ -29,7 +29,7 @@ from models.starts.spectra import (
 
 STEEPEST = 2.0  # ω h beyond which substeps h of the integration run away
 DOUBTFUL, MARKED = 0.5, 0.6  # error beyond which other ways, or signs, are tried; a sign's gain
-UNSURE = 0.05  # the same where springs may be of either sign, which least squares of noise mistakes
+UNSURE = 0.05  # the same where least squares mistake noise: springs of either sign, free motions
 
 
 @dataclass(frozen=True)
@@ -96,14 +96,15 @@ def linear_start(
     first = structure(least_squares(unknown, target))
     fault = fault_of(first, layout, substep)
     off = spectra.error(first, layout) if filtered and not fault else 0.0
-    if not fault and off < (DOUBTFUL if layout.either is None else UNSURE):
+    sure = layout.either is None and not spectra.free
+    if not fault and off < (DOUBTFUL if sure else UNSURE):
         return Start(first, "least squares", [], rank, open_names)
     told = [f"not least squares: {fault}"] if fault else []
     found = {"spectra": nearest_structure(spectra, layout)}
     errors = {"spectra": spectra.error(found["spectra"], layout)}
     if not fault:
         found["least squares"], errors["least squares"] = first, off
-    if min(errors.values()) > DOUBTFUL:
+    if min(errors.values()) > DOUBTFUL and not spectra.free:
         require_signs(spectra, layout, spectra.error(found["spectra"], layout), forces)
     bounded = structure(not_negative(factor))
     fault = fault_of(bounded, layout, substep)

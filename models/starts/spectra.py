@@ -19,6 +19,7 @@ from data.record import Record
 SHARE = 0.998  # of the power of the outputs lies in the band that is compared
 MOST_NUMBERS, FEWEST, MOST = 400_000, 200, 2000  # of matrices, of frequencies in each record
 TAPER = 0.1  # of a record that is faded, where it is cut
+FADED = 5.0  # a free motion fades by exp(−FADED) until its end: less than 1 % of it is cut off
 GRID, POLISHED, EVALUATIONS = 60, 5, 40  # places tried, of them polished, evaluations for each
 STIFFEST, ASIDE = 3.0, 0.05  # of the frequencies; stiffness beside a chain of 1
 RATIO = 0.05  # of critical damping of the first mode, to begin with
@@ -90,26 +91,33 @@ class Spectra:
     inputs: np.ndarray
     measured: int = 2
     size: float = field(default=0.0)
+    motion: np.ndarray = field(default_factory=lambda: np.zeros(0, int))  # (F,): number of each
+    fading: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (F,) [1/s], where free
 
     @staticmethod
     def of(records: Iterable[Record], measured: int = 2) -> Spectra:
         """Spectra of records where their outputs have power; their constant parts are left out."""
-        parts = []
+        parts, fading = [], []
         for record in records:
-            outputs, inputs = record.a.cpu().numpy(), record.excitation.cpu().numpy()
-            for one, u in zip(
-                outputs.reshape(-1, *outputs.shape[-2:]),
-                inputs.reshape(-1, *inputs.shape[-2:]),
-                strict=True,
-            ):
+            outputs, inputs = record.a.cpu(), record.excitation.cpu()  # of no channel, where free
+            batch = (s.flatten(0, -3) if s.ndim > 2 else s[None] for s in (outputs, inputs))
+            for one, u in zip(*(s.numpy() for s in batch), strict=True):
                 parts.append(_of_one(one, u, record.dt, record.initial_state != "rest"))
+                fading.append(FADED / (record.dt * len(one)))
         omega, a, u = (np.concatenate(s) for s in zip(*parts, strict=True))
-        return Spectra(omega, a, u, measured, float(np.linalg.norm(a)))
+        motion = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
+        size = float(np.linalg.norm(a))
+        return Spectra(omega, a, u, measured, size, motion, np.array(fading)[motion])
 
     @property
     def dominant(self) -> float:
         """The frequency with the largest output [rad/s]."""
         return float(self.omega[np.argmax(np.linalg.norm(self.outputs, axis=1))])
+
+    @property
+    def free(self) -> bool:
+        """Whether nothing drives the motions, which go on from a first state of their own."""
+        return self.inputs.shape[1] == 0
 
     def error(self, structure: LinearStructure, layout: Layout) -> float:
         """Relative error of the structure's response; 1 where it does not move."""
@@ -120,12 +128,22 @@ def _of_one(
     a: np.ndarray, u: np.ndarray, dt: float, cut: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     T = len(a)
+    if not u.shape[1]:  # faded to nil at the end, which is a transform on another line: exact
+        fade = np.exp(-FADED * np.arange(T) / T)
+        fade[0] *= 0.5  # by trapezia
+        return _lines((a - a.mean(axis=0)) * fade[:, None], u, dt)
     ends = np.hanning(int(TAPER * T))
     fade = np.ones(T)
     fade[T - len(ends) // 2 :] = ends[(len(ends) + 1) // 2 :]
     if cut:
         fade[: len(ends) // 2] = ends[: len(ends) // 2]
     a, u = ((s - s.mean(axis=0) * (i == 0)) * fade[:, None] for i, s in enumerate((a, u)))
+    return _lines(a, u, dt)
+
+
+def _lines(a: np.ndarray, u: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """ω and the transforms of signals (T, ·), over the lines in which a has its power."""
+    T = len(a)
     omega = 2.0 * np.pi * np.fft.rfftfreq(2 * T, dt)  # padded: what goes round is not this motion
     A, U = np.fft.rfft(a, 2 * T, axis=0), np.fft.rfft(u, 2 * T, axis=0)
     power = np.cumsum((np.abs(A) ** 2).sum(axis=1))
@@ -157,6 +175,8 @@ def respond(
     if layout.base:
         F += m * U[:, :1]
     F[:, layout.forced] += U[:, : len(layout.forced)]
+    if spectra.free:
+        return _released(structure, layout, spectra, units)
     dynamic = np.einsum("fe,ei,ej->fij", k + iw * c, B, B)
     dynamic[:, np.arange(n), np.arange(n)] -= w**2 * m
     G = np.linalg.inv(dynamic)
@@ -170,6 +190,45 @@ def respond(
     through = G @ B.T  # (F, n, E)
     by = [G * driven[:, None, :], -through * springs[:, None, :], -through * dampers[:, None, :]]
     return rate * X, rate[:, :, None] * np.concatenate(by, axis=2)
+
+
+SMALL = 1e-6  # of a number: the step of a difference
+
+
+def _released(
+    structure: LinearStructure,
+    layout: Layout,
+    spectra: Spectra,
+    units: LinearStructure | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """`respond` where nothing drives: of all first states the one that suits each motion best.
+
+    (s² M + s C + K) X = M v₀ + (s M + C) x₀ with s = fading + iω; outputs are sᵐ X less what the
+    first state adds to the transform of a derivative. Linear in x₀ and v₀, which are eliminated
+    (Golub & Pereyra 1973).
+    """
+    M, B, s = np.diag(structure.mass), layout.B, (spectra.fading + 1j * spectra.omega)
+    s = s[:, None, None]
+    K, C = (B.T @ (part[:, None] * B) for part in (structure.stiffness, structure.damping))
+    eye, order = np.eye(len(M)), spectra.measured
+    X = np.linalg.solve(s**2 * M + s * C + K, np.concatenate([s * M + C, M + 0.0 * s], axis=2))
+    added = [s ** (order - 1 - i) * eye if order > i else 0.0 * s * eye for i in (0, 1)]
+    effect = s**order * X - np.concatenate(added, axis=2)  # (F, n, 2n)
+    found = np.zeros_like(spectra.outputs)
+    for number in np.unique(spectra.motion):
+        own = spectra.motion == number
+        rows, target = effect[own].reshape(-1, 2 * len(M)), spectra.outputs[own].ravel()
+        both = [np.concatenate([part.real, part.imag]) for part in (rows, target)]
+        size = np.maximum(np.linalg.norm(both[0], axis=0), TINY)
+        first = np.linalg.lstsq(both[0] / size, both[1], rcond=None)[0] / size
+        found[own] = effect[own] @ first
+    if units is None:
+        return found, np.empty(0)
+    parts = [np.concatenate(list(vars(one).values())) for one in (structure, units)]
+    moves = SMALL * parts[1] * np.eye(len(parts[1]))
+    ends = (np.split(parts[0] + move, np.cumsum([len(M), len(B)])) for move in moves)
+    moved = [_released(LinearStructure(*end), layout, spectra)[0] for end in ends]
+    return found, np.stack([(end - found) / SMALL for end in moved], axis=2)
 
 
 def typical(spectra: Spectra, layout: Layout, square: float, shape: np.ndarray) -> LinearStructure:
