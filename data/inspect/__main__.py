@@ -8,7 +8,6 @@ python -m data.inspect records --skip-rows 6 --channels time=SampleTimeFine a1=f
 from __future__ import annotations
 
 import argparse
-import re
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
@@ -21,9 +20,10 @@ from rich.text import Text
 
 from data.arguments import Pairs, Parser, plain, reason
 from data.inspect.config import command, config_path, write_config
-from data.inspect.inspection import BASE, KINDS, Inspection, inspections, lacking, places, step_of
+from data.inspect.folders import of_folders
+from data.inspect.inspection import Inspection, inspections, lacking, places, step_of
 from data.inspect.picture import dominant, draw
-from data.measured.channels import CHANNEL, signal_of
+from data.measured.channels import CHANNEL
 from data.measured.clocks import ALIGNMENTS, shared_clocks
 from data.measured.files.columns import FileError
 from data.measured.time_step import GAP
@@ -216,14 +216,18 @@ APART = 30.0  # times: motions of one structure differ by less, most units by mo
 
 
 def show_folders(console: Console, wanted: Sequence[str], records: Sequence[Inspection]) -> None:
-    """Print, for each folder that was asked for, its files as one record, where they may be."""
+    """Print, for each folder that was asked for, its files as records, where they may be."""
     for folder in map(Path, wanted):
         if not folder.is_dir():
             continue
-        channels = of_folder([record for record in records if record.path.parent == folder])
+        channels, names = of_folders(folder, records)
         if channels:
             words = [f"{channel}={shlex.quote(where)}" for channel, where in channels.items()]
-            text = f"{folder}: these files may be one record; proposed channels, check them:"
+            what = "these files may be one record"
+            if len(names) > 1:
+                what = f"these files may be {len(names)} records ({', '.join(names[:6])}"
+                what += ", …)" if len(names) > 6 else ")"
+            text = f"{folder}: {what}; proposed channels, check them:"
             console.print(Text(plain(text), style="cyan"), soft_wrap=True)
             console.print(Text(plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
 
@@ -257,43 +261,6 @@ def unlike(one: Inspection, other: Inspection) -> list[str]:
         listed = ", ".join(f"{channel} {times:.3g}" for channel, times in sizes.items())
         found.append(f"times as large: {listed}; in another unit?")
     return found
-
-
-def of_folder(records: Sequence[Inspection]) -> dict[str, str]:
-    """{channel: file:column} of files with the same columns, one of which is on the base.
-
-    The axis is that along which the base shakes most. Empty where no file is named for the base,
-    or where the files are as long as separate events are.
-    """
-    columns = [set(record.raw.channels) for record in records]
-    bases = [record for record in records if re.search(BASE, record.path.stem.lower())]
-    if len(records) < 2 or len(bases) != 1 or any(names != columns[0] for names in columns):
-        return {}
-    base = bases[0]
-    axes = [c for c in base.raw.channels if _is_acceleration(base, c)]
-    if not axes:
-        return {}
-    axis = max(axes, key=lambda c: base.statistics[c].std if base.statistics[c].finite else -np.inf)
-    clock = next((c for c, g in base.guesses.items() if g == "time"), None)
-    channels = {} if clock is None else {"time": clock}
-    channels["s_ddot1"] = f"{base.path.name}:{axis}"
-    above = [record for record in records if record is not base]
-    for number, record in enumerate(sorted(above, key=_order), start=1):
-        channels[f"a{number}"] = f"{record.path.name}:{axis}"
-    return channels
-
-
-def _is_acceleration(record: Inspection, column: str) -> bool:
-    guess = record.guesses.get(column)
-    if guess is not None:
-        return signal_of(guess) in ("a", "s_ddot")
-    return re.search(KINDS[0][0], column.lower()) is not None
-
-
-def _order(record: Inspection) -> tuple[list[int], str]:
-    """Files by the numbers in their names: floor_10 after floor_9."""
-    name = record.path.stem
-    return [int(digits) for digits in re.findall(r"\d{1,9}", name)], name
 
 
 if __name__ == "__main__":

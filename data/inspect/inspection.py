@@ -16,7 +16,9 @@ from data.measured.channels import CHANNEL, signal_of
 from data.measured.files.columns import FileError
 from data.measured.files.table import Table, read_table
 from data.measured.files.zipped import unpacked
+from data.measured.floors import FREE_FIELD, height, is_base, number_upwards, one_axis
 from data.measured.onset import without_quiet_start
+from data.measured.places import record_places
 from data.measured.plausible import likely_units, plausibility, questions_of_units
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
@@ -48,6 +50,7 @@ class Inspection:
     spectra: dict[str, Spectrum | None]  # by channel
     findings: list[Finding]
     likely: dict[str, str] = field(default_factory=dict)  # {signal: units, where none is said}
+    labels: Mapping[str, str] = field(default_factory=dict)  # where the sensor of a column is
 
 
 def inspections(
@@ -59,6 +62,14 @@ def inspections(
 ) -> list[Inspection]:
     """One inspection of a file or a folder, one of each file of a zip archive."""
     of_folder = any(":" in where for where in channels.values())
+    if path.is_dir() and channels:
+        found = [
+            _mapped(path, raw)
+            for raw in read_records(path, channels, units, align, **reader).values()
+        ]
+        return (
+            [replace(one, path=path / one.raw.name) for one in found] if len(found) > 1 else found
+        )
     if of_folder or not is_archive(path):
         return [inspection(path, channels, units, align, **reader)]
     with unpacked(path) as folder:
@@ -150,7 +161,12 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
         mapped = {g: values[c] for c, g in guesses.items() if g != "time"}
         findings += plausibility(mapped, dt)
     findings = questions_of_units(values, signals, asked, dt) + findings
-    return replace(record, findings=findings, likely=likely_units(values, signals, asked, dt))
+    return replace(
+        record,
+        findings=findings,
+        likely=likely_units(values, signals, asked, dt),
+        labels=table.labels,
+    )
 
 
 def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> str | None:
@@ -215,6 +231,8 @@ def places(wanted: Sequence[str], channels: Mapping[str, str]) -> list[tuple[Pat
         for place in map(Path, hits):
             if place.is_dir() and not in_folder:
                 records += [(file, False) for file in files_in(place)]
+            elif place.is_dir():
+                records += [(event, True) for event in record_places(str(place), channels)]
             else:
                 records.append((place, True))
     return records
@@ -222,14 +240,6 @@ def places(wanted: Sequence[str], channels: Mapping[str, str]) -> list[tuple[Pat
 
 # Cautious guesses of the channels in a file, by the units, names and places of its columns.
 
-BASE = (  # in a column's name or its sensor's place: what stands below the structure
-    r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
-    r"(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|input.?(acc|motion)"
-)
-PLACE = (
-    r"roof|floor|store?y|level|top|mass[ _-]?\d|dof[ _-]?\d|deck|pier|girder|mid.?span|"
-    r"\b(l|lvl|m)[ _-]?\d+\b"
-)
 OTHER = (
     r"volt|current|command|temperature|pressure|preload|pretension|"
     r"(normal|vertical|axial|gravity).?(force|load)"
@@ -248,37 +258,83 @@ def suggest(
     places: Mapping[str, str] | None = None,
     values: Mapping[str, np.ndarray] | None = None,
     title: str = "",
+    files: Mapping[str, tuple[str, str]] | None = None,
 ) -> dict[str, str]:
     """{column: channel} by units, names and places; columns that say nothing are omitted.
 
     places: of sensors, as agencies say them; values (T,) by column tell an element test from a
-    structure under a force, and so does the title, such as a file's name. A stuck sensor is
-    no channel.
+    structure under a force, and so does the title, such as a file's name. files: where columns of
+    several files are looked at together, the file or folder and the name in it of each. Floors are
+    numbered from the lowest up. A stuck sensor is no channel.
     """
-    said = {c: f"{c} {(places or {}).get(c, '')}".lower() for c in columns}
-    signals = {c: _signal(c, said[c], units.get(c)) for c in columns}
+    own = {c: (files or {}).get(c, ("", c)) for c in columns}
+    said = {c: f"{own[c][1]} {(places or {}).get(c, '')}" for c in columns}
+    where = {c: f"{said[c]} {own[c][0]}".strip() for c in columns}
+    signals = {c: _signal(own[c][1], said[c].lower(), where[c], units.get(c)) for c in columns}
     if "s_ddot" in signals.values() or "s" in signals.values():
         for column in columns:
             if signals[column] is None and units.get(column) is None:
-                signals[column] = "a" if re.search(PLACE, said[column]) else None
+                signals[column] = "a" if height(said[column]) is not None else None
     stuck = {c for c, u in (values or {}).items() if np.isfinite(u).all() and np.ptp(u) == 0.0}
     signals = {c: None if c in stuck else signal for c, signal in signals.items()}
     kinds = [s for s in signals.values() if s]
-    if _is_element_test(kinds, f"{title} {' '.join(said.values())}".lower(), signals, values):
-        signals = {c: _of_element(c, said[c], s, units.get(c)) for c, s in signals.items()}
-    return _numbered(_driven(signals, places or {}))
+    if _is_element_test(kinds, f"{title} {' '.join(where.values())}".lower(), signals, values):
+        signals = {c: _of_element(c, said[c].lower(), s, units.get(c)) for c, s in signals.items()}
+    size = {c: float(np.nanstd(u)) for c, u in (values or {}).items() if np.isfinite(u).any()}
+    return _numbered(_driven(_one_base(signals, where, size), places or {}), where)
 
 
-def _numbered(signals: Mapping[str, str | None]) -> dict[str, str]:
+def _one_base(
+    signals: Mapping[str, str | None], where: Mapping[str, str], size: Mapping[str, float]
+) -> dict[str, str | None]:
+    """Accelerations along one axis; the ground above a basement is a floor of the structure."""
+    base = [c for c, s in signals.items() if s == "s_ddot"]
+    moved = {c: where[c] for c, s in signals.items() if s in ("s_ddot", "a")}
+    kept = one_axis(moved, base, size)
+    base = [c for c in base if c in kept]
+    inside = [c for c in base if not re.search(FREE_FIELD, where[c].lower())] or base
+    lowest = min((height(where[c]) or 0.0 for c in inside), default=0.0)
+    floors = {c for c in inside if (height(where[c]) or 0.0) > lowest}
+    chosen = dict(signals)
+    for column in moved:
+        if column not in kept or (column in base and column not in inside):
+            chosen[column] = None
+        elif column in floors:
+            chosen[column] = "a"
+    return chosen
+
+
+def _numbered(signals: Mapping[str, str | None], where: Mapping[str, str]) -> dict[str, str]:
+    """Channels by signal, numbered from the lowest floor up, else in the order of the columns.
+
+    Of several sensors on one floor, the first or that in the centre stays.
+    """
+    told = {c for c in where if height(where[c]) is not None}
+    moving = {c for c, s in signals.items() if s in ("a", "x", "v") or (s == "f" and c in told)}
+    floors = number_upwards({c: where[c] for c in signals if c in moving})
+    central = sorted(
+        signals, key=lambda c: re.search(r"cent(er|re)|middle", where[c].lower()) is None
+    )
     guesses: dict[str, str] = {}
     count: dict[str, int] = {}
-    for column, signal in signals.items():
-        if signal == "time" and "time" not in guesses.values():
-            guesses[column] = "time"
-        elif signal is not None and signal != "time":
-            count[signal] = count.get(signal, 0) + 1
-            guesses[column] = f"{signal}{count[signal]}"
-    return guesses
+    for column in central if floors else signals:
+        signal = signals[column]
+        if signal is None or (signal == "time" and "time" in guesses.values()):
+            continue
+        count[signal] = count.get(signal, 0) + 1
+        channel = "time" if signal == "time" else f"{signal}{floors.get(column, count[signal])}"
+        if channel not in guesses.values():
+            guesses[column] = channel
+    if not floors:
+        return guesses
+    return dict(sorted(guesses.items(), key=lambda pair: _place_of(pair[1])))
+
+
+def _place_of(channel: str) -> tuple[int, int]:
+    """Place in a list of channels: the clock, what drives, then the floors from below."""
+    signal = "" if channel == "time" else signal_of(channel)
+    return (0 if not signal else 1 if signal in ("s_ddot", "f") else 2, int(channel[len(signal):])
+            if signal else 0)  # fmt: skip
 
 
 def _driven(signals: dict[str, str | None], places: Mapping[str, str]) -> dict[str, str | None]:
@@ -299,14 +355,14 @@ def _driven(signals: dict[str, str | None], places: Mapping[str, str]) -> dict[s
     return kept
 
 
-def _signal(column: str, said: str, unit: str | None) -> str | None:
+def _signal(column: str, said: str, where: str, unit: str | None) -> str | None:
     if is_clock(column) and (unit is None or has_dimension(unit, "time")):
         return "time"
     if re.search(OTHER, said):
         return None
-    base = re.search(BASE, said) is not None
+    base = is_base(where)
     named = next((s for pattern, s in KINDS if re.search(pattern, column.lower())), None)
-    if named is None and base and unit is None:
+    if named is None and is_base(said) and unit is None:
         named = "a"
     if unit is not None:
         fits = [signal for _, signal in UNITS if has_dimension(unit, signal)]

@@ -59,11 +59,18 @@ def _is_prose(path: Path) -> bool:
 
 def _events(place: Path, named: set[str]) -> list[Path]:
     """The folder itself if it holds one of the named files, else its folders and archives."""
-    if any((place / file).exists() for file in named):
+    if any(_holds(place, file) for file in named):
         return [place]
-    folders = [p for p in place.iterdir() if p.is_dir() and any((p / f).exists() for f in named)]
+    folders = [p for p in place.iterdir() if p.is_dir() and any(_holds(p, f) for f in named)]
     archives = [*place.glob("*.zip"), *place.glob("*/*.zip")]
     return sorted(folders or archives) or [place]
+
+
+def _holds(folder: Path, file: str) -> bool:
+    """Whether a folder has a file, in whose name a * stands for any text."""
+    if "*" in file:
+        return any(folder.glob(file)) if not Path(file).is_absolute() else False
+    return (folder / file).exists()
 
 
 def _exists(path: str) -> bool:

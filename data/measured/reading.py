@@ -64,13 +64,22 @@ def read_records(
     """All records of a file, a folder or a zip archive by name; arguments as in `read_record`.
 
     A file of arrays records × samples (× channels) holds several, a zip archive is the folder that
-    it was made of, or its one file.
+    it was made of, or its one file. In a folder, a * in the name of a channel's file stands for
+    the name of a record: "ground/*.csv:acc".
     """
     if is_archive(path):
         with unpacked(path) as folder:
             return _of_archive(path, folder, channels, units, align, reader)
     if path.is_dir():
-        return {path.name: read_record(path, channels, units, align, **reader)}
+        of_each = starred(path, channels)
+        if len(of_each) == 1:
+            return {
+                path.name: read_record(path, next(iter(of_each.values())), units, align, **reader)
+            }
+        return {
+            name: replace(read_record(path, of_one, units, align, **reader), name=name)
+            for name, of_one in of_each.items()
+        }
     stated = {key: unit for key, unit in (units or {}).items() if unit is not None}
     wanted = None if channels is None else list(dict.fromkeys(channels.values()))
     table = read_table(path, **{"columns": wanted, **reader})
@@ -139,6 +148,48 @@ def files_in(folder: Path) -> list[Path]:
         f"{shorten(str(folder), 300, bare=True)} and its folders hold no file of "
         f"{', '.join(PLACES)}"
     )
+
+
+def starred(
+    folder: Path, channels: Mapping[str, str] | None
+) -> dict[str, Mapping[str, str] | None]:
+    """Channels of each record of a folder: {what * stands for: channels with their files' names}.
+
+    All files with a * must be there for a record; links that lead out of the folder are not
+    followed. Without a * there is one record. Raises ValueError where no record has all its files.
+    """
+    files = {where.rpartition(":")[0] for where in (channels or {}).values()}
+    patterns = sorted(file for file in files if "*" in file)
+    if channels is None or not patterns:
+        return {folder.name: channels}
+    if any(file.count("*") > 1 or ".." in Path(file).parts for file in patterns):
+        raise ValueError(
+            f"data.channels names {', '.join(map(shorten, patterns))}; expected one * in the name "
+            "of a file of the folder, which stands for the name of the record"
+        )
+    inside = folder.resolve()
+    found: dict[str, dict[str, str]] = {}
+    for pattern in patterns:
+        start, _, end = pattern.partition("*")
+        for place in sorted(folder.glob(pattern)):
+            file = place.relative_to(folder).as_posix()
+            if place.is_file() and place.resolve().is_relative_to(inside):
+                found.setdefault(file[len(start) : len(file) - len(end)], {})[pattern] = file
+    whole = {star: of for star, of in found.items() if len(of) == len(patterns)}
+    if not whole:
+        raise ValueError(
+            f"{folder}: no record has all of {', '.join(patterns)}; * stands for the same text in "
+            f"each; there are {shorten(', '.join(sorted(found)) or 'none', 120)}"
+        )
+    return {
+        star: {c: _in_place(where, of) for c, where in channels.items()}
+        for star, of in sorted(whole.items())
+    }
+
+
+def _in_place(where: str, files: Mapping[str, str]) -> str:
+    file, colon, column = where.rpartition(":")
+    return f"{files.get(file, file)}{colon}{column}"
 
 
 def _folders(folder: Path) -> list[Path]:

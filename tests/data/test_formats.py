@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from data.inspect.folders import of_folders
+from data.inspect.inspection import inspections, places, suggest
 from data.measured.files.table import FileError, read_table
+from data.measured.floors import height
+from data.measured.places import named_records
 from data.measured.units import to_si
 from tests.agency_files import cesmd_v1, cesmd_v2, knet, lvm
 
@@ -108,3 +115,118 @@ def test_segments_of_labview_are_records(tmp_path, a):
         table = read_table(tmp_path / "run.lvm", record=record)
         assert table.records == 3
         assert np.abs(table.columns["Table"] - record * a).max() < 1e-6
+
+
+# Floors, by what they are called.
+
+
+@pytest.mark.parametrize(
+    "from_below",
+    [
+        ["Basement", "8th Fl", "Roof"],
+        ["1F", "2F", "RF"],
+        ["B2", "B1", "1F", "10F", "PH"],
+        ["Ground Level", "2nd Floor: North", "3rd Floor: North", "Roof: Center"],
+        ["floor_0", "floor_9", "floor_10"],
+        ["Base acc. (g's)", "Floor1 Acc/g", "Floor2 Acc/g", "Roof Acc/g"],
+        ["L1", "L2", "L3", "L12"],
+        ["Acc Table", "Acc1F", "Acc2F", "AccRF"],
+        ["Level -1", "Level 0", "Level 1", "Level 2"],
+        ["Foundation", "Girder", "Roof"],
+        ["ground floor", "mezzanine", "first floor", "third floor"],
+        ["borehole, N-S", "surface, N-S"],
+        ["base", "3/F", "deck midspan"],
+        ["2nd basement", "1st basement", "1st storey", "Top of 3rd storey"],
+        ["EG_ground", "1. OG", "2. OG", "Dach"],
+    ],
+)
+def test_floors_rise_with_their_names(from_below):
+    heights = [height(name) for name in from_below]
+    assert None not in heights
+    assert heights == sorted(set(heights))
+
+
+@pytest.mark.parametrize("name", ["Acc_X", "a1", "Channel 2", "acc [m/s^2]", "stopwatch", "x"])
+def test_other_names_say_no_height(name):
+    assert height(name) is None
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected"),
+    [
+        (["Acc RF", "Acc 1F", "Acc Table"], "Acc Table, Acc 1F, Acc RF"),
+        (["Roof", "8th Fl", "Basement"], "Basement, 8th Fl, Roof"),
+        (["A L3 [g]", "A L2 [g]", "A L1 [g]", "A ground [g]"],
+         "A ground [g], A L1 [g], A L2 [g], A L3 [g]"),
+        (["ag [g]", "Acc10 [g]", "Acc9 [g]"], "ag [g], Acc9 [g], Acc10 [g]"),
+        (["1st floor", "Basement", "Ground level"], "Basement, Ground level, 1st floor"),
+        (["Free field", "Basement", "Roof"], "Basement, Roof"),
+    ],
+)  # fmt: skip
+def test_tables_with_the_roof_first_are_numbered_from_below(columns, expected):
+    units = dict.fromkeys(columns, "g")
+    guesses = suggest(columns, units)
+    base, *floors = expected.split(", ")
+    assert guesses == {base: "s_ddot1"} | {f: f"a{k}" for k, f in enumerate(floors, start=1)}
+
+
+def test_displacements_have_the_numbers_of_their_floors():
+    columns = ["Acc table [g]", "Acc 3F [g]", "Acc 2F [g]", "Acc 1F [g]", "Disp 3F [mm]"]
+    units = {c: c.partition("[")[2].rstrip("]") for c in columns}
+    guesses = suggest(columns, units)
+    assert guesses["Disp 3F [mm]"] == "x3"
+    assert guesses["Acc 3F [g]"] == "a3"
+
+
+# Folders of folders, in either order.
+
+MOTIONS = {"ground": 1.0, "2nd Floor": 2.0, "Roof": 3.0}
+BY_FLOOR = {
+    "files of one name": lambda event, floor, n: f"{event}/{floor}.csv",
+    "channels of an agency": lambda event, floor, n: f"{event}/CHAN{n:03d}.V2",
+    "names begin with the event": lambda event, floor, n: f"{event}/{event}_x.HNE.{n:02d}.V2",
+    "a folder of each floor": lambda event, floor, n: f"{floor}/{event}.csv",
+}
+
+
+def write_folders(root: Path, name: str, a: np.ndarray) -> None:
+    for k, event in enumerate(("quake_A", "quake_B"), start=1):
+        for n, (floor, times) in enumerate(MOTIONS.items(), start=1):
+            place = root / BY_FLOOR[name](event, floor, n)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            u = k * times * a
+            if place.suffix == ".V2":
+                place.write_text(cesmd_v2(n, f"90 Deg, {floor}", u, DT, 4))
+            else:
+                rows = (f"{DT * k:.2f},{v:.9g}\n" for k, v in enumerate(u))
+                place.write_text("time,acc [m/s^2]\n" + "".join(rows))
+
+
+@pytest.mark.parametrize("name", BY_FLOOR)
+def test_a_folder_of_folders_is_proposed_as_records_and_read_so(tmp_path, a, name):
+    write_folders(tmp_path, name, a)
+    seen = [one for path, _ in places([str(tmp_path)], {}) for one in inspections(path, {}, {})]
+    channels, events = of_folders(tmp_path, seen)
+    assert sorted(events) == ["quake_A", "quake_B"]
+    assert set(channels) - {"time"} == {"s_ddot1", "a1", "a2"}
+    records, left_out = named_records(str(tmp_path), channels)
+    assert (sorted(records), left_out) == (["quake_A", "quake_B"], {})
+    for k, record in enumerate(records.values(), start=1):
+        for channel, times in zip(("s_ddot1", "a1", "a2"), MOTIONS.values(), strict=True):
+            assert np.abs(record.channels[channel] - k * times * a).max() < 1e-6
+
+
+def test_links_that_lead_out_of_a_folder_are_not_followed(tmp_path, a):
+    write_folders(tmp_path / "elsewhere", "a folder of each floor", a)
+    (tmp_path / "here" / "ground").mkdir(parents=True)
+    os.symlink(tmp_path / "elsewhere" / "ground" / "quake_A.csv", tmp_path / "here/ground/q.csv")
+    where = {"s_ddot1": "ground/*.csv:acc"}
+    with pytest.raises(ValueError, match=r"no record has all of ground/\*\.csv"):
+        named_records(str(tmp_path / "here"), where)
+
+
+@pytest.mark.parametrize("file", ["../*.csv", "*/*.csv"])
+def test_a_star_is_one_and_within_the_folder(tmp_path, a, file):
+    write_folders(tmp_path / "here", "a folder of each floor", a)
+    with pytest.raises(ValueError, match=r"expected one \* in the name of a file of the folder"):
+        named_records(str(tmp_path / "here"), {"a1": f"{file}:acc"})

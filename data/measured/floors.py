@@ -1,0 +1,123 @@
+"""How high a sensor is, and along which axis, by what its column, file or folder is called.
+
+Heights order the sensors of one structure; they are no metres. Zero is the ground, below it are
+basements and boreholes; among the words that a name holds, the first that says a height counts.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+
+BASE = (  # in a column's name or its sensor's place: what stands below the structure
+    r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
+    r"(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|input.?(acc|motion)|bore.?hole|down.?hole|"
+    r"\bb[1-9]f?\b"
+)
+FREE_FIELD = r"free.?field"  # beside the structure: the ground's motion where nothing else is
+STOREY = r"floor|flr?|level|lvl|store?y|storeys|etage|deck|mass|dof|[lm]"
+HEIGHTS = (  # pattern → height, None where it is the number n, or that below the ground, b
+    (r"pent.?house|\bph\b", 3e6),
+    (r"roof|\brf\b|\bdach", 2e6),
+    (r"(?P<n>\d{1,3}) ?(?:st|nd|rd|th)\b(?! ?basement)", None),
+    (rf"\b(?:{STOREY})[ -]?(?P<n>\d{{1,3}})\b", None),
+    (r"\b(?P<n>\d{1,3})[. ]{0,2}/?(?:f|fl|flr|floor|og)\b", None),
+    (r"\bb(?P<b>[1-9])f?\b|(?P<d>\d)?(?:st|nd|rd)? ?basement(?: ?(?P<c>\d))?", None),
+    (rf"\b(?:{STOREY}) -(?P<b>\d)\b", None),
+    (r"mezzanine", 0.5),
+    (r"bore.?hole|down.?hole", -100.0),
+    (BASE, 0.0),
+)
+VAGUE = ((r"deck|girder|mid.?span", 1e6), (r"\btop\b|surface", 2e6))  # where nothing else is said
+ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth")
+AXES = (  # in a name → axis
+    (r"\b(\d{1,3}) ?deg", ""),  # of the compass
+    (r"\b(?:up|down|vert\w*|u ?- ?d|ud\d?|[a-z]{2}z|z)\b", "z"),
+    (r"\b(?:e ?- ?w|ew\d?|[a-z]{2}e|x)\b", "x"),
+    (r"\b(?:n ?- ?s|ns\d?|[a-z]{2}n|y)\b", "y"),
+)
+
+
+def _plain(name: str) -> str:
+    """Words in lower case, apart where a capital, a number or an underscore begins another."""
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z0-9])|_", " ", name)
+    words = re.sub(r"[(),;:\[\]{}]", " ", apart).lower().split()
+    ranks = {word: f"{k}th" for k, word in enumerate(ORDINALS, start=1)}
+    return " ".join(ranks.get(word, word) for word in words)
+
+
+def height(name: str) -> float | None:
+    """Height in storeys above the ground, None for a name that says none: 8 of "8th Fl"."""
+    text = _plain(name)
+    for patterns in (HEIGHTS, VAGUE):
+        found = [(one, value) for pattern, value in patterns if (one := re.search(pattern, text))]
+        if found:
+            one, value = min(found, key=lambda pair: pair[0].start())
+            if value is not None:
+                return value
+            said = one.groupdict()
+            below = [said[key] for key in ("b", "c", "d") if said.get(key)]
+            return float(said["n"]) if said.get("n") else -float((below or ["1"])[0])
+    return None
+
+
+def is_base(name: str) -> bool:
+    """Whether a name is of what stands below the structure."""
+    return re.search(BASE, name.lower()) is not None or re.search(BASE, _plain(name)) is not None
+
+
+def axis(name: str) -> str:
+    """Axis that a name says: "x", "y", "z" or degrees; "" without one."""
+    text = _plain(name)
+    for pattern, called in AXES:
+        found = re.search(pattern, text)
+        if found is not None:
+            return called or f"{int(found[1])} deg"
+    return ""
+
+
+def upwards(names: Sequence[str]) -> list[float] | None:
+    """Heights of all names, or the numbers that alone tell the names apart; None where neither."""
+    heights = [height(name) for name in names]
+    if None not in heights:
+        return [h for h in heights if h is not None]
+    cut = [re.fullmatch(r"(.*?)(\d{1,6})(\D*)", name) for name in names]
+    stems = {(found[1], found[3]) for found in cut if found}
+    return (
+        [float(found[2]) for found in cut if found] if None not in cut and len(stems) == 1 else None
+    )
+
+
+def number_upwards(names: Mapping[str, str]) -> dict[str, int]:
+    """{column: number of its DOF}, from the lowest floor up, by {column: what it is called}.
+
+    Sensors at one height have one number; in the order given where names do not tell.
+    """
+    heights = upwards(list(names.values()))
+    if heights is None:
+        return {}
+    rank = {h: k for k, h in enumerate(sorted(set(heights)), start=1)}
+    return {column: rank[h] for column, h in zip(names, heights, strict=True)}
+
+
+def one_axis(
+    names: Mapping[str, str], base: Sequence[str], strength: Mapping[str, float]
+) -> set[str]:
+    """Columns along the axis that most of the structure is measured along, base included.
+
+    Of axes with as many sensors that along which the base shakes most. Columns without an axis
+    belong to any; all columns where the base says no axis.
+    """
+    axes = {column: axis(name) for column, name in names.items()}
+    of_base = {axes[column] for column in base}
+    if "" in of_base or len(set(axes.values()) - {""}) < 2 or not of_base:
+        return set(names)
+
+    def weight(one: str) -> tuple[int, float]:
+        floors = {height(names[c]) for c in names if axes[c] == one and c not in base}
+        shaking = max(strength.get(c, -math.inf) for c in base if axes[c] == one)
+        return len(floors), shaking
+
+    best = max(of_base, key=weight)
+    return {column for column, along in axes.items() if along in ("", best)}
