@@ -26,6 +26,7 @@ from data.inspect.picture import dominant, draw
 from data.measured.channels import CHANNEL
 from data.measured.clocks import ALIGNMENTS, shared_clocks
 from data.measured.files.columns import FileError
+from data.measured.reading import is_archive
 from data.measured.time_step import GAP
 from data.record import same_step
 from data.terminal import terminal
@@ -218,7 +219,7 @@ APART = 30.0  # times: motions of one structure differ by less, most units by mo
 def show_folders(console: Console, wanted: Sequence[str], records: Sequence[Inspection]) -> None:
     """Print, for each folder that was asked for, its files as records, where they may be."""
     for folder in map(Path, wanted):
-        if not folder.is_dir():
+        if not folder.is_dir() and not is_archive(folder):
             continue
         channels, names = of_folders(folder, records)
         if channels:

@@ -74,7 +74,16 @@ def inspections(
         return [inspection(path, channels, units, align, **reader)]
     with unpacked(path) as folder:
         files = files_of(path, folder)
-        found = [inspection(file, channels, units, align, **reader) for file in files]
+        found, left_out = [], []
+        for file in files:
+            try:
+                found.append(inspection(file, channels, units, align, **reader))
+            except FileError as error:
+                left_out.append(error)
+    if not found:
+        raise left_out[0]
+    notes = tuple(f"left out: {error}" for error in left_out)
+    found[0] = replace(found[0], raw=replace(found[0].raw, notes=found[0].raw.notes + notes))
     if len(found) == 1:
         return [replace(found[0], path=path, raw=replace(found[0].raw, name=path.name))]
     return [replace(record, path=path / record.path.name) for record in found]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
@@ -66,16 +67,22 @@ def silverbox(files: Files) -> Splits:
     return [multisine.cut("multisine", 0, seen)], [multisine.cut("multisine", seen), arrow, inner]
 
 
+def series_of_f16(path: str) -> tuple[str, str]:
+    """Split and name of the series in a file of the F-16."""
+    name = path.rpartition("F16Data_")[2].removesuffix(".mat")
+    return ("test" if "Validation" in name else "train"), name.removesuffix("_Validation")
+
+
 def f16(files: Files) -> Splits:
-    """All three accelerations: at the shaker, on the wing side and on the payload side."""
+    """All three accelerations, at the shaker, on the wing and on the payload side: files there."""
     train: list[Series] = []
     test: list[Series] = []
-    for path in F16:
+    for path in (path for path in F16 if not files.missing([path])):
         u, y, rate = files.load(path, "Force", "Acceleration", "Fs")
-        name = path.rpartition("F16Data_")[2].removesuffix(".mat").removesuffix("_Validation")
+        split, name = series_of_f16(path)
         y = y if len(y) == u.size else y.T  # a table has its samples in rows
         series = Series(name, 1.0 / _positive("Fs", rate), _column(u), y, 50, "unknown")
-        (test if "Validation" in path else train).append(series)
+        (test if split == "test" else train).append(series)
     return train, test
 
 
@@ -131,6 +138,7 @@ class Benchmark:
     usual_train: str = "*"  # names of series, as in a shell
     usual_test: tuple[str, ...] = ("*",)  # the first of them that is there
     optional: tuple[str, ...] = ()  # files
+    series_of: Callable[[str], tuple[str, str]] | None = None  # split and name, of a file for each
     loadable: bool = True  # the package brings `files`
     published: Mapping[str, float] = field(default_factory=dict)  # RMSE on the usual test [unit]
 
@@ -175,6 +183,7 @@ BENCHMARKS = {
         input_unit="N",
         hold="band_limited",
         band=(2.0, 15.0),
+        series_of=series_of_f16,
     ),
 }
 
@@ -191,12 +200,23 @@ def benchmark_called(name: str, scenario: Scenario) -> Benchmark:
     return BENCHMARKS[name]
 
 
-def files_of(name: str, folder: Path, fetch: bool = False) -> Files:
-    """The files of a benchmark, fetched where asked for. Raises ValueError naming missing files."""
+def files_of(
+    name: str, folder: Path, fetch: bool = False, wanted: Mapping[str, Sequence[str]] | None = None
+) -> Files:
+    """The files of a benchmark, fetched where asked for. Raises ValueError naming missing files.
+
+    wanted: patterns of series by split, None for all; files of other series need not be there.
+    """
     about, files = BENCHMARKS[name], Files(folder)
     if fetch and files.missing([*about.files, *about.optional]):
         download(about.loader, folder)
     missing = files.missing(about.files)
+    if wanted is not None and about.series_of is not None:
+        named = {path: about.series_of(path) for path in missing}
+        missing = [
+            path for path, (split, series) in named.items()
+            if any(fnmatchcase(series, pattern) for pattern in wanted.get(split, ["*"]))
+        ]  # fmt: skip
     if missing:
         raise ValueError(_how_to_get(name, about, folder, missing))
     return files

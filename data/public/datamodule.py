@@ -62,7 +62,12 @@ class BenchmarkData(Data):
         about = benchmark_called(benchmark, scenario)
         self.about, self.hold = about, hold or about.hold
         self.unit, self.band, self.published = about.unit, about.band, dict(about.published)
-        self.files = files_of(benchmark, cache() if folder is None else Path(folder), download)
+        said = {"train": train or about.usual_train, "test": test or about.usual_test}
+        wanted = {k: [v] if isinstance(v, str) else list(v) for k, v in said.items()}
+        for patterns in wanted.values():
+            patterns += [calibration] if isinstance(calibration, str) else calibration or []
+        place = cache() if folder is None else Path(folder)
+        self.files = files_of(benchmark, place, download, wanted)
         series = about.read(self.files)
         usual = next(g for g in (*about.usual_test, "*") if matching(series[1], [g]))
         self.series = {

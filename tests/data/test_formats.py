@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -364,6 +365,24 @@ def test_a_folder_of_folders_is_proposed_as_records_and_read_so(tmp_path, a, nam
     for k, record in enumerate(records.values(), start=1):
         for channel, times in zip(("s_ddot1", "a1", "a2"), MOTIONS.values(), strict=True):
             assert np.abs(record.channels[channel] - k * times * a).max() < 1e-6
+
+
+@pytest.mark.parametrize("events", [1, 2])
+def test_an_archive_of_channels_is_proposed_as_one_record(tmp_path, a, events):
+    for event in range(events):
+        with zipfile.ZipFile(tmp_path / f"quake_{event}.zip", "w") as archive:
+            for n, (floor, times) in enumerate(MOTIONS.items(), start=1):
+                text = cesmd_v2(n, f"90 Deg, {floor}", times * a, DT, 4)
+                archive.writestr(f"ce12345/CHAN{n:03d}.V2", text)
+                spectra = f"Response and Fourier Amplitude Spectra  Chan {n}\n"
+                archive.writestr(f"ce12345/CHAN{n:03d}.V3", spectra)
+    place = tmp_path / "quake_0.zip" if events == 1 else tmp_path
+    seen = [one for path, _ in places([str(place)], {}) for one in inspections(path, {}, {})]
+    channels, names = of_folders(place, seen)
+    assert len(names) == events
+    assert channels == {c: f"CHAN00{n}.V2:acc{n}" for n, c in enumerate(("s_ddot1", "a1", "a2"), 1)}
+    records, _ = named_records(str(place), channels)
+    assert len(records) == events
 
 
 def test_links_that_lead_out_of_a_folder_are_not_followed(tmp_path, a):

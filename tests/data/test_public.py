@@ -130,6 +130,21 @@ def test_a_damaged_file_is_one_line(damage, folder, tmp_path, monkeypatch):
     assert not Path("unpickled").exists()
 
 
+def test_a_folder_may_hold_the_series_that_are_asked_for_alone(tmp_path):
+    """Each file of the F-16 is a series: those of other series need not be there."""
+    files = contents("f16")
+    here = [f for f in files if "FullMSine_Level1" in f or "FullMSine_Level2" in f]
+    prepare(tmp_path, {f: files[f] for f in here})
+    asked = {"train": "FullMSine_Level1", "test": ["FullMSine_Level2"]}
+    data = loaded("f16", tmp_path, **asked)
+    assert [s.name for s in (*data.series["train"], *data.series["test"])] == [
+        "FullMSine_Level1", "FullMSine_Level2",
+    ]  # fmt: skip
+    for missing in ({"train": "*_Level3"}, {"test": "SineSw_Level4"}, {"calibration": "*_Level5"}):
+        with pytest.raises(ValueError, match=r"f16: F16Data_\w+\.mat.* not in"):
+            loaded("f16", tmp_path, **(asked | missing))
+
+
 def test_the_initialisation_window_is_not_counted(folder):
     data = prepared("silverbox", folder)
     for split in ("train", "test"):
