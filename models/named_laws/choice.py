@@ -1,6 +1,7 @@
 """The named law that suits motions of an element best.
 
-Starts are drawn, the likeliest are followed on the two largest motions, the best on all. Laws of
+Starts are drawn, the likeliest are followed on the two largest motions, the best on all; of a law
+whose first few end far from the best law's, no more are followed. Laws of
 many parameters draw some of them again, the others held, until that gains nothing. Which law it is
 shows on the largest motion, which is held back: of those whose error there is nearly the least, or
 next to none, the law of the fewest parameters is taken. But for the last fit, motions are thinned.
@@ -11,8 +12,12 @@ So does a weight that pushes a storey over, of a law that was left with no harde
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +42,7 @@ DRAWS, STAY = 120, 2  # starts of a law, and those that are followed to the end
 MOST_IN_PARTS, IN_PARTS = 6, 4  # of a law whose parts are drawn again; parameters for each of them
 OF_A_START = 60  # draws of all else, for each start that was read off the motions
 FOLLOWED, MOST_FOLLOWED = 72, 14  # over the parameters of a law: starts that are followed at first
+SCOUTS = 2  # of them, which tell whether a law may be in the lead
 FIRST, MIDDLE, LAST = 4, 8, 25  # iterations of those, of laws in the lead, of the last fit
 ANEW, TRIED, AGAIN = 60, 3, 6  # draws of a part in a round; parts followed; iterations
 ROUNDS, MOST_ROUNDS = 4, 12  # beyond the first some, rounds go on while they gain
@@ -51,16 +57,15 @@ HALF = 0.5  # of what even laws leave at first: where sides that differ leave le
 PAIRED = 0.5  # of what a law alone leaves on the motion held back: two in parallel are taken
 
 
-def begun(
+def _begun(
     candidate: Candidate, motions: Sequence[Motion], units: Units, rng: np.random.Generator
-) -> list[Fit]:
-    """The best of some starts after a few iterations, the best first."""
+) -> tuple[list[Fit], list[Fit]]:
+    """Starts after a few iterations, and others that are as likely to be followed."""
     announce(f"starts of {candidate.name}")
-    drawn = sorted(_drawn(candidate, motions, units, rng), key=lambda one: one.error)
+    drawn = sorted(_drawn(candidate, motions, units, rng), key=_error)
     count = min(max(2 * STAY, FOLLOWED // len(candidate.parameters)), MOST_FOLLOWED)
     count = len(drawn) if candidate.parts else count
-    ends = [followed(one, motions, FIRST) for one in drawn[:count]]
-    return _best(ends)
+    return [followed(one, motions, FIRST) for one in drawn[:SCOUTS]], drawn[SCOUTS:count]
 
 
 def _best(ends: Sequence[Fit]) -> list[Fit]:
@@ -123,26 +128,56 @@ def _anew(fit: Fit, motions: Sequence[Motion], rng: np.random.Generator) -> Iter
 def tried(
     names: Sequence[str], motions: Sequence[Motion], units: Units, seed: int
 ) -> dict[str, list[Fit]]:
-    """The laws in the lead on some motions, each from its best starts, the best first."""
+    """The laws in the lead on some motions, each from its best starts, the best first.
+
+    Of laws that cannot be in the lead any more, no more starts are followed.
+    """
     noise, enough = noise_of(motions), floor_of(motions)
     motions = [motion.thinned() for motion in motions]
     largest = two_largest(motions)
-    draws = _draws([CANDIDATES[name] for name in names], seed)
-    starts: dict[str, list[Fit]] = {}
-    for name in names:
-        if not starts or not leaves_out(name):
-            starts[name] = begun(CANDIDATES[name], largest, units, draws[name])
-    least = min(one.error for ends in starts.values() for one in ends)
+    laws = [CANDIDATES[name] for name in names]
+    draws = _draws(laws, seed)
+
+    def begin(law: Candidate) -> tuple[list[Fit], list[Fit]] | None:
+        left_out = law is not laws[0] and leaves_out(law.name)
+        return None if left_out else _begun(law, largest, units, draws[law.name])
+
+    def rest(one: tuple[list[Fit], list[Fit]]) -> list[Fit]:
+        ends, others = one
+        more = others if min(ends, key=_error).error <= lead else []
+        return _best([*ends, *(followed(start, largest, FIRST) for start in more)])
+
+    def first_ended(ends: Sequence[Fit]) -> list[Fit]:
+        return _ended(ends[:1], motions, largest, draws[ends[0].candidate.name], enough)
+
+    def others_ended(found: list[Fit], starts: Sequence[Fit]) -> list[Fit]:
+        more = starts[1:] if enough <= found[0].error <= lead else []
+        ends = _ended(more, motions, largest, draws[found[0].candidate.name], enough)
+        return sorted([*found, *ends], key=_error)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # compiled laws release the GIL
+        first = [one for one in pool.map(begin, laws) if one is not None]
+        starts = [_best(ends) for ends, _ in first]
+        if sides := _sides(starts, motions, largest, draws, noise, pool.map):
+            starts, lead = sides, RIVAL * min(ends[0].error for ends in sides)
+        else:
+            lead = _lead(starts, noise)
+            starts = list(pool.map(rest, first))
+            lead = _lead(starts, noise)
+        lead = max(lead, NEGLIGIBLE)
+        near = [[one for one in ends if one.error <= lead] for ends in starts]
+        near = [ends for ends in near if ends]
+        found = list(pool.map(first_ended, near))
+        lead = _lead(found, noise)
+        found = list(pool.map(others_ended, found, near))
+    return {ends[0].candidate.name: ends for ends in found}
+
+
+def _lead(ends: Sequence[Sequence[Fit]], noise: float) -> float:
+    """Error beyond which laws are given up beside the best of them."""
+    least = min(one.error for some in ends for one in some)
     lead = math.hypot(noise, max(IN_THE_LEAD * _beside(noise, least), noise))
-    if sides := _sides(starts, motions, largest, draws):
-        starts, lead = sides, RIVAL * min(ends[0].error for ends in sides.values())
-    lead = max(lead, NEGLIGIBLE)
-    found = {}
-    for name, ends in starts.items():
-        near = [one for one in ends if one.error <= lead]
-        if near:
-            found[name] = _ended(near, motions, largest, draws[name], enough)
-    return found
+    return max(lead, NEGLIGIBLE)
 
 
 def _draws(laws: Sequence[Candidate], seed: int) -> dict[str, np.random.Generator]:
@@ -152,25 +187,27 @@ def _draws(laws: Sequence[Candidate], seed: int) -> dict[str, np.random.Generato
 
 
 def _sides(
-    starts: Mapping[str, Sequence[Fit]],
+    starts: Sequence[Sequence[Fit]],
     motions: Sequence[Motion],
     largest: Sequence[Motion],
     draws: Mapping[str, np.random.Generator],
-) -> dict[str, list[Fit]]:
+    noise: float,
+    spread: Callable[[Callable[[Fit], Any], Iterable[Fit]], Iterable[Any]],
+) -> list[list[Fit]]:
     """Starts of laws whose sides may differ, where these leave half of what even laws leave.
 
     Else none. Where sides differ, all even laws are far off, and which is the least so says little.
     """
-    least = min(ends[0].error for ends in starts.values())
-    near = [ends[0] for ends in starts.values() if ends[0].error <= RIVAL * least]
+    least = min(ends[0].error for ends in starts)
+    near = [ends[0] for ends in starts if ends[0].error <= RIVAL * least]
     even = [one for one in near if one.candidate.uneven is not None]
-    if not even or least < NEGLIGIBLE:
-        return {}
-    least = min(least, *(followed(one, largest, FIRST).error for one in even))
-    begun = [_begun_uneven(one, motions, largest, draws) for one in even]
-    if min(ends[0].error for ends in begun) > HALF * least:
-        return {}
-    return {ends[0].candidate.name: ends for ends in begun}
+    if not even or HALF * least < max(noise, HALF * NEGLIGIBLE):
+        return []
+    follow = partial(followed, motions=largest, iterations=FIRST)
+    least = min(least, *(one.error for one in spread(follow, even)))
+    begin = partial(_begun_uneven, motions=motions, largest=largest, draws=draws)
+    begun = list(spread(begin, even))
+    return begun if min(ends[0].error for ends in begun) <= HALF * least else []
 
 
 def _ended(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -198,18 +199,24 @@ def followed(fit: Fit, motions: Sequence[Motion], iterations: int) -> Fit:
 
     begin = fit.q
 
+    @lru_cache(1)
+    def at(step: bytes) -> np.ndarray:
+        return residuals(np.frombuffer(step))
+
     def residuals(step: np.ndarray) -> np.ndarray:
         left = Fit(fit.candidate, fit.units, begin + step).residuals(motions)
         left = np.where(np.isfinite(left), left, 1e3)
         return np.concatenate([left, PULL * step])
 
     def slopes(step: np.ndarray) -> np.ndarray:
-        here = residuals(step)
+        here = at(step.tobytes())
         columns = [(residuals(step + STEP * e) - here) / STEP for e in np.eye(step.size)]
         return np.array(columns).T
 
     none = np.zeros_like(begin)
-    found = least_squares(residuals, none, slopes, method="trf", max_nfev=iterations, ftol=1e-5)
+    found = least_squares(
+        lambda step: at(step.tobytes()), none, slopes, max_nfev=iterations, ftol=1e-5
+    )
     end = Fit(fit.candidate, fit.units, begin + found.x)
     end.error, begun_at = end.error_on(motions), fit.error_on(motions)
     return end if end.error < begun_at else replace(fit, error=begun_at)

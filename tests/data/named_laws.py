@@ -10,11 +10,14 @@ from data import (
     BaberNoori,
     FrictionPendulum,
     Hysteretic,
+    Maxwell,
     MenegottoPinto,
     Pinching4,
+    PowerDamper,
     SelfCentering,
     SlackBrace,
     Takeda,
+    TanhDamper,
     UnevenHysteretic,
     UnevenPinching4,
 )
@@ -66,10 +69,17 @@ LAWS["uneven joint"] = UnevenHysteretic(
     **vars(LAWS["joint"]), back_yield_displacement=0.7 * Y, back_displacement_2=0.03,
     back_displacement_3=0.05, back_strength_1=0.8, back_strength_2=1.0, back_strength_3=1.3,
 )  # fmt: skip
+LAWS["fluid damper"] = PowerDamper(
+    between=BETWEEN, damping=2e4, exponent=0.4, stiffness=1e7, spring_exponent=1.5
+)
+LAWS["damper on a brace"] = Maxwell(between=BETWEEN, stiffness=K, damping=3e4, exponent=0.5)
+LAWS["rubber"] = Maxwell(between=BETWEEN, stiffness=K, damping=2e5)
+LAWS["relief valve"] = TanhDamper(between=BETWEEN, force=1e4, saturation_rate=0.05)
+OF_RATE = ("fluid damper", "damper on a brace", "rubber", "relief valve")
 LENGTHS = {  # power of the metre in each parameter, where there is one besides the stiffness
     "yield_displacement": 1, "activation_displacement": 1, "gap": 1, "radius": 1, "rate": -1,
     "curvature": -1, "beta": -1, "gamma": -1, "pinching_width": 1, "pinching_spread": 1,
-    "stiffness": -1,
+    "stiffness": -1, "damping": -1, "linear_below": 1, "saturation_rate": 1,
     "displacement_2": 1, "displacement_3": 1, "displacement_4": 1, "back_yield_displacement": 1,
     "back_displacement_2": 1, "back_displacement_3": 1, "back_displacement_4": 1,
 }  # fmt: skip

@@ -19,6 +19,8 @@ from data import (
     BoucWen,
     Hysteretic,
     MenegottoPinto,
+    Polynomial,
+    PowerDamper,
     SelfCentering,
     SlackBrace,
 )
@@ -387,3 +389,68 @@ def test_degrading_pinching_law_equals_its_differential_equation():
         z, worked = state[:, -1]
         r.append(K * (e.post_yield_ratio * last + (1.0 - e.post_yield_ratio) * z))
     assert_allclose(force(e, y, DT, rate), r, atol=1e-5 * K * Y)
+
+
+# --- laws of the rate
+
+
+def test_a_power_damper_with_exponents_of_one_is_a_spring_and_a_damper():
+    y, rate = eased(*HISTORY)
+    power = PowerDamper(between=BETWEEN, damping=3e4, stiffness=K)
+    linear = Polynomial(between=BETWEEN, damping=3e4, stiffness=K)
+    assert_allclose(force(power, y, DT, rate), force(linear, y, DT, rate), atol=1e-12 * K * Y)
+
+
+def test_a_power_damper_is_the_power_of_the_rate_where_that_is_not_small():
+    y, rate = eased(*HISTORY)
+    e, fast = LAWS["fluid damper"], np.abs(rate) > 100.0 * LAWS["fluid damper"].linear_below
+    theirs = e.damping * np.sign(rate) * np.abs(rate) ** e.exponent
+    theirs += e.stiffness * np.sign(y) * np.abs(y) ** e.spring_exponent
+    assert_allclose(force(e, y, DT, rate)[fast], theirs[fast], atol=1e-4 * np.abs(theirs).max())
+
+
+def test_a_dashpot_that_saturates_is_linear_at_low_rates_and_constant_at_high_ones():
+    e, t = LAWS["relief valve"], DT * np.arange(100)
+    for speed, right in ((1e-4, 1e4 * 1e-4 / 0.05), (1.0, 1e4)):
+        r = force(e, speed * t, DT, np.full(100, speed))
+        assert_allclose(r, right, rtol=2e-6)
+
+
+def test_a_maxwell_damper_relaxes_as_its_closed_form():
+    """Under a ramp, from rest: r = C v (1 − exp(−k t / C))."""
+    e, t, v = LAWS["rubber"], DT * np.arange(200), 0.3
+    r = force(e, v * t, DT, np.full(200, v))
+    right = e.damping * v * (1.0 - np.exp(-t * e.stiffness / e.damping))
+    assert_allclose(r, right, atol=1e-6 * right.max())
+
+
+@pytest.mark.parametrize("name", ["rubber", "damper on a brace"])
+def test_a_maxwell_damper_is_its_dashpot_when_slow_and_its_spring_when_fast(name):
+    """Of a sine at far ends of the rate; the error falls as a power of the rate."""
+    e, phase = LAWS[name], np.arange(800) * 2.0 * np.pi / 200.0
+    y, slope = 1e-3 * np.sin(phase), 1e-3 * np.cos(phase)
+    dashpot = PowerDamper(between=BETWEEN, damping=e.damping, exponent=e.exponent,
+                          linear_below=1e-12)  # fmt: skip
+    slow, fast = [], []
+    for w in (1e-4, 1e-3):
+        dt = (phase[1] - phase[0]) / w
+        r, right = (force(law, y, dt, w * slope)[400:] for law in (e, dashpot))
+        slow.append(np.linalg.norm(r - right) / np.linalg.norm(right))
+    for w in (1e5, 1e4):
+        r = force(e, y, (phase[1] - phase[0]) / w, w * slope)
+        fast.append(np.linalg.norm(r - K * y) / np.linalg.norm(K * y))
+    assert slow[0] < 0.5 * slow[1] < 0.1
+    assert fast[0] < 0.5 * fast[1] < 0.1
+
+
+def test_a_maxwell_damper_of_a_power_equals_its_equation_by_scipy():
+    e, w = LAWS["damper on a brace"], 7.0
+    t = DT * np.arange(300)
+
+    def elongation(s: float, z: np.ndarray) -> np.ndarray:
+        r = e.stiffness * z
+        return 0.02 * w * np.cos(w * s) - np.sign(r) * np.abs(r / e.damping) ** (1.0 / e.exponent)
+
+    right = solve_ivp(elongation, (0.0, t[-1]), [0.0], t_eval=t, rtol=1e-10, atol=1e-14).y[0]
+    r = force(e, 0.02 * np.sin(w * t), DT, 0.02 * w * np.cos(w * t))
+    assert_allclose(r, e.stiffness * right, atol=1e-4 * np.abs(r).max())

@@ -159,7 +159,18 @@ def test_named_laws_are_clean_under_sanitizers(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "law", ["SlackBrace", "CurvedFrictionPendulum", "Pinching4", "UnevenHysteretic"]
+    "law",
+    [
+        "SlackBrace",
+        "CurvedFrictionPendulum",
+        "Pinching4",
+        "UnevenHysteretic",
+        "PowerDamperAndSpring",
+        "MaxwellAndSpring",
+        "TanhDamper",
+        "Bilinear",
+        "LimitedSlip",
+    ],
 )
 def test_a_named_element_runs_in_c(law, tmp_path):
     """Compiled fast: the text of all laws is in it."""

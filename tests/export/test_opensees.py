@@ -207,14 +207,25 @@ def candidate(name: str) -> list:
         "UnevenPinching4",
         "Hysteretic",
         "UnevenHysteretic",
+        "Bilinear",
+        "LimitedSlip",
     ],
 )
 def test_named_laws_have_their_stock_materials(name, tmp_path):
-    elements, y = [replace(e, damping=0.0) if hasattr(e, "damping") else e
+    dampers = ("damping", "post_yield_damping", "slip_damping")
+    elements, y = [replace(e, **{d: 0.0 for d in dampers if hasattr(e, d)})
                    for e in candidate(name)], imposed(20000)  # fmt: skip
     theirs = stress([m for e in elements for m in named_materials(e, "one")], y, tmp_path)
     ours = sum(force(e, y, 10.0 / 20000) for e in elements)
     assert np.linalg.norm(theirs - ours) < 2e-3 * np.linalg.norm(ours)
+
+
+def test_dashpots_are_viscous_materials_beside_a_power_spring():
+    """Their forces need rates, which a test of one material in OpenSees does not take."""
+    for name, kind in (("PowerDamperAndSpring", "Viscous"), ("MaxwellAndSpring", "ViscousDamper")):
+        commands = [m.parts[0] for e in candidate(name) for m in named_materials(e, "one")]
+        assert commands[0][0] == kind
+        assert commands[-1][0] == "ElasticPowerFunc"
 
 
 @needs_opensees
@@ -227,7 +238,7 @@ def test_a_weight_aloft_is_a_spring_that_pushes_over(tmp_path):
     assert np.linalg.norm(theirs - ours) < 2e-3 * np.linalg.norm(ours)
 
 
-@pytest.mark.parametrize("name", ["Takeda", "FrictionPendulum", "BaberNoori"])
+@pytest.mark.parametrize("name", ["Takeda", "FrictionPendulum", "BaberNoori", "TanhDamper"])
 def test_named_laws_that_no_stock_material_is_are_refused(name):
     with pytest.raises(ValueError, match=r"ground–x1.*choose to=c or to=fmu"):
         [named_materials(e, "ground–x1") for e in candidate(name)]

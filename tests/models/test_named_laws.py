@@ -11,13 +11,18 @@ import torch
 
 from data import (
     BaberNoori,
+    Bilinear,
     FrictionPendulum,
+    LimitedSlip,
+    Maxwell,
     MenegottoPinto,
     Pinching4,
     Polynomial,
+    PowerDamper,
     SelfCentering,
     SlackBrace,
     Takeda,
+    TanhDamper,
     UnevenHysteretic,
 )
 from data.record import Record
@@ -49,7 +54,18 @@ PLANTED: dict[str, Element] = {
     "SlackBrace": SlackBrace(
         between=TESTED, yield_displacement=0.009, stiffness=2e7, hardening_ratio=0.03, gap=0.003
     ),
-}
+    "Bilinear": Bilinear(
+        between=TESTED, yield_displacement=0.008, stiffness=2e7, post_yield_stiffness=2e6,
+        damping=2e4, post_yield_damping=2e4,
+    ),
+    "LimitedSlip": LimitedSlip(
+        between=TESTED, yield_displacement=0.004, stiffness=2e7, gap_stiffness=1e7, gap=0.012,
+        damping=2e4, slip_damping=2e4,
+    ),
+    "PowerDamper": PowerDamper(between=TESTED, damping=3e5, exponent=0.35, stiffness=1e6),
+    "Maxwell": Maxwell(between=TESTED, stiffness=5e6, damping=8e5),
+    "TanhDamper": TanhDamper(between=TESTED, force=2e5, saturation_rate=0.05),
+}  # fmt: skip
 
 
 def motion(seed: int, size: float, samples: int = 450) -> tuple[np.ndarray, np.ndarray]:
@@ -95,6 +111,32 @@ def test_a_search_out_of_time_ends_with_its_first_law_and_names_the_others():
         facts = model.identify([element_test(law, i, s) for i, s in enumerate((0.04, 0.025))])
     assert facts["laws"] in names
     assert set(names) - {facts["laws"]} <= set(budget.left_out)
+
+
+@pytest.mark.parametrize("per", [1.0, 1e3], ids=["metres", "millimetres"])
+def test_the_numbers_of_a_fluid_damper_are_found_in_any_unit(per):
+    law = PowerDamper(between=TESTED, damping=2e5, exponent=0.35)
+    tests = [element_test(law, i, s, noise=0.01, per=per) for i, s in enumerate((0.04, 0.025))]
+    model = NamedElement(1, 2, DT, laws=["TanhDamper", "PowerDamper", "Linear"])
+    assert model.identify(tests)["laws"] == "PowerDamper"
+    values = {p.name: p.value for p in model.physical_parameters()}
+    assert values["r1.exponent"] == pytest.approx(0.35, rel=0.02)
+    assert values["r1.coefficient"] == pytest.approx(per * 2e5 * per**-0.35, rel=0.02)
+
+
+def test_a_hardening_spring_beside_a_maxwell_damper_is_found():
+    spring = PowerDamper(between=TESTED, damping=0.0, stiffness=4e6, spring_exponent=1.5)
+    records = []
+    for i, size in enumerate((0.04, 0.025, 0.06)):
+        parts = [element_test(law, i, size) for law in (spring, PLANTED["Maxwell"])]
+        records.append(replace(parts[0], a=parts[0].a + parts[1].a))
+    model = NamedElement(1, 2, DT, laws=["Maxwell", "PowerDamper", "SelfCentering"])
+    assert model.identify(records[:2])["laws"] == "MaxwellAndSpring"
+    values = {p.name: p.value for p in model.physical_parameters()}
+    assert values["r1.stiffness"] == pytest.approx(5e6, rel=0.02)
+    assert values["r1.coefficient"] == pytest.approx(8e5, rel=0.02)
+    assert values["r1.spring_exponent"] == pytest.approx(1.5, rel=0.02)
+    assert error(model, records[2:]) < 1.0
 
 
 LOPSIDED = {

@@ -29,6 +29,9 @@ CALLED = {  # all others, called by it
     "baber_noori": ["BaberNoori"],
     "pinching4": ["Pinching4", "UnevenPinching4"],
     "hysteretic": ["Hysteretic", "UnevenHysteretic"],
+    "power_damper": ["PowerDamper"],
+    "maxwell": ["Maxwell"],
+    "tanh_damper": ["TanhDamper"],
 }
 FILES = INLINED | CALLED
 NUMBERS = {file: number for number, file in enumerate(FILES)}  # by which compiled code knows a law

@@ -5,12 +5,14 @@ Brewick & Masri (2016), Fig. 5a, Table 1.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from data.checked import checked
 from data.simulation.laws.branches import bits, side, slider_margin, slider_next
+from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Candidate, Values, share
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Element
+from data.simulation.laws.element import Command, Element
 
 
 @inlined
@@ -50,3 +52,33 @@ class Bilinear(Element):
 
     def tangent(self) -> tuple[float, float]:
         return self.stiffness, self.damping
+
+    def opensees(self) -> list[Command]:
+        k, after = self.stiffness, self.post_yield_stiffness
+        if self.damping != self.post_yield_damping or after >= k:
+            raise ValueError("Bilinear of two dampers, or that stiffens, is no stock material")
+        line: Command = ("Elastic", after, self.damping)
+        return [line, ("ElasticPP", k - after, self.yield_displacement)]
+
+
+def _made(values: Values, between: Sequence[str]) -> list[Element]:
+    """With one damper, as in all structures of the paper."""
+    own = {name: value for name, value in values.items() if name != "post_yield_ratio"}
+    own["post_yield_stiffness"] = values["post_yield_ratio"] * values["stiffness"]
+    return [Bilinear(between=between, post_yield_damping=values["damping"], **own)]
+
+
+CANDIDATES = (
+    Candidate(
+        "Bilinear",
+        {
+            "yield_displacement": YIELD,
+            "stiffness": STIFFNESS,
+            "post_yield_ratio": share(0.01, 0.4),
+            "damping": DAMPING,
+        },
+        _made,
+        number=20,
+        yields="yield_displacement",
+    ),
+)

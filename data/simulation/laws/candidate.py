@@ -48,7 +48,8 @@ class Parameter:
 
     from_zero: unit·(1 − exp(−q)), none at q = 0 and below, as in models of before there was one.
     symbol: of its unit, as in "N/m". word: its name in reports, where that in code says too little.
-    per_energy: falls as the law grows, so that the law keeps its shape.
+    per_energy: falls as the law grows, so that the law keeps its shape. power: the name of an
+    exponent p and a size by units, where the value is per size^(p − 1).
     """
 
     low: float
@@ -59,6 +60,7 @@ class Parameter:
     symbol: str = ""
     word: str = ""
     per_energy: bool = False
+    power: tuple[str, Callable[[Units], float]] | None = None
 
     def value(self, q: float, units: Units) -> float:
         q = min(max(q, -SPAN), SPAN)
@@ -147,7 +149,12 @@ class Candidate:
 
     def values(self, q: np.ndarray, units: Units) -> dict[str, float]:
         pairs = zip(self.parameters.items(), q.tolist(), strict=True)
-        return {name: parameter.value(number, units) for (name, parameter), number in pairs}
+        found = {name: parameter.value(number, units) for (name, parameter), number in pairs}
+        for name, parameter in self.parameters.items():
+            if parameter.power is not None:
+                exponent, size = parameter.power
+                found[name] *= size(units) ** (1.0 - found.get(exponent, 1.0))
+        return found
 
     def elements(
         self, q: np.ndarray, units: Units, between: Sequence[str] = BETWEEN

@@ -5,12 +5,16 @@ The branch keeps the slider's side in bits 0–1 and the gap's in bits 2–3.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from data.checked import checked
 from data.simulation.laws.branches import bits, side, slider_margin, slider_next
+from data.simulation.laws.candidate import DAMPING, STIFFNESS, YIELD, Candidate, Parameter, Values
 from data.simulation.laws.compiling import inlined
-from data.simulation.laws.element import Element
+from data.simulation.laws.element import Command, Element, opensees_damper
+
+UNYIELDING = 1e6  # m, where OpenSees has its spring yield: beyond all motions
 
 
 @inlined
@@ -56,3 +60,34 @@ class LimitedSlip(Element):
 
     def tangent(self) -> tuple[float, float]:
         return self.stiffness, self.damping
+
+    def opensees(self) -> list[Command]:
+        if self.damping != self.slip_damping:
+            raise ValueError("LimitedSlip of two dampers is no stock material of OpenSees")
+        k = self.gap_stiffness
+        springs = [("ElasticPPGap", k, s * UNYIELDING * k, s * self.gap, 0.0) for s in (1.0, -1.0)]
+        slider: Command = ("ElasticPP", self.stiffness, self.yield_displacement)
+        return [slider, *(springs if k > 0.0 else []), *opensees_damper(self.damping)]
+
+
+def _made(values: Values, between: Sequence[str]) -> list[Element]:
+    """With one damper, as in all structures of the paper."""
+    return [LimitedSlip(between=between, slip_damping=values["damping"], **values)]
+
+
+CANDIDATES = (
+    Candidate(
+        "LimitedSlip",
+        {
+            "yield_displacement": YIELD,
+            "stiffness": STIFFNESS,
+            "gap_stiffness": Parameter(0.1, 2.0, lambda units: units.slope, symbol="N/m"),
+            "gap": Parameter(0.1, 0.8, lambda units: units.length, symbol="m"),
+            "damping": DAMPING,
+        },
+        _made,
+        number=21,
+        yields="yield_displacement",
+        sized=("stiffness", "gap_stiffness"),
+    ),
+)

@@ -1,0 +1,109 @@
+"""Maxwell's damper: a spring in series with a dashpot, as a damper on its brace, or rubber.
+
+    r = k z,   ż = ẏ − sgn(r) |r/C|^(1/a)
+
+Slow motions meet the dashpot C sgn(ẏ) |ẏ|ᵃ alone, fast ones the spring k alone; with a = 1 the
+force relaxes in C/k. ViscousDamper of OpenSees. State z: elongation of the spring.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from data.checked import checked
+from data.simulation.laws.candidate import DAMPING, STIFFNESS, Candidate, Parameter, Values
+from data.simulation.laws.compiling import inlined
+from data.simulation.laws.element import Command, Element
+from data.simulation.laws.polynomial import Polynomial
+from data.simulation.laws.power_damper import (
+    SPRING,
+    SPRING_EXPONENT,
+    begin_beside_spring,
+    power_spring,
+)
+
+
+@inlined
+def force(p, m, branch, y, ydot, z, work):  # p = k, C, a
+    r = p[0] * z
+    if p[2] == 1.0:
+        return r, ydot - r / p[1]
+    return r, ydot - math.copysign(abs(r / p[1]) ** (1.0 / p[2]), r)
+
+
+@inlined
+def margin(p, m, branch, y, ydot, z):
+    return 1.0
+
+
+@inlined
+def next_branch(p, m, branch, y, ydot, z):
+    return 0, z, m
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Maxwell(Element):
+    """Spring k in series with a dashpot C sgn(v) |v|ᵃ. Raises ValueError out of range."""
+
+    fibres = ("stiffness", "damping")
+    stiffness: float  # k [N/m]
+    damping: float  # C [N (s/m)ᵃ]
+    exponent: float = 1.0  # a in (0, 1]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require("positive", "stiffness", "damping", "exponent")
+        if self.exponent > 1.0:
+            raise ValueError(f"Maxwell.exponent={self.exponent} must lie in (0, 1]")
+
+    def weakened(self, kept: float) -> tuple[float, ...]:
+        # r/C of what is left is that of every fibre; of none, z relaxes as before
+        return (kept * self.stiffness, max(kept, 1e-300) * self.damping, self.exponent)
+
+    def tangent(self) -> tuple[float, float]:
+        """Of slow motions: the dashpot; where that is the stiffer the slower, the spring."""
+        return (0.0, self.damping) if self.exponent == 1.0 else (self.stiffness, 0.0)
+
+    def opensees(self) -> list[Command]:
+        return [("ViscousDamper", self.stiffness, self.damping, self.exponent)]
+
+
+def _made(values: Values, between: Sequence[str]) -> list[Element]:
+    series = Maxwell(
+        between=between,
+        stiffness=values["stiffness"],
+        damping=values["coefficient"],
+        exponent=1.0 - values.get("below_one", 0.0),
+    )
+    damper = Polynomial(between=between, stiffness=0.0, damping=values["damping"])
+    return [series, damper, *power_spring(values, between)]
+
+
+_PARAMETERS = {
+    "stiffness": STIFFNESS,
+    "coefficient": Parameter(0.1, 1.0, lambda units: units.damping, symbol="N s/m"),
+    "damping": DAMPING,
+    "spring": SPRING,
+}
+WIDER = Candidate(
+    "MaxwellAndSpring",
+    {**_PARAMETERS, "spring_exponent": SPRING_EXPONENT},
+    _made,
+    number=23,
+    sized=("stiffness", "coefficient"),
+)
+CANDIDATES = (
+    Candidate(
+        "Maxwell",
+        _PARAMETERS,
+        _made,
+        number=18,
+        sized=("stiffness", "coefficient"),
+        begin=begin_beside_spring,
+        uneven=WIDER,
+    ),
+    WIDER,
+)
