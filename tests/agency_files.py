@@ -5,6 +5,10 @@ The layouts are those of the published formats; the numbers are ours.
 
 from __future__ import annotations
 
+import struct
+import zipfile
+from pathlib import Path
+
 import numpy as np
 
 CM = 100.0  # cm/s² in m/s²
@@ -240,3 +244,82 @@ def lvm(
             lines.append(cut.join(row + (["begun, here"] if k == 0 else [])).replace(".", decimal))
         lines.append("")
     return ending.join(lines)
+
+
+def xlsx(path: Path, **sheets: list[list[object]]) -> None:
+    """A workbook of numbers and text in cells, as spreadsheet programs save it."""
+    start = '<?xml version="1.0" encoding="UTF-8"?>'
+    office = "http://schemas.openxmlformats.org"
+    main, rels = f"{office}/spreadsheetml/2006/main", f"{office}/officeDocument/2006/relationships"
+    package, kind = f"{office}/package/2006", "application/vnd.openxmlformats-officedocument"
+    parts = {f"xl/worksheets/sheet{k}.xml": rows for k, rows in enumerate(sheets.values(), 1)}
+    overrides = "".join(
+        f'<Override PartName="/{part}" ContentType="{kind}.spreadsheetml.worksheet+xml"/>'
+        for part in parts
+    )
+    book = "".join(
+        f'<sheet name="{n}" sheetId="{k}" r:id="r{k}"/>' for k, n in enumerate(sheets, 1)
+    )
+    links = "".join(
+        f'<Relationship Id="r{k}" Type="{rels}/worksheet" Target="worksheets/sheet{k}.xml"/>'
+        for k in range(1, len(sheets) + 1)
+    )
+
+    def cell(value: object) -> str:
+        if value is None:
+            return "<c/>"
+        if isinstance(value, str):
+            return f'<c t="inlineStr"><is><t>{value}</t></is></c>'
+        return f"<c><v>{value!r}</v></c>"
+
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("[Content_Types].xml", (
+            f'{start}<Types xmlns="{package}/content-types">'
+            '<Default Extension="rels" ContentType="'
+            'application/vnd.openxmlformats-package.relationships+xml"/>'
+            f'<Override PartName="/xl/workbook.xml" ContentType="{kind}.spreadsheetml.sheet.main'
+            f'+xml"/>{overrides}</Types>'))  # fmt: skip
+        archive.writestr("_rels/.rels", (
+            f'{start}<Relationships xmlns="{package}/relationships"><Relationship Id="r1" '
+            f'Type="{rels}/officeDocument" Target="xl/workbook.xml"/></Relationships>'
+        ))  # fmt: skip
+        archive.writestr("xl/workbook.xml", (
+            f'{start}<workbook xmlns="{main}" xmlns:r="{rels}"><sheets>{book}</sheets></workbook>'
+        ))  # fmt: skip
+        archive.writestr("xl/_rels/workbook.xml.rels", (
+            f'{start}<Relationships xmlns="{package}/relationships">{links}</Relationships>'
+        ))  # fmt: skip
+        for part, rows in parts.items():
+            inner = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
+            archive.writestr(
+                part,
+                f'{start}<worksheet xmlns="{main}"><sheetData>{inner}</sheetData></worksheet>',
+            )
+
+
+def tdms(path: Path, groups: dict[str, dict[str, np.ndarray]], dt: float, unit: str = "g") -> None:
+    """LabVIEW's binary file with waveforms: increments and units as properties of channels."""
+    import nptdms  # type: ignore[import-untyped]
+
+    about = {"wf_increment": dt, "unit_string": unit}
+    channels = [
+        nptdms.ChannelObject(group, name, u, about)
+        for group, inside in groups.items()
+        for name, u in inside.items()
+    ]
+    with nptdms.TdmsWriter(str(path)) as writer:
+        writer.write_segment([nptdms.RootObject({}), *channels])
+
+
+def mat_object(path: Path, name: str, kind: str) -> None:
+    """MAT v5 with one object of a class of MATLAB, of which other programs see a reference."""
+
+    def element(what: int, raw: bytes) -> bytes:
+        return struct.pack("<II", what, len(raw)) + raw + bytes(-len(raw) % 8)
+
+    texts = [element(1, word.encode()) for word in (name, "MCOS", kind)]
+    flags = element(6, struct.pack("<II", 6, 0))
+    inner = flags + element(5, struct.pack("<ii", 1, 1)) + element(1, b"") + element(6, bytes(4))
+    opaque = element(6, struct.pack("<II", 17, 0)) + b"".join(texts) + element(14, inner)
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<HH", 0x0100, 0x4D49)
+    path.write_bytes(head + element(14, opaque))

@@ -197,7 +197,7 @@ KINDS = (  # in a column's name → signal
     (r"acc|^a[_ ]?[xyz]?\d*$", "a"),
     (r"disp|lvdt|stroke|laser|deflection|position", "x"),
     (r"vel(o|\b|_|\d|$)|^v[_ ]?\d*$", "v"),
-    (r"force|load|hammer|^f[_ ]?\d*$", "f"),
+    (r"force|load|hammer|frc|react|^f[_ ]?\d*$", "f"),
 )
 
 

@@ -21,7 +21,8 @@ import scipy.sparse
 from scipy.io.matlab import MatlabObject
 
 from data.measured.files.table import FileError, Table, read_table
-from tests.agency_files import knet, lvm
+from tests.agency_files import knet, lvm, mat_object, tdms
+from tests.agency_files import xlsx as book
 from tests.data.damaged_files import (
     INF,
     LONG,
@@ -57,6 +58,7 @@ from tests.data.damaged_files import (
 pytestmark = pytest.mark.usefixtures("read_here")
 TA = {"t": [0.0, 1.0], "a": [2.0, 3.0]}
 CELL = np.array([1.0, "x"], dtype=object)
+ROWS: list[list[object]] = [["t", "a1"], [0.0, 1.0], [0.1, 2.0], [0.2, 3.0]]
 KNET = knet(np.arange(100.0), 0.01)
 LVM = lvm({"a1": np.arange(40.0), "a2": np.arange(40.0)}, 0.01, decimal=",")
 # name: file, how to write it, options, what the message must match or a check of what comes out
@@ -80,8 +82,8 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Table], None]
     "JSON named CSV": ("a.csv", text('{"a": [1, 2]}'), {}, r"the content is JSON; rename it to \.json"),
     "parquet named CSV": ("a.csv", parquet(a=[1.0, 2.0]), {}, r"promises text, but the content is Parquet; rename"),
     "CSV named MAT": ("a.mat", text("t,a\n0,2\n1,3\n"), {}, r"promises MAT, but the content is text"),
-    "spreadsheet": ("a.xlsx", xlsx, {}, r"a\.xlsx"),
-    "spreadsheet named NPZ": ("a.npz", xlsx, {}, r"is it a spreadsheet\? export it as CSV"),
+    "spreadsheet": ("a.xlsx", xlsx, {}, r"a\.xlsx is damaged"),
+    "spreadsheet named NPZ": ("a.npz", xlsx, {}, r"is it a spreadsheet\? rename it to \.xlsx"),
     "unknown suffix of text": ("a.log", text("t,a\n0,2\n1,3\n"), {}, columns(**TA)),
     "unknown suffix, no table": ("a.log", text("Dear all,\nsee below.\n"), {}, r"a\.log: line 1|a\.log: column|no column of numbers|a\.log"),
     "unknown suffix, no text": ("a.xyz", text(b"\x01\x00\x02" * 99), {}, r"suffix '\.xyz' is not known and the content is no text; export the record as one of \.h5"),
@@ -98,6 +100,21 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Table], None]
     "LabVIEW cut off": ("a.lvm", text(LVM[:-16]), {}, r"line \d+ has 2 cells; expected 3"),
     "LabVIEW with a strange decimal sign": ("a.lvm", text(LVM.replace("Decimal_Separator\t,", "Decimal_Separator\tx")), {}, r"the decimal sign 'x'"),
     "LabVIEW, clocks that differ": ("a.lvm", text(LVM.replace("X_Value\ta1", "X_Value\tX_Value")), {}, r"clocks of their own, and 'X_Value 2' differs"),
+    "spreadsheet cut off": ("a.xlsx", halved(lambda p: book(p, Run=ROWS)), {}, r"a\.xlsx is damaged"),
+    "spreadsheet of text": ("a.xlsx", lambda p: book(p, Notes=[["see"], ["below"], ["there"]]), {}, r"no sheet holds a table of numbers"),
+    "spreadsheet, no such sheet": ("a.xlsx", lambda p: book(p, Run=ROWS), {"group": "Walk"}, r"no sheet 'Walk'; data\.group may name 'Run'"),
+    "spreadsheet bomb": ("a.xlsx", bomb, {}, r"claim to unpack to 4 GiB"),
+    "old spreadsheet of noise": ("a.xls", text(b"\xd0\xcf\x11\xe0" + bytes(range(256)) * 9), {}, r"a\.xls is damaged"),
+    "TDMS cut off": ("a.tdms", halved(lambda p: tdms(p, {"g": {"a": LONG}}, 0.01)), {}, noted("cut off in its last segment", a=np.arange(990))),
+    "TDMS of noise": ("a.tdms", text(b"TDSm" + bytes(range(256)) * 9), {}, r"a\.tdms"),
+    "TDMS of unequal groups": ("a.tdms", lambda p: tdms(p, {"g": {"a": LONG}, "h": {"b": LONG[:9]}}, 0.01), {}, r"differ in length: a has 2000, b has 9.*data\.group"),
+    "TDMS, no such group": ("a.tdms", lambda p: tdms(p, {"g": {"a": LONG}}, 0.01), {"group": "h"}, r"no group 'h'; data\.group may name 'g'"),
+    "miniSEED of noise": ("a.mseed", text(b"000001D " + bytes(range(256)) * 9), {}, r"a\.mseed is damaged|need the package obspy"),
+    "table of MATLAB": ("a.mat", lambda p: mat_object(p, "T", "table"), {}, r"'T' is a MATLAB table.*in MATLAB: S = table2struct\(T, 'ToScalar', true\); save\('a_plain\.mat', '-struct', 'S'\)"),
+    "timetable of MATLAB": ("a.mat", lambda p: mat_object(p, "run", "timetable"), {}, r"timetable2table\(run, 'ConvertRowTimes', false\), 'ToScalar', true\); S\.time = seconds\(run\.Properties\.RowTimes - run\.Properties\.RowTimes\(1\)\); save\("),
+    "object of MATLAB": ("a.mat", lambda p: mat_object(p, "M", "containers.Map"), {}, r"'M' is a MATLAB object or function"),
+    "recorder cut off": ("a.out", text("0 1 2\n0.1 1 2\n0.2 1\n"), {}, r"line 3 has 2 cells; expected 3"),
+    "recorder of XML": ("a.out", text("<?xml version='1.0'?><OpenSees/>"), {}, r"a web page or XML"),
     "response spectra": ("a.V3", text("Response and Fourier Amplitude Spectra\n" * 3), {}, r"volume 3\), from which no motion comes back; take volume 2"),
     "volume 2 with a count beyond all": ("a.V2", text("Corrected accelerogram\n999999999999999999 points of accel data equally spaced at .01 sec, in cm/sec2. (8f10.3)\n  1.0\n"), {}, r"announces 999999999999999999 values and 1 follow"),
     "pickle named CSV": ("a.csv", lambda p: p.write_bytes(pickle.dumps(Planted(p.parent / "PICKLE_RAN"))), {}, r"pickle, which could run code"),
@@ -222,7 +239,7 @@ CASES: dict[str, tuple[str, Write, dict[str, Any], str | Callable[[Table], None]
     "NPY pickle": ("a.npy", lambda p: np.save(p, planted(p), allow_pickle=True), {}, r"is an object array \(a pickle"),
     "NPZ lengths differ": ("a.npz", npz(a=[1.0, 2.0], b=[1.0, 2.0, 3.0]), {}, r"differ in length: a has 2, b has 3"),
     "NPZ three dimensions": ("a.npz", npz(a=np.zeros((4, 3, 2))), {}, r"'a' has the shape \(4, 3, 2\)"),
-    "NPZ on its side": ("a.npz", npz(a=np.zeros((3, 40))), {}, r"'a' has the shape \(3, 40\), more columns than rows"),
+    "NPZ on its side": ("a.npz", npz(a=np.zeros((3, 40))), {}, noted("its rows are taken for channels", a1=[0] * 40, a2=[0] * 40, a3=[0] * 40)),
     "NPZ row vector": ("a.npz", npz(a=[[1.0, 2.0, 3.0]]), {}, noted("row vector", a=[1, 2, 3])),
     "NPZ scalars only": ("a.npz", npz(dt=0.1, fs=10), {}, r"no column of numbers"),
     "NPZ unsigned beyond 2^53": ("a.npz", npz(t=np.array([2**63 + 5, 2**63 + 2], dtype=np.uint64)), {}, noted("subtracted", t=[0, -3])),

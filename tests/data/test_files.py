@@ -164,9 +164,17 @@ def test_fault_far_down_is_named_by_its_line(tmp_path: Path) -> None:
         ("a.csv", {"skip_rows": 500}, r"51 lines, and none is left after data.skip_rows=500"),
         ("a.csv", {"columns": []}, r"data.columns is empty"),
         ("a.csv", {"group": "g"}, r"data.group is for HDF5"),
-        ("a.json", {"skip_rows": 1}, r"data.skip_rows is for text files"),
+        (
+            "a.json",
+            {"skip_rows": 1},
+            r"data.skip_rows is for Excel and OpenSees recorder and text files",
+        ),
         ("a.mat", {"group": "g"}, r"data.group is for MAT v7.3"),
-        ("a.npz", {"header": False}, r"data.header is for text files"),
+        (
+            "a.npz",
+            {"header": False},
+            r"data.header is for Excel and OpenSees recorder and text files",
+        ),
         ("a.csv", {"header": False}, r"leave data.header=false out"),
     ],
 )

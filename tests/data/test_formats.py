@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import importlib.util
+import json
 import os
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 
 from data.inspect.folders import of_folders
 from data.inspect.inspection import inspections, places, suggest
@@ -15,7 +18,7 @@ from data.measured.files.table import FileError, read_table
 from data.measured.floors import height
 from data.measured.places import named_records
 from data.measured.units import to_si
-from tests.agency_files import cesmd_v1, cesmd_v2, knet, lvm
+from tests.agency_files import cesmd_v1, cesmd_v2, knet, lvm, tdms, xlsx
 
 pytestmark = pytest.mark.usefixtures("read_here")
 DT, T = 0.01, 600
@@ -116,6 +119,153 @@ def test_segments_of_labview_are_records(tmp_path, a):
         table = read_table(tmp_path / "run.lvm", record=record)
         assert table.records == 3
         assert np.abs(table.columns["Table"] - record * a).max() < 1e-6
+
+
+# Spreadsheets, TDMS, recorders, JSON, arrays of MATLAB.
+
+
+def rows_of(a: np.ndarray) -> list[list[object]]:
+    return [[float(round(DT * k, 6)), float(u), float(-u)] for k, u in enumerate(a)]
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        [["t [s]", "Table (g)", "Floor 1 [g]"]],
+        [["Test of 5 March"], [], ["t [s]", "Table (g)", "Floor 1 [g]"]],
+        [["t", "Table", "Floor 1"], ["s", "g", "g"]],
+    ],
+)
+def test_the_sheet_with_a_table_is_read_as_text_is(tmp_path, a, above):
+    xlsx(tmp_path / "run.xlsx", Notes=[["see next sheet"]], Data=[*above, *rows_of(a)], Empty=[])
+    table = read_table(tmp_path / "run.xlsx")
+    assert list(table.columns) == ["t", "Table", "Floor 1"]
+    assert table.units == {"t": "s", "Table": "g", "Floor 1": "g"}
+    assert np.array_equal(table.columns["Floor 1"], -a)
+    assert "sheet 'Data'" in table.notes
+
+
+def test_sheets_of_one_table_are_records_and_others_are_asked_for(tmp_path, a):
+    head = ["t", "a1", "a2"]
+    runs = {f"Run {k}": [head, *rows_of(k * a)] for k in (1, 2)}
+    xlsx(tmp_path / "runs.xlsx", **runs)
+    table = read_table(tmp_path / "runs.xlsx", record=2, columns=["a1"])
+    assert (table.records, list(table.columns)) == (2, ["a1"])
+    assert np.array_equal(table.columns["a1"], 2 * a)
+    xlsx(tmp_path / "odd.xlsx", One=runs["Run 1"], Other=[["t", "f1", "x1"], *rows_of(a)])
+    with pytest.raises(FileError, match=r"unlike tables; say which one, data\.group=One"):
+        read_table(tmp_path / "odd.xlsx")
+    assert list(read_table(tmp_path / "odd.xlsx", group="Other").columns) == ["t", "f1", "x1"]
+
+
+def test_blank_cells_and_decimal_commas_of_a_spreadsheet(tmp_path, a):
+    rows = rows_of(a)
+    rows[5][1] = None
+    xlsx(tmp_path / "run.xlsx", Data=[["t", "a1", "a2"], *rows])
+    for decimal in (".", ","):
+        table = read_table(tmp_path / "run.xlsx", decimal=decimal)
+        assert np.isnan(table.columns["a1"][5])
+        assert np.array_equal(table.columns["a2"], -a)
+
+
+def test_tdms_has_units_and_a_step(tmp_path, a):
+    tdms(tmp_path / "run.tdms", {"Fast": {"Table": a, "Roof": -a}}, 0.005, "m/s^2")
+    table = read_table(tmp_path / "run.tdms")
+    assert table.facts == {"dt": 0.005}
+    assert table.units == {"Table": "m/s^2", "Roof": "m/s^2"}
+    assert np.array_equal(table.columns["Roof"], -a)
+
+
+def test_a_group_of_tdms_is_chosen(tmp_path, a):
+    groups = {"Fast": {"Table": a, "Roof": -a}, "Slow": {"Table": a[:100]}}
+    tdms(tmp_path / "run.tdms", groups, DT)
+    table = read_table(tmp_path / "run.tdms", group="Fast")
+    assert list(table.columns) == ["Table", "Roof"]
+    table = read_table(tmp_path / "run.tdms", columns=["Slow/Table"])
+    assert np.array_equal(table.columns["Slow/Table"], a[:100])
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "extra"),
+    [("a.xlsx", "python_calamine", "excel"), ("a.tdms", "nptdms", "tdms"),
+     ("a.mseed", "obspy", "seismic")],
+)  # fmt: skip
+def test_a_package_that_is_missing_is_named_with_its_extra(
+    tmp_path, monkeypatch, name, module, extra
+):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda n: None if n == module else found(n))
+    first = {"a.xlsx": b"PK\x03\x04", "a.tdms": b"TDSm", "a.mseed": b"000001D "}
+    (tmp_path / name).write_bytes(first[name] + bytes(100))
+    message = rf"need the package .*pip install -c constraints\.txt -e '\.\[{extra}\]'"
+    with pytest.raises(FileError, match=message):
+        read_table(tmp_path / name)
+    pyproject = (Path(__file__).parents[2] / "pyproject.toml").read_text()
+    assert f"\n{extra} = [" in pyproject
+
+
+@pytest.mark.parametrize("kind", ["MSEED", "SAC"])
+def test_traces_of_obspy(tmp_path, a, kind):
+    obspy = pytest.importorskip("obspy")
+    about = {"station": "XX01", "channel": "HNE", "location": "00", "delta": 0.005}
+    path = tmp_path / {"MSEED": "a.mseed", "SAC": "a.sac"}[kind]
+    obspy.Trace(a.astype(np.float32), about).write(str(path), format=kind)
+    table = read_table(path)
+    assert list(table.columns) == ["acc_HNE_00"]
+    assert table.facts["dt"] == pytest.approx(0.005)
+    assert np.abs(table.columns["acc_HNE_00"] - a).max() < 1e-6
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_recorder_of_opensees_has_its_name_and_time(tmp_path, a, named):
+    np.savetxt(tmp_path / "Disp.out", np.c_[DT * np.arange(T), a, -a])
+    np.savetxt(tmp_path / "RFrc.out", a if not named else np.c_[DT * np.arange(T), a])
+    table = read_table(tmp_path / "Disp.out")
+    assert list(table.columns) == ["time", "Disp1", "Disp2"]
+    assert np.array_equal(table.columns["Disp2"], -a)
+    expected = ["time", "RFrc"] if named else ["RFrc"]
+    assert list(read_table(tmp_path / "RFrc.out").columns) == expected
+    assert list(read_table(tmp_path / "Disp.out", columns=["Disp2"]).columns) == ["Disp2"]
+
+
+def test_a_folder_of_recorders_is_one_test_of_an_element(tmp_path):
+    y = np.sin(0.05 * np.arange(T)) * np.linspace(0.2, 1.0, T)
+    for name, u in (("Disp", y), ("Reaction", -3e4 * y)):
+        np.savetxt(tmp_path / f"{name}.out", np.c_[DT * np.arange(T), u])
+    seen = [one for path, _ in places([str(tmp_path)], {}) for one in inspections(path, {}, {})]
+    channels, _ = of_folders(tmp_path, seen)
+    assert channels == {"time": "time", "s1": "Disp.out:Disp", "r1": "Reaction.out:Reaction"}
+    (record,) = named_records(str(tmp_path), channels)[0].values()
+    assert np.abs(record.channels["r1"] + 3e4 * y).max() < 1e-9
+
+
+def test_nested_json_is_read_by_path(tmp_path, a):
+    test = {"units": {"force": "kN", "displacement": "mm"}, "force": a.tolist()}
+    test |= {"displacement": (-a).tolist(), "rate": 100.0, "remark": "none"}
+    samples = [{"t": DT * k, "load": u} for k, u in enumerate(a)]
+    source = [{"title": "a test", "year": 2020}, {"title": "b", "year": 2021}]
+    content = {"source": source, "test": test, "more": {"deep": {"samples": samples}}}
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    table = read_table(tmp_path / "a.json")
+    deep = ["more.deep.samples.t", "more.deep.samples.load"]
+    assert list(table.columns) == ["test.force", "test.displacement", *deep]
+    assert table.units == {"test.force": "kN", "test.displacement": "mm"}
+    assert table.facts == {"test.rate": 100.0}
+    assert np.array_equal(table.columns["test.displacement"], -a)
+    assert np.array_equal(table.columns[deep[1]], a)
+
+
+def test_a_wide_array_of_matlab_is_channels_or_by_its_name_records(tmp_path, a):
+    t = DT * np.arange(T)
+    scipy.io.savemat(tmp_path / "a.mat", {"t": t, "acc": np.stack([a, 2 * a, 3 * a])})
+    table = read_table(tmp_path / "a.mat")
+    assert list(table.columns) == ["t", "acc1", "acc2", "acc3"]
+    assert np.array_equal(table.columns["acc3"], 3 * a)
+    assert any("if they are records, name acc itself" in note for note in table.notes)
+    records, _ = named_records(str(tmp_path / "a.mat"), {"time": "t", "a1": "acc"})
+    assert list(records) == ["a_1", "a_2", "a_3"]
+    for k, record in enumerate(records.values(), start=1):
+        assert np.array_equal(record.channels["a1"], k * a)
 
 
 # Floors, by what they are called.

@@ -32,6 +32,7 @@ class Variable:
     read: Callable[[], np.ndarray]
     unit: str | None = None
     refused: str = ""  # why this one is not read, such as "a cell array"
+    remedy: str = "name the others in data.columns"  # for one that is not read
 
     @property
     def size(self) -> int:
@@ -42,6 +43,19 @@ class Variable:
 def refuse(name: str, reason: str) -> Variable:
     """A variable that stops the reading unless `data.columns` names other variables only."""
     return Variable(name, (), np.dtype(object), lambda: np.empty(0), refused=reason)
+
+
+def refuse_object(name: str, kind: str, file: str) -> Variable:
+    """An object of MATLAB, with what to run there for a table or a timetable."""
+    if kind not in ("table", "timetable"):
+        return refuse(name, "a MATLAB object or function")
+    time = f"; S.time = seconds({name}.Properties.RowTimes - {name}.Properties.RowTimes(1))"
+    plain = name if kind == "table" else f"timetable2table({name}, 'ConvertRowTimes', false)"
+    remedy = (
+        f"in MATLAB: S = table2struct({plain}, 'ToScalar', true){time * (kind == 'timetable')}; "
+        f"save('{file}_plain.mat', '-struct', 'S')"
+    )
+    return replace(refuse(name, f"a MATLAB {kind}"), remedy=remedy)
 
 
 def tabulate(path: Path, variables: Sequence[Variable], request: Request) -> Contents:
@@ -79,12 +93,13 @@ def one_record(
 ) -> list[Variable]:
     """The variables of one record, where arrays are records × samples (× channels).
 
-    They are where one has three dimensions, or several share one wide shape; vectors of as many
-    samples, such as the time, belong to every record. Other shapes are unchanged.
+    They are where one has three dimensions, several share one wide shape, or data.columns names a
+    wide one as a column; vectors of as many samples, such as the time, belong to every record. The
+    rows of any other wide matrix are channels: it is stood upright.
     """
-    shape = _records_by_samples(series)
+    shape = _records_by_samples(series, request.columns or ())
     if shape is None:
-        return list(series)
+        return [_upright(variable, contents.notes) for variable in series]
     count, samples = shape
     if not 1 <= request.record <= count:
         raise FileError(f"{path.name} holds {count} records, and none is number {request.record}")
@@ -101,10 +116,22 @@ def one_record(
     return kept
 
 
-def _records_by_samples(series: Sequence[Variable]) -> tuple[int, int] | None:
+def _upright(variable: Variable, notes: list[str]) -> Variable:
+    shape = variable.shape
+    if len(shape) != 2 or not 1 < shape[0] < shape[1]:
+        return variable
+    notes.append(
+        f"{variable.name!r} has the shape {shape}: its rows are taken for channels; if they are "
+        f"records, name {variable.name} itself in data.channels"
+    )
+    return replace(variable, shape=shape[::-1], read=lambda: variable.read().T)
+
+
+def _records_by_samples(series: Sequence[Variable], asked: Sequence[str]) -> tuple[int, int] | None:
     deep = {v.shape[:2] for v in series if len(v.shape) == 3 and v.shape[1] == max(v.shape)}
     wide = [v.shape for v in series if len(v.shape) == 2 and 1 < v.shape[0] < v.shape[1]]
-    shapes = deep or {s for s in wide if wide.count(s) > 1}
+    named = {v.shape for v in series if v.name in asked and v.shape in wide}
+    shapes = deep or named or {s for s in wide if wide.count(s) > 1}
     if len(shapes) != 1:
         return None
     count, samples = next(iter(shapes))
@@ -124,7 +151,7 @@ def _is_series(path: Path, variable: Variable, request: Request, contents: Conte
         if request.columns is None or variable.name in request.columns:
             raise FileError(
                 f"{path.name}: {variable.name!r} is {variable.refused}, which is not read; "
-                "expected arrays of numbers; name the others in data.columns"
+                f"expected arrays of numbers; {variable.remedy}"
             )
         contents.notes.append(f"{variable.name!r} left out: {variable.refused}")
     elif variable.dtype.kind in "SU":
@@ -172,12 +199,6 @@ def _check_shape(path: Path, variable: Variable) -> None:
             "(rows,) or (rows, columns); save it as several matrices or leave it out "
             "(data.columns)"
         )
-    if len(shape) == 2 and shape[0] < shape[1]:
-        raise FileError(
-            f"{path.name}: {name!r} has the shape {variable.shape}, more columns than "
-            "rows; expected samples along the rows; transpose it or leave it out "
-            "(data.columns)"
-        )
     if _width(variable) > MOST:
         raise FileError(
             f"{path.name}: {name!r} has {_width(variable)} columns; expected at most {MOST}; "
@@ -191,7 +212,7 @@ def _check_lengths(path: Path, picked: dict[str, Variable]) -> None:
         shown = ", ".join(f"{name} has {rows}" for name, rows in list(lengths.items())[:8])
         raise FileError(
             f"{path.name}: columns differ in length: {shown}; expected one length; "
-            "choose some with data.columns (or data.group in HDF5)"
+            "choose some with data.columns (or data.group in HDF5 and TDMS)"
         )
 
 

@@ -114,7 +114,7 @@ def _content(
     page = head.lstrip(b"\xef\xbb\xbf \t\r\n")
     if page[:9].lower().startswith((b"<!doctype", b"<html", b"<?xml")):
         return f"a web page or XML: {shorten(page[:20].decode('latin-1'))}", None
-    for format_ in sorted(formats, key=lambda format_: len(format_.places)):
+    for format_ in sorted(formats, key=lambda one: (one is not promised, len(one.places))):
         signed = format_.signed(head)
         if signed:
             return signed, format_

@@ -11,7 +11,7 @@ import h5py  # type: ignore[import-untyped]
 import numpy as np
 
 from data.measured.files.apart import require_survival
-from data.measured.files.arrays import Variable, refuse, tabulate
+from data.measured.files.arrays import Variable, refuse, refuse_object, tabulate
 from data.measured.files.columns import Contents, FileError, Request, reason_of, shorten
 from data.measured.files.format import Format
 from data.measured.files.npz import fields
@@ -130,6 +130,10 @@ def _walk(
 
 
 def _dataset(name: str, dataset: h5py.Dataset, matlab: bool) -> Iterator[Variable]:
+    if "MATLAB_object_decode" in dataset.attrs:
+        kind = _attribute(dataset, "MATLAB_class")
+        yield refuse_object(name, kind, Path(dataset.file.filename).stem)
+        return
     reason = _reason(dataset)
     if reason:
         yield refuse(name, reason)
@@ -159,8 +163,6 @@ def _reason(dataset: h5py.Dataset) -> str:
         return "an empty dataspace"
     if _attribute(dataset, "MATLAB_class") == "cell":
         return "a cell array"
-    if "MATLAB_object_decode" in dataset.attrs:
-        return "a MATLAB object"
     if h5py.check_ref_dtype(dataset.dtype) is not None:
         return "an array of references"
     if h5py.check_vlen_dtype(dataset.dtype) not in (None, str, bytes):

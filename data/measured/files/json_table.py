@@ -31,12 +31,14 @@ LARGEST = GIB  # bytes; Python needs about ten times as much to hold them
 def read_json(path: Path, request: Request) -> Contents:
     """Columns of {"t": […], "a": […]}, {"data": [[…], …]} (c1, c2, …) or [{"t": …, "a": …}, …].
 
-    Other scalars become facts, other text notes. Raises FileError for ragged rows, text among
-    numbers, and nested values.
+    Lists in objects of objects are named by their path, test.force. Other scalars become facts,
+    other text notes. Raises FileError for ragged rows, text among numbers, and lists of lists.
     """
     contents = Contents()
     lists = _lists(path, _parse(path), contents)
+    lists = _without_stubs(lists, request, contents.notes)
     names, units = name_columns(path, list(lists))
+    units = contents.units | units
     chosen = choose(path, names, request.columns)
     by_name = dict(zip(names, lists.values(), strict=True))
     lengths = {name: len(by_name[name]) for name in chosen}
@@ -98,21 +100,54 @@ def _parse(path: Path) -> Any:
         raise FileError(f"{path.name} is no JSON: {error}; save it again") from None
 
 
-def _lists(path: Path, parsed: Any, contents: Contents) -> dict[str, list[Any]]:
+def _lists(path: Path, parsed: Any, contents: Contents, within: str = "") -> dict[str, list[Any]]:
     """The columns as lists; other scalars and text go into `contents`."""
     if isinstance(parsed, list):
         return _rows(path, parsed)
     if not isinstance(parsed, dict):
         raise FileError(f"{path.name} holds {shorten(parsed)}; expected named lists of numbers")
     lists: dict[str, list[Any]] = {}
-    for key, value in parsed.items():
-        if isinstance(value, list) and value:
-            lists |= _rows(path, value) if _are_rows(key, value) else {key: value}
+    for word, value in parsed.items():
+        key = f"{within}{word}"
+        if isinstance(value, dict) and word.lower() in ("unit", "units"):
+            contents.units |= {f"{within}{k}": u for k, u in value.items() if isinstance(u, str)}
+        elif isinstance(value, dict):
+            lists |= _lists(path, value, contents, f"{key}.")
+        elif isinstance(value, list) and value and _are_rows(word, value):
+            rows = _rows(path, value)
+            lists |= {f"{within}{name}": column for name, column in rows.items()}
+        elif isinstance(value, list) and value and _is_table(value):
+            lists |= {f"{key}.{name}": column for name, column in _rows(path, value).items()}
+        elif isinstance(value, list) and value and not isinstance(value[0], dict):
+            lists[key] = value
         elif isinstance(value, bool) or not isinstance(value, int | float):
             contents.notes.append(f"{key}: {shorten(value)}")
         else:
             contents.facts[key] = _number(path, key, value)
     return lists
+
+
+def _is_table(value: list[Any]) -> bool:
+    """Whether a list is rows as objects of one shape that hold numbers."""
+    first = value[0]
+    return (
+        isinstance(first, dict)
+        and len(value) > 1
+        and all(isinstance(row, dict) and row.keys() == first.keys() for row in value)
+        and any(isinstance(one, int | float) for one in first.values())
+    )
+
+
+def _without_stubs(
+    lists: dict[str, list[Any]], request: Request, notes: list[str]
+) -> dict[str, list[Any]]:
+    """The lists that may be columns of one table: others are less than half as long."""
+    longest = max(map(len, lists.values()), default=0)
+    stubs = [name for name, values in lists.items() if 2 * len(values) < longest]
+    if request.columns is not None:
+        return lists
+    notes += [f"{name!r} left out: {len(lists[name])} of {longest} rows" for name in stubs]
+    return {name: values for name, values in lists.items() if name not in stubs}
 
 
 def _are_rows(key: str, value: list[Any]) -> bool:

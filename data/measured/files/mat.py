@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import warnings
 import zlib
@@ -11,9 +12,10 @@ from typing import Any
 import numpy as np
 import scipy.io
 import scipy.sparse
+from scipy.io.matlab import MatlabOpaque
 
 from data.measured.files.apart import require_survival
-from data.measured.files.arrays import Variable, refuse, tabulate
+from data.measured.files.arrays import Variable, refuse, refuse_object, tabulate
 from data.measured.files.columns import Contents, FileError, Request, check_size, reason_of
 from data.measured.files.format import Format
 from data.measured.files.hdf5 import HDF5, read_hdf5
@@ -43,7 +45,7 @@ def read_here(path: Path, request: Request) -> Contents:
         head = file.read(2056)
     notes: list[str] = []
     raw = _load(path, head, notes)
-    variables = [v for name, value in raw.items() for v in _variables(name, value)]
+    variables = [v for name, value in raw.items() for v in _variables(name, value, path.stem)]
     contents = tabulate(path, variables, request)
     contents.notes[:0] = notes
     return contents
@@ -65,9 +67,10 @@ def _load(path: Path, head: bytes, notes: list[str]) -> dict[str, Any]:
             _check_elements(path, head)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            shapes = scipy.io.whosmat(path)
-            declared = sum(8 * int(np.prod(shape, dtype=object)) for _, shape, _ in shapes)
-            check_size(path, declared, path.stat().st_size)
+            with contextlib.suppress(TypeError):  # of whosmat, where a table or object is held
+                shapes = scipy.io.whosmat(path)
+                declared = sum(8 * int(np.prod(shape, dtype=object)) for _, shape, _ in shapes)
+                check_size(path, declared, path.stat().st_size)
             raw = scipy.io.loadmat(path)
     except (FileError, MemoryError):
         raise
@@ -75,7 +78,7 @@ def _load(path: Path, head: bytes, notes: list[str]) -> dict[str, Any]:
         raise FileError(f"{path.name} is damaged: {reason_of(error)}; save it again") from None
     for warning in caught:
         notes.append(str(warning.message).splitlines()[0])
-    return {name: value for name, value in raw.items() if not name.startswith("__")}
+    return {str(name): value for name, value in raw.items() if not str(name).startswith("__")}
 
 
 def _check_elements(path: Path, head: bytes) -> None:
@@ -95,11 +98,14 @@ def _check_elements(path: Path, head: bytes) -> None:
     check_size(path, declared, stored)
 
 
-def _variables(name: str, value: Any) -> list[Variable]:
+def _variables(name: str, value: Any, file: str = "") -> list[Variable]:
     if scipy.sparse.issparse(value):
         return [refuse(name, "a sparse matrix")]
+    if isinstance(value, MatlabOpaque) and value.size:  # a table says its name and class itself
+        said = [bytes(value.flat[0][key]).decode("latin-1") for key in ("s0", "s2")]
+        return [refuse_object(said[0] or name, said[1], file)]
     if type(value).__name__.startswith("Matlab") or not isinstance(value, np.ndarray):
-        return [refuse(name, "a MATLAB object or function")]
+        return [refuse_object(name, "", file)]
     if value.dtype.names is not None:
         return _struct(name, value)
     if value.dtype.kind == "O":

@@ -98,7 +98,7 @@ def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> li
     if not member.filename.endswith(".npy"):
         raise FileError(
             f"{path.name} holds {shorten(member.filename)}; expected .npy members only; "
-            "is it a spreadsheet? export it as CSV"
+            "is it a spreadsheet? rename it to .xlsx"
         )
     with archive.open(member) as file:
         shape, _, dtype = _header(file)

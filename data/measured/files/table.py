@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from data.measured.files.columns import Contents, FileError, Request
+from data.measured.files.excel import EXCEL
 from data.measured.files.format import Format, format_of
 from data.measured.files.hdf5 import HDF5
 from data.measured.files.json_table import JSON
@@ -22,15 +23,21 @@ from data.measured.files.knet import KNET
 from data.measured.files.lvm import LVM
 from data.measured.files.mat import MAT
 from data.measured.files.npz import NPY, NPZ
+from data.measured.files.opensees import OPENSEES
 from data.measured.files.parquet import PARQUET
+from data.measured.files.seismic import SEISMIC
 from data.measured.files.strong_motion import PEER, STRONG_MOTION
+from data.measured.files.tdms import TDMS
 from data.measured.files.text import TEXT
 from data.measured.files.uff import UFF
 
 __all__ = ["FileError", "Table", "read_table"]
 
 # the first that recognises a file without signature names it: all but the binary ones are text
-FORMATS = (HDF5, MAT, PARQUET, NPZ, NPY, JSON, STRONG_MOTION, KNET, LVM, PEER, UFF, TEXT)
+FORMATS = (
+    *(HDF5, MAT, PARQUET, NPZ, NPY, EXCEL, JSON, STRONG_MOTION, KNET, LVM, TDMS, PEER, UFF),
+    *(SEISMIC, OPENSEES, TEXT),
+)
 
 
 @dataclass(frozen=True)
