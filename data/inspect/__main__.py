@@ -32,7 +32,7 @@ from data.record import same_step
 from data.terminal import terminal
 
 CONFIGS = "configs"  # folder of configs, where --config names none
-READER = {"skip_rows": 0, "delimiter": None, "decimal": ".", "group": None, "header": True}
+READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
 
 
 def parser() -> argparse.ArgumentParser:
@@ -43,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
     line.add_argument("--units", nargs="+", action=Pairs, default={}, metavar="a=g")
     line.add_argument("--skip-rows", type=int, default=0, help="lines before the header")
     line.add_argument("--delimiter", help="detected in the file by default")
-    line.add_argument("--decimal", default=".")
+    line.add_argument("--decimal", help="detected in the file by default")
     line.add_argument("--group", help="of an HDF5 or MAT v7.3 file")
     line.add_argument("--no-header", dest="header", action="store_false", help="columns c1, c2, …")
     line.add_argument("--align", choices=ALIGNMENTS, help="sensors without a common zero of time")

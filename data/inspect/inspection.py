@@ -13,6 +13,7 @@ import numpy as np
 
 from data.inspect.picture import Spectrum, spectrum
 from data.measured.channels import CHANNEL, signal_of
+from data.measured.clocks import with_own_clocks
 from data.measured.files.columns import FileError
 from data.measured.files.table import Table, read_table
 from data.measured.files.zipped import unpacked
@@ -33,7 +34,15 @@ from data.measured.reading import (
 )
 from data.measured.signal_faults import Statistics, findings, statistics
 from data.measured.time_step import time_step
-from data.measured.units import DIMENSIONS, KINDS, has_dimension, is_clock, to_si, unit_in_name
+from data.measured.units import (
+    DIMENSIONS,
+    KINDS,
+    has_dimension,
+    is_clock,
+    split_brackets,
+    to_si,
+    unit_in_name,
+)
 
 FORWARD = 0.9  # of the steps of what is called a clock
 
@@ -151,6 +160,7 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     told_units = {c: u for c in columns if (u := own.get(c, told_units.get(c))) is not None}
     in_si = {c: s for c, s in signals.items() if c in told_units and to_si(told_units[c], s) == 1.0}
     raw = RawRecord(path.name, time, stated_dt([table]), columns, notes=tuple(notes))
+    raw = with_own_clocks(raw)
     record = _examined(path, raw, told_units, guesses, in_si)
     findings = [
         replace(f, blocks=f.blocks and (not f.channel or f.channel in guesses))
@@ -284,6 +294,10 @@ def suggest(
         for column in columns:
             if signals[column] is None and units.get(column) is None:
                 signals[column] = "a" if height(said[column]) is not None else None
+    names = [split_brackets(c)[0] for c in columns]
+    again = {c for c, n in zip(columns, names, strict=True) if names.count(n) > 1}  # Force (V)
+    columns = [c for c in columns if c not in again or signals[c] is not None]
+    signals = {c: signals[c] for c in columns}
     stuck = {c for c, u in (values or {}).items() if np.isfinite(u).all() and np.ptp(u) == 0.0}
     signals = {c: None if c in stuck else signal for c, signal in signals.items()}
     kinds = [s for s in signals.values() if s]

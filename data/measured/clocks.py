@@ -46,13 +46,18 @@ def _of_own_clocks(raw: RawRecord) -> Iterator[Finding]:
             yield Finding(fault.what, "", f"{names}: {fault.message}", fault.blocks)
     if len(shared) < 2:
         return
-    rate = 1.0 / max(steps.values())
+    near = max(steps.values()) < 1.01 * min(steps.values())  # one rate by clocks that run unlike
+    rate = 1.0 / (min(steps.values()) if near else max(steps.values()))
     remedy = f"data.mend.resample={rate:.4g} interpolates all to one clock"
-    apart = max(steps.values()) > 1.001 * min(steps.values())
+    length = max(ends.values()) - min(starts.values())
+    drift = length * (max(steps.values()) / min(steps.values()) - 1.0)
+    apart = drift > DRIFT * min(steps.values())
     if apart:
         rates = _listed({name: f"{1.0 / dt:.5g} Hz" for name, dt in steps.items()})
-        yield Finding("different rates", "", f"{rates}; {remedy}", True)
-    if apart and len(set(starts.values())) == 1:
+        text = f", which drift apart by {drift:.3g} s in {length:.4g} s" if near else ""
+        yield Finding("different rates", "", f"{rates}{text}; {remedy}", True)
+    begun = max(starts.values()) - min(starts.values())
+    if apart and begun <= PHASE * min(steps.values()):
         return
     if max(starts.values()) >= min(ends.values()):
         text = _no_common_time(starts, ends)
@@ -77,6 +82,29 @@ def _no_common_time(starts: Mapping[str, float], ends: Mapping[str, float]) -> s
         "their counters have no common zero; if all began together say data.align=start, or "
         "data.align=motion, which shifts each onto the first by its likeness"
     )
+
+
+def with_own_clocks(raw: RawRecord) -> RawRecord:
+    """The record with clocks of their own for channels that fill every second, third, … row only.
+
+    Such are sensors of a lower rate in one table with others.
+    """
+    if raw.clocks or (raw.time is None and raw.dt is None):
+        return raw
+    time, rows = raw.own_time(), {}
+    for channel, values in raw.channels.items():
+        rows[channel] = np.flatnonzero(np.isfinite(values))
+        steps = np.diff(rows[channel])
+        every = int(np.median(steps)) if len(steps) else 1
+        if every < 2 or np.mean(steps == every) < REGULAR or len(values) != len(time):
+            rows[channel] = np.arange(len(values))
+    slow = [channel for channel, kept in rows.items() if len(kept) < len(time)]
+    if not slow or not np.isfinite(time).all():
+        return raw
+    clocks = {channel: time[kept] for channel, kept in rows.items()}
+    channels = {channel: raw.channels[channel][kept] for channel, kept in rows.items()}
+    note = f"{', '.join(slow)}: empty cells between the samples of a lower rate"
+    return replace(raw, time=None, clocks=clocks, channels=channels, notes=(*raw.notes, note))
 
 
 def shared_clocks(clocks: Mapping[str, np.ndarray]) -> list[list[str]]:
@@ -106,6 +134,7 @@ PHASE = 0.02  # of dt: grids that lie closer are one
 DRIFT = 0.1  # samples over all: clocks that drift apart by less run alike
 UNEVEN = {"uneven time steps", "dropped samples", "duplicate times", "decreasing times", "NaN run"}
 LONGEST_LAG = 0.5  # of the shorter of two signals
+REGULAR = 0.9  # of the steps of a slower channel are of one number of rows
 ALIKE = 0.5  # least correlation of two sensors of one motion
 
 

@@ -85,7 +85,7 @@ class MeasuredData(Data):
         hold: str = "linear",
         skip_rows: int = 0,
         delimiter: str | None = None,
-        decimal: str = ".",
+        decimal: str | None = None,
         group: str | None = None,
         header: bool = True,
         align: str | None = None,

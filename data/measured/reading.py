@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from data.measured.channels import CHANNEL, CLOCKS, SIGNALS, signal_of
-from data.measured.clocks import aligned, on_common_grid
+from data.measured.clocks import aligned, on_common_grid, with_own_clocks
 from data.measured.files.columns import NoColumnError, shorten
 from data.measured.files.format import suffixes_of
 from data.measured.files.table import FORMATS, Table, read_table
@@ -300,7 +300,7 @@ def assembled(
         require_bearable(f"{path.name}: {channel}", u)
     notes_ = tuple(dict.fromkeys(notes))
     raw = _on_one_clock(path, signals, clocks, places, tables, notes_, align)
-    return replace(raw, unsaid=_unsaid(understood, places))
+    return replace(with_own_clocks(raw), unsaid=_unsaid(understood, places))
 
 
 def _signal(channel: str) -> str:

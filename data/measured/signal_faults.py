@@ -104,11 +104,15 @@ def _missing(name: str, signal: np.ndarray, clock: tuple[float, float]) -> Itera
         )
         if len(signal) - where.sum() < 2:
             text += "a fact and no signal; take it out of data.channels"
-        elif where[0] or where[-1]:
-            side = "data.start" if where[0] else "data.stop"
-            text += f"cut the missing end off with {side}"
-        else:
-            text += f"data.mend.fill={longest * dt * 1.001:.3g} interpolates"
+            yield Finding(what, name, text, True)
+            continue
+        known = np.flatnonzero(~where)
+        ways = [f"data.start={known[0] * dt:.6g}"] if where[0] else []
+        ways += [f"data.stop={known[-1] * dt:.6g}"] if where[-1] else []
+        cut = f"{' and '.join(ways)} cut{'s' * (len(ways) == 1)} the missing end off"
+        inner = np.diff(known).max() - 1
+        fill = f"data.mend.fill={inner * dt * 1.001:.3g} interpolates"
+        text += " and ".join([cut] * bool(ways) + [fill] * bool(inner))
         yield Finding(what, name, text, True)
 
 

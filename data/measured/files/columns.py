@@ -35,7 +35,7 @@ class Request:
 
     skip_rows: int = 0
     delimiter: str | None = None
-    decimal: str = "."
+    decimal: str | None = None  # None: a point, or a comma where nothing else can be meant
     group: str | None = None
     columns: tuple[str, ...] | None = None
     header: bool = True

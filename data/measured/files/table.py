@@ -58,7 +58,7 @@ def read_table(
     *,
     skip_rows: int = 0,
     delimiter: str | None = None,
-    decimal: str = ".",
+    decimal: str | None = None,
     group: str | None = None,
     columns: Sequence[str] | None = None,
     header: bool = True,
@@ -111,11 +111,11 @@ def _check_path(path: Path) -> None:
 def _check_request(path: Path, format_: Format, request: Request) -> None:
     if isinstance(request.skip_rows, bool) or request.skip_rows < 0:
         raise FileError(f"{path.name}: data.skip_rows={request.skip_rows!r} must be 0 or more")
-    if request.decimal not in (".", ","):
+    if request.decimal not in (".", ",", None):
         raise FileError(f"{path.name}: data.decimal={request.decimal!r} must be '.' or ','")
     if request.delimiter is not None and len(request.delimiter) != 1:
         raise FileError(f"{path.name}: data.delimiter={request.delimiter!r} must be one character")
-    if request.delimiter is not None and request.delimiter in request.decimal + '"\r\n':
+    if request.delimiter is not None and request.delimiter in (request.decimal or "") + '"\r\n':
         raise FileError(
             f"{path.name}: data.delimiter={request.delimiter!r} is taken, "
             f"with data.decimal={request.decimal!r}; choose another"

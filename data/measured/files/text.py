@@ -36,11 +36,14 @@ from data.measured.files.text_cells import (
     split,
     spoilt_number,
 )
+from data.measured.files.text_head import unit_of
 from data.measured.files.text_layout import COMMENT, Layout, layout_of
+from data.measured.units import split_brackets
 
 STRETCH = 2**20  # bytes searched for a fault
 PIECE = 2**26  # bytes read at a time
 BLOCK = 2**22  # bytes of it that one thread parses
+KINDS = ("acceleration", "velocity", "displacement", "force")  # of one series, by its title
 TYPES = {"number": pa.float64(), "integer": pa.int64(), "time": pa.binary(), "text": pa.binary()}
 
 
@@ -50,20 +53,24 @@ def read_text(path: Path, request: Request) -> Contents:
     ISO-8601 times become seconds since the first. Raises FileError naming line, column and text.
     """
     layout = layout_of(path, request)
+    request = replace(request, decimal=layout.decimal)
+    if layout.points:
+        return _one_series(path, layout, request)
     unnamed = [k for k, header in enumerate(layout.headers) if not header]
     headers = [header or f"c{k + 1}" for k, header in enumerate(layout.headers)]
+    for k, unit in layout.units.items():
+        headers[k] += "" if split_brackets(headers[k])[1] else f" [{unit}]"
     names, units = name_columns(path, headers)
-    units |= {names[k]: unit for k, unit in layout.units.items()}
     chosen = choose(path, names, request.columns)
     read = [name if name in chosen else "" for name in names]  # "" for a column that is not read
-    contents = Contents(notes=layout.notes)
+    contents = Contents(facts=layout.facts, notes=layout.notes)
     table = _parse(path, layout, read, request, contents.notes)
     for name in chosen:
         k = names.index(name)
         values, kind = table.pop(k), layout.kinds[k]
-        column = as_column(path, name, values, kind, request.decimal, contents.notes)
+        column = as_column(path, name, values, kind, layout.decimal, contents.notes)
         if column is None:
-            if kind != "text" or any_number(values, request.decimal):
+            if kind != "text" or any_number(values, layout.decimal):
                 find_fault(path, layout, read, request)
             _left_out(path, name, request, contents.notes)
         elif k in unnamed and np.isnan(column).all():
@@ -73,6 +80,31 @@ def read_text(path: Path, request: Request) -> Contents:
             if k in unnamed:
                 contents.notes.append(f"column {k + 1} has no name, called {name!r}")
     contents.units = {name: units[name] for name in contents.columns if name in units}
+    return contents
+
+
+def _one_series(path: Path, layout: Layout, request: Request) -> Contents:
+    """One series that is written several values a row, with the unit that the lines above say."""
+    check_size(path, 24.0 * path.stat().st_size, path.stat().st_size)
+    with path.open("rb") as file:
+        before = file.read(layout.offset).decode("utf-8", errors="replace").splitlines()
+        cells = split(
+            " ".join(file.read().decode("utf-8", errors="replace").split()), layout.delimiter
+        )
+    values = [cell.strip().replace(layout.decimal, ".") for cell in cells if cell.strip()]
+    values = [value for cell in values for value in cell.split()]
+    wrong = next((value for value in values if not is_number(value)), None)
+    if wrong is not None or len(values) != layout.points:
+        raise FileError(
+            f"{path.name}: {len(values)} values, of which {shorten(wrong)} is no number; "
+            f"expected {layout.points} as line 1 to {layout.line} say; mend the file"
+        )
+    said = next((word for line in before for word in KINDS if word in line.lower()), "values")
+    notes = [*layout.notes, f"one series of {layout.points} values, {len(layout.headers)} a row"]
+    contents = Contents({said: np.array(values, dtype=float)}, {}, layout.facts, notes)
+    choose(path, [said], request.columns)
+    if (unit := unit_of(before)) is not None:
+        contents.units[said] = unit
     return contents
 
 
@@ -161,7 +193,14 @@ def _pieces(path: Path, layout: Layout, size: int) -> Iterator[bytes]:
                 return
             piece = piece[: int(left)] if len(piece) > left else piece
             left -= len(piece)
-            yield piece
+            yield _without_remarks(piece, layout) if layout.remarks else piece
+
+
+def _without_remarks(piece: bytes, layout: Layout) -> bytes:
+    """The rows without a word behind their last cell."""
+    cut = re.escape(layout.delimiter.encode())
+    row = rb"(?m)^((?:[^%b\r\n]*%b){%d}[^%b\r\n]*)%b[^%b\r\n]*(?=\r|\n|$)"
+    return re.sub(row % (cut, cut, len(layout.headers) - 1, cut, cut, cut), rb"\1", piece)
 
 
 def _single(piece: bytes) -> bytes:
@@ -184,7 +223,7 @@ def _read_csv(piece: bytes, layout: Layout, kinds: dict[int, str], request: Requ
             column_types={str(k): TYPES[kind] for k, kind in kinds.items()},
             include_columns=[str(k) for k in kinds],
             null_values=list(MISSING),
-            decimal_point=request.decimal,
+            decimal_point=layout.decimal,
         ),
     )
     if quoted and table.num_rows != sum(line != b"" for line in re.split(rb"[\r\n]+", piece)):
@@ -238,7 +277,7 @@ def find_fault(
             continue
         cells = _cells(path, number, text, layout)
         for k, cell in enumerate(cells):
-            fault = _cell_fault(cell, layout.kinds[k], request.decimal) if names[k] else ""
+            fault = _cell_fault(cell, layout.kinds[k], layout.decimal) if names[k] else ""
             if fault:
                 raise FileError(
                     f"{path.name}: line {number}, column {names[k]!r}: {shorten(cell)} is {fault}"
@@ -283,7 +322,7 @@ def _cells(path: Path, number: int, text: str, layout: Layout) -> list[str]:
         )
     hint = "mend or delete that line"
     if layout.delimiter == "," and len(cells) == 2 * width:
-        hint = 'if the commas are decimal, set data.decimal="," and data.delimiter'
+        hint = "if the commas are decimal, export the file with semicolons between its cells"
     raise FileError(
         f"{path.name}: line {number} has {len(cells)} cells; expected {width} as in the header; "
         f"{hint}"

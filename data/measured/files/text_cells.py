@@ -50,6 +50,14 @@ def is_number(text: str, decimal: str = ".") -> bool:
     return NUMBER.fullmatch(cell) is not None
 
 
+def is_decimal_comma(cells: Sequence[str]) -> bool:
+    """Whether the commas of these cells can be nothing but decimal: not all part thousands."""
+    commas = [cell for cell in cells if "," in cell and is_number(cell, ",")]
+    points = any("." in cell and is_number(cell) for cell in cells)
+    thousands = all(re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell) for cell in commas)
+    return bool(commas) and not points and not thousands
+
+
 def spoilt_number(cell: str, decimal: str) -> str:
     """Why a cell that is meant as a number is none, and the remedy; "" for other cells."""
     if len(cell) > LONGEST:

@@ -1,26 +1,41 @@
-"""Layout of a text file, judged by its first lines: delimiter, header, kinds of columns.
+"""Layout of a text file by what its first rows are: delimiter, decimal sign, names, units, values.
 
-An ambiguous layout is an error with its remedy, never a guess.
+Each row of the head is told by its cells: names, units, numbers, a value with its key, a title. The
+rows begin where cells fit the columns below. What can be read in two ways is an error with a remedy
+that was tried on the file.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 from data.measured.files.columns import FileError, Request, shorten
-from data.measured.files.text_cells import ISO_TIME, MISSING, is_number, kind_of_column, split
-from data.measured.units import is_unit
+from data.measured.files.text_cells import (
+    ISO_TIME,
+    MISSING,
+    is_decimal_comma,
+    is_number,
+    kind_of_column,
+    split,
+    spoilt_number,
+)
+from data.measured.files.text_head import facts_of, points_of
+from data.measured.units import is_unit, signal_by_words, split_brackets
 
 SAMPLE_BYTES = 2**20
 SAMPLE_ROWS = 200
-TAIL_BYTES = 2**16
+FEW = 10  # rows, of which half may be damaged
+BLANK = 2**16  # bytes looked at in one go for rows without values at the end
 DELIMITERS = ("\t", ";", ",", " ")  # in this order of trust; " " stands for any white space
 CALLED = {"\t": "tab", " ": "white space"}
 COMMENT = ("#", "%")
+CHANNEL = re.compile(r"(f|x|v|a|s|s_dot|s_ddot|r|u)[1-9]\d*")  # as ours are called
 
 
 @dataclass
@@ -28,13 +43,17 @@ class Layout:
     """Where the rows begin and what their cells are."""
 
     delimiter: str
+    decimal: str
     headers: list[str]  # as written, units included; c1 … ck where the file has none
     kinds: list[str]  # of each column: "number", "integer" (beyond 2^53), "time" or "text"
     line: int  # line number of the first row, counted from 1
     offset: int  # of that line in the file [bytes]
     notes: list[str]
     units: dict[int, str] = field(default_factory=dict)  # by column, from a row of units
-    end: int | None = None  # where comments follow the last row [bytes]
+    end: int | None = None  # where comments or empty rows follow the last row [bytes]
+    facts: dict[str, float] = field(default_factory=dict)  # of the lines before the header
+    remarks: bool = False  # some rows have a remark behind their last cell
+    points: int | None = None  # of one series that is written in several columns
 
 
 @dataclass(frozen=True)
@@ -45,9 +64,91 @@ class Line:
     offset: int  # [bytes]
     text: str
 
+    @property
+    def bare(self) -> str:
+        """The text without the sign of a comment before it."""
+        return self.text.lstrip("".join(COMMENT) + " ") if self.text[0] in COMMENT else self.text
 
-def layout_of(path: Path, request: Request) -> Layout:
-    """Layout of a text file. Raises FileError where its first lines can be read in two ways."""
+
+@dataclass(frozen=True)
+class Table:
+    """The lines of a file as rows of `width` cells."""
+
+    lines: Sequence[Line]
+    delimiter: str
+    decimal: str
+
+    def cells(self, line: Line, bare: bool = False) -> list[str]:
+        """The cells of a line, stripped."""
+        return [cell.strip() for cell in split(line.bare if bare else line.text, self.delimiter)]
+
+    def tail(self) -> list[list[str]]:
+        """The last rows with a digit, which a head does not reach."""
+        rows = [line for line in self.lines if re.search(r"\d", line.text)]
+        return [self.cells(line) for line in rows[-SAMPLE_ROWS:]]
+
+    def width(self) -> int:
+        """Cells of most of the last rows."""
+        counts = Counter(len(row) for row in self.tail() or [self.cells(self.lines[0])])
+        return counts.most_common(1)[0][0]
+
+    def is_value(self, cell: str) -> bool:
+        return is_number(cell, self.decimal) or ISO_TIME.fullmatch(cell) is not None
+
+    def may_be_row(self, cells: Sequence[str]) -> bool:
+        """Whether cells can be a row: they hold a number or a time, or are all empty."""
+        filled = [cell for cell in cells if cell not in MISSING]
+        return not filled or any(map(self.is_value, filled))
+
+    def fits(self, cells: Sequence[str], kinds: Sequence[str]) -> bool:
+        """Whether cells are a row of columns of these kinds."""
+        return (
+            len(cells) == len(kinds)
+            and self.may_be_row(cells)
+            and all(
+                k == "text" or c in MISSING or self.is_value(c) or spoilt_number(c, self.decimal)
+                for c, k in zip(cells, kinds, strict=True)
+            )
+        )
+
+    def names(self, line: Line, width: int, between: bool = False) -> list[str] | None:
+        """The `width` cells of a row of words; None for others.
+
+        between: also where other delimiters, or several blanks, part the words. One name more is
+        left out where it is blank or its cells are remarks in some rows; one less where rows end
+        with a delimiter.
+        """
+        for cells in self._cut(line.bare) if between else [self.cells(line, bare=True)]:
+            if len(cells) == width + 1 and (not cells[-1] or self.remarks(width)):
+                cells = cells[:-1]
+            if len(cells) == width - 1 > 0 and self.closed():
+                cells = [*cells, ""]
+            if len(cells) == width and any(cells) and not self.may_be_row(cells):
+                return cells
+        return None
+
+    def remarks(self, width: int) -> bool:
+        """Whether some rows have a word behind their last cell."""
+        longer = (c for c in map(self.cells, self.lines) if len(c) == width + 1)
+        return any(self.is_value(c[0]) and c[-1] and not self.is_value(c[-1]) for c in longer)
+
+    def closed(self) -> bool:
+        """Whether all rows end with a delimiter."""
+        return self.delimiter != " " and all(not row[-1] for row in self.tail())
+
+    def _cut(self, text: str) -> Iterator[list[str]]:
+        yield [cell.strip() for cell in re.split(r"\t+|\s{2,}", text.strip())]
+        if self.delimiter == " ":  # Time (s), Acc 1 (g)
+            yield [cell.strip() for cell in re.findall(r"[^\s([{]+(?:\s*[([{][^])}]*[])}])?", text)]
+        for other in DELIMITERS:
+            yield [cell.strip() for cell in split(text, other)]
+
+
+def layout_of(path: Path, request: Request, tried: bool = False) -> Layout:
+    """Layout of a text file. Raises FileError where its first lines can be read in two ways.
+
+    tried: whether this is advice that is tried before it is given.
+    """
     notes: list[str] = []
     lines = _first_lines(path, notes)
     announced = re.fullmatch(r"sep=(.)", lines[0].text) if lines else None
@@ -61,28 +162,38 @@ def layout_of(path: Path, request: Request) -> Layout:
         raise FileError(
             f"{path.name} has {len(lines)} lines, and none is left after data.skip_rows={skipped}"
         )
-    delimiter = _delimiter(path, kept, request, announced[1] if announced else None, notes)
-    layout = _layout(path, kept, delimiter, request, notes)
-    rows = [split(line.text, delimiter) for line in kept if line.number >= layout.line]
-    rows = [row for row in rows[:SAMPLE_ROWS] if len(row) == len(layout.headers)]
-    cells = zip(*rows, strict=True) if rows else [()] * len(layout.headers)
-    layout.end = _comments_at_end(path, layout)
-    layout.kinds = [kind_of_column(column, request.decimal) for column in cells]
+    table = _separated(path, kept, request, announced[1] if announced else None, notes)
+    layout = _laid_out(path, table, request, notes, tried)
+    before = [line.text for line in lines if skipped < line.number < layout.line]
+    layout.facts = facts_of(before, notes)
+    rows = [table.cells(line) for line in kept if line.number >= layout.line][:SAMPLE_ROWS]
+    rows = [row for row in rows if len(row) == len(layout.headers)]
+    columns = zip(*rows, strict=True) if rows else [()] * len(layout.headers)
+    layout.kinds = [kind_of_column(column, table.decimal) for column in columns]
+    layout.end = _end(path, layout)
     return layout
 
 
-def _comments_at_end(path: Path, layout: Layout) -> int | None:
-    """Offset of the comments that follow the last row; None without any."""
-    size = path.stat().st_size
-    start = max(layout.offset, size - TAIL_BYTES)
+def _end(path: Path, layout: Layout) -> int | None:
+    """Offset behind the last row, where comments or rows without values follow; None without."""
+    empty = b' \t\r\n"' + layout.delimiter.encode()
+    start, tail = path.stat().st_size, b""
     with path.open("rb") as file:
-        file.seek(start)
-        tail = file.read(TAIL_BYTES)
-    found = re.search(rb"((?:\r\n|\n|\r)[ \t]*[#%][^\r\n]*)+\s*\Z", tail)
-    if found is None or found.start() == 0:
+        while start > layout.offset and (not tail.strip(empty) or len(tail) < BLANK):
+            begin = max(layout.offset, start - BLANK)
+            file.seek(begin)
+            tail, start = file.read(start - begin) + tail, begin
+    last = len(tail.rstrip(empty))
+    rest = re.split(rb"\r\n|\r|\n", tail[last:])
+    rows = sum(line.strip(b" \t") != b"" for line in rest[1:])
+    found = re.search(rb"((?:\r\n|\n|\r)[ \t]*[#%][^\r\n]*)+\s*\Z", tail[:last])
+    if found is not None and found.start() > 0:
+        layout.notes.append("comments at the end left out")
+        return start + found.start() + 1
+    if not rows or not last:
         return None
-    layout.notes.append("comments at the end left out")
-    return start + found.start() + 1
+    layout.notes.append(f"{rows} rows without values at the end left out")
+    return start + last + len(rest[0]) + 1
 
 
 def _first_lines(path: Path, notes: list[str]) -> list[Line]:
@@ -125,183 +236,208 @@ def _decode(line: bytes, notes: list[str]) -> str:
         return line.decode("cp1252", errors="replace")
 
 
-def _delimiter(
+def _separated(
     path: Path, kept: Sequence[Line], request: Request, announced: str | None, notes: list[str]
-) -> str:
+) -> Table:
+    """The lines with the delimiter and the decimal sign that make most cells values."""
     stated = request.delimiter or announced
-    detected = _detect([line.text for line in kept[1 : SAMPLE_ROWS + 1]] or [kept[0].text], request)
-    if stated is None:
-        delimiter = detected or ","
-        if detected and detected != ",":
-            notes.append(f"delimiter {CALLED.get(delimiter, repr(delimiter))}")
-        return delimiter
-    if detected and not any(len(split(line.text, stated)) > 1 for line in kept):
+    points = (request.decimal,) if request.decimal else (".", ",")
+    best, most = None, -1.0
+    for delimiter, decimal in product(DELIMITERS, points):
+        if delimiter != decimal:
+            table = Table(kept, delimiter, decimal)
+            share = _share_of_values(table, request)
+            if share is not None and share > most + 0.05:  # by more than single cells
+                best, most = table, share
+    detected = best.delimiter if best else None
+    if stated is not None and detected and not any(len(split(k.text, stated)) > 1 for k in kept):
         raise FileError(
             f"{path.name}: delimiter {stated!r} occurs in no row, but the rows look delimited by "
             f"{CALLED.get(detected, repr(detected))}; set data.delimiter={detected!r}"
         )
-    return stated
+    if stated is not None:
+        table = Table(kept, stated, request.decimal or ".")
+        comma = replace(table, decimal=",")
+        told = request.decimal or stated == "," or _share_of_values(comma, request) is None
+        best = table if told else comma
+    best = best or Table(kept, ";" if request.decimal == "," else ",", request.decimal or ".")
+    if stated is None and detected and detected != ",":
+        notes.append(f"delimiter {CALLED.get(detected, repr(detected))}")
+    if best.decimal == "," and request.decimal is None:
+        notes.append("decimal commas")
+    return best
 
 
-def _detect(rows: Sequence[str], request: Request) -> str | None:
-    """The first delimiter that cuts almost all rows into equally many cells, more than one."""
-    for delimiter in DELIMITERS:
-        if delimiter == request.decimal:
-            continue
-        counts = Counter(len(split(row, delimiter)) for row in rows)
-        width, times = counts.most_common(1)[0]
-        if width > 1 and times >= 0.8 * len(rows):
-            return delimiter
-    widest = {d: sum(len(split(row, d)) > 1 for row in rows) for d in DELIMITERS}
-    widest.pop(request.decimal, None)
-    best = max(widest, key=lambda d: widest[d])
-    return best if widest[best] > 0.5 * len(rows) else None
+def _share_of_values(table: Table, request: Request) -> float | None:
+    """Share of cells that are values where almost all rows have equally many; None for others.
+
+    Decimal commas count where nothing else can be meant: no cell has a point, and not all of them
+    may be thousands.
+    """
+    rows = table.tail() or [table.cells(line) for line in table.lines[1:] or table.lines]
+    width, times = Counter(map(len, rows)).most_common(1)[0]
+    if width < 2 or times < (0.8 if len(rows) > FEW else 0.5) * len(rows):
+        return None
+    cells = [cell for row in rows if len(row) == width for cell in row if cell not in MISSING]
+    if table.decimal == "," and request.decimal is None and not is_decimal_comma(cells):
+        return None
+    spoilt = sum(not table.is_value(c) and bool(spoilt_number(c, table.decimal)) for c in cells)
+    return (sum(map(table.is_value, cells)) + 0.9 * spoilt) / max(len(cells), 1)
 
 
-def _layout(
-    path: Path, kept: Sequence[Line], delimiter: str, request: Request, notes: list[str]
-) -> Layout:
-    """Layout below the header. Raises FileError where the first line is no header."""
-    first, rest = kept[0], kept[1:]
-    counts = Counter(len(split(line.text, delimiter)) for line in rest[:SAMPLE_ROWS])
-    width = counts.most_common(1)[0][0] if counts else len(split(first.text, delimiter))
-    if not request.header:
-        return _without_header(path, kept, width, delimiter, request, notes)
-    bare = first.text.lstrip("".join(COMMENT) + " ") if first.text[0] in COMMENT else first.text
-    if _is_header(bare, rest, width, delimiter, request.decimal):
-        if bare != first.text:
-            notes.append(f"{first.text[0]!r} before the header left out")
-        return _with_header(path, bare, rest, delimiter, request, notes)
-    start = 0 if request.skip_rows else _after_preamble(kept, width, delimiter, request.decimal)
-    if start:
-        notes.append(f"header found in line {kept[start].number}")
-        return _layout(path, kept[start:], delimiter, request, notes)
-    _complain(path, kept, width, delimiter, request)
-    return _with_header(path, first.text, rest, delimiter, request, notes)
-
-
-def _after_preamble(kept: Sequence[Line], width: int, delimiter: str, decimal: str) -> int:
-    """Place of the one header below lines of another kind; 0 without one."""
-    if len(split(kept[0].text, delimiter)) == width and _row_like(
-        split(kept[0].text, delimiter), decimal
-    ):
-        return 0
-    for k, line in enumerate(kept[1 : SAMPLE_ROWS + 1], start=1):
-        cells = split(line.text, delimiter)
-        if len(cells) == width and _row_like(cells, decimal):
-            return 0
-        bare = line.text.lstrip("".join(COMMENT) + " ")
-        if kept[k + 2 :] and _is_header(bare, kept[k + 1 :], width, delimiter, decimal):
-            return k
-    return 0
-
-
-def _with_header(
-    path: Path, text: str, rest: Sequence[Line], delimiter: str, request: Request, notes: list[str]
-) -> Layout:
-    if not rest:
-        raise FileError(f"{path.name} holds a header and no rows; expected at least 2 rows")
-    headers = [cell.strip() for cell in split(text, delimiter)]
-    layout = Layout(delimiter, headers, [], rest[0].number, rest[0].offset, notes)
-    units = [cell.strip().strip("[]()") for cell in split(rest[0].text, delimiter)]
-    if len(rest) > 1 and len(units) == len(headers) and _are_units(units):
-        layout.line, layout.offset = rest[1].number, rest[1].offset
-        layout.units = {k: unit for k, unit in enumerate(units) if unit}
-        notes.append(f"line {rest[0].number} holds units")
+def _laid_out(path: Path, table: Table, request: Request, notes: list[str], tried: bool) -> Layout:
+    """Layout with the names above the rows. Raises FileError where there are none, or two kinds."""
+    kept, width = table.lines, table.width()
+    first, block = _above(path, table, width, request, between=False)
+    if request.header and not block and first != 0:
+        first, block = _above(path, table, width, request, between=True)
+    layout = Layout(table.delimiter, table.decimal, [], [], 0, 0, notes)
+    if first is not None:
+        layout.line, layout.offset = kept[first].number, kept[first].offset
+    if block:
+        layout.remarks = table.remarks(width)
+        _name(layout, table, block, width)
+        return layout
+    if first is not None:
+        lines = _first_lines(path, [])
+        before = [line.text for line in lines if line.number < layout.line]
+        rows = [table.cells(line) for line in kept[first:]]
+        layout.points = points_of(path, layout.offset, width, before, rows)
+    if first is None or (not layout.points and (request.header or first > 0)):
+        _refuse(path, table, first, width, request, tried)
+    layout.headers = [f"c{k + 1}" for k in range(width)]
+    if not layout.points:
+        notes.append(f"no header, columns named c1 … c{width}")
     return layout
 
 
+def _above(
+    path: Path, table: Table, width: int, request: Request, between: bool
+) -> tuple[int | None, list[Line]]:
+    """Place of the first row, and the lines of names, units and words above it."""
+    rows = [row for row in table.tail() if len(row) == width]
+    kinds = [kind_of_column(column, table.decimal) for column in zip(*rows, strict=True)]
+    kinds = kinds if set(kinds) - {"text"} else ["number"] * width
+    kept, uneven = table.lines, None
+    for k, line in enumerate(kept[: SAMPLE_ROWS + 1]):
+        follow = [table.cells(after) for after in kept[k : k + 2]]
+        if all(table.fits(cells, kinds) for cells in follow):
+            return uneven or (k, [])
+        if request.header and table.names(line, width, between):
+            end = next((j for j in range(k + 1, len(kept)) if not _explains(table, kept[j])), None)
+            if end is None:
+                raise FileError(f"{path.name} holds a header and no rows; expected at least 2 rows")
+            count = len(table.cells(kept[end]))
+            if count == width or (count == width + 1 and table.remarks(width)):
+                return end, list(kept[k:end])
+            uneven = uneven or (end, list(kept[k:end]))
+    return uneven or (None, [])
+
+
+def _explains(table: Table, line: Line) -> bool:
+    """Whether a line below names may explain them: it holds no value."""
+    cells = table.cells(line, bare=True)
+    return not any(table.is_value(c) or spoilt_number(c, table.decimal) for c in cells)
+
+
+def _name(layout: Layout, table: Table, block: Sequence[Line], width: int) -> None:
+    """Names, and units from a row of their own, of the lines above the rows."""
+    rows = {line: table.names(line, width) or table.names(line, width, True) for line in block}
+    words = {line: cells for line, cells in rows.items() if cells}
+    units = {line: cells for line, cells in words.items() if _are_units(cells)}
+    names = {line: cells for line, cells in words.items() if line not in units} or words
+    chosen = max(
+        names, key=lambda line: (_distinct(names[line]), _telling(names[line]), line.number)
+    )
+    layout.headers = names.pop(chosen)
+    units.pop(chosen, None)
+    above = [cells for line, cells in names.items() if line.number < chosen.number]
+    if not _distinct(layout.headers) and not units and above:  # names of groups, and within them
+        group = ""
+        for k, cell in enumerate(above[-1]):
+            group = cell or group
+            layout.headers[k] = f"{group} {layout.headers[k]}".strip()
+    if chosen is not table.lines[0]:
+        layout.notes.append(f"header found in line {chosen.number}")
+    if chosen.bare != chosen.text:
+        layout.notes.append(f"{chosen.text[0]!r} before the header left out")
+    if units:
+        line = min(units, key=lambda line: abs(line.number - chosen.number))
+        bare = [cell.strip("[](){}") for cell in units[line]]
+        layout.units = {k: unit for k, unit in enumerate(bare) if is_unit(unit)}
+        layout.notes.append(f"line {line.number} holds units")
+    for line in block[block.index(chosen) + 1 :]:
+        if line not in units:
+            layout.notes.append(f"line {line.number} left out: {shorten(line.text)}")
+
+
 def _are_units(cells: Sequence[str]) -> bool:
-    named = [cell for cell in cells if cell not in ("", "-")]
-    return bool(named) and all(is_unit(cell) for cell in named)
+    named = [cell.strip("[](){}") for cell in cells if cell not in (*MISSING, "-")]
+    known = [cell for cell in named if is_unit(cell)]
+    return 2 * len(known) >= max(len(named), 1) and all(len(c) <= 4 or is_unit(c) for c in named)
 
 
-def _without_header(
-    path: Path,
-    kept: Sequence[Line],
-    width: int,
-    delimiter: str,
-    request: Request,
-    notes: list[str],
-) -> Layout:
-    cells = split(kept[0].text, delimiter)
-    if len(cells) != width or not _row_like(cells, request.decimal):
-        if not _is_header(kept[0].text, kept[1:], width, delimiter, request.decimal):
-            _complain(path, kept, width, delimiter, request)
-        raise FileError(
-            f"{path.name}: line {kept[0].number} is no row of numbers: {shorten(kept[0].text)}; "
-            "is it a header? then leave data.header=false out"
-        )
-    headers = [f"c{k + 1}" for k in range(len(cells))]
-    notes.append(f"no header, columns named c1 … c{len(cells)}")
-    return Layout(delimiter, headers, [], kept[0].number, kept[0].offset, notes)
+def _distinct(cells: Sequence[str]) -> bool:
+    filled = [cell for cell in cells if cell]
+    return len(set(filled)) == len(filled) and 2 * len(filled) > len(cells)
 
 
-def _row_like(cells: Sequence[str], decimal: str) -> bool:
-    """Whether the cells can be a row: they hold a number or a time, or are all empty."""
-    filled = [cell.strip() for cell in cells if cell.strip() not in MISSING]
-    return not filled or any(is_number(c, decimal) or ISO_TIME.fullmatch(c) for c in filled)
+def _telling(cells: Sequence[str]) -> int:
+    """How many cells sound like a signal, or have a unit."""
+    return sum(
+        bool(signal_by_words(c) or CHANNEL.fullmatch(c) or split_brackets(c)[1]) for c in cells
+    )
 
 
-def _is_header(text: str, rest: Sequence[Line], width: int, delimiter: str, decimal: str) -> bool:
-    cells = split(text, delimiter)
-    if len(cells) != width or _row_like(cells, decimal):
+def _works(path: Path, request: Request, **change: Any) -> bool:
+    """Whether a file's layout is understood with a change of the request, which may be advised."""
+    try:
+        layout_of(path, replace(request, **change), tried=True)
+    except FileError:
         return False
-    following = [split(line.text, delimiter) for line in rest[:2]]
-    if following and _are_units([cell.strip().strip("[]()") for cell in following[0]]):
-        following = following[1:]
-    return not following or _row_like(following[0], decimal)
+    return True
 
 
-def _complain(
-    path: Path, kept: Sequence[Line], width: int, delimiter: str, request: Request
+def _refuse(
+    path: Path, table: Table, first: int | None, width: int, request: Request, tried: bool
 ) -> None:
-    """Raise FileError saying what the first line is, unless it may be a header after all."""
-    first, cells = kept[0], split(kept[0].text, delimiter)
-    if request.header and len(cells) == width and _row_like(cells, request.decimal):
-        names = [cell for cell in cells if not _row_like([cell], request.decimal)]
-        if names:
-            raise FileError(
-                f"{path.name}: line {first.number} mixes names such as {shorten(names[0])} with "
-                "numbers; expected a header; rename its columns, or set data.header=false"
-            )
+    """Raise FileError saying what the lines above the rows are, with advice that works."""
+    kept = table.lines
+    one, cells = kept[0], table.cells(kept[0])
+    if tried or first is None:
         raise FileError(
-            f"{path.name}: line {first.number} holds numbers, not names; "
-            "set data.header=false, or write a header"
+            f"{path.name}: line {one.number}, {shorten(one.text)}, is no header of the rows below "
+            "it, which hold no numbers; write a line of names above rows of numbers"
         )
-    _point_at_start(path, kept, width, delimiter, request)
-    if len(cells) != width:
-        row = next(line for line in kept[1:] if len(split(line.text, delimiter)) == width)
-        hint = "give each column one name, or skip that line (data.skip_rows)"
-        if delimiter == "," and width == 2 * len(cells):
-            hint = 'if the commas are decimal, set data.decimal="," and data.delimiter'
-        elif width == len(cells) + 1 and row.text.rstrip(" ").endswith(delimiter):
-            hint = "rows end with a delimiter; end the header with one, too"
+    row = kept[first]
+    without = {"skip_rows": row.number - 1, "header": False}
+    skip = f"set data.skip_rows={row.number - 1}" if first else "set"
+    skip += f"{' and' if first else ''} data.header=false" if request.header else ""
+    advice = f"{skip}, or write a header" if _works(path, request, **without) else "write a header"
+    if len(cells) == width and table.may_be_row(cells) and first < 2 and request.header:
+        words = [cell for cell in cells if not table.may_be_row([cell])]
+        said = f"holds numbers, not names; {advice}"
+        if words:
+            said = (
+                f"mixes names such as {shorten(words[0])} with numbers; expected a header; rename "
+                f"its columns, or {advice}"
+            )
+        raise FileError(f"{path.name}: line {one.number} {said}")
+    if not request.header and table.names(one, width):
         raise FileError(
-            f"{path.name}: line {first.number} has {len(cells)} cells, line {row.number} has "
-            f"{width}; expected as many; {hint}"
+            f"{path.name}: line {one.number} is no row of numbers: {shorten(one.text)}; is it a "
+            "header? then leave data.header=false out"
         )
-
-
-def _point_at_start(
-    path: Path, kept: Sequence[Line], width: int, delimiter: str, request: Request
-) -> None:
-    """Raise FileError where a later line looks like the header, or like the first row."""
-    for k, line in enumerate(kept[1 : SAMPLE_ROWS + 1], start=1):
-        bare = line.text.lstrip("".join(COMMENT) + " ")
-        skip = f"set data.skip_rows={line.number - 1}"
-        if _is_header(bare, kept[k + 1 :], width, delimiter, request.decimal) and kept[k + 1 :]:
-            other = "" if request.header else " and leave data.header=false out"
-            raise FileError(
-                f"{path.name}: line {line.number} looks like the header "
-                f"({shorten(line.text)}); {skip}{other}"
-            )
-        cells = split(line.text, delimiter)
-        if len(cells) == width and _row_like(cells, request.decimal):
-            short = width == 2 or len(split(kept[0].text, delimiter)) > 1
-            if k == 1 and request.header and short:
-                return  # that line 1 is a header of the wrong length says more
-            raise FileError(
-                f"{path.name}: line {line.number} looks like the first row of numbers, with no "
-                f"header before it; {skip} and data.header=false"
-            )
+    if first > 1 or (len(cells) == 1 and width > 2) or not request.header:
+        raise FileError(
+            f"{path.name}: line {row.number} looks like the first row of numbers, with no header "
+            f"before it; {advice}"
+        )
+    hint = f"give each column one name, or {advice}"
+    if table.delimiter == "," and width == 2 * len(cells):
+        comma = 'set data.decimal=","' if _works(path, request, decimal=",") else ""
+        hint = f"if the commas are decimal, {comma or 'export it with semicolons between cells'}"
+    raise FileError(
+        f"{path.name}: line {one.number} has {len(cells)} cells, line {row.number} has "
+        f"{width}; expected as many; {hint}"
+    )

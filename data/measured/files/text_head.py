@@ -1,0 +1,102 @@
+"""What the lines above the rows of a text file say: step, rate, unit, one series in columns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from data.measured.files.columns import FileError, shorten
+from data.measured.files.text_cells import is_number
+from data.measured.units import has_dimension, is_unit, to_si
+
+NUMBER = r"[-+]?\d[\d.]*(?:[eE][-+]?\d+)?"
+VALUE = (
+    rf"[ ]*(?:[\[(](?P<before>[^\])]*)[\])])?[\s:=,;]*(?P<value>{NUMBER})[ ]*(?P<after>[A-Za-zµ/]*)"
+)
+STEP = re.compile(
+    r"(?i:\bdt|delta[ _]?t|Δt|time[ _]*step|(?:interval|period|spacing)s?(?: +of)?)\b" + VALUE
+)
+RATE = re.compile(r"(?i:\bfs|(?:sampl\w*|scan|data|acq\w*)[ _]*(?:rate|freq\w*))" + VALUE)
+COUNT = re.compile(
+    r"(?i:(?:no\.?|number|count|num)[ _]*(?:of)?[ _]*(?:points|samples|data|values)|points|npts|"
+    r"samples?[ _]*count)\s*[:=,;]?\s*(\d+)\b"
+)
+STEPS = (1e-5, 1.0)  # s, that loggers have: others are in a unit that is not said
+FEWEST = 20  # rows that tell of a series written in several columns
+
+
+def facts_of(lines: Sequence[str], notes: list[str]) -> dict[str, float]:
+    """dt [s] where the lines above the rows say a step or a rate, and do not contradict it."""
+    steps = []
+    for line in lines:
+        for pattern in (STEP, RATE):
+            if (found := pattern.search(line)) is not None:
+                steps.append(_step(found, pattern is RATE))
+    known = [step for step in steps if step is not None]
+    if not known or max(known) > 1.01 * min(known):
+        if known:
+            notes.append(f"the header says steps of {known[0]:g} s and {known[-1]:g} s: not used")
+        return {}
+    notes.append(f"the header says steps of {known[0]:g} s")
+    return {"dt": known[0]}
+
+
+def _step(found: re.Match[str], rate: bool) -> float | None:
+    try:
+        value = float(found["value"])
+    except ValueError:
+        return None
+    unit = next((u for u in (found["after"], found["before"]) if u and u.strip()), "").strip()
+    if rate:
+        value *= 1e3 if unit.lower() in ("khz", "ksps") else 1.0
+        value = 1.0 / value if value > 0.0 else 0.0
+    elif unit and has_dimension(unit, "time"):
+        value *= to_si(unit, "time")
+    return value if STEPS[0] <= value <= STEPS[1] else None
+
+
+def unit_of(lines: Sequence[str]) -> str | None:
+    """The unit that the lines above a series say: CM/SEC/SEC of "UNIT: CM/SEC/SEC"."""
+    for line in lines:
+        for text in re.findall(
+            r"(?i:\bunits?|\bin)\s*[:=]?\s*([^\s,;)]+)|[\[(]([^\])]+)[\])]", line
+        ):
+            word = next((word for word in text if word), "").strip("[]()")
+            if is_unit(word) and any(has_dimension(word, signal) for signal in "avxf"):
+                return word
+    return None
+
+
+def points_of(
+    path: Path, offset: int, width: int, before: Sequence[str], rows: Sequence[Sequence[str]]
+) -> int | None:
+    """Values of one series that is written `width` in a row, as the lines above say; else None.
+
+    Raises FileError where rows without names look like such a series and nothing says so.
+    """
+    counts = [int(found[1]) for line in before if (found := COUNT.search(line))]
+    with path.open("rb") as file:
+        file.seek(offset)
+        lines = sum(line.strip() != b"" for line in file)
+    for count in counts:
+        if width > 1 and count != lines and (lines - 1) * width < count <= lines * width:
+            return count
+    full = [row for row in rows if len(row) == width and all(map(is_number, row))]
+    if width > 2 and len(full) >= FEWEST and (_runs_on(full) or len(rows[-1]) < width):
+        raise FileError(
+            f"{path.name}: rows such as {shorten(' '.join(rows[0]))} look like one series, {width} "
+            "values a row; to read it so write the line 'points: N' above the rows, N the number "
+            f"of its values; for {width} channels write a line of {width} names"
+        )
+    return None
+
+
+def _runs_on(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether each row goes on where the last one ended, and columns do not go on by themselves."""
+    table = np.array(rows, dtype=float)
+    seam = np.abs(table[1:, 0] - table[:-1, -1]).mean()
+    along, down = np.abs(np.diff(table, axis=1)).mean(), np.abs(np.diff(table, axis=0)).mean()
+    return bool(max(seam, along) < 0.6 * down and seam < 2.0 * along)
