@@ -15,6 +15,7 @@ from data.measured.channels import CHANNEL
 from data.measured.clocks import clock_findings
 from data.measured.plausible import unit_findings
 from data.measured.raw_record import Finding, RawRecord
+from data.measured.time_step import above
 
 GRAVITY = 9.80665  # m/s²
 BLOCKS = 20  # of a record, whose means show a drift
@@ -38,7 +39,7 @@ def findings(
     the signals ("a", "x", …) of channels that have other names.
     """
     clocks = clock_findings(raw)
-    first = [f for f in clocks if f.blocks] + unit_findings(raw) + _lacking(raw)
+    first = unit_findings(raw) + [f for f in clocks if f.blocks] + _lacking(raw)
     others = [f for f in clocks if not f.blocks]
     others += list(_zero_first_row(raw))
     for name, signal in raw.channels.items():
@@ -51,7 +52,7 @@ def findings(
 
 def blocking(raw: RawRecord) -> list[Finding]:
     """Faults that must be mended before anything is fitted; quick: one pass over each channel."""
-    return [f for f in clock_findings(raw) if f.blocks] + unit_findings(raw) + _lacking(raw)
+    return unit_findings(raw) + [f for f in clock_findings(raw) if f.blocks] + _lacking(raw)
 
 
 def _lacking(raw: RawRecord) -> list[Finding]:
@@ -111,7 +112,7 @@ def _missing(name: str, signal: np.ndarray, clock: tuple[float, float]) -> Itera
         ways += [f"data.stop={known[-1] * dt:.6g}"] if where[-1] else []
         cut = f"{' and '.join(ways)} cut{'s' * (len(ways) == 1)} the missing end off"
         inner = np.diff(known).max() - 1
-        fill = f"data.mend.fill={inner * dt * 1.001:.3g} interpolates"
+        fill = f"data.mend.fill={above(inner * dt)} interpolates"
         text += " and ".join([cut] * bool(ways) + [fill] * bool(inner))
         yield Finding(what, name, text, True)
 
@@ -202,7 +203,7 @@ def _spikes(
         text = (
             f"{len(alone)} single samples far from all others, the largest {values[at]:.4g} at "
             f"{start + at * dt:.6g} s (sample {at}); unless these are impacts, leave their cells "
-            f"empty in the file and set data.mend.fill={1.001 * dt:.3g}"
+            f"empty in the file and set data.mend.fill={above(dt)}"
         )
         yield Finding("spike", name, text)
 

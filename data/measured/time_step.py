@@ -156,12 +156,12 @@ def _dropped(time: np.ndarray, lost: np.ndarray, dt: float) -> Finding:
     gaps = "1 gap" if count == 1 else f"{count} gaps, the longest"
     text = (
         f"{gaps} of {most} samples ({most * dt:.4g} s) after {time[at]:.6g} s "
-        f"(sample {at}); data.mend.fill={_above(most * dt)} interpolates"
+        f"(sample {at}); data.mend.fill={above(most * dt)} interpolates"
     )
     return Finding("dropped samples", "", text, True)
 
 
-def _above(seconds: float) -> str:
+def above(seconds: float) -> str:
     """A length with two digits, no shorter than it is."""
     digit = 10.0 ** (math.floor(math.log10(seconds)) - 1)
     return f"{math.ceil(seconds / digit - 1e-6) * digit:.3g}"

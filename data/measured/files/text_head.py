@@ -61,29 +61,30 @@ def _step(found: re.Match[str], rate: bool) -> float | None:
 def unit_of(lines: Sequence[str]) -> str | None:
     """The unit that the lines above a series say: CM/SEC/SEC of "UNIT: CM/SEC/SEC"."""
     for line in lines:
-        for text in re.findall(
-            r"(?i:\bunits?|\bin)\s*[:=]?\s*([^\s,;)]+)|[\[(]([^\])]+)[\])]", line
-        ):
-            word = next((word for word in text if word), "").strip("[]()")
-            if is_unit(word) and any(has_dimension(word, signal) for signal in "avxf"):
-                return word
+        for text in re.findall(r"(?i:\bunits?\b|\bin\b)\s*[:=]?\s*(.+)|[\[(]([^\])]+)[\])]", line):
+            words = "".join(text).strip(" []()").split()
+            for k in range(len(words), 0, -1):
+                unit = " ".join(words[:k]).strip(",;[]()")
+                if is_unit(unit) and any(has_dimension(unit, signal) for signal in "avxf"):
+                    return unit
     return None
 
 
-def points_of(
-    path: Path, offset: int, width: int, before: Sequence[str], rows: Sequence[Sequence[str]]
-) -> int | None:
-    """Values of one series that is written `width` in a row, as the lines above say; else None.
-
-    Raises FileError where rows without names look like such a series and nothing says so.
-    """
+def points_of(path: Path, offset: int, width: int, before: Sequence[str]) -> int | None:
+    """Values of one series that is written `width` in a row, as the lines above say; else None."""
     counts = [int(found[1]) for line in before if (found := COUNT.search(line))]
-    with path.open("rb") as file:
-        file.seek(offset)
-        lines = sum(line.strip() != b"" for line in file)
-    for count in counts:
-        if width > 1 and count != lines and (lines - 1) * width < count <= lines * width:
-            return count
+    lines = 0
+    if counts and width > 1:
+        with path.open("rb") as file:
+            file.seek(offset)
+            lines = sum(line.strip() != b"" for line in file)
+    return next(
+        (n for n in counts if n != lines and (lines - 1) * width < n <= lines * width), None
+    )
+
+
+def ask_whether_wrapped(path: Path, width: int, rows: Sequence[Sequence[str]]) -> None:
+    """Raise FileError where rows without names look like one series, and nothing says so."""
     full = [row for row in rows if len(row) == width and all(map(is_number, row))]
     if width > 2 and len(full) >= FEWEST and (_runs_on(full) or len(rows[-1]) < width):
         raise FileError(
@@ -91,7 +92,6 @@ def points_of(
             "values a row; to read it so write the line 'points: N' above the rows, N the number "
             f"of its values; for {width} channels write a line of {width} names"
         )
-    return None
 
 
 def _runs_on(rows: Sequence[Sequence[str]]) -> bool:

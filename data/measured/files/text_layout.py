@@ -25,7 +25,7 @@ from data.measured.files.text_cells import (
     split,
     spoilt_number,
 )
-from data.measured.files.text_head import facts_of, points_of
+from data.measured.files.text_head import ask_whether_wrapped, facts_of, points_of
 from data.measured.units import is_unit, signal_by_words, split_brackets
 
 SAMPLE_BYTES = 2**20
@@ -67,7 +67,7 @@ class Line:
     @property
     def bare(self) -> str:
         """The text without the sign of a comment before it."""
-        return self.text.lstrip("".join(COMMENT) + " ") if self.text[0] in COMMENT else self.text
+        return re.sub(r"^(?!%\s?g\b)[#%][#% ]*", "", self.text)  # %g is a unit
 
 
 @dataclass(frozen=True)
@@ -134,13 +134,15 @@ class Table:
 
     def closed(self) -> bool:
         """Whether all rows end with a delimiter."""
-        return self.delimiter != " " and all(not row[-1] for row in self.tail())
+        width = self.width()
+        rows = [row for row in self.tail() if len(row) == width]
+        return self.delimiter != " " and all(not row[-1] for row in rows)
 
     def _cut(self, text: str) -> Iterator[list[str]]:
         yield [cell.strip() for cell in re.split(r"\t+|\s{2,}", text.strip())]
         if self.delimiter == " ":  # Time (s), Acc 1 (g)
             yield [cell.strip() for cell in re.findall(r"[^\s([{]+(?:\s*[([{][^])}]*[])}])?", text)]
-        for other in DELIMITERS:
+        for other in DELIMITERS if self.delimiter == " " or self.delimiter not in text else ():
             yield [cell.strip() for cell in split(text, other)]
 
 
@@ -185,7 +187,7 @@ def _end(path: Path, layout: Layout) -> int | None:
             tail, start = file.read(start - begin) + tail, begin
     last = len(tail.rstrip(empty))
     rest = re.split(rb"\r\n|\r|\n", tail[last:])
-    rows = sum(line.strip(b" \t") != b"" for line in rest[1:])
+    rows = sum(layout.delimiter.encode() in line for line in rest[1:] if layout.delimiter != " ")
     found = re.search(rb"((?:\r\n|\n|\r)[ \t]*[#%][^\r\n]*)+\s*\Z", tail[:last])
     if found is not None and found.start() > 0:
         layout.notes.append("comments at the end left out")
@@ -289,7 +291,10 @@ def _laid_out(path: Path, table: Table, request: Request, notes: list[str], trie
     """Layout with the names above the rows. Raises FileError where there are none, or two kinds."""
     kept, width = table.lines, table.width()
     first, block = _above(path, table, width, request, between=False)
-    if request.header and not block and first != 0:
+    lines = _first_lines(path, [])
+    before = [line.text for line in lines if first is None or line.number < kept[first].number]
+    points = None if block or first is None else points_of(path, kept[first].offset, width, before)
+    if request.header and not block and first != 0 and not points:
         first, block = _above(path, table, width, request, between=True)
     layout = Layout(table.delimiter, table.decimal, [], [], 0, 0, notes)
     if first is not None:
@@ -298,15 +303,13 @@ def _laid_out(path: Path, table: Table, request: Request, notes: list[str], trie
         layout.remarks = table.remarks(width)
         _name(layout, table, block, width)
         return layout
-    if first is not None:
-        lines = _first_lines(path, [])
-        before = [line.text for line in lines if line.number < layout.line]
-        rows = [table.cells(line) for line in kept[first:]]
-        layout.points = points_of(path, layout.offset, width, before, rows)
-    if first is None or (not layout.points and (request.header or first > 0)):
+    layout.points = points
+    if first is not None and not points:
+        ask_whether_wrapped(path, width, [table.cells(line) for line in kept[first:]])
+    if first is None or (not points and (request.header or first > 0)):
         _refuse(path, table, first, width, request, tried)
     layout.headers = [f"c{k + 1}" for k in range(width)]
-    if not layout.points:
+    if not points:
         notes.append(f"no header, columns named c1 … c{width}")
     return layout
 
@@ -322,21 +325,24 @@ def _above(
     for k, line in enumerate(kept[: SAMPLE_ROWS + 1]):
         follow = [table.cells(after) for after in kept[k : k + 2]]
         if all(table.fits(cells, kinds) for cells in follow):
-            return uneven or (k, [])
+            return (uneven if between else None) or (k, [])
         if request.header and table.names(line, width, between):
-            end = next((j for j in range(k + 1, len(kept)) if not _explains(table, kept[j])), None)
+            below = range(k + 1, len(kept))
+            end = next((j for j in below if not _explains(table, kept[j], width, between)), None)
             if end is None:
                 raise FileError(f"{path.name} holds a header and no rows; expected at least 2 rows")
             count = len(table.cells(kept[end]))
             if count == width or (count == width + 1 and table.remarks(width)):
+                while k > 0 and table.names(kept[k - 1], width, between=True):
+                    k -= 1  # names with blanks, above rows that blanks part
                 return end, list(kept[k:end])
             uneven = uneven or (end, list(kept[k:end]))
-    return uneven or (None, [])
+    return (uneven if between else None) or (None, [])
 
 
-def _explains(table: Table, line: Line) -> bool:
-    """Whether a line below names may explain them: it holds no value."""
-    cells = table.cells(line, bare=True)
+def _explains(table: Table, line: Line, width: int, between: bool) -> bool:
+    """Whether a line below names may explain them: it holds no value, or is of words, too."""
+    cells = table.names(line, width, between) or table.cells(line, bare=True)
     return not any(table.is_value(c) or spoilt_number(c, table.decimal) for c in cells)
 
 
