@@ -121,15 +121,14 @@ class SampleLines:
             if name in places:
                 raise ValueError(f"two columns of the input are both {name}; rename one of them")
             places[name] = k
-            unit = unit or unit_in_name(bare, signal_of(name))
-            if unit is None and name != bare and name != "time":
-                stated = units.get(name) or units.get(signal_of(name))
-                if stated is None and signal_of(name) != "u":
-                    raise ValueError(
-                        f"no unit is understood in {shorten(bare)}: say it, as in --units "
-                        f"{signal_of(name)}=g; {DIMENSIONS[signal_of(name)][1]} is taken only "
-                        "where it is said"
-                    )
+            signal = signal_of(name)
+            unit = unit or unit_in_name(bare, signal)
+            stated = units.get(name) or units.get(signal)
+            if not (unit or stated or name in (bare, "time") or signal == "u"):
+                raise ValueError(
+                    f"no unit is understood in {shorten(bare)}; say --units "
+                    f"{signal}={DIMENSIONS[signal][1]}, or what it is"
+                )
             if unit is not None:
                 own_units[name] = unit
         missing = [column for column in channels.values() if column not in map(_bare, heads)]

@@ -20,7 +20,7 @@ from data.measured.files.zipped import unpacked
 from data.measured.floors import FREE_FIELD, height, is_base, number_upwards, one_axis
 from data.measured.onset import without_quiet_start
 from data.measured.places import record_places
-from data.measured.plausible import likely_units, plausibility, questions_of_units
+from data.measured.plausible import plausibility, questions_of_units
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.reading import (
     by_name,
@@ -160,32 +160,24 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     told_units = {c: u for c in columns if (u := own.get(c, told_units.get(c))) is not None}
     in_si = {c: s for c, s in signals.items() if c in told_units and to_si(told_units[c], s) == 1.0}
     raw = RawRecord(path.name, time, stated_dt([table]), columns, notes=tuple(notes))
-    raw = with_own_clocks(raw)
+    unsaid = {} if clock is None or said.get("time") else {"time": clock}
+    raw = replace(with_own_clocks(raw), unsaid=unsaid)
     record = _examined(path, raw, told_units, guesses, in_si)
     findings = [
         replace(f, blocks=f.blocks and (not f.channel or f.channel in guesses))
         for f in record.findings
     ]
-    kinds = {
-        c: next((s for _, s in UNITS if has_dimension(u, s)), "u") for c, u in told_units.items()
-    }
-    signals |= {c: kind for c, kind in kinds.items() if c not in signals}
-    values = {
-        c: columns[c] * to_si(told_units[c], s) if c in told_units else columns[c]
-        for c, s in signals.items()
-    }
+    for c in told_units.keys() - signals.keys():
+        signals[c] = next((s for _, s in UNITS if has_dimension(told_units[c], s)), "u")
+    size = {c: to_si(told_units[c], s) if c in told_units else 1.0 for c, s in signals.items()}
+    values = {c: columns[c] * size[c] for c in columns if c in signals}
     asked = {c: c for c in own if c not in told_units and signals[c] != "u"}
     dt = None if time is None and raw.dt is None else step_of(raw, next(iter(columns)))
     if dt is not None and not any(signals[c] in ("a", "s_ddot") for c in asked):
         mapped = {g: values[c] for c, g in guesses.items() if g != "time"}
         findings += plausibility(mapped, dt)
-    findings = questions_of_units(values, signals, asked, dt) + findings
-    return replace(
-        record,
-        findings=findings,
-        likely=likely_units(values, signals, asked, dt),
-        labels=table.labels,
-    )
+    questions, likely = questions_of_units(values, signals, asked, dt)
+    return replace(record, findings=questions + findings, likely=likely, labels=table.labels)
 
 
 def _runs_like_a_clock(columns: Mapping[str, np.ndarray], notes: list[str]) -> str | None:

@@ -8,8 +8,9 @@ represents its acceleration, H(f) = −(2πf)².  Slope, sign and size of H deci
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -157,22 +158,17 @@ LOW = 0.05  # of the sampling rate: below it differences are derivatives to 1 %
 
 
 def unit_findings(raw: RawRecord) -> list[Finding]:
-    """Channels whose unit nobody said, in a line for each kind, with what else tells it."""
-    values = dict(raw.channels)
-    dt = raw.dt
+    """Questions for the units of channels, and of the clock, that nobody said."""
     clock = next(iter(raw.clocks.values()), raw.time)
-    if clock is not None and len(clock) > 1:
-        dt = float(np.nanmedian(np.diff(clock)))
-    unsaid = {channel: column for channel, column in raw.unsaid.items() if channel in values}
-    signals = {channel: signal_of(channel) for channel in values}
-    findings = questions_of_units(values, signals, unsaid, dt)
+    dt = raw.dt if clock is None or len(clock) < 2 else float(np.nanmedian(np.diff(clock)))
+    unsaid = {channel: column for channel, column in raw.unsaid.items() if channel in raw.channels}
+    signals = {channel: signal_of(channel) for channel in raw.channels}
+    findings, _ = questions_of_units(raw.channels, signals, unsaid, dt)
     column = raw.unsaid.get("time")
-    low, high = USUAL["s"][1]
     if column is not None and clock is not None and dt is not None and dt > 0.0:
-        low, high = (1e-6, 1.0 - 1e-9) if column in CLOCKS else (low, high)
+        low, high = (1e-6, 1.0 - 1e-9) if column in CLOCKS else USUAL["s"][1]
         if not low <= dt <= high:
-            text = _ask([column], "time", fitting_units("time", dt))
-            findings.append(Finding("no unit", "time", text, True))
+            findings.append(_question(["time"], [column], "time", _fitting("time", dt)))
     return findings
 
 
@@ -181,93 +177,62 @@ def questions_of_units(
     signals: Mapping[str, str],
     unsaid: Mapping[str, str],
     dt: float | None,
-) -> list[Finding]:
-    """Questions for the units of channels or columns, in a line for each signal.
+) -> tuple[list[Finding], dict[str, str]]:
+    """Questions for units, one for each signal, and units to propose, as in {"a": "g|m/s^2"}.
 
-    values (T,): in SI where the unit was said; unsaid: names of those where it was not.
+    values (T,): of channels or columns, in SI where the unit was said; unsaid: {name: column} of
+    those where it was not. A displacement in a known unit tells that of accelerations beside it.
     """
-    findings = []
-    told = unit_of_accelerations(values, signals, unsaid, dt)
-    for signal, names in _by_signal(signals, unsaid).items():
-        columns = [unsaid[name] for name in names]
-        text = _ask(columns, signal, fitting_units(signal, _peak(values, names)))
-        if told is not None and DIMENSIONS[signal][1] == "m/s^2":
-            text = f"{_none_in(columns)}; {told[1]}: say data.units.{signal}={told[0]}"
-        findings.append(Finding("no unit", ", ".join(names[:6]), text, True))
-    return findings
+    findings, likely = [], {}
+    told, how = _beside_displacement(values, signals, unsaid, dt)
+    for signal in dict.fromkeys(signals[name] for name in unsaid):
+        names = [name for name in unsaid if signals[name] == signal]
+        finite = [np.abs(values[name][np.isfinite(values[name])]) for name in names]
+        fitting = _fitting(signal, max(float(size.max(initial=0.0)) for size in finite))
+        of_rate = told and DIMENSIONS[signal][1] == "m/s^2"
+        fitting, why = ([told], how) if of_rate else (fitting, "")
+        findings.append(_question(names, [unsaid[name] for name in names], signal, fitting, why))
+        likely[signal] = "|".join(fitting) or DIMENSIONS[signal][1]
+    return findings, likely
 
 
-def likely_units(
-    values: Mapping[str, np.ndarray],
-    signals: Mapping[str, str],
-    unsaid: Mapping[str, str],
-    dt: float | None,
-) -> dict[str, str]:
-    """Units to propose for each signal whose unit nobody said, as in "g|m/s^2".
-
-    Arguments as for the questions.
-    """
-    told = unit_of_accelerations(values, signals, unsaid, dt)
-    likely = {}
-    for signal, names in _by_signal(signals, unsaid).items():
-        si = DIMENSIONS[signal][1]
-        likely[signal] = "|".join(fitting_units(signal, _peak(values, names)) or [si])
-        likely[signal] = told[0] if told is not None and si == "m/s^2" else likely[signal]
-    return likely
-
-
-def _by_signal(signals: Mapping[str, str], names: Iterable[str]) -> dict[str, list[str]]:
-    kinds: dict[str, list[str]] = {}
-    for name in names:
-        kinds.setdefault(signals[name], []).append(name)
-    return kinds
-
-
-def _peak(values: Mapping[str, np.ndarray], names: Iterable[str]) -> float:
-    """Largest finite value of some channels."""
-    sizes = (np.abs(values[name][np.isfinite(values[name])]) for name in names)
-    return max((float(size.max(initial=0.0)) for size in sizes), default=0.0)
-
-
-def _none_in(columns: Sequence[str]) -> str:
-    more = f" and {len(columns) - 3} more" if len(columns) > 3 else ""
-    return f"no unit is understood in {', '.join(map(shorten, columns[:3]))}{more}"
-
-
-def _ask(columns: Sequence[str], signal: str, fitting: Sequence[str]) -> str:
+def _question(
+    names: Sequence[str], columns: Sequence[str], signal: str, fitting: Sequence[str], why: str = ""
+) -> Finding:
     si = DIMENSIONS[signal][1]
-    others = [unit for unit in fitting if unit != si]
+    more = f" and {len(columns) - 3} more" if len(columns) > 3 else ""
+    text = f"no unit is understood in {', '.join(map(shorten, columns[:3]))}{more}"
+    first = [unit for unit in fitting if unit != si] or USUAL[si][0]
     size = f"; by its size it may be {', '.join(fitting)}" if fitting else ""
-    return (
-        f"{_none_in(columns)}{size}: say data.units.{signal}={(*others, *USUAL[si][0])[0]}, or "
-        f"what it is; {si} is taken only with data.units.{signal}={si}"
-    )
+    text += f"; {why}: say data.units.{signal}={fitting[0]}" if why else size
+    if not why:
+        text += f": say data.units.{signal}={first[0]}, or what it is; {si} is taken only with "
+        text += f"data.units.{signal}={si}"
+    return Finding("no unit", ", ".join(names[:6]), text, True)
 
 
-def fitting_units(signal: str, peak: float) -> list[str]:
+def _fitting(signal: str, peak: float) -> list[str]:
     """Usual units in which a peak, or the step of a clock, has a size that structures have."""
     units, (low, high) = USUAL[DIMENSIONS[signal][1]]
     return [unit for unit in units if low <= peak * to_si(unit, signal) <= high]
 
 
-def unit_of_accelerations(
+def _beside_displacement(
     values: Mapping[str, np.ndarray],
     signals: Mapping[str, str],
     unsaid: Mapping[str, str],
     dt: float | None,
-) -> tuple[str, str] | None:
-    """The unit of accelerations that a displacement beside them tells, and how; None without."""
-    for name in unsaid:
-        for other in values if signals[name] in ("a", "s_ddot") and dt else ():
-            if signals.get(other) in ("x", "s") and other not in unsaid:
-                size = _ratio(values[other], values[name], float(dt or 0.0))
-                units = USUAL["m/s^2"][0]
-                near = [u for u in units if size and abs(size / to_si(u, "a") - 1.0) < ALIKE]
-                if near:
-                    near.sort(key=lambda u: abs(float(size or 0.0) / to_si(u, "a") - 1.0))
-                    why = f"as the second derivative of {other!r}, {unsaid[name]!r} is in {near[0]}"
-                    return near[0], why
-    return None
+) -> tuple[str, str]:
+    """The unit of accelerations by a displacement beside them, and how it tells; "" without."""
+    motions = [c for c in values if signals.get(c) in ("x", "s") and c not in unsaid]
+    rates = [c for c in unsaid if signals[c] in ("a", "s_ddot")]
+    for name, other in product(rates, motions if dt else ()):
+        size = _ratio(values[other], values[name], float(dt or 0.0))
+        far = {u: abs(size / to_si(u, "a") - 1.0) for u in USUAL["m/s^2"][0]} if size else {}
+        unit = min(far, key=lambda u: far[u], default="")
+        if unit and far[unit] < ALIKE:
+            return unit, f"as the second derivative of {other!r}, {unsaid[name]!r} is in {unit}"
+    return "", ""
 
 
 def _ratio(displacement: np.ndarray, acceleration: np.ndarray, dt: float) -> float | None:

@@ -329,24 +329,18 @@ def units_of(
     for channel in doubtful:
         kind = DIMENSIONS[_signal(channel)][1]
         alike = [c for c in found if DIMENSIONS[_signal(c)][1] == kind]
-        if any(found[c] is None and not _in_si(places[c][1]) for c in alike):
-            found[channel] = None
+        found[channel] = None if any(found[c] is None for c in alike) else found[channel]
     return found
-
-
-def _in_si(column: str) -> bool:
-    """Whether a column is called as ours are, which are in SI units where nothing else is said."""
-    return CHANNEL.fullmatch(column) is not None
 
 
 def _unsaid(
     units: Mapping[str, str | None], places: Mapping[str, tuple[str, str]]
 ) -> dict[str, str]:
-    """{channel: column} of what is in no unit that is said, nor in SI by its name."""
+    """{channel: column} of what is in no unit that is said, nor called as our channels in SI."""
     return {
         channel.partition(" ")[0]: places[channel][1]
         for channel, unit in units.items()
-        if unit is None and not _in_si(places[channel][1]) and _signal(channel) != "u"
+        if unit is None and not CHANNEL.fullmatch(places[channel][1]) and _signal(channel) != "u"
     }
 
 

@@ -79,9 +79,8 @@ LABELLED = re.compile(  # unit: g, in units of g, in g; but in lb is a moment
 def to_si(unit: str, signal: str) -> float:
     """Factor that turns values in `unit` into SI: s, N, m, m/s or m/s², as `signal` asks.
 
-    `signal` is "time", "f", "r", "x", "s", "v", "s_dot", "a", "s_ddot", or "u", whose
-    unit is kept. Raises ValueError for
-    another signal, an unknown unit, or a unit of another dimension.
+    `signal` is "time", "f", "r", "x", "s", "v", "s_dot", "a", "s_ddot", or "u", whose unit is kept.
+    Raises ValueError for another signal, an unknown unit, or a unit of another dimension.
     """
     if signal not in DIMENSIONS:
         raise ValueError(f"signal={signal!r}: choose {', '.join(DIMENSIONS)}")

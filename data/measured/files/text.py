@@ -86,26 +86,22 @@ def read_text(path: Path, request: Request) -> Contents:
 def _one_series(path: Path, layout: Layout, request: Request) -> Contents:
     """One series that is written several values a row, with the unit that the lines above say."""
     check_size(path, 24.0 * path.stat().st_size, path.stat().st_size)
-    with path.open("rb") as file:
-        before = file.read(layout.offset).decode("utf-8", errors="replace").splitlines()
-        cells = split(
-            " ".join(file.read().decode("utf-8", errors="replace").split()), layout.delimiter
-        )
-    values = [cell.strip().replace(layout.decimal, ".") for cell in cells if cell.strip()]
-    values = [value for cell in values for value in cell.split()]
+    content = path.read_bytes().decode("utf-8", "replace")
+    body = path.read_bytes()[layout.offset :].decode("utf-8", "replace")
+    head = content[: len(content) - len(body)]
+    values = body.replace(layout.delimiter, " ").replace(layout.decimal, ".").split()
     wrong = next((value for value in values if not is_number(value)), None)
     if wrong is not None or len(values) != layout.points:
         raise FileError(
-            f"{path.name}: {len(values)} values, of which {shorten(wrong)} is no number; "
-            f"expected {layout.points} as line 1 to {layout.line} say; mend the file"
+            f"{path.name}: {len(values)} values{f', such as {shorten(wrong)}' if wrong else ''}; "
+            f"expected {layout.points} numbers, as the lines above them say; mend the file"
         )
-    said = next((word for line in before for word in KINDS if word in line.lower()), "values")
-    notes = [*layout.notes, f"one series of {layout.points} values, {len(layout.headers)} a row"]
-    contents = Contents({said: np.array(values, dtype=float)}, {}, layout.facts, notes)
+    said = next((word for word in KINDS if word in head.lower()), "values")
     choose(path, [said], request.columns)
-    if (unit := unit_of(before)) is not None:
-        contents.units[said] = unit
-    return contents
+    unit = unit_of(head.splitlines())
+    notes = [*layout.notes, f"one series of {layout.points} values, {len(layout.headers)} a row"]
+    units = {} if unit is None else {said: unit}
+    return Contents({said: np.array(values, dtype=float)}, units, layout.facts, notes)
 
 
 def content(head: bytes) -> str:

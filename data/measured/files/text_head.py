@@ -25,7 +25,7 @@ COUNT = re.compile(
     r"samples?[ _]*count)\s*[:=,;]?\s*(\d+)\b"
 )
 STEPS = (1e-5, 1.0)  # s, that loggers have: others are in a unit that is not said
-FEWEST = 20  # rows that tell of a series written in several columns
+FEWEST = 10  # rows that tell of a series written in several columns
 
 
 def facts_of(lines: Sequence[str], notes: list[str]) -> dict[str, float]:

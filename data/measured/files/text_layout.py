@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,6 @@ BLANK = 2**16  # bytes looked at in one go for rows without values at the end
 DELIMITERS = ("\t", ";", ",", " ")  # in this order of trust; " " stands for any white space
 CALLED = {"\t": "tab", " ": "white space"}
 COMMENT = ("#", "%")
-CHANNEL = re.compile(r"(f|x|v|a|s|s_dot|s_ddot|r|u)[1-9]\d*")  # as ours are called
 
 
 @dataclass
@@ -82,15 +82,22 @@ class Table:
         """The cells of a line, stripped."""
         return [cell.strip() for cell in split(line.bare if bare else line.text, self.delimiter)]
 
+    @cached_property
     def tail(self) -> list[list[str]]:
         """The last rows with a digit, which a head does not reach."""
         rows = [line for line in self.lines if re.search(r"\d", line.text)]
         return [self.cells(line) for line in rows[-SAMPLE_ROWS:]]
 
+    @cached_property
     def width(self) -> int:
         """Cells of most of the last rows."""
-        counts = Counter(len(row) for row in self.tail() or [self.cells(self.lines[0])])
-        return counts.most_common(1)[0][0]
+        rows = self.tail or [self.cells(self.lines[0])]
+        return Counter(map(len, rows)).most_common(1)[0][0]
+
+    @cached_property
+    def rows(self) -> list[list[str]]:
+        """Those of the last rows that have as many cells as most."""
+        return [row for row in self.tail if len(row) == self.width]
 
     def is_value(self, cell: str) -> bool:
         return is_number(cell, self.decimal) or ISO_TIME.fullmatch(cell) is not None
@@ -111,32 +118,32 @@ class Table:
             )
         )
 
-    def names(self, line: Line, width: int, between: bool = False) -> list[str] | None:
-        """The `width` cells of a row of words; None for others.
+    def names(self, line: Line, between: bool = False) -> list[str] | None:
+        """The cells of a row of words; None for others.
 
         between: also where other delimiters, or several blanks, part the words. One name more is
         left out where it is blank or its cells are remarks in some rows; one less where rows end
         with a delimiter.
         """
         for cells in self._cut(line.bare) if between else [self.cells(line, bare=True)]:
-            if len(cells) == width + 1 and (not cells[-1] or self.remarks(width)):
+            if len(cells) == self.width + 1 and (not cells[-1] or self.remarks):
                 cells = cells[:-1]
-            if len(cells) == width - 1 > 0 and self.closed():
+            if len(cells) == self.width - 1 > 0 and self.closed:
                 cells = [*cells, ""]
-            if len(cells) == width and any(cells) and not self.may_be_row(cells):
+            if len(cells) == self.width and any(cells) and not self.may_be_row(cells):
                 return cells
         return None
 
-    def remarks(self, width: int) -> bool:
+    @cached_property
+    def remarks(self) -> bool:
         """Whether some rows have a word behind their last cell."""
-        longer = (c for c in map(self.cells, self.lines) if len(c) == width + 1)
+        longer = (c for c in map(self.cells, self.lines) if len(c) == self.width + 1)
         return any(self.is_value(c[0]) and c[-1] and not self.is_value(c[-1]) for c in longer)
 
+    @cached_property
     def closed(self) -> bool:
         """Whether all rows end with a delimiter."""
-        width = self.width()
-        rows = [row for row in self.tail() if len(row) == width]
-        return self.delimiter != " " and all(not row[-1] for row in rows)
+        return self.delimiter != " " and all(not row[-1] for row in self.rows)
 
     def _cut(self, text: str) -> Iterator[list[str]]:
         yield [cell.strip() for cell in re.split(r"\t+|\s{2,}", text.strip())]
@@ -276,7 +283,7 @@ def _share_of_values(table: Table, request: Request) -> float | None:
     Decimal commas count where nothing else can be meant: no cell has a point, and not all of them
     may be thousands.
     """
-    rows = table.tail() or [table.cells(line) for line in table.lines[1:] or table.lines]
+    rows = table.tail or [table.cells(line) for line in table.lines[1:] or table.lines]
     width, times = Counter(map(len, rows)).most_common(1)[0]
     if width < 2 or times < (0.8 if len(rows) > FEW else 0.5) * len(rows):
         return None
@@ -289,25 +296,25 @@ def _share_of_values(table: Table, request: Request) -> float | None:
 
 def _laid_out(path: Path, table: Table, request: Request, notes: list[str], tried: bool) -> Layout:
     """Layout with the names above the rows. Raises FileError where there are none, or two kinds."""
-    kept, width = table.lines, table.width()
-    first, block = _above(path, table, width, request, between=False)
+    kept, width = table.lines, table.width
+    first, block = _above(path, table, request, between=False)
     lines = _first_lines(path, [])
     before = [line.text for line in lines if first is None or line.number < kept[first].number]
     points = None if block or first is None else points_of(path, kept[first].offset, width, before)
     if request.header and not block and first != 0 and not points:
-        first, block = _above(path, table, width, request, between=True)
+        first, block = _above(path, table, request, between=True)
     layout = Layout(table.delimiter, table.decimal, [], [], 0, 0, notes)
     if first is not None:
         layout.line, layout.offset = kept[first].number, kept[first].offset
     if block:
-        layout.remarks = table.remarks(width)
-        _name(layout, table, block, width)
+        layout.remarks = table.remarks
+        _name(layout, table, block)
         return layout
     layout.points = points
     if first is not None and not points:
         ask_whether_wrapped(path, width, [table.cells(line) for line in kept[first:]])
     if first is None or (not points and (request.header or first > 0)):
-        _refuse(path, table, first, width, request, tried)
+        _refuse(path, table, first, request, tried)
     layout.headers = [f"c{k + 1}" for k in range(width)]
     if not points:
         notes.append(f"no header, columns named c1 … c{width}")
@@ -315,50 +322,47 @@ def _laid_out(path: Path, table: Table, request: Request, notes: list[str], trie
 
 
 def _above(
-    path: Path, table: Table, width: int, request: Request, between: bool
+    path: Path, table: Table, request: Request, between: bool
 ) -> tuple[int | None, list[Line]]:
     """Place of the first row, and the lines of names, units and words above it."""
-    rows = [row for row in table.tail() if len(row) == width]
-    kinds = [kind_of_column(column, table.decimal) for column in zip(*rows, strict=True)]
-    kinds = kinds if set(kinds) - {"text"} else ["number"] * width
+    kinds = [kind_of_column(column, table.decimal) for column in zip(*table.rows, strict=True)]
+    kinds = kinds if set(kinds) - {"text"} else ["number"] * table.width
     kept, uneven = table.lines, None
     for k, line in enumerate(kept[: SAMPLE_ROWS + 1]):
         follow = [table.cells(after) for after in kept[k : k + 2]]
         if all(table.fits(cells, kinds) for cells in follow):
             return (uneven if between else None) or (k, [])
-        if request.header and table.names(line, width, between):
+        if request.header and table.names(line, between):
             below = range(k + 1, len(kept))
-            end = next((j for j in below if not _explains(table, kept[j], width, between)), None)
+            end = next((j for j in below if not _explains(table, kept[j], between)), None)
             if end is None:
                 raise FileError(f"{path.name} holds a header and no rows; expected at least 2 rows")
             count = len(table.cells(kept[end]))
-            if count == width or (count == width + 1 and table.remarks(width)):
-                while k > 0 and table.names(kept[k - 1], width, between=True):
+            if count == table.width or (count == table.width + 1 and table.remarks):
+                while k > 0 and table.names(kept[k - 1], between=True):
                     k -= 1  # names with blanks, above rows that blanks part
                 return end, list(kept[k:end])
             uneven = uneven or (end, list(kept[k:end]))
     return (uneven if between else None) or (None, [])
 
 
-def _explains(table: Table, line: Line, width: int, between: bool) -> bool:
+def _explains(table: Table, line: Line, between: bool) -> bool:
     """Whether a line below names may explain them: it holds no value, or is of words, too."""
-    cells = table.names(line, width, between) or table.cells(line, bare=True)
+    cells = table.names(line, between) or table.cells(line, bare=True)
     return not any(table.is_value(c) or spoilt_number(c, table.decimal) for c in cells)
 
 
-def _name(layout: Layout, table: Table, block: Sequence[Line], width: int) -> None:
+def _name(layout: Layout, table: Table, block: Sequence[Line]) -> None:
     """Names, and units from a row of their own, of the lines above the rows."""
-    rows = {line: table.names(line, width) or table.names(line, width, True) for line in block}
-    words = {line: cells for line, cells in rows.items() if cells}
+    rows = ((line, table.names(line) or table.names(line, between=True)) for line in block)
+    words = {line: cells for line, cells in rows if cells}
     units = {line: cells for line, cells in words.items() if _are_units(cells)}
     names = {line: cells for line, cells in words.items() if line not in units} or words
-    chosen = max(
-        names, key=lambda line: (_distinct(names[line]), _telling(names[line]), line.number)
-    )
+    chosen = max(names, key=lambda line: (*_telling(names[line]), line.number))
     layout.headers = names.pop(chosen)
     units.pop(chosen, None)
     above = [cells for line, cells in names.items() if line.number < chosen.number]
-    if not _distinct(layout.headers) and not units and above:  # names of groups, and within them
+    if not _telling(layout.headers)[0] and not units and above:  # names of groups, and within them
         group = ""
         for k, cell in enumerate(above[-1]):
             group = cell or group
@@ -383,16 +387,11 @@ def _are_units(cells: Sequence[str]) -> bool:
     return 2 * len(known) >= max(len(named), 1) and all(len(c) <= 4 or is_unit(c) for c in named)
 
 
-def _distinct(cells: Sequence[str]) -> bool:
+def _telling(cells: Sequence[str]) -> tuple[bool, int]:
+    """Whether cells tell columns apart, and how many sound like a signal or have a unit."""
     filled = [cell for cell in cells if cell]
-    return len(set(filled)) == len(filled) and 2 * len(filled) > len(cells)
-
-
-def _telling(cells: Sequence[str]) -> int:
-    """How many cells sound like a signal, or have a unit."""
-    return sum(
-        bool(signal_by_words(c) or CHANNEL.fullmatch(c) or split_brackets(c)[1]) for c in cells
-    )
+    apart = len(set(filled)) == len(filled) and 2 * len(filled) > len(cells)
+    return apart, sum(bool(signal_by_words(c) or split_brackets(c)[1]) for c in filled)
 
 
 def _works(path: Path, request: Request, **change: Any) -> bool:
@@ -404,11 +403,9 @@ def _works(path: Path, request: Request, **change: Any) -> bool:
     return True
 
 
-def _refuse(
-    path: Path, table: Table, first: int | None, width: int, request: Request, tried: bool
-) -> None:
+def _refuse(path: Path, table: Table, first: int | None, request: Request, tried: bool) -> None:
     """Raise FileError saying what the lines above the rows are, with advice that works."""
-    kept = table.lines
+    kept, width = table.lines, table.width
     one, cells = kept[0], table.cells(kept[0])
     if tried or first is None:
         raise FileError(
@@ -422,14 +419,10 @@ def _refuse(
     advice = f"{skip}, or write a header" if _works(path, request, **without) else "write a header"
     if len(cells) == width and table.may_be_row(cells) and first < 2 and request.header:
         words = [cell for cell in cells if not table.may_be_row([cell])]
-        said = f"holds numbers, not names; {advice}"
-        if words:
-            said = (
-                f"mixes names such as {shorten(words[0])} with numbers; expected a header; rename "
-                f"its columns, or {advice}"
-            )
+        mixed = f"mixes names such as {shorten((*words, '')[0])} with numbers; rename its columns"
+        said = f"{mixed}, or {advice}" if words else f"holds numbers, not names; {advice}"
         raise FileError(f"{path.name}: line {one.number} {said}")
-    if not request.header and table.names(one, width):
+    if not request.header and table.names(one):
         raise FileError(
             f"{path.name}: line {one.number} is no row of numbers: {shorten(one.text)}; is it a "
             "header? then leave data.header=false out"

@@ -1,0 +1,184 @@
+"""Text files as loggers and people write them: names, units and values by what rows are."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from benchmarks.readers import outcome
+from data.measured.files.columns import FileError
+from data.measured.files.table import read_table
+from data.measured.mend import Mending
+from data.measured.reading import read_record
+from data.measured.signal_faults import blocking
+from tests.data.odd_files import DT, clock, shaken, table
+from tests.data.written_files import written
+
+ROWS = "\n".join(f"{0.01 * k:.2f},{k % 7 - 3},{k % 5 - 2}" for k in range(40))
+
+
+@settings(
+    deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(st.integers(0, 10**6), st.booleans())
+def test_no_written_file_is_misread(tmp_path, seed, held):
+    end = outcome(written(seed, held), tmp_path / "record.csv")
+    assert end != "WRONG"
+    assert not end.startswith("refused")
+
+
+def read(tmp_path, text: str, **reader):
+    path = tmp_path / "record.csv"
+    path.write_text(text)
+    return read_table(path, **reader)
+
+
+HEADS = {  # what stands above the rows
+    "a logger's": '"TOA5","S","CR6","7"\n"t","a","b"\n"s","g","mm"\n"","Smp","Smp"',
+    "units above names": "s,g,mm\nt,a,b",
+    "a unit that opens with a percent sign": "a title\n\nt,a,b\ns,g,mm",
+    "a title of as many cells": "run 1,north,2nd test\nt [s],a [g],b [mm]",
+    "keys, one of them a time": "dt,0.01\nrate,100\nt [s],a (g),b, mm".replace("b, mm", '"b, mm"'),
+    "names between tabs": "t [s]\ta [g]\tb [mm]",
+    "a comment": "# t [s],a [g],b [mm]",
+}
+
+
+@pytest.mark.parametrize("head", HEADS.values(), ids=list(HEADS))
+def test_names_and_units_are_found_by_what_rows_are(tmp_path, head):
+    found = read(tmp_path, f"{head}\n{ROWS}\n")
+    assert [name[0] for name in found.columns] == ["t", "a", "b"]
+    path = tmp_path / "record.csv"
+    names = dict(zip(("time", "s_ddot1", "x1"), found.columns, strict=True))
+    raw = read_record(path, names)
+    assert raw.channels["s_ddot1"][0] == pytest.approx(-3 * 9.80665)
+    assert raw.channels["x1"][0] == pytest.approx(-2e-3)
+    assert not raw.unsaid
+
+
+def test_a_percent_sign_of_a_unit_is_no_comment(tmp_path):
+    assert read(tmp_path, f"a,b,c\n%g,g,mm\n{ROWS}\n").units["a"] == "%g"
+
+
+def test_a_remark_behind_a_row_and_rows_without_values_are_left_out(tmp_path):
+    first, *rows = ROWS.splitlines()
+    text = "\n".join(["t,a,b,Events", f"{first}, Start", *rows, *[",,"] * 30_000])
+    found = read(tmp_path, text + "\n")
+    assert [len(u) for u in found.columns.values()] == [40, 40, 40]
+    assert "30000 rows without values at the end left out" in found.notes
+
+
+def test_one_series_in_several_columns_is_one_or_asked_about(tmp_path):
+    values = np.sin(0.1 * np.arange(157))
+    rows = [" ".join(f"{v:.6f}" for v in values[k : k + 8]) for k in range(0, 157, 8)]
+    said = "ACCELERATION UNIT: CM/SEC/SEC\nNO. OF POINTS: 157 EQUALLY SPACED INTERVALS OF: 0.02 SEC"
+    found = read(tmp_path, "\n".join([said, *rows]))
+    assert np.abs(found.columns["acceleration"] - values).max() < 1e-6
+    assert (found.units, found.facts) == ({"acceleration": "CM/SEC/SEC"}, {"dt": 0.02})
+    for reader in ({}, {"header": False}):
+        with pytest.raises(FileError, match="look like one series") as caught:
+            read(tmp_path, "\n".join(rows[:-1]), **reader)
+        remedy = re.search(r"'(points: )N'", str(caught.value))
+        assert remedy is not None
+        found = read(tmp_path, "\n".join([f"{remedy[1]}{8 * len(rows[:-1])}", *rows[:-1]]))
+        assert len(found.columns["values"]) == 152
+
+
+REFUSED = ["0,2\n1,3\n2,4\n", "A station\n\n0,2,1\n1,3,1\n2,4,1\n", "t,1,2\n0,2,3\n1,3,4\n",
+           "a\n0,5\n1,5\n2,5\n", "A;B\n1,234;5\n2,345;6\n", "t a\n0,2,3\n1,3,4\n"]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_advice_on_reading_works_where_it_is_given(tmp_path, text):
+    reader = {}
+    with pytest.raises(FileError) as caught:
+        read(tmp_path, text)
+    for key, value in re.findall(r"data\.(\w+)=(\S+?)[,;]?(?= |$)", str(caught.value)):
+        reader[key] = {"false": False}.get(value, int(value) if value.isdigit() else value[1:-1])
+    assert not reader or read(tmp_path, text, **reader).columns
+
+
+def test_empty_cells_of_a_slower_channel_are_its_rate(tmp_path):
+    base, roof = shaken(samples=400)
+    path = table(tmp_path / "two.csv", {"time": clock(400), "s_ddot1": base, "a1": roof})
+    lines = path.read_text().splitlines()
+    cut = [
+        line.rpartition(",")[0] + "," if k % 2 == 0 and k else line for k, line in enumerate(lines)
+    ]
+    path.write_text("\n".join(cut))
+    raw = read_record(path)
+    (fault,) = blocking(raw)
+    assert (fault.what, len(raw.channels["a1"])) == ("different rates", 200)
+    rate = float(re.search(r"data\.mend\.resample=([\d.]+)", fault.message)[1])
+    dt, channels, _ = Mending(resample=rate)(raw)
+    assert dt == pytest.approx(2 * DT)
+    off = channels["a1"] - roof[::2][: len(channels["a1"])]  # by the low-pass of 20 Hz
+    assert np.abs(off).max() < 0.01 * np.abs(roof).max()
+
+
+def test_a_clock_that_runs_slowly_is_named_with_its_rate(tmp_path):
+    base, roof = shaken()
+    table(tmp_path / "base.csv", {"time": clock(), "acc [m/s^2]": base})
+    table(tmp_path / "roof.csv", {"time": 1.0008 * clock(), "acc [m/s^2]": roof})
+    where = {"time": "time", "s_ddot1": "base.csv:acc", "a1": "roof.csv:acc"}
+    (fault,) = blocking(read_record(tmp_path, where))
+    assert "s_ddot1 100 Hz, a1 99.92 Hz, which drift apart by 0.0192 s" in fault.message
+    assert "data.mend.resample=100 " in fault.message
+
+
+# Units
+
+
+def questions(path, channels, units=None) -> list[str]:
+    return [str(fault) for fault in blocking(read_record(path, channels, units))]
+
+
+def test_no_unit_is_assumed_of_a_name_that_is_not_ours(tmp_path):
+    base, roof = shaken()
+    path = table(tmp_path / "r.csv", {"time": clock(), "Acc Ground": base, "a1": roof})
+    where = {"time": "time", "s_ddot1": "Acc Ground", "a1": "a1"}
+    (asked,) = questions(path, where)
+    assert "no unit is understood in 'Acc Ground'" in asked
+    assert "m/s^2 is taken only with data.units.s_ddot=m/s^2" in asked
+    assert questions(path, where, {"s_ddot": "m/s^2"}) == []
+
+
+def test_the_g_of_a_name_is_the_ground_where_others_have_no_unit(tmp_path):
+    base, roof = shaken()
+    where = {"time": "time", "s_ddot1": "acc_g", "a1": "acc_1"}
+    path = table(tmp_path / "ground.csv", {"time": clock(), "acc_g": base, "acc_1": roof})
+    assert len(questions(path, where)) == 2
+    path = table(tmp_path / "gravity.csv", {"time": clock(), "acc_g": base, "acc_1_g": roof})
+    raw = read_record(path, {**where, "a1": "acc_1_g"})
+    assert raw.channels["a1"] == pytest.approx(9.80665 * roof, rel=1e-4, abs=1e-5)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("mm/s^2", 1e-3), ("g", 9.80665), ("in/s^2", 0.0254)])
+def test_a_displacement_tells_the_unit_of_an_acceleration(tmp_path, unit, factor):
+    base, roof = shaken()
+    moved = np.cumsum(np.cumsum(base)) * DT**2 + 0.01 * clock()
+    columns = {
+        "time": clock(),
+        "Disp [mm]": 1e3 * moved,
+        "Acc": base / factor,
+        "Top": roof / factor,
+    }
+    path = table(tmp_path / "r.csv", columns, "%.12g")
+    where = {"time": "time", "s1": "Disp", "s_ddot1": "Acc", "a1": "Top"}
+    asked = questions(path, where)
+    assert len(asked) == 2
+    assert all(f"={unit}" in text and "second derivative of 's1'" in text for text in asked)
+    assert questions(path, where, {"a": unit, "s_ddot": unit}) == []
+
+
+def test_a_clock_in_no_unit_that_cannot_be_in_seconds_is_asked_about(tmp_path):
+    base, roof = shaken()
+    path = table(tmp_path / "r.csv", {"time": 1e3 * clock(), "s_ddot1": base, "a1": roof})
+    (asked,) = questions(path, None)
+    assert "no unit in time" in asked
+    assert "data.units.time=ms" in asked
+    assert questions(path, None, {"time": "ms"}) == []
