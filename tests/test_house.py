@@ -17,13 +17,13 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (15_950, 10_500),
+    "data": (15_900, 10_500),
     "models": (25_300, 17_000),
     "runner": (4_800, 3_600),
     "export": (5_600, 4_200),
     "report": (7_800, 6_000),
     "live": (1_100, 800),
-    "benchmarks": (2_700, 2_500),
+    "benchmarks": (2_800, 2_500),
     "hydra_plugins": (100, 100),
     "tests": (28_900, 18_000),
 }
