@@ -17,7 +17,7 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (15_900, 10_500),
+    "data": (16_500, 10_500),
     "models": (25_300, 17_000),
     "runner": (4_800, 3_600),
     "export": (5_600, 4_200),
@@ -25,7 +25,7 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "live": (1_100, 800),
     "benchmarks": (2_800, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (28_900, 18_000),
+    "tests": (29_300, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "benchmarks")  # on the roof

@@ -49,7 +49,7 @@ def read_here(path: Path, request: Request) -> Contents:
     tables: dict[str, Contents] = {}
     faults: list[str] = []
     for name, rows in _sheets(path, request.group):
-        text = _text(rows, request.decimal)
+        text = _text(rows, request.decimal or ".")
         try:
             if text.count(b"\n") > 2:
                 known = {"delimiter": "\t", "record": 1, "columns": None}
@@ -72,7 +72,7 @@ def read_here(path: Path, request: Request) -> Contents:
         raise FileError(f"{path.name} holds {len(tables)} tables; none is number {request.record}")
     sheet = list(tables)[request.record - 1]
     known = {"delimiter": "\t", "record": 1}
-    text = _text(dict(_sheets(path, request.group))[sheet], request.decimal)
+    text = _text(dict(_sheets(path, request.group))[sheet], request.decimal or ".")
     contents = read_rows(path, text, request, **known) if request.columns else tables[sheet]
     notes = [note for note in contents.notes if not note.startswith("delimiter")]
     return replace(contents, records=len(tables), notes=[f"sheet {sheet!r}", *notes])
