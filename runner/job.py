@@ -305,7 +305,7 @@ class FitProgress(Callback):
         self._clear()
 
     def _identifying(self, what: str) -> None:
-        left = present_budget().left
+        left = present_budget().remaining
         end = f", at most {left:.0f} s left" if math.isfinite(left) else ""
         self._tell(lambda: f"identifying: {what}, {time.monotonic() - self.begun:.0f} s{end}")
 
@@ -340,7 +340,7 @@ def line_of(module: Identification, seconds: float) -> str:
     stages, solver = module.objective.stages, module.solver
     stage = f"stage {module.stage + 1} of {len(stages)} ({stages[module.stage]}), "
     error = f", error {100.0 * module.losses[-1] ** 0.5:.4g} %" if module.losses else ""
-    more = present_budget().left
+    more = present_budget().remaining
     if solver is not None and solver.done:
         later = solver.iterations * (len(stages) - module.stage - 1)
         more = min(more, seconds / solver.done * (solver.iterations - solver.done + later))

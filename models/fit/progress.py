@@ -23,13 +23,13 @@ class Budget:
         self.doing, self.spent_at, self.left_out = "", "", list[str]()
 
     @property
-    def left(self) -> float:
+    def remaining(self) -> float:
         """Seconds that are left; 0 where none are, infinite without an end."""
         return max(0.0, self.end - time.monotonic())
 
     def begin(self, what: str) -> None:
         """Know what is done now, in a few words."""
-        if self.left > 0.0:
+        if self.remaining > 0.0:
             self.doing = what
 
     def facts(self) -> dict[str, str]:
@@ -80,7 +80,7 @@ def present_budget() -> Budget:
 
 def is_out_of_time() -> bool:
     """Whether the budget is spent: take no further step, and end with the best so far."""
-    if _budget.left > 0.0:
+    if _budget.remaining > 0.0:
         return False
     _budget.spent_at = _budget.spent_at or _budget.doing or "its start"
     return True

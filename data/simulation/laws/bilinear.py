@@ -61,7 +61,7 @@ class Bilinear(Element):
         return [line, ("ElasticPP", k - after, self.yield_displacement)]
 
 
-def _made(values: Values, between: Sequence[str]) -> list[Element]:
+def _elements(values: Values, between: Sequence[str]) -> list[Element]:
     """With one damper, as in all structures of the paper."""
     own = {name: value for name, value in values.items() if name != "post_yield_ratio"}
     own["post_yield_stiffness"] = values["post_yield_ratio"] * values["stiffness"]
@@ -77,7 +77,7 @@ CANDIDATES = (
             "post_yield_ratio": share(0.01, 0.4),
             "damping": DAMPING,
         },
-        _made,
+        _elements,
         number=20,
         yields="yield_displacement",
     ),

@@ -335,7 +335,7 @@ _POINTS = names_of(COUNT)
 _OWN = {field.name for field in fields(Hysteretic)} - {"between"}
 
 
-def _made(values: Values, between: Sequence[str]) -> list[Element]:
+def _elements(values: Values, between: Sequence[str]) -> list[Element]:
     return [Hysteretic(between=between, **_front(values))]
 
 
@@ -387,7 +387,7 @@ UNEVEN = Candidate(
 ALIKE = Candidate(
     "Hysteretic",
     PARAMETERS,
-    _made,
+    _elements,
     number=11,
     yields="yield_displacement",
     read=partial(envelopes, count=COUNT),

@@ -70,7 +70,7 @@ class LimitedSlip(Element):
         return [slider, *(springs if k > 0.0 else []), *opensees_damper(self.damping)]
 
 
-def _made(values: Values, between: Sequence[str]) -> list[Element]:
+def _elements(values: Values, between: Sequence[str]) -> list[Element]:
     """With one damper, as in all structures of the paper."""
     return [LimitedSlip(between=between, slip_damping=values["damping"], **values)]
 
@@ -85,7 +85,7 @@ CANDIDATES = (
             "gap": Parameter(0.1, 0.8, lambda units: units.length, symbol="m"),
             "damping": DAMPING,
         },
-        _made,
+        _elements,
         number=21,
         yields="yield_displacement",
         sized=("stiffness", "gap_stiffness"),

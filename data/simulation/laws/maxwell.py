@@ -71,7 +71,7 @@ class Maxwell(Element):
         return [("ViscousDamper", self.stiffness, self.damping, self.exponent)]
 
 
-def _made(values: Values, between: Sequence[str]) -> list[Element]:
+def _elements(values: Values, between: Sequence[str]) -> list[Element]:
     series = Maxwell(
         between=between,
         stiffness=values["stiffness"],
@@ -91,7 +91,7 @@ _PARAMETERS = {
 WIDER = Candidate(
     "MaxwellAndSpring",
     {**_PARAMETERS, "spring_exponent": SPRING_EXPONENT},
-    _made,
+    _elements,
     number=23,
     sized=("stiffness", "coefficient"),
 )
@@ -99,7 +99,7 @@ CANDIDATES = (
     Candidate(
         "Maxwell",
         _PARAMETERS,
-        _made,
+        _elements,
         number=18,
         sized=("stiffness", "coefficient"),
         begin=begin_beside_spring,

@@ -407,7 +407,7 @@ LOSS_OF = {
 COUNT = 4  # of points
 
 
-def _made(values: Values, between: Sequence[str]) -> list[Element]:
+def _elements(values: Values, between: Sequence[str]) -> list[Element]:
     own = {name: v for name, v in values.items() if name in _OWN}
     return [Pinching4(between=between, **(own | _side(values)))]
 
@@ -481,7 +481,7 @@ UNEVEN = Candidate(
 ALIKE = Candidate(
     "Pinching4",
     PARAMETERS,
-    _made,
+    _elements,
     number=7,
     yields="yield_displacement",
     read=partial(envelopes, count=COUNT),

@@ -87,7 +87,7 @@ def begin_beside_spring(law: Candidate, small: Small) -> dict[str, float]:
     return law.numbers({"spring": small.spring}, small.units) if small.sure else {}
 
 
-def _made(values: Values, between: Sequence[str]) -> list[Element]:
+def _elements(values: Values, between: Sequence[str]) -> list[Element]:
     damper = PowerDamper(
         between=between, damping=values["coefficient"], exponent=values["exponent"]
     )
@@ -108,7 +108,7 @@ _PARAMETERS = {
 WIDER = Candidate(
     "PowerDamperAndSpring",
     {**_PARAMETERS, "spring_exponent": SPRING_EXPONENT},
-    _made,
+    _elements,
     number=22,
     sized=("coefficient",),
 )
@@ -116,7 +116,7 @@ CANDIDATES = (
     Candidate(
         "PowerDamper",
         _PARAMETERS,
-        _made,
+        _elements,
         number=17,
         sized=("coefficient",),
         begin=begin_beside_spring,

@@ -47,7 +47,7 @@ class TanhDamper(Element):
         return 0.0, self.force / self.saturation_rate
 
 
-def _made(values: Values, between: Sequence[str]) -> list[Element]:
+def _elements(values: Values, between: Sequence[str]) -> list[Element]:
     own = {name: values[name] for name in ("force", "saturation_rate")}
     damper = TanhDamper(between=between, **own)
     return [damper, *power_spring(values, between)]
@@ -61,7 +61,7 @@ CANDIDATES = (
             "saturation_rate": Parameter(0.1, 5.0, lambda units: units.rate, symbol="m/s"),
             "spring": SPRING,
         },
-        _made,
+        _elements,
         number=19,
         sized=("force",),
         begin=begin_beside_spring,
