@@ -188,7 +188,7 @@ def test_every_page_is_linked_from_the_index():
 )
 def test_files_and_commands_that_are_named_exist(page):
     text = page.read_text("utf-8")
-    rooms = {path.name for path in ROOT.iterdir() if path.is_dir()}
+    rooms = {path.name for path in ROOT.iterdir() if path.is_dir()} - {"build"}  # what CI leaves
     for name in set(re.findall(r"(?<![\w/.])(?:\w+/)+[\w.]+\.(?:py|yaml|md|csv)\b", text)):
         if name.split("/")[0] in rooms and not any(word in name for word in OF_THE_READER):
             assert (ROOT / name).exists(), f"{page.name} names {name}"
