@@ -112,7 +112,7 @@ def _missing(name: str, signal: np.ndarray, clock: tuple[float, float]) -> Itera
         ways += [f"data.stop={known[-1] * dt:.6g}"] if where[-1] else []
         cut = f"{' and '.join(ways)} cut{'s' * (len(ways) == 1)} the missing end off"
         inner = np.diff(known).max() - 1
-        fill = f"data.mend.fill={above(inner * dt)} interpolates"
+        fill = f"data.mend.fill={above(1.001 * max(inner, 1) * dt, 3)} interpolates"
         text += " and ".join([cut] * bool(ways) + [fill] * bool(inner))
         yield Finding(what, name, text, True)
 
@@ -203,7 +203,7 @@ def _spikes(
         text = (
             f"{len(alone)} single samples far from all others, the largest {values[at]:.4g} at "
             f"{start + at * dt:.6g} s (sample {at}); unless these are impacts, leave their cells "
-            f"empty in the file and set data.mend.fill={above(dt)}"
+            f"empty in the file and set data.mend.fill={above(1.001 * dt, 3)}"
         )
         yield Finding("spike", name, text)
 

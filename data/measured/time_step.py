@@ -161,9 +161,9 @@ def _dropped(time: np.ndarray, lost: np.ndarray, dt: float) -> Finding:
     return Finding("dropped samples", "", text, True)
 
 
-def above(seconds: float) -> str:
+def above(seconds: float, digits: int = 2) -> str:
     """A length with two digits, no shorter than it is."""
-    digit = 10.0 ** (math.floor(math.log10(seconds)) - 1)
+    digit = 10.0 ** (math.floor(math.log10(seconds)) + 1 - digits)
     return f"{math.ceil(seconds / digit - 1e-6) * digit:.3g}"
 
 
