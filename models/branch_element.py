@@ -38,7 +38,7 @@ from models.composition.branch_law_compiled import (
 )
 from models.composition.branch_run import Branches, branch_law
 from models.composition.states import LOWER, by_median
-from models.element_test import REMEDY, ElementTest
+from models.element_test import NIL, REMEDY, ElementTest
 from models.estimator import Parameter
 from models.fit.trainable import Trainable
 from models.starts.branch_laws import (
@@ -142,7 +142,7 @@ class BranchElement(ElementTest, Trainable):
         self.scale[0], self.scale[2] = s.abs().amax(dim=0), r.abs().amax(dim=0)
         self.scale[1] = rate.abs().median(dim=0).values
         if not bool((self.scale[:3] > 0.0).all()):
-            raise ValueError("a deformation, its rate or a force is zero throughout; leave it out")
+            raise ValueError(NIL)
         pairs = [_slopes(test[0], test[2]) for test in motions]
         slopes = torch.cat(pairs) * self.scale[0] / self.scale[2]
         steepest = slopes.nan_to_num(0.0).quantile(0.9, dim=0)

@@ -15,6 +15,12 @@ REMEDY = (  # where a record is no element test
 )
 
 
+NIL = (
+    "a deformation, its rate or a force is zero throughout: leave it out; of a test without rates "
+    "take model=element_test model.laws=units, or say data.dt, by which they are slopes"
+)
+
+
 class ElementTest(ByLaws, Estimator):
     """Forces r (…, T, E) from imposed deformations s and rates ṡ, the excitation [s, ṡ].
 

@@ -171,6 +171,7 @@ class HystereticElement(ElementTest, Composite):
         stiffness = torch.where(fitted[:, 0] > 0.05 * secant, fitted[:, 0], 0.05 * secant)
         least = 0.01 * r.abs().amax(dim=0) / fastest
         damping = torch.maximum(fitted[:, 1], least)
+        damping = torch.where(fastest > 0.0, damping, 0.0)  # no rates, no damper
         if self.others:
             self.others.start(u[:, 2 * E :], r.abs().amax(dim=0), fastest, self.dt)
         J = self.parallel

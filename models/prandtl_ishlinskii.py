@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from data.record import Drive, Record, Response
-from models.element_test import ElementTest
+from models.element_test import NIL, ElementTest
 from models.estimator import Parameter
 from models.layers.least_squares import require_ridge
 from models.sliders.fit import LINEAR, Motion, Sliders, fit_sliders, number_of
@@ -95,7 +95,7 @@ class PrandtlIshlinskii(ElementTest):
         sizes = torch.maximum(-least, most)
         sizes[0] = 0.5 * (most[0] - least[0])
         if not bool((sizes > 0.0).all()):
-            raise ValueError("a deformation, its rate or a force is zero throughout; leave it out")
+            raise ValueError(NIL)
         self.scale.copy_(sizes)
 
     def _motions(self, record: Record) -> list[Motion]:

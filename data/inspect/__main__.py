@@ -19,11 +19,20 @@ from rich.table import Table
 from rich.text import Text
 
 from data.arguments import Pairs, Parser, plain, reason
-from data.inspect.config import command, config_path, write_config
+from data.inspect.config import command, config_path, direct_command, mends_of, write_config
 from data.inspect.folders import of_folders
-from data.inspect.inspection import Inspection, inspections, lacking, places, step_of
+from data.inspect.inspection import (
+    Inspection,
+    inspections,
+    is_free,
+    lacking,
+    mapped,
+    places,
+    step_of,
+    strongest,
+)
 from data.inspect.picture import dominant, draw
-from data.measured.channels import CHANNEL
+from data.measured.channels import CHANNEL, signal_of
 from data.measured.clocks import ALIGNMENTS, shared_clocks
 from data.measured.files.columns import FileError
 from data.measured.reading import is_archive
@@ -80,6 +89,8 @@ def inspect(words: Sequence[str] | None = None) -> None:
     if not args.channels:
         show_folders(console, args.record, seen)
     show_siblings(console, seen)
+    if args.config is None:
+        show_command(console, seen, args)
     if not seen:
         raise ValueError("none of these files could be read")
 
@@ -163,13 +174,31 @@ def show(console: Console, record: Inspection) -> None:
         units = " ".join(f"{signal}={shlex.quote(u)}" for signal, u in record.likely.items())
         units = f" --units {units}" if units else ""
         console.print(Text(plain(f"    --channels {' '.join(words)}{units}")), soft_wrap=True)
-        lack = lacking(record.guesses)
-        if lack:
-            console.print(Text(f"  {lack}", style="yellow"), soft_wrap=True)
     elif not any(CHANNEL.fullmatch(name) for name in record.raw.channels):
         example = shlex.quote(next(iter(record.raw.channels)))
         advice = f"  name the columns: --channels a1={plain(example)} …"
         console.print(Text(advice, style="cyan"))
+    for line, style in _as_a_model_needs_it(record) if mapped(record) else ():
+        console.print(Text(f"  {line}", style=style), soft_wrap=True)
+
+
+def _as_a_model_needs_it(record: Inspection) -> Iterator[tuple[str, str]]:
+    """What the channels lack; else how it moves and how many storeys that may be."""
+    free = is_free(record)
+    if lack := lacking(mapped(record), free):
+        yield lack, "yellow"
+        return
+    if free:
+        yield "free vibration: nothing drives it, and it rings down", ""
+    if "r" in map(signal_of, mapped(record)):
+        return
+    sensors, peaks, modes = strongest(record)
+    if peaks and (record.raw.time is not None or record.raw.clocks or record.raw.dt is not None):
+        shown = ", ".join(f"{f:.4g}" for f in peaks)
+        or_else = "" if free else ", unless the excitation is strongest there"
+        yield f"the response is strongest at {shown} Hz: its first modes{or_else}", ""
+    more = "one for each sensor" if modes <= sensors else f"for {modes} strong frequencies"
+    yield f"likely storeys: {max(sensors, modes)}, {more}", ""
 
 
 def _clocks(record: Inspection) -> Iterator[str]:
@@ -211,6 +240,29 @@ def _channels(record: Inspection) -> Table:
     return table
 
 
+def show_command(console: Console, records: Sequence[Inspection], args: argparse.Namespace) -> None:
+    """Print the command that trains on these records, if they have the same channels and may."""
+    first = records[0] if records else None
+    alike = first and all(
+        (r.guesses, list(mapped(r)), r.likely) == (first.guesses, list(mapped(first)), first.likely)
+        for r in records
+    )
+    if not first or not alike or any(lacking(mapped(r), is_free(r)) for r in records):
+        return
+    channels = args.channels or {channel: column for column, channel in first.guesses.items()}
+    settings = {"path": args.record if len(args.record) > 1 else args.record[0]}
+    sure = {signal: unit for signal, unit in first.likely.items() if "|" not in unit}
+    settings |= {"channels": channels, "units": sure | args.units, "align": args.align}
+    settings |= {key: v for key in READER if (v := getattr(args, key)) != READER[key]}
+    faults = [f for r in records for f in r.findings if f.blocks]
+    words = direct_command(settings, mapped(first), mends_of(faults))
+    told = [f"data.units.{signal}=" for signal in sure]
+    left = [f for f in faults if not mends_of([f]) and not any(t in f.message for t in told)]
+    head = "train on it" + (", once what must be corrected is" if left else "")
+    console.print(Text(f"{head}:", style="cyan"))
+    console.print(Text(f"    {plain(words)}"), soft_wrap=True)
+
+
 # A folder of one file per sensor: which channels its files may be together.
 
 APART = 30.0  # times: motions of one structure differ by less, most units by more
@@ -231,6 +283,10 @@ def show_folders(console: Console, wanted: Sequence[str], records: Sequence[Insp
             text = f"{folder}: {what}; proposed channels, check them:"
             console.print(Text(plain(text), style="cyan"), soft_wrap=True)
             console.print(Text(plain(f"    --channels {' '.join(words)}")), soft_wrap=True)
+            train = direct_command({"path": str(folder), "channels": channels}, channels, [])
+            console.print(
+                Text(f"train on it, if they are right:\n    {plain(train)}"), soft_wrap=True
+            )
 
 
 def show_siblings(console: Console, records: Sequence[Inspection]) -> None:

@@ -44,20 +44,64 @@ def config_path(wanted: str, record: Path) -> Path:
 
 
 def command(config: Path, channels: Iterable[str]) -> str:
-    """Command that trains on a config, as a shell and Hydra take it; accelerations are integrated.
-
-    Only accelerations are integrated first: with x and v there is nothing to integrate.
-    """
-    signals = {signal_of(channel) for channel in channels}
-    scenario = ["scenario=integrated"] if "a" in signals and not {"x", "v"} <= signals else []
-    model = "element_test" if "r" in signals else "vwnn"
-    if not signals & {"a", "r"} or ("u" in signals and "r" not in signals):
-        model = "gru"  # nothing to integrate; other inputs of a structure
+    """Command that trains on a config, as a shell and Hydra take it."""
     folder = str(Path(os.path.abspath(config)).parent.parent)
     folder = folder if config.is_absolute() else os.path.relpath(folder)
     folder = f"./{folder}" if folder.startswith("-") else folder
-    words = ["--config-dir", folder, f"data={_choice(config.stem)}", f"model={model}", *scenario]
+    words = ["--config-dir", folder, f"data={_choice(config.stem)}", *model_for(channels)]
     return f"python train.py {shlex.join(words)}"
+
+
+def model_for(channels: Iterable[str]) -> list[str]:
+    """A model that simulates what was measured, in words of the command line.
+
+    Elements with laws: of a test of one, or of a structure, with x and v where they were measured
+    beside accelerations. Other inputs of a structure have a place in a network without laws alone.
+    """
+    signals = {signal_of(channel) for channel in channels}
+    if "r" in signals:
+        return ["model=element_test"]
+    if "u" in signals:
+        return ["model=gru"]
+    states = {"a", "x", "v"} <= signals or "a" not in signals
+    return ["model=element_network", *([] if states else ["model/reads=accelerations"])]
+
+
+def direct_command(
+    settings: Mapping[str, Any], channels: Iterable[str], mends: Sequence[str]
+) -> str:
+    """Command that trains on records without a config; mends: what their faults ask for.
+
+    settings: of `data=measured`, None for what is not said.
+    """
+    said = [f"data.{key}={_for_hydra(value)}" for key, value in settings.items() if value]
+    largest = {word.partition("=")[0]: word for word in sorted(mends, key=_setting)}
+    words = ["data=measured", *said, *largest.values(), *model_for(channels)]
+    return f"python train.py {shlex.join(words)}"
+
+
+def mends_of(findings: Iterable[Finding]) -> list[str]:
+    """Settings that faults ask for, as words of a command line."""
+    texts = " ".join(finding.message for finding in findings)
+    return re.findall(r"data\.(?:mend\.\w+|dt)=[\w.+-]*\w", texts)
+
+
+def _setting(word: str) -> float:
+    return _number(word.partition("=")[2])
+
+
+def _for_hydra(value: Any) -> str:
+    """A value of the command line: words, lists and mappings of them."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{k}: {_for_hydra(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ",".join(map(_for_hydra, value)) + "]"
+    if not isinstance(value, str):
+        return str(value).lower()
+    if re.fullmatch(r"[A-Za-z_/.][A-Za-z0-9_/.-]*", value) and yaml.safe_load(value) == value:
+        return value
+    quoted = re.sub(r'(\\*)"', r'\1\1\\"', re.sub(r"(\\+)$", r"\1\1", value))
+    return f'"{quoted}"'
 
 
 def _choice(name: str) -> str:

@@ -64,7 +64,9 @@ def of_files(files: Mapping[str, Inspection]) -> dict[str, str]:
     files: records by what data.channels calls their files. Empty where they do not, or where a
     file is a record by itself.
     """
-    if len(files) < 2 or any(not r.guesses or not lacking(r.guesses) for r in files.values()):
+    if len(files) < 2 or any(
+        not r.guesses or not lacking(r.guesses.values()) for r in files.values()
+    ):
         return {}
     where = {f"{file}:{c}": (file, c) for file, r in files.items() for c in r.raw.channels}
     called = {file: file.partition("/*")[0].removesuffix(Path(file).suffix) for file in files}
@@ -75,7 +77,7 @@ def of_files(files: Mapping[str, Inspection]) -> dict[str, str]:
         {k: files[file].raw.channels[c] for k, (file, c) in where.items()},
         files={k: (called[file], c) for k, (file, c) in where.items()},
     )
-    if not guesses or lacking(guesses):
+    if not guesses or lacking(guesses.values()):
         return {}
     used = {where[key][0] for key in guesses}
     clocks = {f: c for f in files if f in used for c, g in files[f].guesses.items() if g == "time"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from glob import glob
 from pathlib import Path
@@ -11,14 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from data.inspect.picture import Spectrum, spectrum
-from data.measured.channels import CHANNEL, signal_of
+from data.inspect.picture import Spectrum, dominant, spectrum
+from data.measured.channels import CHANNEL, numbered, signal_of
 from data.measured.clocks import with_own_clocks
+from data.measured.cycles import WITHOUT, needs_no_clock
 from data.measured.files.columns import FileError
 from data.measured.files.table import Table, read_table
 from data.measured.files.zipped import unpacked
 from data.measured.floors import FREE_FIELD, height, is_base, number_upwards, one_axis
-from data.measured.onset import without_quiet_start
+from data.measured.onset import DRIVES, release, without_quiet_start
 from data.measured.places import record_places
 from data.measured.plausible import plausibility, questions_of_units
 from data.measured.raw_record import Finding, RawRecord
@@ -164,7 +165,9 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     raw = replace(with_own_clocks(raw), unsaid=unsaid)
     record = _examined(path, raw, told_units, guesses, in_si)
     findings = [
-        replace(f, blocks=f.blocks and (not f.channel or f.channel in guesses))
+        replace(f, message=WITHOUT, blocks=False)
+        if f.what == "no clock" and needs_no_clock(guesses.values())
+        else replace(f, blocks=f.blocks and (not f.channel or f.channel in guesses))
         for f in record.findings
     ]
     for c in told_units.keys() - signals.keys():
@@ -423,14 +426,53 @@ def _of_element(column: str, said: str, signal: str | None, unit: str | None) ->
     return None  # an acceleration says no more than the displacement that was imposed
 
 
-def lacking(guesses: Mapping[str, str]) -> str:
-    """What the guessed channels lack to be trained on, "" where they suffice."""
-    signals = {signal_of(channel) for channel in guesses.values()}
+def mapped(record: Inspection) -> dict[str, np.ndarray]:
+    """{channel: (T,)} as they are named or guessed, in the units of the file."""
+    if record.guesses:
+        own = record.raw.channels
+        return {g: own[column] for column, g in record.guesses.items() if column in own}
+    return {c: u for c, u in record.raw.channels.items() if CHANNEL.fullmatch(c)}
+
+
+def lacking(channels: Iterable[str], free: bool = False) -> str:
+    """What channels lack to be trained on, "" where they suffice; free: they ring down."""
+    signals = {signal_of(channel) for channel in channels}
     if not signals & {"a", "r", "x"}:
         return "nothing here is a response: name accelerations a1, …, or a force of an element r1"
-    if not signals & {"f", "s_ddot", "s"}:
+    if not signals & {"f", "s_ddot", "s"} and not free:
         return (
-            "nothing here drives the motion: name the acceleration of the ground or table s_ddot1, "
-            "or a force f1"
+            "nothing here drives the motion, and it does not ring down: name the acceleration of "
+            "the ground or table s_ddot1, or a force f1; of a free vibration say "
+            "data.initial_state=unknown"
         )
     return ""
+
+
+def is_free(record: Inspection) -> bool:
+    """Whether a structure rings down, and nothing drives it."""
+    raw = replace(record.raw, channels=mapped(record))
+    if {signal_of(c) for c in raw.channels} & {*DRIVES, "r"}:
+        return False
+    return release(without_quiet_start(raw).channels) is not None
+
+
+def strongest(record: Inspection) -> tuple[int, list[float], int]:
+    """Sensors of a structure's response, its strongest frequencies [Hz], how many modes are there.
+
+    By the spectra of accelerations, else of displacements, relative to their power. Multiples of
+    the strongest frequency may come of a law that is not linear, and count for no mode.
+    """
+    column = {g: c for c, g in record.guesses.items()} or {c: c for c in record.raw.channels}
+    for signal in ("a", "x"):
+        names = [column[f"{signal}{i}"] for i in numbered(mapped(record), signal)]
+        found = [s for s in map(record.spectra.__getitem__, names) if s is not None]
+        sizes = {len(s[0]) for s in found}
+        if len(sizes) == 1 and (power := sum(s[1] / max(s[1].sum(), 1e-300) for s in found)).any():
+            frequency = found[0][0]
+            peaks = dominant((frequency, power), max(3, len(names)))
+            order = [f / peaks[0] for f in peaks]
+            apart = [abs(k - round(k)) * peaks[0] > 1.5 * frequency[1] for k in order[1:]]
+            return len(names), sorted(peaks), len(peaks[:1]) + sum(apart)
+        if names:
+            return len(names), [], 0
+    return 0, [], 0

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from data.measured.channels import matrix, numbered
-from data.measured.onset import DRIVES, rings_down
+from data.measured.onset import DRIVES, release
 from data.record import Record
 
 OUTPUTS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
@@ -94,7 +94,8 @@ def record_of_channels(
         quantity=quantity,
     )
     undriven = record.excitation.shape[-1] == (0 if record.e is None else record.e.shape[-1])
-    if undriven and not (free and (meaning.initial_state or not whole or rings_down(channels))):
+    known_so = meaning.initial_state is not None or not whole
+    if undriven and not (free and (known_so or release(channels) is not None)):
         raise ValueError(
             f"{name}: the channels {', '.join(channels)} hold nothing that drives the "
             "motion, and it does not ring down from its beginning; expected forces f1, …, a "

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from data.measured.channels import CHANNEL
+from data.measured.cycles import WITHOUT, needs_no_clock
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.time_step import time_step
 from data.record import SAME_STEP
@@ -30,7 +32,8 @@ def clock_findings(raw: RawRecord) -> list[Finding]:
             findings.append(Finding("clock in other unit", "", text))
     elif raw.dt is None:
         text = "the times of the samples are unknown; say data.dt or data.channels.time"
-        findings.append(Finding("no clock", "", text, True))
+        free = needs_no_clock(c for c in raw.channels if CHANNEL.fullmatch(c))
+        findings.append(Finding("no clock", "", WITHOUT if free else text, not free))
     return findings
 
 

@@ -25,6 +25,7 @@ from data.measured.assembly import (
 )
 from data.measured.channels import numbered, signal_of
 from data.measured.clocks import ALIGNMENTS, require_common_time
+from data.measured.cycles import end_of_a_cycle, without_rates
 from data.measured.mend import Mending
 from data.measured.onset import from_release, without_quiet_start
 from data.measured.places import named_records, require_read
@@ -44,7 +45,10 @@ class MeasuredData(Data):
     path: files, or folders, or patterns of both. A folder is one record where channels name files
     (file.csv:column), else each of its files is one. train, test: names of the records, or patterns
     of names; one of both may be left out. Of neither, the last fifth of several records is tested
-    on, one at least, and the run says so; a single record is cut at `split` of its time.
+    on, one at least, and the run says so; a single record is cut at `split` of its time, the test
+    of an element where a cycle ends near it.
+    quasi_static: forces of an element do not depend on rates, which are left out; None: where
+    neither the files nor dt tell of time.
     calibration: likewise, whole records that nothing but bands is made from.
     channels, units, skip_rows, delimiter, decimal, group, header: see data/measured/channels.py and
     data/measured/files/table.py. dt [s]: where the files have no clock. start, stop [s]: of every
@@ -97,6 +101,7 @@ class MeasuredData(Data):
         batch: int | None = None,
         validation: float = 0.0,
         calibration: str | Sequence[str] | None = None,
+        quasi_static: bool | None = None,
     ) -> None:
         super().__init__(window, stride, warmup, batch, validation)
         if quantity is not None and quantity not in OUTPUTS:
@@ -120,7 +125,7 @@ class MeasuredData(Data):
         self.accelerations, self.stated_units = accelerations, dict(units or {})
         reader: dict[str, Any] = {"skip_rows": skip_rows, "delimiter": delimiter, "dt": dt}
         reader |= {"decimal": decimal, "group": group, "header": header, "align": align}
-        reader |= {"start": start, "stop": stop, "onset": onset}
+        reader |= {"start": start, "stop": stop, "onset": onset, "quasi_static": quasi_static}
         raws, left_out = whole_records(path, channels, units, **reader)
         require_read(left_out, {"train": train, "test": test, "calibration": calibration})
         self.notes = {f"left out {record}": [why] for record, why in left_out.items()}
@@ -181,7 +186,7 @@ class MeasuredData(Data):
         the motion that made them was imposed. The first part determines an unknown initial state.
         """
         (first,), (rest,) = records["train"], records["test"]
-        if rest.quantity != "force" or rest.initial_state != "unknown":
+        if rest.quantity != "force" or rest.initial_state == "periodic":
             return records
         self.notes[f"test: {EACH}"] = [
             "simulated from the start of its file; only the part after the training part is scored"
@@ -262,6 +267,7 @@ def whole_records(
     start: float = 0.0,
     stop: float | None = None,
     onset: bool = True,
+    quasi_static: bool | None = None,
     **reader: Any,
 ) -> tuple[dict[str, RawRecord], dict[str, str]]:
     """Records of files as they are trained on, scored and predicted from, and those left out.
@@ -273,6 +279,7 @@ def whole_records(
     for name, raw in raws.items():
         require_common_time(raw)
         timed = raw if dt is None else replace(raw, time=None, clocks={}, dt=dt)
+        timed = without_rates(timed, quasi_static)
         part = between(timed, start, stop)
         own = onset and start == 0.0
         raws[name] = from_release(without_quiet_start(part)) if own else part
@@ -306,6 +313,9 @@ def split_records(
         ((name, raw),) = raws.items()
         first, last = raw.span
         middle = first + split * (last - first)
+        if "s1" in raw.channels and "r1" in raw.channels and not raw.clocks:
+            end = end_of_a_cycle(raw.channels["s1"], split)
+            middle = middle if end is None else float(raw.own_time()[end])
         return {
             "train": {f"{name} (first part)": between(raw, 0.0, middle, closed=False)},
             "test": {f"{name} (rest)": replace(between(raw, middle, None), whole=False)},

@@ -84,44 +84,54 @@ def without_quiet_start(raw: RawRecord) -> RawRecord:
 
 DRIVES = ("f", "s", "s_dot", "s_ddot")  # signals that drive a motion
 PIECES = 5  # of a record, each of which moves less than the one before
+HELD = 0.1  # times the motion after a release: what is held moves less
+MOSTLY = 0.8  # of the time before a release
+TURNS = 4  # zero crossings: a ring-down of several modes is largest in its first two cycles
 
 
-def _of_response(channels: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Size (T,) of the acceleration, else of the velocity or the steps of the displacement."""
+def _response(channels: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Accelerations (T, c), else velocities or steps of displacements, over their deviations."""
     for signal in ("a", "v", "x"):
         found = [channels[f"{signal}{i}"] for i in numbered(channels, signal)]
         if found:
             moved = np.stack(found, axis=1)
             moved = np.diff(moved, axis=0, append=moved[-1:]) if signal == "x" else moved
-            size = (moved - np.median(moved, axis=0)) / np.maximum(moved.std(axis=0), 1e-300)
-            return np.asarray(np.abs(size).max(axis=1))
-    return np.zeros(0)
+            moved = moved - np.median(moved, axis=0)
+            return np.asarray(moved / np.maximum(moved.std(axis=0), 1e-300))
+    return np.zeros((0, 1))
 
 
-def rings_down(channels: Mapping[str, np.ndarray]) -> bool:
-    """Whether a motion (T,) that nothing drives is largest at first and then falls, piece by piece.
+def release(channels: Mapping[str, np.ndarray]) -> int | None:
+    """Sample from which a motion (T,) that nothing drives rings down; None where it does not.
 
-    One that something drives unseen, wind or an earthquake, does so in 1 of 120 orders of PIECES.
+    The largest motion comes first, or after a time in which the structure is held; from there on it
+    falls piece by piece. An earthquake is largest after many cycles.
     """
-    size = _of_response(channels)
-    pieces = [float((piece**2).mean()) for piece in np.array_split(size, PIECES) if len(piece)]
-    falls = all(later < before for before, later in pairwise(pieces))
-    return len(pieces) == PIECES and falls and int(size.argmax()) < len(size) / PIECES
+    moved = _response(channels)
+    size = np.abs(moved).max(axis=1, initial=0.0)
+    if len(size) < PIECES or not size.any():
+        return None
+    first, largest = divmod(int(np.abs(moved).argmax()), moved.shape[1])
+    after = size[first : first + max(1, (len(size) - first) // PIECES)]
+    held = first > 0 and np.quantile(size[:first], MOSTLY) < HELD * (after**2).mean() ** 0.5
+    turns = np.count_nonzero(np.diff(np.sign(moved[: first + 1, largest])))
+    start = first if held else 0
+    pieces = [
+        float((piece**2).mean()) for piece in np.array_split(size[start:], PIECES) if len(piece)
+    ]
+    falls = all(b < max(a, HELD**2 * pieces[0]) for a, b in pairwise(pieces))  # to its noise
+    return start if (held or turns <= TURNS) and falls else None
 
 
 def from_release(raw: RawRecord) -> RawRecord:
-    """A free vibration from where it is let go: what was held before is no vibration.
-
-    The largest acceleration is at the release. As it is where something drives the motion.
-    """
+    """A free vibration from where it is let go; as it is where something drives the motion."""
     driven = any(numbered(raw.channels, d) for d in (*DRIVES, "r"))
     if driven or raw.clocks or not all(np.isfinite(u).all() for u in raw.channels.values()):
         return raw
-    size = _of_response(raw.channels)
-    first = int(size.argmax()) if len(size) else 0
-    rest = {c: u[first:] for c, u in raw.channels.items()}
-    if first == 0 or not rings_down(rest):
+    first = release(raw.channels)
+    if not first:
         return raw
+    rest = {c: u[first:] for c, u in raw.channels.items()}
     later = None if raw.time is None else raw.time[first:]
     note = f"free vibration from its largest motion on: the first {first} samples cut off"
     return replace(raw, time=later, channels=rest, notes=(*raw.notes, note))

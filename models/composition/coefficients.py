@@ -140,4 +140,5 @@ class Numbering:
             return Part.fixed(value)
         numbers = torch.arange(theta.numel(), device=theta.device).reshape(theta.shape)
         numbers = coefficients.spread(numbers + self.first[id(theta)], -1)
+        numbers = torch.where(coefficients.unit == 0.0, -1, numbers)  # is and stays nil
         return Part(value, numbers, coefficients.slope())

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -20,6 +21,7 @@ STEPS = 30
 ENOUGH = 1e-6  # relative gain of a step, below which there is none to be had
 DAMPING, EASED, RAISED, HOPELESS = 1e-3, 0.1, 10.0, 1e6
 FEWEST = 20  # samples of a part
+EVIDENCE = 5.0  # log of the likelihood ratio by which a later start has to be the better one
 FAINT = 1e-2
 LEAST = 1e-9  # of the largest effect: what has less is not to be seen in the record
 
@@ -41,9 +43,10 @@ def first_state(
     most: the largest magnitude of each (S,), which is the limit of a memory. parts: of the samples,
     one part in so many; (1,) of a start that is known to be near.
 
-    The best that is reached from some `starts` (B, S), first for a part of the samples; where that
-    part led away from the next one, the search goes on from the start itself. A record whose run
-    diverges from every beginning tried keeps its start.
+    The best that is reached from some `starts` (B, S); a later one has to tell so clearly, for
+    samples in which no unit yields do not tell one unit's memory from another's. First for a part
+    of the samples; where that part led away from the next one, the search goes on from the start
+    itself. A record whose run diverges from every beginning tried keeps its start.
     """
     T = measured.shape[1]
     best, least = starts[0], measured.new_full((len(measured),), torch.inf)
@@ -54,7 +57,7 @@ def first_state(
             if state is not start:
                 state = _nearer(run, seen, start, state)
             state, error = _descend(run, seen, state, most, n)
-        better = error < least
+        better = error < least * np.exp(-2.0 * EVIDENCE / measured[0].numel())
         best, least = torch.where(better[:, None], state, best), torch.minimum(error, least)
     return best
 

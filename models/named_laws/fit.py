@@ -16,6 +16,7 @@ from data.simulation.element_test import force
 from data.simulation.laws.candidate import Candidate, Units
 from data.simulation.laws.element import Element
 from models.composition.states import white_noise
+from models.element_test import NIL
 from models.fit.progress import is_out_of_time
 
 LEAST = 1e-2  # of the damper and spring that were drawn: what is left of them at least
@@ -171,7 +172,7 @@ def units_of(motions: Sequence[Motion]) -> Units:
     )
     sizes = float(np.abs(y).max()), float(np.median(np.abs(rate))), float(np.abs(r).max())
     if min(sizes) <= 0.0:
-        raise ValueError("a deformation, its rate or a force is zero throughout; leave it out")
+        raise ValueError(NIL)
     slopes = np.concatenate([_slopes(m, FAR * sizes[0]) for m in motions])
     secant = sizes[2] / sizes[0]
     steep = float(np.quantile(slopes, STEEP)) if slopes.size else secant

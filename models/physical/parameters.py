@@ -55,7 +55,9 @@ def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[
 
 
 def _acts(coefficients: Coefficients, e: int) -> bool:
-    return coefficients.learned or bool(coefficients()[e].any())
+    return bool(coefficients.unit[e].any()) and (
+        coefficients.learned or bool(coefficients()[e].any())
+    )
 
 
 def _main(stiffness: Tensor, place: Tensor, k: float) -> float | None:

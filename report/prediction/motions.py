@@ -43,7 +43,7 @@ COMPONENTS = [f"{pair}{side}" for pair in range(1, 23) for side in "ab"]
 QUIET = 10.0  # [s] of rest after a motion of the ground, for residual displacements
 READER = (  # settings by which files are read, beside channels
     *("skip_rows", "delimiter", "decimal", "group", "header", "units", "align"),
-    *("dt", "start", "stop", "onset"),
+    *("dt", "start", "stop", "onset", "quasi_static"),
 )
 OF_DATA = re.compile(  # keys of records, which here are those of the excitation
     r"\bdata\.(?=(path|channels|units|mend|dt|start|stop|align|group|header"
@@ -232,7 +232,7 @@ def _read(
 
     Raises ValueError for a file that has neither.
     """
-    named, reader = settings["channels"], {key: settings[key] for key in READER}
+    named, reader = settings["channels"], {k: settings[k] for k in READER if k in settings}
     if named is None and place.suffix.lower() == ".at2":
         named = {GROUND: "acc"}
     own = (*interface.channels, GROUND, "time")

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from data.inspect.inspection import inspection, suggest
+from data.measured.datamodule import MeasuredData
+from runner.config.compose import CONF, placed, prepare_hydra
+from tests.experiments import data_from
 
 
 @pytest.fixture
@@ -75,11 +81,12 @@ def test_bad_words_end_in_one_line(run, vibration, words, message):
 
 
 def test_the_config_holds_the_mapping_and_the_remedies(run, strange):
-    words = ["test 7.csv", "--delimiter", ";", "--units", "f=kN", "--config", "mine"]
+    asked = ["test 7.csv", "--delimiter", ";", "--units", "f=kN", "--config", "mine"]
     channels = ["--channels", "time=Time", "f1=Hammer", "a1=${oc.env:HOME}"]
-    status, out, _ = run(*words, *channels)
+    status, out, _ = run(*asked, *channels)
     assert status == 0
-    assert "python train.py --config-dir mine data=test_7 model=vwnn scenario=integrated" in out
+    words = "--config-dir mine data=test_7 model=element_network model/reads=accelerations"
+    assert f"python train.py {words}" in out
     text = Path("mine/data/test_7.yaml").read_text()
     data = OmegaConf.to_container(OmegaConf.create(text), resolve=True)["data"]
     assert data == {
@@ -91,7 +98,7 @@ def test_the_config_holds_the_mapping_and_the_remedies(run, strange):
     reader = {"delimiter": data["delimiter"]}
     again = inspection(Path(data["path"]), data["channels"], data["units"], **reader)
     assert list(again.raw.channels) == ["f1", "a1"]
-    status, _, err = run(*words, *channels)
+    status, _, err = run(*asked, *channels)
     assert status == 1
     assert "exists; --force" in err
 
@@ -107,7 +114,9 @@ def test_an_archive_of_one_file_is_told_as_that_file(run, strange):
     words = ("--channels", "time=Time", "a1=Acc_X", "--units", "a=g")
     for more in ((), words):
         _, out, _ = run("test 7.csv", *more)
-        assert run("packed.zip", *more) == (0, out.replace("test 7.csv", "packed.zip"), "")
+        out = out.replace('"test 7.csv"', "packed.zip").replace("test 7.csv", "packed.zip")
+        out = out.replace("'data.path=packed.zip'", "data.path=packed.zip")
+        assert run("packed.zip", *more) == (0, out, "")
 
 
 def test_columns_are_guessed_by_unit_and_name():
@@ -117,3 +126,60 @@ def test_columns_are_guessed_by_unit_and_name():
         "Time": "time", "ch1": "a1", "ch2": "f1", "LVDT": "x1", "Ground acc": "s_ddot1",
         "Acc_X": "a2",
     }  # fmt: skip
+
+
+# A command that is ready
+
+
+def ready(out: str, tmp_path: Path) -> MeasuredData:
+    """The data of the command that was proposed, unedited."""
+    words = shlex.split(out[out.rindex("python train.py") :])[2:]
+    prepare_hydra()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = compose("train", placed(words))
+    return data_from(cfg)
+
+
+COLUMNS = {
+    "free": ({"time [s]": 0.01, "x1 [m]": None, "v1 [m/s]": None, "a1 [m/s^2]": None},
+             "model=element_network"),
+    "free, accelerations": ({"time [s]": 0.01, "a1 [g]": None},
+                            "model=element_network model/reads=accelerations"),
+    "frame": ({"time [s]": 0.01, "Table acc. [g]": None, "Roof \"E\" acc [g]": None},
+              "model=element_network model/reads=accelerations"),
+    "element without a clock": ({"Stroke (mm)": None, "Load (kN)": None}, "model=element_test"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+def test_the_command_that_is_proposed_is_ready_and_its_model_a_structure(run, tmp_path, name):
+    columns, model = COLUMNS[name]
+    t = 0.01 * np.arange(800)
+    motion = 0.1 * np.exp(-0.4 * t) * np.cos(12.0 * t)
+    if not name.startswith("free"):
+        motion = np.sin(3.0 * t) * np.sin(0.4 * t) * np.sin(11.0 * t)
+    table = np.column_stack([t if step else motion for step in columns.values()])
+    quoted = ['"{}"'.format(c.replace('"', '""')) for c in columns]
+    np.savetxt("a b.csv", table, delimiter=",", header=",".join(quoted), comments="")
+    status, out, _ = run("a b.csv")
+    assert status == 0
+    assert out.rstrip().endswith(model)
+    assert ("free vibration" in out) == name.startswith("free")
+    assert "likely storeys: 1" in out or name.startswith("element")
+    data = ready(out, tmp_path)
+    assert data.dofs == 1
+    assert data.inputs == (0 if name.startswith("free") else 2 if "element" in name else 1)
+
+
+def test_the_first_modes_are_the_strongest_of_the_response(run):
+    """Two storeys in free vibration, 2 and 5.2 Hz: their peaks are told, weakest last."""
+    t = 0.01 * np.arange(4000)
+    one, two = (np.exp(-0.1 * t) * np.cos(2.0 * np.pi * f * t) for f in (2.0, 5.2))
+    table = np.column_stack([t, one + 0.4 * two, 1.6 * one - 0.25 * two])
+    head = "time [s],a1 [m/s^2],a2 [m/s^2]"
+    np.savetxt("two.csv", table, delimiter=",", header=head, comments="")
+    _, out, _ = run("two.csv")
+    found = re.search(r"response is strongest at ([\d.]+), ([\d.]+) Hz: its first modes", out)
+    assert found is not None
+    assert [float(f) for f in found.groups()] == pytest.approx([2.0, 5.2], abs=0.06)
+    assert "likely storeys: 2, one for each sensor" in out
