@@ -179,7 +179,7 @@ def _unmapped(path: Path, table: Table, units: Mapping[str, str]) -> Inspection:
     if dt is not None and not any(signals[c] in ("a", "s_ddot") for c in asked):
         mapped = {g: values[c] for c, g in guesses.items() if g != "time"}
         findings += plausibility(mapped, dt)
-    questions, likely = questions_of_units(values, signals, asked, dt)
+    questions, likely = questions_of_units(replace(raw, channels=values, unsaid=asked), signals)
     return replace(record, findings=questions + findings, likely=likely, labels=table.labels)
 
 

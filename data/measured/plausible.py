@@ -159,35 +159,34 @@ LOW = 0.05  # of the sampling rate: below it differences are derivatives to 1 %
 
 def unit_findings(raw: RawRecord) -> list[Finding]:
     """Questions for the units of channels, and of the clock, that nobody said."""
-    clock = next(iter(raw.clocks.values()), raw.time)
-    dt = raw.dt if clock is None or len(clock) < 2 else float(np.nanmedian(np.diff(clock)))
-    unsaid = {channel: column for channel, column in raw.unsaid.items() if channel in raw.channels}
-    signals = {channel: signal_of(channel) for channel in raw.channels}
-    findings, _ = questions_of_units(raw.channels, signals, unsaid, dt)
-    column = raw.unsaid.get("time")
-    if column is not None and clock is not None and dt is not None and dt > 0.0:
+    findings, _ = questions_of_units(raw, {channel: signal_of(channel) for channel in raw.channels})
+    column, dt = raw.unsaid.get("time"), _step(raw)
+    if column is not None and (raw.clocks or raw.time is not None) and dt > 0.0:
         low, high = (1e-6, 1.0 - 1e-9) if column in CLOCKS else USUAL["s"][1]
         if not low <= dt <= high:
             findings.append(_question(["time"], [column], "time", _fitting("time", dt)))
     return findings
 
 
+def _step(raw: RawRecord) -> float:
+    clock = next(iter(raw.clocks.values()), raw.time)
+    return raw.dt or 0.0 if clock is None else float(np.nanmedian(np.diff(clock, append=np.nan)))
+
+
 def questions_of_units(
-    values: Mapping[str, np.ndarray],
-    signals: Mapping[str, str],
-    unsaid: Mapping[str, str],
-    dt: float | None,
+    raw: RawRecord, signals: Mapping[str, str]
 ) -> tuple[list[Finding], dict[str, str]]:
     """Questions for units, one for each signal, and units to propose, as in {"a": "g|m/s^2"}.
 
-    values (T,): of channels or columns, in SI where the unit was said; unsaid: {name: column} of
-    those where it was not. A displacement in a known unit tells that of accelerations beside it.
+    signals: of the channels, or of columns that have other names. A displacement in a known unit
+    tells that of accelerations beside it.
     """
     findings, likely = [], {}
-    told, how = _beside_displacement(values, signals, unsaid, dt)
+    told, how = _beside_displacement(raw, signals)
+    unsaid = {name: column for name, column in raw.unsaid.items() if name in raw.channels}
     for signal in dict.fromkeys(signals[name] for name in unsaid):
         names = [name for name in unsaid if signals[name] == signal]
-        finite = [np.abs(values[name][np.isfinite(values[name])]) for name in names]
+        finite = [np.abs(raw.channels[c][np.isfinite(raw.channels[c])]) for c in names]
         fitting = _fitting(signal, max(float(size.max(initial=0.0)) for size in finite))
         of_rate = told and DIMENSIONS[signal][1] == "m/s^2"
         fitting, why = ([told], how) if of_rate else (fitting, "")
@@ -217,21 +216,16 @@ def _fitting(signal: str, peak: float) -> list[str]:
     return [unit for unit in units if low <= peak * to_si(unit, signal) <= high]
 
 
-def _beside_displacement(
-    values: Mapping[str, np.ndarray],
-    signals: Mapping[str, str],
-    unsaid: Mapping[str, str],
-    dt: float | None,
-) -> tuple[str, str]:
+def _beside_displacement(raw: RawRecord, signals: Mapping[str, str]) -> tuple[str, str]:
     """The unit of accelerations by a displacement beside them, and how it tells; "" without."""
-    motions = [c for c in values if signals.get(c) in ("x", "s") and c not in unsaid]
-    rates = [c for c in unsaid if signals[c] in ("a", "s_ddot")]
-    for name, other in product(rates, motions if dt else ()):
-        size = _ratio(values[other], values[name], float(dt or 0.0))
+    known = [c for c in raw.channels if signals.get(c) in ("x", "s") and c not in raw.unsaid]
+    rates = [c for c in raw.unsaid if signals.get(c) in ("a", "s_ddot") and c in raw.channels]
+    for name, other in product(rates, known if _step(raw) > 0.0 else ()):
+        size = _ratio(raw.channels[other], raw.channels[name], _step(raw))
         far = {u: abs(size / to_si(u, "a") - 1.0) for u in USUAL["m/s^2"][0]} if size else {}
         unit = min(far, key=lambda u: far[u], default="")
         if unit and far[unit] < ALIKE:
-            return unit, f"as the second derivative of {other!r}, {unsaid[name]!r} is in {unit}"
+            return unit, f"as the second derivative of {other!r}, {raw.unsaid[name]!r} is in {unit}"
     return "", ""
 
 

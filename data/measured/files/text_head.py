@@ -30,12 +30,8 @@ FEWEST = 10  # rows that tell of a series written in several columns
 
 def facts_of(lines: Sequence[str], notes: list[str]) -> dict[str, float]:
     """dt [s] where the lines above the rows say a step or a rate, and do not contradict it."""
-    steps = []
-    for line in lines:
-        for pattern in (STEP, RATE):
-            if (found := pattern.search(line)) is not None:
-                steps.append(_step(found, pattern is RATE))
-    known = [step for step in steps if step is not None]
+    found = [(p, m) for line in lines for p in (STEP, RATE) if (m := p.search(line)) is not None]
+    known = [step for p, m in found if (step := _step(m, p is RATE)) is not None]
     if not known or max(known) > 1.01 * min(known):
         if known:
             notes.append(f"the header says steps of {known[0]:g} s and {known[-1]:g} s: not used")
@@ -45,13 +41,11 @@ def facts_of(lines: Sequence[str], notes: list[str]) -> dict[str, float]:
 
 
 def _step(found: re.Match[str], rate: bool) -> float | None:
-    try:
-        value = float(found["value"])
-    except ValueError:
+    if not is_number(found["value"]):
         return None
-    unit = next((u for u in (found["after"], found["before"]) if u and u.strip()), "").strip()
+    unit = (found["after"] or found["before"] or "").strip()
+    value = float(found["value"]) * (1e3 if rate and unit.lower() in ("khz", "ksps") else 1.0)
     if rate:
-        value *= 1e3 if unit.lower() in ("khz", "ksps") else 1.0
         value = 1.0 / value if value > 0.0 else 0.0
     elif unit and has_dimension(unit, "time"):
         value *= to_si(unit, "time")

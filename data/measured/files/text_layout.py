@@ -413,30 +413,26 @@ def _refuse(path: Path, table: Table, first: int | None, request: Request, tried
             "it, which hold no numbers; write a line of names above rows of numbers"
         )
     row = kept[first]
-    without = {"skip_rows": row.number - 1, "header": False}
+    settings = {"skip_rows": row.number - 1, "header": False}
     skip = f"set data.skip_rows={row.number - 1}" if first else "set"
     skip += f"{' and' if first else ''} data.header=false" if request.header else ""
-    advice = f"{skip}, or write a header" if _works(path, request, **without) else "write a header"
+    advice = f"{skip}, or write a header" if _works(path, request, **settings) else "write a header"
+    words = [cell for cell in cells if not table.may_be_row([cell])]
     if len(cells) == width and table.may_be_row(cells) and first < 2 and request.header:
-        words = [cell for cell in cells if not table.may_be_row([cell])]
         mixed = f"mixes names such as {shorten((*words, '')[0])} with numbers; rename its columns"
         said = f"{mixed}, or {advice}" if words else f"holds numbers, not names; {advice}"
-        raise FileError(f"{path.name}: line {one.number} {said}")
-    if not request.header and table.names(one):
-        raise FileError(
-            f"{path.name}: line {one.number} is no row of numbers: {shorten(one.text)}; is it a "
-            "header? then leave data.header=false out"
-        )
-    if first > 1 or (len(cells) == 1 and width > 2) or not request.header:
-        raise FileError(
-            f"{path.name}: line {row.number} looks like the first row of numbers, with no header "
-            f"before it; {advice}"
-        )
-    hint = f"give each column one name, or {advice}"
-    if table.delimiter == "," and width == 2 * len(cells):
-        comma = 'set data.decimal=","' if _works(path, request, decimal=",") else ""
-        hint = f"if the commas are decimal, {comma or 'export it with semicolons between cells'}"
-    raise FileError(
-        f"{path.name}: line {one.number} has {len(cells)} cells, line {row.number} has "
-        f"{width}; expected as many; {hint}"
-    )
+        said = f"line {one.number} {said}"
+    elif not request.header and table.names(one):
+        said = f"line {one.number} is no row of numbers: {shorten(one.text)}; is it a header? then "
+        said += "leave data.header=false out"
+    elif first > 1 or (len(cells) == 1 and width > 2) or not request.header:
+        said = f"line {row.number} looks like the first row of numbers, with no header before it; "
+        said += advice
+    else:
+        hint = f"give each column one name, or {advice}"
+        if table.delimiter == "," and width == 2 * len(cells):
+            known = _works(path, request, decimal=",")
+            hint = 'set data.decimal=","' if known else "export it with semicolons between cells"
+            hint = f"if the commas are decimal, {hint}"
+        said = f"line {one.number} has {len(cells)} cells, line {row.number} has {width}; {hint}"
+    raise FileError(f"{path.name}: {said}")
