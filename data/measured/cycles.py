@@ -5,7 +5,7 @@ T samples.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -41,6 +41,11 @@ def without_rates(raw: RawRecord, wanted: bool | None = None) -> RawRecord:
     return replace(
         raw, dt=raw.dt if timed else 1.0, channels=raw.channels | rates, notes=(*raw.notes, note)
     )
+
+
+def is_quasi_static(channels: Mapping[str, np.ndarray]) -> bool:
+    """Whether channels (T,) are the test of an element whose rates were left out."""
+    return "r1" in channels and "s_dot1" in channels and not channels["s_dot1"].any()
 
 
 CYCLE = 0.02  # of the range of a deformation: a turn back by less ends no cycle

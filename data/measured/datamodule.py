@@ -25,7 +25,7 @@ from data.measured.assembly import (
 )
 from data.measured.channels import numbered, signal_of
 from data.measured.clocks import ALIGNMENTS, require_common_time
-from data.measured.cycles import end_of_a_cycle, without_rates
+from data.measured.cycles import end_of_a_cycle, is_quasi_static, without_rates
 from data.measured.mend import Mending
 from data.measured.onset import from_release, without_quiet_start
 from data.measured.places import named_records, require_read
@@ -45,8 +45,8 @@ class MeasuredData(Data):
     path: files, or folders, or patterns of both. A folder is one record where channels name files
     (file.csv:column), else each of its files is one. train, test: names of the records, or patterns
     of names; one of both may be left out. Of neither, the last fifth of several records is tested
-    on, one at least, and the run says so; a single record is cut at `split` of its time, the test
-    of an element where a cycle ends near it.
+    on, one at least, and the run says so; a single record is cut at `split` of its time, a
+    quasi-static test of an element where a cycle ends near it.
     quasi_static: forces of an element do not depend on rates, which are left out; None: where
     neither the files nor dt tell of time.
     calibration: likewise, whole records that nothing but bands is made from.
@@ -313,7 +313,7 @@ def split_records(
         ((name, raw),) = raws.items()
         first, last = raw.span
         middle = first + split * (last - first)
-        if "s1" in raw.channels and "r1" in raw.channels and not raw.clocks:
+        if is_quasi_static(raw.channels):
             end = end_of_a_cycle(raw.channels["s1"], split)
             middle = middle if end is None else float(raw.own_time()[end])
         return {

@@ -40,8 +40,11 @@ def choices_text(content: dict[str, Any]) -> str:
         if content.get(later) is None:
             content.pop(later, None)
     content["data"] = {k: v for k, v in content["data"].items() if k not in INERT_DATA}
-    if content["data"].get("calibration", "") is None:  # likewise
-        del content["data"]["calibration"]
+    for later in ("calibration", "quasi_static"):  # likewise
+        if content["data"].get(later, "") is None:
+            del content["data"][later]
+    if content["data"].get("decimal", "") is None:  # which was a point where nothing was said
+        content["data"]["decimal"] = "."
     content["trainer"] = {k: v for k, v in content["trainer"].items() if k not in INERT_TRAINER}
     return json.dumps(content, sort_keys=True, ensure_ascii=False)
 

@@ -358,7 +358,7 @@ def measured() -> Values:
         mended = ("data.units.a=g", "data.mend.low_pass=20", "data.mend.detrend=mean")
         found = fit("data=measured", f"data.path={record}", *mended)
     plain = re.findall(r"(?<![\w.])-?\d+\.\d+", said.replace(str(record), ""))
-    return found | {"inspected": sorted(map(float, plain))}
+    return found | {"inspected": sorted(set(map(float, plain)))}  # how often, is the page's own
 
 
 CASES: dict[str, Callable[[], Values]] = {
