@@ -17,8 +17,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-# LLVM's second level compiles in three quarters of the time of its third, which is numba's own
-# choice, and the golden values have the same bits: what the third adds, these loops cannot use.
+# LLVM's second level takes less time than its third, which is numba's own choice, and the golden
+# values have the same bits: what the third adds, these loops cannot use.
 os.environ.setdefault("NUMBA_OPT", "2")
 try:
     import numba

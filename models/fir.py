@@ -9,15 +9,14 @@ that simulates.   B records, T samples, n DOFs, m inputs, q outputs, L taps.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from data.record import Drive, Record, Response
-from models.estimator import Estimator
+from data.record import Record
 from models.fit.blocks import (
+    FromExcitation,
     Grams,
     Motion,
     Piece,
@@ -27,21 +26,18 @@ from models.fit.blocks import (
     scales_of,
     sizes_of,
 )
-from models.layers.integrate import integrated
 
 FEWEST = 8  # taps, the shortest filter that is tried; the others are twice as long each
 RIDGES = (1e-5, 1e-3, 1e-1)  # from an excitation of all frequencies to slow ones and noise
 
 
-class FIR(Estimator):
-    """Every estimate is a free run, from rest: the state at a record's beginning is not used.
+class FIR(FromExcitation):
+    """Causal FIR filter of the excitation.
 
     features: of an output, inputs × taps at most. Length and ridge are chosen by blocks of the
     records that are held back in turn, the shortest within one standard error of the best.
     """
 
-    reads: ClassVar[tuple[str, ...]] = ("f",)
-    on_processor: ClassVar[bool] = True
     taps: Tensor  # (): how many are used
 
     def __init__(self, dofs: int, inputs: int, dt: float, features: int = 600) -> None:
@@ -81,15 +77,7 @@ class FIR(Estimator):
     def identified_parameters(self) -> int:
         return int(self.taps) * self.inputs * self.dofs
 
-    def forward(self, record: Record) -> Tensor:
-        return self._outputs(record.excitation)[..., : self.dofs]
-
-    def free_run(self, drive: Drive) -> Response:
-        a, x, v = self._outputs(drive.u).split(self.dofs, dim=-1)
-        known = bool(self.weights[..., self.dofs :].any())
-        return Response(x, v, a) if known else integrated(a, drive)
-
-    def _outputs(self, u: Tensor) -> Tensor:
+    def outputs(self, u: Tensor) -> Tensor:
         """[a, x, v] (…, T, 3n), lag by lag: no sample sees what comes after it, to the last bit."""
         self.require_identified(self.weights)
         y = u @ self.weights[0]

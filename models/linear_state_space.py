@@ -12,15 +12,14 @@ linear in the response.   B records, T samples, n DOFs, m inputs, q outputs, N p
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from data.record import Drive, Record, Response
-from models.estimator import Estimator
+from data.record import Record
 from models.fit.blocks import (
+    FromExcitation,
     Grams,
     Motion,
     Piece,
@@ -30,7 +29,6 @@ from models.fit.blocks import (
     scales_of,
     sizes_of,
 )
-from models.layers.integrate import integrated
 
 ORDERS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 30, 36)  # numbers of poles that are tried,
 PATIENCE = 3  # until so many in turn are no better than one before, more than two of each DOF
@@ -41,16 +39,14 @@ SLOW = 0.95  # share of the outputs' power below the Nyquist frequency of the bl
 RIDGE = 1e-11  # on columns of unit length: above the rounding of normal equations
 
 
-class LinearStateSpace(Estimator):
-    """Every estimate is a free run, from rest: the state at a record's beginning is not used.
+class LinearStateSpace(FromExcitation):
+    """Linear state-space model that is driven by the excitation.
 
     order: poles that are tried, at most. Their number is chosen by blocks of the records that are
     held back in turn, the least within one standard error of the best. Poles that would grow are
     made to decay.
     """
 
-    reads: ClassVar[tuple[str, ...]] = ("f",)
-    on_processor: ClassVar[bool] = True
     poles: Tensor  # (order, 2), real and imaginary parts, both of a pair
     order: Tensor  # (): how many there are
 
@@ -107,15 +103,7 @@ class LinearStateSpace(Estimator):
         n = int(self.order)
         return n + (1 + n) * self.inputs * self.dofs
 
-    def forward(self, record: Record) -> Tensor:
-        return self._outputs(record.excitation)[..., : self.dofs]
-
-    def free_run(self, drive: Drive) -> Response:
-        a, x, v = self._outputs(drive.u).split(self.dofs, dim=-1)
-        known = bool(self.weights[..., self.dofs :].any())
-        return Response(x, v, a) if known else integrated(a, drive)
-
-    def _outputs(self, u: Tensor) -> Tensor:
+    def outputs(self, u: Tensor) -> Tensor:
         """[a, x, v] (…, T, 3n)."""
         self.require_identified(self.weights)
         phi = terms(u.detach().cpu().numpy(), self.poles[: int(self.order)].cpu().numpy())

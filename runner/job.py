@@ -80,8 +80,8 @@ def identify(
     """One run: data, fit, test, files; returns what `metrics.json` holds.
 
     `log` adds to the TensorBoard logs before the run is finished. progress: the fit shows how far
-    it is, unless the config says otherwise. Raises ValueError for choices
-    that do not fit together and for a fit that failed, OSError for a folder that cannot be used.
+    it is, unless the config says otherwise. Raises ValueError for choices that do not fit together
+    and for a fit that failed, OSError for a folder that cannot be used.
     """
     quiet_lightning()
     check_settings(cfg)

@@ -68,17 +68,10 @@ def doubts(channels: Mapping[str, np.ndarray], dt: float, accelerations: str) ->
 
 def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | None:
     """H(f) below the first resonance; None where too little is coherent there."""
-    from scipy.signal import csd, welch  # slow to import
-
     both = np.isfinite(base).all() and np.isfinite(response).all()
     if len(base) < SHORTEST or len(base) != len(response) or not both:
         return None
-    length = min(len(base) // 4, 4096)
-    rate: dict[str, float | int] = {"fs": 1.0 / dt, "nperseg": length}
-    f, s_uu = welch(base, **rate)
-    s_yy, s_uy = welch(response, **rate)[1], csd(base, response, **rate)[1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        h, coherence = s_uy / s_uu, np.abs(s_uy) ** 2 / (s_uu * s_yy)
+    f, h, coherence, s_uu = _transfer_function(base, response, dt, 4096)
     good = (coherence > COHERENT) & (s_uu > FAINT * s_uu.max()) & (f > 1.5 * f[1])
     if good.sum() < LINES:
         return None
@@ -92,6 +85,19 @@ def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | No
     slope = float(np.polyfit(np.log(at), np.log(np.abs(size)), 1)[0])
     along = float(np.median(size.real / np.abs(size)))
     return Transfer(slope, float(np.median(size.real)), along, float(at.min()), float(at.max()))
+
+
+def _transfer_function(
+    u: np.ndarray, y: np.ndarray, dt: float, longest: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """f [Hz], H(f) from u to y (T,), their coherence, power density of u; by `longest` samples."""
+    from scipy.signal import csd, welch  # slow to import
+
+    rate: dict[str, float | int] = {"fs": 1.0 / dt, "nperseg": min(len(u) // 4, longest)}
+    f, s_uu = welch(u, **rate)
+    s_yy, s_uy = welch(y, **rate)[1], csd(u, y, **rate)[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return f, s_uy / s_uu, np.abs(s_uy) ** 2 / (s_uu * s_yy), s_uu
 
 
 def _of_rates(names: list[str], found: list[Transfer], accelerations: str) -> list[Finding]:
@@ -235,21 +241,15 @@ def _ratio(displacement: np.ndarray, acceleration: np.ndarray, dt: float) -> flo
     Differences of second order stand for the derivative, and their gain is taken out: a drift of
     the displacement then leaks nowhere.
     """
-    from scipy.signal import csd, welch  # slow to import
-
     if len(displacement) < SHORTEST or len(displacement) != len(acceleration):
         return None
     curve = np.diff(displacement, 2) / dt**2
     known = acceleration[1:-1]
     if not (np.isfinite(curve).all() and np.isfinite(known).all()):
         return None
-    rate: dict[str, float | int] = {"fs": 1.0 / dt, "nperseg": min(len(curve) // 4, 1024)}
-    f, s_xx = welch(curve, **rate)
-    s_aa, s_xa = welch(known, **rate)[1], csd(curve, known, **rate)[1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        coherence = np.abs(s_xa) ** 2 / (s_xx * s_aa)
-        ratio = np.sign(s_xa.real) * np.abs(s_xa / s_xx) * np.sinc(f * dt) ** 2
-    good = (coherence > 0.95) & (f > 1.5 * f[1]) & (f < LOW / dt) & (s_aa > FAINT * s_aa.max())
+    f, h, coherence, power = _transfer_function(curve, known, dt, 1024)
+    ratio = np.sign(h.real) * np.abs(h) * np.sinc(f * dt) ** 2
+    good = (coherence > 0.95) & (f > 1.5 * f[1]) & (f < LOW / dt) & (power > FAINT * power.max())
     if good.sum() < LINES:
         return None
     middle = float(np.median(ratio[good]))

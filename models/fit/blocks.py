@@ -11,14 +11,17 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from data.record import Record
+from data.record import Drive, Record, Response
+from models.estimator import Estimator
 from models.fit.held_back import end_of_share
 from models.fit.problem import in_steady_state
+from models.layers.integrate import integrated
 
 BLOCKS = 5  # held back in turn: fewer tell no standard error, more cost a fit each
 ROUNDING = 1e-10  # squared relative error that rounding of normal equations leaves
@@ -32,7 +35,7 @@ class Motion:
     y: np.ndarray
     first: int  # sample
 
-    def size(self, outputs: int) -> torch.Tensor:
+    def size(self, outputs: int) -> Tensor:
         """Squares (1, T) of the first outputs, where they count."""
         squares = np.square(self.y[:, :outputs]).sum(axis=1)
         squares[: self.first] = 0.0
@@ -150,3 +153,27 @@ def scales_of(signals: Sequence[np.ndarray]) -> np.ndarray:
     """RMS of each channel over all (T, c); one of a silent channel."""
     rms = np.sqrt(np.mean(np.square(np.concatenate(signals)), axis=0))
     return np.where(rms > 0.0, rms, 1.0)
+
+
+class FromExcitation(Estimator):
+    """Estimates from the excitation alone: each is a free run, from rest at a record's beginning.
+
+    Displacements and velocities are outputs of their own where they were measured, else integrals
+    of the accelerations.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ("f",)
+    on_processor: ClassVar[bool] = True
+    weights: Tensor  # (features, m, 3n) of [a, x, v], nil for what was not measured
+
+    def outputs(self, u: Tensor) -> Tensor:
+        """[a, x, v] (…, T, 3n) under an excitation (…, T, m)."""
+        raise NotImplementedError
+
+    def forward(self, record: Record) -> Tensor:
+        return self.outputs(record.excitation)[..., : self.dofs]
+
+    def free_run(self, drive: Drive) -> Response:
+        a, x, v = self.outputs(drive.u).split(self.dofs, dim=-1)
+        known = bool(self.weights[..., self.dofs :].any())
+        return Response(x, v, a) if known else integrated(a, drive)

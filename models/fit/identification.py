@@ -137,6 +137,7 @@ class Identification(LightningModule):
             setattr(self.solver, name, progress["solver"][name])
         torch.set_rng_state(progress["random"])  # windows are shuffled as they would have been
         self.start -= progress["seconds"]
+        present_budget().end -= progress["seconds"]
 
     def on_fit_start(self) -> None:
         self.start = time.perf_counter()

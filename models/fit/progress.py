@@ -39,7 +39,8 @@ class Budget:
         names = list(dict.fromkeys(self.left_out))
         more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
         others = f"; not tried: {', '.join(names[:NAMED])}{more}" if names else ""
-        return {"out_of_time": f"after {self.seconds:g} s, at {self.spent_at or 'its end'}{others}"}
+        last = self.spent_at or "the last step"
+        return {"out_of_time": f"{self.seconds:g} s, during {last}{others}"}
 
 
 _budget = Budget()
@@ -82,7 +83,7 @@ def is_out_of_time() -> bool:
     """Whether the budget is spent: take no further step, and end with the best so far."""
     if _budget.remaining > 0.0:
         return False
-    _budget.spent_at = _budget.spent_at or _budget.doing or "its start"
+    _budget.spent_at = _budget.spent_at or _budget.doing or "the start"
     return True
 
 

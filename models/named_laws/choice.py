@@ -12,15 +12,13 @@ So does a weight that pushes a storey over, of a law that was left with no harde
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
+from data.parallel import in_threads
 from data.simulation.laws.candidate import Candidate, Units, Values
 from models.fit.held_back import hold_back_one
 from models.fit.progress import announce, is_out_of_time, leaves_out
@@ -150,26 +148,25 @@ def tried(
     def first_ended(ends: Sequence[Fit]) -> list[Fit]:
         return _ended(ends[:1], motions, largest, draws[ends[0].candidate.name], enough)
 
-    def others_ended(found: list[Fit], starts: Sequence[Fit]) -> list[Fit]:
+    def others_ended(one: tuple[list[Fit], list[Fit]]) -> list[Fit]:
+        found, starts = one
         more = starts[1:] if enough <= found[0].error <= lead else []
         ends = _ended(more, motions, largest, draws[found[0].candidate.name], enough)
         return sorted([*found, *ends], key=_error)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # compiled laws release the GIL
-        first = [one for one in pool.map(begin, laws) if one is not None]
-        starts = [_best(ends) for ends, _ in first]
-        if sides := _sides(starts, motions, largest, draws, noise, pool.map):
-            starts, lead = sides, RIVAL * min(ends[0].error for ends in sides)
-        else:
-            lead = _lead(starts, noise)
-            starts = list(pool.map(rest, first))
-            lead = _lead(starts, noise)
-        lead = max(lead, NEGLIGIBLE)
-        near = [[one for one in ends if one.error <= lead] for ends in starts]
-        near = [ends for ends in near if ends]
-        found = list(pool.map(first_ended, near))
-        lead = _lead(found, noise)
-        found = list(pool.map(others_ended, found, near))
+    first = [one for one in in_threads(begin, laws) if one is not None]
+    starts = [_best(ends) for ends, _ in first]
+    if sides := _sides(starts, motions, largest, draws, noise):
+        starts, lead = sides, max(RIVAL * min(ends[0].error for ends in sides), NEGLIGIBLE)
+    else:
+        lead = _lead(starts, noise)
+        starts = in_threads(rest, first)
+        lead = _lead(starts, noise)
+    near = [[one for one in ends if one.error <= lead] for ends in starts]
+    near = [ends for ends in near if ends]
+    found = in_threads(first_ended, near)
+    lead = _lead(found, noise)
+    found = in_threads(others_ended, list(zip(found, near, strict=True)))
     return {ends[0].candidate.name: ends for ends in found}
 
 
@@ -192,7 +189,6 @@ def _sides(
     largest: Sequence[Motion],
     draws: Mapping[str, np.random.Generator],
     noise: float,
-    spread: Callable[[Callable[[Fit], Any], Iterable[Fit]], Iterable[Any]],
 ) -> list[list[Fit]]:
     """Starts of laws whose sides may differ, where these leave half of what even laws leave.
 
@@ -204,9 +200,9 @@ def _sides(
     if not even or HALF * least < max(noise, HALF * NEGLIGIBLE):
         return []
     follow = partial(followed, motions=largest, iterations=FIRST)
-    least = min(least, *(one.error for one in spread(follow, even)))
+    least = min(least, *(one.error for one in in_threads(follow, even)))
     begin = partial(_begun_uneven, motions=motions, largest=largest, draws=draws)
-    begun = list(spread(begin, even))
+    begun = in_threads(begin, even)
     return begun if min(ends[0].error for ends in begun) <= HALF * least else []
 
 

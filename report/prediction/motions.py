@@ -217,8 +217,8 @@ def _of_files(wanted: Wanted, settings: Mapping[str, Any], interface: Interface)
     raws: list[RawRecord] = []
     for place in record_places([str(absolute(p)) for p in patterns], settings["channels"]):
         found, left_out = _read(place, settings, interface)
-        for why in left_out.values():
-            raise ValueError(why)
+        if left_out:
+            raise ValueError(next(iter(left_out.values())))
         for name, raw in found.items():
             taken = any(raw.name == name for raw in raws)
             raws.append(replace(raw, name=place.name if taken else name))

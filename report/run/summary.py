@@ -161,7 +161,7 @@ def _print_identified(console: Console, metrics: dict[str, Any]) -> None:
 
 
 LABELS = {  # of what a fit says of itself, where the key is no label
-    "out_of_time": "ended by its budget (budget=), a longer one may find better",
+    "out_of_time": "the fit was ended by its time budget, a longer one may give a better model",
     "law_memory": "memory of the law, by element",
     "tension_compression": "tension and compression, by element",
     "law_prior": "weight of the law's prior, by element",

@@ -36,7 +36,7 @@ def test_what_was_done_last_and_what_was_left_out_is_said():
         assert all(leaves_out(f"law {k}") for k in range(9))
     told = budget.facts()["out_of_time"]
     assert told == (
-        "after 60 s, at one law; not tried: law 0, law 1, law 2, law 3, law 4, law 5 and 3 more"
+        "60 s, during one law; not tried: law 0, law 1, law 2, law 3, law 4, law 5 and 3 more"
     )
     assert not is_out_of_time()
 

@@ -7,6 +7,7 @@ bytes end the whole program without a word, keep it busy for ever, or make it as
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import json
 import subprocess
 import sys
@@ -20,6 +21,15 @@ ROOT = Path(__file__).parents[3]  # holds `data`; a folder of data files may hol
 SECONDS, RATE = 20.0, 5e6  # time for any file, and bytes a second for a large one
 CRASHES = 2**31  # statuses from here on are those of crashes, on Windows
 TOO_MUCH = 12  # status of a reader that asked for more memory than there is
+
+
+def require_package(path: Path, package: str, project: str, extra: str, instead: str = "") -> None:
+    """Raise FileError where the package is missing that reads a file; extra: which brings it."""
+    if importlib.util.find_spec(package) is None:
+        raise FileError(
+            f"{path.name}: such files need the package {project}: "
+            f"pip install -c constraints.txt -e '.[{extra}]'{instead}"
+        )
 
 
 def require_survival(path: Path, request: Request, module: str) -> None:

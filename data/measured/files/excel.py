@@ -7,7 +7,6 @@ in a separate process (see data/measured/files/apart.py), for its sizes are its 
 from __future__ import annotations
 
 import datetime
-import importlib.util
 import math
 import zipfile
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from data.measured.files.apart import require_survival
+from data.measured.files.apart import require_package, require_survival
 from data.measured.files.columns import Contents, FileError, Request, check_size, reason_of, shorten
 from data.measured.files.format import Format
 from data.measured.files.rows import read_rows
@@ -29,11 +28,9 @@ def read_excel(path: Path, request: Request) -> Contents:
     Sheets with equal columns are records. Raises FileError where python-calamine is missing, where
     no sheet or several unlike ones hold a table, and for what a text file would be refused for.
     """
-    if importlib.util.find_spec("python_calamine") is None:
-        raise FileError(
-            f"{path.name}: spreadsheets need the package python-calamine: "
-            "pip install -c constraints.txt -e '.[excel]'; or save the sheet as CSV"
-        )
+    require_package(
+        path, "python_calamine", "python-calamine", "excel", "; or save the sheet as CSV"
+    )
     stored = path.stat().st_size
     try:
         with zipfile.ZipFile(path) as archive:
@@ -48,8 +45,8 @@ def read_here(path: Path, request: Request) -> Contents:
     """The table in this process."""
     tables: dict[str, Contents] = {}
     faults: list[str] = []
-    for name, rows in _sheets(path, request.group):
-        text = _text(rows, request.decimal or ".")
+    texts = {n: _text(rows, request.decimal or ".") for n, rows in _sheets(path, request.group)}
+    for name, text in texts.items():
         try:
             if text.count(b"\n") > 2:
                 known = {"delimiter": "\t", "record": 1, "columns": None}
@@ -72,8 +69,9 @@ def read_here(path: Path, request: Request) -> Contents:
         raise FileError(f"{path.name} holds {len(tables)} tables; none is number {request.record}")
     sheet = list(tables)[request.record - 1]
     known = {"delimiter": "\t", "record": 1}
-    text = _text(dict(_sheets(path, request.group))[sheet], request.decimal or ".")
-    contents = read_rows(path, text, request, **known) if request.columns else tables[sheet]
+    contents = tables[sheet]
+    if request.columns:
+        contents = read_rows(path, texts[sheet], request, **known)
     notes = [note for note in contents.notes if not note.startswith("delimiter")]
     return replace(contents, records=len(tables), notes=[f"sheet {sheet!r}", *notes])
 

@@ -5,12 +5,11 @@ A file is first read in a separate process (see data/measured/files/apart.py).
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import numpy as np
 
-from data.measured.files.apart import require_survival
+from data.measured.files.apart import require_package, require_survival
 from data.measured.files.columns import Contents, FileError, Request, check_size, choose, reason_of
 from data.measured.files.format import Format
 
@@ -22,11 +21,7 @@ def read_seismic(path: Path, request: Request) -> Contents:
 
     Raises FileError where ObsPy is missing, for traces with gaps and of unequal rates.
     """
-    if importlib.util.find_spec("obspy") is None:
-        raise FileError(
-            f"{path.name}: SAC and miniSEED files need the package obspy: "
-            "pip install -c constraints.txt -e '.[seismic]'"
-        )
+    require_package(path, "obspy", "obspy", "seismic")
     check_size(path, 64.0 * path.stat().st_size, path.stat().st_size)
     require_survival(path, request, __name__)
     return read_here(path, request)

@@ -6,7 +6,6 @@ a file says of itself.
 
 from __future__ import annotations
 
-import importlib.util
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from data.measured.files.apart import require_survival
+from data.measured.files.apart import require_package, require_survival
 from data.measured.files.arrays import Variable, tabulate
 from data.measured.files.columns import Contents, FileError, Request, check_size, reason_of, shorten
 from data.measured.files.format import Format
@@ -29,11 +28,7 @@ def read_tdms(path: Path, request: Request) -> Contents:
     The step of the waveforms is dt [s]. Raises FileError where npTDMS is missing, for unequal
     steps and lengths, and for damage.
     """
-    if importlib.util.find_spec("nptdms") is None:
-        raise FileError(
-            f"{path.name}: TDMS files need the package npTDMS: "
-            "pip install -c constraints.txt -e '.[tdms]'; or export it as .lvm or CSV"
-        )
+    require_package(path, "nptdms", "npTDMS", "tdms", "; or export it as .lvm or CSV")
     require_survival(path, request, __name__)
     return read_here(path, request)
 

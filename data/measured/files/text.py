@@ -86,9 +86,11 @@ def read_text(path: Path, request: Request) -> Contents:
 def _one_series(path: Path, layout: Layout, request: Request) -> Contents:
     """One series that is written several values a row, with the unit that the lines above say."""
     check_size(path, 24.0 * path.stat().st_size, path.stat().st_size)
-    content = path.read_bytes().decode("utf-8", "replace")
-    body = path.read_bytes()[layout.offset :].decode("utf-8", "replace")
-    head = content[: len(content) - len(body)]
+    content = path.read_bytes()
+    head, body = (
+        part.decode("utf-8", "replace")
+        for part in (content[: layout.offset], content[layout.offset :])
+    )
     values = body.replace(layout.delimiter, " ").replace(layout.decimal, ".").split()
     wrong = next((value for value in values if not is_number(value)), None)
     if wrong is not None or len(values) != layout.points:

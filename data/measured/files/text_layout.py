@@ -172,7 +172,7 @@ def layout_of(path: Path, request: Request, tried: bool = False) -> Layout:
             f"{path.name} has {len(lines)} lines, and none is left after data.skip_rows={skipped}"
         )
     table = _separated(path, kept, request, announced[1] if announced else None, notes)
-    layout = _laid_out(path, table, request, notes, tried)
+    layout = _laid_out(path, table, lines, request, notes, tried)
     before = [line.text for line in lines if skipped < line.number < layout.line]
     layout.facts = facts_of(before, notes)
     rows = [table.cells(line) for line in kept if line.number >= layout.line][:SAMPLE_ROWS]
@@ -294,11 +294,20 @@ def _share_of_values(table: Table, request: Request) -> float | None:
     return (sum(map(table.is_value, cells)) + 0.9 * spoilt) / max(len(cells), 1)
 
 
-def _laid_out(path: Path, table: Table, request: Request, notes: list[str], tried: bool) -> Layout:
-    """Layout with the names above the rows. Raises FileError where there are none, or two kinds."""
+def _laid_out(
+    path: Path,
+    table: Table,
+    lines: Sequence[Line],
+    request: Request,
+    notes: list[str],
+    tried: bool,
+) -> Layout:
+    """Layout with the names above the rows. Raises FileError where there are none, or two kinds.
+
+    lines: all of the beginning of the file, blank and skipped ones included.
+    """
     kept, width = table.lines, table.width
     first, block = _above(path, table, request, between=False)
-    lines = _first_lines(path, [])
     before = [line.text for line in lines if first is None or line.number < kept[first].number]
     points = None if block or first is None else points_of(path, kept[first].offset, width, before)
     if request.header and not block and first != 0 and not points:

@@ -6,13 +6,12 @@ a file says of itself.
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from data.measured.files.apart import require_survival
+from data.measured.files.apart import require_package, require_survival
 from data.measured.files.columns import (
     MOST,
     Contents,
@@ -36,11 +35,7 @@ def read_uff(path: Path, request: Request) -> Contents:
 
     Raises FileError where pyuff is missing, and for files without real, evenly sampled responses.
     """
-    if importlib.util.find_spec("pyuff") is None:
-        raise FileError(
-            f"{path.name}: universal files need the package pyuff: "
-            "pip install -c constraints.txt -e '.[uff]'"
-        )
+    require_package(path, "pyuff", "pyuff", "uff")
     check_size(path, 4.0 * path.stat().st_size, path.stat().st_size)
     require_survival(path, request, __name__)
     return read_here(path, request)

@@ -7,6 +7,21 @@ from __future__ import annotations
 
 from data.simulation.laws.compiling import inlined
 
+# A law of one branch, which never ends.
+
+
+@inlined
+def margin(p, m, branch, y, ydot, z):
+    return 1.0
+
+
+@inlined
+def next_branch(p, m, branch, y, ydot, z):
+    return 0, z, m
+
+
+# Sides.
+
 
 @inlined
 def side(branch):

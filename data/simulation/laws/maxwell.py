@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from data.checked import checked
+from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
 from data.simulation.laws.candidate import DAMPING, STIFFNESS, Candidate, Parameter, Values
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element
@@ -31,16 +32,6 @@ def force(p, m, branch, y, ydot, z, work):  # p = k, C, a
     if p[2] == 1.0:
         return r, ydot - r / p[1]
     return r, ydot - math.copysign(abs(r / p[1]) ** (1.0 / p[2]), r)
-
-
-@inlined
-def margin(p, m, branch, y, ydot, z):
-    return 1.0
-
-
-@inlined
-def next_branch(p, m, branch, y, ydot, z):
-    return 0, z, m
 
 
 @checked
@@ -72,12 +63,7 @@ class Maxwell(Element):
 
 
 def _elements(values: Values, between: Sequence[str]) -> list[Element]:
-    series = Maxwell(
-        between=between,
-        stiffness=values["stiffness"],
-        damping=values["coefficient"],
-        exponent=1.0 - values.get("below_one", 0.0),
-    )
+    series = Maxwell(between=between, stiffness=values["stiffness"], damping=values["coefficient"])
     damper = Polynomial(between=between, stiffness=0.0, damping=values["damping"])
     return [series, damper, *power_spring(values, between)]
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 from data.checked import checked
+from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
 from data.simulation.laws.candidate import DAMPING, STIFFNESS, Candidate, Values
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element
@@ -14,16 +15,6 @@ from data.simulation.laws.element import Command, Element
 @inlined
 def force(p, m, branch, y, ydot, z, work):  # p = p1, p2, p3
     return p[0] * y + p[1] * ydot + p[2] * y**3, 0.0
-
-
-@inlined
-def margin(p, m, branch, y, ydot, z):
-    return 1.0
-
-
-@inlined
-def next_branch(p, m, branch, y, ydot, z):
-    return 0, z, m
 
 
 @checked

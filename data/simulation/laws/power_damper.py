@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from data.checked import checked
+from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
 from data.simulation.laws.candidate import Candidate, Parameter, Small, Values
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Command, Element
@@ -22,16 +23,6 @@ from data.simulation.laws.element import Command, Element
 def force(p, m, branch, y, ydot, z, work):  # p = C, a, k, p, v0
     spring = p[2] * math.copysign(abs(y) ** p[3], y)
     return spring + p[0] * ydot * (ydot * ydot + p[4] * p[4]) ** (0.5 * (p[1] - 1.0)), 0.0
-
-
-@inlined
-def margin(p, m, branch, y, ydot, z):
-    return 1.0
-
-
-@inlined
-def next_branch(p, m, branch, y, ydot, z):
-    return 0, z, m
 
 
 @checked

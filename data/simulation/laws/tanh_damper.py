@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from data.checked import checked
+from data.simulation.laws.branches import margin, next_branch  # noqa: F401  of one branch
 from data.simulation.laws.candidate import Candidate, Parameter, Values
 from data.simulation.laws.compiling import inlined
 from data.simulation.laws.element import Element
@@ -16,16 +17,6 @@ from data.simulation.laws.power_damper import SPRING, begin_beside_spring, power
 @inlined
 def force(p, m, branch, y, ydot, z, work):  # p = F, v
     return p[0] * math.tanh(ydot / p[1]), 0.0
-
-
-@inlined
-def margin(p, m, branch, y, ydot, z):
-    return 1.0
-
-
-@inlined
-def next_branch(p, m, branch, y, ydot, z):
-    return 0, z, m
 
 
 @checked
