@@ -28,14 +28,14 @@ from models.fit.blocks import (
 )
 
 FEWEST = 8  # taps, the shortest filter that is tried; the others are twice as long each
-RIDGES = (1e-5, 1e-3, 1e-1)  # from an excitation of all frequencies to slow ones and noise
+RIDGE = 1e-3  # on taps of unit power, which keeps an excitation of few frequencies from deciding
 
 
 class FIR(FromExcitation):
     """Causal FIR filter of the excitation.
 
-    features: of an output, inputs × taps at most. Length and ridge are chosen by blocks of the
-    records that are held back in turn, the shortest within one standard error of the best.
+    features: of an output, inputs × taps at most. The length is chosen by blocks of
+    the records that are held back in turn, the shortest within one standard error of the best.
     """
 
     taps: Tensor  # (): how many are used
@@ -60,18 +60,16 @@ class FIR(FromExcitation):
         while lengths[0] > FEWEST:
             lengths.insert(0, lengths[0] // 2)
         cut = [grams.first(taps * self.inputs) for taps in lengths]
-        tried = np.array(
-            [[[g.held_back_error(r, k) for k in range(len(blocks))] for r in RIDGES] for g in cut]
-        )  # (lengths, ridges, blocks)
-        ridges = tried.mean(axis=2).argmin(axis=1)
-        errors = tried[np.arange(len(lengths)), ridges]
+        errors = np.array(
+            [[g.held_back_error(RIDGE, k) for k in range(len(blocks))] for g in cut]
+        )  # (lengths, blocks)
         chosen = fewest(errors)
-        taps, ridge = lengths[chosen], RIDGES[ridges[chosen]]
-        h = grams.first(taps * self.inputs).weights(ridge).reshape(taps, self.inputs, -1)
+        taps = lengths[chosen]
+        h = grams.first(taps * self.inputs).weights(RIDGE).reshape(taps, self.inputs, -1)
         self.weights.data.zero_()[:taps, :, : h.shape[-1]] = torch.from_numpy(h / scale[:, None])
         self.taps.fill_(taps)
         error = 100.0 * float(np.sqrt(errors[chosen].mean()))
-        return {"taps": taps, "ridge": ridge, "held_out_error_percent": error}
+        return {"taps": taps, "held_out_error_percent": error}
 
     @property
     def identified_parameters(self) -> int:

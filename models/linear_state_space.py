@@ -200,7 +200,7 @@ class Subspaces:
         shifted = np.linalg.eigvals(np.linalg.lstsq(above, below)[0])
         shifted = shifted[(shifted.imag > 0.0) | ((shifted.imag == 0.0) & (shifted.real > 0.0))]
         size, angle = np.abs(shifted) ** (1.0 / self.stride), np.angle(shifted) / self.stride
-        size = np.minimum(np.where(size > 1.0, 1.0 / size, size), np.exp(-1.0 / self.longest))
+        size = np.minimum(size, np.exp(-1.0 / self.longest))  # none grows, or outlasts a record
         found = size * np.exp(1j * angle)
         return np.array([[pole.real, imaginary] for pole in found
                          for imaginary in ([pole.imag, -pole.imag] if pole.imag else [0.0])]

@@ -156,7 +156,7 @@ def _laid_out(
     elif layout == "counted":
         head = [f"dt = {dt:g} s", "Notes: none", *head]
     elif layout == "quoted":
-        head = [delimiter.join(f'"{n}"' for n in names.values()), *head[1:]]
+        head[head.index(delimiter.join(cells))] = delimiter.join(f'"{n}"' for n in names.values())
     elif layout == "dashes":
         head = [*head, "-" * 40]
     elif layout == "descriptions":

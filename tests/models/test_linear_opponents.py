@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.signal import lfilter
 
 from data.record import Drive, Record
 from models.fir import FIR
@@ -81,6 +82,15 @@ def test_the_motion_of_a_linear_structure_is_followed(make, linear_structure, re
     run = model.free_run(test.drive())
     assert error(model, [test]) < {FIR: 12.0, LinearStateSpace: 0.5}[make]
     assert (run.x - test.x).norm() < 0.2 * test.x.norm()  # measured in training, so modelled
+
+
+def test_a_motion_that_grows_gives_poles_that_decay():
+    u = np.random.default_rng(0).normal(size=(600, 1))
+    y = lfilter([1.0], [1.0, -1.02], u, axis=0)
+    model, _ = fitted(LinearStateSpace, [Record(DT, torch.from_numpy(y), torch.from_numpy(u))])
+    sizes = torch.view_as_complex(model.poles[: int(model.order)]).abs()
+    assert float(sizes.max()) < 1.0
+    assert float(impulse(model, 100_000, 1)[-1].abs().max()) < 1e-3
 
 
 @pytest.mark.parametrize("make", MODELS)

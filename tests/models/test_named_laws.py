@@ -104,6 +104,21 @@ def test_a_planted_law_is_found_by_its_name_and_holds_beyond_what_it_saw(name):
     assert error(model, [element_test(law, 7, 0.035), element_test(law, 8, 0.06)]) < 1.0
 
 
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_a_law_of_the_same_numbers_is_the_same_in_other_units(name):
+    """Lengths 20 and forces 0.3 times as large: numbers without a unit mean one law."""
+    candidate, (y, _) = CANDIDATES[name], motion(3, 0.03, 200)
+    q, per, size = candidate.drawn(np.random.default_rng(1)), 20.0, 0.3
+    rate = np.gradient(y, DT, edge_order=2)
+    own = Units(np.abs(y).max(), float(np.median(np.abs(rate))), 4e5, 2e7)
+    other = Units(per * own.length, per * own.rate, size * own.force, size / per * own.slope)
+    r, scaled = (
+        sum(force(law, of * y, DT, of * rate) for law in candidate.elements(q, units))
+        for of, units in ((1.0, own), (per, other))
+    )
+    assert np.linalg.norm(scaled / size - r) < 1e-3 * np.linalg.norm(r)
+
+
 def test_a_search_out_of_time_ends_with_its_first_law_and_names_the_others():
     law, names = PLANTED["Takeda"], ["MenegottoPinto", "Takeda"]
     model = NamedElement(1, 2, DT, laws=names)

@@ -12,7 +12,8 @@ from data.datamodule import Data
 from models.fit import free_run_objective
 from models.fit.free_run_objective import FreeRun
 from models.fit.identification import Identification
-from models.fit.resume import SaveProgress, fault_of
+from models.fit.progress import limited
+from models.fit.resume import SaveProgress, fault_of, seal
 from models.fit.solvers.adam import Adam
 from models.fit.solvers.lbfgs import LBFGS
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
@@ -94,6 +95,19 @@ def test_so_is_a_start_that_went_beside_the_finalists(tmp_path, monkeypatch):
     test_training_that_is_broken_off_ends_where_it_would_have_ended(
         "stages_and_finalists", tmp_path
     )
+
+
+def test_a_budget_counts_what_was_spent_before_the_break(tmp_path):
+    with pytest.raises(KilledError):
+        trained("lbfgs", tmp_path, KillAfter(2))
+    path = tmp_path / "training.ckpt"
+    checkpoint = torch.load(path, weights_only=True)
+    checkpoint["progress"]["seconds"] = 90.0
+    torch.save(checkpoint, path)
+    seal(path)
+    with limited(100.0) as budget:
+        trained("lbfgs", tmp_path, go_on=True)
+    assert 0.0 < budget.remaining < 10.0
 
 
 class Hostile:
