@@ -459,7 +459,8 @@ def is_free(record: Inspection) -> bool:
 def strongest(record: Inspection) -> tuple[int, list[float], int]:
     """Sensors of a structure's response, its strongest frequencies [Hz], how many modes are there.
 
-    By the spectra of accelerations, else of displacements, relative to their power. Multiples of
+    By the spectra of accelerations, else of displacements, relative to their power: the frequency
+    of the largest power, then the peaks that stand out (`dominant`). Multiples of
     the strongest frequency may come of a law that is not linear, and count for no mode.
     """
     column = {g: c for c, g in record.guesses.items()} or {c: c for c in record.raw.channels}
@@ -469,7 +470,8 @@ def strongest(record: Inspection) -> tuple[int, list[float], int]:
         sizes = {len(s[0]) for s in found}
         if len(sizes) == 1 and (power := sum(s[1] / max(s[1].sum(), 1e-300) for s in found)).any():
             frequency = found[0][0]
-            peaks = dominant((frequency, power), max(3, len(names)))
+            top = float(frequency[2:][power[2:].argmax()])  # broad, where damping or yield is large
+            peaks = [top, *(f for f in dominant((frequency, power), max(3, len(names))) if f != top)]
             order = [f / peaks[0] for f in peaks]
             apart = [abs(k - round(k)) * peaks[0] > 1.5 * frequency[1] for k in order[1:]]
             return len(names), sorted(peaks), len(peaks[:1]) + sum(apart)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
+from scipy.signal import lfilter
 
 from data.inspect.inspection import inspection, suggest
 from data.measured.datamodule import MeasuredData
@@ -183,3 +184,18 @@ def test_the_first_modes_are_the_strongest_of_the_response(run):
     assert found is not None
     assert [float(f) for f in found.groups()] == pytest.approx([2.0, 5.2], abs=0.06)
     assert "likely storeys: 2, one for each sensor" in out
+
+
+def test_a_broad_peak_is_told_where_no_peak_stands_out(run):
+    """A storey of 1.9 Hz and 15 % damping under white forces, and another sensor of half its motion."""
+    dt, omega, zeta = 0.01, 2.0 * np.pi * 1.9, 0.15
+    rng = np.random.default_rng(5)
+    pole = np.exp((-zeta + 1j * np.sqrt(1.0 - zeta**2)) * omega * dt)
+    x = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], rng.normal(size=6000))
+    table = np.column_stack([dt * np.arange(6000), rng.normal(size=6000), x, 0.5 * x])
+    head = "time [s],s_ddot1 [m/s^2],a1 [m/s^2],a2 [m/s^2]"
+    np.savetxt("broad.csv", table, delimiter=",", header=head, comments="")
+    _, out, _ = run("broad.csv")
+    found = re.search(r"response is strongest at ([\d.]+) Hz", out)
+    assert found is not None
+    assert 1.4 < float(found[1]) < 2.3
