@@ -471,7 +471,8 @@ def strongest(record: Inspection) -> tuple[int, list[float], int]:
         if len(sizes) == 1 and (power := sum(s[1] / max(s[1].sum(), 1e-300) for s in found)).any():
             frequency = found[0][0]
             top = float(frequency[2:][power[2:].argmax()])  # broad, where damping or yield is large
-            peaks = [top, *(f for f in dominant((frequency, power), max(3, len(names))) if f != top)]
+            others = dominant((frequency, power), max(3, len(names)))
+            peaks = [top, *(f for f in others if f != top)]
             order = [f / peaks[0] for f in peaks]
             apart = [abs(k - round(k)) * peaks[0] > 1.5 * frequency[1] for k in order[1:]]
             return len(names), sorted(peaks), len(peaks[:1]) + sum(apart)

@@ -187,7 +187,7 @@ def test_the_first_modes_are_the_strongest_of_the_response(run):
 
 
 def test_a_broad_peak_is_told_where_no_peak_stands_out(run):
-    """A storey of 1.9 Hz and 15 % damping under white forces, and another sensor of half its motion."""
+    """A storey of 1.9 Hz and 15 % damping under white forces; a sensor of half its motion."""
     dt, omega, zeta = 0.01, 2.0 * np.pi * 1.9, 0.15
     rng = np.random.default_rng(5)
     pole = np.exp((-zeta + 1j * np.sqrt(1.0 - zeta**2)) * omega * dt)
