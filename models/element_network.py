@@ -19,6 +19,7 @@ from torch import Tensor
 
 from data.memory import require_memory
 from data.record import Record
+from data.simulation.laws.polynomial import Polynomial
 from models.composition.coefficients import Coefficients, Numbering, Part
 from models.composition.composite import Composite
 from models.composition.laws import SOFTEST, ElementLaws
@@ -52,6 +53,8 @@ if TYPE_CHECKING:
 
 Laws = Literal["units", "branch", "named"] | Sequence[str]
 
+DAMPED = 0.02  # of ω: α at first; half of it is of the first mode's 2 ζ ω
+
 
 class ElementNetwork(ByLaws, Composite):
     """Masses and elements from the motion, or from accelerations and forces alone.
@@ -71,6 +74,8 @@ class ElementNetwork(ByLaws, Composite):
     from_accelerations: measured x and v are not used.
     Where a base moves and no mass is known, springs between nodes that are no neighbours in a chain
     may be of either sign: columns that bend over several storeys look like negative ones.
+    mass_damping: a chain of known masses has dampers α m from every mass to ground, which are what
+    Rayleigh's damping has beside those of the elements; all pairs have them anyhow.
     priors: {name of a parameter: [value in its unit, relative standard deviation]}.  ties: groups
     of elements, or of parameters of one kind, that are one (composition/priors.py).
     Raises ValueError for channels, masses, pairs of nodes, priors or ties that do not fit.
@@ -100,6 +105,7 @@ class ElementNetwork(ByLaws, Composite):
         priors: Mapping[str, Any] | None = None,
         ties: Sequence[Sequence[str]] | None = None,
         rounded: bool = True,
+        mass_damping: bool = False,
         *,
         laws: Laws = "units",
     ) -> None:
@@ -159,6 +165,9 @@ class ElementNetwork(ByLaws, Composite):
             len(self.elements), hinges, tanhs, units, cubic, rounded=rounded,
             either=self._either() if self.base and masses is None else (),
         )  # fmt: skip
+        rayleigh = mass_damping and masses is not None and dofs > 1
+        damped = rayleigh and self.is_chain and not supports
+        self.drag = Coefficients(1, positive=True) if damped else None  # α [1/s]
         self.hold_to(priors, ties, self.laws, self.mass)
 
     B: Tensor
@@ -199,8 +208,12 @@ class ElementNetwork(ByLaws, Composite):
         first = self.forces
         supports[0, :, first : first + self.supports] = self.B_s
         supports[1, :, first + self.supports :] = self.B_s
+        core = Part.fixed(self.B.new_zeros(2, self.dofs))
+        if self.drag is not None:
+            alpha = numbering.part(self.drag).map(lambda u: u.expand(self.dofs))
+            core = Part.stack([Part.fixed(torch.zeros_like(alpha.value.detach())), alpha], dim=0)
         return Composition(
-            core=Part.fixed(self.B.new_zeros(2, self.dofs)),
+            core=core,
             inputs=inputs,
             G=G,
             D=Part.fixed(self.B),
@@ -283,6 +296,10 @@ class ElementNetwork(ByLaws, Composite):
             stiffness = torch.where(either, stiffness, stiffness.clamp_min(SOFTEST * typical))
             damping = damping.clamp_min(0.1 * damping.abs().median())
         self.linear = (stiffness, damping, largest)
+        if self.drag is not None:
+            B = self.B.cpu()
+            squares = torch.linalg.eigvals((B.T * stiffness.clamp_min(0.0)) @ B / mass[:, None])
+            self.drag.start(DAMPED * squares.real.min().clamp_min(0.0).sqrt())
         self.laws.start(*self.linear, (0.5, 0.5))
         self.start_as_stated()
         self.identified.fill_(1.0)
@@ -407,11 +424,18 @@ class ElementNetwork(ByLaws, Composite):
 
     def mass_dampers(self) -> Mapping[str, Element]:
         """Dampers between the masses and a support by names, where the model has any."""
-        return {}
+        if self.drag is None:
+            return {}
+        sizes = (self.drag() * self.mass()).detach().tolist()
+        return {
+            f"d{i}": Polynomial(between=("ground", f"x{i}"), stiffness=0.0, damping=size)
+            for i, size in enumerate(sizes, start=1)
+        }
 
     def _mass_damping(self) -> Iterable[Parameter]:
         """Damping of the masses, where the model has any."""
-        return ()
+        if self.drag is not None and (alpha := float(self.drag().detach())) > 0.0:
+            yield Parameter("mass_damping", alpha, "1/s", "of Rayleigh's")
 
     def _law(self, e: int, part: str, about: str) -> Iterable[Parameter]:
         """Physical parameters of the law of element e."""

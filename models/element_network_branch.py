@@ -28,10 +28,10 @@ from models.branch_element import BranchElement
 from models.composition.branch_law import learned, of_sizes, sizes
 from models.composition.branch_law_compiled import law_size
 from models.composition.branch_run import Branches, branch_law, simulate_branches, traced_branches
-from models.composition.coefficients import Coefficients, Numbering, Part
+from models.composition.coefficients import Coefficients
 from models.composition.simulate import Composition
 from models.composition.trace import Trace
-from models.element_network import ElementNetwork
+from models.element_network import DAMPED, ElementNetwork
 from models.element_network_named import ElementNetworkNamed
 from models.estimator import Parameter
 from models.fit.extrapolation import free_run_error
@@ -65,7 +65,6 @@ from models.starts.equilibrium import fit_together
 
 OWN, SHARED = (14, 4), (6, 2)  # ramps and bends of laws that have, or share, their forces
 NAMED = 0.1  # error of a run of named laws: farther off, integrals of accelerations are as good
-DAMPED = 0.02  # of ω: α, where elements share forces; half of it is of the first mode's 2 ζ ω
 LEAST_DAMPED = 1e-4  # of ω: α, where masses have next to none
 
 
@@ -142,14 +141,6 @@ class ElementNetworkBranch(ElementNetwork):
     @property
     def branches(self) -> Branches:
         return Branches(self.theta, self.sizes, self.scale)
-
-    def composition(self) -> Composition:
-        undamped = super().composition()
-        if self.drag is None:
-            return undamped
-        alpha = Numbering(self).part(self.drag).map(lambda u: u.expand(self.dofs))
-        core = Part.stack([Part.fixed(torch.zeros_like(alpha.value.detach())), alpha], dim=0)
-        return replace(undamped, core=core)
 
     @torch.no_grad()
     def identify(self, batches: Iterable[Record]) -> dict[str, float | str]:
@@ -292,10 +283,6 @@ class ElementNetworkBranch(ElementNetwork):
     def _take(self, e: int, law: BranchElement) -> None:
         self.theta.data[e] = of_sizes(law.theta.detach()[0], law.sizes, self.sizes)
         self.scale[:, e] = law.scale[:4, 0]
-
-    def _mass_damping(self) -> Iterable[Parameter]:
-        if self.drag is not None and (alpha := float(self.drag().detach())) > 0.0:
-            yield Parameter("mass_damping", alpha, "1/s", "of Rayleigh's")
 
     def _law(self, e: int, part: str, about: str) -> Iterable[Parameter]:
         return branch_law(self.branches, e, part, about)

@@ -245,3 +245,35 @@ def test_what_motion_does_not_determine_is_held_back_harder_until_the_last_stage
             solver.solve(FreeRunProblem(model, record, 20, last=False))
         sizes.append(float(model.pull(False)[1].detach().square().sum()))
     assert sizes[1] < 0.1 * sizes[0]
+
+
+def test_rayleighs_damping_of_a_chain_of_known_masses_is_found(record_of):
+    """Dampers from the masses to the ground, for which a chain has no elements."""
+    alpha = 0.5
+    dampers = {
+        f"d{i}": Polynomial(between=("ground", f"x{i}"), stiffness=0.0, damping=alpha * mass)
+        for i, mass in enumerate(MASSES, start=1)
+    }
+    structure = Structure(MASSES, {**linear().elements, **dampers})
+    record, errors = stack([record_of(structure, FORCES, 15.0)]), []
+    for damped in (False, True):
+        model = ElementNetwork(2, 2, DT, "chain", MASSES, units=0, mass_damping=damped)
+        model.identify([record])
+        train(model, record, None)
+        errors.append(free_run_error(model, record))
+    assert errors[0] > 0.02
+    assert errors[1] < 1e-3
+    found = {p.name: p.value for p in model.physical_parameters()}
+    assert found["mass_damping"] == pytest.approx(alpha, rel=0.01)
+    assert found["r1.damping"] == pytest.approx(0.8, rel=0.01)
+    exported = [damper.tangent() for damper in model.mass_dampers().values()]
+    assert exported == [pytest.approx((0.0, alpha * mass), rel=0.01) for mass in MASSES]
+    _, damping, _ = model.small_motion()
+    _, right, _ = (torch.from_numpy(m) for m in structure.linearised())
+    assert torch.allclose(damping, right / torch.tensor(MASSES)[:, None].double(), rtol=0.01)
+
+
+def test_only_a_chain_of_known_masses_on_the_ground_is_given_rayleighs_damping():
+    """Where masses are unknown, or all pairs are joined, dampers to the ground say it already."""
+    for elements, masses in (("chain", None), ("all", MASSES)):
+        assert ElementNetwork(2, 2, DT, elements, masses, mass_damping=True).drag is None
