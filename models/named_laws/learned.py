@@ -109,4 +109,9 @@ def named_law(fit: Fit, part: str, about: str) -> Iterator[Parameter]:
     if law.yields:
         share = 1.0 - values.get("post_yield_ratio", 0.0)
         force = share * values["stiffness"] * values[law.yields]
-        yield Parameter(f"{part}.{law.yield_force}", force, "N", about, derived=True)
+        elements = law.elements(fit.q, fit.units)
+        sides = next((both for one in elements if (both := one.strengths())), None)
+        named = zip(("_forward", "_backward"), sides, strict=True) if sides else [("", force)]
+        for side, strength in named:
+            name = f"{part}.{law.yield_force}{side}"
+            yield Parameter(name, strength, "N", about, derived=True)

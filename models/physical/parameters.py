@@ -22,7 +22,8 @@ def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[
     """Of element e: stiffness and damping of small motions, gaps, hysteretic units by their limits.
 
     A unit bears its stiffness up to its yield displacement, and then its yield force; `rising` and
-    `falling` bend its way there (models/composition/laws.py). Once all have yielded the element
+    `falling` bend its way there (models/composition/laws.py): with `rising` b < 0 it tends to 1/|b|
+    where that is nearer, so that it yields there. Once all have yielded the element
     has its post-yield stiffness, springs beyond gaps aside. Gap, yield displacement and yield force
     of the element are those of its stiffest hinge and unit, where they are no small part of it.
     """
@@ -38,8 +39,9 @@ def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[
             for value, (_, name, unit) in zip(row, columns, strict=True):
                 yield Parameter(f"{part}.{group}_{i}.{name}", value, unit, about)
             if group == "unit":
+                yields_at = yield_point(row[0], row[2] if len(row) > 2 else 0.0)
                 yield Parameter(
-                    f"{part}.unit_{i}.yield_force", row[0] * row[1], "N", about, derived=True
+                    f"{part}.unit_{i}.yield_force", yields_at * row[1], "N", about, derived=True
                 )
     k, (hinges, _, units) = float(laws.stiffness()[e]), laws.counts
     if hinges and (gap := _main(laws.hinge_stiffness()[e], laws.hinge_gap()[e], k)):
@@ -49,9 +51,16 @@ def composed_laws(laws: ElementLaws, e: int, part: str, about: str) -> Iterator[
         yield Parameter(f"{part}.post_yield_stiffness", left, "N/m", about, derived=True)
         if k > 0.0:
             yield Parameter(f"{part}.post_yield_ratio", left / k, "", about, derived=True)
-        if place := _main(laws.unit_stiffness()[e], laws.unit_limit()[e], k):
+        pairs = zip(laws.unit_limit()[e].tolist(), laws.unit_rising()[e].tolist(), strict=True)
+        places = torch.tensor([yield_point(*pair) for pair in pairs], dtype=torch.float64)
+        if place := _main(laws.unit_stiffness()[e], places, k):
             yield Parameter(f"{part}.yield_displacement", place, "m", about, derived=True)
             yield Parameter(f"{part}.yield_force", k * place, "N", about, derived=True)
+
+
+def yield_point(limit: float, rising: float) -> float:
+    """Deformation [m] at which a unit's first line meets its strength, bent on its way or not."""
+    return min(limit, -1.0 / rising) if rising < 0.0 else limit
 
 
 def _acts(coefficients: Coefficients, e: int) -> bool:

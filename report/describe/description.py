@@ -19,6 +19,7 @@ from data.terminal import terminal
 from export.modes import Modes, modes_of
 from models.estimator import Estimator, Parameter
 from models.fit.metrics import FREE_RUNS
+from models.physical.parameters import yield_point
 from models.stored.run import read_run
 from report.output import save_figure
 from report.prediction.interface import Interface
@@ -106,7 +107,7 @@ def _print_parameters(
     if estimator.laws_are_curves:
         console.print("laws are general curves; the values below are of a slow monotonic push")
     trained = metrics.get("trained_range", {})
-    print_elements(console, parameters, trained)
+    print_elements(console, parameters, trained, estimator.scale_is_open)
     print_rest(console, parameters, trained)
 
 
@@ -214,13 +215,24 @@ NO_WORDS = ("post_yield_stiffness",)  # which the ratio says
 
 
 def print_elements(
-    console: Console, parameters: Sequence[Parameter], trained: Mapping[str, Any]
+    console: Console,
+    parameters: Sequence[Parameter],
+    trained: Mapping[str, Any],
+    scale_is_open: bool = False,
 ) -> None:
-    """Masses, and a line for each element: what every law has, as far as training went."""
+    """Masses, and a line for each element: what every law has, as far as training went.
+
+    scale_is_open: masses are known over that of the first alone.
+    """
     masses = [p for p in parameters if p.name.endswith(".mass")]
     if masses:
-        listed = ", ".join(f"{p.name.partition('.')[0]} {number(p.value)}" for p in masses[:MOST])
-        console.print(f"masses [kg]: {listed}{', …' if len(masses) > MOST else ''}")
+        unit = masses[0].value if scale_is_open else 1.0
+        what = f"masses over that of {masses[0].name.partition('.')[0]}"
+        listed = ", ".join(
+            f"{p.name.partition('.')[0]} {number(p.value / unit)}" for p in masses[:MOST]
+        )
+        more = ", …" if len(masses) > MOST else ""
+        console.print(f"{what if scale_is_open else 'masses [kg]'}: {listed}{more}")
     elements = _elements(parameters)
     if not elements:
         return
@@ -332,6 +344,8 @@ def _terms(own: Mapping[str, Parameter], largest: float | None) -> list[str]:
         if size is not None and abs(size) < MATTERS * k:
             continue
         place = at.get("yield_displacement", at.get("gap", at.get("place", at.get("half_width"))))
+        if group.startswith("unit") and place is not None:
+            place = yield_point(place, at.get("rising", 0.0))
         word = {"hinge": "beyond", "unit": "yields at", "slider": "slips at"}.get(
             group.partition("_")[0], "about"
         )

@@ -10,6 +10,7 @@ import torch
 
 from data import Bilinear, Drive, Record
 from data.simulation.element_test import force, growing_cycles
+from data.simulation.laws.candidate import Units
 from export.modes import modes_of
 from models import (
     BranchElement,
@@ -17,6 +18,10 @@ from models import (
     EquivalentLinear,
     LinearMotion,
 )
+from models.composition.laws import units
+from models.named_laws.candidates import CANDIDATES
+from models.named_laws.fit import Fit
+from models.named_laws.learned import named_law
 from tests.models.zoo import DT, ESTIMATORS
 
 
@@ -70,6 +75,43 @@ def test_an_element_network_has_masses_and_laws_in_words(dofs):
     assert found["r1.yield_force"].derived
     assert not found["r1.stiffness"].derived
     assert len(found) == len(network(dofs).physical_parameters())  # no name twice
+
+
+def test_a_rounded_unit_yields_where_it_tends_to_and_not_at_a_limit_that_it_never_reaches():
+    """A slow push past all limits bears the forces that are told."""
+    model = network(1)
+    own = model.laws
+    with torch.no_grad():
+        own.hinge_stiffness.theta.zero_()
+        own.unit_limit.theta.add_(math.log(20.0))  # from 0.01 m to 0.2 m
+        own.unit_rising.start(torch.full((1, 1), -125.0, dtype=torch.float64), 1.0)
+    found = named(model)
+    k = found["r1.stiffness"].value
+    assert found["r1.yield_displacement"].value == pytest.approx(0.008)
+    assert found["r1.yield_force"].value == pytest.approx(0.008 * k)
+    strength = found["r1.unit_1.yield_force"].value
+    assert strength == pytest.approx(0.008 * found["r1.unit_1.stiffness"].value)
+    push = torch.full((4000, 1), 1e-5, dtype=torch.float64)
+    z, laws = torch.zeros(1, 1, dtype=torch.float64), model.composition().laws.value.detach()
+    for step in push:
+        z = units(laws, own.counts, z, step)
+    assert float(z[0, 0]) * found["r1.unit_1.stiffness"].value == pytest.approx(strength, rel=0.01)
+
+
+def test_sides_of_a_law_that_differ_are_told_one_by_one():
+    """In newtons, forward and backward, as an element that is pushed far each way bears them."""
+    law = CANDIDATES["UnevenBoucWen"]
+    scales = Units(length=0.03, rate=0.05, force=1e5, slope=3e7)
+    values = {"stiffness": 3e7, "largest": 0.0026, "damping": 1.0, "uneven": 1.67,
+              "above_one": 19.0}  # fmt: skip
+    q = law.with_values(np.full(len(law.parameters), -12.0), values, scales)
+    fit = Fit(law, scales, q)
+    found = {p.name: p.value for p in named_law(fit, "r1", "")}
+    for side, way in (("forward", 1.0), ("backward", -1.0)):
+        y = way * np.linspace(0.0, 0.02, 400)
+        r = sum(force(part, y, 0.01) for part in fit.candidate.elements(q, scales))
+        assert found[f"r1.yield_force_{side}"] == pytest.approx(abs(r[-1]), rel=0.01)
+    assert "r1.yield_force" not in found
 
 
 def test_a_branch_law_is_told_by_a_slow_push():

@@ -78,6 +78,7 @@ def _settings(model: Estimator) -> dict[str, Any]:
     return {
         "elements": "chain", "hinges": 0, "units": 1, "masses": str(masses).replace("None", "null"),
         "forced": "base" if model.base else str([i + 1 for i in model.forced]).replace(" ", ""),
+        "mass_damping": "false",
     }  # fmt: skip
 
 

@@ -111,6 +111,14 @@ class BaberNoori(Element):
                 "expected |gamma| ≤ beta and 2 |asymmetry| < beta + gamma"
             )
 
+    def strengths(self) -> tuple[float, float] | None:
+        if self.asymmetry == 0.0:
+            return None
+        bend, k = self.beta + self.gamma, (1.0 - self.post_yield_ratio) * self.stiffness
+        forward, backward = (bend + side * self.asymmetry for side in (2.0, -2.0))
+        power = -1.0 / self.exponent
+        return k * forward**power, k * backward**power
+
     def tangent(self) -> tuple[float, float]:
         return self.stiffness, 0.0
 

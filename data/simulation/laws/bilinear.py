@@ -63,8 +63,8 @@ class Bilinear(Element):
 
 def _elements(values: Values, between: Sequence[str]) -> list[Element]:
     """With one damper, as in all structures of the paper."""
-    own = {name: value for name, value in values.items() if name != "post_yield_ratio"}
-    own["post_yield_stiffness"] = values["post_yield_ratio"] * values["stiffness"]
+    own = {name: value for name, value in values.items() if name != "hardening_ratio"}
+    own["post_yield_stiffness"] = values["hardening_ratio"] * values["stiffness"]
     return [Bilinear(between=between, post_yield_damping=values["damping"], **own)]
 
 
@@ -74,7 +74,7 @@ CANDIDATES = (
         {
             "yield_displacement": YIELD,
             "stiffness": STIFFNESS,
-            "post_yield_ratio": share(0.01, 0.4),
+            "hardening_ratio": share(0.01, 0.4),
             "damping": DAMPING,
         },
         _elements,

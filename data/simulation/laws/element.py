@@ -93,6 +93,10 @@ class Element:
         """
         raise ValueError(f"{type(self).__name__} is no stock material of OpenSees")
 
+    def strengths(self) -> tuple[float, float] | None:
+        """Forces [N] at which it yields forward and backward; None where both are one."""
+        return None
+
     def tangent(self) -> tuple[float, float]:
         """Stiffness [N/m] and damping [N s/m] for small motions about rest."""
         raise NotImplementedError

@@ -319,6 +319,10 @@ class UnevenHysteretic(Hysteretic):
         self._require("positive", *(f"back_strength_{i}" for i in (1, 2, 3)))
         self._require_growing(*(f"back_{name}" for name in PLACES))
 
+    def strengths(self) -> tuple[float, float]:
+        force = self.stiffness * self.yield_displacement
+        return force, self.back_strength_1 * force
+
     def _back(self) -> tuple[float, ...]:
         strengths = [f"strength_{i}" for i in (1, 2, 3)]
         return tuple(getattr(self, f"back_{name}") for name in (*PLACES, *strengths))

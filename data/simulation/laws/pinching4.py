@@ -378,6 +378,10 @@ class UnevenPinching4(Pinching4):
         self._require_share("back_reloading_place")
         self._require_side("back_")
 
+    def strengths(self) -> tuple[float, float]:
+        force = self.stiffness * self.yield_displacement
+        return force, self.back_strength_1 * force
+
     def _back(self) -> tuple[float, ...]:
         strengths = [f"strength_{i}" for i in (1, 2, 3, 4)]
         return tuple(getattr(self, f"back_{name}") for name in (*PLACES, *strengths, *SHARES))
