@@ -37,6 +37,7 @@ from data.measured.clocks import ALIGNMENTS, shared_clocks
 from data.measured.files.columns import FileError
 from data.measured.reading import is_archive
 from data.measured.time_step import GAP
+from data.public.benchmarks import benchmark_in
 from data.record import same_step
 from data.terminal import terminal
 
@@ -274,7 +275,12 @@ def show_folders(console: Console, wanted: Sequence[str], records: Sequence[Insp
         if not folder.is_dir() and not is_archive(folder):
             continue
         channels, names = of_folders(folder, records)
-        if channels:
+        if folder.is_dir() and (benchmark := benchmark_in(folder)):
+            train = f"data=benchmark data.name={benchmark} data.folder={shlex.quote(str(folder))}"
+            text = f"{folder}: the files of the public benchmark {benchmark}; train on it:"
+            console.print(Text(plain(text), style="cyan"), soft_wrap=True)
+            console.print(f"    python train.py {plain(train)} model=modal_network", soft_wrap=True)
+        elif channels:
             words = [f"{channel}={shlex.quote(where)}" for channel, where in channels.items()]
             what = "these files may be one record"
             if len(names) > 1:

@@ -200,6 +200,11 @@ def benchmark_called(name: str, scenario: Scenario) -> Benchmark:
     return BENCHMARKS[name]
 
 
+def benchmark_in(folder: Path) -> str | None:
+    """The benchmark that lies in a folder by the names of its files, or None."""
+    return next((n for n, b in BENCHMARKS.items() if not Files(folder).missing(b.files)), None)
+
+
 def files_of(
     name: str, folder: Path, fetch: bool = False, wanted: Mapping[str, Sequence[str]] | None = None
 ) -> Files:

@@ -255,3 +255,15 @@ def test_a_stretch_begins_in_an_unknown_motion_at_a_place_that_the_seed_draws(fo
     assert len(places) == 2
     with pytest.raises(ValueError, match=r"data\.samples=9000: expected from 20 to 8192"):
         loaded("bouc_wen", folder, samples=9000)
+
+
+def test_a_benchmark_s_folder_is_recognised_by_its_files(inspect_run, tmp_path):
+    """The command that data.inspect proposes names the benchmark and its folder."""
+    prepare(tmp_path / "files", contents("bouc_wen"))
+    status, out, _ = inspect_run(str(tmp_path / "files"))
+    assert status == 0
+    words = out.rstrip().splitlines()[-1].removeprefix("    python train.py ").split()
+    assert "data.name=bouc_wen" in words
+    assert data_from(composed(*words)).unit == "m"
+    (tmp_path / "files" / BENCHMARKS["bouc_wen"].files[0]).unlink()
+    assert "public benchmark" not in inspect_run(str(tmp_path / "files"))[1]
