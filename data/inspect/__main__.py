@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +19,18 @@ from rich.table import Table
 from rich.text import Text
 
 from data.arguments import Pairs, Parser, plain, reason
-from data.inspect.config import command, config_path, direct_command, mends_of, write_config
+from data.inspect.config import (
+    command,
+    config_path,
+    direct_command,
+    floors_without_sensor,
+    mends_of,
+    write_config,
+)
 from data.inspect.folders import of_folders
 from data.inspect.inspection import (
     Inspection,
+    columns_of,
     inspections,
     is_free,
     lacking,
@@ -84,7 +92,7 @@ def inspect(words: Sequence[str] | None = None) -> None:
             continue
         _check_single(args, len(found))
         for record in found:
-            show(console, record)
+            show(console, record, args.channels or columns_of(record))
             seen.append(record)
             _save(console, record, args)
     if not args.channels:
@@ -115,7 +123,7 @@ def _save(console: Console, record: Inspection, args: argparse.Namespace) -> Non
                 f"{target} exists; --force overwrites it, --config takes another place"
             )
         save_config(target, record, args)
-        train = command(target, record.guesses.values() or record.raw.channels)
+        train = command(target, args.channels or columns_of(record))
         console.print(Text(f"  config: {target}\n  {train}"), soft_wrap=True)
 
 
@@ -155,8 +163,8 @@ def main(words: Sequence[str] | None = None) -> None:
 # An inspected record in print: its clock, channels, faults, and what its columns may be.
 
 
-def show(console: Console, record: Inspection) -> None:
-    """Notes, clock, channels, faults and what the columns may be."""
+def show(console: Console, record: Inspection, channels: Mapping[str, str]) -> None:
+    """Notes, clock, channels, faults and what the columns {channel: column} may be."""
     console.print(Text(plain(str(record.path)), style="bold"))
     for note in dict.fromkeys(record.raw.notes):
         console.print(Text(f"  {plain(note)}", style="dim"))
@@ -179,11 +187,13 @@ def show(console: Console, record: Inspection) -> None:
         example = shlex.quote(next(iter(record.raw.channels)))
         advice = f"  name the columns: --channels a1={plain(example)} …"
         console.print(Text(advice, style="cyan"))
-    for line, style in _as_a_model_needs_it(record) if mapped(record) else ():
+    for line, style in _as_a_model_needs_it(record, channels) if mapped(record) else ():
         console.print(Text(f"  {line}", style=style), soft_wrap=True)
 
 
-def _as_a_model_needs_it(record: Inspection) -> Iterator[tuple[str, str]]:
+def _as_a_model_needs_it(
+    record: Inspection, channels: Mapping[str, str]
+) -> Iterator[tuple[str, str]]:
     """What the channels lack; else how it moves and how many storeys that may be."""
     free = is_free(record)
     if lack := lacking(mapped(record), free):
@@ -198,6 +208,9 @@ def _as_a_model_needs_it(record: Inspection) -> Iterator[tuple[str, str]]:
         shown = ", ".join(f"{f:.4g}" for f in peaks)
         or_else = "" if free else ", unless the excitation is strongest there"
         yield f"the response is strongest at {shown} Hz: its first modes{or_else}", ""
+    if least := floors_without_sensor(channels):
+        yield f"storeys: {least} at least, by the names; some floors have no sensor", ""
+        return
     more = "one for each sensor" if modes <= sensors else f"for {modes} strong frequencies"
     yield f"likely storeys: {max(sensors, modes)}, {more}", ""
 
@@ -250,13 +263,14 @@ def show_command(console: Console, records: Sequence[Inspection], args: argparse
     )
     if not first or not alike or any(lacking(mapped(r), is_free(r)) for r in records):
         return
-    channels = args.channels or {channel: column for column, channel in first.guesses.items()}
+    columns = args.channels or columns_of(first)
+    channels = args.channels or (columns if first.guesses else {})
     settings = {"path": args.record if len(args.record) > 1 else args.record[0]}
     sure = {signal: unit for signal, unit in first.likely.items() if "|" not in unit}
     settings |= {"channels": channels, "units": sure | args.units, "align": args.align}
     settings |= {key: v for key in READER if (v := getattr(args, key)) != READER[key]}
     faults = [f for r in records for f in r.findings if f.blocks]
-    words = direct_command(settings, mapped(first), mends_of(faults))
+    words = direct_command(settings, columns, mends_of(faults))
     told = [f"data.units.{signal}=" for signal in sure]
     left = [f for f in faults if not mends_of([f]) and not any(t in f.message for t in told)]
     head = "train on it" + (", once what must be corrected is" if left else "")

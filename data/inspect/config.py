@@ -16,7 +16,8 @@ from typing import Any
 import yaml
 
 from data.arguments import plain
-from data.measured.channels import signal_of
+from data.measured.channels import numbered, signal_of
+from data.measured.floors import least_storeys
 from data.measured.raw_record import Finding
 from data.whole_file import write_text
 
@@ -43,8 +44,8 @@ def config_path(wanted: str, record: Path) -> Path:
     return place.with_suffix(".yaml") if inside else place.parent / "data" / f"{place.stem}.yaml"
 
 
-def command(config: Path, channels: Iterable[str]) -> str:
-    """Command that trains on a config, as a shell and Hydra take it."""
+def command(config: Path, channels: Mapping[str, str]) -> str:
+    """Command that trains on a config, as a shell and Hydra take it, by {channel: column}."""
     folder = str(Path(os.path.abspath(config)).parent.parent)
     folder = folder if config.is_absolute() else os.path.relpath(folder)
     folder = f"./{folder}" if folder.startswith("-") else folder
@@ -52,27 +53,38 @@ def command(config: Path, channels: Iterable[str]) -> str:
     return f"python train.py {shlex.join(words)}"
 
 
-def model_for(channels: Iterable[str]) -> list[str]:
-    """A model that simulates what was measured, in words of the command line.
+def floors_without_sensor(channels: Mapping[str, str]) -> int:
+    """How many storeys there are at least, by {channel: column}; 0 where each may have a sensor."""
+    of_floors = {c: name for c, name in channels.items() if signal_of(c) in ("a", "v", "x")}
+    dofs = {number for signal in "avx" for number in numbered(of_floors, signal)}
+    least = least_storeys(list(of_floors.values()))
+    return least if least > len(dofs) else 0
+
+
+def model_for(channels: Mapping[str, str]) -> list[str]:
+    """A model that simulates {channel: column} as measured, in words of the command line.
 
     Elements with laws: of a test of one, or of a structure, with x and v where they were measured
-    beside accelerations. Other inputs of a structure have a place in a network without laws alone.
+    beside accelerations; modes, where names of columns say that floors have no sensor. Other
+    inputs of a structure have a place in a network without laws alone.
     """
     signals = {signal_of(channel) for channel in channels}
     if "r" in signals:
         return ["model=element_test"]
     if "u" in signals:
         return ["model=gru"]
+    if floors_without_sensor(channels):
+        return ["model=modal_network"]
     states = {"a", "x", "v"} <= signals or "a" not in signals
     return ["model=element_network", *([] if states else ["model/reads=accelerations"])]
 
 
 def direct_command(
-    settings: Mapping[str, Any], channels: Iterable[str], mends: Sequence[str]
+    settings: Mapping[str, Any], channels: Mapping[str, str], mends: Sequence[str]
 ) -> str:
     """Command that trains on records without a config; mends: what their faults ask for.
 
-    settings: of `data=measured`, None for what is not said.
+    settings: of `data=measured`, None for what is not said; channels: {channel: column}.
     """
     said = [f"data.{key}={_for_hydra(value)}" for key, value in settings.items() if value]
     largest = {word.partition("=")[0]: word for word in sorted(mends, key=_setting)}
@@ -126,6 +138,7 @@ def write_config(
     """
     chosen = {k: v for k, v in settings.items() if k not in ("path", "channels") and v is not None}
     channels = settings.get("channels") or {}
+    train = command(path, channels or {c: column for column, c in guesses.items()})
     inner = [
         *_dumped({"path": settings["path"]}),
         *_channels(channels, guesses),
@@ -136,7 +149,7 @@ def write_config(
     text = [
         "# @package _global_",
         f"# {plain(Path(settings['path']).name)}, as python -m data.inspect understood it",
-        f"# {plain(command(path, channels or guesses.values()))}",
+        f"# {plain(train)}",
         "defaults: [measured, _self_]",
         "data:",
         *(f"  {line}" for line in inner),

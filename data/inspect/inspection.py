@@ -434,6 +434,12 @@ def mapped(record: Inspection) -> dict[str, np.ndarray]:
     return {c: u for c, u in record.raw.channels.items() if CHANNEL.fullmatch(c)}
 
 
+def columns_of(record: Inspection) -> dict[str, str]:
+    """{channel: column} as they are named or guessed."""
+    guessed = {channel: column for column, channel in record.guesses.items()}
+    return guessed or {c: c for c in record.raw.channels if CHANNEL.fullmatch(c)}
+
+
 def lacking(channels: Iterable[str], free: bool = False) -> str:
     """What channels lack to be trained on, "" where they suffice; free: they ring down."""
     signals = {signal_of(channel) for channel in channels}

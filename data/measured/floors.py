@@ -101,6 +101,16 @@ def number_upwards(names: Mapping[str, str]) -> dict[str, int]:
     return {column: rank[h] for column, h in zip(names, heights, strict=True)}
 
 
+def least_storeys(names: Sequence[str]) -> int:
+    """Storeys that names of sensors above the ground say at least: 6 of "Floor 6" and "Roof".
+
+    The lowest number may be the ground's, as it is in America.
+    """
+    heights = {h for name in names if (h := height(name)) is not None and h > 0.0}
+    numbered = [h for h in heights if h < min(value for _, value in VAGUE)]
+    return max(0, int(max(numbered, default=0.0)) - 1) + len(heights) - len(numbered)
+
+
 def one_axis(
     names: Mapping[str, str], base: Sequence[str], strength: Mapping[str, float]
 ) -> set[str]:

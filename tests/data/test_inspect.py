@@ -172,6 +172,24 @@ def test_the_command_that_is_proposed_is_ready_and_its_model_a_structure(run, tm
     assert data.inputs == (0 if name.startswith("free") else 2 if "element" in name else 1)
 
 
+@pytest.mark.parametrize(
+    ("floors", "least"), [(("Floor 6", "Roof"), 6), (("2F", "RF"), 0), (("1F", "2F", "RF"), 0),
+                          (("3rd Fl", "9th Fl"), 8)],
+)  # fmt: skip
+def test_floors_without_a_sensor_are_told_by_names_and_get_modes(run, tmp_path, floors, least):
+    """A chain of laws has a sensor on each floor; an American 1st floor may be the ground."""
+    t = 0.01 * np.arange(800)
+    motion = np.sin(3.0 * t) * np.sin(0.4 * t) * np.sin(11.0 * t)
+    table = np.column_stack([t, motion, 1.1 * motion, 1.3 * motion, 1.4 * motion])
+    table = table[:, : 2 + len(floors)]
+    head = ",".join(["time [s]", "Ground [g]", *(f"{name} [g]" for name in floors)])
+    np.savetxt("floors.csv", table, delimiter=",", header=head, comments="")
+    _, out, _ = run("floors.csv")
+    assert out.rstrip().endswith("model=modal_network") == (least > 0)
+    assert (f"storeys: {least} at least" in out) == (least > 0)
+    assert ready(out, tmp_path).dofs == len(floors)
+
+
 def test_the_first_modes_are_the_strongest_of_the_response(run):
     """Two storeys in free vibration, 2 and 5.2 Hz: their peaks are told, weakest last."""
     t = 0.01 * np.arange(4000)
