@@ -17,7 +17,7 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (16_500, 10_500),
+    "data": (16_750, 10_500),
     "models": (25_300, 17_000),
     "runner": (4_800, 3_600),
     "export": (5_600, 4_200),
