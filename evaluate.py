@@ -6,6 +6,7 @@
     python evaluate.py run=FOLDER data.path=other.csv  on records of other files
     python evaluate.py run=zoo:element_network/bouc_wen   a published model, docs/zoo.md
     python evaluate.py run=FOLDER uncertainty=laplace  how sure its parameters are: profile, smc
+    python evaluate.py run=FOLDER data.path=after.csv change=true   has the structure changed?
     python evaluate.py runs=FOLDER output=FOLDER    all numbers as one table: results.parquet, .csv
     python evaluate.py runs=[a,b]                   of several folders, or 'runs=runs/*/'
     python evaluate.py runs=FOLDER by=model.cutoff  compared by a choice: a table and a picture
@@ -51,6 +52,13 @@ def main(cfg: DictConfig) -> None:
             raise ValueError("runs= and output= are for many runs; leave them out with run=")
         folder = absolute(run_folder(cfg.run))
         conditions = take_settings(Conditions, asked)
+        if cfg.change and cfg.uncertainty is not None:
+            raise ValueError("change=true and uncertainty= are two questions; leave one out")
+        if cfg.change:
+            from report.uncertainty.change import evaluate_change
+
+            evaluate_change(folder, conditions)
+            return
         if cfg.uncertainty is not None:
             from report.uncertainty.command import Question, evaluate_uncertainty
 

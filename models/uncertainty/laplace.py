@@ -54,7 +54,7 @@ class Laplace:
     deviations of that; without (k, P): the step that is left where that prior is taken away, or
     that a fit without it went, where that contradicts it.
     determined: parameters that the data determine, in the sense of a trace.
-    information (P, P): JᵀJ over σ². inverse (P, P): A⁻¹. residuals (T, n),
+    information (P, P): JᵀJ over σ². inverse (P, P): A⁻¹. held (P,): w. residuals (T, n),
     jacobians (T, n, P): of each record, weighted.
     """
 
@@ -72,6 +72,7 @@ class Laplace:
     without: np.ndarray
     samples: int
     inverse: np.ndarray
+    held: np.ndarray
     residuals: list[np.ndarray]
     jacobians: list[np.ndarray]
 
@@ -163,6 +164,8 @@ def about(
     for J in jacobians:
         rows = J.reshape(-1, P)
         gram += rows.T @ rows
+    if not np.isfinite(gram).all():
+        raise ValueError("the derivatives of the free run are not finite: it has no intervals")
     held = np.maximum(held, FLOOR * gram.diagonal().max())
     size = np.sqrt(gram.diagonal() + held)  # scaled, so that units of θ do not matter
     root = np.linalg.cholesky((gram + np.diag(held)) / np.outer(size, size))
@@ -208,6 +211,7 @@ def about(
         without=without,
         samples=samples,
         inverse=A,
+        held=held,
         residuals=residuals,
         jacobians=jacobians,
     )

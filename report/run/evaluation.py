@@ -185,7 +185,7 @@ def evaluate_records(
     """
     data, metrics = new_data(under, typed), run.metrics
     require_same_kind(run.sensors, data.sensors)
-    records = {name: _on_grid(r, estimator.dt) for name, r in each_record(data, "train").items()}
+    records = {name: on_grid(r, estimator.dt) for name, r in each_record(data, "train").items()}
     trained = metrics.get("trained_range", {})
     left = {n: outside(trained, range_of(estimator, [r])) for n, r in records.items()}
     scores = {
@@ -250,7 +250,7 @@ def require_same_kind(run: Sensors, new: Sensors) -> None:
         )
 
 
-def _on_grid(record: Record, dt: float) -> Record:
+def on_grid(record: Record, dt: float) -> Record:
     """The record with the model's time step, where it differs by the rounding of a clock."""
     return replace(record, dt=dt) if abs(record.dt / dt - 1.0) < 1e-6 else record
 

@@ -80,6 +80,7 @@ TRAIN = {
 }
 EVALUATE = {
     "label": Setting(str | None),
+    "change": Setting(bool),
     "runs": Setting(TEXTS),
     "by": Setting(TEXTS),
     "metric": Setting(str),

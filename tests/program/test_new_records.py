@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,9 @@ import torch
 
 import evaluate
 import train
+from data.record import Drive
 from runner import job
+from tests.program.planted_runs import plant, shaken
 from tests.program.test_train import run
 
 DT = 0.01
@@ -173,3 +176,40 @@ def test_a_network_that_diverges_is_no_result_and_says_so(records, tmp_path, mon
     verdict = numbers(folder)["verdict"]
     assert verdict["identified"] is False
     assert (folder / "model.safetensors").is_file()  # to look at
+
+
+def test_a_change_is_told_placed_and_saved_and_so_is_none(tmp_path, monkeypatch, capsys):
+    """A planted chain on a shaken base, before and after its second storey lost a quarter."""
+    model, sensors = shaken(2)
+    lost = deepcopy(model)
+    with torch.no_grad():
+        lost.laws.stiffness.theta[1] += np.log(0.75)
+        lost.laws.unit_stiffness.theta[1] *= 0.75
+    rng, t = np.random.default_rng(0), DT * np.arange(1000)
+    for name, own in (("before", model), ("same", model), ("after", lost)):
+        w, phases = rng.uniform(5.0, 30.0, 6), rng.uniform(0.0, 6.0, 6)
+        ground = np.minimum(t, 1.0) * np.sin(np.outer(t, w) + phases).sum(axis=1)
+        still = torch.zeros(2, dtype=torch.float64)
+        with torch.no_grad():
+            a = own.free_run(Drive(DT, torch.from_numpy(-ground[:, None]), still, still)).a.numpy()
+        a = a + ground[:, None] + 0.02 * rng.standard_normal(a.shape)
+        columns = {"time": t, "s_ddot1": ground, "a1": a[:, 0], "a2": a[:, 1]}
+        write(tmp_path / f"{name}.csv", columns)
+    words = ["model=element_network", "data=measured", f"data.path={tmp_path}/before.csv"]
+    folder = plant(tmp_path / "run", model, sensors, *words, "data.split=0.9")
+    for name, places in (("after", ["r2 x1–x2, storey 2"]), ("same", [])):
+        path = f"data.path={tmp_path}/{name}.csv"
+        assert run(evaluate, monkeypatch, f"run={folder}", path, "change=true") == 0
+        printed = capsys.readouterr().out
+        saved = json.loads((folder / f"evaluation/change_{name}/change.json").read_text())
+        assert saved["places"] == places
+        assert "r1.stiffness" in [one["name"] for one in saved["quantities"]]
+        told = f"changed: {places[0]}: " if places else "no change beyond what these records tell"
+        assert told in " ".join(printed.split())
+        assert "frequencies of small motions [Hz]" in printed
+        assert f"largest drifts under {name}" in printed
+    words = f"run={folder}", "change=true"
+    assert run(evaluate, monkeypatch, *words) == 1
+    assert "data.path=after.csv" in capsys.readouterr().err
+    assert run(evaluate, monkeypatch, *words, "uncertainty=laplace") == 1
+    assert "leave one out" in capsys.readouterr().err
