@@ -74,8 +74,8 @@ class ElementNetwork(ByLaws, Composite):
     from_accelerations: measured x and v are not used.
     Where a base moves and no mass is known, springs between nodes that are no neighbours in a chain
     may be of either sign: columns that bend over several storeys look like negative ones.
-    mass_damping: a chain of known masses has dampers α m from every mass to ground, which are what
-    Rayleigh's damping has beside those of the elements; all pairs have them anyhow.
+    mass_damping: a chain has dampers α m from every mass to ground, which Rayleigh's damping
+    has beside those of the elements; all pairs have them anyhow.
     priors: {name of a parameter: [value in its unit, relative standard deviation]}.  ties: groups
     of elements, or of parameters of one kind, that are one (composition/priors.py).
     Raises ValueError for channels, masses, pairs of nodes, priors or ties that do not fit.
@@ -165,8 +165,7 @@ class ElementNetwork(ByLaws, Composite):
             len(self.elements), hinges, tanhs, units, cubic, rounded=rounded,
             either=self._either() if self.base and masses is None else (),
         )  # fmt: skip
-        rayleigh = mass_damping and masses is not None and dofs > 1
-        damped = rayleigh and self.is_chain and not supports
+        damped = mass_damping and dofs > 1 and self.is_chain and not supports
         self.drag = Coefficients(1, positive=True) if damped else None  # α [1/s]
         self.hold_to(priors, ties, self.laws, self.mass)
 

@@ -18,7 +18,7 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (16_750, 10_500),
-    "models": (25_600, 17_000),
+    "models": (25_700, 17_000),
     "runner": (4_800, 3_600),
     "export": (5_600, 4_200),
     "report": (7_950, 6_000),

@@ -105,7 +105,7 @@ def off_centre(deviation: float, bias: float) -> float:
     """Half width that holds 95 % of a normal error whose mean is off by a known amount."""
     from scipy.stats import ncx2  # slow to import
 
-    if bias > FAR * deviation:
+    if bias >= FAR * deviation:
         return bias + ONE_SIDED * deviation
     return float(deviation * ncx2.ppf(0.95, 1, (bias / deviation) ** 2) ** 0.5)
 

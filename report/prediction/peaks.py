@@ -12,9 +12,9 @@ from rich.table import Table
 
 from models.estimator import Estimator
 from models.fit.trained_range import warnings_of
+from models.uncertainty.drifts import LAST, residual_of
 from report.prediction.runs import Prediction, parts_of
 
-LAST = 0.05  # of a motion, at its end, whose mean is called residual
 RESIDUAL = ("displacement", "deformation")
 
 
@@ -35,7 +35,7 @@ def peaks_of(prediction: Prediction, estimator: Estimator) -> list[dict[str, Any
             if prediction.left is None:
                 u = signal.values[:, i]
                 k = int(np.abs(u).argmax())
-                left = float(u[-max(1, round(LAST * len(u))) :].mean())
+                left = float(residual_of(u))
                 row |= {"peak": float(abs(u[k])), "time_s": round(k * prediction.dt, 9)}
                 row["residual"] = left if signal.kind in RESIDUAL else None
             rows.append(row)

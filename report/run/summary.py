@@ -27,7 +27,12 @@ from report.run.table import (
     titled,
     why_no_free_run,
 )
-from report.uncertainty.intervals import print_bands, print_criticism, print_intervals
+from report.uncertainty.intervals import (
+    print_bands,
+    print_criticism,
+    print_drifts,
+    print_intervals,
+)
 from runner.config.choices import dotted, typed
 from runner.scores.outcome import each_record
 from runner.scores.public_scores import benchmark_lines
@@ -124,6 +129,7 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     _print_errors(console, metrics)
     console.heading("Uncertainty")
     print_intervals(console, metrics["uncertainty"])
+    print_drifts(console, metrics["uncertainty"])
     print_bands(console, metrics)
     console.heading("Limits")
     print_criticism(console, metrics["uncertainty"])

@@ -34,6 +34,7 @@ from report.style import ESTIMATED, MEASURED, one_legend, panels
 from report.uncertainty.intervals import (
     beyond_training,
     print_criticism,
+    print_drifts,
     print_intervals,
     which_to_believe,
 )
@@ -155,6 +156,7 @@ def _laplace(asked: Question, run: Finished, console: Console, output: Path) -> 
         raise ValueError("parameter= is for uncertainty=profile and smc; laplace has all of them")
     content = uncertainty_of(run.model, run.found, run.data, [])
     print_intervals(console, content, both=True)
+    print_drifts(console, content)
     beyond = beyond_training(run.metrics, content)
     if not which_to_believe(headline(content)):
         believe = "" if beyond else ": use ± noise"

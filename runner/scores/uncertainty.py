@@ -24,6 +24,7 @@ from models.fit.trainable import Trainable
 from models.physical.truth import forces_of, truth_of
 from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import Finding, asks_for_more, criticism_of
+from models.uncertainty.drifts import drifts
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import CONTRADICTED, Laplace, laplace, singles
 from models.uncertainty.parameters import free_vector
@@ -60,7 +61,24 @@ def uncertainty_of(
     content |= _priors(estimator, found)
     if findings:
         content |= {"criticism": _reportable(findings), "model_lacks_terms": lacking}
+    content |= _drifts(estimator, found, data, tested)
     return content | {"bands": _bands(estimator, found, tested)}
+
+
+def _drifts(
+    estimator: Trainable, found: Laplace, data: Data, tested: Iterable[Record]
+) -> dict[str, Any]:
+    """Drifts of all records whose displacements the model does not use, an element a row."""
+    if not isinstance(estimator, ElementNetwork) or not estimator.from_accelerations:
+        return {}
+    names = [name for split in ("train", "test") for name in data.names.get(split, [])]
+    records = [*singles(data.loader("train")), *singles(tested)]
+    if len(names) < len(records):
+        names = [f"record {i + 1}" for i in range(len(records))]
+    rows: list[dict[str, Any]] = []
+    for name, record in zip(names, records, strict=False):
+        rows += [{"record": name, **row} for row in drifts(estimator, found, record.to("cpu"))]
+    return {"drifts": rows}
 
 
 def band_of(estimator: Estimator, found: Laplace | None, record: Record) -> Tensor | None:

@@ -273,7 +273,10 @@ def test_rayleighs_damping_of_a_chain_of_known_masses_is_found(record_of):
     assert torch.allclose(damping, right / torch.tensor(MASSES)[:, None].double(), rtol=0.01)
 
 
-def test_only_a_chain_of_known_masses_on_the_ground_is_given_rayleighs_damping():
-    """Where masses are unknown, or all pairs are joined, dampers to the ground say it already."""
-    for elements, masses in (("chain", None), ("all", MASSES)):
-        assert ElementNetwork(2, 2, DT, elements, masses, mass_damping=True).drag is None
+def test_only_a_chain_on_the_ground_is_given_rayleighs_damping():
+    """Where all pairs are joined, dampers to the ground say it already."""
+    for elements, given in (("chain", True), ("all", False)):
+        model = ElementNetwork(2, 2, DT, elements, MASSES, mass_damping=True)
+        assert (model.drag is not None) == given
+    assert ElementNetwork(2, 1, DT, "chain", forced="base", mass_damping=True).drag is not None
+    assert ElementNetwork(1, 1, DT, "chain", mass_damping=True).drag is None

@@ -16,6 +16,7 @@ from models.composition.states import MEASURES
 from models.element_network import ElementNetwork
 from models.physical.truth import forces_of
 from models.uncertainty.bands import half_widths
+from models.uncertainty.drifts import drifts, residual_of
 from models.uncertainty.intervals import (
     COMBINATION,
     DETERMINED,
@@ -152,6 +153,33 @@ def test_true_displacements_and_forces_lie_in_the_bands():
         bands = unmeasured(model, laplace(model, [measured]), record)
         hits.append([bands[name].coverage(signal) for name, signal in known.items()])
     assert np.mean(hits, axis=0) == pytest.approx(0.95, abs=0.05)
+
+
+def test_true_drifts_lie_in_their_intervals_and_such_as_hold_zero_do_not_tell_them():
+    """Peaks and what stays, of springs that yield, from accelerations with noise."""
+    model, record = planted(masses=True)
+    truth, hits, halves = free_vector(model), [], []
+    with torch.no_grad():
+        y = model.element_loops(record)[0].numpy()
+    known = np.stack([np.abs(y).max(axis=0), residual_of(y)])
+    for level, seed in [(0.03, seed) for seed in range(8)] + [(3.0, 0)]:
+        set_free_vector(model, truth)
+        measured = noisy(record, level, seed)
+        for _ in range(3 if level < 1.0 else 0):  # to the minimum, where it is near
+            step = laplace(model, [measured]).step
+            set_free_vector(model, free_vector(model) + torch.from_numpy(step))
+        rows = drifts(model, laplace(model, [measured]), measured)
+        assert [row["element"] for row in rows] == ["r1 ground–x1", "r2 x1–x2"]
+        own, half = (
+            np.array([[row[key] for row in rows] for key in keys])
+            for keys in (("peak", "residual"), ("peak_half", "residual_half"))
+        )
+        hits.append(np.abs(own - known) <= half)
+        halves.append(half)
+    assert np.mean(hits) >= 0.9
+    assert (halves[0][0] < 0.1 * known[0]).all()  # little noise: peaks are known
+    assert (halves[-1][1] > np.abs(known[1])).all()  # much of it: what stays is not
+    assert drifts(model, laplace(model, [record]), replace(record, initial_state="unknown")) == []
 
 
 def test_true_forces_have_the_order_and_the_direction_of_the_models_elements():

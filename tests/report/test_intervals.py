@@ -8,6 +8,7 @@ from rich.console import Console
 from models.fit.metrics import FREE_RUNS
 from report.uncertainty.intervals import (
     beyond_training,
+    print_drifts,
     print_intervals,
     sentences,
     value_and_half,
@@ -45,6 +46,20 @@ def test_a_wrong_model_is_told_by_what_parts_of_the_records_ask_for():
         print_intervals(console, {"parameters": wrong}, both=True)
     assert "± model error" in capture.get()
     assert "use ± model error, 3 times as wide" in capture.get()
+
+
+@pytest.mark.parametrize(("half", "told"), [(0.0010, True), (0.0062, False)])
+def test_a_drift_whose_interval_holds_zero_is_none_that_accelerations_tell(half, told):
+    row = {"record": "e2", "element": "r1 ground–x1", "peak": 0.0401, "peak_half": 0.0012,
+           "residual": 0.0049, "residual_half": half}  # fmt: skip
+    console = Console(width=80)
+    with console.capture() as capture:
+        print_drifts(console, {"drifts": [row]})
+    line = next(line for line in capture.get().splitlines() if "r1 ground–x1" in line)
+    assert "40.1 ± 1.2" in line
+    assert f"4.90 ± {1e3 * half:.1f}" in line
+    assert ("*" not in line) == told
+    assert ("accelerations do not tell it" in capture.get()) != told
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,107 @@
+"""Peak and residual drifts of elements whose deformation no sensor measured, and how sure they are.
+
+Accelerations hold next to nothing of what stays: noise and an offset, integrated twice, outgrow it
+within seconds. So a drift comes from the law, and is as sure as that is.
+
+    Var = g M (S + σ⁴/w²) M gᵀ + mean (Δ²),   M = (JᵀJ + σ²/w²)⁻¹
+
+The first part is what the records leave open of the parameters, g the slope of the drift by θ: θ is
+Normal about its start, w wide, S the covariance of the scores under noise with the spectrum of the
+residual (laplace.py). How far the fit is from the mode of that counts as a bias. The second part is
+of what the model does not explain: e = ẍ − ẍ_run is put back as forces on the masses, block by
+block with random weights (wild bootstrap; Liu 1988, Shao 2010), which moves the drift by Δ.
+T samples, n DOFs, E elements, P parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from data.record import Drive, Record
+from models.composition.coefficients import Part
+from models.element_network import ElementNetwork
+from models.fit.trained_range import names_of
+from models.uncertainty.intervals import off_centre
+from models.uncertainty.laplace import FEWEST_BLOCKS, NORMAL, OPEN, Laplace, stated_widths
+from models.uncertainty.parameters import slopes
+
+LAST = 0.05  # of a motion, at its end, whose mean is called residual
+DRAWS = 32  # of the weights: their spread is then known to an eighth of itself
+
+
+def residual_of(signal: np.ndarray) -> np.ndarray:
+    """Mean (c,) of the last part of a signal (T, c)."""
+    return np.asarray(signal[-max(1, round(LAST * len(signal))) :].mean(axis=0))
+
+
+@torch.no_grad()
+def drifts(
+    estimator: ElementNetwork, found: Laplace, record: Record
+) -> list[dict[str, float | str]]:
+    """Peak and residual of every element in the free run of a record, and their `half` widths [m].
+
+    [] where the record begins in a motion that is not known.
+    """
+    if record.initial_state == "unknown":
+        return []
+    drive = record.drive()
+
+    def of(deformations: Tensor) -> np.ndarray:
+        y = deformations.cpu().numpy()
+        return np.concatenate([np.abs(y).max(axis=0), residual_of(y)])
+
+    run = estimator.trace(drive)
+    own = of(run.deformations)
+    by_theta = slopes(estimator, lambda: of(estimator.trace(drive).deformations).tolist()).numpy()
+    covariance, step = _posterior(estimator, found)
+    deviation = np.sqrt(np.einsum("qi,ij,qj->q", by_theta, covariance, by_theta).clip(min=0.0))
+    bias = np.abs(by_theta @ step) + np.abs(by_theta @ found.numerical)
+    half = np.array([off_centre(float(d), float(b)) for d, b in zip(deviation, bias, strict=True)])
+    left_out = (record.a - run.response.a)[record.warmup :]
+    moved = [of(y) - own for y in _put_back(estimator, drive, left_out)]
+    half = np.hypot(half, NORMAL * np.sqrt(np.mean(np.square(moved), axis=0)))
+    rows = []
+    numbers = np.concatenate([own, half]).reshape(4, -1).T.tolist()
+    for e, (pair, four) in enumerate(zip(names_of(estimator), numbers, strict=True), start=1):
+        keys = ("peak", "residual", "peak_half", "residual_half")
+        rows.append({"element": f"r{e} {pair}", **dict(zip(keys, four, strict=True))})
+    return rows
+
+
+def _posterior(estimator: ElementNetwork, found: Laplace) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (P, P) of θ about its mode, and the step (P,) from the fit to that."""
+    width = np.full(len(found.step), OPEN)
+    for number, stated in stated_widths(estimator).items():
+        width[number] = stated
+    squares = sum(float((e**2).sum()) for e in found.residuals)
+    variance = squares / max(found.samples - found.determined, 1.0)
+    held = variance / width**2
+    inverse = np.linalg.inv(variance * found.information + np.diag(held))
+    score = sum(
+        np.einsum("tn,tnp->p", e, J) for e, J in zip(found.residuals, found.jacobians, strict=True)
+    )
+    away = estimator.pull(True)[1].detach().cpu().numpy()
+    scatter = found.noise.score_covariance(found.jacobians) + np.diag(variance * held)
+    return inverse @ scatter @ inverse, inverse @ (score - held * away)
+
+
+def _put_back(estimator: ElementNetwork, drive: Drive, left_out: Tensor) -> Iterator[Tensor]:
+    """Deformations (T, E) of runs in which what the model left out [m/s²] acts on the masses."""
+    composed = estimator.composition()
+    n, E = left_out.shape[1], composed.supports.shape[1]
+    inputs = torch.cat([composed.inputs.value, torch.eye(n, dtype=torch.float64)], dim=1)
+    supports = torch.cat([composed.supports, composed.supports.new_zeros(2, E, n)], dim=2)
+    more = replace(composed, inputs=Part.fixed(inputs), supports=supports)
+    place = torch.arange(len(left_out)) * FEWEST_BLOCKS // len(left_out)
+    before = left_out.new_zeros(drive.samples - len(left_out), n)
+    draw = torch.Generator().manual_seed(0)
+    for _ in range(DRAWS):
+        weights = torch.randn(FEWEST_BLOCKS, generator=draw, dtype=torch.float64)[place, None]
+        u = torch.cat([drive.u, torch.cat([before, weights * left_out])], dim=1)
+        run = estimator.traced(more, replace(drive, u=u), estimator.substeps)
+        yield run.deformations
