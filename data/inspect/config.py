@@ -65,8 +65,9 @@ def model_for(channels: Mapping[str, str]) -> list[str]:
     """A model that simulates {channel: column} as measured, in words of the command line.
 
     Elements with laws: of a test of one, or of a structure, with x and v where they were measured
-    beside accelerations; modes, where names of columns say that floors have no sensor. Other
-    inputs of a structure have a place in a network without laws alone.
+    beside accelerations. Floors above a ground that shakes are a chain: named laws, found storey by
+    storey, have fewer numbers than units of all storeys together. Modes, where names of columns say
+    that floors have no sensor. Other inputs have a place in a network without laws alone.
     """
     signals = {signal_of(channel) for channel in channels}
     if "r" in signals:
@@ -75,8 +76,11 @@ def model_for(channels: Mapping[str, str]) -> list[str]:
         return ["model=gru"]
     if floors_without_sensor(channels):
         return ["model=modal_network"]
-    states = {"a", "x", "v"} <= signals or "a" not in signals
-    return ["model=element_network", *([] if states else ["model/reads=accelerations"])]
+    if {"a", "x", "v"} <= signals or "a" not in signals:
+        return ["model=element_network"]
+    if "s_ddot" in signals and len(numbered(channels, "a")) > 1:
+        return ["model=element_network", "model.laws=named", "model.from_accelerations=true"]
+    return ["model=element_network", "model/reads=accelerations"]
 
 
 def direct_command(

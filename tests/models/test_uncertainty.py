@@ -171,8 +171,8 @@ def test_true_drifts_lie_in_their_intervals_and_such_as_hold_zero_do_not_tell_th
         rows = drifts(model, laplace(model, [measured]), measured)
         assert [row["element"] for row in rows] == ["r1 ground–x1", "r2 x1–x2"]
         own, half = (
-            np.array([[row[key] for row in rows] for key in keys])
-            for keys in (("peak", "residual"), ("peak_half", "residual_half"))
+            np.array([[row[f"{key}{end}"] for row in rows] for key in ("peak", "residual")])
+            for end in ("", "_half")
         )
         hits.append(np.abs(own - known) <= half)
         halves.append(half)
