@@ -205,7 +205,8 @@ class _Fit:
             return [math.log(value) if value > 0.0 else math.nan for value in values]
 
         weight = _weight(records, noise)
-        found = laplace(model, records, weight)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a run that nearly diverges
+            found = laplace(model, records, weight)
         assert found is not None  # a Composite has exact derivatives
         kept = found.inverse * found.held
         stated = stated_widths(model)

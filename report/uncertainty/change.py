@@ -18,6 +18,7 @@ from export.modes import modes_of
 from models.composition.composite import Composite
 from models.stored.run import read_run
 from models.uncertainty.change import Change, Comparison, compare
+from models.uncertainty.laplace import singles
 from report.output import Section, printed
 from report.run.evaluation import Conditions, new_data, on_grid, require_same_kind, said_alone
 from report.run.rescore import record_gone
@@ -51,8 +52,9 @@ def evaluate_change(folder: Path, asked: Conditions) -> dict[str, Any]:
     model, data, new = restore(run), run.experiment.make_data(), new_data(run.experiment, changes)
     data.setup()
     require_same_kind(run.sensors, new.sensors)
+    tested = [r for r in singles(data.records["test"]) if r.initial_state != "unknown"]
     after = {name: on_grid(r, model.dt) for name, r in each_record(new, "train").items()}
-    found = compare(model, data.records["train"], list(after.values()))
+    found = compare(model, [*data.records["train"], *tested], list(after.values()))
     content = content_of(found, after)
     console = terminal(WIDTH)
     print_verdict(console, run.metrics)
