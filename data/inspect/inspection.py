@@ -116,7 +116,11 @@ def inspection(
         return _mapped(path, next(iter(records.values())))
     table = read_table(path, **reader)
     if any(CHANNEL.fullmatch(name) for name in table.columns):
-        return _mapped(path, record_of(path, table, by_name(table), units))
+        named = _mapped(path, record_of(path, table, by_name(table), units))
+        if is_free(named) or not lacking(named.raw.channels):
+            return named
+        guessed = _unmapped(path, table, units)
+        return named if lacking(mapped(guessed), is_free(guessed)) else guessed
     return _unmapped(path, table, units)
 
 
@@ -283,6 +287,8 @@ def suggest(
     """
     own = {c: (files or {}).get(c, ("", c)) for c in columns}
     said = {c: f"{own[c][1]} {(places or {}).get(c, '')}" for c in columns}
+    if sum("axial" in text.lower() for text in said.values()) > 1:  # the way of the whole test
+        said = {c: re.sub("axial", "", text, flags=re.IGNORECASE) for c, text in said.items()}
     where = {c: f"{said[c]} {own[c][0]}".strip() for c in columns}
     signals = {c: _signal(own[c][1], said[c].lower(), where[c], units.get(c)) for c in columns}
     if "s_ddot" in signals.values() or "s" in signals.values():
@@ -299,7 +305,9 @@ def suggest(
     if _is_element_test(kinds, f"{title} {' '.join(where.values())}".lower(), signals, values):
         signals = {c: _of_element(c, said[c].lower(), s, units.get(c)) for c, s in signals.items()}
     size = {c: float(np.nanstd(u)) for c, u in (values or {}).items() if np.isfinite(u).any()}
-    return _numbered(_driven(_one_base(signals, where, size), places or {}), where)
+    guesses = _numbered(_driven(_one_base(signals, where, size), places or {}), where)
+    own_name = {c: c for c in columns if CHANNEL.fullmatch(c)}
+    return own_name | {c: g for c, g in guesses.items() if c not in own_name and g not in own_name}
 
 
 def _one_base(

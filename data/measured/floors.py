@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 BASE = (  # in a column's name or its sensor's place: what stands below the structure
     r"ground|\bgnd|gnd\b|table|platform|\bbase\b|base(?![a-z])|basement|shaker?\b|foundation|free.?field|"
     r"(floor|level|store?y)[ _-]?0+(?!\d)|üg|(^|_)ag\b|input.?(acc|motion)|bore.?hole|down.?hole|"
-    r"\bb[1-9]f?\b"
+    r"\bb[1-9]f?\b|fundament|\bboden\b|\bsuelo|terreno|\bzemin|地表|地盤|基礎"
 )
 FREE_FIELD = r"free.?field"  # beside the structure: the ground's motion where nothing else is
 STOREY = r"floor|flr?|level|lvl|store?y|storeys|etage|deck|mass|dof|[lm]"

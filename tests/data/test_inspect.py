@@ -220,3 +220,27 @@ def test_a_broad_peak_is_told_where_no_peak_stands_out(run):
     found = re.search(r"response is strongest at ([\d.]+) Hz", out)
     assert found is not None
     assert 1.4 < float(found[1]) < 2.3
+
+
+def test_columns_beside_named_channels_are_guessed_where_channels_alone_do_not_do(run):
+    """t, ag, a1: the ground is none of our names; with s_ddot1 the names alone are taken."""
+    t = 0.01 * np.arange(800)
+    motion = np.sin(3.0 * t) * np.sin(0.4 * t)
+    for name, guessed in (("ag [m/s^2]", True), ("s_ddot1 [m/s^2]", False)):
+        table = np.column_stack([t, motion, 1.1 * motion])
+        np.savetxt("t.csv", table, delimiter=",", header=f"t [s],{name},a1 [m/s^2]", comments="")
+        _, out, _ = run("t.csv")
+        assert ("s_ddot1: ag" in out) == guessed
+        assert "model=element_network model/reads=accelerations" in out
+
+
+def test_the_way_of_a_whole_test_is_no_load_beside_it():
+    """A testing machine's axial force moves its axial displacement; a column's load does not."""
+    units = {"Axial Displacement": "mm", "Axial Force": "N"}
+    assert suggest(list(units), units) == {"Axial Displacement": "s1", "Axial Force": "r1"}
+    units = {"Drift": "mm", "Lateral Force": "kN", "Axial Force": "kN"}
+    assert suggest(list(units), units) == {
+        "Drift": "s1",
+        "Lateral Force": "r1",
+        "Axial Force": "u1",
+    }

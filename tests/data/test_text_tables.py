@@ -182,3 +182,42 @@ def test_a_clock_in_no_unit_that_cannot_be_in_seconds_is_asked_about(tmp_path):
     assert "no unit in time" in asked
     assert "data.units.time=ms" in asked
     assert questions(path, None, {"time": "ms"}) == []
+
+
+STAMPS = {"in hours to 24": "{h:02d}:{m:02d}:{s:06.3f}",
+          "behind a date": "5.3.2024 {h}:{m:02d}:{s:06.3f}",
+          "in hours to 12": "3/5/2024 {c}:{m:02d}:{s:06.3f} PM"}  # fmt: skip
+
+
+@pytest.mark.parametrize("stamp", STAMPS.values(), ids=list(STAMPS))
+def test_times_of_the_day_are_a_clock_that_runs_on_at_midnight(tmp_path, stamp):
+    """40 samples of 10 ms across midnight, or across one o'clock in the afternoon."""
+    rows = ["time,a1 [g]"]
+    for k, t in enumerate((13 if "PM" in stamp else 24) * 3600.0 - 0.2 + 0.01 * np.arange(40)):
+        h, m, s = int(t // 3600) % 24, int(t % 3600 // 60), t % 60
+        rows.append(stamp.format(h=h, c=(h - 1) % 12 + 1, m=m, s=s) + f",{k % 3}")
+    found = read(tmp_path, "\n".join([*rows, ""]))
+    assert np.diff(found.columns["time"]) == pytest.approx(0.01, abs=1e-6)
+
+
+def test_a_long_table_is_refused_for_its_rows_say_which_series_they_are_of(tmp_path):
+    """Else both sensors would be read as one of twice the rate; a remark of one word is none."""
+    rows = [f"{0.01 * k:.2f},{s},{k % 7}" for k in range(40) for s in ("base", "roof")]
+    with pytest.raises(FileError, match=r"'sensor' says of which series each row is .*a pivot"):
+        read(tmp_path, "\n".join(["time,sensor,acc_g", *rows, ""]))
+    rows = [f"{0.01 * k:.2f},{'ok' if k % 2 else 'high'},{k % 7}" for k in range(40)]
+    assert "time" in read(tmp_path, "\n".join(["time,state,acc_g", *rows, ""])).columns
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "SAMPLING_INTERVAL_S: 0.01",
+        "sampling interval (ms): 10",
+        "dt_ms = 10",
+        "SAMPLE RATE HZ: 100",
+    ],
+)
+def test_a_step_in_the_lines_above_has_its_unit_where_people_write_it(tmp_path, said):
+    rows = "\n".join(f"{k % 7 - 3},{k % 5 - 2}" for k in range(40))
+    assert read(tmp_path, f"{said}\nsite: A\na1 [g],a2 [g]\n{rows}\n").facts["dt"] == 0.01

@@ -6,13 +6,14 @@ import contextlib
 import csv
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.compute as pc  # type: ignore[import-untyped]
 import pyarrow.csv  # type: ignore[import-untyped]
 
 from data.measured.files.columns import (
@@ -27,11 +28,11 @@ from data.measured.files.columns import (
 from data.measured.files.format import Format
 from data.measured.files.text_cells import (
     DATE,
-    ISO_TIME,
     MISSING,
     any_number,
     as_column,
     is_number,
+    is_time,
     opens_object,
     split,
     spoilt_number,
@@ -65,6 +66,7 @@ def read_text(path: Path, request: Request) -> Contents:
     read = [name if name in chosen else "" for name in names]  # "" for a column that is not read
     contents = Contents(facts=layout.facts, notes=layout.notes)
     table = _parse(path, layout, read, request, contents.notes)
+    labels: dict[str, pa.ChunkedArray] = {}  # columns of text
     for name in chosen:
         k = names.index(name)
         values, kind = table.pop(k), layout.kinds[k]
@@ -73,14 +75,38 @@ def read_text(path: Path, request: Request) -> Contents:
             if kind != "text" or any_number(values, layout.decimal):
                 find_fault(path, layout, read, request)
             _left_out(path, name, request, contents.notes)
+            labels[name] = values
         elif k in unnamed and np.isnan(column).all():
             contents.notes.append(f"column {k + 1} left out: no name and no values")
         else:
             contents.columns[name] = column
             if k in unnamed:
                 contents.notes.append(f"column {k + 1} has no name, called {name!r}")
+    _require_wide(path, contents.columns, labels)
     contents.units = {name: units[name] for name in contents.columns if name in units}
     return contents
+
+
+def _require_wide(
+    path: Path, columns: Mapping[str, np.ndarray], labels: Mapping[str, pa.ChunkedArray]
+) -> None:
+    """Raise FileError for a long table: each time in as many rows as there are labels of series."""
+    for name, cells in labels.items():
+        series = pc.count_distinct(cells).as_py()
+        if not 1 < series <= len(cells) // 2 or len(cells) % series:
+            continue
+        found = pc.value_counts(cells).to_pylist()
+        if len({one["counts"] for one in found}) > 1:
+            continue
+        for column, values in columns.items():
+            if len(np.unique(values)) * series == len(cells):
+                told = ", ".join(shorten(one["values"].decode("utf-8", "replace"), bare=True)
+                                 for one in found[:3])  # fmt: skip
+                raise FileError(
+                    f"{path.name}: {name!r} says of which series each row is ({told}), and each "
+                    f"{column!r} comes {series} times; expected a column for each series and a row "
+                    "for each time; write the table so (a pivot)"
+                )
 
 
 def _one_series(path: Path, layout: Layout, request: Request) -> Contents:
@@ -336,7 +362,7 @@ def _cell_fault(text: str, kind: str, decimal: str) -> str:
     if kind == "text":
         return f"a number in a column of text; {REMEDY}" if numeric else ""
     if kind == "time":
-        return "" if ISO_TIME.fullmatch(cell) else f"no ISO-8601 time as above it; {REMEDY}"
+        return "" if is_time(cell) else f"no time as above it; {REMEDY}"
     if numeric:
         return ""
     if cell.startswith(COMMENT):

@@ -18,6 +18,11 @@ from data.measured.units import is_unit
 MISSING = ("", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "NaN", "nan", "NAN")
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.I)
 ISO_TIME = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d{1,9})?)?(Z|[+-]\d\d:?(\d\d)?)?)?")
+OF_DAY = (  # 12:00:00.01 PM, perhaps behind a date in any order; as Arrow writes it
+    r"^(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[ T]+)?(?P<hours>\d{1,2}):(?P<minutes>\d\d):"
+    r"(?P<seconds>\d\d(?:[.,]\d+)?) ?(?P<half>[AaPp]?)[Mm]?$"
+)
+DAY = 86_400.0  # s
 DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(\D.*)?")
 COMPLEX = re.compile(r"\(?([+-]?[\d.]+([eE][+-]?\d+)?)?\s*[+-]?\s*[\d.]*([eE][+-]?\d+)?\*?[ij]\)?")
 WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?\s*\[?([A-Za-zµ].*?)\]?")
@@ -79,6 +84,11 @@ def spoilt_number(cell: str, decimal: str) -> str:
     return ""
 
 
+def is_time(cell: str) -> bool:
+    """Whether a cell is an ISO-8601 time, or a time of the day."""
+    return (ISO_TIME.fullmatch(cell) or re.search(OF_DAY, cell)) is not None
+
+
 def kind_of_column(cells: Sequence[str], decimal: str) -> str:
     """Kind of a column by its first cells: "number", "integer" (beyond 2^53), "time" or "text".
 
@@ -89,7 +99,7 @@ def kind_of_column(cells: Sequence[str], decimal: str) -> str:
     if any(is_number(cell, decimal) for cell in filled):
         whole = all(re.fullmatch(r"[+-]?\d{1,40}", cell) for cell in filled)
         return "integer" if whole and any(abs(int(c)) > EXACT for c in filled) else "number"
-    if filled and all(ISO_TIME.fullmatch(cell) for cell in filled):
+    if filled and all(map(is_time, filled)):
         return "time"
     return "number" if filled and all(spoilt_number(c, decimal) for c in filled) else "text"
 
@@ -137,7 +147,7 @@ def _from_text(
         return np.full(len(text), np.nan)
     if kind == "time":
         stamps = to_times(text)
-        return None if stamps is None else seconds(path, name, stamps, notes)
+        return _of_day(name, text, notes) if stamps is None else seconds(path, name, stamps, notes)
     if decimal == ",":
         if pc.any(pc.match_substring(text, ".")).as_py():
             return None
@@ -156,6 +166,23 @@ def to_times(text: pa.ChunkedArray) -> np.ndarray | None:
         except pa.ArrowInvalid:
             continue
     return None
+
+
+def _of_day(name: str, text: pa.ChunkedArray, notes: list[str]) -> np.ndarray | None:
+    """Times of the day [s], running on at midnight; None where some cell is none."""
+    parts = pc.extract_regex(text, OF_DAY)
+    if parts.null_count > text.null_count:
+        return None
+    half = pc.utf8_lower(pc.struct_field(parts, "half"))
+    hours, minutes, rest = (
+        pc.replace_substring(pc.struct_field(parts, part), ",", ".").cast(pa.float64())
+        for part in ("hours", "minutes", "seconds")
+    )
+    late = pc.equal(half, "p").to_numpy()
+    day = np.where(pc.equal(half, "").to_numpy(), hours.to_numpy(), hours.to_numpy() % 12.0)
+    of_day = (day + 12.0 * late) * 3600.0 + minutes.to_numpy() * 60.0 + rest.to_numpy()
+    notes.append(f"{name!r}: times of the day, in s")
+    return of_day + DAY * np.cumsum(np.append(False, np.diff(of_day) < -0.5 * DAY))
 
 
 def any_number(values: pa.ChunkedArray, decimal: str) -> bool:

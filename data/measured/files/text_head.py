@@ -14,10 +14,12 @@ from data.measured.units import has_dimension, is_unit, to_si
 
 NUMBER = r"[-+]?\d[\d.]*(?:[eE][-+]?\d+)?"
 VALUE = (
+    r"(?:[ _]+(?P<said>[A-Za-zµ]{1,3})\b)?"
     rf"[ ]*(?:[\[(](?P<before>[^\])]*)[\])])?[\s:=,;]*(?P<value>{NUMBER})[ ]*(?P<after>[A-Za-zµ/]*)"
 )
 STEP = re.compile(
-    r"(?i:\bdt|delta[ _]?t|Δt|time[ _]*step|(?:interval|period|spacing)s?(?: +of)?)\b" + VALUE
+    r"(?i:\bdt|delta[ _]?t|Δt|time[ _]*step|(?:interval|period|spacing)s?(?: +of)?)(?![A-Za-z0-9])"
+    + VALUE
 )
 RATE = re.compile(r"(?i:\bfs|(?:sampl\w*|scan|data|acq\w*)[ _]*(?:rate|freq\w*))" + VALUE)
 COUNT = re.compile(
@@ -43,7 +45,7 @@ def facts_of(lines: Sequence[str], notes: list[str]) -> dict[str, float]:
 def _step(found: re.Match[str], rate: bool) -> float | None:
     if not is_number(found["value"]):
         return None
-    unit = (found["after"] or found["before"] or "").strip()
+    unit = (found["after"] or found["before"] or found["said"] or "").strip()
     value = float(found["value"]) * (1e3 if rate and unit.lower() in ("khz", "ksps") else 1.0)
     if rate:
         value = 1.0 / value if value > 0.0 else 0.0

@@ -18,10 +18,10 @@ from typing import Any
 
 from data.measured.files.columns import FileError, Request, shorten
 from data.measured.files.text_cells import (
-    ISO_TIME,
     MISSING,
     is_decimal_comma,
     is_number,
+    is_time,
     kind_of_column,
     split,
     spoilt_number,
@@ -100,7 +100,7 @@ class Table:
         return [row for row in self.tail if len(row) == self.width]
 
     def is_value(self, cell: str) -> bool:
-        return is_number(cell, self.decimal) or ISO_TIME.fullmatch(cell) is not None
+        return is_number(cell, self.decimal) or is_time(cell)
 
     def may_be_row(self, cells: Sequence[str]) -> bool:
         """Whether cells can be a row: they hold a number or a time, or are all empty."""
