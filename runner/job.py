@@ -45,7 +45,7 @@ from runner.folder.run_files import CHECKPOINT, run_folder
 from runner.folder.run_folder import write_failure
 from runner.loading import without_compiler
 from runner.scores.outcome import compare_baselines, metrics_of
-from runner.scores.verdict import judged_by_free_run
+from runner.scores.verdict import NotIdentifiedError, opponents_of, trained_on_free_run
 from runner.tensorboard import RunLogger
 
 EXPECTED = (*command_line.EXPECTED, MisconfigurationException)
@@ -139,7 +139,8 @@ def identify(
         raise KeyboardInterrupt from None
 
     _check_fit(module)
-    metrics = metrics_of(run, module, data, compare_baselines(baselines, data))
+    baselines = opponents_of(module, data, baselines)
+    metrics = metrics_of(run, module, data, compare_baselines(baselines, data), baselines)
     run.save(module.estimator)
     if log is not None:
         log(logger, run.choices, module, data, metrics)
@@ -174,7 +175,7 @@ def _check_weights(estimator: nn.Module) -> None:
 def _check_fit(module: Identification) -> None:
     """Raise ValueError where a solver ended at a model that overflows where it was trained."""
     trained = module.solver is not None
-    by_estimates = trained and not judged_by_free_run(module)  # of a free run the verdict tells
+    by_estimates = trained and not trained_on_free_run(module)  # of a free run the verdict tells
     if by_estimates and module.results()["train"]["relative_rms_percent"] is None:
         raise ValueError(
             f"the fit failed: after {len(module.losses)} iterations the model's error on the "
@@ -204,7 +205,7 @@ def job_errors(sweep_folder: Path | None = None, cfg: DictConfig | None = None) 
             if not expected:
                 raise
             fail(reason_of(error))
-            sys.exit(1)
+            sys.exit(error.status if isinstance(error, NotIdentifiedError) else 1)
         trace = "" if expected else traceback.format_exc() + "\n"
         words = " ".join(
             f"{'' if expected else type(error).__name__ + ': '}{reason_of(error)}".split()

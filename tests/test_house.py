@@ -18,14 +18,14 @@ import models
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
     "data": (16_750, 10_500),
-    "models": (25_700, 17_000),
-    "runner": (4_800, 3_600),
+    "models": (25_800, 17_000),
+    "runner": (4_950, 3_600),
     "export": (5_600, 4_200),
     "report": (7_950, 6_000),
     "live": (1_100, 800),
-    "benchmarks": (2_950, 2_500),
+    "benchmarks": (3_150, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (29_450, 18_000),
+    "tests": (29_850, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "benchmarks")  # on the roof

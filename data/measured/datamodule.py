@@ -13,6 +13,7 @@ from glob import escape
 from typing import Any
 
 import numpy as np
+from torch import Tensor
 
 from data.datamodule import EACH, Data
 from data.measured.assembly import (
@@ -36,7 +37,8 @@ from data.record import Record, same_step
 from data.simulation.scenario import Scenario
 
 SHORTEST, LONGEST = 1e-12, 1e9  # time step [s]
-TELLING = 0.1  # of a record whose beginning is unknown: first samples that tell of it
+TELLING = 0.1  # of a record whose beginning is unknown, its samples and its energy: tells of it,
+FEWEST = 20  # samples at least
 
 
 class MeasuredData(Data):
@@ -56,8 +58,9 @@ class MeasuredData(Data):
     quantity: what is estimated; None takes accelerations, else the force of an element, else
     displacements. initial_state: None begins as measured where x and v are, else at rest; an
     element test, and a record that was cut in motion or shows motion at its first samples, in an
-    unknown state. Of such a record the first `warmup` samples, or a tenth, tell of the state, and
-    are not scored; the rest of an element test that was cut is run from the beginning of its file.
+    unknown state. Of such a record the first `warmup` samples, or a tenth of its time or energy,
+    tell of the state, and are not scored; the rest of an element test that was cut is run from the
+    beginning of its file.
     With a support's acceleration s_ddot1, motions are relative to it and f = −s̈ drives them;
     accelerations says how a1, … were measured, "absolute" or "relative" to that support.
     align: sensors whose counters have no common zero begin at once ("start"), or are shifted onto
@@ -211,10 +214,12 @@ class MeasuredData(Data):
         length = min(r.samples for r in unknown)
         if split == "train" and self.cut["length"]:
             length = min(length, self.cut["length"])
-        count = stated or max(1, round(TELLING * length))
+        count = stated or _telling([r.a[:length] for r in unknown])
         if split == "train":
             self.cut["warmup"] = count  # of every window of them
-        first = f"the first {count * unknown[0].dt:.4g} s"
+        energy = [float(r.a[:end].square().sum()) for end in (count, None) for r in unknown]
+        share = sum(energy[: len(unknown)]) / max(sum(energy[len(unknown) :]), 1e-300)
+        first = f"the first {count * unknown[0].dt:.4g} s, with {share:.0%} of the motion's energy,"
         self.notes[f"{split}: {EACH}"] = [
             f"unknown initial state: {first} are used to estimate it and are not scored"
         ]
@@ -331,6 +336,17 @@ def split_records(
             f"into {'both' if both else 'one of them'}; the records are {', '.join(names)}"
         )
     return {s: {name: raws[name] for name in chosen[s]} for s in chosen}
+
+
+def _telling(motions: Sequence[Tensor]) -> int:
+    """Number of first samples of motions (T, n) of one length that tell of their beginning.
+
+    No more than a share of the time and, of every motion, of the energy: the rest is scored.
+    """
+    most = max(1, round(TELLING * len(motions[0])))
+    sums = [a.square().sum(dim=1).cumsum(dim=0) for a in motions]
+    early = min(int((energy < TELLING * energy[-1]).sum()) for energy in sums)
+    return min(most, max(early, FEWEST))
 
 
 def held_back(

@@ -90,6 +90,30 @@ def blocks_of(motions: Sequence[Motion], dofs: int) -> list[list[Piece]]:
     return blocks
 
 
+def errors_by_block(records: Sequence[Record], estimates: Sequence[torch.Tensor]) -> np.ndarray:
+    """Squared errors (K,) of estimates (…, T, n) on blocks; their mean is that of Eq. 21, squared.
+
+    Raises ValueError for records too short to be cut.
+    """
+    motions, squares = [], []
+    for record, estimate in zip(records, estimates, strict=True):
+        shape = (record.a.shape[:-2].numel(), *record.a.shape[-2:])
+        both = (record.a.cpu().reshape(shape), (estimate.cpu() - record.a.cpu()).reshape(shape))
+        for a, error in zip(*(s.numpy() for s in both), strict=True):
+            motions.append(Motion(a, a, record.warmup))
+            squares.append(np.square(error).sum(axis=1))
+    blocks = blocks_of(motions, motions[0].y.shape[1])
+    sums = [sum(squares[p.motion][p.start : p.stop].sum() for p in block) for block in blocks]
+    return np.array(sums) / sizes_of(motions, blocks, motions[0].y.shape[1]).mean()
+
+
+def beyond_chance(one: np.ndarray, other: np.ndarray) -> float:
+    """How much larger `other` (K,) is than `one`, in standard errors of the blocks' differences."""
+    worse = other - one
+    mean, spread = float(worse.mean()), float(worse.std(ddof=1)) / math.sqrt(len(worse))
+    return mean / spread if spread > 0.0 else math.copysign(math.inf, mean) if mean else 0.0
+
+
 def sizes_of(motions: Sequence[Motion], blocks: Sequence[Sequence[Piece]], dofs: int) -> np.ndarray:
     """Squares (K,) of the first `dofs` outputs in each block."""
     squares = [motion.size(dofs)[0] for motion in motions]

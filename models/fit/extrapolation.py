@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -124,6 +125,27 @@ def farthest(model: Composite, records: Sequence[Record]) -> float:
                 ratio = float((sizes / own).max()) / times
                 most = max(most, ratio if math.isfinite(ratio) else math.inf)
     return most
+
+
+@torch.no_grad()
+def excess(model: Estimator, records: Iterable[Record]) -> float:
+    """The largest |ẍ| of free runs under excitations like those of records, over their own largest.
+
+    Infinite where a run is lost. DRAWS runs for each batch, whatever records it has.
+    """
+    generator, most = torch.Generator().manual_seed(0), 0.0
+    for record in records:
+        batch = record if record.a.ndim == 3 else record.map(lambda u: u[None])
+        rows = [draw % len(batch.a) for draw in range(DRAWS)]
+        drawn = batch.map(partial(_rows, rows=rows))
+        run = model.free_run(_like(drawn, generator)).a.abs().max()
+        ratio = float(run / record.a.abs().max())
+        most = max(most, ratio if math.isfinite(ratio) else math.inf)
+    return most
+
+
+def _rows(signal: Tensor, rows: Sequence[int]) -> Tensor:
+    return signal[rows]
 
 
 def _sizes(model: Composite, drive: Drive) -> Tensor:

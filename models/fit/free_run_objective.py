@@ -81,7 +81,7 @@ class FreeRun(Objective):
 
     simulates = True
 
-    kept = ("ranked", "extra", "judged", "ends", "shorter", "raised", "present", "remarks")
+    kept = ("ranked", "extra", "judged", "ends", "shorter", "raised", "present", "remarks", "limit")
 
     def __init__(
         self,
@@ -132,6 +132,7 @@ class FreeRun(Objective):
         self.judged_first = False  # on the first part of the motion
         self.ranked: list[list[torch.Tensor]] = []  # states of the finalists, the best first
         self.judged: list[list[float]] = []  # number of a prior, loss on held-back motion
+        self.limit = math.inf  # least loss on that motion since the last stage began
         self.ends: dict[int, End] = {}  # the best of each finalist so far
         self.present = -1  # the stage, −1 before the first
         self.remarks: list[str] = []
@@ -375,18 +376,26 @@ class FreeRun(Objective):
             if finalist is not None and loss < self.ends.get(finalist, (math.inf,))[0]:
                 self.ends = {**self.ends, finalist: end_of(estimator, loss, records)}
             return loss
-        problems, stood = [], True
-        for record in batches:
-            judged = record
-            if self.judges:
-                judged = held_back(record, self.held_back, self.judged_first)
-            problems.append(FreeRunProblem(estimator, judged, None, prior=0.0))
-            stood = stood and stays_in_bounds(estimator, record.measured())
-        loss = mean_loss(problems) + (0.0 if stood else RUNAWAY)
+        part = [held_back(record, self.held_back, self.judged_first) for record in batches]
+        unseen = self._loss_of(estimator, part)
+        stood = all(stays_in_bounds(estimator, record.measured()) for record in batches)
+        loss = (unseen if self.judges else self._loss_of(estimator, batches)) + RUNAWAY * (
+            not stood
+        )
         if self.judges:
             tried = self.plan[self.present].prior
             self.judged = [*self.judged, [-1 if tried is None else tried, loss]]
+        elif unseen > self.limit:  # it fits the rest better, and this worse than before it saw it
+            told = "the fit to the whole motion lost on what was held back: its start is kept"
+            self.remarks = [*self.remarks, told]
+            return math.inf
+        else:
+            self.limit = unseen
         return loss
+
+    def _loss_of(self, estimator: Trainable, records: Iterable[Record]) -> float:
+        """Mean loss of plain free runs, without a prior."""
+        return mean_loss([FreeRunProblem(estimator, r, None, prior=0.0) for r in records])
 
 
 def _listed(horizons: Sequence[int | None]) -> str:

@@ -16,6 +16,7 @@ from torch import Tensor
 from data.record import Record
 
 Motion = TypeVar("Motion")
+End = TypeVar("End")
 
 LOCAL, QUIET = 0.02, 0.2  # of a record, over which its level is taken; of its level: at rest
 SHORTEST = 20  # samples
@@ -93,6 +94,11 @@ def hold_back_record(
         return without_held_back(whole, share, first=False), held_back(whole, share, first=False)
 
     return hold_back_one(records, judged, cut)
+
+
+def unless_worse(end: End, start: End, error: Callable[[End], float]) -> End:
+    """Where a stage of a fit ended; where it began, if that errs by less on held-back motion."""
+    return end if error(end) <= error(start) else start
 
 
 def _squares(record: Record) -> Tensor:

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from data.record import Record
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS, FreeRunScore, Scores
-from models.fit.objective import Objective, OneStep, restore, state_of
+from models.fit.objective import Objective, OneStep, mean_loss, restore, state_of
 from models.fit.problem import FreeRunProblem
 from models.fit.progress import present_budget
 from models.fit.solvers.solver import Minimised, Solver, hurry
@@ -55,7 +55,8 @@ class Identification(LightningModule):
     run is not finite at its start goes back to the best state so far, or to shorter horizons.
 
     `objective` says what is minimised, in how many stages; each stage has a solver of its own. Of
-    several stages, the parameters are kept that simulate the whole training motion best.
+    several stages, the parameters are kept that simulate the whole training motion best, or what
+    the datamodule holds back.
     """
 
     def __init__(
@@ -271,7 +272,15 @@ class Identification(LightningModule):
         return loader
 
     def _compare_end(self) -> None:
+        """Keep the present state if it is the best of the stages' ends.
+
+        It is judged on what the data hold back, where that is some.
+        """
         loss = self.objective.final_loss(self.trainable, OnDevice(self._whole(), self.device))
+        data = self.trainer.datamodule  # type: ignore[attr-defined]
+        if data.validation and math.isfinite(loss):
+            held = OnDevice(data.loader(HELD_BACK), self.device)
+            loss = mean_loss([FreeRunProblem(self.trainable, r, None, prior=0.0) for r in held])
         if loss < self.chosen[0]:  # with buffers: each start has units of its own
             self.chosen = loss, state_of(self.estimator)
 

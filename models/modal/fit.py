@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from models.fit.held_back import unless_worse
 from models.fit.minimise import minimise
 from models.fit.progress import announce, leaves_out
 from models.modal.element_start import Element, ElementSearch
@@ -103,14 +104,25 @@ def extend(fit: Fit, element: Element, family: str, share: float, plan: Plan) ->
     return Fit(layout, State(layout.join(parts), begins), [*fit.laws, family])
 
 
-def train(fit: Fit, motions: Sequence[Motion], plan: Plan, iterations: int) -> Fit:
-    """The model after a number of iterations on the samples that are not held back."""
+def train(
+    fit: Fit,
+    motions: Sequence[Motion],
+    plan: Plan,
+    iterations: int,
+    judged: Sequence[Motion] | None = None,
+) -> Fit:
+    """The model after a number of iterations on the samples that are not held back.
+
+    Of a model that has been judged no iterations are kept that lose on held-back motion. judged:
+    the same motions with what is held back of them, if others.
+    """
     state = settle(fit.layout, fit.state, motions)
     problem = ModalProblem(fit.layout, motions, state, learned(fit, plan), plan.prior)
     with np.errstate(all="ignore"):
         minimise(problem, SETTINGS, iterations=iterations)
         state = problem.now()
-    return judge(replace(fit, state=state), motions)
+    end = judge(replace(fit, state=state), motions if judged is None else judged)
+    return unless_worse(end, fit, lambda one: one.error)
 
 
 def judge(fit: Fit, motions: Sequence[Motion]) -> Fit:
@@ -210,7 +222,8 @@ def join_modes(fit: Fit, layout: Layout, state: State) -> Fit:
     q, v, z = np.split(fit.state.begins, [old.modes, 2 * old.modes], axis=1)
     new_q, new_v = np.split(state.begins, 2, axis=1)
     begins = np.concatenate([q, new_q, v, new_v, z], axis=1)
-    return replace(fit, layout=wide, state=State(wide.join(parts | both), begins))
+    state = State(wide.join(parts | both), begins)
+    return replace(fit, layout=wide, state=state, error=np.inf)
 
 
 def with_modes(fit: Fit, motions: Sequence[Motion], plan: Plan) -> Fit:
@@ -248,7 +261,4 @@ def fit_modal(motions: Sequence[Motion], plan: Plan) -> tuple[Fit, dict[str, Any
     facts |= {"modes": fit.layout.modes, "elements": ", ".join(fit.laws) or "none"}
     facts["held_out_error_percent"] = 100.0 * fit.error
     whole = [replace(motion, stop=len(motion.y)) for motion in motions]
-    end = train(fit, whole, plan, plan.iterations)
-    return (
-        fit if stays_in_bounds(fit, motions) and not stays_in_bounds(end, whole) else end
-    ), facts
+    return train(fit, whole, plan, plan.iterations, judged=motions), facts

@@ -20,7 +20,7 @@ import numpy as np
 
 from data.parallel import in_threads
 from data.simulation.laws.candidate import Candidate, Units, Values
-from models.fit.held_back import hold_back_one
+from models.fit.held_back import hold_back_one, unless_worse
 from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.named_laws import pairs
 from models.named_laws.candidates import CANDIDATES
@@ -239,6 +239,10 @@ def chosen(
     """
     units = units_of(motions)
     rest, judged = hold_back(motions)
+
+    def error(one: Fit) -> float:
+        return max(one.error_on([judged]), NEGLIGIBLE)
+
     found = tried(names, rest, units, seed)
     errors = {name: ends[0].error_on([judged]) for name, ends in found.items()}
     best = smallest(errors)
@@ -260,9 +264,12 @@ def chosen(
     if more_than_noise and (pair := pairs.nearest(names, rest, units, seed)) is not None:
         two = pair.error_on([judged])
         if _beside(noise, two) < PAIRED * left:
-            return _final([pair], motions, seed), {**errors, pair.candidate.name: two}
+            errors[pair.candidate.name] = two
+            return unless_worse(_final([pair], motions, seed), pair, error), errors
     if best not in names:  # it leans, or sides differ
-        return _final(found[best][:1], motions, seed), errors
+        first = found[best][0]
+        return unless_worse(_final([first], motions, seed), first, error), errors
+    before = found[best][0]
     final = _final(found[best], motions, seed)
     news = final.error > max(NEWS * found[best][0].error, floor_of(motions))
     if news or (len(near) > 1 and min(errors.values()) > enough):
@@ -272,7 +279,7 @@ def chosen(
         best = smallest({name: ends[0].error for name, ends in found.items()})
         other = _final(found[best], motions, seed)
         final = other if other.candidate is not final.candidate else min(final, other, key=_error)
-    return final, errors
+    return unless_worse(final, before, error), errors
 
 
 def _beside(noise: float, error: float) -> float:

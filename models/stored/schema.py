@@ -94,6 +94,8 @@ VERDICT = Rule(
         "reason": str,
         "by": str,
         "test_diverges": str,  # test motions on which the free run diverges
+        **dict.fromkeys(("as_good", "not_better"), str),  # plain opponents
+        "opponents": {...: {...: PERCENT}},  # errors by motion
         **dict.fromkeys(("error_percent", "linear_percent"), PERCENT),
     },
     _unexplained,

@@ -19,7 +19,6 @@ from models.estimator import Estimator
 from models.experiment import Experiment
 from models.fit.metrics import FREE_RUNS, free_run_score, score
 from models.fit.trained_range import outside, range_of, worst_of
-from models.linear_motion import LinearMotion
 from models.stored.run import StoredRun, read_run
 from report.collection.report import report_by, report_collection
 from report.collection.runs import folders_of
@@ -51,7 +50,7 @@ from runner.folder.run_files import results_folder
 from runner.folder.run_folder import write_json
 from runner.scores.conformal import covered
 from runner.scores.outcome import each_record, per_record
-from runner.scores.verdict import CANNOT
+from runner.scores.verdict import CANNOT, OPPONENTS
 
 
 @dataclass(frozen=True)
@@ -261,18 +260,22 @@ def _together(estimator: Estimator, records: Mapping[str, Record]) -> dict[str, 
 
 
 def _opponents(run: Experiment, data: Data, records: Mapping[str, Record]) -> dict[str, Any]:
-    """Free runs of the plain opponents: no motion, and the run's linear system."""
+    """Free runs of the plain opponents: no motion, and the linear models of the run's training."""
     name = "rigid" if data.forced == "base" else "zero"
     still = {"relative_rms_percent": 100.0, "per_dof_percent": [100.0] * data.dofs}
     beside: dict[str, Any] = {name: dict.fromkeys(records, still)}
     try:
         own = run.make_data()
         own.setup()
-        linear = LinearMotion(own.dofs, own.inputs, own.dt)
-        linear.identify(own.loader("train"))
-        beside["linear"] = {n: free_run_score(linear, [r]) for n, r in records.items()}
     except (*CANNOT, OSError):  # its training records are gone, say
-        pass
+        return beside
+    for opponent, make in OPPONENTS.items():
+        try:
+            linear = make(own.dofs, own.inputs, own.dt)
+            linear.identify(own.loader("train"))
+            beside[opponent] = {n: free_run_score(linear, [r]) for n, r in records.items()}
+        except CANNOT:
+            continue
     return beside
 
 

@@ -108,9 +108,14 @@ def _width(texts: Iterable[str]) -> int:
 
 
 def titled(metrics: Mapping[str, Any], title: str) -> Text:
-    """The title of a run's table; in red where its model is no result."""
+    """The title of a run's table; in red where its model is no result, and how plain ones do."""
+    verdict = metrics.get("verdict", {})
     if not_identified(metrics):
         return Text(f"{title}: NOT IDENTIFIED", style="bold red")
+    if worse := verdict.get("not_better"):
+        return Text(f"{title}: NOT BETTER THAN A PLAIN ONE, {worse}", style="bold red")
+    if equal := verdict.get("as_good"):
+        return Text(f"{title}: {equal}", style="yellow")
     return Text(title, style="table.title")
 
 
@@ -127,26 +132,25 @@ def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
         console.print(Text(f"not identified: {reason}", style="red"))
     elif lost := verdict.get("test_diverges"):
         console.print(Text(lost, style="red"))
+    elif worse := verdict.get("not_better"):
+        console.print(Text(f"not better than a plain one: {worse}", style="red"))
     elif verdict.get("identified") is None and verdict.get("reason"):
         console.print(f"not judged: {verdict['reason']}")
     elif verdict.get("identified") and verdict.get("by") in WAYS:
-        console.print(f"identified: {_evidence(verdict)}{_better(metrics)}")
+        console.print(f"identified: {_evidence(metrics)}")
 
 
-def _evidence(verdict: Mapping[str, Any]) -> str:
-    """The errors by which a model counts as identified."""
-    own, linear = percent(verdict.get("error_percent")), verdict.get("linear_percent")
-    compared = "" if linear is None else f", of the equivalent linear system {percent(linear)} %"
-    return f"error {WAYS[verdict['by']]} on the training motion {own} %{compared}"
-
-
-def _better(metrics: Mapping[str, Any]) -> str:
-    """The plain opponents whose error on the test motion is smaller, in the way of the verdict."""
-    key = FREE_RUNS["test"] if metrics["verdict"]["by"] == "free run" else "test"
-    own = metrics.get(key, {}).get(ERROR)
-    errors = {n: s.get(key, {}).get(ERROR) for n, s in metrics.get("baselines", {}).items()}
-    better = [f"{n} ({percent(e)} %)" for n, e in errors.items() if e and own and e < own]
-    return f"; smaller error on the test motion: {', '.join(better)}" if better else ""
+def _evidence(metrics: Mapping[str, Any]) -> str:
+    """The errors by which a model counts as identified, and those of the best plain ones."""
+    verdict = metrics["verdict"]
+    errors = f"error {WAYS[verdict['by']]} {percent(verdict.get('error_percent'))} % in training"
+    for split, others in verdict.get("opponents", {}).items():
+        own = metrics.get(FREE_RUNS.get(split, "") if verdict["by"] == "free run" else split, {})
+        best = min(others, key=lambda name: others[name], default=None)
+        beside = "" if best is None else f" ({best} {percent(others[best])} %)"
+        if own.get(ERROR) is not None:
+            errors += f", {percent(own[ERROR])} % on the {split} motion{beside}"
+    return errors
 
 
 def print_outside(console: Console, start: str, found: Iterable[Mapping[str, Any]]) -> None:

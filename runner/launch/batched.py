@@ -169,7 +169,8 @@ def _run_side_by_side(
         run = Run(places[seed], seeds_of.values(seed), seeds_of.identity(seed))
         run.start(seeds_of.text(seed), own.sensors)
         others = {name: modules[place].results() for name, modules in baselines.items()}
-        metrics = metrics_of(run, fitted[place], own, others)
+        opponents = {name: modules[place].estimator for name, modules in baselines.items()}
+        metrics = metrics_of(run, fitted[place], own, others, opponents)
         run.save(fitted[place].estimator)
         run.finish(metrics)
 

@@ -30,8 +30,8 @@ from runner.scores.public_scores import benchmark_scores
 from runner.scores.verdict import (
     CANNOT,
     NotIdentifiedError,
-    judged_by_free_run,
     lost_on,
+    simulates,
     verdict_of,
 )
 
@@ -80,9 +80,16 @@ def per_record(estimator: Estimator, records: Mapping[str, Record]) -> dict[str,
 
 
 def metrics_of(
-    run: Run, module: Identification, data: Data, baselines: dict[str, Any]
+    run: Run,
+    module: Identification,
+    data: Data,
+    baselines: dict[str, Any],
+    opponents: Mapping[str, Estimator | ValueError],
 ) -> dict[str, Any]:
-    """What `metrics.json` holds; errors in percent, times in seconds."""
+    """What `metrics.json` holds; errors in percent, times in seconds.
+
+    baselines: their errors; opponents: the baselines themselves, identified.
+    """
     names = {part: str(run.choices[part]["name"]) for part in ("model", "system", "scenario")}
     results = module.results()
     tested = {n: r.to(module.device) for n, r in each_record(data, "test").items()}
@@ -101,7 +108,7 @@ def metrics_of(
         },
         "training": module.how_trained(),
         **results,
-        "verdict": verdict_of(module, results, data, baselines)
+        "verdict": verdict_of(module, results, data, opponents)
         | _lost(module, results[FREE_RUNS["test"]], each, tested, trained),
         "per_record": each,
         "trained_range": trained,
@@ -138,7 +145,7 @@ def _lost(
 
     together: scores of its free runs of all test motions; each: of one motion at a time.
     """
-    if not judged_by_free_run(module) or not together.get("diverged_after_s"):
+    if not simulates(module) or not together.get("diverged_after_s"):
         return {}
     runs = {name: scores[FREE_RUNS["test"]] for name, scores in each.items()}
     runs = runs or dict.fromkeys(tested, together)
@@ -191,11 +198,13 @@ def validation_error(metrics: Mapping[str, Any]) -> float:
 def require_identified(metrics: Mapping[str, Any]) -> None:
     """Raise NotIdentifiedError, with the reason, where a run's model is no result.
 
-    So it is, too, where it was trained on its free run and that diverges on a test motion.
+    So it is, too, where its free run diverges on a test motion, or it is not better than a plain
+    one.
     """
-    if metrics["verdict"]["identified"] is False:
-        raise NotIdentifiedError(
-            f"{metrics['model']} is not identified: {metrics['verdict']['reason']}"
-        )
-    if lost := metrics["verdict"].get("test_diverges"):
-        raise NotIdentifiedError(f"{metrics['model']} does not model the test motion: {lost}")
+    verdict, model = metrics["verdict"], metrics["model"]
+    if verdict["identified"] is False:
+        raise NotIdentifiedError(f"{model} is not identified: {verdict['reason']}")
+    if lost := verdict.get("test_diverges"):
+        raise NotIdentifiedError(f"{model} does not model the test motion: {lost}")
+    if worse := verdict.get("not_better"):
+        raise NotIdentifiedError(f"{model} is not better than a plain one: {worse}")

@@ -1,70 +1,107 @@
-"""Whether a fit identified anything: the model against nothing, a rigid body and a linear one.
+"""Whether a fit identified anything, and whether plain models do as well.
 
-Judged on the training motion alone. A test motion on which the free run diverges has no error and
-is reported with the verdict. A model that was trained on its free run is judged by its free run;
-every other one by its estimates one step ahead, for which the free run is information. A
-motionless structure is at 100 % by definition of the error (Eq. 21).
+`identified` is judged on the training motion alone. On test motions, and those that data.validation
+holds back, the model is held against no motion at all and plain models of the same training, also
+by blocks: what differs by less than two standard errors of their differences is as good. A model
+that simulates is judged by its free run; every other one by its estimates one step ahead, for which
+the free run is information. A motionless structure is at 100 % by definition of the error (Eq. 21).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
+import torch
 
 from data.datamodule import Data
 from data.record import Record
-from models.estimator import Estimator
-from models.fit.identification import Identification
-from models.fit.metrics import FREE_RUNS, free_run_score
+from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
+from models.estimator import Estimator, simulate
+from models.fir import FIR
+from models.fit.blocks import beyond_chance, errors_by_block
+from models.fit.extrapolation import excess
+from models.fit.identification import HELD_BACK, Identification
+from models.fit.metrics import FREE_RUNS, left_at
+from models.linear import EquivalentLinear
 from models.linear_motion import LinearMotion
+from models.linear_state_space import LinearStateSpace
+from runner.scores.spread import percent
 
 STILL = 100.0  # percent, of no motion
-WORSE = 1.05  # times the linear system's error: a model that contains it may miss it by rounding
+CHANCE = 2.0  # standard errors of the blocks' differences, which chance seldom exceeds
+EQUAL = 0.999  # of another error: two fits of what is the same
+SPARED = 0.98  # of the error of no motion: a small motion fits anything by chance
+STRAYS = 3.0  # times the largest motion: excitations of one spectrum move no structure so apart
 CLOSE = 0.1  # percent: below it no model is worse for a linear one that is exact
 ERROR = "relative_rms_percent"
 CANNOT = (ValueError, RuntimeError, MemoryError)  # of a baseline that cannot run
+EXTRAPOLATIONS = (TwoPoint, LastValue, FilteredExtrapolation)
+PLAIN = (FIR, LinearStateSpace, LinearMotion, EquivalentLinear, *EXTRAPOLATIONS)
+OPPONENTS = {"linear": LinearMotion, "fir": FIR, "linear_state_space": LinearStateSpace}
+MOTIONS = {"test": "test", HELD_BACK: "held-back"}
 
 
 class NotIdentifiedError(ValueError):
-    """Raised after a single run whose model identified nothing; its numbers are written."""
+    """Raised after a single run whose model is no result; its numbers are written."""
+
+    status = 3  # of the program; 1 says that there are no numbers
 
 
 def verdict_of(
     module: Identification,
     results: Mapping[str, Any],
     data: Data,
-    baselines: Mapping[str, Mapping[str, Any]],
+    opponents: Mapping[str, Estimator | ValueError],
 ) -> dict[str, Any]:
     """For `metrics.json`: `identified` (null: nothing to judge), `reason`, and what was compared.
 
-    results, baselines: errors of the model and of the baselines, as `metrics.json` has them.
+    results: errors of the model, as `metrics.json` has them; opponents: identified baselines.
     """
-    if judged_by_free_run(module):
-        scores = results[FREE_RUNS["train"]]
-        linear = linear_percent(data, baselines)
-        return judgement("free run", scores, data.forced == "base", linear)
     if module.estimator.identified_parameters == 0:
         return {"identified": None, "reason": "the estimate has nothing to identify"}
-    return judgement("one step", results["train"], data.forced == "base", None)
+    way = "free run" if simulates(module) else "one step"
+    key = FREE_RUNS["train"] if way == "free run" else "train"
+    verdict = judgement(way, results[key], data.forced == "base")
+    if verdict["identified"] is None:
+        return verdict
+    train = list(data.loader("train"))
+    return verdict | compare_with(module.estimator, opponents, train, motions_of(data), way)
 
 
-def judged_by_free_run(module: Identification) -> bool:
-    """Whether the model was trained on its free run."""
+def trained_on_free_run(module: Identification) -> bool:
+    """Whether a solver minimised the error of the model's free run."""
     return module.solver is not None and module.objective.simulates
 
 
-def judgement(
-    way: str, scores: Mapping[str, Any], on_base: bool, linear: float | None
-) -> dict[str, Any]:
-    """The verdict on errors in percent on the training motion. linear: None where there is none."""
-    verdict = {"by": way, "error_percent": scores.get(ERROR), "linear_percent": linear}
+def simulates(module: Identification) -> bool:
+    """Whether the model was trained on its free run, or all that it estimates is one."""
+    results = module.results()
+    own, free = (results[key].get(ERROR) for key in ("train", FREE_RUNS["train"]))
+    return trained_on_free_run(module) or (own is not None and own == free)
+
+
+def opponents_of(
+    module: Identification, data: Data, baselines: Mapping[str, Estimator | ValueError]
+) -> dict[str, Estimator | ValueError]:
+    """The baselines, after what a model that simulates is held against whatever they are."""
+    always = OPPONENTS if simulates(module) and data.inputs else {}
+    plain = {name: make(data.dofs, data.inputs, data.dt) for name, make in always.items()}
+    return {**plain, **baselines}
+
+
+def judgement(way: str, scores: Mapping[str, Any], on_base: bool) -> dict[str, Any]:
+    """The verdict on errors in percent on the training motion."""
+    verdict = {"by": way, "error_percent": scores.get(ERROR)}
     if "no_free_run" in scores:
         return {"identified": None, "reason": scores["no_free_run"], **verdict}
-    reason = _fault(way, scores, on_base, linear)
+    reason = _fault(way, scores, on_base)
     return {"identified": not reason, "reason": reason, **verdict}
 
 
-def _fault(way: str, scores: Mapping[str, Any], on_base: bool, linear: float | None) -> str:
+def _fault(way: str, scores: Mapping[str, Any], on_base: bool) -> str:
     """Why a model is no result; "" where it is one."""
     what = f"its {'free run' if way == 'free run' else 'estimate'} of the training motion"
     error, left = scores.get(ERROR), scores.get("diverged_after_s")
@@ -75,9 +112,101 @@ def _fault(way: str, scores: Mapping[str, Any], on_base: bool, linear: float | N
     if error >= STILL:
         still = "moving rigidly with the base" if on_base else "no motion at all"
         return f"{what} errs by {error:.4g} %, {still} by 100 %"
-    if linear is not None and error > max(WORSE * linear, CLOSE):
-        return f"{what} errs by {error:.4g} %, that of the equivalent linear system by {linear:.4g}"
     return ""
+
+
+def motions_of(data: Data) -> dict[str, list[Record]]:
+    """Records that no fit saw: of test, and those held back, after what was trained on."""
+    pairs = zip(data.records.get(HELD_BACK, []), data.records["train"], strict=False)
+    held = [late.behind(early) for late, early in pairs]
+    return {"test": list(data.loader("test"))} | ({HELD_BACK: held} if held else {})
+
+
+def compare_with(
+    model: Estimator,
+    opponents: Mapping[str, Estimator | ValueError],
+    train: Sequence[Record],
+    motions: Mapping[str, Sequence[Record]],
+    way: str,
+) -> dict[str, Any]:
+    """Errors in percent of plain opponents by motion; which are as good, and why a model is none.
+
+    as_good: a sentence on opponents that are not worse; not_better: on one that is better than a
+    model that simulates, on no motion, where that is as good (a sensor's offset is none), or on a
+    free run that grows beyond measure under excitations like those of training. "" where there is
+    nothing to say.
+    """
+    simulates = way == "free run" and not isinstance(model, PLAIN)
+    verdict: dict[str, Any] = {"as_good": "", "opponents": {}}
+    verdict["not_better"] = _strays(model, train) if simulates else ""
+    for split, records in motions.items():
+        own, others = _errors(model, records, way), {}
+        if own is None:
+            continue  # a run that diverges is told with its motion
+        for name, one in opponents.items():
+            if isinstance(one, PLAIN) and type(one) is not type(model):
+                others[name] = _errors(one, records, way)
+        known = {name: e for name, e in others.items() if e is not None}
+        verdict["opponents"][split] = {name: _rms(e) for name, e in known.items()}
+        still = errors_by_block(
+            records, [r.a.mean(-2, keepdim=True).expand_as(r.a) for r in records]
+        )
+        for key, told in _sentences(own, still, known, MOTIONS[split], simulates).items():
+            verdict[key] = verdict[key] or told
+    return verdict
+
+
+def _strays(model: Estimator, records: Sequence[Record]) -> str:
+    """That free runs under excitations like those of records leave all bounds; "" where not."""
+    device = next((t.device for t in model.state_dict().values()), torch.device("cpu"))
+    driven = [r.measured().to(device) for r in records if r.excitation.shape[-1] and r.e is None]
+    try:
+        times = excess(model, driven)
+    except CANNOT:
+        return ""
+    grows = f"its free run grows to {times:.3g} times the largest motion"
+    return f"{grows} under excitations like those of training" if times > STRAYS else ""
+
+
+def _sentences(
+    own: np.ndarray, still: np.ndarray, known: Mapping[str, np.ndarray], motion: str, sim: bool
+) -> dict[str, str]:
+    error, plain = _rms(own), {name: _rms(errors) for name, errors in known.items()}
+    ranked = sorted(plain, key=plain.__getitem__)
+    good = [name for name in ranked if beyond_chance(own, known[name]) <= CHANCE]
+    good = good if error > CLOSE else []
+    told, errs = {}, f"it errs by {percent(error)} % on the {motion} motion"
+    if beyond_chance(own, still) <= CHANCE or error > SPARED * _rms(still):
+        told["not_better"] = f"{errs}, no motion at all by {percent(_rms(still))} %"
+    elif good and sim and error > EQUAL * plain[good[0]]:
+        told["not_better"] = f"{errs}, {good[0]} by {percent(plain[good[0]])} %"
+    if good:
+        listed = ", ".join(f"{name} ({percent(plain[name])} %)" for name in good)
+        ahead = [plain[name] < EQUAL * error for name in good]
+        word = "better" if all(ahead) else "as good or better" if any(ahead) else "as good"
+        told["as_good"] = f"{listed} {'is' if len(good) == 1 else 'are'} {word}; {errs}"
+    return told
+
+
+def _rms(errors: np.ndarray) -> float:
+    """Error in percent over all blocks."""
+    return 100.0 * math.sqrt(float(errors.mean()))
+
+
+@torch.no_grad()
+def _errors(estimator: Estimator, records: Sequence[Record], way: str) -> np.ndarray | None:
+    """Squared errors (K,) on blocks; None where there is no run, or one diverges."""
+    device = next((t.device for t in estimator.state_dict().values()), torch.device("cpu"))
+    estimates = []
+    try:
+        for record in records:
+            seen = record.measured().to(device)
+            estimates.append(simulate(estimator, seen).a if way == "free run" else estimator(seen))
+            if left_at(estimates[-1], seen):
+                return None
+        return errors_by_block(records, estimates)
+    except CANNOT:
+        return None
 
 
 def lost_on(runs: Mapping[str, Mapping[str, Any]], beyond: Mapping[str, bool]) -> str:
@@ -96,24 +225,3 @@ def lost_on(runs: Mapping[str, Mapping[str, Any]], beyond: Mapping[str, bool]) -
 
 def _diverges(scores: Mapping[str, Any]) -> bool:
     return bool(scores.get("diverged_after_s"))
-
-
-def linear_percent(data: Data, baselines: Mapping[str, Mapping[str, Any]]) -> float | None:
-    """Error of an equivalent linear system's free run of the training motion, in percent.
-
-    That of the baseline `linear`; where it has none, that of `models.LinearMotion`. None where no
-    linear system follows the motion.
-    """
-    error = baselines.get("linear", {}).get(FREE_RUNS["train"], {}).get(ERROR)
-    if error is None:
-        error = _scored(LinearMotion(data.dofs, data.inputs, data.dt), list(data.loader("train")))
-    return error
-
-
-def _scored(linear: Estimator, records: list[Record]) -> float | None:
-    try:
-        linear.identify(records)
-        error: float | None = free_run_score(linear, records).get(ERROR)
-    except CANNOT:
-        return None
-    return error

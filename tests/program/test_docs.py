@@ -133,7 +133,8 @@ def test_an_estimator_is_added_by_two_files(tmp_path):
     for text in files:
         (tmp_path / text.split("\n")[0].removeprefix("# ")).write_text(text, "utf-8")
     t = np.arange(400) * 0.01
-    signals = {"f1": np.sin(5 * t**2), "x1": np.cos(t**2), "v1": np.sin(3 * t), "a1": np.cos(9 * t)}
+    signals = {"f1": np.sin(5 * t**2), "x1": np.cos(t**2), "v1": np.sin(3 * t)}
+    signals["a1"] = signals["f1"] - 20.0 * signals["x1"] - signals["v1"] * abs(signals["v1"])
     np.savez(tmp_path / "record.npz", time=t, **signals)
     words = ["model=quadratic_damping", "data=measured", "data.path=record.npz", "figures=false"]
     command = [sys.executable, "train.py", *words, "baselines=none", "hydra.run.dir=run"]

@@ -84,7 +84,13 @@ def test_a_run_says_what_it_was_judged_by_and_tells_its_records_apart(network):
     assert metrics["verdict"]["identified"] is True
     assert metrics["verdict"]["by"] == "free run"
     assert metrics["verdict"]["error_percent"] == metrics["free_run_train"]["relative_rms_percent"]
-    assert metrics["baselines"].keys() == {"zero", "two_point", "linear"}
+    assert metrics["baselines"].keys() == {
+        *("zero", "two_point", "linear", "fir", "linear_state_space")
+    }
+    plain = metrics["verdict"]["opponents"]["test"]
+    assert plain["fir"] == pytest.approx(
+        metrics["baselines"]["fir"]["free_run"]["relative_rms_percent"]
+    )
     each = [of["free_run"]["relative_rms_percent"] for of in metrics["per_record"].values()]
     assert list(metrics["per_record"]) == ["b", "c"]
     assert min(each) < metrics["free_run"]["relative_rms_percent"] < max(each)
@@ -168,7 +174,7 @@ def test_a_network_that_diverges_is_no_result_and_says_so(records, tmp_path, mon
     monkeypatch.setattr(job.Trainer, "fit", spoilt)
     words = ["data=measured", f"data.path={records}", "data.test=[b,c]", *NETWORK, *QUIET]
     folder = tmp_path / "run"
-    assert run(train, monkeypatch, *words, f"hydra.run.dir={folder}") == 1
+    assert run(train, monkeypatch, *words, f"hydra.run.dir={folder}") == 3
     told = capsys.readouterr()
     (line,) = told.err.splitlines()
     assert line.startswith("error: element_network is not identified: its free run ")
