@@ -59,6 +59,7 @@ class Data(LightningDataModule):
         self.notes: dict[str, list[str]] = {}  # by record, what was noticed and done
         self.names: dict[str, list[str]] = {}  # of the records of each split, where they have some
         self.records: dict[str, list[Record]] = {}
+        self.settled: dict[str, Any] = {}  # settings that the training records decided
         self.units: dict[str, str] = {}  # of the records' values, by channel, where known
 
     @property

@@ -91,6 +91,7 @@ def identify(
     experiment, start = Experiment.of(values), values.get("start")
     with without_compiler():
         data, module, baselines = experiment.assemble()
+    values = {**values, "data": {**values["data"], **data.settled}}
     if start:
         load_start(module, start, experiment.model.name)
     run = Run.begin(folder, values, data.sensors)

@@ -17,15 +17,15 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (16_750, 10_500),
+    "data": (16_850, 10_500),
     "models": (25_800, 17_000),
     "runner": (4_950, 3_600),
     "export": (5_600, 4_200),
     "report": (7_950, 6_000),
     "live": (1_100, 800),
-    "benchmarks": (3_150, 2_500),
+    "benchmarks": (3_250, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (29_850, 18_000),
+    "tests": (29_950, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "benchmarks")  # on the roof

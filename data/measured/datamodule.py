@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatch
 from glob import escape
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from torch import Tensor
@@ -27,6 +27,7 @@ from data.measured.assembly import (
 from data.measured.channels import numbered, signal_of
 from data.measured.clocks import ALIGNMENTS, require_common_time
 from data.measured.cycles import end_of_a_cycle, is_quasi_static, without_rates
+from data.measured.delays import settle_delays
 from data.measured.mend import Mending
 from data.measured.onset import from_release, without_quiet_start
 from data.measured.places import named_records, require_read
@@ -37,6 +38,7 @@ from data.record import Record, same_step
 from data.simulation.scenario import Scenario
 
 SHORTEST, LONGEST = 1e-12, 1e9  # time step [s]
+Estimate = Literal["estimate"]
 TELLING = 0.1  # of a record whose beginning is unknown, its samples and its energy: tells of it,
 FEWEST = 20  # samples at least
 
@@ -65,7 +67,8 @@ class MeasuredData(Data):
     accelerations says how a1, … were measured, "absolute" or "relative" to that support.
     align: sensors whose counters have no common zero begin at once ("start"), or are shifted onto
     the first by their likeness ("motion"). onset: a quiet start is cut off, unless `start` is said.
-    mend: repairs of the signals (data/measured/mend.py).
+    delay [s]: by which sensors come late, by channel or signal; estimate: what the training records
+    tell of accelerations beside s_ddot1. mend: repairs of the signals (data/measured/mend.py).
     Raises ValueError for files, channels and units that do not fit, blocking faults that `mend`
     does not repair, and records that differ in dt or channels.
     """
@@ -105,6 +108,7 @@ class MeasuredData(Data):
         validation: float = 0.0,
         calibration: str | Sequence[str] | None = None,
         quasi_static: bool | None = None,
+        delay: Mapping[str, float | Estimate] | Estimate | None = None,
     ) -> None:
         super().__init__(window, stride, warmup, batch, validation)
         if quantity is not None and quantity not in OUTPUTS:
@@ -134,6 +138,7 @@ class MeasuredData(Data):
         self.notes = {f"left out {record}": [why] for record, why in left_out.items()}
         self.parts = self._parts(raws, train, test, split, calibration)
         del raws
+        self.delay = self._settled(delay)
         self.setup()
         first = self.records["train"][0]
         self.dt, self.dofs, self.inputs = first.dt, first.dofs, first.excitation.shape[-1]
@@ -156,6 +161,16 @@ class MeasuredData(Data):
             ]
         return parts | {"calibration": held} if held else parts
 
+    def _settled(self, delay: Mapping[str, float | Estimate] | Estimate | None) -> dict[str, float]:
+        """Seconds of `data.delay`, and the notes and settings of what training records tell."""
+        training = list(self.parts["train"].values())
+        asked = {"a": delay} if isinstance(delay, str) else dict(delay or {})
+        seconds, told = settle_delays(asked, training, self.mend, self.accelerations)
+        if told:
+            self.notes["delays, by the training records"] = told
+            self.settled = {"delay": seconds}
+        return seconds
+
     def make_records(self) -> dict[str, list[Record]]:
         """Records of all splits, each part mended on its own; the files' contents are released."""
         records: dict[str, list[Record]] = {}
@@ -165,7 +180,7 @@ class MeasuredData(Data):
         for number, split in enumerate(self.parts):
             records[split], self.names[split] = [], list(self.parts[split])
             for i, (name, raw) in enumerate(self.parts[split].items()):
-                dt, channels, done = self.mend(raw)
+                dt, channels, done = self.mend(raw, self.delay)
                 channels = with_rates(channels, dt, done)
                 done += doubts(channels, dt, self.accelerations)
                 record = record_of_channels(self.name, dt, channels, meaning, raw.whole)
@@ -260,6 +275,14 @@ class WholeRecords(MeasuredData):
 
     def _parts(self, raws: dict[str, RawRecord], *_: object) -> dict[str, dict[str, RawRecord]]:
         return {"train": raws, "test": {}}
+
+    def _settled(self, delay: Mapping[str, float | Estimate] | Estimate | None) -> dict[str, float]:
+        if "estimate" in (delay, *(delay.values() if isinstance(delay, Mapping) else ())):
+            raise ValueError(
+                "data.delay: estimate is by training records; of others say seconds, as in "
+                "data.delay.a1=0.019"
+            )
+        return super()._settled(delay)
 
 
 def whole_records(

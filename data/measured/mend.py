@@ -5,10 +5,12 @@ Every step treats all channels alike, so that what relates excitation to respons
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from data.measured.channels import signal_of
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.signal_faults import blocking, runs
 from data.measured.time_step import even_times, time_step
@@ -63,9 +65,12 @@ class Mending:
                 f"data.mend.low_pass={self.low_pass:g} Hz"
             )
 
-    def __call__(self, raw: RawRecord) -> tuple[float, Channels, list[str]]:
+    def __call__(
+        self, raw: RawRecord, delays: Mapping[str, float] | None = None
+    ) -> tuple[float, Channels, list[str]]:
         """Time step [s], channels (T,) on one even clock, and what was done.
 
+        delays [s]: of channels that come late, by name or signal; of all the common time is left.
         Raises ValueError for what blocks and is not mended, gaps longer than `fill`, cutoffs
         beyond the Nyquist frequency and records too short to filter.
         """
@@ -82,8 +87,12 @@ class Mending:
         self._check_cutoffs(raw.name, new_dt)
         if self.fill is not None:
             signals = _without_gaps(raw.name, signals, self.fill, done)
-        if self.resample is not None:
-            channels = resampled(raw.name, signals, self.resample, done)
+        late = _shifts(raw.channels, delays or {}, done)
+        signals = {c: replace(s, time=s.time - late.get(c, 0.0)) for c, s in signals.items()}
+        if self.resample is not None or late:
+            said: list[str] = []
+            channels = resampled(raw.name, signals, 1.0 / new_dt, said)
+            done += said if self.resample is not None else []
         else:
             channels = {name: signal.values for name, signal in signals.items()}
         return new_dt, self._filtered(raw.name, channels, new_dt, done), done
@@ -113,6 +122,17 @@ class Mending:
                 channels = butterworth(name, channels, cutoff, dt, self.order, kind)
                 done.append(f"{kind}-pass {cutoff:g} Hz, order {self.order} there and back")
         return channels
+
+
+def _shifts(channels: Channels, delays: Mapping[str, float], done: list[str]) -> dict[str, float]:
+    """{channel: seconds that it comes late}, of those that do."""
+    each = {c: delays.get(c, delays.get(signal_of(c), 0.0)) for c in channels}
+    late = {c: seconds for c, seconds in each.items() if seconds}
+    for seconds in dict.fromkeys(late.values()):
+        names = ", ".join(c for c in late if late[c] == seconds)
+        when = f"{abs(seconds):g} s {'earlier' if seconds > 0.0 else 'later'}"
+        done.append(f"{names} shifted to {when}, by quintic splines")
+    return late
 
 
 def _without_gaps(
@@ -269,7 +289,7 @@ def resampled(name: str, channels: dict[str, Sampled], rate: float, done: list[s
     if stop <= start or count < 2:
         raise ValueError(
             f"{name}: the channels have no common time, the last begins at {start:.4g} s and the "
-            f"first ends at {stop:.4g} s; check data.channels.time and data.units.time"
+            f"first ends at {stop:.4g} s; check data.channels.time, data.units.time and data.delay"
         )
     rates = sorted({float(f"{1.0 / signal.dt:.6g}") for signal in channels.values()})
     m = max(1, int(np.ceil(rates[-1] / rate - 0.01)))

@@ -15,18 +15,17 @@ from itertools import product
 import numpy as np
 
 from data.measured.channels import CLOCKS, numbered, signal_of
+from data.measured.delays import FAINT, SHORTEST, delay_findings, transfer_function
 from data.measured.files.columns import shorten
 from data.measured.raw_record import Finding, RawRecord
 from data.measured.units import DIMENSIONS, to_si
 
-SHORTEST = 512  # samples
 COHERENT = 0.8  # least coherence of base and response
 BELOW = 0.6  # of the frequency of the largest amplification: H of a single mode is below 1.6
 LINES = 4  # frequencies at least
 WIDE = 2.0  # highest over lowest of them
 UNITS = {"m/s^2": 1.0, "g": 9.80665, "cm/s^2": 0.01, "mg": 9.80665e-3, "in/s^2": 0.0254}  # of a
 NEAR = 0.25  # of a ratio of two units, of which the transfer function well below resonance errs
-FAINT = 1e-5  # of the base's largest power density: below it there is noise
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,8 @@ def plausibility(
     rates = [name for name, h in known.items() if 1.3 < h.slope < 3.0 and abs(h.along) > 0.8]
     if known and len(rates) > len(known) / 2:
         return _of_rates(rates, [known[name] for name in rates], accelerations)
-    return [
+    late = [] if accelerations == "relative" else delay_findings(channels, dt)
+    return late + [
         finding
         for name, h in known.items()
         for finding in _of_gain(name, h, accelerations)
@@ -71,7 +71,7 @@ def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | No
     both = np.isfinite(base).all() and np.isfinite(response).all()
     if len(base) < SHORTEST or len(base) != len(response) or not both:
         return None
-    f, h, coherence, s_uu = _transfer_function(base, response, dt, 4096)
+    f, h, coherence, s_uu = transfer_function(base, response, dt, 4096)
     good = (coherence > COHERENT) & (s_uu > FAINT * s_uu.max()) & (f > 1.5 * f[1])
     if good.sum() < LINES:
         return None
@@ -85,19 +85,6 @@ def transfer(base: np.ndarray, response: np.ndarray, dt: float) -> Transfer | No
     slope = float(np.polyfit(np.log(at), np.log(np.abs(size)), 1)[0])
     along = float(np.median(size.real / np.abs(size)))
     return Transfer(slope, float(np.median(size.real)), along, float(at.min()), float(at.max()))
-
-
-def _transfer_function(
-    u: np.ndarray, y: np.ndarray, dt: float, longest: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """f [Hz], H(f) from u to y (T,), their coherence, power density of u; by `longest` samples."""
-    from scipy.signal import csd, welch  # slow to import
-
-    rate: dict[str, float | int] = {"fs": 1.0 / dt, "nperseg": min(len(u) // 4, longest)}
-    f, s_uu = welch(u, **rate)
-    s_yy, s_uy = welch(y, **rate)[1], csd(u, y, **rate)[1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return f, s_uy / s_uu, np.abs(s_uy) ** 2 / (s_uu * s_yy), s_uu
 
 
 def _of_rates(names: list[str], found: list[Transfer], accelerations: str) -> list[Finding]:
@@ -247,7 +234,7 @@ def _ratio(displacement: np.ndarray, acceleration: np.ndarray, dt: float) -> flo
     known = acceleration[1:-1]
     if not (np.isfinite(curve).all() and np.isfinite(known).all()):
         return None
-    f, h, coherence, power = _transfer_function(curve, known, dt, 1024)
+    f, h, coherence, power = transfer_function(curve, known, dt, 1024)
     ratio = np.sign(h.real) * np.abs(h) * np.sinc(f * dt) ** 2
     good = (coherence > 0.95) & (f > 1.5 * f[1]) & (f < LOW / dt) & (power > FAINT * power.max())
     if good.sum() < LINES:

@@ -46,7 +46,7 @@ READER = (  # settings by which files are read, beside channels
     *("dt", "start", "stop", "onset", "quasi_static"),
 )
 OF_DATA = re.compile(  # keys of records, which here are those of the excitation
-    r"\bdata\.(?=(path|channels|units|mend|dt|start|stop|align|group|header"
+    r"\bdata\.(?=(path|channels|units|mend|delay|dt|start|stop|align|group|header"
     r"|skip_rows|delimiter|decimal|duration)\b)"
 )
 
@@ -93,6 +93,7 @@ class Wanted:
     group: str | None
     header: bool | None
     mend: Mapping[str, Any] | None
+    delay: Mapping[str, float] | None = None  # [s]
 
     @property
     def label(self) -> str:
@@ -122,11 +123,12 @@ def motions_of(
     if len(ways) > 1:
         raise ValueError(f"excitation.{ways[0]} and excitation.{ways[1]}: give one of both")
     if wanted.path is not None:
-        said = {key: getattr(wanted, key, None) for key in ("channels", "mend", *READER)}
+        said = {key: getattr(wanted, key, None) for key in ("channels", "mend", "delay", *READER)}
         settings = read_as_the_run(run, said_alone(said)).data.values
         with _words_of_excitation():
             raws = _of_files(wanted, settings, interface)
         mend = {key: value for key, value in settings["mend"].items() if key != "_target_"}
+        delay = settings.get("delay") or {}
     elif wanted.events is not None:
         raws = list(_of_events(wanted.events))
         if not interface.takes_ground:
@@ -138,10 +140,10 @@ def motions_of(
         raws = _generated(wanted, run, interface, model_dt)
     if wanted.path is None:
         raws = [between(raw, wanted.start or 0.0, wanted.stop) for raw in raws]
-        mend = dict(wanted.mend or {})
+        mend, delay = dict(wanted.mend or {}), {}
     with _words_of_excitation():
         mending = Mending(**mend)
-    found = [_mended(raw, wanted, interface, mending, model_dt, any_step) for raw in raws]
+    found = [_mended(raw, wanted, interface, mending, delay, model_dt, any_step) for raw in raws]
     names = [motion.name for motion in found]
     if double := next((n for n in names if names.count(n) > 1), None):
         raise ValueError(f"two motions are called {double}; rename a file, or give one of them")
@@ -153,6 +155,7 @@ def _mended(
     wanted: Wanted,
     interface: Interface,
     mending: Mending,
+    delay: Mapping[str, float],
     model_dt: float,
     any_step: bool,
 ) -> Motion:
@@ -163,7 +166,7 @@ def _mended(
     raw = replace(raw, clocks={c: t for c, t in raw.clocks.items() if c in raw.channels})
     require_common_time(raw)
     with _words_of_excitation():
-        dt, channels, done = mending(raw)
+        dt, channels, done = mending(raw, delay)
         coarse = GROUND in channels and interface.kind not in (BASE, FORCES)
         other = abs(dt / model_dt - 1.0) > 1e-6
         if other and (not any_step or (coarse and dt > model_dt)):
@@ -172,7 +175,7 @@ def _mended(
                     f"data.mend.resample={mending.resample:g} Hz: the model steps every "
                     f"{model_dt:g} s; leave it out, or say {1.0 / model_dt:g}"
                 )
-            was, (dt, channels, done) = dt, replace(mending, resample=1.0 / model_dt)(raw)
+            was, (dt, channels, done) = dt, replace(mending, resample=1.0 / model_dt)(raw, delay)
             done = [f"from steps of {was:.4g} s to the model's {dt:.4g} s", *done]
         elif other:
             done.append(

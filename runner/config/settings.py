@@ -123,7 +123,7 @@ EXCITATION = {
     "peak": Setting(NUMBER, lambda g: g is None or g > 0.0, "positive, in g, or null"),
     "lag": Setting(float, lambda s: 0.0 <= s < 1.0, "from 0 to 1 s"),
     "quiet": Setting(NUMBER, lambda s: s is None or 0.0 <= s <= 1e5, "0 s or more, or null"),
-    **dict.fromkeys(("channels", "mend"), Setting(Group | None)),
+    **dict.fromkeys(("channels", "mend", "delay"), Setting(Group | None)),
     "units": Setting(Group),
     "dt": Setting(NUMBER, lambda s: s is None or s > 0.0, "positive, in s, or null"),
     "start": Setting(NUMBER, lambda s: s is None or s >= 0.0, "0 s or more, or null"),
