@@ -28,6 +28,7 @@ import torch
 
 from data.record import Record
 from models.composition.composite import Composite
+from models.element_network_branch import ElementNetworkBranch
 from models.estimator import Estimator, Parameter
 from models.fit.minimise import minimise
 from models.fit.problem import FreeRunProblem, Joint
@@ -104,13 +105,13 @@ def compare(model: Estimator, before: Sequence[Record], after: Sequence[Record])
     model without elements whose change could be told, for records that do not fit it, and where
     both tell nothing that can be compared.
     """
-    names = [p.name for p in model.physical_parameters() if JUDGED.fullmatch(p.name)]
     free = [p for p in model.parameters() if p.requires_grad]
-    if not isinstance(model, Composite) or not names or not free:
+    if not isinstance(model, Composite) or isinstance(model, ElementNetworkBranch) or not free:
         raise ValueError(
-            f"{type(model).__name__} has no springs and dampers that a fit could change; train "
-            "model=element_network on the records of before, and compare that"
+            f"{type(model).__name__} has no springs, dampers and units that a fit could change; "
+            "train model=element_network model.laws=units on the records of before"
         )
+    names = [p.name for p in model.physical_parameters() if JUDGED.fullmatch(p.name)]
     before, after = list(singles(before)), list(singles(after))
     for record in (*before, *after):
         model.check(record)

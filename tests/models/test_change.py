@@ -10,7 +10,7 @@ import torch
 
 from benchmarks.changed import SIZE, model_of, record_of, structure
 from data.record import Record
-from models import NeuralStateSpace
+from models import ElementNetwork, NeuralStateSpace
 from models.uncertainty.change import Change, by_holm, compare, refit
 
 NOISE = 0.05
@@ -82,9 +82,11 @@ def test_holm_rejects_in_order_and_never_less_certain_ones_first():
 
 def test_what_cannot_be_compared_is_refused(earlier):
     model, before, _ = earlier
-    other = NeuralStateSpace(2, before.f.shape[-1], before.dt)
-    with pytest.raises(ValueError, match=r"NeuralStateSpace has no springs.*element_network"):
-        compare(other, [before], [before])
+    m, dt = before.f.shape[-1], before.dt
+    branch = ElementNetwork(2, 2, dt, elements="chain", laws="branch")
+    for other in (NeuralStateSpace(2, m, dt), branch):
+        with pytest.raises(ValueError, match=r" has no springs.*model=element_network"):
+            compare(other, [before], [before])
     three = record_of(structure("bilinear", np.ones(3)), True, SIZE, 0.0, np.random.default_rng(0))
     with pytest.raises(ValueError, match="3 DOFs"):
         compare(model, [before], [three])
