@@ -16,8 +16,8 @@ from runner.config.identity import config_digest
 from tests.experiments import build, class_of
 from tests.program.test_every_config import composed
 
-DIGESTS = {  # of 0.11: finished runs are found by them
-    "element_network": "45b2a55f7a",
+DIGESTS = {  # of 0.11: finished runs are found by them; of 0.12 where a setting was added since
+    "element_network": "2626fe267d",  # mass_damping
     "element_network_branch": "ebbc9ed003",
     "element_network_named": "2a90992344",
     "hysteretic_element": "d3cca20bef",
