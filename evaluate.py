@@ -6,7 +6,7 @@
     python evaluate.py run=FOLDER data.path=other.csv  on records of other files
     python evaluate.py run=zoo:element_network/bouc_wen   a published model, docs/zoo.md
     python evaluate.py run=FOLDER uncertainty=laplace  how sure its parameters are: profile, smc
-    python evaluate.py run=FOLDER data.path=after.csv change=true   has the structure changed?
+    python evaluate.py run=FOLDER data.path=after.csv change=true   has it changed?
     python evaluate.py runs=FOLDER output=FOLDER    all numbers as one table: results.parquet, .csv
     python evaluate.py runs=[a,b]                   of several folders, or 'runs=runs/*/'
     python evaluate.py runs=FOLDER by=model.cutoff  compared by a choice: a table and a picture

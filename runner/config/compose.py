@@ -84,7 +84,7 @@ All of them: python train.py --cfg job""",
   python evaluate.py run=FOLDER scenario=noisy seeds=[5,6,7]
   python evaluate.py run=FOLDER data.duration=100
   python evaluate.py run=FOLDER data.path=other.csv data.units.a=g
-  python evaluate.py run=FOLDER data.path=after.csv change=true   has it changed?
+  python evaluate.py run=FOLDER data.path=after.csv change=true  has it changed?
   python evaluate.py run=FOLDER uncertainty=laplace   its parameters: how sure
   python evaluate.py run=FOLDER uncertainty=profile parameter=[r1.stiffness]
   python evaluate.py run=FOLDER uncertainty=smc particles=1000

@@ -33,6 +33,7 @@ from runner.progress import is_finished
 from tests.program.test_train import numbers, run
 from tests.runner.test_sweep import QUICK, results
 
+ENDED = (0, 3)  # with a model that is a result, or none: three iterations make no good one
 SWEEP = ["-m", *QUICK, "model=linear", "seed=range(0,3)"]
 
 
@@ -68,11 +69,11 @@ def test_a_run_ends_in_one_line_wherever_the_disk_is_full(
     """
     folder, resize = disk
     other = tmp_path / "other"
-    assert run(train, monkeypatch, *QUICK, *words, f"hydra.run.dir={other}") == 0
+    assert run(train, monkeypatch, *QUICK, *words, f"hydra.run.dir={other}") in ENDED
     nearly = sum(-(-path.stat().st_size // 4096) * 4 for path in other.rglob("*.*")) - 16
     capsys.readouterr()
     attempts, size = 0, 4
-    while run(train, monkeypatch, *QUICK, *words, f"hydra.run.dir={folder / 'run'}"):
+    while run(train, monkeypatch, *QUICK, *words, f"hydra.run.dir={folder / 'run'}") not in ENDED:
         attempts += 1
         error = capsys.readouterr().err
         assert (

@@ -32,7 +32,7 @@ from tests.program.test_train import run
 
 ROOT = Path(__file__).parents[2]
 SIGNS = st.text(st.sampled_from("\\${}:,.[]'\" a?\n=%()"), max_size=14) | st.text(max_size=8)
-QUICK = ["data.duration=2", "figures=false", "baselines=none", "trainer.enable_progress_bar=false"]
+QUICK = ["data.duration=10", "figures=false", "baselines=none", "trainer.enable_progress_bar=false"]
 
 
 @settings(deadline=None, max_examples=80, derandomize=True)
