@@ -14,9 +14,7 @@ from tests.experiments import class_of
 
 VARIANTS = {  # config → the settings that make it another model, or another way of solving
     "model=chebyshev_restoring_force": {"basis"},
-    "model=element_network": {
-        "mass_damping"
-    },  # not of networks made before it
+    "model=element_network": {"mass_damping"},  # not of networks made before it
     "model=linear_modes": {"elements"},
     "model=lstm": {"cell"},
     "model=online_polynomial": {"fits"},
