@@ -159,7 +159,7 @@ def outcome(kind: str, draw: int) -> Counter[str]:
     diverges = "test" not in verdict["opponents"]
     red = not verdict["identified"] or verdict["not_better"] or diverges
     said = "red" if red else "as good" if verdict["as_good"] else "good"
-    others = [one for one in plain.values() if isinstance(one, Estimator)]
+    others = [one for one in plain.values() if not isinstance(one, ValueError)]
     own, *beside = (free_run_error(one, fresh) for one in (model, *others))
     motion = torch.cat([r.a for r in fresh])
     still = 100.0 * float((motion - motion.mean(dim=0)).norm() / motion.norm())
