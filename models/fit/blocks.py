@@ -93,18 +93,23 @@ def blocks_of(motions: Sequence[Motion], dofs: int) -> list[list[Piece]]:
 def errors_by_block(records: Sequence[Record], estimates: Sequence[torch.Tensor]) -> np.ndarray:
     """Squared errors (K,) of estimates (…, T, n) on blocks; their mean is that of Eq. 21, squared.
 
-    Raises ValueError for records too short to be cut.
+    All motions, one after the other, are cut into blocks of equal power: were each record a block,
+    one that is stronger than the others would decide, and its scatter be that of chance. Raises
+    ValueError for records too short, or too still, to be cut.
     """
-    motions, squares = [], []
+    sizes: list[np.ndarray] = []
+    squares: list[np.ndarray] = []
     for record, estimate in zip(records, estimates, strict=True):
-        shape = (record.a.shape[:-2].numel(), *record.a.shape[-2:])
-        both = (record.a.cpu().reshape(shape), (estimate.cpu() - record.a.cpu()).reshape(shape))
-        for a, error in zip(*(s.numpy() for s in both), strict=True):
-            motions.append(Motion(a, a, record.warmup))
-            squares.append(np.square(error).sum(axis=1))
-    blocks = blocks_of(motions, motions[0].y.shape[1])
-    sums = [sum(squares[p.motion][p.start : p.stop].sum() for p in block) for block in blocks]
-    return np.array(sums) / sizes_of(motions, blocks, motions[0].y.shape[1]).mean()
+        a, error = record.a.cpu(), estimate.cpu() - record.a.cpu()
+        for all_of, signal in ((sizes, a), (squares, error)):
+            own = signal.square().sum(dim=-1)[..., record.warmup :]
+            all_of.append(own.reshape(-1).numpy())
+    size = np.cumsum(np.concatenate(sizes))
+    if len(size) < BLOCKS or not size[-1] > 0.0:
+        raise ValueError("the records are too short, or too still, to be cut into blocks")
+    ends = np.searchsorted(size, size[-1] * np.arange(1, BLOCKS) / BLOCKS)
+    parts = np.split(np.concatenate(squares), ends)
+    return np.array([part.sum() for part in parts]) * BLOCKS / size[-1]
 
 
 def beyond_chance(one: np.ndarray, other: np.ndarray) -> float:

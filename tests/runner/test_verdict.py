@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
@@ -12,7 +13,7 @@ from data.record import Drive, Record, Response
 from data.terminal import terminal
 from models.baselines import TwoPoint
 from models.estimator import Estimator
-from models.fit.blocks import errors_by_block
+from models.fit.blocks import beyond_chance, errors_by_block
 from models.fit.metrics import RelativeRMSError
 from report.collection.compare import as_table, compare
 from report.collection.report import long_table, status_counts
@@ -224,3 +225,21 @@ def test_tables_count_what_is_no_result_and_keep_its_numbers(runs, capsys):
     assert status_counts(runs) == "3 runs: 2 finished, 1 not identified"
     comparison = compare(runs, ["seed"], "relative_rms_percent", "test")
     assert "not identified" in [column.header for column in as_table(comparison).columns]
+
+
+def test_a_record_that_is_stronger_than_all_others_is_no_chance():
+    """One earthquake of ten times the others: a model that errs by a quarter is good."""
+    rng = np.random.default_rng(3)
+    records, estimates = [], []
+    for strength in (10.0, 1.0, 1.0):
+        a = torch.from_numpy(strength * rng.standard_normal((400, 2)))
+        records.append(Record(dt=0.01, a=a, f=torch.zeros(400, 1)))
+        estimates.append(a + 0.25 * strength * torch.from_numpy(rng.standard_normal((400, 2))))
+    own = errors_by_block(records, estimates)
+    still = errors_by_block(records, [torch.zeros_like(r.a) for r in records])
+    assert still == pytest.approx(1.0, abs=0.05)
+    assert own.mean() == pytest.approx(
+        sum(float((e - r.a).square().sum()) for e, r in zip(estimates, records, strict=True))
+        / sum(float(r.a.square().sum()) for r in records)
+    )
+    assert beyond_chance(own, still) > 10.0
