@@ -96,7 +96,8 @@ def rows(count: int) -> Iterator[tuple[str, float, int, int, int, int]]:
                 sure = [d for d in found.values() if d.sure]
                 total, known, told = total + 1, known + bool(found), told + bool(sure)
                 inside += bool(sure) and all(abs(d.seconds - seconds) < 2 * d.error for d in sure)
-            yield "yielding" if yielding else "linear", 1e3 * seconds, total, known, told, inside
+            law = "yielding" if yielding else "linear"
+            yield law, round(1e3 * seconds, 1), total, known, told, inside
 
 
 def main() -> None:
