@@ -259,6 +259,6 @@ def fit_modal(motions: Sequence[Motion], plan: Plan) -> tuple[Fit, dict[str, Any
             break
         fit = with_modes(more, motions, plan) if len(plan.orders) > 1 else more
     facts |= {"modes": fit.layout.modes, "elements": ", ".join(fit.laws) or "none"}
-    facts["held_out_error_percent"] = 100.0 * fit.error
+    facts["held_out_error_percent"] = 100.0 * held_back_error(fit.layout, fit.state, motions)
     whole = [replace(motion, stop=len(motion.y)) for motion in motions]
     return train(fit, whole, plan, plan.iterations, judged=motions), facts
