@@ -126,9 +126,9 @@ def delay_findings(channels: Mapping[str, np.ndarray], dt: float) -> list[Findin
         names = [name for name, of in found.items() if of == delay]
         key = names[0] if len(names) < len(numbered(channels, "a")) else "a"
         text = (
-            f"{_words(delay)} from {delay.low:.2g} to {delay.high:.2g} Hz, where both should move "
-            f"alike; data.delay.{key}={_used(delay):g} takes it out, data.delay=estimate what the "
-            "training records tell"
+            f"{_words(delay)} from {delay.low:.2g} to {delay.high:.2g} Hz, where a structure moves "
+            f"with its base; data.delay.{key}={_used(delay):g} removes it, data.delay=estimate "
+            "removes what the training records show"
         )
         findings.append(Finding("delay", ", ".join(names), text))
     return findings
@@ -177,8 +177,10 @@ def settle_delays(
     for channel in wanted:
         delay = found.get(channel)
         said[channel] = 0.0 if delay is None else _used(delay)
-        words = "too little moves with s_ddot1 to tell" if delay is None else _words(delay)
-        words += "" if said[channel] else ", not sure: left as it is"
+        words = (
+            "no estimate: too little is coherent with s_ddot1" if delay is None else _words(delay)
+        )
+        words += "" if said[channel] else ", not significant: not removed"
         told.setdefault(words, []).append(channel)
     notes = [f"{', '.join(names)} {words}" for words, names in told.items()]
     return {c: float(seconds) for c, seconds in said.items()}, notes

@@ -19,7 +19,6 @@ from torch import Tensor
 
 from data.record import Drive, Record, Response
 from models.estimator import Estimator
-from models.fit.held_back import end_of_share
 from models.fit.problem import in_steady_state
 from models.layers.integrate import integrated
 
@@ -72,44 +71,42 @@ def motions_of(batches: Iterable[Record]) -> list[Motion]:
 
 
 def blocks_of(motions: Sequence[Motion], dofs: int) -> list[list[Piece]]:
-    """Blocks of about equal power: whole motions, or parts of them where they are few."""
-    if len(motions) >= BLOCKS:
-        return [
-            [Piece(i, motions[i].first, len(motions[i].u)) for i in range(k, len(motions), BLOCKS)]
-            for k in range(BLOCKS)
-        ]
-    parts = math.ceil(BLOCKS / len(motions))
+    """All motions, one after the other, cut into BLOCKS of equal power.
+
+    Were each motion a block, a strong one would outweigh the others, and the scatter of the blocks
+    would be its own. Raises ValueError for motions too short, or too still, to be cut.
+    """
+    ends = np.cumsum([len(motion.u) for motion in motions])
+    power = np.cumsum(np.concatenate([motion.size(dofs)[0].numpy() for motion in motions]))
+    cuts = np.searchsorted(power, power[-1] * np.arange(1, BLOCKS) / BLOCKS)
     blocks = []
-    for i, motion in enumerate(motions):
-        size = motion.size(dofs)
-        inner = [end_of_share(size, part / parts) for part in range(1, parts)]
-        ends = np.maximum.accumulate([motion.first, *inner, len(motion.u)])
-        blocks += [[Piece(i, int(a), int(b))] for a, b in pairwise(ends) if a < b]
-    if len(blocks) < 2:
+    for first, last in pairwise([0, *cuts.tolist(), int(ends[-1])]):
+        pieces = [
+            Piece(i, max(first - end + len(m.u), m.first), min(last - end, 0) + len(m.u))
+            for i, (m, end) in enumerate(zip(motions, ends.tolist(), strict=True))
+        ]
+        blocks.append([piece for piece in pieces if piece.start < piece.stop])
+    if not (power[-1] > 0.0 and all(blocks)):
         raise ValueError("the records are too short, or too still, to hold a part of them back")
     return blocks
 
 
-def errors_by_block(records: Sequence[Record], estimates: Sequence[torch.Tensor]) -> np.ndarray:
+def errors_by_block(records: Sequence[Record], estimates: Sequence[Tensor]) -> np.ndarray:
     """Squared errors (K,) of estimates (…, T, n) on blocks; their mean is that of Eq. 21, squared.
 
-    All motions, one after the other, are cut into blocks of equal power: were each record a block,
-    one that is stronger than the others would decide, and its scatter be that of chance. Raises
-    ValueError for records too short, or too still, to be cut.
+    Raises ValueError for records too short, or too still, to be cut.
     """
-    sizes: list[np.ndarray] = []
-    squares: list[np.ndarray] = []
+    motions, squares = [], []
     for record, estimate in zip(records, estimates, strict=True):
-        a, error = record.a.cpu(), estimate.cpu() - record.a.cpu()
-        for all_of, signal in ((sizes, a), (squares, error)):
-            own = signal.square().sum(dim=-1)[..., record.warmup :]
-            all_of.append(own.reshape(-1).numpy())
-    size = np.cumsum(np.concatenate(sizes))
-    if len(size) < BLOCKS or not size[-1] > 0.0:
-        raise ValueError("the records are too short, or too still, to be cut into blocks")
-    ends = np.searchsorted(size, size[-1] * np.arange(1, BLOCKS) / BLOCKS)
-    parts = np.split(np.concatenate(squares), ends)
-    return np.array([part.sum() for part in parts]) * BLOCKS / size[-1]
+        shape = (record.a.shape[:-2].numel(), *record.a.shape[-2:])
+        both = (record.a.cpu().reshape(shape), (estimate.cpu() - record.a.cpu()).reshape(shape))
+        for a, error in zip(*(s.numpy() for s in both), strict=True):
+            motions.append(Motion(a, a, record.warmup))
+            squares.append(np.square(error).sum(axis=1))
+    dofs = motions[0].y.shape[1]
+    blocks = blocks_of(motions, dofs)
+    sums = [sum(squares[p.motion][p.start : p.stop].sum() for p in block) for block in blocks]
+    return np.array(sums) / sizes_of(motions, blocks, dofs).mean()
 
 
 def beyond_chance(one: np.ndarray, other: np.ndarray) -> float:

@@ -129,23 +129,21 @@ def farthest(model: Composite, records: Sequence[Record]) -> float:
 
 @torch.no_grad()
 def excess(model: Estimator, records: Iterable[Record]) -> float:
-    """The largest |ẍ| of free runs under excitations like those of records, over their own largest.
+    """The largest RMS of free runs under excitations like those of records, over their own.
 
-    Infinite where a run is lost. DRAWS runs for each batch, whatever records it has.
+    It is one for a linear structure, whatever the phases are (Parseval), and infinite where a run
+    is lost. DRAWS runs for each batch, whatever records it has.
     """
     generator, most = torch.Generator().manual_seed(0), 0.0
     for record in records:
         batch = record if record.a.ndim == 3 else record.map(lambda u: u[None])
-        rows = [draw % len(batch.a) for draw in range(DRAWS)]
-        drawn = batch.map(partial(_rows, rows=rows))
-        run = model.free_run(_like(drawn, generator)).a.abs().max()
-        ratio = float(run / record.a.abs().max())
+        rows = torch.arange(DRAWS, device=batch.a.device) % len(batch.a)
+        drawn = batch.map(partial(torch.index_select, dim=0, index=rows))
+        run, own = model.free_run(_like(drawn, generator)).a, drawn.a
+        rms = [signal.square().sum(dim=-1).mean(dim=-1).sqrt() for signal in (run, own)]
+        ratio = float((rms[0] / rms[1]).max())
         most = max(most, ratio if math.isfinite(ratio) else math.inf)
     return most
-
-
-def _rows(signal: Tensor, rows: Sequence[int]) -> Tensor:
-    return signal[rows]
 
 
 def _sizes(model: Composite, drive: Drive) -> Tensor:

@@ -386,8 +386,8 @@ class FreeRun(Objective):
             tried = self.plan[self.present].prior
             self.judged = [*self.judged, [-1 if tried is None else tried, loss]]
         elif unseen > self.limit:  # it fits the rest better, and this worse than before it saw it
-            told = "the fit to the whole motion lost on what was held back: its start is kept"
-            self.remarks = [*self.remarks, told]
+            remark = "the last stage raised the error on held-back motion: its start is kept"
+            self.remarks = [*self.remarks, remark]
             return math.inf
         else:
             self.limit = unseen

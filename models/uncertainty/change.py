@@ -85,7 +85,7 @@ class Comparison:
     before: Composite
     after: Composite
     changes: list[Change]
-    not_told: list[str]  # names of quantities that not both tell
+    undetermined: list[str]  # quantities that the records of before or of after do not determine
 
     @property
     def changed(self) -> list[Change]:

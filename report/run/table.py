@@ -108,12 +108,12 @@ def _width(texts: Iterable[str]) -> int:
 
 
 def titled(metrics: Mapping[str, Any], title: str) -> Text:
-    """The title of a run's table; in red where its model is no result, and how plain ones do."""
+    """The title of a run's table: its model is no result, in red, or plain models do as well."""
     verdict = metrics.get("verdict", {})
     if not_identified(metrics):
         return Text(f"{title}: NOT IDENTIFIED", style="bold red")
     if worse := verdict.get("not_better"):
-        return Text(f"{title}: NOT BETTER THAN A PLAIN ONE, {worse}", style="bold red")
+        return Text(f"{title}: NOT BETTER THAN A PLAIN MODEL: {worse}", style="bold red")
     if equal := verdict.get("as_good"):
         return Text(f"{title}: {equal}", style="yellow")
     return Text(title, style="table.title")
@@ -133,7 +133,7 @@ def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
     elif lost := verdict.get("test_diverges"):
         console.print(Text(lost, style="red"))
     elif worse := verdict.get("not_better"):
-        console.print(Text(f"not better than a plain one: {worse}", style="red"))
+        console.print(Text(f"not better than a plain model: {worse}", style="red"))
     elif verdict.get("identified") is None and verdict.get("reason"):
         console.print(f"not judged: {verdict['reason']}")
     elif verdict.get("identified") and verdict.get("by") in WAYS:
@@ -141,7 +141,7 @@ def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
 
 
 def _evidence(metrics: Mapping[str, Any]) -> str:
-    """The errors by which a model counts as identified, and those of the best plain ones."""
+    """The errors by which a model counts as identified, and those of the best plain models."""
     verdict = metrics["verdict"]
     errors = f"error {WAYS[verdict['by']]} {percent(verdict.get('error_percent'))} % in training"
     for split, others in verdict.get("opponents", {}).items():

@@ -72,7 +72,7 @@ def content_of(found: Comparison, after: Mapping[str, Record]) -> dict[str, Any]
     return {
         "places": [_place(found, element) for element in found.places],
         "quantities": [asdict(one) | {"factor": one.factor} for one in found.changes],
-        "not_told": found.not_told,
+        "undetermined": found.undetermined,
         "frequencies_hz": {side: _frequencies(model) for side, model in both.items()},
         "largest_drifts_m": {
             name: {side: _largest(model, record) for side, model in both.items()}
@@ -114,9 +114,10 @@ def print_change(console: Console, found: Comparison, content: Mapping[str, Any]
     ]  # fmt: skip
     head = ["quantity", "before", "after", "change [%]", "95 % interval [%]", ""]
     console.print(printed(Section(head, rows), left=(0, 5)))
-    notes = [f"not told by both records: {', '.join(found.not_told)}"] if found.not_told else []
+    unknown = ", ".join(found.undetermined)
+    notes = [f"not determined by the records of both: {unknown}"] if unknown else []
     if found.after.scale_is_open:
-        notes.append("no mass is known: all are per unit of an unknown mass, taken to have stayed")
+        notes.append("no mass is known: values are per unit of a mass that is assumed constant")
     words = _pairs(**content["frequencies_hz"])
     notes.append(f"frequencies of small motions [Hz], before → after: {words}")
     for name, sides in content["largest_drifts_m"].items():

@@ -194,13 +194,13 @@ def print_drifts(console: Console, uncertainty: Mapping[str, Any]) -> None:
     for head in ("peak", "residual"):
         table.add_column(head, justify="right", no_wrap=True)
     for row in rows[:MOST]:
-        told, cells = abs(row["residual"]) > row["residual_half"], []
+        known, cells = abs(row["residual"]) > row["residual_half"], []
         for key in ("peak", "residual"):
             value, half = 1e3 * row[key], 1e3 * row[f"{key}_half"]
             cells.append(f"{rounded(value, half)} ± {plain(half, 2)}")
-        table.add_row(row["record"], row["element"], cells[0], cells[1] + ("  " if told else " *"))
-        if not told:
-            table.caption = "*: accelerations do not tell it, for its interval holds zero"
+        table.add_row(row["record"], row["element"], cells[0], cells[1] + ("  " if known else " *"))
+        if not known:
+            table.caption = "*: not determined by the accelerations: the interval contains zero"
     console.print(table)
 
 

@@ -207,4 +207,4 @@ def require_identified(metrics: Mapping[str, Any]) -> None:
     if lost := verdict.get("test_diverges"):
         raise NotIdentifiedError(f"{model} does not model the test motion: {lost}")
     if worse := verdict.get("not_better"):
-        raise NotIdentifiedError(f"{model} is not better than a plain one: {worse}")
+        raise NotIdentifiedError(f"{model} is not better than a plain model: {worse}")

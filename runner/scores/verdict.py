@@ -22,7 +22,7 @@ from models.baselines import FilteredExtrapolation, LastValue, TwoPoint
 from models.estimator import Estimator, simulate
 from models.fir import FIR
 from models.fit.blocks import beyond_chance, errors_by_block
-from models.fit.extrapolation import excess
+from models.fit.extrapolation import BOUND, excess
 from models.fit.identification import HELD_BACK, Identification
 from models.fit.metrics import FREE_RUNS, left_at
 from models.linear import EquivalentLinear
@@ -34,7 +34,6 @@ STILL = 100.0  # percent, of no motion
 CHANCE = 2.0  # standard errors of the blocks' differences, which chance seldom exceeds
 EQUAL = 0.999  # of another error: two fits of what is the same
 SPARED = 0.98  # of the error of no motion: a small motion fits anything by chance
-STRAYS = 3.0  # times the largest motion: excitations of one spectrum move no structure so apart
 CLOSE = 0.1  # percent: below it no model is worse for a linear one that is exact
 ERROR = "relative_rms_percent"
 CANNOT = (ValueError, RuntimeError, MemoryError)  # of a baseline that cannot run
@@ -151,8 +150,8 @@ def compare_with(
         still = errors_by_block(
             records, [r.a.mean(-2, keepdim=True).expand_as(r.a) for r in records]
         )
-        for key, told in _sentences(own, still, known, MOTIONS[split], simulates).items():
-            verdict[key] = verdict[key] or told
+        for key, text in _sentences(own, still, known, MOTIONS[split], simulates).items():
+            verdict[key] = verdict[key] or text
     return verdict
 
 
@@ -164,8 +163,8 @@ def _strays(model: Estimator, records: Sequence[Record]) -> str:
         times = excess(model, driven)
     except CANNOT:
         return ""
-    grows = f"its free run grows to {times:.3g} times the largest motion"
-    return f"{grows} under excitations like those of training" if times > STRAYS else ""
+    grows = f"its free run grows to {times:.3g} times the motion of training"
+    return f"{grows} under excitations of the same spectrum" if times > BOUND else ""
 
 
 def _sentences(
@@ -175,17 +174,17 @@ def _sentences(
     ranked = sorted(plain, key=plain.__getitem__)
     good = [name for name in ranked if beyond_chance(own, known[name]) <= CHANCE]
     good = good if error > CLOSE else []
-    told, errs = {}, f"it errs by {percent(error)} % on the {motion} motion"
+    texts, own_error = {}, f"error {percent(error)} % on the {motion} motion"
     if beyond_chance(own, still) <= CHANCE or error > SPARED * _rms(still):
-        told["not_better"] = f"{errs}, no motion at all by {percent(_rms(still))} %"
+        texts["not_better"] = f"{own_error}, of no motion at all {percent(_rms(still))} %"
     elif good and sim and error > EQUAL * plain[good[0]]:
-        told["not_better"] = f"{errs}, {good[0]} by {percent(plain[good[0]])} %"
+        texts["not_better"] = f"{own_error}, of {good[0]} {percent(plain[good[0]])} %"
     if good:
         listed = ", ".join(f"{name} ({percent(plain[name])} %)" for name in good)
         ahead = [plain[name] < EQUAL * error for name in good]
         word = "better" if all(ahead) else "as good or better" if any(ahead) else "as good"
-        told["as_good"] = f"{listed} {'is' if len(good) == 1 else 'are'} {word}; {errs}"
-    return told
+        texts["as_good"] = f"{own_error}; {word}: {listed}"
+    return texts
 
 
 def _rms(errors: np.ndarray) -> float:

@@ -49,7 +49,7 @@ def test_a_loss_is_found_placed_and_sized_and_a_sound_pair_is_not_called_changed
 def test_what_motions_do_not_reach_is_not_told(earlier):
     model, before, record = earlier
     found = compare(model, [before], [record(LOST, 0.1 * SIZE)])
-    assert {"r1.yield_force", "r2.yield_force"} <= set(found.not_told)
+    assert {"r1.yield_force", "r2.yield_force"} <= set(found.undetermined)
     assert found.places == [2]
 
 
