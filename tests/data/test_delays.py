@@ -13,7 +13,7 @@ from benchmarks.delays import channels_of, frames, late
 from data import MeasuredData
 from data.datamodule import Data
 from data.inspect.__main__ import main as inspect
-from data.measured.delays import delay_findings, delays
+from data.measured.delays import delay_findings, delay_of, delays
 from data.measured.mend import Mending
 from data.measured.raw_record import RawRecord
 from data.simulation.scenario import FullState
@@ -154,3 +154,16 @@ def test_a_real_frame_whose_sensors_are_in_step_has_no_delay(event):
     units = {"time": "us", "a": "m/s^2", "s_ddot": "m/s^2"}
     data = read(SHARED / event, channels=files, units=units, skip_rows=6)
     assert not any("delay" in note for note in doubts(data))
+
+
+@pytest.mark.parametrize("zeta", [0.02, 0.1, 0.2])
+def test_the_phase_of_a_dashpot_is_no_delay(zeta):
+    """Of f³ below the first mode: taken for one of f², it would look like a millisecond."""
+    rng = np.random.default_rng(1)
+    base = np.convolve(rng.standard_normal(12000), np.ones(4) / 4, "same")
+    r = np.fft.rfftfreq(48000, DT) / 3.0
+    h = (1.0 + 2j * zeta * r) / (1.0 - r**2 + 2j * zeta * r)
+    floor = np.fft.irfft(h * np.fft.rfft(base, 48000), 48000)[:12000]
+    found = delay_of(base, floor + 1e-4 * rng.standard_normal(12000), DT)
+    assert found is not None
+    assert abs(found.seconds) < 2.0 * found.error < 4e-4

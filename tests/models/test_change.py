@@ -11,7 +11,10 @@ import torch
 from benchmarks.changed import SIZE, model_of, record_of, structure
 from data.record import Record
 from models import ElementNetwork, NeuralStateSpace
+from models.estimator import Parameter
 from models.uncertainty.change import Change, by_holm, compare, refit
+from models.uncertainty.change import _differences as differences
+from models.uncertainty.change import _Fit as Fit
 
 NOISE = 0.05
 SOUND, LOST = np.ones(2), np.array([1.0, 0.75])
@@ -44,6 +47,21 @@ def test_a_loss_is_found_placed_and_sized_and_a_sound_pair_is_not_called_changed
     for name, value in model.state_dict().items():
         assert torch.equal(value, kept[name])
     assert torch.equal(found.after.mass(), model.mass())
+
+
+def test_intervals_are_as_wide_as_blocks_of_a_record_disagree():
+    """A wrong law asks for other parameters in each: ten times as far apart, ten times as wide."""
+    drawn = 0.1 * np.random.default_rng(0).standard_normal((12, 1))
+
+    def width(apart: float) -> float:
+        one, none = np.ones((1, 1)), np.zeros((1, 1))
+        fit = Fit(np.zeros(1), one, 1e-4 * one, none, none, apart * drawn, np.zeros(1), 2)
+        known = {"r1.stiffness": Parameter("r1.stiffness", 1.0, "N/m", "")}
+        (change,) = differences(known, list(known), fit, fit)
+        return float(np.log(change.high / change.low))
+
+    assert width(10.0) == pytest.approx(10.0 * width(1.0))
+    assert width(1e-3) == width(1e-6) > 0.0  # noise is there in any case
 
 
 def test_what_motions_do_not_reach_is_not_told(earlier):

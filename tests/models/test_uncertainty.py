@@ -155,6 +155,30 @@ def test_true_displacements_and_forces_lie_in_the_bands():
     assert np.mean(hits, axis=0) == pytest.approx(0.95, abs=0.05)
 
 
+def test_drifts_are_as_sure_as_parameters_and_as_what_the_model_leaves_out():
+    """Each part alone: a fit to noise under a run without any; a sure fit beside a wrong motion."""
+    model, record = planted(masses=True)
+    truth, peaks, posterior = free_vector(model), [], []
+    for seed in range(8):
+        set_free_vector(model, truth)
+        found = laplace(model, [noisy(record, 0.03, seed)])
+        set_free_vector(model, truth + torch.from_numpy(found.step))
+        exact = replace(record, a=model.free_run(record.drive()).a)
+        rows = drifts(model, found, exact)
+        peaks.append([row["peak"] for row in rows])
+        posterior.append([row["peak_half"] for row in rows])
+    ratio = np.mean(posterior, axis=0) / (1.96 * np.std(peaks, axis=0, ddof=1))
+    assert ((ratio > 0.5) & (ratio < 3.0)).all()  # eight draws know it to a quarter
+    set_free_vector(model, truth)
+    sure = laplace(model, [noisy(record, 1e-6)])
+    halves = [
+        np.array([row["peak_half"] for row in drifts(model, sure, noisy(record, level))])
+        for level in (1e-3, 2e-3)
+    ]
+    assert (halves[0] > 0.0).all()
+    assert halves[1] == pytest.approx(2.0 * halves[0], rel=0.1)
+
+
 def test_true_drifts_lie_in_their_intervals_and_such_as_hold_zero_do_not_tell_them():
     """Peaks and what stays, of springs that yield, from accelerations with noise."""
     model, record = planted(masses=True)
