@@ -132,6 +132,12 @@ def test_energy_balances_in_a_structure(element):
     assert_allclose(given, kinetic + motion.work[:, 0], atol=2e-4 * given.max())
 
 
+@pytest.mark.parametrize("name", ["uneven joint", "uneven wall"])
+def test_yield_forces_of_both_sides_are_those_of_a_pull(name):
+    ends = [force(LAWS[name], np.linspace(0.0, end, 99), DT)[-1] for end in (Y, -0.7 * Y)]
+    assert_allclose(LAWS[name].strengths(), np.abs(ends), rtol=1e-6)
+
+
 def test_an_element_test_is_written_as_a_record(tmp_path):
     y = growing_cycles(0.03, 3, DT, 0.5)
     write(tmp_path / "test.csv", LAWS["flag"], y, DT)

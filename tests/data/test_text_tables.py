@@ -200,6 +200,12 @@ def test_times_of_the_day_are_a_clock_that_runs_on_at_midnight(tmp_path, stamp):
     assert np.diff(found.columns["time"]) == pytest.approx(0.01, abs=1e-6)
 
 
+def test_hours_to_12_count_from_midnight(tmp_path):
+    stamps = ("12:30:00 AM", "01:30:00 AM", "12:30:00 PM", "01:30:00 PM")
+    found = read(tmp_path, "\n".join(["time,a1 [g]", *(f"{stamp},1" for stamp in stamps), ""]))
+    assert found.columns["time"].tolist() == [1800.0, 5400.0, 45_000.0, 48_600.0]
+
+
 def test_a_long_table_is_refused_for_its_rows_say_which_series_they_are_of(tmp_path):
     """Else both sensors would be read as one of twice the rate; a remark of one word is none."""
     rows = [f"{0.01 * k:.2f},{s},{k % 7}" for k in range(40) for s in ("base", "roof")]

@@ -23,7 +23,7 @@ from models.uncertainty.intervals import (
     UNEXCITED,
     intervals_of,
 )
-from models.uncertainty.laplace import NORMAL, about, laplace
+from models.uncertainty.laplace import NORMAL, Laplace, about, laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.unmeasured import DEFORMATION, DISPLACEMENT, FORCE, unmeasured
 
@@ -83,18 +83,22 @@ def noisy(record, level: float, seed: int = 0):
     return replace(record, a=record.a + level * record.a.std() * noise)
 
 
+def to_minimum(model: ElementNetwork, measured: Record, truth: torch.Tensor) -> Laplace:
+    """The fit to a record, which is near the truth."""
+    set_free_vector(model, truth)
+    for _ in range(3):
+        step = laplace(model, [measured]).step
+        set_free_vector(model, free_vector(model) + torch.from_numpy(step))
+    return laplace(model, [measured])
+
+
 def test_intervals_of_a_network_cover_what_was_planted():
     model, record = planted()
     truth = free_vector(model)
     known = {p.name: p.value for p in model.physical_parameters()}
     hits = []
     for seed in range(12):
-        set_free_vector(model, truth)
-        measured = noisy(record, 0.03, seed)
-        for _ in range(3):  # to the minimum, which is near
-            step = laplace(model, [measured]).step
-            set_free_vector(model, free_vector(model) + torch.from_numpy(step))
-        for i in intervals_of(model, laplace(model, [measured])):
+        for i in intervals_of(model, to_minimum(model, noisy(record, 0.03, seed), truth)):
             if i.status == DETERMINED:
                 hits.append(abs(i.value - known[i.name]) <= i.half)
     assert len(hits) > 100
@@ -145,12 +149,7 @@ def test_true_displacements_and_forces_lie_in_the_bands():
         deformation, force = model.element_loops(record)
     known = {DISPLACEMENT: record.x, FORCE: force, DEFORMATION: deformation}
     for seed in range(12):
-        set_free_vector(model, truth)
-        measured = noisy(record, 0.03, seed)
-        for _ in range(3):  # to the minimum, which is near
-            step = laplace(model, [measured]).step
-            set_free_vector(model, free_vector(model) + torch.from_numpy(step))
-        bands = unmeasured(model, laplace(model, [measured]), record)
+        bands = unmeasured(model, to_minimum(model, noisy(record, 0.03, seed), truth), record)
         hits.append([bands[name].coverage(signal) for name, signal in known.items()])
     assert np.mean(hits, axis=0) == pytest.approx(0.95, abs=0.05)
 
@@ -160,10 +159,9 @@ def test_drifts_are_as_sure_as_parameters_and_as_what_the_model_leaves_out():
     model, record = planted(masses=True)
     truth, peaks, posterior = free_vector(model), [], []
     for seed in range(8):
-        set_free_vector(model, truth)
-        found = laplace(model, [noisy(record, 0.03, seed)])
-        set_free_vector(model, truth + torch.from_numpy(found.step))
-        exact = replace(record, a=model.free_run(record.drive()).a)
+        found = to_minimum(model, noisy(record, 0.03, seed), truth)
+        with torch.no_grad():
+            exact = replace(record, a=model.free_run(record.drive()).a)
         rows = drifts(model, found, exact)
         peaks.append([row["peak"] for row in rows])
         posterior.append([row["peak_half"] for row in rows])
