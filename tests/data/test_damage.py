@@ -19,19 +19,11 @@ from data.simulation.records import Simulation
 from data.simulation.scenario import FullState, Noisy
 from data.simulation.structure import Structure
 from runner.config.compose import composed
+from tests.data.test_motion import DT, forces, relative_rms
 from tests.experiments import data_from
 from tests.reference import paper_structure, reference_response
 
-DT = 0.01
 NAMES = ("x", "v", "a", "y", "r", "work")
-
-
-def relative_rms(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
-
-
-def forces(structure, excitation, samples=400, dt=DT, seed=0):
-    return excitation.draw(structure, samples, dt, 0, np.random.default_rng(seed))[0]
 
 
 def damaged(structure, damage, force, dt=DT, tolerance=1e-7):

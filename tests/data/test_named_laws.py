@@ -364,6 +364,7 @@ def test_asymmetry_sets_the_largest_force_of_either_side():
     e = BaberNoori(between=BETWEEN, stiffness=K, beta=60.0, gamma=40.0, asymmetry=10.0)
     r = force(e, *_with_dt(eased(0.2, -0.2, samples=400)))
     assert_allclose(r[[400, 800]], [K / 120.0, -K / 80.0], rtol=1e-5)
+    assert_allclose(e.strengths(), [K / 120.0, K / 80.0])
 
 
 def test_degrading_pinching_law_equals_its_differential_equation():

@@ -79,26 +79,6 @@ def test_the_force_of_a_pair_is_that_of_its_laws(name):
     np.testing.assert_allclose(both, apart, rtol=1e-12, atol=1e-9 * np.abs(both).max())
 
 
-def test_masses_of_a_chain_on_a_shaken_base_are_found_with_its_laws():
-    """The scale is open; masses stand in the ratio that they have, and laws are those planted."""
-    first, second = PLANTED["MenegottoPinto"], PLANTED["SelfCentering"]
-    structure = Structure(
-        [5e4, 3e4],
-        {
-            "r1": replace(first, between=("s1", "x1"), damping=6e4),
-            "r2": replace(second, between=("x1", "x2"), activation_displacement=0.004, damping=6e4),
-        },
-    )
-    records = [_of_base(shaken(structure, i, size)) for i, size in enumerate((0.3, 0.22))]
-    unseen = _of_base(shaken(structure, 7, 0.28))
-    model = Named(2, 1, DT, "chain", forced="base", laws=["MenegottoPinto", "SelfCentering"])
-    facts = model.identify(records)
-    assert facts["laws"] == "MenegottoPinto, SelfCentering"
-    light, heavy = sorted(model.mass().tolist())
-    assert heavy / light == pytest.approx(5.0 / 3.0, rel=0.02)
-    assert error(model, [unseen]) < 3.0
-
-
 def _of_base(record: Record) -> Record:
     """The same motion against its base, whose acceleration is −f."""
     assert record.s is not None

@@ -12,22 +12,7 @@ from data.record import Record, stack
 from models.fit.problem import Problem
 from models.fit.solvers.adam import Adam
 from models.recurrent import Recurrent
-
-DT = 0.01
-
-
-def motion(samples: int = 120, seed: int = 0, begins: str = "rest") -> Record:
-    """Two masses on linear springs under smooth random forces."""
-    rng = np.random.default_rng(seed)
-    f = np.cumsum(rng.standard_normal((samples, 2)), axis=0)
-    x, v, history = np.zeros(2), np.zeros(2), []
-    for u in f:
-        a = u - 90.0 * x - 1.5 * v
-        history.append((x, v, a))
-        v = v + DT * a
-        x = x + DT * v
-    x, v, a = (torch.from_numpy(np.stack(s)) for s in zip(*history, strict=True))
-    return Record(DT, a, torch.from_numpy(f), x, v, initial_state=begins)
+from tests.models.two_masses import DT, motion
 
 
 def identified(cell: str, record: Record, **choices) -> Recurrent:
