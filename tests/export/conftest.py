@@ -7,14 +7,13 @@ from pathlib import Path
 import pytest
 import torch
 
-import train
 from data.record import Drive
 from data.sample import Sensors
 from export.passport import Passport
 from export.run import Exported
 from models import ElementNetwork
 from models.estimator import Estimator
-from tests.program.test_train import run
+from tests.program.test_train import finished_run
 
 DT = 0.01
 QUICK = ["data.duration=2", "model=vwnn", "model.order=1", "figures=false"]
@@ -23,10 +22,7 @@ QUICK = ["data.duration=2", "model=vwnn", "model.order=1", "figures=false"]
 @pytest.fixture(scope="session")
 def vwnn_run(tmp_path_factory) -> Path:
     """A finished run of the VWNN of first order."""
-    folder = tmp_path_factory.mktemp("runs") / "vwnn"
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        assert run(train, monkeypatch, *QUICK, f"hydra.run.dir={folder}") == 0
-    return folder
+    return finished_run(tmp_path_factory.mktemp("runs") / "vwnn", *QUICK)
 
 
 def exported(estimator: Estimator, name: str = "model", hold: str = "linear") -> Exported:

@@ -14,7 +14,7 @@ import train
 from runner.config.compose import composed
 from tests.experiments import data_from
 from tests.program.test_new_records import moved, write
-from tests.program.test_train import run
+from tests.program.test_train import finished_run, run
 
 QUICK = ["baselines=none", "trainer.enable_progress_bar=false", "figures=false"]
 LINEAR = ["model=linear", "data.duration=10", *QUICK]
@@ -26,19 +26,13 @@ def bands(folder: Path) -> dict:
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("runs") / "linear"
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        assert run(train, monkeypatch, *LINEAR, f"hydra.run.dir={folder}") == 0
-    return folder
+    return finished_run(tmp_path_factory.mktemp("runs") / "linear", *LINEAR)
 
 
 @pytest.fixture(scope="module")
 def without(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "without"
-    words = [*LINEAR, "data.calibration_records=0", f"hydra.run.dir={folder}"]
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        assert run(train, monkeypatch, *words) == 0
-    return folder
+    return finished_run(folder, *LINEAR, "data.calibration_records=0")
 
 
 def test_a_run_has_bands_of_both_ways_and_nothing_else_differs(finished, without):

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import evaluate
-import train
 from tests.models.dampers import magnetorheological
-from tests.program.test_train import run
+from tests.program.test_train import finished_run, run
 
 DT = 0.002
 CHANNELS = "{time: time, s1: disp_mm, s_dot1: vel, u1: voltage_V, r1: force_N}"
@@ -34,15 +33,10 @@ def folder(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def trained(folder, tmp_path_factory) -> Path:
     """A run that was trained on a to c and tested on d."""
-    run_folder = tmp_path_factory.mktemp("runs") / "damper"
     paths = ",".join(str(folder / f"{name}.csv") for name in "abcd")
     words = ["data=measured", f"data.path=[{paths}]", "data.test=d", f"data.channels={CHANNELS}"]
-    words += ["data.units.s_dot=m/s"]
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        found = run(train, monkeypatch, *words, "model=hysteretic_element", *SHORT,
-                    f"hydra.run.dir={run_folder}")  # fmt: skip
-    assert found == 0
-    return run_folder
+    words += ["data.units.s_dot=m/s", "model=hysteretic_element", *SHORT]
+    return finished_run(tmp_path_factory.mktemp("runs") / "damper", *words)
 
 
 def test_a_damper_is_trained_and_tested_under_other_voltages(trained):

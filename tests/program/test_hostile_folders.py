@@ -28,7 +28,7 @@ from runner.folder.run_files import CHECKPOINT, CONFIG, METRICS
 from runner.folder.run_folder import config_text, write_failure
 from runner.scores.result import DAMAGED, FINISHED, STATUSES
 from tests.hostile_files import BOMBS, changes
-from tests.program.test_train import run
+from tests.program.test_train import finished_run, run
 
 ROOT = Path(__file__).parents[2]
 SIGNS = st.text(st.sampled_from("\\${}:,.[]'\" a?\n=%()"), max_size=14) | st.text(max_size=8)
@@ -48,9 +48,7 @@ def test_any_text_of_a_config_stays_that_text(text):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("finished") / "run"
-    with pytest.MonkeyPatch.context() as patch:
-        assert run(train, patch, *QUICK, "model=vwnn", f"hydra.run.dir={folder}") == 0
+    folder = finished_run(tmp_path_factory.mktemp("finished") / "run", *QUICK, "model=vwnn")
     assert not (folder / RUN).exists()
     return folder
 

@@ -28,7 +28,7 @@ from live import __main__ as live_command
 from report.zoo import command as zoo_command
 from runner.folder.lock import release_all
 from tests.hostile_words import command_lines
-from tests.program.test_train import run
+from tests.program.test_train import finished_run, run
 
 EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "12"))
 SECONDS = 10  # of a line that asks for much work: it is no traceback until then
@@ -55,9 +55,7 @@ def _time_up(number: int, frame: FrameType | None) -> None:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Iterator[Path]:
     """A finished run; the alarm rings for lines that take long."""
-    folder = tmp_path_factory.mktemp("runs") / "run"
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        assert run(train, monkeypatch, *QUICK, "model=linear", f"hydra.run.dir={folder}") == 0
+    folder = finished_run(tmp_path_factory.mktemp("runs") / "run", *QUICK, "model=linear")
     before = signal.signal(signal.SIGALRM, _time_up)
     yield folder
     signal.signal(signal.SIGALRM, before)

@@ -17,7 +17,7 @@ import train
 from data.record import Drive
 from runner import job
 from tests.program.planted_runs import plant, shaken
-from tests.program.test_train import run
+from tests.program.test_train import finished_run, run
 
 DT = 0.01
 QUIET = ["trainer.enable_progress_bar=false", "figures=false"]
@@ -64,11 +64,8 @@ def records(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def network(records, tmp_path_factory) -> Path:
     """A network that was trained on a and tested on b and c."""
-    folder = tmp_path_factory.mktemp("runs") / "network"
     words = ["data=measured", f"data.path={records}", "data.test=[b,c]", *NETWORK, *QUIET]
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        assert run(train, monkeypatch, *words, f"hydra.run.dir={folder}") == 0
-    return folder
+    return finished_run(tmp_path_factory.mktemp("runs") / "network", *words)
 
 
 def numbers(folder: Path) -> dict:

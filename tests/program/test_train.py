@@ -31,13 +31,17 @@ def run(program, monkeypatch, *words: str) -> int:
     return 0
 
 
+def finished_run(folder: Path, *words: str) -> Path:
+    """The folder of a run of `python train.py words`, for fixtures of more than one test."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert run(train, monkeypatch, *words, f"hydra.run.dir={folder}") == 0
+    return folder
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """A finished run of the VWNN."""
-    folder = tmp_path_factory.mktemp("runs") / "vwnn"
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        assert run(train, monkeypatch, *QUICK, f"hydra.run.dir={folder}") == 0
-    return folder
+    return finished_run(tmp_path_factory.mktemp("runs") / "vwnn", *QUICK)
 
 
 @pytest.fixture

@@ -8,20 +8,16 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.plugins.hparams import metadata
 
-import train
 from report.collection.report import long_table
 from report.collection.runs import collect
 from report.collection.scores import scores_of
-from tests.program.test_train import QUICK, run
+from tests.program.test_train import QUICK, finished_run
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("runs") / "network"
     words = [*QUICK, "model=residual_mlp", "solver.iterations=3", "baselines=none", "figures=false"]
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        assert run(train, monkeypatch, *words, f"hydra.run.dir={folder}") == 0
-    return folder
+    return finished_run(tmp_path_factory.mktemp("runs") / "network", *words)
 
 
 def events_of(folder: Path) -> list[EventAccumulator]:
