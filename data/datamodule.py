@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from lightning.pytorch import LightningDataModule
@@ -19,6 +20,13 @@ from data.sample import Sensors
 from data.windows import WindowDataset, after_rest, cut
 
 EACH = "each record"  # under which `notes` has what holds for every record of a split
+
+
+def _from(record: Record, first: int) -> Record:
+    """The motion from a sample on; behind all that came before where its state was not measured."""
+    if record.x is None or record.v is None:
+        return replace(record, warmup=first)
+    return record.window(first, record.samples - first)
 
 
 class Data(LightningDataModule):
@@ -107,7 +115,7 @@ class Data(LightningDataModule):
                         "each; change it or take longer records"
                     )
             records["train"] = [r.window(0, k, r.warmup) for r, k in pairs]
-            records["validation"] = [r.window(k, r.samples - k) for r, k in pairs]
+            records["validation"] = [_from(r, k) for r, k in pairs]
         train = records["train"]
         signals = train[0].signals().values()
         self.check_windows([r.samples for r in train], sum(u.shape[-1] for u in signals))
@@ -156,8 +164,9 @@ class Data(LightningDataModule):
         return DataLoader(windows, batch_size=batch, shuffle=shuffle, collate_fn=stack)
 
     def val_dataloader(self) -> DataLoader[Any] | list[Any]:
-        """Whole parts held back for validation, or an empty list."""
-        return self.loader("validation") if self.validation > 0.0 else []
+        """Whole parts held back for validation, or an empty list where no run can begin in them."""
+        held_back = self.records.get("validation", [])
+        return self.loader("validation") if held_back and not held_back[0].warmup else []
 
     def test_dataloader(self) -> list[DataLoader[Any]]:
         """Training and test records, in this order, then those held back: all are scored."""

@@ -17,9 +17,9 @@ import models
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {  # lines of Python that a room may have, and those that it should have
-    "data": (16_850, 10_500),
+    "data": (17_020, 10_500),
     "models": (25_800, 17_000),
-    "runner": (4_950, 3_600),
+    "runner": (5_700, 3_600),
     "export": (5_600, 4_200),
     "report": (7_950, 6_000),
     "live": (1_100, 800),
@@ -28,7 +28,7 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "tests": (29_940, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
-PROGRAMS = ("train", "evaluate", "predict", "benchmarks")  # on the roof
+PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof
 ABOVE = {"hydra_plugins": ("runner",)}  # a porch: imports these alone
 
 

@@ -90,10 +90,15 @@ def direct_command(
 
     settings: of `data=measured`, None for what is not said; channels: {channel: column}.
     """
+    words = [*data_words(settings, mends), *model_for(channels)]
+    return f"python train.py {shlex.join(words)}"
+
+
+def data_words(settings: Mapping[str, Any], mends: Sequence[str]) -> list[str]:
+    """Words of a command line that read records; of each repair the largest."""
     said = [f"data.{key}={_for_hydra(value)}" for key, value in settings.items() if value]
     largest = {word.partition("=")[0]: word for word in sorted(mends, key=_setting)}
-    words = ["data=measured", *said, *largest.values(), *model_for(channels)]
-    return f"python train.py {shlex.join(words)}"
+    return ["data=measured", *said, *largest.values()]
 
 
 def mends_of(findings: Iterable[Finding]) -> list[str]:

@@ -45,7 +45,8 @@ def drifts(
 ) -> list[dict[str, float | str]]:
     """Peak and residual of every element in the free run of a record, and their `half` widths [m].
 
-    [] where the record begins in a motion that is not known.
+    [] where the record begins in a motion that is not known; without elements whose drift diverges
+    in a run that is as likely.
     """
     if record.initial_state == "unknown":
         return []
@@ -69,7 +70,8 @@ def drifts(
     numbers = np.concatenate([own, half]).reshape(4, -1).T.tolist()
     for e, (pair, four) in enumerate(zip(names_of(estimator), numbers, strict=True), start=1):
         keys = ("peak", "residual", "peak_half", "residual_half")
-        rows.append({"element": f"r{e} {pair}", **dict(zip(keys, four, strict=True))})
+        if np.isfinite(four).all():
+            rows.append({"element": f"r{e} {pair}", **dict(zip(keys, four, strict=True))})
     return rows
 
 

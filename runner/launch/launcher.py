@@ -27,6 +27,14 @@ ROOT = Path(__file__).parent.parent.parent
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
+def environment_of(threads: int) -> dict[str, str]:
+    """Variables of a process that does runs on so many threads."""
+    # libraries read these when they are loaded, before a run can say threads=
+    paths = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+    path = os.pathsep.join(dict.fromkeys(filter(None, paths)))
+    return dict.fromkeys(THREADS, str(threads)) | {"PYTHONPATH": path}
+
+
 class Worker:
     """Does runs of a sweep, one after another, in any process that sees the same folders."""
 
@@ -35,10 +43,7 @@ class Worker:
         self.task = cloudpickle.dumps(task)  # by value: the program is no module of the workers
         self.singletons = Singleton.get_state()
         self.folder = Path.cwd()
-        # libraries read these when they are loaded, before a run can say threads=
-        self.environment = dict.fromkeys(THREADS, str(config.threads or 1))
-        paths = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
-        self.environment["PYTHONPATH"] = os.pathsep.join(dict.fromkeys(filter(None, paths)))
+        self.environment = environment_of(config.threads or 1)
 
     def __call__(self, words: Sequence[str]) -> str | None:
         """Do one run from the words typed for it; why the run left no result, if it cannot say."""

@@ -11,7 +11,7 @@ import signal
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
@@ -21,7 +21,7 @@ import psutil
 from runner.launch.launcher import SweepLauncher, Worker
 
 TRIES = 4  # of a run whose process is lost; more often, and the run itself is the reason
-_worker: Worker
+_worker: Worker | None
 
 
 class JoblibLauncher(SweepLauncher):
@@ -38,7 +38,7 @@ class JoblibLauncher(SweepLauncher):
         return run_side_by_side(worker, jobs, effective_n_jobs(self.n_jobs))
 
 
-def _start(worker: Worker, parent: int) -> None:
+def _start(worker: Worker | None, parent: int) -> None:
     global _worker
     _worker = worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends us
@@ -61,22 +61,23 @@ def _end_with(parent: int) -> None:
 
 
 def _run(words: Sequence[str]) -> str | None:
+    assert _worker is not None
     return _worker(words)
 
 
-def _process(worker: Worker) -> Any:
+def fresh_process(environment: Mapping[str, str], worker: Worker | None = None) -> Any:
     """A pool of one process that starts afresh, so that losing the process breaks no other."""
     from joblib.externals.loky.process_executor import ProcessPoolExecutor
 
     return ProcessPoolExecutor(
-        1, initializer=_start, initargs=(worker, os.getpid()), env=worker.environment
+        1, initializer=_start, initargs=(worker, os.getpid()), env=dict(environment)
     )
 
 
 def run_side_by_side(worker: Worker, jobs: list[list[str]], processes: int) -> dict[str, str]:
     """Do all jobs; {words of a job: why it has no result} of those that were lost."""
     waiting, tries, lost = deque(jobs), Counter[str](), dict[str, str]()
-    pools = {_process(worker) for _ in range(min(processes, len(jobs)))}
+    pools = {fresh_process(worker.environment, worker) for _ in range(min(processes, len(jobs)))}
     idle, busy = list(pools), dict[Future[str | None], tuple[Any, list[str]]]()
     try:
         while waiting or busy:
@@ -89,7 +90,7 @@ def run_side_by_side(worker: Worker, jobs: list[list[str]], processes: int) -> d
                 if broken:
                     tries[name] += 1
                     pools.remove(pool)
-                    pools.add(pool := _process(worker))
+                    pools.add(pool := fresh_process(worker.environment, worker))
                 idle.append(pool)
                 if broken and tries[name] < TRIES:
                     waiting.append(words)

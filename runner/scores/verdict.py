@@ -117,7 +117,7 @@ def _fault(way: str, scores: Mapping[str, Any], on_base: bool) -> str:
 def motions_of(data: Data) -> dict[str, list[Record]]:
     """Records that no fit saw: of test, and those held back, after what was trained on."""
     pairs = zip(data.records.get(HELD_BACK, []), data.records["train"], strict=False)
-    held = [late.behind(early) for late, early in pairs]
+    held = [late if late.warmup else late.behind(early) for late, early in pairs]
     return {"test": list(data.loader("test"))} | ({HELD_BACK: held} if held else {})
 
 
@@ -145,6 +145,7 @@ def compare_with(
         for name, one in opponents.items():
             if isinstance(one, PLAIN) and type(one) is not type(model):
                 others[name] = _errors(one, records, way)
+        verdict.setdefault("blocks", {})[split] = own.tolist()
         known = {name: e for name, e in others.items() if e is not None}
         verdict["opponents"][split] = {name: _rms(e) for name, e in known.items()}
         still = errors_by_block(

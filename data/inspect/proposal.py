@@ -1,0 +1,162 @@
+"""What an inspected record is taken for: its channels, settings to train on it, open questions.
+
+One reading for `python -m data.inspect`, which prints a command, and `identify.py`, which goes on.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from data.inspect.config import data_words, mends_of
+from data.inspect.folders import of_folders
+from data.inspect.inspection import (
+    Inspection,
+    columns_of,
+    inspections,
+    is_free,
+    lacking,
+    mapped,
+    places,
+)
+from data.measured.channels import signal_of
+from data.measured.files.columns import FileError
+from data.measured.floors import is_base
+from data.measured.raw_record import Finding
+from data.measured.reading import is_archive
+
+OPTION = re.compile(r"data\.[\w.]+(?:=[^\s,;]+)?")
+COLUMN = "data.channels.{}=COLUMN"
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Records as they are understood. columns: {channel: column} of all of them."""
+
+    records: list[Inspection]
+    columns: dict[str, str]
+    settings: dict[str, Any]  # of data=measured, which nobody said
+    questions: list[tuple[str, str]]  # what only a person can say, and the option that says it
+    left_out: list[str] = field(default_factory=list)  # files, and why
+    why: dict[str, str] = field(default_factory=dict)  # by channel: what it was recognised by
+
+    @property
+    def mends(self) -> list[str]:
+        """Repairs that faults ask for, as words of a command line."""
+        return mends_of(f for record in self.records for f in record.findings if f.blocks)
+
+    @property
+    def words(self) -> list[str]:
+        """Settings and repairs as words of a command line."""
+        return data_words(self.settings, self.mends)
+
+
+def proposal(
+    wanted: Sequence[str],
+    channels: Mapping[str, str],
+    units: Mapping[str, str],
+    align: str | None = None,
+    **reader: Any,
+) -> Proposal:
+    """What files, folders, archives and patterns hold, and what is missing to train on them.
+
+    channels, units, align, reader: what a person said, as in `data.inspect.inspection.inspection`.
+    Raises FileError and ValueError where nothing can be read, or what was said does not fit it.
+    """
+    said = {"path": list(wanted) if len(wanted) > 1 else wanted[0]}
+    left_out: list[str] = []
+    seen = list(_seen(wanted, channels, units, align, reader, left_out))
+    if not seen:
+        raise FileError("; ".join(left_out) or "there is no record in these files")
+    found = channels or _of_all(wanted, seen)
+    if not found:
+        return Proposal(seen, {}, said, _unnamed(seen), left_out)
+    why = {} if channels else {c: _why(seen, c, column) for c, column in found.items()}
+    if not channels and any(":" in column for column in found.values()):
+        seen = list(_seen(wanted, found, units, align, reader, left_out))
+    likely = {s: u for record in seen for s, u in record.likely.items() if "|" not in u}
+    sure = {signal: unit for signal, unit in likely.items() if signal not in units}
+    named = channels or all(c == column for c, column in found.items())
+    settings = said | ({} if named else {"channels": found}) | ({"units": sure} if sure else {})
+    questions = [*_questions(seen, found, sure)]
+    return Proposal(seen, dict(found), settings, questions, left_out, why)
+
+
+def _seen(
+    wanted: Sequence[str],
+    channels: Mapping[str, str],
+    units: Mapping[str, str],
+    align: str | None,
+    reader: Mapping[str, Any],
+    left_out: list[str],
+) -> Iterator[Inspection]:
+    """Records that can be read; why the others of a folder cannot goes to `left_out`."""
+    for path, named in places(wanted, channels):
+        try:
+            yield from inspections(path, channels, units, align, **reader)
+        except FileError as error:
+            if named:
+                raise
+            left_out.append(str(error))
+
+
+def _of_all(wanted: Sequence[str], seen: Sequence[Inspection]) -> dict[str, str]:
+    """{channel: column} that all records have; of a folder, of its files together."""
+    folders = [Path(one) for one in wanted if Path(one).is_dir() or is_archive(Path(one))]
+    together = next(filter(None, (of_folders(folder, seen)[0] for folder in folders)), {})
+    if together:
+        return together
+    each = [columns_of(record) for record in seen]
+    return each[0] if all(columns == each[0] for columns in each) else {}
+
+
+def _unnamed(seen: Sequence[Inspection]) -> list[tuple[str, str]]:
+    """The question for channels where records have none, or not the same."""
+    each = {record.path.name: columns_of(record) for record in seen}
+    names = ", ".join(dict.fromkeys(c for record in seen for c in record.raw.channels))
+    if len({tuple(columns) for columns in each.values()}) > 1:
+        text = f"{', '.join(list(each)[:3])} have other columns: give the records of one structure"
+        return [(text, COLUMN.format("a1"))]
+    text = "which columns are the response (a1, x1, …) and what drives it (s_ddot1, f1)?"
+    return [(f"{text} There are {names}", COLUMN.format("a1"))]
+
+
+def _questions(
+    seen: Sequence[Inspection], columns: Mapping[str, str], sure: Mapping[str, str]
+) -> Iterator[tuple[str, str]]:
+    """Each thing that is missing, once, with the option that says it."""
+    if lack := lacking(columns.keys() - {"time"}, any(map(is_free, seen))):
+        response = any(signal_of(c) in ("a", "x", "r") for c in columns if c != "time")
+        yield lack, COLUMN.format("s_ddot1" if response else "a1")
+    asked: dict[str, str] = {}
+    for finding in (f for record in seen for f in record.findings if f.blocks):
+        if not mends_of([finding]):
+            asked.setdefault(_option(finding), str(finding))
+    for option, text in asked.items():
+        if option.partition("=")[0].removeprefix("data.units.") not in sure:
+            yield text, option
+
+
+def _option(finding: Finding) -> str:
+    """The setting that a fault names."""
+    named = OPTION.search(finding.message)
+    return named[0].rstrip(".") if named else "data.start and data.stop"
+
+
+def _why(seen: Sequence[Inspection], channel: str, column: str) -> str:
+    """What a column was recognised by, in words."""
+    name = column.rpartition(":")[2]
+    if name == channel:
+        return "named so"
+    units = next((r.units[name] for r in seen if name in r.units), "")
+    if signal_of(channel) in ("s", "s_dot", "s_ddot") and is_base(column):
+        return f"its name says the ground{f', its unit is {units}' if units else ''}"
+    return f"its unit is {units}" if units and channel != "time" else "by its name"
+
+
+def channels_of(record: Inspection) -> list[str]:
+    """The channels that a record has under their names."""
+    return list(mapped(record))

@@ -1,0 +1,75 @@
+"""Which models a kind of record allows, in the order of what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from data.measured.channels import signal_of
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A model that is tried: its name in print, and the words that train it."""
+
+    name: str
+    words: tuple[str, ...]
+
+    @property
+    def folder(self) -> str:
+        """The name of its run's folder."""
+        return "_".join(self.name.replace(",", "").split())
+
+
+def _candidate(name: str, *words: str) -> Candidate:
+    return Candidate(name, (f"model={name.partition(',')[0]}", *words))
+
+
+def candidates(channels: Sequence[str], states: bool) -> list[Candidate]:
+    """The models for records of these channels. states: x and v were measured beside a.
+
+    Plain models come first: what follows has to be better than they are.
+    """
+    signals = {signal_of(channel) for channel in channels}
+    return [*_of_element(signals)] if "r" in signals else [*_of_structure(signals, states)]
+
+
+def _of_element(signals: set[str]) -> Iterator[Candidate]:
+    """An element under an imposed motion; other inputs have a place in its units alone."""
+    if "u" not in signals:
+        yield _candidate("restoring_force_surface, order 1", "model.order=1")
+        yield _candidate("restoring_force_surface")
+        yield _candidate("prandtl_ishlinskii")
+        yield _candidate("element_test, named", "model.laws=named")
+    yield _candidate("element_test, units", "model.laws=units")
+    if "u" not in signals:
+        yield _candidate("element_test, branch", "model.laws=branch")
+
+
+def _of_structure(signals: set[str], states: bool) -> Iterator[Candidate]:
+    """A structure under forces or on a base that moves; one driven by volts has no elements."""
+    yield _candidate("linear_state_space")
+    yield _candidate("fir")
+    elements = "u" not in signals and "y" not in signals
+    if elements:
+        yield _candidate("vwnn")
+        if states:
+            yield _candidate("linear")
+        for laws in ("named", "units"):
+            reads = () if states else (_READS[laws],)
+            yield _candidate(f"element_network, {laws}", f"model.laws={laws}", *reads)
+    yield _candidate("modal_network")
+    if elements:
+        reads = () if states else (_READS["branch"],)
+        yield _candidate("element_network, branch", "model.laws=branch", *reads)
+        if states:
+            yield _candidate("latent_hysteresis_network")
+    else:
+        yield _candidate("gru")
+
+
+_READS = {  # accelerations alone
+    "named": "model.from_accelerations=true",
+    "units": "model/reads=accelerations",
+    "branch": "model.from_accelerations=true",
+}

@@ -1,0 +1,129 @@
+"""What the door found: which model, how good, in words; kept as identify.json.
+
+The choice is by held-back motion alone: of models that simulate, the one with the fewest parameters
+within one standard error of the best; where none simulates, of all, by their estimates one step
+ahead. The test motion says how good the choice is.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+
+from models.estimator import Estimator
+from models.fit.blocks import fewest
+from models.fit.identification import HELD_BACK
+from models.fit.metrics import FREE_RUNS
+
+NAME, PAGE, MODELS = "identify.json", "report.html", "models"
+WIDTH, LINES = 80, 12
+SIMULATES, ONE_STEP, NOT = (
+    "simulates the structure",
+    "estimates one step ahead only",
+    "not identified",
+)
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What became of records: `identify.json` of a folder, and what lies beside it."""
+
+    folder: Path
+    found: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, folder: str | Path) -> Identified:
+        """The result in a folder. Raises ValueError where there is none."""
+        path = Path(folder) / NAME
+        if not path.is_file():
+            raise ValueError(f"{folder} holds no {NAME}; python identify.py writes it")
+        return cls(Path(folder), json.loads(path.read_text("utf-8")))
+
+    @property
+    def verdict(self) -> Mapping[str, Any]:
+        """Grade, error in percent with its interval, reason and advice."""
+        return dict(self.found["verdict"])
+
+    @property
+    def candidates(self) -> list[Mapping[str, Any]]:
+        """Each model that was tried or left out, and what came of it."""
+        return list(self.found["candidates"])
+
+    @property
+    def chosen(self) -> Mapping[str, Any] | None:
+        """The candidate that was chosen."""
+        place = self.found["chosen"]
+        return None if place is None else self.candidates[place]
+
+    @property
+    def model(self) -> Estimator:
+        """The chosen model. Raises ValueError where none was identified."""
+        from runner.folder.run import load_run
+
+        if self.chosen is None:
+            raise ValueError(f"no model was identified: {self.verdict['reason']}")
+        return load_run(self.folder / self.chosen["folder"])
+
+    def page(self) -> Path:
+        """The file report.html, which everybody can open."""
+        return self.folder / PAGE
+
+    def __str__(self) -> str:
+        return "\n".join(self.found["lines"])
+
+    def _repr_html_(self) -> str:
+        lines = "<br>".join(escape(line) for line in self.found["lines"])
+        return f'<div>{lines}<br><a href="{escape(str(self.page()))}">{PAGE}</a></div>'
+
+
+def outcome_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
+    """What a finished run says of its candidate, for `identify.json`."""
+    verdict = metrics["verdict"]
+    way = verdict.get("by", "one step")
+    split = FREE_RUNS["test"] if way == "free run" else "test"
+    blocks = verdict.get("blocks", {}).get(HELD_BACK)
+    held = None if blocks is None else 100.0 * float(np.sqrt(np.mean(blocks)))
+    return {
+        "way": way,
+        "held_back_percent": held,
+        "test_percent": metrics[split].get("relative_rms_percent"),
+        "parameters": metrics["parameters"],
+        "blocks": blocks,
+        "grade": verdict.get("grade"),
+    }
+
+
+def choose(outcomes: Sequence[Mapping[str, Any]]) -> int | None:
+    """The place of the chosen model; None where none has an error on held-back motion."""
+    simulator, other = (_best(outcomes, way) for way in ("free run", "one step"))
+    if simulator is None or other is None:
+        return other if simulator is None else simulator
+    grades = [(outcomes[i].get("grade") or {}).get("grade") for i in (simulator, other)]
+    return other if grades[0] != SIMULATES and grades[1] == ONE_STEP else simulator
+
+
+def _best(outcomes: Sequence[Mapping[str, Any]], way: str) -> int | None:
+    """The fewest parameters within one standard error of the least error on held-back motion."""
+    known = [i for i, one in enumerate(outcomes) if one.get("way") == way and one.get("blocks")]
+    known.sort(key=lambda i: outcomes[i]["parameters"])
+    return known[fewest(np.array([outcomes[i]["blocks"] for i in known]))] if known else None
+
+
+def lines_of(
+    verdict: Mapping[str, Any], chosen: Mapping[str, Any] | None, others: str
+) -> list[str]:
+    """The verdict in at most twelve lines of a terminal."""
+    texts = [f"{verdict['grade'].capitalize()}: {verdict['reason']}"]
+    if chosen is not None:
+        size = f", {chosen['parameters']} parameters" if chosen.get("parameters") else ""
+        texts.append(f"Model: {chosen['name']}{size}{others}")
+    texts += [f"What would help: {'; '.join(verdict['advice'])}"] if verdict.get("advice") else []
+    lines = [line for text in texts for line in wrap(text, WIDTH)]
+    return lines if len(lines) <= LINES - 3 else [*lines[: LINES - 4], f"{lines[LINES - 4][:77]}…"]

@@ -1,0 +1,103 @@
+"""What identify.py prints: what each column is taken for, a line for each model, the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.live import Live
+from rich.text import Text
+
+from data.terminal import Terminal
+from runner.door.fits import LOG
+from runner.door.identified import Identified
+from runner.door.search import Watch
+from runner.scores.spread import percent
+
+COLUMN = 34  # of the names of models
+
+
+class Progress(Watch):
+    """Lines of the terminal while models are fitted; the running ones only where it is one."""
+
+    def __init__(self, console: Terminal) -> None:
+        self.console = console
+        self.live = Live(console=console, transient=True, auto_refresh=False)
+
+    def __enter__(self) -> Progress:
+        if self.console.is_terminal:
+            self.live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.console.is_terminal:
+            self.live.stop()
+
+    def understood(self, about: Mapping[str, Any]) -> None:
+        record = about["record"]
+        for number, file in enumerate(record["files"]):
+            length = "" if file["seconds"] is None else f", {file['seconds']:.4g} s"
+            rate = "" if file["dt"] is None else f" at {1.0 / file['dt']:.6g} Hz"
+            self._line(f"{file['name']}: {file['samples']:,} samples{rate}{length}", "bold")
+            for column in file["channels"] if number == 0 else ():
+                unit = f" [{column['unit']}]" if column["unit"] else ""
+                taken = f"is {column['channel']}" if column["channel"] else "is not used"
+                why = f": {column['why']}" if column["channel"] and column["why"] else ""
+                self._line(f"  {column['column']}{unit} {taken}{why}")
+            for fault in file["findings"]:
+                where = f" in {fault['channel']}" if fault["channel"] else ""
+                self._line(f"  {fault['what']}{where}: {fault['text']}", "yellow")
+        for text in record.get("left_out", []):
+            self._line(f"left out: {text}", "dim")
+        for word in record.get("repairs", []):
+            self._line(f"repaired by {word}", "yellow")
+
+    def begun(self, name: str) -> None:
+        pass
+
+    def looked(self, running: Mapping[str, tuple[float, Path]], left: float) -> None:
+        if not self.console.is_terminal:
+            return
+        lines = [
+            f"  {name:<{COLUMN}} {seconds:4.0f} s  {_last_line(folder / LOG)}"[:79]
+            for name, (seconds, folder) in running.items()
+        ]
+        self.live.update(
+            Text("\n".join([*lines, f"at most {max(left, 0.0):.0f} s left"])), refresh=True
+        )
+
+    def done(self, outcome: Mapping[str, Any]) -> None:
+        name, seconds = outcome["name"], outcome["seconds"]
+        if outcome["status"] == "failed":
+            self._line(f"  {name:<{COLUMN}} {seconds:4.0f} s  failed: {outcome['reason']}", "dim")
+            return
+        held = outcome["held_back_percent"]
+        error = "diverges" if held is None else f"{percent(held)} %"
+        text = f"  {name:<{COLUMN}} {seconds:4.0f} s  held back {error:>9}, {outcome['way']}, "
+        self._line(f"{text}{outcome['parameters']} parameters")
+
+    def _line(self, text: str, style: str = "") -> None:
+        self.console.print(Text(text, style=style), soft_wrap=True)
+
+
+def print_found(console: Terminal, found: Identified) -> None:
+    """The verdict, the command that repeats the model, and the page."""
+    console.print()
+    for number, line in enumerate(found.found["lines"]):
+        console.print(Text(line, style="bold" if number == 0 else ""), soft_wrap=True)
+    if found.found["command"]:
+        console.print(Text(f"again: {found.found['command']}", style="dim"), soft_wrap=True)
+    place = found.page() if found.page().is_file() else found.folder
+    console.print(Text(f"saved in {place}"), soft_wrap=True)
+
+
+def _last_line(path: Path) -> str:
+    """The last line of a log, at most 4 kB long; "" while there is none."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - 4096))
+            lines = file.read().decode("utf-8", "replace").strip().splitlines()
+    except OSError:
+        return ""
+    return lines[-1] if lines else ""

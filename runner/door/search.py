@@ -1,0 +1,287 @@
+"""From files to the model that fits them best: inspect, fit side by side, choose, test, write."""
+
+from __future__ import annotations
+
+import shlex
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from data.inspect.inspection import Inspection, step_of
+from data.inspect.proposal import Proposal, proposal
+from data.public.benchmarks import benchmark_in
+from runner.config.compose import composed, keys_of
+from runner.door.candidates import Candidate, candidates
+from runner.door.fits import Fits
+from runner.door.identified import MODELS, NAME, NOT, Identified, choose, lines_of, outcome_of
+from runner.folder.run_folder import write_json
+
+HELD_BACK = 0.2  # of each training record, its last part: the model is chosen on it
+READER = ("skip_rows", "delimiter", "decimal", "group", "header", "align")
+QUESTIONS = 3  # shown at a time: the rest follows once these are answered
+OF_MODELS = ("model.", "objective.", "solver.", "model/")
+
+
+class Watch:
+    """What is told while models are fitted; a terminal shows it, a notebook may not."""
+
+    def understood(self, about: Mapping[str, Any]) -> None:
+        """The record, as identify.json has it, before anything is fitted."""
+
+    def begun(self, name: str) -> None:
+        """A model's run began."""
+
+    def looked(self, running: Mapping[str, tuple[float, Path]], left: float) -> None:
+        """The seconds of each running model, its folder; the seconds that are left."""
+
+    def done(self, outcome: Mapping[str, Any]) -> None:
+        """A model's run ended."""
+
+
+@dataclass
+class Asked:
+    """What a person said: files, settings of data, settings of models."""
+
+    paths: list[str]
+    words: list[str] = field(default_factory=list)
+    config: Path | None = None  # a config of data, as data.inspect writes it
+
+    @property
+    def data(self) -> list[str]:
+        """Words about the record."""
+        return [word for word in self.words if not word.startswith(OF_MODELS)]
+
+    @property
+    def base(self) -> list[str]:
+        """The words that choose the data's config."""
+        if self.config is None:
+            return []
+        folder = self.config.resolve().parent.parent
+        return [f"hydra.searchpath=[file://{folder}]", f"data={self.config.stem}"]
+
+    def of(self, candidate: Candidate) -> list[str]:
+        """Words about models that this one understands."""
+        wanted = [word for word in self.words if word.startswith(OF_MODELS)]
+        known = keys_of("train", *candidate.words) if wanted else []
+        return [word for word in wanted if word.partition("=")[0].replace("/", ".") in known]
+
+
+def identify_records(
+    paths: Sequence[str | Path],
+    folder: str | Path,
+    budget: float | None = 300.0,
+    words: Iterable[str] = (),
+    processes: int | None = None,
+    config: Path | None = None,
+    watch: Watch | None = None,
+) -> Identified:
+    """The model that fits records best, chosen on held-back motion and tested on the rest.
+
+    paths: files, folders, archives, patterns. folder: where runs, identify.json and report.html go.
+    budget [s]: of all of it. words: settings as typed, `data.units.a=g`, `model.masses=[2,2]`.
+    processes: side by side; None: all cores. Where something only a person can know is missing,
+    nothing is fitted and the result has `questions`. Raises ValueError and FileError for files that
+    cannot be read and settings that do not fit them.
+    """
+    begun, watch, folder = time.monotonic(), watch or Watch(), Path(folder)
+    asked = Asked([str(path) for path in paths], list(words), config)
+    fits = Fits(processes)
+    try:
+        about, data_words = _understood(asked)
+        watch.understood(about)
+        if about["questions"]:
+            return _written(folder, _unanswered(about), [], None, begun, budget)
+        data = _data_of([*data_words, "model=linear_state_space"])
+        about["record"]["split"] = _split(data)
+        channels = list(data.sensors.channels)
+        states = all(r.x is not None and r.v is not None for r in data.records["train"])
+        tried = candidates(channels, states)
+        outcomes = [_blank(one, asked) for one in tried]
+        jobs = [
+            (i, [*data_words, *one["words"], "figures=false"], str(folder / one["folder"]))
+            for i, one in enumerate(outcomes)
+        ]
+        end = begun + (budget if budget is not None else 1e9)
+        interrupted = _fit(fits, jobs, end, outcomes, watch, folder)
+    finally:
+        fits.close()
+    about["interrupted"] = interrupted
+    return _written(folder, about, outcomes, data_words, begun, budget)
+
+
+def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
+    """The record as identify.json has it, with its questions; the words that read it."""
+    name = next((b for p in asked.paths if Path(p).is_dir() and (b := benchmark_in(Path(p)))), "")
+    if name:
+        folder = f"data.folder={_quoted(asked.paths[0])}"
+        words = ["data=benchmark", f"data.name={name}", folder, *asked.words]
+        record = {"files": [], "split": "", "benchmark": name}
+        return {"record": record, "questions": []}, [*words, f"data.validation={HELD_BACK}"]
+    said = composed(*(asked.base or ["data=measured"]), *asked.data, "data.path=x").data
+    values: Any = OmegaConf.to_container(said)
+    units = {signal: unit for signal, unit in values["units"].items() if unit}
+    reader = {key: values[key] for key in READER}
+    found = proposal(asked.paths, values["channels"] or {}, units, **reader)
+    answered = {word.partition("=")[0] for word in asked.data}
+    questions = [
+        {"text": text, "option": option}
+        for text, option in found.questions
+        if option.partition("=")[0] not in answered
+    ]
+    about = {"record": _record(found), "questions": questions[:QUESTIONS]}
+    own = [word for word in found.words[1:] if word.partition("=")[0] not in answered]
+    words = [*(asked.base or ["data=measured"]), *own, *asked.data]
+    return about, [*words, f"data.validation={HELD_BACK}"]
+
+
+def _record(found: Proposal) -> dict[str, Any]:
+    files = [_file(record, found) for record in found.records]
+    return {"files": files, "left_out": found.left_out, "repairs": found.mends, "split": ""}
+
+
+def _file(record: Inspection, found: Proposal) -> dict[str, Any]:
+    raw, channel_of = record.raw, {column: c for c, column in found.columns.items()}
+    first = next(iter(raw.channels))
+    dt = step_of(raw, first) if raw.dt or raw.clocks or raw.time is not None else None
+    samples = max(len(x) for x in raw.channels.values())
+    columns = [
+        {
+            "channel": (own := name if name in found.columns else channel_of.get(name)),
+            "column": found.columns.get(name, name),
+            "unit": record.units.get(name),
+            "why": found.why.get(own or "", ""),
+        }
+        for name in raw.channels
+    ]
+    faults = [
+        {"what": f.what, "channel": f.channel, "text": f.message, "blocks": f.blocks}
+        for f in record.findings
+    ]
+    seconds = None if dt is None else dt * samples
+    return {"name": raw.name, "samples": samples, "dt": dt, "seconds": seconds,
+            "notes": list(raw.notes), "channels": columns, "findings": faults}  # fmt: skip
+
+
+def _data_of(words: Sequence[str]) -> Any:
+    """The records that every model is fitted to. Raises ValueError for what cannot be."""
+    from models.experiment import Experiment
+    from runner.config.choices import plain
+    from runner.config.settings import check_files, check_settings
+
+    cfg = composed(*words)
+    check_settings(cfg)
+    check_files(cfg)
+    data = Experiment.of(plain(cfg)).make_data()
+    data.setup()
+    return data
+
+
+def _split(data: Any) -> str:
+    """Which motion trains, chooses and tests, in words."""
+
+    def listed(split: str) -> str:
+        names, records = data.names.get(split, []), data.records[split]
+        seconds = sum(r.samples * r.dt for r in records)
+        shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        return f"{shown or split}, {seconds:.4g} s"
+
+    return (
+        f"trained on {listed('train')}, of which the last fifth chooses the model; "
+        f"tested on {listed('test')}"
+    )
+
+
+def _blank(candidate: Candidate, asked: Asked) -> dict[str, Any]:
+    words = [*candidate.words, *asked.of(candidate)]
+    return {"name": candidate.name, "words": words, "folder": f"{MODELS}/{candidate.folder}",
+            "status": "not tried", "reason": "no time was left", "seconds": None}  # fmt: skip
+
+
+def _fit(
+    fits: Fits,
+    jobs: Sequence[tuple[int, list[str], str]],
+    end: float,
+    outcomes: list[dict[str, Any]],
+    watch: Watch,
+    folder: Path,
+) -> bool:
+    """Fit all candidates, what comes of them into `outcomes`; whether it was interrupted."""
+
+    def begun(number: int) -> None:
+        outcomes[number] |= {"status": "given up", "reason": "it was interrupted"}
+        watch.begun(outcomes[number]["name"])
+
+    def done(number: int, result: Mapping[str, Any]) -> None:
+        one = outcomes[number]
+        one["seconds"] = result["seconds"]
+        if "metrics" in result:
+            one |= {"status": "fitted", "reason": ""} | outcome_of(result["metrics"])
+        else:
+            one |= {"status": "failed", "reason": result["failed"]}
+        watch.done(one)
+
+    def look(running: Mapping[int, float]) -> None:
+        of_each = {
+            outcomes[i]["name"]: (s, folder / outcomes[i]["folder"]) for i, s in running.items()
+        }
+        watch.looked(of_each, end - time.monotonic())
+
+    try:
+        fits.run(jobs, end, begun, done, look, lambda number: True)
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+def _unanswered(about: dict[str, Any]) -> dict[str, Any]:
+    options = ", ".join(question["option"] for question in about["questions"])
+    reason = f"nothing was fitted, for the record does not tell enough; say {options}"
+    return about | {"verdict": {"grade": NOT, "reason": reason, "advice": []}}
+
+
+def _written(
+    folder: Path,
+    about: dict[str, Any],
+    outcomes: list[dict[str, Any]],
+    data_words: Sequence[str] | None,
+    begun: float,
+    budget: float | None,
+) -> Identified:
+    """The result, and its files."""
+    chosen = choose(outcomes)
+    verdict = about.pop("verdict", None) or _verdict(outcomes, chosen)
+    command = None
+    if chosen is not None and data_words is not None:
+        command = f"python train.py {shlex.join([*data_words, *outcomes[chosen]['words']])}"
+    left = [one["name"] for one in outcomes if one["status"] == "not tried"]
+    others = f" (not tried: {', '.join(left)})" if left else ""
+    lines = lines_of(verdict, None if chosen is None else outcomes[chosen], others)
+    for question in about["questions"]:
+        lines += [f"missing: {question['option']}", f"  {question['text']}"]
+    found = {
+        "version": 1, **about, "candidates": outcomes, "chosen": chosen, "command": command,
+        "budget_seconds": budget, "seconds": time.monotonic() - begun, "verdict": verdict,
+        "lines": lines,
+    }  # fmt: skip
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / NAME, found)
+    return Identified(folder, found)
+
+
+def _verdict(outcomes: Sequence[Mapping[str, Any]], chosen: int | None) -> dict[str, Any]:
+    """The grade of the chosen model; where there is none, why."""
+    if chosen is not None and outcomes[chosen].get("grade"):
+        return dict(outcomes[chosen]["grade"])
+    why = dict.fromkeys(one["reason"] for one in outcomes if one["status"] == "failed")
+    reason = next(iter(why), "no model could be fitted in this time")
+    return {"grade": NOT, "reason": reason, "advice": []}
+
+
+def _quoted(path: str) -> str:
+    from data.inspect.config import _for_hydra
+
+    return _for_hydra(path)
