@@ -212,6 +212,8 @@ def main() -> None:
         return
     from joblib import Parallel, delayed
 
+    folder.mkdir(parents=True, exist_ok=True)
+
     end = time.time() + options.limit
     pool = Parallel(options.processes, return_as="generator_unordered")
     work = (delayed(outcome)(folder, options.seed, i, options.budget, end) for i in numbers)

@@ -64,13 +64,15 @@ def delay_of(base: np.ndarray, response: np.ndarray, dt: float) -> Delay | None:
         return None
     f, h, coherence, power = transfer_function(base, response, dt, 2 * len(base) // (PARTS + 1))
     known = (power > FAINT * power.max()) & (f > 1.5 * f[1])
+    if known.sum() < LINES:  # none, where the base stands still
+        return None
     f, h, coherence = f[known], h[known], np.minimum(coherence[known], 1.0 - 1e-9)
     with np.errstate(divide="ignore"):
         size = np.log(np.abs(h)) / math.log(NEAR_ONE)
     resonance = (size > 1.0) & (coherence > 0.5)  # more of the response is the base's than not
     alike = (coherence > COHERENT) & (size > -1.0) & ~np.logical_or.accumulate(resonance)
     several = np.convolve(alike, np.ones(LINES), "valid") > LINES - 0.5
-    if len(alike) < LINES or not several.any():
+    if not several.any():
         return None
     first = int(several.argmax())
     band = slice(first, first + int(np.append(alike[first:], False).argmin()))
