@@ -31,7 +31,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass
-from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -80,9 +79,9 @@ def outcome(folder: Path, seed: int, i: int, budget: float, end: float) -> Outco
         return Outcome(**json.loads(stored.read_text("utf-8")))
     if time.time() > end:
         return None
-    identify_records = import_module("runner.door.search").identify_records
 
     from data.parallel import take_threads
+    from runner.door.search import identify_records
 
     take_threads(1)  # cases are side by side
     case = Outcome(**asdict(make(place, seed, i)))

@@ -267,7 +267,8 @@ UNITS = (("m/s^2", "a"), ("m/s", "v"), ("m", "x"), ("N", "f"))
 OTHER_UNITS = ("V", "mV", "A", "mA", "degC", "°C", "C", "K", "bar", "kPa", "MPa", "psi")
 OF_BASE = {"a": "s_ddot", "v": "s_dot", "x": "s"}
 OF_ELEMENT = {"f": "r", "x": "s", "v": "s_dot"}
-EXPLAINED = 0.5  # of what a motion leaves of a force: less is left where a mass is in it
+EXPLAINED = 0.75  # of what a motion leaves of a force: less is left where a mass is in it
+SLIPS = (0.05, 0.15, 0.4)  # of the largest deformation, of sliders that stand for hysteresis
 
 
 def suggest(
@@ -351,9 +352,23 @@ def _numbered(signals: Mapping[str, str | None], where: Mapping[str, str]) -> di
         channel = "time" if signal == "time" else f"{signal}{floors.get(column, count[signal])}"
         if channel not in guesses.values():
             guesses[column] = channel
+    guesses |= _forces_by_name(guesses)
     if not floors:
         return guesses
     return dict(sorted(guesses.items(), key=lambda pair: _place_of(pair[1])))
+
+
+def _forces_by_name(guesses: Mapping[str, str]) -> dict[str, str]:
+    """Channels of forces whose names have numbers, where motions are numbered as theirs say."""
+    ends = {c: re.search(r"(?<!\d)[1-9]\d?$", split_brackets(c)[0]) for c in guesses}
+    number = {column: int(end[0]) for column, end in ends.items() if end}
+    forces = [c for c, channel in guesses.items() if signal_of(channel) == "f"]
+    moved = {c: g for c, g in guesses.items() if signal_of(g) in ("x", "v", "a")}
+    told = all(g == f"{signal_of(g)}{number.get(c)}" for c, g in moved.items())
+    last = max((number.get(c, 0) for c in moved), default=0)
+    if not told or any(number.get(c, last + 1) > last for c in forces):
+        return {}
+    return {c: f"f{number[c]}" for c in forces}
 
 
 def _place_of(channel: str) -> tuple[int, int]:
@@ -415,8 +430,17 @@ def _is_element_test(
         return False
     rate = of.get("v", np.gradient(of["x"]))
     law = [np.ones_like(rate), of["x"], rate, np.sign(rate), of["x"] ** 3]
+    law += [_slider(of["x"], share * float(np.ptp(of["x"])) / 2.0) for share in SLIPS]
     without, with_mass = (_residual_norm(of["f"], c) for c in (law, [*law, of["a"]]))
     return with_mass > EXPLAINED * without
+
+
+def _slider(x: np.ndarray, most: float) -> np.ndarray:
+    """What an elastic slider takes up of a deformation (T,), at most `most` either way."""
+    held, now = np.zeros_like(x), 0.0
+    for i, step in enumerate(np.diff(x).tolist(), start=1):
+        held[i] = now = min(max(now + step, -most), most)
+    return held
 
 
 def _residual_norm(force: np.ndarray, causes: Sequence[np.ndarray]) -> float:

@@ -13,8 +13,10 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from scipy.signal import lfilter
 
+from data import Bilinear, Structure
 from data.inspect.inspection import inspection, suggest
 from data.measured.datamodule import MeasuredData
+from data.simulation.motion import simulate
 from runner.config.compose import CONF, placed, prepare_hydra
 from tests.experiments import data_from
 
@@ -244,3 +246,24 @@ def test_the_way_of_a_whole_test_is_no_load_beside_it():
         "Lateral Force": "r1",
         "Axial Force": "u1",
     }
+
+
+def test_a_force_acts_on_the_floor_that_its_name_counts():
+    units = {"Force 2 [N]": "N", "Acc 1": "g", "Acc 2": "g"}
+    assert suggest(list(units), units)["Force 2 [N]"] == "f2"
+    assert suggest(list(units)[:2], units)["Force 2 [N]"] == "f1"  # two has no sensor
+
+
+def test_a_mass_that_yields_under_a_force_is_no_element_test():
+    """One force, one displacement, one acceleration: a mass takes part of the force, or none."""
+    spring = Bilinear(
+        between=("ground", "x1"), yield_displacement=0.01, stiffness=40.0, post_yield_stiffness=6.0,
+        damping=0.3,
+    )  # fmt: skip
+    force = np.random.default_rng(0).standard_normal((300, 1)).repeat(10, axis=0)
+    motion = simulate(Structure([1.0], {"r": spring}), force, 0.01)
+    units = {"Load": "N", "Disp": "m", "Acc": "m/s^2"}
+    of_mass = {"Load": force[:, 0], "Disp": motion.x[:, 0], "Acc": motion.a[:, 0]}
+    assert suggest(list(units), units, values=of_mass)["Load"] == "f1"
+    of_element = of_mass | {"Load": motion.r[:, 0]}
+    assert suggest(list(units), units, values=of_element)["Load"] == "r1"
