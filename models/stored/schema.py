@@ -96,6 +96,13 @@ VERDICT = Rule(
         "test_diverges": str,  # test motions on which the free run diverges
         **dict.fromkeys(("as_good", "not_better"), str),  # plain opponents
         "opponents": {...: {...: PERCENT}},  # errors by motion
+        "grade": {
+            **dict.fromkeys(("grade", "by", "reason"), str),
+            **dict.fromkeys(("error_percent", "noise_percent", "tolerance_percent"), PERCENT),
+            "interval_percent": (NUMBERS, None),
+            "advice": [str],
+        },
+        "blocks": {...: NUMBERS},  # squared relative errors
         **dict.fromkeys(("error_percent", "linear_percent"), PERCENT),
     },
     _unexplained,

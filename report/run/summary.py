@@ -139,11 +139,12 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
 
 
 def _print_identified(console: Console, metrics: dict[str, Any]) -> None:
-    """Model, structure and data; parameters, seconds, and what the fit chose."""
+    """Model, structure and data; the verdict; parameters, seconds, and what the fit chose."""
     title = (
         f"{metrics['model']} on {metrics['system']}, {metrics['scenario']}, seed {metrics['seed']}"
     )
     console.print(titled(metrics, title))
+    print_verdict(console, metrics)
     for record, notes in metrics["records"].items():
         if EACH not in record:
             console.print(f"{record}: {'; '.join(notes) or 'read as it is'}")
@@ -196,7 +197,7 @@ def label_of(key: str) -> str:
 
 
 def _print_errors(console: Console, metrics: dict[str, Any]) -> None:
-    """Tables of errors, of the model and of plain opponents; the verdict."""
+    """Tables of errors, of the model and of plain opponents."""
     methods = {metrics["model"]: metrics, **metrics["baselines"]}
     rows = merged_rows(metrics["model"], metrics)
     if metrics["paper"]:  # one step ahead, so it comes before the free run
@@ -217,7 +218,6 @@ def _print_errors(console: Console, metrics: dict[str, Any]) -> None:
         console.print(rms_line(metrics))
         for line in benchmark_lines(metrics["benchmark"]) if metrics["benchmark"] else []:
             console.print(line)
-    print_verdict(console, metrics)
 
 
 def _print_limits(console: Console, metrics: dict[str, Any]) -> None:

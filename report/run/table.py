@@ -11,11 +11,10 @@ from rich.text import Text
 
 from models.fit.metrics import FREE_RUNS
 from models.fit.trained_range import warnings_of
-from runner.scores.spread import percent
+from runner.scores.grade import ONE_STEP, SIMULATES
 
-ERROR = "relative_rms_percent"
 SPLITS = tuple(FREE_RUNS)
-WAYS = {"one step": "one step ahead", "free run": "in free run"}
+STYLES = {SIMULATES: "green", ONE_STEP: "yellow"}  # of grades
 WIDTH = 80  # of a table that goes elsewhere than to a terminal
 BORDERS = 3  # of a column
 CAPTION = (
@@ -108,49 +107,30 @@ def _width(texts: Iterable[str]) -> int:
 
 
 def titled(metrics: Mapping[str, Any], title: str) -> Text:
-    """The title of a run's table: its model is no result, in red, or plain models do as well."""
-    verdict = metrics.get("verdict", {})
-    if not_identified(metrics):
-        return Text(f"{title}: NOT IDENTIFIED", style="bold red")
-    if worse := verdict.get("not_better"):
-        return Text(f"{title}: NOT BETTER THAN A PLAIN MODEL: {worse}", style="bold red")
-    if equal := verdict.get("as_good"):
-        return Text(f"{title}: {equal}", style="yellow")
-    return Text(title, style="table.title")
+    """The title of a run's table; in red where its model is no result."""
+    return Text(title, style="bold red" if no_result(metrics) else "table.title")
 
 
-def not_identified(metrics: Mapping[str, Any]) -> str:
-    """Why a run's model is no result; "" where it is one, and in runs that nobody judged."""
+def no_result(metrics: Mapping[str, Any]) -> str:
+    """Why a run's model is none; "" where it is one, and in runs that nobody judged."""
     verdict = metrics.get("verdict", {})
-    return verdict.get("reason", "") if verdict.get("identified") is False else ""
+    reason = verdict.get("reason", "") if verdict.get("identified") is False else ""
+    return reason or verdict.get("test_diverges", "") or verdict.get("not_better", "")
 
 
 def print_verdict(console: Console, metrics: Mapping[str, Any]) -> None:
-    """The verdict in a sentence; in red where a run's model is no result on a motion."""
+    """The grade of a run's model and its reason, what would help; of older runs why it is none."""
     verdict = metrics.get("verdict", {})
-    if reason := not_identified(metrics):
-        console.print(Text(f"not identified: {reason}", style="red"))
-    elif lost := verdict.get("test_diverges"):
-        console.print(Text(lost, style="red"))
-    elif worse := verdict.get("not_better"):
-        console.print(Text(f"not better than a plain model: {worse}", style="red"))
+    grade, lost = verdict.get("grade"), no_result(metrics)
+    if grade is not None:
+        style = "red" if lost else STYLES.get(grade["grade"], "red")
+        console.print(Text(f"{grade['grade']}: {grade['reason']}", style=style))
+        if grade["advice"]:
+            console.print(Text(f"would help: {'; '.join(grade['advice'])}"))
+    elif lost:
+        console.print(Text(f"no result: {lost}", style="red"))
     elif verdict.get("identified") is None and verdict.get("reason"):
         console.print(f"not judged: {verdict['reason']}")
-    elif verdict.get("identified") and verdict.get("by") in WAYS:
-        console.print(f"identified: {_evidence(metrics)}")
-
-
-def _evidence(metrics: Mapping[str, Any]) -> str:
-    """The errors by which a model counts as identified, and those of the best plain models."""
-    verdict = metrics["verdict"]
-    errors = f"error {WAYS[verdict['by']]} {percent(verdict.get('error_percent'))} % in training"
-    for split, others in verdict.get("opponents", {}).items():
-        own = metrics.get(FREE_RUNS.get(split, "") if verdict["by"] == "free run" else split, {})
-        best = min(others, key=lambda name: others[name], default=None)
-        beside = "" if best is None else f" ({best} {percent(others[best])} %)"
-        if own.get(ERROR) is not None:
-            errors += f", {percent(own[ERROR])} % on the {split} motion{beside}"
-    return errors
 
 
 def print_outside(console: Console, start: str, found: Iterable[Mapping[str, Any]]) -> None:

@@ -25,12 +25,14 @@ from models.online.scores import online_scores
 from runner.folder.run import Run
 from runner.folder.run_folder import settings_of
 from runner.scores.conformal import conformal_bands
+from runner.scores.grade import Judged, grade_of
 from runner.scores.paper_values import paper_values
 from runner.scores.public_scores import benchmark_scores
 from runner.scores.verdict import (
     CANNOT,
     NotIdentifiedError,
     lost_on,
+    motions_of,
     simulates,
     verdict_of,
 )
@@ -95,7 +97,8 @@ def metrics_of(
     tested = {n: r.to(module.device) for n, r in each_record(data, "test").items()}
     each = per_record(module.estimator, tested) if len(tested) > 1 else {}
     trained = range_of(module.estimator, (r.to(module.device) for r in data.records["train"]))
-    return {
+    verdict = verdict_of(module, results, data, opponents)
+    metrics = {
         **names,
         "scenario_settings": settings_of(run.choices["scenario"]),
         "seed": run.choices["seed"],
@@ -108,8 +111,7 @@ def metrics_of(
         },
         "training": module.how_trained(),
         **results,
-        "verdict": verdict_of(module, results, data, opponents)
-        | _lost(module, results[FREE_RUNS["test"]], each, tested, trained),
+        "verdict": verdict | _lost(module, results[FREE_RUNS["test"]], each, tested, trained),
         "per_record": each,
         "trained_range": trained,
         "outside_trained_range": outside(trained, range_of(module.estimator, tested.values())),
@@ -132,6 +134,11 @@ def metrics_of(
             "lightning": lightning.__version__,
         },
     }
+    judged = Judged(
+        module.estimator, list(data.loader("train")), motions_of(data), metrics["verdict"], metrics
+    )
+    metrics["verdict"] |= grade_of(judged)
+    return metrics
 
 
 def _lost(

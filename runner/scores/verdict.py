@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from data.datamodule import Data
 from data.record import Record
@@ -37,8 +38,18 @@ SPARED = 0.98  # of the error of no motion: a small motion fits anything by chan
 CLOSE = 0.1  # percent: below it no model is worse for a linear one that is exact
 ERROR = "relative_rms_percent"
 CANNOT = (ValueError, RuntimeError, MemoryError)  # of a baseline that cannot run
-EXTRAPOLATIONS = (TwoPoint, LastValue, FilteredExtrapolation)
-PLAIN = (FIR, LinearStateSpace, LinearMotion, EquivalentLinear, *EXTRAPOLATIONS)
+EXTRAPOLATIONS = {
+    "two_point": TwoPoint,
+    "last_value": LastValue,
+    "filtered_extrapolation": FilteredExtrapolation,
+}
+PLAIN: tuple[type[Estimator], ...] = (
+    FIR,
+    LinearStateSpace,
+    LinearMotion,
+    EquivalentLinear,
+    *EXTRAPOLATIONS.values(),
+)
 OPPONENTS = {"linear": LinearMotion, "fir": FIR, "linear_state_space": LinearStateSpace}
 MOTIONS = {"test": "test", HELD_BACK: "held-back"}
 
@@ -148,9 +159,7 @@ def compare_with(
         verdict.setdefault("blocks", {})[split] = own.tolist()
         known = {name: e for name, e in others.items() if e is not None}
         verdict["opponents"][split] = {name: _rms(e) for name, e in known.items()}
-        still = errors_by_block(
-            records, [r.a.mean(-2, keepdim=True).expand_as(r.a) for r in records]
-        )
+        still = errors_by_block(records, still_of(records))
         for key, text in _sentences(own, still, known, MOTIONS[split], simulates).items():
             verdict[key] = verdict[key] or text
     return verdict
@@ -193,9 +202,23 @@ def _rms(errors: np.ndarray) -> float:
     return 100.0 * math.sqrt(float(errors.mean()))
 
 
-@torch.no_grad()
+def still_of(records: Sequence[Record]) -> list[Tensor]:
+    """Estimates (…, T, n) of no motion: a sensor's offset is none."""
+    return [r.a.mean(-2, keepdim=True).expand_as(r.a) for r in records]
+
+
 def _errors(estimator: Estimator, records: Sequence[Record], way: str) -> np.ndarray | None:
     """Squared errors (K,) on blocks; None where there is no run, or one diverges."""
+    estimates = estimates_of(estimator, records, way)
+    try:
+        return None if estimates is None else errors_by_block(records, estimates)
+    except CANNOT:
+        return None
+
+
+@torch.no_grad()
+def estimates_of(estimator: Estimator, records: Sequence[Record], way: str) -> list[Tensor] | None:
+    """Estimates (…, T, n) of records, in free run or one step ahead; None where one diverges."""
     device = next((t.device for t in estimator.state_dict().values()), torch.device("cpu"))
     estimates = []
     try:
@@ -204,9 +227,9 @@ def _errors(estimator: Estimator, records: Sequence[Record], way: str) -> np.nda
             estimates.append(simulate(estimator, seen).a if way == "free run" else estimator(seen))
             if left_at(estimates[-1], seen):
                 return None
-        return errors_by_block(records, estimates)
     except CANNOT:
         return None
+    return estimates
 
 
 def lost_on(runs: Mapping[str, Mapping[str, Any]], beyond: Mapping[str, bool]) -> str:

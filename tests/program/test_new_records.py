@@ -175,7 +175,7 @@ def test_a_network_that_diverges_is_no_result_and_says_so(records, tmp_path, mon
     told = capsys.readouterr()
     (line,) = told.err.splitlines()
     assert line.startswith("error: element_network is not identified: its free run ")
-    assert "NOT IDENTIFIED" in told.out
+    assert "\nnot identified: its free run diverges on test motions: b " in told.out
     verdict = numbers(folder)["verdict"]
     assert verdict["identified"] is False
     assert (folder / "model.safetensors").is_file()  # to look at

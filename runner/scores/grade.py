@@ -1,0 +1,303 @@
+"""What a run's model may be used for, in one of three grades, with a number and a reason.
+
+simulates the structure: the free run of unseen motion stays within a tolerance of all that is no
+    noise, is better than no motion in every channel, and no plain model is better
+estimates one step ahead only: the model is better than no motion, and needs the excitation for it,
+    but does not simulate
+not identified: none of both
+
+Squared errors are relative to the measured motion. Noise is what is white in the residual and does
+not follow the excitation, by the upper half of its spectrum; all else is the model's. Coloured
+noise counts as the model's, too: the grade is then too strict.
+T samples, n channels, K blocks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from torch import Tensor
+
+from data.record import Record
+from models.estimator import Estimator
+from models.fit.blocks import BLOCKS, beyond_chance, errors_by_block
+from models.fit.identification import HELD_BACK
+from models.fit.metrics import FREE_RUNS
+from models.fit.noise_weights import noise_of_sensors
+from models.fit.trained_range import worst_of
+from runner.scores.spread import percent
+from runner.scores.verdict import (
+    CANNOT,
+    CHANCE,
+    EXTRAPOLATIONS,
+    OPPONENTS,
+    SPARED,
+    compare_with,
+    estimates_of,
+    still_of,
+)
+
+SIMULATES, ONE_STEP = "simulates the structure", "estimates one step ahead only"
+NOTHING = "not identified"
+UNDRIVEN = "but under the excitation of another time by no more"
+HALF = 0.5  # of a power: a motion is noise, or missed, that is so for the greater part
+UNEXPLAINED = 0.1  # of the power of a motion without its noise: what its model may leave
+TOLERANCE = 100.0 * math.sqrt(UNEXPLAINED)  # percent
+CONFIDENCE = 0.95  # of the interval of the error
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Squared relative errors of estimates: on blocks (K,), and how much of their mean is noise.
+
+    weak: channels in which the estimate is not better than no motion.
+    """
+
+    blocks: np.ndarray
+    noise: float
+    weak: Sequence[int]
+
+    @property
+    def error(self) -> float:
+        """In percent."""
+        return 100.0 * math.sqrt(float(self.blocks.mean()))
+
+    @property
+    def own(self) -> float:
+        """In percent of the motion that is no noise: what the model misses of it."""
+        missed = max(float(self.blocks.mean()) - self.noise, 0.0)
+        return 100.0 * math.sqrt(missed / (1.0 - self.noise)) if self.noise < 1.0 else math.inf
+
+    @property
+    def interval(self) -> list[float]:
+        """That of the error in percent by the scatter of its blocks, taken of their logarithm."""
+        from scipy.special import stdtrit  # slow to import
+
+        mean, K = float(self.blocks.mean()), len(self.blocks)
+        spread = float(self.blocks.std(ddof=1)) / math.sqrt(K) / mean if mean > 0.0 else 0.0
+        half = 0.5 * float(stdtrit(K - 1, 0.5 + 0.5 * CONFIDENCE)) * spread
+        return [self.error * math.exp(-half), self.error * math.exp(half)]
+
+
+def errors_of(model: Estimator, records: Sequence[Record], way: str) -> Errors | None:
+    """Those of a model; None where it has no such estimates, or they diverge."""
+    estimates = estimates_of(model, records, way)
+    if estimates is None:
+        return None
+    try:
+        blocks, noise = errors_by_block(records, estimates), noise_share(records, estimates)
+    except CANNOT:
+        return None
+    weak = [c for c in range(records[0].dofs) if not _moves(records, estimates, c)]
+    return Errors(blocks, noise, weak)
+
+
+def _moves(records: Sequence[Record], estimates: Sequence[Tensor], c: int) -> bool:
+    """Whether a channel's estimates are better than no motion, beyond chance."""
+    own = [replace(r, a=r.a[..., [c]], x=None, v=None, truth=None) for r in records]
+    errors, still = (errors_by_block(own, e) for e in ([e[..., [c]] for e in estimates],
+                                                       still_of(own)))  # fmt: skip
+    return beyond_chance(errors, still) > CHANCE and errors.mean() < SPARED**2 * still.mean()
+
+
+def noise_share(records: Sequence[Record], estimates: Sequence[Tensor]) -> float:
+    """Share of the measured power, over all channels, that is white noise in the residual."""
+    pairs, power, samples = [], 0.0, 0
+    for record, estimate in zip(records, estimates, strict=True):
+        seen = (estimate.cpu() - record.a.cpu(), record.excitation.cpu(), record.a.cpu())
+        rows = (u[..., record.warmup :, :].reshape(-1, record.samples - record.warmup, u.shape[-1])
+                for u in seen)  # fmt: skip
+        for e, u, y in zip(*(r.numpy() for r in rows), strict=True):
+            pairs.append((e, u))
+            power, samples = power + float(np.square(y).sum()), samples + len(y)
+    return samples * float(np.square(noise_of_sensors(pairs)).sum()) / power
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A fitted model, its training motions, those that no fit saw, and what was said of it.
+
+    verdict: as `verdict_of` has it; facts: other parts of `metrics.json`.
+    """
+
+    model: Estimator
+    train: Sequence[Record]
+    motions: Mapping[str, Sequence[Record]]
+    verdict: Mapping[str, Any]
+    facts: Mapping[str, Any]
+
+
+def grade_of(run: Judged) -> dict[str, Any]:
+    """For `verdict` in `metrics.json`: `grade`, and squared errors of the model on `blocks`."""
+    model, test, held = run.model, run.motions["test"], run.motions.get(HELD_BACK)
+    free = errors_of(model, test, "free run")
+    grade, way, found, why = SIMULATES, "free run", free, _fault(run, free)
+    if why:
+        found = errors_of(model, test, "one step")
+        if free and found and np.allclose(free.blocks, found.blocks):
+            found = free  # all that it estimates is a free run
+        way = "free run" if found is free else "one step"
+        grade, reason = _of_one_step(run, found, why, way)
+    elif found:
+        reason = _praise(run, found)
+    late = errors_of(model, held, way) if held else None
+    return {
+        "grade": {
+            "grade": grade,
+            "by": way,
+            "error_percent": found and found.error,
+            "interval_percent": found and found.interval,
+            "noise_percent": found and 100.0 * math.sqrt(found.noise),
+            "tolerance_percent": TOLERANCE,
+            "reason": reason,
+            "advice": list(_advice(run, grade, free or found, reason)),
+        },
+        "blocks": {
+            name: errors.blocks.tolist()
+            for name, errors in {"test": found, "held_back": late}.items()
+            if errors is not None
+        },
+    }
+
+
+def _fault(run: Judged, free: Errors | None) -> str:
+    """Why the free run is no simulation of the structure; "" where it is one."""
+    verdict, by_run = run.verdict, run.verdict.get("by") == "free run"
+    if run.model.identified_parameters == 0:
+        return "the estimate has nothing to identify"
+    if free is None:
+        scores = run.facts.get(FREE_RUNS["test"], {})
+        left = "it diverges in free run on unseen motion"
+        left += "".join(f" after {min(at):.3g} s" for at in [scores.get("diverged_after_s")] if at)
+        said = verdict.get("test_diverges") or (verdict.get("reason") if by_run else "")
+        return said or scores.get("no_free_run", left)
+    errs = f"in free run it errs by {percent(free.error)} % on unseen motion"
+    if free.noise > HALF:
+        return f"{errs}, which is more noise than motion"
+    if free.own > TOLERANCE:
+        return f"{errs}{_noise(free)}, where {TOLERANCE:.1f} % are allowed"
+    if free.weak:
+        return f"{errs}, but in channel {free.weak[0] + 1} is no better than no motion at all"
+    trained = errors_of(run.model, run.train, "free run")
+    if trained is None or trained.own > TOLERANCE:
+        there = "diverges" if trained is None else f"errs by {percent(trained.error)} %"
+        return f"{errs}, but {there} on the training motion"
+    if not by_run:
+        verdict = compare_with(run.model, _linear(run), run.train, run.motions, "free run")
+    return str(verdict.get("not_better", ""))
+
+
+def _linear(run: Judged) -> dict[str, Estimator | ValueError]:
+    """Linear models of the training motion."""
+    found: dict[str, Estimator | ValueError] = {}
+    for name, make in OPPONENTS.items() if run.model.inputs else ():
+        one = make(run.model.dofs, run.model.inputs, run.model.dt)
+        try:
+            one.identify(run.train)
+        except CANNOT:
+            continue
+        found[name] = one
+    return found
+
+
+def needs_excitation(model: Estimator, records: Sequence[Record], own: Errors) -> bool:
+    """Whether the estimates are better than under the excitation of any other block of the motion.
+
+    What follows from the response's own past, as that of any smooth signal does, is no structure.
+    Where nothing drives the motion, they have to be better than extrapolations of it.
+    """
+    others = [] if model.inputs else list(_extrapolated(model, records).values())
+    for k in range(1, BLOCKS) if model.inputs else ():
+        late = [_driven_later(r, k * r.samples // BLOCKS) for r in records]
+        estimates = estimates_of(model, late, "one step")
+        others += [] if estimates is None else [errors_by_block(records, estimates)]
+    return all(beyond_chance(own.blocks, other) > CHANCE for other in others)
+
+
+def _driven_later(record: Record, samples: int) -> Record:
+    """The record with its excitation moved in a circle by some samples."""
+    driven = {
+        name: u.roll(samples, -2) for name, u in record.signals().items() if name not in "axv"
+    }
+    return replace(record.measured(), **driven)  # type: ignore[arg-type]
+
+
+def _extrapolated(model: Estimator, records: Sequence[Record]) -> dict[str, np.ndarray]:
+    """Squared errors (K,) of extrapolations."""
+    found = {}
+    for name, make in EXTRAPOLATIONS.items():
+        estimates = estimates_of(make(model.dofs, model.inputs, model.dt), records, "one step")
+        if estimates is not None:
+            found[name] = errors_by_block(records, estimates)
+    return found
+
+
+def _of_one_step(run: Judged, found: Errors | None, why: str, way: str) -> tuple[str, str]:
+    """Grade and reason of a model that does not simulate the structure."""
+    if found is None or run.model.identified_parameters == 0:
+        return NOTHING, why
+    ahead = "" if way == "free run" else f"; one step ahead by {percent(found.error)} %"
+    errs, test = f"{why}{ahead}", run.motions["test"]
+    if beyond_chance(found.blocks, errors_by_block(test, still_of(test))) <= CHANCE:
+        return NOTHING, f"{errs}, no better than no motion at all"
+    if found.own > 100.0 * math.sqrt(HALF):
+        return NOTHING, f"{errs}, and misses the greater part of the motion"
+    if not needs_excitation(run.model, test, found):
+        return NOTHING, f"{errs}, {UNDRIVEN}"
+    others = {name: _percent(e) for name, e in _extrapolated(run.model, test).items()}
+    best = min(others, key=others.__getitem__, default="")
+    better = best and others[best] < found.error
+    beside = f"; {best}, an extrapolation, by {percent(others[best])} %" if better else ""
+    return ONE_STEP, f"{errs}{beside}"
+
+
+def _praise(run: Judged, free: Errors) -> str:
+    """Of a model that simulates the structure: its error, and that of the best plain model."""
+    low, high = free.interval
+    errs = f"in free run it errs by {percent(free.error)} % on unseen motion"
+    others = run.verdict.get("opponents", {}).get("test", {})
+    best = min(others, key=others.__getitem__, default="")
+    beside = f"; {best} by {percent(others[best])} %" if best else ""
+    return f"{errs} ({percent(low)} to {percent(high)} %){_noise(free)}{beside}"
+
+
+def _noise(errors: Errors) -> str:
+    """In words, where it matters."""
+    if errors.noise < UNEXPLAINED * errors.blocks.mean():
+        return ""
+    return f", {percent(100.0 * math.sqrt(errors.noise))} % of it noise"
+
+
+def _percent(squares: np.ndarray) -> float:
+    return 100.0 * math.sqrt(float(squares.mean()))
+
+
+def _advice(run: Judged, grade: str, found: Errors | None, reason: str) -> Iterator[str]:
+    """What would help, each for a fact of the run."""
+    short = grade != SIMULATES and run.model.identified_parameters > 0
+    by_run = run.verdict.get("by") == "free run"
+    if reason.endswith(UNDRIVEN):
+        yield "check that the excitation is what drives this structure: its column, clock and sign"
+    if short and not by_run and run.model.inputs:
+        yield "a model that is trained on its free run, such as model=element_network"
+    if by_run and (plain := run.verdict.get("as_good")):
+        yield f"a plain model in its place: {plain.rpartition(': ')[2]}"
+    if short and (left := worst_of(run.facts.get("outside_trained_range", []))):
+        yield f"train on larger motion: the test motion reaches {left}"
+    if short and found is not None:
+        for c in found.weak if len(found.weak) < run.model.dofs else ():
+            yield f"check the sensor of channel {c + 1}: nothing of it follows the excitation"
+        if found.noise > HALF * found.blocks.mean():
+            yield "quieter sensors or larger motion: most of the error is noise"
+    if found is not None and found.interval[1] > 2.0 * found.interval[0]:
+        yield "a longer record: its error is known within a factor of two at best"
+    if short and sum(r.a.shape[:-2].numel() for r in run.train) == 1:
+        yield "a second event to train on"
+    if run.facts.get("uncertainty", {}).get("model_lacks_terms"):
+        yield "other elements or laws: the residual still holds some of the structure"
+    if run.model.scale_is_open:
+        yield "the masses (model.masses=): masses and forces are known up to a factor"
