@@ -7,6 +7,7 @@
     python evaluate.py run=zoo:element_network/bouc_wen   a published model, docs/zoo.md
     python evaluate.py run=FOLDER uncertainty=laplace  how sure its parameters are: profile, smc
     python evaluate.py run=FOLDER data.path=after.csv change=true   has it changed?
+    python evaluate.py run=FOLDER page=html        one file to mail: report.html; or runs=FOLDER
     python evaluate.py runs=FOLDER output=FOLDER    all numbers as one table: results.parquet, .csv
     python evaluate.py runs=[a,b]                   of several folders, or 'runs=runs/*/'
     python evaluate.py runs=FOLDER by=model.cutoff  compared by a choice: a table and a picture
@@ -36,7 +37,7 @@ prepare_hydra()
 def main(cfg: DictConfig) -> None:
     with refusals():
         check_settings(cfg, EVALUATE)
-        if cfg.run is not None:
+        if cfg.run is not None and cfg.page is None:
             require_finished(absolute(run_folder(cfg.run)))
         require_folders(cfg.runs)
     with refusals(), loading():  # takes seconds: a mistyped word is reported before
@@ -45,6 +46,11 @@ def main(cfg: DictConfig) -> None:
 
     asked = plain(cfg)
     with job_errors():
+        if cfg.page is not None:
+            from report.page.command import page_of
+
+            page_of(asked)
+            return
         if cfg.run is None:
             report_runs(*(asked[key] for key in ("runs", "by", "metric", "split", "output")))
             return

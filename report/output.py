@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import io
 import re
 import warnings
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -170,10 +172,31 @@ def save_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     words_as_they_stand(figure)
     paths = [folder / f"{name}.{kind}" for kind in ("png", "pdf")]
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # drawn as a box
+    with _any_glyph():
         _laid_out(figure)
         for path in paths:
             with whole_file(path) as aside:
                 figure.savefig(aside, format=path.suffix[1:], dpi=150)
     return paths
+
+
+@contextmanager
+def _any_glyph() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # drawn as a box
+        yield
+
+
+def picture_link(figure: Figure) -> str:
+    """A figure as a data: link: SVG, or PNG where lines of many points make that the smaller."""
+    words_as_they_stand(figure)
+    found = []
+    with _any_glyph():
+        _laid_out(figure)
+        for kind, mime in (("png", "png"), ("svg", "svg+xml")):
+            content = io.BytesIO()
+            about = {"Date": None} if kind == "svg" else None  # the same figure, the same bytes
+            figure.savefig(content, format=kind, dpi=150, metadata=about)
+            text = base64.b64encode(content.getvalue()).decode()
+            found.append(f"data:image/{mime};base64,{text}")
+    return min(found, key=len)

@@ -21,11 +21,11 @@ BUDGETS = {  # lines of Python that a room may have, and those that it should ha
     "models": (25_800, 17_000),
     "runner": (5_980, 3_600),
     "export": (5_600, 4_200),
-    "report": (7_950, 6_000),
+    "report": (8_750, 6_000),
     "live": (1_100, 800),
     "benchmarks": (3_850, 2_500),
     "hydra_plugins": (100, 100),
-    "tests": (30_140, 18_000),
+    "tests": (30_620, 18_000),
 }
 FLOORS = ("data", "models", "runner", "export", "report", "live")  # from the ground up
 PROGRAMS = ("train", "evaluate", "predict", "identify", "benchmarks")  # on the roof

@@ -41,7 +41,7 @@ def describe(folder: Path, output: Path | None) -> dict[str, Any]:
     parameters, modes = estimator.physical_parameters(), modes_of(estimator)
     console = terminal(WIDTH)
     _print_about(console, metrics, estimator, run.sensors)
-    _print_parameters(console, parameters, estimator, metrics)
+    print_parameters(console, parameters, estimator, metrics)
     if modes is not None:
         print_modes(console, modes)
     content = _content(metrics, estimator, parameters, modes)
@@ -84,12 +84,13 @@ def _print_about(
     )
 
 
-def _print_parameters(
+def print_parameters(
     console: Console,
     parameters: list[Parameter],
     estimator: Estimator,
     metrics: Mapping[str, Any],
 ) -> None:
+    """Print masses and elements in tables; of a black box what it reads."""
     if not parameters:
         signals = {"a": "measured accelerations", "f": "the excitation", "x": "displacements",
                    "v": "velocities"}  # fmt: skip

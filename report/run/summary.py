@@ -126,14 +126,14 @@ def print_run(metrics: dict[str, Any], folder: Path) -> None:
     console = terminal(WIDTH)
     _print_identified(console, metrics)
     console.heading("Error")
-    _print_errors(console, metrics)
+    print_all_errors(console, metrics)
     console.heading("Uncertainty")
     print_intervals(console, metrics["uncertainty"])
     print_drifts(console, metrics["uncertainty"])
     print_bands(console, metrics)
     console.heading("Limits")
     print_criticism(console, metrics["uncertainty"])
-    _print_limits(console, metrics)
+    print_limits(console, metrics)
     console.heading("")
     console.print(f"\nsaved in {folder}", soft_wrap=True)
 
@@ -196,7 +196,7 @@ def label_of(key: str) -> str:
     return f"{words.removesuffix(' percent')} [%]" if words.endswith(" percent") else words
 
 
-def _print_errors(console: Console, metrics: dict[str, Any]) -> None:
+def print_all_errors(console: Console, metrics: dict[str, Any]) -> None:
     """Tables of errors, of the model and of plain opponents."""
     methods = {metrics["model"]: metrics, **metrics["baselines"]}
     rows = merged_rows(metrics["model"], metrics)
@@ -220,7 +220,7 @@ def _print_errors(console: Console, metrics: dict[str, Any]) -> None:
             console.print(line)
 
 
-def _print_limits(console: Console, metrics: dict[str, Any]) -> None:
+def print_limits(console: Console, metrics: dict[str, Any]) -> None:
     """Where the numbers do not hold: trained range, samples not scored, lost motions."""
     if metrics["simulation_error"] is None:
         print_outside(console, "test motion ", metrics["outside_trained_range"])

@@ -87,6 +87,7 @@ EVALUATE = {
     "split": Setting(str),
     "output": Setting(str | None),
     "run": Setting(str | None),
+    "page": Setting(Literal["html"] | None),
     "figures": Setting(bool),
     "seeds": Setting(list[int] | None, lambda seeds: seeds != [], "null, or a list such as [5,6]"),
     "data": Setting(Group),

@@ -1,0 +1,35 @@
+"""`python evaluate.py run=FOLDER page=html`, or runs=."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from report.collection.runs import folders_of, results_folder
+from report.page.page import write_page, write_runs_page
+from report.run.evaluation import said_alone
+from runner.config.command_line import absolute
+from runner.folder.run_files import run_folder
+
+SCORES = ("uncertainty", "change", "seeds", "scenario", "by")  # ask for other numbers
+
+
+def page_of(asked: Mapping[str, Any]) -> None:
+    """Write the page of one run, or of many, and print where it is.
+
+    asked: as in conf/evaluate.yaml. Raises ValueError for words that ask for other scores.
+    """
+    others = [key for key in SCORES if asked.get(key)]
+    others += [f"data.{key}" for key in said_alone(asked["data"])]
+    others += ["output"] if asked["run"] is not None and asked["output"] else []
+    if others:
+        raise ValueError(f"page=html shows runs as they were trained; leave {others[0]}= out")
+    typed = [asked["runs"]] if isinstance(asked["runs"], str) else list(asked["runs"] or [])
+    if (asked["run"] is None) == (not typed):
+        raise ValueError("page=html of what? say run=FOLDER, or runs=FOLDER to compare many")
+    if asked["run"] is not None:
+        print(f"page in {write_page(absolute(run_folder(asked['run'])))}")
+        return
+    folders = folders_of([str(absolute(name)) for name in typed])
+    output = absolute(asked["output"]) if asked["output"] else results_folder(folders)
+    print(f"page in {write_runs_page(folders, output)}")

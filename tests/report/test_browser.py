@@ -1,0 +1,118 @@
+"""Pages in a real browser, from their files: nothing is requested, nothing fails, zoom works."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.report.test_page import measured as measured
+from tests.report.test_page import page as page
+
+webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium: the extra `test`")
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+FLAGS = (
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
+    "--no-first-run", "--disable-component-update", "--disable-sync",
+)  # fmt: skip
+pytestmark = pytest.mark.skipif(
+    not (CHROMIUM and DRIVER), reason="needs a browser: apt-get install chromium chromium-driver"
+)
+
+
+@pytest.fixture
+def browser(tmp_path) -> Iterator[Any]:
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path / 'profile'}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    service = webdriver.chrome.service.Service(DRIVER)  # its own path: nothing is downloaded
+    driver = webdriver.Chrome(options=options, service=service)
+    yield driver
+    driver.quit()
+
+
+def show(browser: Any, path: Path, width: int, scheme: str) -> None:
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    scheme_of = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", scheme_of)
+    browser.get(path.as_uri())
+
+
+def requests_of(browser: Any, path: Path) -> list[str]:
+    """What the page has asked for, besides itself; the browser's own first page is not meant."""
+    events = [json.loads(line["message"])["message"] for line in browser.get_log("performance")]
+    sent = [e["params"] for e in events if e["method"] == "Network.requestWillBeSent"]
+    own = [s["request"]["url"] for s in sent if s["documentURL"] == path.as_uri()]
+    return [url for url in own if url != path.as_uri() and not url.startswith("data:")]
+
+
+@pytest.mark.parametrize(
+    ("width", "scheme"), [(1440, "light"), (390, "light"), (390, "dark")], ids=str
+)
+def test_a_page_is_shown_whole_and_quietly(browser, measured, page, width, scheme, tmp_path):
+    path = measured / "report.html"
+    show(browser, path, width, scheme)
+    assert browser.get_log("browser") == []
+    assert requests_of(browser, path) == []
+    wide = browser.execute_script("return document.documentElement.scrollWidth")
+    assert wide <= width  # no sideways scrolling but inside of tables
+    drawn = browser.execute_script("return document.querySelectorAll('.chart canvas').length")
+    assert drawn == 4
+    background = browser.execute_script("return getComputedStyle(document.body).backgroundColor")
+    assert (background == "rgb(255, 255, 255)") == (scheme == "light")
+    shot = base64.b64decode(browser.get_screenshot_as_base64())
+    assert len(shot) > 10_000
+
+
+def test_zoom_and_pan_change_the_scale_of_all_times(browser, measured, page):
+    show(browser, measured / "report.html", 1440, "light")
+
+    def scale(chart: int) -> tuple[float, float]:
+        text = "const s = document.getElementById('chart-' + arguments[0]).chart.scales.x;"
+        return tuple(browser.execute_script(f"{text} return [s.min, s.max];", chart))
+
+    def press(what: str) -> None:
+        browser.find_element("css selector", f"[data-do={what}]").click()
+
+    low, high = scale(0)
+    spectrum = scale(3)
+    press("in")
+    near = scale(0)
+    assert near[1] - near[0] == pytest.approx(0.5 * (high - low))
+    assert scale(1) == pytest.approx(near)
+    assert scale(3) == pytest.approx(spectrum)
+    press("right")
+    assert scale(2)[0] > near[0]
+    press("all")
+    assert scale(0) == pytest.approx((low, high))
+    browser.find_element("id", "chart-1").send_keys("+")
+    assert scale(0)[1] - scale(0)[0] == pytest.approx(0.5 * (high - low))
+
+
+def test_a_dragged_part_fills_the_chart(browser, measured, page):
+    show(browser, measured / "report.html", 1440, "light")
+    over = browser.find_element("css selector", "#chart-0 .u-over")
+    width = over.size["width"]
+    text = (
+        "const u = document.getElementById('chart-0').chart; return u.scales.x.max - u.scales.x.min"
+    )
+    before = browser.execute_script(text)
+    move = webdriver.ActionChains(browser).move_to_element_with_offset(over, -width // 4, 0)
+    move.click_and_hold().move_by_offset(width // 2, 0).release().perform()
+    assert browser.execute_script(text) == pytest.approx(0.5 * before, rel=0.1)
+
+
+def test_a_hostile_channel_does_nothing(browser, measured, page):
+    show(browser, measured / "report.html", 1440, "light")
+    names = browser.find_element("id", "pick-channel").get_attribute("textContent")
+    assert names == "a1 (<script>alert(1)</script>)"
+    with pytest.raises(Exception, match="no such alert"):
+        _ = browser.switch_to.alert
