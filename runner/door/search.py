@@ -11,6 +11,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from data.inspect.config import floors_without_sensor
 from data.inspect.inspection import Inspection, step_of
 from data.inspect.proposal import Proposal, proposal
 from data.public.benchmarks import benchmark_in
@@ -161,6 +162,9 @@ def _file(record: Inspection, found: Proposal) -> dict[str, Any]:
         {"what": f.what, "channel": f.channel, "text": f.message, "blocks": f.blocks}
         for f in record.findings
     ]
+    if least := floors_without_sensor(found.columns):
+        text = f"{least} storeys at least, by the names; some floors have no sensor"
+        faults.append({"what": "storeys", "channel": "", "text": text, "blocks": False})
     seconds = None if dt is None else dt * samples
     return {"name": raw.name, "samples": samples, "dt": dt, "seconds": seconds,
             "notes": list(raw.notes), "channels": columns, "findings": faults}  # fmt: skip
