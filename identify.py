@@ -16,7 +16,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
 
 from data.arguments import Parser
@@ -24,6 +23,7 @@ from data.terminal import terminal
 from runner.config.command_line import command_errors
 from runner.config.compose import prepare_hydra
 from runner.config.settings import seconds_of
+from runner.door.fits import Fits
 
 SETTING = re.compile(r"[+~]*[A-Za-z_][\w./]*=")
 BUDGET = "5min"
@@ -45,15 +45,16 @@ def main(words: Sequence[str] | None = None) -> int:
     budget = seconds_of((own["budget"] or [BUDGET])[-1])
     if not budget:
         raise ValueError(f"budget={own['budget'][-1]}: expected a time, such as 60s or 10min")
-    now = datetime.now()
-    name = re.sub(r"\W+", "_", Path(records[0]).stem)[:60]
-    folder = (own["hydra.run.dir"] or [f"runs/{now:%Y-%m-%d}/{now:%H-%M-%S}-identify-{name}"])[-1]
+    folder = own["hydra.run.dir"][-1] if own["hydra.run.dir"] else None
+    fits = Fits()  # its processes load what they need while this one does
     from runner.door.progress import Progress, print_found
     from runner.door.search import identify_records
 
     console = terminal(80)
     with Progress(console) as watch:
-        found = identify_records(records, folder, budget, settings, config=args.config, watch=watch)
+        found = identify_records(
+            records, folder, budget, settings, config=args.config, watch=watch, fits=fits
+        )
     print_found(console, found)
     return 1 if found.found["questions"] else 3 if found.chosen is None else 0
 

@@ -7,3 +7,14 @@ launch/  who does the runs of a sweep
 
 Here: one run (job.py), and the runs of a sweep, proposed, side by side and watched.
 """
+
+from typing import Any
+
+
+def __getattr__(name: str) -> Any:
+    """`from runner import identify`: records → the model that fits them best, and a verdict."""
+    if name != "identify":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from runner.door.search import identify_records  # loads PyTorch, as few of us need
+
+    return identify_records

@@ -28,6 +28,7 @@ from data.parallel import take_threads
 from data.simulation.motion import EscapedMotionError
 from models.checkpoint import load_estimator
 from models.choice import overlay
+from models.estimator import Estimator
 from models.experiment import Experiment, select_fit
 from models.fit.identification import Identification
 from models.fit.progress import leaves_out, limited, listening, present_budget
@@ -76,13 +77,18 @@ Log = Callable[[RunLogger, dict[str, Any], Identification, Data, dict[str, Any]]
 
 
 def identify(
-    cfg: DictConfig, folder: Path, log: Log | None = None, progress: bool = True
+    cfg: DictConfig,
+    folder: Path,
+    log: Log | None = None,
+    progress: bool = True,
+    known: dict[str, Estimator] | None = None,
 ) -> dict[str, Any]:
     """One run: data, fit, test, files; returns what `metrics.json` holds.
 
     `log` adds to the TensorBoard logs before the run is finished. progress: the fit shows how far
-    it is, unless the config says otherwise. Raises ValueError for choices that do not fit together
-    and for a fit that failed, OSError for a folder that cannot be used.
+    it is, unless the config says otherwise. known: baselines that runs before this one identified
+    on the very same data; those of this run are added. Raises ValueError for choices that do not
+    fit together and for a fit that failed, OSError for a folder that cannot be used.
     """
     quiet_lightning()
     check_settings(cfg)
@@ -141,8 +147,10 @@ def identify(
         raise KeyboardInterrupt from None
 
     _check_fit(module)
-    baselines = opponents_of(module, data, baselines)
-    metrics = metrics_of(run, module, data, compare_baselines(baselines, data), baselines)
+    baselines = {**opponents_of(module, data, baselines)}
+    baselines |= {name: one for name, one in (known or {}).items() if name in baselines}
+    compared = compare_baselines(baselines, data, known)
+    metrics = metrics_of(run, module, data, compared, baselines)
     run.save(module.estimator)
     if log is not None:
         log(logger, run.choices, module, data, metrics)

@@ -6,19 +6,45 @@ the last ones take all. What a run says meanwhile is in the log.txt of its folde
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from runner.launch.launcher import environment_of
 from runner.launch.processes import fresh_process
 
 LOG = "log.txt"
-CLOSING = 2.0  # s for the scores of a run whose fit was ended, and to begin the next
+LOOK = 0.5  # s between two looks at what runs
+SHORTEST = 1.0  # s: reading, opponents and scores take as long at least
+_LOST = {"failed": "its process was lost (not enough memory?)", "seconds": 0.0}
+
+
+_opponents: dict[str, Any] = {}  # that a process identified: all its runs have the same data
+
+
+class Job(NamedTuple):
+    """The words that train candidate `number`, and the folder of its run."""
+
+    number: int
+    words: list[str]
+    folder: str
+
+
+@dataclass(frozen=True)
+class Callbacks:
+    """Who is told: when a job begins, with what `fit` returned, of the seconds that running jobs
+    have taken; who is asked whether a job is still worth its time when its turn comes."""
+
+    begun: Callable[[int], None]
+    done: Callable[[int, dict[str, Any]], None]
+    looked: Callable[[dict[int, float]], None]
+    wanted: Callable[[int], bool]
 
 
 def fit(words: Sequence[str], folder: str) -> dict[str, Any]:
@@ -35,7 +61,7 @@ def fit(words: Sequence[str], folder: str) -> dict[str, Any]:
         redirect_stderr(log),
     ):
         try:
-            metrics = identify(composed(*words), Path(folder))
+            metrics = identify(composed(*words), Path(folder), known=_opponents)
         except EXPECTED as error:
             return {"failed": reason_of(error), "seconds": time.monotonic() - begun}
         except Exception as error:  # a bug of one model is no reason to lose the others
@@ -63,55 +89,47 @@ class Fits:
 
         count = effective_n_jobs(-1) if processes is None else processes
         self.pools = [self._process() for _ in range(count)]
+        self.after = SHORTEST  # s that a run takes for all but its fit
 
     def _process(self) -> Any:
         pool = fresh_process(environment_of(1))
         pool.submit(warm_up)
         return pool
 
-    def run(
-        self,
-        jobs: Sequence[tuple[int, list[str], str]],
-        end: float,
-        begun: Callable[[int], None],
-        done: Callable[[int, dict[str, Any]], None],
-        look: Callable[[dict[int, float]], None],
-        wanted: Callable[[int], bool],
-    ) -> None:
-        """Do jobs (number, words, folder) until the time `end` of the monotonic clock.
+    def run(self, jobs: Sequence[Job], end: float, watch: Callbacks) -> None:
+        """Do jobs until the time `end` of the monotonic clock; what cannot be done is not begun.
 
-        done: with what `fit` returns; look: twice a second, with the seconds each running job has
-        taken; wanted: whether a job is still worth its time when its turn comes.
+        A run that goes on longer than its fit may, and all others take beside theirs, is ended.
         """
         waiting, idle = deque(jobs), list(self.pools)
-        busy: dict[Future[dict[str, Any]], tuple[Any, int, float]] = {}
+        busy: dict[Future[dict[str, Any]], tuple[Any, Job, float]] = {}
         while waiting or busy:
             while waiting and idle:
-                number, words, folder = waiting.popleft()
-                left = end - time.monotonic() - CLOSING
-                if left <= CLOSING or not wanted(number):
+                job = waiting.popleft()
+                left = end - time.monotonic() - self.after
+                if left <= 0.0 or not watch.wanted(job.number):
                     continue
                 share = left if len(waiting) < len(self.pools) else left / 2.0
                 pool = idle.pop()
-                begun(number)
-                task = pool.submit(fit, [*words, f"budget={share:.3g}"], folder)
-                busy[task] = pool, number, time.monotonic()
-            if not busy:
-                break
-            finished = wait(busy, timeout=0.5, return_when=FIRST_COMPLETED).done
-            for future in finished:
-                pool, number, _ = busy.pop(future)
-                lost = future.exception()
-                if lost is not None:
+                watch.begun(job.number)
+                limit = [f"budget={share:.3g}"] if math.isfinite(share) else []
+                task = pool.submit(fit, [*job.words, *limit], job.folder)
+                busy[task] = pool, job, time.monotonic()
+            for future in wait(busy, timeout=LOOK, return_when=FIRST_COMPLETED).done:
+                pool, job, _ = busy.pop(future)
+                if lost := future.exception():
                     self.pools.remove(pool)
                     self.pools.append(pool := self._process())
                 idle.append(pool)
-                why = {"failed": "its process was lost (not enough memory?)", "seconds": 0.0}
-                done(number, why if lost is not None else future.result())
+                result: dict[str, Any] = _LOST if lost else future.result()
+                if "metrics" in result:
+                    other = result["seconds"] - result["metrics"]["fit_seconds"]
+                    self.after = max(self.after, other)
+                watch.done(job.number, result)
             now = time.monotonic()
-            look({number: now - start for _, number, start in busy.values()})
-            if now > end + 30.0:
-                break
+            watch.looked({job.number: now - start for _, job, start in busy.values()})
+            if now > end + self.after:
+                return
 
     def close(self) -> None:
         """End all processes."""

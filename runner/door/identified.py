@@ -8,9 +8,11 @@ ahead. The test motion says how good the choice is.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib import import_module
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -19,16 +21,12 @@ import numpy as np
 
 from models.estimator import Estimator
 from models.fit.blocks import fewest
-from models.fit.identification import HELD_BACK
 from models.fit.metrics import FREE_RUNS
+from runner.scores.grade import ONE_STEP, SIMULATES
+from runner.scores.verdict import CLOSE
 
 NAME, PAGE, MODELS = "identify.json", "report.html", "models"
 WIDTH, LINES = 80, 12
-SIMULATES, ONE_STEP, NOT = (
-    "simulates the structure",
-    "estimates one step ahead only",
-    "not identified",
-)
 
 
 @dataclass(frozen=True)
@@ -72,8 +70,11 @@ class Identified:
         return load_run(self.folder / self.chosen["folder"])
 
     def page(self) -> Path:
-        """The file report.html, which everybody can open."""
-        return self.folder / PAGE
+        """The file report.html, which any browser opens; written when it is first asked for."""
+        path = self.folder / PAGE
+        if not path.is_file():
+            import_module("report.page").write_page(self.folder)  # a room above this one
+        return path
 
     def __str__(self) -> str:
         return "\n".join(self.found["lines"])
@@ -88,16 +89,30 @@ def outcome_of(metrics: Mapping[str, Any]) -> dict[str, Any]:
     verdict = metrics["verdict"]
     way = verdict.get("by", "one step")
     split = FREE_RUNS["test"] if way == "free run" else "test"
-    blocks = verdict.get("blocks", {}).get(HELD_BACK)
-    held = None if blocks is None else 100.0 * float(np.sqrt(np.mean(blocks)))
+    held = verdict.get("held_back") or {}
+    blocks = held.get("blocks")
     return {
         "way": way,
-        "held_back_percent": held,
+        "held_back_percent": blocks and 100.0 * math.sqrt(sum(blocks) / len(blocks)),
+        "held_back_noise_percent": held.get("noise_percent"),
         "test_percent": metrics[split].get("relative_rms_percent"),
         "parameters": metrics["parameters"],
         "blocks": blocks,
         "grade": verdict.get("grade"),
     }
+
+
+def leaves_noise(outcome: Mapping[str, Any]) -> bool:
+    """Whether what a simulation leaves of held-back motion is noise, within a standard error.
+
+    A motion without noise is met as well as any opponent is asked to.
+    """
+    blocks, noise = outcome["blocks"], outcome["held_back_noise_percent"]
+    if outcome["way"] != "free run" or not blocks or noise is None:
+        return False
+    chance = float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks))
+    missed = float(np.mean(blocks)) - (0.01 * noise) ** 2
+    return missed <= max(chance, (0.01 * CLOSE) ** 2)
 
 
 def choose(outcomes: Sequence[Mapping[str, Any]]) -> int | None:

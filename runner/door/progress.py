@@ -88,8 +88,7 @@ def print_found(console: Terminal, found: Identified) -> None:
         console.print(Text(line, style="bold" if number == 0 else ""), soft_wrap=True)
     if found.found["command"]:
         console.print(Text(f"again: {found.found['command']}", style="dim"), soft_wrap=True)
-    place = found.page() if found.page().is_file() else found.folder
-    console.print(Text(f"saved in {place}"), soft_wrap=True)
+    console.print(Text(f"page: {found.page()}"), soft_wrap=True)
 
 
 def _last_line(path: Path) -> str:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+import re
 import shlex
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +20,18 @@ from data.inspect.proposal import Proposal, proposal
 from data.public.benchmarks import benchmark_in
 from runner.config.compose import composed, keys_of
 from runner.door.candidates import Candidate, candidates
-from runner.door.fits import Fits
-from runner.door.identified import MODELS, NAME, NOT, Identified, choose, lines_of, outcome_of
+from runner.door.fits import Callbacks, Fits, Job
+from runner.door.identified import (
+    MODELS,
+    NAME,
+    Identified,
+    choose,
+    leaves_noise,
+    lines_of,
+    outcome_of,
+)
 from runner.folder.run_folder import write_json
+from runner.scores.grade import NOTHING
 
 HELD_BACK = 0.2  # of each training record, its last part: the model is chosen on it
 READER = ("skip_rows", "delimiter", "decimal", "group", "header", "align")
@@ -72,25 +84,29 @@ class Asked:
 
 
 def identify_records(
-    paths: Sequence[str | Path],
-    folder: str | Path,
+    paths: str | Path | Sequence[str | Path],
+    folder: str | Path | None = None,
     budget: float | None = 300.0,
     words: Iterable[str] = (),
     processes: int | None = None,
     config: Path | None = None,
     watch: Watch | None = None,
+    fits: Fits | None = None,
 ) -> Identified:
     """The model that fits records best, chosen on held-back motion and tested on the rest.
 
-    paths: files, folders, archives, patterns. folder: where runs, identify.json and report.html go.
-    budget [s]: of all of it. words: settings as typed, `data.units.a=g`, `model.masses=[2,2]`.
-    processes: side by side; None: all cores. Where something only a person can know is missing,
-    nothing is fitted and the result has `questions`. Raises ValueError and FileError for files that
-    cannot be read and settings that do not fit them.
+    paths: files, folders, archives, patterns. folder: where runs, identify.json and report.html go;
+    None: a new one below runs/. budget [s]: of all of it. words: settings as typed, such as
+    `data.units.a=g`, `model.masses=[2,2]`. processes: side by side; None: all cores; fits: such as
+    were begun before. Where something is missing that only a person knows, nothing is fitted and
+    the result has `questions`. Raises ValueError and FileError for files that cannot be read and
+    settings that do not fit them.
     """
-    begun, watch, folder = time.monotonic(), watch or Watch(), Path(folder)
-    asked = Asked([str(path) for path in paths], list(words), config)
-    fits = Fits(processes)
+    begun, watch = time.monotonic(), watch or Watch()
+    wanted = [paths] if isinstance(paths, str | Path) else paths
+    asked = Asked([str(path) for path in wanted], list(words), config)
+    folder = Path(folder or new_folder(asked.paths[0]))
+    fits = fits or Fits(processes)
     try:
         about, data_words = _understood(asked)
         watch.understood(about)
@@ -103,15 +119,21 @@ def identify_records(
         tried = candidates(channels, states)
         outcomes = [_blank(one, asked) for one in tried]
         jobs = [
-            (i, [*data_words, *one["words"], "figures=false"], str(folder / one["folder"]))
+            Job(i, [*data_words, *one["words"], "figures=false"], str(folder / one["folder"]))
             for i, one in enumerate(outcomes)
         ]
-        end = begun + (budget if budget is not None else 1e9)
+        end = begun + (math.inf if budget is None else budget)
         interrupted = _fit(fits, jobs, end, outcomes, watch, folder)
     finally:
         fits.close()
     about["interrupted"] = interrupted
     return _written(folder, about, outcomes, data_words, begun, budget)
+
+
+def new_folder(record: str) -> str:
+    """Where the result of a record goes if nobody says."""
+    name = re.sub(r"\W+", "_", Path(record).stem)[:60]
+    return f"runs/{datetime.now():%Y-%m-%d/%H-%M-%S}-identify-{name}"
 
 
 def _understood(asked: Asked) -> tuple[dict[str, Any], list[str]]:
@@ -207,16 +229,17 @@ def _blank(candidate: Candidate, asked: Asked) -> dict[str, Any]:
 
 def _fit(
     fits: Fits,
-    jobs: Sequence[tuple[int, list[str], str]],
+    jobs: Sequence[Job],
     end: float,
     outcomes: list[dict[str, Any]],
     watch: Watch,
     folder: Path,
 ) -> bool:
     """Fit all candidates, what comes of them into `outcomes`; whether it was interrupted."""
+    settled: list[str] = []  # models that leave nothing but noise
 
     def begun(number: int) -> None:
-        outcomes[number] |= {"status": "given up", "reason": "it was interrupted"}
+        outcomes[number] |= {"status": "given up", "reason": "it took longer than the budget"}
         watch.begun(outcomes[number]["name"])
 
     def done(number: int, result: Mapping[str, Any]) -> None:
@@ -224,18 +247,24 @@ def _fit(
         one["seconds"] = result["seconds"]
         if "metrics" in result:
             one |= {"status": "fitted", "reason": ""} | outcome_of(result["metrics"])
+            settled.extend([one["name"]] if leaves_noise(one) else [])
         else:
             one |= {"status": "failed", "reason": result["failed"]}
         watch.done(one)
 
-    def look(running: Mapping[int, float]) -> None:
-        of_each = {
+    def looked(running: Mapping[int, float]) -> None:
+        names = {
             outcomes[i]["name"]: (s, folder / outcomes[i]["folder"]) for i, s in running.items()
         }
-        watch.looked(of_each, end - time.monotonic())
+        watch.looked(names, end - time.monotonic())
+
+    def wanted(number: int) -> bool:
+        if settled:
+            outcomes[number]["reason"] = f"{settled[0]} leaves nothing but noise"
+        return not settled
 
     try:
-        fits.run(jobs, end, begun, done, look, lambda number: True)
+        fits.run(jobs, end, Callbacks(begun, done, looked, wanted))
     except KeyboardInterrupt:
         return True
     return False
@@ -244,7 +273,7 @@ def _fit(
 def _unanswered(about: dict[str, Any]) -> dict[str, Any]:
     options = ", ".join(question["option"] for question in about["questions"])
     reason = f"nothing was fitted, for the record does not tell enough; say {options}"
-    return about | {"verdict": {"grade": NOT, "reason": reason, "advice": []}}
+    return about | {"verdict": {"grade": NOTHING, "reason": reason, "advice": []}}
 
 
 def _written(
@@ -282,7 +311,7 @@ def _verdict(outcomes: Sequence[Mapping[str, Any]], chosen: int | None) -> dict[
         return dict(outcomes[chosen]["grade"])
     why = dict.fromkeys(one["reason"] for one in outcomes if one["status"] == "failed")
     reason = next(iter(why), "no model could be fitted in this time")
-    return {"grade": NOT, "reason": reason, "advice": []}
+    return {"grade": NOTHING, "reason": reason, "advice": []}
 
 
 def _quoted(path: str) -> str:

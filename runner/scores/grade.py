@@ -132,7 +132,10 @@ class Judged:
 
 
 def grade_of(run: Judged) -> dict[str, Any]:
-    """For `verdict` in `metrics.json`: `grade`, and squared errors of the model on `blocks`."""
+    """For `verdict` in `metrics.json`: `grade`, and squared errors of the model on `blocks`.
+
+    held_back: those of held-back motion, as the model was trained, for who chooses among models.
+    """
     model, test, held = run.model, run.motions["test"], run.motions.get(HELD_BACK)
     free = errors_of(model, test, "free run")
     grade, way, found, why = SIMULATES, "free run", free, _fault(run, free)
@@ -144,7 +147,7 @@ def grade_of(run: Judged) -> dict[str, Any]:
         grade, reason = _of_one_step(run, found, why, way)
     elif found:
         reason = _praise(run, found)
-    late = errors_of(model, held, way) if held else None
+    late = errors_of(model, held, run.verdict.get("by", way)) if held else None
     return {
         "grade": {
             "grade": grade,
@@ -156,10 +159,11 @@ def grade_of(run: Judged) -> dict[str, Any]:
             "reason": reason,
             "advice": list(_advice(run, grade, free or found, reason)),
         },
-        "blocks": {
-            name: errors.blocks.tolist()
-            for name, errors in {"test": found, "held_back": late}.items()
-            if errors is not None
+        "blocks": {"test": found and found.blocks.tolist()},
+        "held_back": late
+        and {
+            "blocks": late.blocks.tolist(),
+            "noise_percent": 100.0 * math.sqrt(late.noise),
         },
     }
 

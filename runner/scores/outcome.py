@@ -39,18 +39,24 @@ from runner.scores.verdict import (
 
 
 def compare_baselines(
-    baselines: Mapping[str, Estimator | ValueError], data: Data
+    baselines: Mapping[str, Estimator | ValueError],
+    data: Data,
+    known: dict[str, Estimator] | None = None,
 ) -> dict[str, Any]:
     """Errors of each baseline on the same records, one step ahead and in free run.
 
-    One that cannot be built or identified says why; one that is not applicable is omitted.
+    One that cannot be built or identified says why; one that is not applicable is omitted. Those
+    that are `known` were identified before, the others are added.
     """
     results: dict[str, Any] = {}
+    known = {} if known is None else known
     for name, baseline in baselines.items():
         try:
             if isinstance(baseline, ValueError):
                 raise baseline
-            baseline.identify(data.loader("train"))
+            if name not in known:
+                baseline.identify(data.loader("train"))
+                known[name] = baseline
             one_step = {split: score(baseline, data.loader(split)) for split in SPLITS}
             free = {key: free_run_score(baseline, data.loader(s)) for s, key in FREE_RUNS.items()}
             results[name] = {**one_step, **free}

@@ -1,0 +1,151 @@
+"""The door: what a record is taken for, which model is chosen, how its time is shared."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from data.inspect.proposal import proposal
+from runner.door import fits
+from runner.door.candidates import candidates
+from runner.door.fits import Callbacks, Fits, Job
+from runner.door.identified import choose, leaves_noise, lines_of
+
+READER = {"skip_rows": 0, "delimiter": None, "decimal": None, "group": None, "header": True}
+
+
+def table(path, header, columns=3, samples=400):
+    t = 0.01 * np.arange(samples)
+    rows = [t, *(np.sin((3.0 + i) * t) * np.hanning(samples) for i in range(columns))]
+    np.savetxt(path, np.stack(rows, 1), delimiter=",", header=header, comments="")
+    return str(path)
+
+
+def test_columns_are_recognised_and_the_reason_is_said(tmp_path):
+    path = table(tmp_path / "r.csv", "Time (s),Base acc (g),Floor1 acc (g),Roof acc (g)")
+    found = proposal([path], {}, {}, **READER)
+    assert found.columns["s_ddot1"] == "Base acc"
+    assert [found.columns[c] for c in ("a1", "a2")] == ["Floor1 acc", "Roof acc"]
+    assert "ground" in found.why["s_ddot1"]
+    assert "unit" in found.why["a1"]
+    assert not found.questions
+    assert any(w.startswith("data.channels=") for w in found.words)
+
+
+@pytest.mark.parametrize(
+    ("header", "option"),
+    [
+        ("time,p,q,s", "data.channels.a1"),  # names that say nothing
+        ("time,a1,a2,a3", "data.channels.s_ddot1"),  # nothing drives
+        ("time,Base acc,Floor1 acc,Roof acc", "data.units"),  # no unit
+    ],
+)
+def test_what_is_missing_is_asked_for_by_its_option(tmp_path, header, option):
+    found = proposal([table(tmp_path / "r.csv", header)], {}, {}, **READER)
+    assert any(said.startswith(option) for _, said in found.questions)
+
+
+def test_records_with_other_columns_are_no_records_of_one_structure(tmp_path):
+    paths = [
+        table(tmp_path / "p.csv", "time,s_ddot1,a1,a2"),
+        table(tmp_path / "q.csv", "time,s_ddot1,a1", 2),
+    ]
+    ((text, option),) = proposal(paths, {}, {}, **READER).questions
+    assert "p.csv" in text
+    assert option == "data.channels.a1=COLUMN"
+
+
+@pytest.mark.parametrize(
+    ("channels", "states", "first", "never"),
+    [
+        (["s_ddot1", "a1", "a2"], False, "linear_state_space", "linear"),
+        (["f1", "a1", "x1", "v1"], True, "linear_state_space", "element_test, named"),
+        (["s1", "r1"], False, "restoring_force_surface, order 1", "vwnn"),
+        (["u1", "x1"], False, "linear_state_space", "element_network, units"),
+    ],
+)
+def test_candidates_follow_the_kind_of_record_and_plain_ones_come_first(
+    channels, states, first, never
+):
+    names = [one.name for one in candidates(channels, states)]
+    assert names[0] == first
+    assert never not in names
+    assert len({one.folder for one in candidates(channels, states)}) == len(names)
+
+
+def outcome(blocks, parameters, way="free run", grade="simulates the structure", **more):
+    told = {"grade": grade}
+    return {"way": way, "blocks": blocks, "parameters": parameters, "grade": told, **more}
+
+
+def test_the_fewest_parameters_within_a_standard_error_are_chosen_whatever_the_test_says():
+    spread = np.array([0.9, 1.1, 1.0, 0.8, 1.2])
+    few = outcome((0.0101 * spread[::-1]).tolist(), 5, test_percent=50.0)
+    many = outcome((0.01 * spread).tolist(), 500, test_percent=1.0)
+    worse = outcome((0.05 * spread).tolist(), 2, test_percent=0.1)
+    assert choose([worse, many, few]) == 2
+    assert choose([worse, many]) == 1
+    assert choose([outcome(None, 3)]) is None
+
+
+def test_one_step_ahead_is_chosen_where_no_simulation_is_one():
+    poor = outcome([0.9, 0.8, 0.95, 0.9, 0.7], 9, grade="not identified")
+    ahead = outcome([0.01] * 5, 50, "one step", "estimates one step ahead only")
+    assert choose([poor, ahead]) == 1
+    assert choose([poor | {"grade": {"grade": "simulates the structure"}}, ahead]) == 0
+
+
+def test_a_search_ends_where_nothing_but_noise_is_left():
+    noisy = {"way": "free run", "blocks": [0.011, 0.01, 0.0095, 0.0105, 0.009]}
+    assert leaves_noise(noisy | {"held_back_noise_percent": 10.0})
+    assert not leaves_noise(noisy | {"held_back_noise_percent": 5.0})
+    assert not leaves_noise(noisy | {"held_back_noise_percent": 10.0, "way": "one step"})
+
+
+def run(monkeypatch, seconds, end, wanted=lambda number: True, count=2):
+    """Jobs that take so many seconds: which ended, and the budgets they were given."""
+    budgets, ended = {}, []
+
+    def fit(words, folder):
+        budgets[int(words[0])] = float(words[1].partition("=")[2])
+        time.sleep(seconds[int(words[0])])
+        return {"metrics": {"fit_seconds": seconds[int(words[0])]}, "seconds": seconds[0]}
+
+    class Pool(ThreadPoolExecutor):
+        def shutdown(self, **_):
+            super().shutdown(wait=False)
+
+    monkeypatch.setattr(fits, "fit", fit)
+    monkeypatch.setattr(Fits, "_process", lambda self: Pool(1))
+    monkeypatch.setattr(fits, "SHORTEST", 0.0)
+    jobs = [Job(i, [str(i)], "") for i in range(len(seconds))]
+    told = Callbacks(lambda n: None, lambda n, r: ended.append(n), lambda t: None, wanted)
+    side_by_side = Fits(count)
+    side_by_side.run(jobs, time.monotonic() + end, told)
+    side_by_side.close()
+    return ended, budgets
+
+
+def test_half_of_the_time_is_left_for_later_models_and_the_last_take_all(monkeypatch):
+    ended, budgets = run(monkeypatch, [0.01, 0.01, 0.01], 10.0, count=1)
+    assert ended == [0, 1, 2]
+    assert budgets[0] == pytest.approx(5.0, rel=0.1)
+    assert budgets[2] == pytest.approx(10.0, rel=0.2)
+
+
+def test_a_model_that_overstays_is_left_and_what_cannot_win_is_not_begun(monkeypatch):
+    begun = time.monotonic()
+    ended, budgets = run(monkeypatch, [0.01, 3.0, 0.01], 0.6, lambda number: number != 2, 1)
+    assert ended == [0]
+    assert 2 not in budgets
+    assert time.monotonic() - begun < 2.5
+
+
+def test_a_verdict_is_at_most_twelve_lines_of_eighty_columns():
+    told = {"grade": "not identified", "reason": "word " * 300, "advice": ["more"] * 20}
+    lines = lines_of(told, {"name": "fir", "parameters": 3}, "")
+    assert len(lines) <= 12
+    assert max(map(len, lines)) <= 80
