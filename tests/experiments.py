@@ -10,7 +10,10 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from data.datamodule import Data
+from data.measured.datamodule import MeasuredData
+from data.measured.mend import Mending
 from data.sample import Sensors
+from data.simulation.scenario import FullState
 from models import choice
 from models.choice import Choice
 from models.estimator import Estimator
@@ -53,6 +56,12 @@ def changed(cfg: DictConfig, changes: Mapping[str, Any]) -> DictConfig:
     merged = OmegaConf.merge(cfg, changes)
     assert isinstance(merged, DictConfig)
     return merged
+
+
+def measured(path: Any, **choices: Any) -> MeasuredData:
+    """Records of files with all channels seen, and nothing mended unless it is chosen."""
+    usual = {"path": str(path), "scenario": FullState(), "mend": Mending()}
+    return MeasuredData(**{**usual, **choices})
 
 
 @cache

@@ -55,21 +55,6 @@ def test_velocities_and_displacements_have_columns_of_their_own(tmp_path, motion
     assert table.units["disp13"] == "cm"
 
 
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda t: t[: len(t) // 3], "cut off"),
-        (lambda t: t.replace("CM/SEC2", "COUNTS"), "is in 'COUNTS'"),
-        (lambda t: t.replace("POINTS OF", "PTS"), "announces no accelerations"),
-        (lambda t: t.replace("8F10.3", "8X99.3"), "has the format"),
-    ],
-)
-def test_what_a_volume_lacks_is_named(tmp_path, motion, spoil, message):
-    (tmp_path / "a.v2").write_text(spoil(csmip_v2(motion, DT)))
-    with pytest.raises(FileError, match=message):
-        read_table(tmp_path / "a.v2")
-
-
 def test_peer_files_are_measured_records_too(tmp_path, motion):
     (tmp_path / "a.AT2").write_text(peer(motion[1][1], DT))
     table = read_table(tmp_path / "a.AT2")

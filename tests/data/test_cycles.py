@@ -8,9 +8,8 @@ import torch
 
 from data.measured.cycles import end_of_a_cycle, valleys
 from data.measured.datamodule import MeasuredData
-from data.measured.mend import Mending
-from data.simulation.scenario import FullState
 from models.hysteretic_element import HystereticElement
+from tests.experiments import measured
 
 PER_CYCLE = 60
 
@@ -39,19 +38,18 @@ def path(tmp_path_factory):
     return place
 
 
-def measured(path, **choices) -> MeasuredData:
+def cyclic(path, **choices) -> MeasuredData:
     channels = {"s1": "Stroke", "r1": "Load"}
-    more = {"scenario": FullState(), "mend": Mending(), "channels": channels, **choices}
-    return MeasuredData(str(path), **more)
+    return measured(path, **{"channels": channels, **choices})
 
 
 def slow(path, said: bool | None) -> MeasuredData:
-    return measured(path, channels=None, units={"time": "s"}, quasi_static=said)
+    return cyclic(path, channels=None, units={"time": "s"}, quasi_static=said)
 
 
 @pytest.mark.parametrize("state", [None, "rest"])
 def test_a_test_without_a_clock_is_cut_at_the_end_of_a_cycle(path, state):
-    data = measured(path, initial_state=state)
+    data = cyclic(path, initial_state=state)
     (train,), (test,) = data.records["train"], data.records["test"]
     assert float(train.s_dot.abs().max()) == 0.0
     assert abs(train.samples - 6.75 * PER_CYCLE) <= 2  # the largest cycle is seen once
@@ -61,7 +59,7 @@ def test_a_test_without_a_clock_is_cut_at_the_end_of_a_cycle(path, state):
 
 
 def test_what_has_no_rates_has_no_damper_and_the_rest_goes_on_in_mid_loop(path):
-    data = measured(path)
+    data = cyclic(path)
     (test,) = data.records["test"]
     element = HystereticElement(1, 2, data.dt, hinges=0, units=1, cubic=False)
     element.identify(data.loader("train"))

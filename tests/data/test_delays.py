@@ -10,16 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.delays import channels_of, frames, late
-from data import MeasuredData
 from data.datamodule import Data
 from data.inspect.__main__ import main as inspect
 from data.measured.delays import delay_findings, delay_of, delays
 from data.measured.mend import Mending
 from data.measured.raw_record import RawRecord
-from data.simulation.scenario import FullState
 from models.experiment import Experiment
 from runner.config.choices import plain
 from runner.config.compose import composed
+from tests.experiments import measured
 
 DT = 0.01
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "shake_table_3story"
@@ -100,10 +99,6 @@ def record(frame, tmp_path) -> Path:
     return path
 
 
-def read(path: Path, **settings) -> MeasuredData:
-    return MeasuredData(path=str(path), scenario=FullState(), mend=Mending(), **settings)
-
-
 def doubts(data: Data) -> list[str]:
     return [note for said in data.notes for note in [said, *data.notes[said]] if "doubtful" in note]
 
@@ -119,7 +114,7 @@ def test_the_remedy_that_is_told_is_a_key_that_mends(record, capsys):
 
 
 def test_an_estimate_is_of_the_training_part_alone_and_settles_the_config(record):
-    data = read(record, delay="estimate")
+    data = measured(record, delay="estimate")
     seconds = data.settled["delay"]
     assert seconds["a1"] == seconds["a2"] == pytest.approx(0.033, abs=0.004)
     assert seconds["s_ddot1"] == 0.0
@@ -128,7 +123,7 @@ def test_an_estimate_is_of_the_training_part_alone_and_settles_the_config(record
     table[1510:, 1:] = np.random.default_rng(0).standard_normal(table[1510:, 1:].shape)
     header = record.read_text().splitlines()[0]
     np.savetxt(record, table, delimiter=",", header=header, comments="", fmt="%.9g")
-    assert read(record, delay="estimate").settled == data.settled
+    assert measured(record, delay="estimate").settled == data.settled
 
 
 @pytest.mark.parametrize(
@@ -142,7 +137,7 @@ def test_an_estimate_is_of_the_training_part_alone_and_settles_the_config(record
 )
 def test_delays_that_cannot_be_are_refused_in_one_line(record, delay, words):
     with pytest.raises(ValueError, match=words) as raised:
-        read(record, delay=delay)
+        measured(record, delay=delay)
     assert "\n" not in str(raised.value)
 
 
@@ -152,7 +147,7 @@ def test_a_real_frame_whose_sensors_are_in_step_has_no_delay(event):
     files = {"s_ddot1": "floor_0.csv:Acc_X", "time": "SampleTimeFine"}
     files |= {f"a{i}": f"floor_{i}.csv:Acc_X" for i in (1, 2, 3)}
     units = {"time": "us", "a": "m/s^2", "s_ddot": "m/s^2"}
-    data = read(SHARED / event, channels=files, units=units, skip_rows=6)
+    data = measured(SHARED / event, channels=files, units=units, skip_rows=6)
     assert not any("delay" in note for note in doubts(data))
 
 

@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from data import Polynomial, SlackBrace
-from data.measured.datamodule import MeasuredData
 from data.measured.mend import Mending
 from data.record import Record
 from data.sample import Sensors
@@ -24,6 +23,7 @@ from models.fit.problem import FreeRunProblem
 from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.hysteretic_element import HystereticElement
 from models.restoring_force_surface import RestoringForceSurface
+from tests.experiments import measured
 
 DT = 0.01
 TEN_LINES = """time,f1,a1
@@ -37,12 +37,6 @@ TEN_LINES = """time,f1,a1
 0.07,-0.5,-0.8
 0.08,-0.8,-0.9
 """
-
-
-def measured(path, **choices) -> MeasuredData:
-    return MeasuredData(
-        **{"path": str(path), "scenario": FullState(), "mend": Mending(), **choices}
-    )
 
 
 def oscillator(element: Element, force=None, support=None, support_rate=None, mass: float = 2.0):

@@ -10,25 +10,16 @@ import torch
 from omegaconf import OmegaConf
 
 from data.measured.clocks import aligned
-from data.measured.datamodule import MeasuredData
-from data.measured.mend import Mending
 from data.measured.onset import onset_of
 from data.measured.plausible import plausibility
 from data.measured.raw_record import RawRecord
 from data.measured.reading import read_record, read_records
-from data.simulation.scenario import FullState
 from data.windows import after_rest
 from models.hysteretic_element import HystereticElement
 from tests.data.odd_files import DT, clock, shaken, table
-from tests.experiments import estimator_from
+from tests.experiments import estimator_from, measured
 
 SI = {"a": "m/s^2", "s_ddot": "m/s^2"}
-
-
-def measured(path, **choices) -> MeasuredData:
-    return MeasuredData(
-        **{"path": str(path), "scenario": FullState(), "mend": Mending(), **choices}
-    )
 
 
 def write(path, samples: int, dt: float = DT, **more):

@@ -8,8 +8,9 @@ from scipy.signal import lfilter
 
 from data.record import Drive, Record
 from models.element_network import ElementNetwork
+from models.fit.minimise import minimise
+from models.fit.noise_weights import STEPS
 from models.fit.problem import FreeRunProblem
-from models.fit.solvers.levenberg_marquardt import LevenbergMarquardt
 from models.uncertainty.bands import half_widths
 from models.uncertainty.criticism import ELEMENT, LAW, criticism_of
 from models.uncertainty.laplace import laplace
@@ -42,12 +43,7 @@ def record_of(model: ElementNetwork, seed: int, noise: float = 0.2) -> Record:
 
 def settled(model: ElementNetwork, record: Record) -> ElementNetwork:
     """At the minimum of its free run."""
-    free = [p for p in model.parameters() if p.requires_grad]
-    solver = LevenbergMarquardt(
-        free, 40, change=1e-9, damping=1e-4, decrease=0.2, increase=4.0, largest=1e6, scaled=True
-    )
-    while not solver.finished:
-        solver.solve(FreeRunProblem(model, record, None))
+    minimise(FreeRunProblem(model, record, None), STEPS, iterations=40, change=1e-9)
     return model
 
 

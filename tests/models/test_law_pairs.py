@@ -16,20 +16,17 @@ from models.element_network_named import ElementNetworkNamed as Named
 from models.named_element import NamedElement
 from models.named_laws.fit import Fit
 from models.named_laws.pairs import PAIRS, halves
-from tests.models.test_named_laws import DT, PLANTED, error, motion, shaken
+from tests.models.test_named_laws import DT, PLANTED, element_test, error, motion, shaken
 
 UNITS = Units(0.04, 0.1, 3e5, 2e7)
 
 
 def frame_and_brace(seed: int, size: float) -> Record:
     """A braced frame of steel: the braces go slack, the frame yields later."""
-    y, _ = motion(seed, size)
-    rate = np.gradient(y, DT, edge_order=2)
     frame = replace(PLANTED["MenegottoPinto"], yield_displacement=0.02, stiffness=1e7)
     brace = replace(PLANTED["SlackBrace"], yield_displacement=0.006)
-    r = force(frame, y, DT, rate) + force(brace, y, DT, rate)
-    s, s_dot, a = (torch.from_numpy(u)[:, None] for u in (y, rate, r))
-    return Record(DT, a, a.new_zeros(len(r), 0), s=s, s_dot=s_dot, quantity="force")
+    one, other = (element_test(law, seed, size) for law in (frame, brace))
+    return replace(one, a=one.a + other.a)
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +47,7 @@ def test_a_frame_and_its_braces_are_found_by_their_names(braced):
 
 
 def test_one_law_that_suits_is_not_made_two():
-    y, _ = motion(0, 0.04)
-    rate = np.gradient(y, DT, edge_order=2)
-    r = force(PLANTED["SelfCentering"], y, DT, rate)
-    s, s_dot, a = (torch.from_numpy(u)[:, None] for u in (y, rate, r))
-    record = Record(DT, a, a.new_zeros(len(r), 0), s=s, s_dot=s_dot, quantity="force")
+    record = element_test(PLANTED["SelfCentering"], 0)
     model = NamedElement(1, 2, DT, laws=["SelfCentering", "MenegottoPinto"])
     assert model.identify([record])["laws"] == "SelfCentering"
 

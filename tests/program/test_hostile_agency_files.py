@@ -51,6 +51,8 @@ def test_no_text_keeps_the_reader_of_accelerograms_busy(tmp_path, text):
         (".02", "1e-400", "acc1 0 s.*expected one"),
         ("8f10.3", "8f999999", "has the format '8f999999'; expected 8F10.3"),
         ("cm/sec2", "counts", "is in 'counts'; expected cm/sec2"),
+        ("points of", "pts of", r"a\.v2 announces no accelerations"),
+        ("1 points", "9 points", "cut off"),
     ],
 )
 def test_hostile_headers_are_named_with_their_file(tmp_path, old, new, message):

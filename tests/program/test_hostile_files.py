@@ -22,14 +22,13 @@ from omegaconf import DictConfig, OmegaConf
 from rich.table import Table
 
 from data.inspect.config import literal, write_config
-from data.measured.datamodule import MeasuredData
 from data.measured.files import apart, hdf5
 from data.measured.files.columns import Request
 from data.measured.files.table import FileError, read_table
 from data.measured.mend import Mending
-from data.simulation.scenario import FullState
 from data.terminal import Terminal
 from runner.config.compose import CONF, prepare_hydra
+from tests.experiments import measured
 
 HOSTILE = (
     *("${oc.create:{_target_:os.system,command:'touch executed'}}", "${acc}", "${oc.env:HOME}"),
@@ -37,11 +36,6 @@ HOSTILE = (
     *("'", '"', "a\nb", "\x1b[31m", "é", "# x", "- x", "{x}", "*x", "&x", "!x", "%x", "@x", "`x`"),
     *("=1+1", "a,b", " ", "", "2025-01-01", "1:30", "\u2028", "\x85", "😀", "\ud800", "x" * 300),
 )
-
-
-@pytest.fixture
-def run(inspect_run):
-    return inspect_run
 
 
 def write_csv(path: Path, clock: np.ndarray | None = None, rows: int = 200, **columns) -> Path:
@@ -56,20 +50,14 @@ def write_csv(path: Path, clock: np.ndarray | None = None, rows: int = 200, **co
     return path
 
 
-def measured(path: Path | str, **choices) -> MeasuredData:
-    return MeasuredData(
-        **{"path": str(path), "scenario": FullState(), "mend": Mending(), **choices}
-    )
-
-
 # Clocks
 
 
-def test_a_time_that_is_missing_is_named(run, tmp_path):
+def test_a_time_that_is_missing_is_named(inspect_run, tmp_path):
     clock = 0.01 * np.arange(200)
     clock[50] = np.nan
     path = write_csv(tmp_path / "gap.csv", clock)
-    status, out, err = run("gap.csv")
+    status, out, err = inspect_run("gap.csv")
     assert (status, err) == (0, "")
     assert "must be corrected: NaN run: 1 times are missing, the first at sample 50" in out
     for choices in ({}, {"mend": Mending(fill=1.0)}, {"mend": Mending(resample=50.0)}):
@@ -249,10 +237,10 @@ def hydra_takes(words: str) -> DictConfig:
         *(("it's.yaml", "a"), ("-c", "a")),
     ],
 )
-def test_the_printed_command_is_understood(run, tmp_path, wanted, record):
+def test_the_printed_command_is_understood(inspect_run, tmp_path, wanted, record):
     write_csv(tmp_path / f"{record}.csv")
     place = "configs" if wanted is None else wanted
-    status, out, err = run(f"{record}.csv", f"--config={place}")
+    status, out, err = inspect_run(f"{record}.csv", f"--config={place}")
     assert (status, err) == (0, "")
     (line,) = (line for line in out.splitlines() if "train.py" in line)
     cfg = hydra_takes(line.strip())
@@ -262,7 +250,7 @@ def test_the_printed_command_is_understood(run, tmp_path, wanted, record):
 @pytest.mark.parametrize(
     "column", [name for name in HOSTILE if name.isprintable() and name.strip()][::4]
 )
-def test_a_column_of_any_name_is_found_through_the_config(run, tmp_path, column):
+def test_a_column_of_any_name_is_found_through_the_config(inspect_run, tmp_path, column):
     t = 0.01 * np.arange(100)
     path = tmp_path / "record.json"
     path.write_text(
@@ -270,7 +258,7 @@ def test_a_column_of_any_name_is_found_through_the_config(run, tmp_path, column)
     )
     words = ["--channels", "time=t", "f1=f", f"a1={column}", "--units", "f=N", "a=m/s^2"]
     words += ["--config"]
-    assert run("record.json", *words)[::2] == (0, "")
+    assert inspect_run("record.json", *words)[::2] == (0, "")
     loaded = OmegaConf.load("configs/data/record.yaml").data
     data = OmegaConf.to_container(loaded, resolve=True, throw_on_missing=True)
     records = measured(data["path"], channels=data["channels"], units=data["units"]).records
@@ -295,11 +283,11 @@ def test_the_terminal_is_not_commanded(text):
 
 
 @pytest.mark.parametrize("name", ["[red]x[/red]$x_{$", "a\x1b[31m\u202e😀", "x" * 200])
-def test_names_of_files_and_columns_in_print_and_picture(run, tmp_path, name):
+def test_names_of_files_and_columns_in_print_and_picture(inspect_run, tmp_path, name):
     path = tmp_path / f"{name.replace('/', '')}.json"
     t = 0.01 * np.arange(100)
     path.write_text(json.dumps({"time": t.tolist(), name: np.sin(t).tolist()}))
-    status, out, err = run(path.name, "--picture", "p.png", "--config")
+    status, out, err = inspect_run(path.name, "--picture", "p.png", "--config")
     assert (status, err) == (0, "")
     assert all(c.isprintable() or c == "\n" for c in out)
     assert (tmp_path / "p.png").stat().st_size > 1000
