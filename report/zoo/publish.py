@@ -331,8 +331,8 @@ def _of_system(found: list[Entry]) -> Iterator[str]:
     """A table for each structure, the least free-run error first."""
     for system in dict.fromkeys(entry.system for entry in found):
         of_system = sorted((e for e in found if e.system == system), key=_rank)
-        head = "| model | free run [%] | one step [%] | parameters | kB | licence | motion |"
-        lines = [head, "| --- | ---: | ---: | ---: | ---: | --- | --- |"]
+        head = "| model | free run [%] | one step [%] | parameters | licence | motion |"
+        lines = [head, "| --- | ---: | ---: | ---: | --- | --- |"]
         lines += [_row(entry) for entry in of_system]
         yield f"### {system}\n\n" + "\n".join(lines)
 
@@ -349,7 +349,6 @@ def _row(entry: Entry) -> str:
         _number(facts["free_run_percent"]),
         _number(facts["one_step_percent"]),
         facts["parameters"],
-        f"{entry.bytes / 1000.0:.1f}",
         facts["licence"],
         f'<img src="{place}/picture.svg" width="240" alt="">',
     )
