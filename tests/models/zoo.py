@@ -20,16 +20,18 @@ from runner.config.compose import CONF, EARLIER, composed
 from tests.experiments import changed, class_of, estimator_from
 
 DT = 0.01
+NOTHING_CHOSEN = {"prior": 1e-6, "force_memory": False, "unsymmetric": False}
+SMALL_BRANCH = {"ramps": 2, "bends": 1, "law_starts": 1, **NOTHING_CHOSEN}
 SMALLER = {  # what a class is built with here, so that it is identified in a second
     "models.ModalPolynomial": {"order": 3},
     "models.Recurrent": {"hidden": 4},
     "models.NeuralStateSpace": {"memory": 2, "hidden": 4, "past": 3},
     "models.ForwardVWNN": {"refinements": 1},
     "models.ElementNetwork": {"hinges": 1, "units": 1},
-    "models.ElementNetworkBranch": {"ramps": 2, "bends": 1, "law_starts": 1},
+    "models.ElementNetworkBranch": SMALL_BRANCH,
     "models.ElementNetworkNamed": {"laws": ["SelfCentering"]},
     "models.NamedElement": {"laws": ["SelfCentering"]},
-    "models.BranchElement": {"ramps": 2, "bends": 1, "law_starts": 1},
+    "models.BranchElement": SMALL_BRANCH,
     "models.LatentHysteresisNetwork": {"elements": 3, "hinges": 1, "units": 1},
     "models.ModalNetwork": {"modes": 3, "elements": 0, "iterations": 3},
 }

@@ -75,7 +75,8 @@ def fits(*overrides: str) -> dict:
         cfg = changed(cfg, {"objective": {"horizons": [None], "finalists": 1}})
         cfg = changed(cfg, {"data": {"duration": 10.0}})
     if cfg.model._target_ == "models.ModalNetwork":
-        cfg = changed(cfg, {"data": {"duration": 10.0}, "model": {"iterations": 3, "elements": 0}})
+        few = {"iterations": 3, "elements": 0, "modes": 3}
+        cfg = changed(cfg, {"data": {"duration": 10.0}, "model": few})
     if "laws" in cfg.model and cfg.model.laws != "units":
         cfg = changed(cfg, {"data": {"duration": 10.0}})
     if "refinements" in cfg.model:
@@ -95,6 +96,7 @@ def fits(*overrides: str) -> dict:
     return score(estimator, data.loader("test"))
 
 
+NOTHING_CHOSEN = ["model.prior=1e-6", "model.force_memory=false", "model.unsymmetric=false"]
 SMALL = {"vwnn_forward": ["data.duration=10"]}  # it simulates
 FOLLOWED = {
     "element_network_branch": "single_oscillator",  # one element, not six
@@ -117,7 +119,7 @@ def small(model: str, system: str) -> list[str]:
         law = "MenegottoPinto" if system == "single_oscillator" else "Linear"
         return [f"model.laws=[{law}]"]
     if model == "element_network_branch":
-        return ["model.law_starts=1", "model.ramps=2", "model.bends=1"]
+        return [*NOTHING_CHOSEN, "model.law_starts=1", "model.ramps=2", "model.bends=1"]
     return SMALL.get(model, [])
 
 
