@@ -11,9 +11,6 @@ from fnmatch import fnmatchcase
 from itertools import product
 
 import numpy as np
-from torch import Tensor
-
-from data.record import Record
 
 FEWEST = 20  # samples of a stretch
 
@@ -116,12 +113,3 @@ def in_band_rms(error: np.ndarray, dt: float, band: tuple[float, float]) -> np.n
     inside = (frequencies >= low - slack) & (frequencies <= high + slack)
     rms: np.ndarray = np.sqrt(power[inside].sum(axis=0)) / T
     return rms
-
-
-def official_rmse(estimate: Tensor, record: Record) -> np.ndarray:
-    """Root-mean-square error (n,) of an estimate (T, n) of one record, in the output's unit.
-
-    The benchmarks' metric: the state-initialisation window is not counted.
-    """
-    error = (estimate - record.a)[record.warmup :]
-    return error.square().mean(dim=0).sqrt().numpy(force=True)

@@ -70,34 +70,9 @@ def _sum_of_harmonics(
     return value, rate
 
 
-@checked
 @dataclass(frozen=True)
-class BandLimitedGaussian(Waveform):
-    """Zero-mean stationary Gaussian process, flat in its band, independent between channels."""
-
-    std: float  # of the process [N or m]
-    band: Sequence[float] = (0.0, 3.0)  # [Hz]
-
-    def __post_init__(self) -> None:
-        _require_positive("std", self.std)
-        _require_band(self.band)
-
-    def check_samples(self, samples: int, dt: float) -> None:
-        _harmonics(self.band, samples, dt)
-
-    def draw(
-        self, samples: int, dt: float, channels: int, record: int, rng: np.random.Generator
-    ) -> Signal:
-        harmonics = _harmonics(self.band, samples, dt)
-        scale = self.std / np.sqrt(harmonics.size)
-        cosine, sine = scale * rng.standard_normal((2, harmonics.size, channels))
-        return _sum_of_harmonics(harmonics, cosine, sine, samples, dt)
-
-
-@checked
-@dataclass(frozen=True)
-class Multisine(Waveform):
-    """Harmonics of equal amplitude and random phase: a flat spectrum without chance in its size."""
+class _BandLimited(Waveform):
+    """A sum of the harmonics of the record that lie in a band."""
 
     std: float  # root-mean-square value [N or m]
     band: Sequence[float] = (0.0, 3.0)  # [Hz]
@@ -113,10 +88,33 @@ class Multisine(Waveform):
         self, samples: int, dt: float, channels: int, record: int, rng: np.random.Generator
     ) -> Signal:
         harmonics = _harmonics(self.band, samples, dt)
-        amplitude = self.std * np.sqrt(2.0 / harmonics.size)
-        phase = rng.uniform(0.0, 2.0 * np.pi, (harmonics.size, channels))
-        cosine, sine = amplitude * np.cos(phase), amplitude * np.sin(phase)
+        cosine, sine = self._amplitudes(harmonics.size, channels, rng)
         return _sum_of_harmonics(harmonics, cosine, sine, samples, dt)
+
+    @abstractmethod
+    def _amplitudes(self, count: int, channels: int, rng: np.random.Generator) -> Signal:
+        """Of cosine and sine (L, c) each."""
+
+
+@checked
+@dataclass(frozen=True)
+class BandLimitedGaussian(_BandLimited):
+    """Zero-mean stationary Gaussian process, flat in its band, independent between channels."""
+
+    def _amplitudes(self, count: int, channels: int, rng: np.random.Generator) -> Signal:
+        cosine, sine = self.std / np.sqrt(count) * rng.standard_normal((2, count, channels))
+        return cosine, sine
+
+
+@checked
+@dataclass(frozen=True)
+class Multisine(_BandLimited):
+    """Harmonics of equal amplitude and random phase: a flat spectrum without chance in its size."""
+
+    def _amplitudes(self, count: int, channels: int, rng: np.random.Generator) -> Signal:
+        amplitude = self.std * np.sqrt(2.0 / count)
+        phase = rng.uniform(0.0, 2.0 * np.pi, (count, channels))
+        return amplitude * np.cos(phase), amplitude * np.sin(phase)
 
 
 @checked

@@ -123,15 +123,13 @@ def outputs(
     return out, states
 
 
-def steady_state(
-    layout: Layout, values: np.ndarray, excited: Excited, period: int, periods: int = 4
-) -> np.ndarray:
-    """The first state (S,) of an excitation that repeats itself, after some periods from rest.
+def steady_state(layout: Layout, values: np.ndarray, excited: Excited, period: int) -> np.ndarray:
+    """The first state (S,) of an excitation that repeats itself, after four periods from rest.
 
     Units begin without memory: it is short beside a period.
     """
-    fine = np.concatenate([excited.fine[:period]] * periods)
-    u = np.concatenate([excited.u[:period]] * periods + [excited.u[:1]])
+    fine = np.concatenate([excited.fine[:period]] * 4)
+    u = np.concatenate([excited.u[:period]] * 4 + [excited.u[:1]])
     _, states = outputs(layout, values, Excited(u, fine, excited.dt), np.zeros(layout.states))
     begin = np.zeros(layout.states)
     begin[: 2 * layout.modes] = states[-1, : 2 * layout.modes]

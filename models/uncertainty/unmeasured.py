@@ -44,13 +44,11 @@ class Signal:
 
 
 @torch.no_grad()
-def unmeasured(
-    estimator: Composite, found: Laplace, record: Record, forces: bool = True
-) -> Mapping[str, Signal]:
+def unmeasured(estimator: Composite, found: Laplace, record: Record) -> Mapping[str, Signal]:
     """Displacements [m], forces [N] and deformations [m] of the elements of one record.
 
-    forces: False leaves out those of elements. {} where the record begins in a motion that is not
-    known: its beginning, searched for, has an error that these bands would not show.
+    {} where the record begins in a motion that is not known: its beginning, searched for, has an
+    error that these bands would not show.
     """
     if record.initial_state == "unknown":
         return {}
@@ -59,9 +57,8 @@ def unmeasured(
 
     def run() -> dict[str, Tensor]:
         trace = estimator.trace(drive)
-        signals = {DISPLACEMENT: trace.response.x}
-        if forces:
-            signals |= {FORCE: trace.forces, DEFORMATION: trace.deformations}
+        signals = {DISPLACEMENT: trace.response.x, FORCE: trace.forces}
+        signals |= {DEFORMATION: trace.deformations}
         return {name: signal[-record.samples :].cpu() for name, signal in signals.items()}
 
     own = run()

@@ -139,8 +139,6 @@ CAPTION = (
     "errors of the test motions in %, against the true signals where they are known; free run: "
     "from the excitation and the initial state alone. A run that diverged or failed is the worst"
 )
-Columns = dict[str, Callable[[Row], str]]  # heading: the text of a row below it
-Title = Callable[[Row], str]  # of rows that belong together
 
 
 def case(row: Row) -> str:
@@ -152,7 +150,7 @@ def records_of(count: int | None) -> str:
     return "" if count is None else f"{count} training record{'' if count == 1 else 's'}, "
 
 
-COLUMNS: Columns = {
+COLUMNS: dict[str, Callable[[Row], str]] = {  # heading: the text of a row below it
     "model": lambda row: row.model,
     "setting": lambda row: row.varied,
     "runs": lambda row: str(row.errors.runs),
@@ -170,11 +168,11 @@ COLUMNS: Columns = {
 }
 
 
-def sections(rows: Sequence[Row], columns: Columns = COLUMNS, title: Title = case) -> list[Section]:
+def sections(rows: Sequence[Row]) -> list[Section]:
     """Rows that follow each other under a title; columns that are empty everywhere are omitted."""
-    filled = {name: text for name, text in columns.items() if any(text(row) for row in rows)}
+    filled = {name: text for name, text in COLUMNS.items() if any(text(row) for row in rows)}
     result = []
-    for name, group in groupby(rows, key=title):
+    for name, group in groupby(rows, key=case):
         same = list(group)
         lines = [[text(row) for text in filled.values()] for row in same]
         result.append(Section(list(filled), lines, name, reasons(same)))

@@ -42,9 +42,7 @@ def acceleration(
     return compared(record, signals, *_output(record), seconds, band)
 
 
-def free_run_acceleration(
-    record: Record, response: Response, seconds: float | None = None, band: Tensor | None = None
-) -> Figure:
+def free_run_acceleration(record: Record, response: Response, band: Tensor | None = None) -> Figure:
     """Draw the output of each DOF against that of the free run.
 
     Against the measured one where there is a band (T, n), of which 95 % should lie in it.
@@ -53,7 +51,7 @@ def free_run_acceleration(
     if record.truth is not None and band is None:
         known = {"true": record.truth.a}
     signals = {**known, "free run": response.a}
-    return compared(record, signals, *_output(record), seconds, band)
+    return compared(record, signals, *_output(record), None, band)
 
 
 def _output(record: Record) -> tuple[list[str], str]:
@@ -62,16 +60,14 @@ def _output(record: Record) -> tuple[list[str], str]:
     return [f"{symbol}{i + 1}" for i in range(record.dofs)], unit
 
 
-def free_run_displacement(
-    record: Record, response: Response, seconds: float | None = None, band: Tensor | None = None
-) -> Figure:
+def free_run_displacement(record: Record, response: Response, band: Tensor | None = None) -> Figure:
     """Draw the displacement of each DOF against that of the free run, with a band (T, n)."""
     displacement = displacement_of(record)
     assert displacement is not None
     known = "measured" if record.truth is None else "true"
     signals = {known: displacement, "free run": response.x}
     names = [f"x{i + 1}" for i in range(record.dofs)]
-    return compared(record, signals, names, "m", seconds, band)
+    return compared(record, signals, names, "m", None, band)
 
 
 def element_forces(record: Record, forces: Signal, names: list[str]) -> Figure:

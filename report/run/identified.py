@@ -95,7 +95,6 @@ def loops_over_truth(
     elements: Mapping[str, Element],
     places: Mapping[str, tuple[int, float]],
     title: str,
-    colour: str = ESTIMATED,
 ) -> Figure:
     """Figs. 6–8 from a model: the loops of its elements over the true ones, the largest of them."""
     truth = record.truth
@@ -112,7 +111,7 @@ def loops_over_truth(
         else:
             axes.text(0.97, 0.03, "not in the model", transform=axes.transAxes, ha="right",
                       fontsize="x-small")  # fmt: skip
-        _loop(axes, (true_y[:, i], true_r[:, i]), own, f"{name}: {behaviour(element)}", colour)
+        _loop(axes, (true_y[:, i], true_r[:, i]), own, f"{name}: {behaviour(element)}")
     one_legend(figure, figure.axes, loc="outside upper right", ncols=2)
     times = f"{record.dt * span.start:.3g}–{record.dt * span.stop:.3g} s"
     return titled(figure, f"{title}; {times}", 2.5)

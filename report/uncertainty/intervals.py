@@ -31,9 +31,7 @@ WIDER = (
 )
 
 
-def print_intervals(
-    console: Console, uncertainty: Mapping[str, Any], title: str = "", both: bool = False
-) -> None:
+def print_intervals(console: Console, uncertainty: Mapping[str, Any], both: bool = False) -> None:
     """Masses and elements with intervals, and the true values where they are known.
 
     both: two columns, intervals from noise alone and with a term for the model's error.
@@ -44,7 +42,7 @@ def print_intervals(
             console.print(f"no intervals: {uncertainty['unavailable']}")
         return
     known = any("truth" in row for row in rows)
-    table = Table(title=title or None, title_justify="left", caption_justify="left")
+    table = Table(caption_justify="left")
     table.add_column("parameter", no_wrap=True)
     halves = ("± noise", "± model error") if both else ("± 95 %",)
     for head in ("value", *halves, *(("truth",) if known else ())):
