@@ -341,9 +341,7 @@ def envelope_samples(
 
 
 def drawn_start(
-    rng: np.random.Generator,
-    of: Sizes,
-    samples: tuple[np.ndarray, np.ndarray, np.ndarray],
+    rng: np.random.Generator, of: Sizes, samples: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> np.ndarray:
     """Parameters θ (P,) of a start."""
     _, memories, ramps, bends = of

@@ -68,10 +68,7 @@ class EquivalentLinear(LinearInWeights):
         if stiffness.ndim != 2:
             return
         about = "" if type(self) is EquivalentLinear else "of the linear system beneath the rest"
-        named = (
-            ("stiffness_by_mass", stiffness, "1/s²"),
-            ("damping_by_mass", damping, "1/s"),
-        )
+        named = (("stiffness_by_mass", stiffness, "1/s²"), ("damping_by_mass", damping, "1/s"))
         for name, matrix, unit in named:
             for i, row in enumerate(matrix.tolist(), start=1):
                 for j, value in enumerate(row, start=1):

@@ -15,12 +15,7 @@ from torch.nn.functional import pad
 
 from data.record import Drive, Record, Response
 from models.fit.trainable import Trainable
-from models.layers.integrate import (
-    History,
-    one_by_one,
-    runge_kutta,
-    runge_kutta_delayed,
-)
+from models.layers.integrate import History, one_by_one, runge_kutta, runge_kutta_delayed
 from models.layers.perceptron import Perceptron
 from models.linear import EquivalentLinear
 from models.linear_in_weights import weighted

@@ -229,11 +229,7 @@ class Balance:
     own: Sequence[Tensor] = ()
 
     def __init__(
-        self,
-        known: Known,
-        motions: Sequence[Motion],
-        begin: np.ndarray,
-        theta: np.ndarray,
+        self, known: Known, motions: Sequence[Motion], begin: np.ndarray, theta: np.ndarray
     ) -> None:
         self.known, self.motions, self.begin = known, motions, begin
         self.theta = nn.Parameter(torch.from_numpy(theta.copy()))

@@ -39,13 +39,7 @@ class NeuralStateSpace(Trainable):
     sizes: Tensor
 
     def __init__(
-        self,
-        dofs: int,
-        inputs: int,
-        dt: float,
-        memory: int = 6,
-        hidden: int = 10,
-        past: int = 10,
+        self, dofs: int, inputs: int, dt: float, memory: int = 6, hidden: int = 10, past: int = 10
     ) -> None:
         super().__init__(dofs, inputs, dt)
         if min(memory, hidden, past) < 1:

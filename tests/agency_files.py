@@ -292,8 +292,7 @@ def xlsx(path: Path, **sheets: list[list[object]]) -> None:
         for part, rows in parts.items():
             inner = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
             archive.writestr(
-                part,
-                f'{start}<worksheet xmlns="{main}"><sheetData>{inner}</sheetData></worksheet>',
+                part, f'{start}<worksheet xmlns="{main}"><sheetData>{inner}</sheetData></worksheet>'
             )
 
 

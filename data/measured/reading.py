@@ -308,9 +308,7 @@ def _signal(channel: str) -> str:
 
 
 def units_of(
-    tables: Mapping[str, Table],
-    places: Mapping[str, tuple[str, str]],
-    units: Mapping[str, str],
+    tables: Mapping[str, Table], places: Mapping[str, tuple[str, str]], units: Mapping[str, str]
 ) -> dict[str, str | None]:
     """The unit of each channel: as it was stated, else as the file says it; None where none is.
 

@@ -32,7 +32,7 @@ KINDS = {  # file of this folder → the estimators whose steps it has
 FILES = {name: file for file, names in KINDS.items() for name in names}
 NO_STEP = {  # why, and what to take
     "BranchElement": "looks for turning points in the whole imposed motion, which a step has not "
-    "seen; take model=element_test model.laws=units or model.laws=named, or to=json for its curves",
+    "seen; take model=element_test model.laws=units or model.laws=named, or to=json for its curves"
 }
 WITH_ONLINE_STEP = ("VWNN",)  # beside their free run
 INTEGRATE = ("recurrent", "vwnn", "vwnn_forward")  # what they estimate, whatever that is

@@ -13,13 +13,7 @@ from export.names import elements_of, inputs_of, motion_of
 from export.step import Step
 from export.steps.composite import Motion
 from models.composition.branch_law_compiled import HIGHEST, LOWEST, STATES, Y_TURN
-from models.composition.branch_run_compiled import (
-    Laws,
-    Memory,
-    Room,
-    _deformation,
-    _forces,
-)
+from models.composition.branch_run_compiled import Laws, Memory, Room, _deformation, _forces
 from models.composition.simulate_compiled import _accelerations, _move, _speed_up
 from models.composition.trace import stated_by
 from models.element_network_branch import ElementNetworkBranch

@@ -15,13 +15,7 @@ import numpy as np
 from export.names import elements_of, inputs_of, motion_of
 from export.step import Step
 from models.composition.composite import Composite
-from models.composition.simulate_compiled import (
-    Elements,
-    _accelerations,
-    _forces,
-    _move,
-    _speed_up,
-)
+from models.composition.simulate_compiled import Elements, _accelerations, _forces, _move, _speed_up
 from models.composition.trace import stated_by
 from models.hysteretic_element import HystereticElement
 

@@ -214,12 +214,7 @@ class Branch:
 
 
 def branch_forces(
-    theta: Tensor,
-    of: Sizes,
-    y: Tensor,
-    rate: Tensor,
-    turns: Tensor,
-    log_k0: float,
+    theta: Tensor, of: Sizes, y: Tensor, rate: Tensor, turns: Tensor, log_k0: float
 ) -> Tensor:
     """Forces (N,) of a motion in steps; `turns` (N,): direction of the branch that begins there."""
     branch, forces = Branch(theta, of, log_k0, y[0]), []

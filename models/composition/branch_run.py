@@ -19,14 +19,7 @@ from models.composition.branch_law_compiled import extreme_at, hermite
 from models.composition.branch_run_compiled import Laws, run
 from models.composition.simulate import Composition
 from models.composition.simulate_compiled import Histories
-from models.composition.trace import (
-    Trace,
-    anchors_of,
-    course_of,
-    do_all,
-    on_processor,
-    stated_by,
-)
+from models.composition.trace import Trace, anchors_of, course_of, do_all, on_processor, stated_by
 from models.estimator import Parameter
 from models.layers.integrate import between
 

@@ -316,11 +316,7 @@ class UnknownBeginningProblem(FreeRunProblem):
     """A free run of whole records from first states of their own, which are in `own`."""
 
     def __init__(
-        self,
-        estimator: Trainable,
-        record: Record,
-        last: bool = True,
-        prior: float | None = None,
+        self, estimator: Trainable, record: Record, last: bool = True, prior: float | None = None
     ) -> None:
         whole = replace(record, warmup=0)  # no sample is lost to a transient
         super().__init__(estimator, whole, None, 0, last, prior)

@@ -166,10 +166,7 @@ def _solve(gram: np.ndarray, right: np.ndarray, ridge: float) -> np.ndarray:
 
 
 def first_state(
-    layout: Layout,
-    values: np.ndarray,
-    motion: Motion,
-    deviation: np.ndarray | None = None,
+    layout: Layout, values: np.ndarray, motion: Motion, deviation: np.ndarray | None = None
 ) -> np.ndarray:
     """The first state (S,) with which the run follows the samples before `stop` best.
 

@@ -97,11 +97,7 @@ class _Cloud:
     """Particles, log pL/q and log q of each."""
 
     def __init__(
-        self,
-        likelihood: LogLikelihood,
-        prior: Prior,
-        rng: np.random.Generator,
-        begin: Prior | Wide,
+        self, likelihood: LogLikelihood, prior: Prior, rng: np.random.Generator, begin: Prior | Wide
     ) -> None:
         self.likelihood, self.prior, self.rng, self.begin = likelihood, prior, rng, begin
         self.runs = 0

@@ -85,10 +85,7 @@ def _print_about(
 
 
 def print_parameters(
-    console: Console,
-    parameters: list[Parameter],
-    estimator: Estimator,
-    metrics: Mapping[str, Any],
+    console: Console, parameters: list[Parameter], estimator: Estimator, metrics: Mapping[str, Any]
 ) -> None:
     """Print masses and elements in tables; of a black box what it reads."""
     if not parameters:

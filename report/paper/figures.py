@@ -301,10 +301,7 @@ def _bilinear_marks(e: Bilinear) -> dict[str, Any]:
     """Yield displacement, and a point (y, r) of the largest loop on a branch of each slope."""
     largest, zy, k1, k2 = TURNS[-1], e.yield_displacement, e.stiffness, e.post_yield_stiffness
     loading, unloading = 0.7 * largest, largest - zy
-    slopes = {
-        "k_1": (unloading, k2 * unloading),
-        "k_2": (loading, k2 * loading + (k1 - k2) * zy),
-    }
+    slopes = {"k_1": (unloading, k2 * unloading), "k_2": (loading, k2 * loading + (k1 - k2) * zy)}
     return {"limits": {"z_y": zy}, "slopes": slopes}
 
 

@@ -127,12 +127,7 @@ def _printed_as(method: str) -> str:
 
 
 def _cell(
-    table: int,
-    method: str,
-    split: str,
-    dof: str,
-    runs: Sequence[Result],
-    printed: PaperCell | None,
+    table: int, method: str, split: str, dof: str, runs: Sequence[Result], printed: PaperCell | None
 ) -> Cell:
     ours = spread_of(runs, lambda run: error_of(run, method, split, dof))
     return Cell(table, method, split, dof, printed.percent if printed else None, ours)

@@ -280,10 +280,7 @@ def _opponents(run: Experiment, data: Data, records: Mapping[str, Record]) -> di
 
 
 def _print(
-    metrics: Mapping[str, Any],
-    records: Mapping[str, Record],
-    scores: Mapping[str, Any],
-    data: Data,
+    metrics: Mapping[str, Any], records: Mapping[str, Record], scores: Mapping[str, Any], data: Data
 ) -> None:
     console = terminal(WIDTH)
     about = f"{metrics['model']} identified on {metrics['system']}, {metrics['scenario']}"

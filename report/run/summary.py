@@ -27,12 +27,7 @@ from report.run.table import (
     titled,
     why_no_free_run,
 )
-from report.uncertainty.intervals import (
-    print_bands,
-    print_criticism,
-    print_drifts,
-    print_intervals,
-)
+from report.uncertainty.intervals import print_bands, print_criticism, print_drifts, print_intervals
 from runner.config.choices import dotted, typed
 from runner.scores.outcome import each_record
 from runner.scores.public_scores import benchmark_lines

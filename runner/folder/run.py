@@ -28,10 +28,7 @@ from runner.folder.run_files import (
     SENSORS,
     run_folder,
 )
-from runner.folder.run_folder import (
-    config_text,
-    write_json,
-)
+from runner.folder.run_folder import config_text, write_json
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import data.simulation.accelerograms as accelerograms
-from data.simulation.accelerograms import (
-    Accelerogram,
-    earthquake_of,
-    read_event,
-)
+from data.simulation.accelerograms import Accelerogram, earthquake_of, read_event
 from data.simulation.earthquake import GRAVITY, RecordedEarthquake, ground_motion, without_drift
 
 DT, N = 0.01, 3001

@@ -156,10 +156,7 @@ def test_filters_are_those_of_scipy_for_all_channels_alike(even):
         ({"low_pass": 50.0}, r"low_pass=50 Hz must lie below the Nyquist frequency 50 Hz"),
         ({"low_pass": 20.0, "resample": 30.0}, r"Nyquist frequency 15 Hz"),
         ({"high_pass": 60.0}, r"high_pass=60 Hz must lie below"),
-        (
-            {"high_pass": 3.0, "low_pass": 2.0},
-            r"high_pass=3 Hz must lie below data.mend.low_pass",
-        ),
+        ({"high_pass": 3.0, "low_pass": 2.0}, r"high_pass=3 Hz must lie below data.mend.low_pass"),
         ({"resample": 0.0}, r"data.mend.resample=0.0 must be positive"),
         ({"fill": -1.0}, r"data.mend.fill=-1.0 must be positive"),
         ({"detrend": "both"}, r"data.mend.detrend=both must be mean, linear or null"),

@@ -11,12 +11,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from benchmarks.opensees import opensees, prepare_steps
-from data import (
-    FrictionPendulum,
-    Pinching4,
-    UnevenHysteretic,
-    UnevenPinching4,
-)
+from data import FrictionPendulum, Pinching4, UnevenHysteretic, UnevenPinching4
 from data.simulation.element_test import force
 from tests.data.named_laws import DT
 from tests.data.test_elements import eased

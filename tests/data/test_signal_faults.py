@@ -54,13 +54,7 @@ def test_simulated_records_have_no_faults(record_of, structure, excitation, seed
 @pytest.mark.parametrize(
     ("at", "value", "what", "place", "remedy"),
     [
-        (
-            slice(1000, 1007),
-            np.nan,
-            "NaN run",
-            "10 s (sample 1000)",
-            "data.mend.fill=0.0701",
-        ),
+        (slice(1000, 1007), np.nan, "NaN run", "10 s (sample 1000)", "data.mend.fill=0.0701"),
         (2000, np.inf, "infinite values", "20 s (sample 2000)", "data.mend.fill=0.01"),
         (slice(0, 5), np.nan, "NaN run", "0 s (sample 0)", "data.start"),
         (slice(T - 5, T), np.nan, "NaN run", "(sample 3995)", "data.stop"),
@@ -82,12 +76,7 @@ def test_planted_samples_are_found_at_their_place(at, value, what, place, remedy
         ("a1", lambda a: a + 9.80665, "offset", "gravity"),
         ("a1", lambda a: 0.1 * a + 1.01, "suspicious unit", "data.units.a=g"),
         ("a1", lambda a: a + 0.3, "offset", "data.mend.detrend=mean"),
-        (
-            "a1",
-            lambda a: a + np.linspace(-0.5, 0.5, T),
-            "drift",
-            "data.mend.detrend=linear",
-        ),
+        ("a1", lambda a: a + np.linspace(-0.5, 0.5, T), "drift", "data.mend.detrend=linear"),
         ("a1", lambda a: 981.0 * a, "suspicious unit", "data.units.a"),
         ("a1", lambda a: 1e-5 * a, "suspicious unit", "data.units.a"),
         ("x1", lambda x: 1e5 * x, "suspicious unit", "if it is in mm say data.units.x"),

@@ -249,10 +249,7 @@ def test_a_bearing_of_constant_friction_is_exported_where_its_surface_is_not_cur
         between=("ground", "x1"), weight=1e6, radius=2.0, friction_fast=0.06, friction_slow=0.06,
         rate=0.0, yield_displacement=1e-3, spring_share=1.0,
     )  # fmt: skip
-    assert [m.parts[-1][0] for m in named_materials(flat, "ground–x1")] == [
-        "Elastic",
-        "ElasticPP",
-    ]
+    assert [m.parts[-1][0] for m in named_materials(flat, "ground–x1")] == ["Elastic", "ElasticPP"]
     with pytest.raises(ValueError, match=r"a curved surface \(curvature\) has no stock material"):
         named_materials(replace(flat, curvature=0.5), "ground–x1")
 

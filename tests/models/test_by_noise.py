@@ -13,11 +13,7 @@ from data.record import Drive, Record, stack
 from models.element_network import ElementNetwork
 from models.fit.free_run_objective import FreeRun
 from models.fit.minimise import minimise
-from models.fit.noise_weights import (
-    STEPS,
-    refit,
-    weigh_at_first,
-)
+from models.fit.noise_weights import STEPS, refit, weigh_at_first
 from models.fit.problem import FreeRunProblem
 from models.uncertainty.intervals import intervals_of
 from models.uncertainty.laplace import laplace

@@ -74,8 +74,7 @@ def test_features_that_cannot_be_are_refused(weight, order, message):
 
 
 @pytest.mark.parametrize(
-    "settings",
-    [{}, {"order": 1}, {"order": [1, 3], "bias": False}, {"order": 3, "squares": False}],
+    "settings", [{}, {"order": 1}, {"order": [1, 3], "bias": False}, {"order": 3, "squares": False}]
 )
 def test_compiled_features_are_those_of_torch_to_the_bit(settings):
     activation = SigmoidProducts(5, 0.7, **settings)

@@ -14,14 +14,7 @@ from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit, Motion
 from models.named_laws.free_run import FreeRuns
 from models.named_laws.leaning import HARDENING, LEANING, OF_LAW, leant
-from tests.models.test_named_laws import (
-    DT,
-    PLANTED,
-    element_test,
-    error,
-    heard_chain,
-    motion,
-)
+from tests.models.test_named_laws import DT, PLANTED, element_test, error, heard_chain, motion
 
 UNITS = Units(0.02, 0.1, 1e5, 2e7)
 STEEL = {

@@ -12,12 +12,7 @@ from data import Bilinear, Drive, Record
 from data.simulation.element_test import force, growing_cycles
 from data.simulation.laws.candidate import Units
 from export.modes import modes_of
-from models import (
-    BranchElement,
-    ElementNetwork,
-    EquivalentLinear,
-    LinearMotion,
-)
+from models import BranchElement, ElementNetwork, EquivalentLinear, LinearMotion
 from models.composition.laws import units
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.fit import Fit

@@ -59,11 +59,7 @@ def windows(length: int = 12, warmup: int = 4) -> Record:
     return stack(list(WindowDataset([motion(), motion(seed=1)], length, warmup=warmup)))
 
 
-RECORDS = {
-    "record": motion,
-    "warming_up": lambda: replace(motion(), warmup=7),
-    "windows": windows,
-}
+RECORDS = {"record": motion, "warming_up": lambda: replace(motion(), warmup=7), "windows": windows}
 PAIRS = [("global", "warming_up"), ("residual", "windows"), ("one_pole", "windows")]
 
 

@@ -5,12 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from models.layers.reconstructed import (
-    corner_of,
-    high_passed,
-    passed,
-    reconstructed,
-)
+from models.layers.reconstructed import corner_of, high_passed, passed, reconstructed
 
 DT = 0.01
 

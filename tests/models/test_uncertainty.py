@@ -17,12 +17,7 @@ from models.element_network import ElementNetwork
 from models.physical.truth import forces_of
 from models.uncertainty.bands import half_widths
 from models.uncertainty.drifts import drifts, residual_of
-from models.uncertainty.intervals import (
-    COMBINATION,
-    DETERMINED,
-    UNEXCITED,
-    intervals_of,
-)
+from models.uncertainty.intervals import COMBINATION, DETERMINED, UNEXCITED, intervals_of
 from models.uncertainty.laplace import NORMAL, Laplace, about, laplace
 from models.uncertainty.parameters import free_vector, set_free_vector
 from models.uncertainty.unmeasured import DEFORMATION, DISPLACEMENT, FORCE, unmeasured

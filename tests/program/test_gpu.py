@@ -41,9 +41,7 @@ def files(tmp_path_factory) -> Path:
     """A record of an element, and one of two floors on a shaken base."""
     folder, t = tmp_path_factory.mktemp("records"), 0.01 * np.arange(900.0)
     u, rate = np.sin(3.0 * t) * (1.0 + 0.3 * t), np.gradient(np.sin(3.0 * t) * (1.0 + 0.3 * t), t)
-    tables = {
-        "element": {"s1": 0.01 * u, "s_dot1": 0.01 * rate, "r1": 100.0 * np.tanh(u)},
-    }
+    tables = {"element": {"s1": 0.01 * u, "s_dot1": 0.01 * rate, "r1": 100.0 * np.tanh(u)}}
     tables["frame"] = shaken_frame()
     for name, signals in tables.items():
         columns = np.stack([t, *signals.values()], axis=1)

@@ -10,9 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from data import (
-    numba_cache,
-)
+from data import numba_cache
 from runner.launch import processes, ray_cluster
 from runner.launch.ray_cluster import RayLauncher
 

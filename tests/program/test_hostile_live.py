@@ -80,8 +80,7 @@ def expected() -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("size", "channel", "run"),
-    [(20.0, "a1", 3), (1e2, "f1", 1), (1e6, "f1", 3), (1e300, "a1", 1)],
+    ("size", "channel", "run"), [(20.0, "a1", 3), (1e2, "f1", 1), (1e6, "f1", 3), (1e300, "a1", 1)]
 )
 def test_one_outlier_is_named_and_leaves_the_model_as_it_was(size, channel, run, expected):
     a, f = shaken(0)

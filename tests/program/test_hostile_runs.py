@@ -41,20 +41,12 @@ from runner.config.compose import composed
 from runner.folder.run import load_run
 from runner.job import job_errors
 from tests.experiments import estimator_from
-from tests.hostile_files import (
-    Change,
-    changes,
-    require_lines,
-    watched,
-)
+from tests.hostile_files import Change, changes, require_lines, watched
 from tests.program.planted_runs import DT, forced, plant
 
 EXAMPLES = int(os.environ.get("HOSTILE_EXAMPLES", "0"))
 HOSTILE = settings(
-    deadline=None,
-    derandomize=not EXAMPLES,
-    database=None,
-    suppress_health_check=list(HealthCheck),
+    deadline=None, derandomize=not EXAMPLES, database=None, suppress_health_check=list(HealthCheck)
 )
 FILES = ("config.yaml", "metrics.json", "sensors.json", "model.safetensors")
 SCORES = {"relative_rms_percent": 1.0, "per_dof_percent": [1.0] * 3, "per_dof_rms": [0.1] * 3}

@@ -16,15 +16,7 @@ from hypothesis import strategies as st
 
 import data
 import models
-from data import (
-    Excitation,
-    FullState,
-    Multisine,
-    Polynomial,
-    SimulatedData,
-    Simulation,
-    Structure,
-)
+from data import Excitation, FullState, Multisine, Polynomial, SimulatedData, Simulation, Structure
 from data.simulation import motion
 from data.simulation.damage import StiffnessLoss
 from data.simulation.motion import simulate

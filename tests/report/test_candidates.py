@@ -9,12 +9,7 @@ import pytest
 from rich.console import Console
 
 from models.uncertainty.laplace import about
-from report.candidates import (
-    Candidate,
-    odds_of,
-    print_candidates,
-    recommended,
-)
+from report.candidates import Candidate, odds_of, print_candidates, recommended
 
 CHAIN = Candidate("elements=chain", 10.0, 100.0, 30.0)
 ALL = Candidate("elements=all", 20.0, 90.0, 5.0)

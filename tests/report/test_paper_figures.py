@@ -10,13 +10,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 
 from report.collection.runs import read_runs
-from report.paper.figures import (
-    TURNS,
-    accelerations,
-    draw_study,
-    of_one_seed,
-    sample_loops,
-)
+from report.paper.figures import TURNS, accelerations, draw_study, of_one_seed, sample_loops
 from runner import job
 from runner.config.compose import CONF, prepare_hydra
 from runner.scores.result import FINISHED, Result

@@ -22,12 +22,7 @@ from runner.progress import sweep_tables
 from runner.scores import verdict as verdict_file
 from runner.scores.outcome import require_identified
 from runner.scores.result import read_result, spread_of
-from runner.scores.verdict import (
-    NotIdentifiedError,
-    compare_with,
-    judgement,
-    lost_on,
-)
+from runner.scores.verdict import NotIdentifiedError, compare_with, judgement, lost_on
 
 DIVERGED = {"relative_rms_percent": None, "diverged": 1, "diverged_after_s": [2.8]}
 

@@ -295,12 +295,7 @@ def _share_of_values(table: Table, request: Request) -> float | None:
 
 
 def _laid_out(
-    path: Path,
-    table: Table,
-    lines: Sequence[Line],
-    request: Request,
-    notes: list[str],
-    tried: bool,
+    path: Path, table: Table, lines: Sequence[Line], request: Request, notes: list[str], tried: bool
 ) -> Layout:
     """Layout with the names above the rows. Raises FileError where there are none, or two kinds.
 

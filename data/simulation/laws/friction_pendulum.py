@@ -188,12 +188,7 @@ _CURVED = {
 }
 _SIZES = ("stiffness", "slow", "faster")
 CURVED = Candidate(
-    "CurvedFrictionPendulum",
-    _PARAMETERS | _CURVED,
-    _bearing,
-    number=15,
-    sized=_SIZES,
-    begin=_begin,
+    "CurvedFrictionPendulum", _PARAMETERS | _CURVED, _bearing, number=15, sized=_SIZES, begin=_begin
 )
 CANDIDATES = (
     Candidate(

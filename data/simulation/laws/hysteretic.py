@@ -362,10 +362,7 @@ SHAPE = {
     "reloading_force": share(0.1, 0.9),
     "unloading_exponent": share(0.05, 0.5),
 }
-GROWTH = {
-    "growth_by_ductility": Parameter(1e-3, 0.05),
-    "growth_by_energy": Parameter(3e-3, 0.1),
-}
+GROWTH = {"growth_by_ductility": Parameter(1e-3, 0.05), "growth_by_energy": Parameter(3e-3, 0.1)}
 PARAMETERS = {
     "stiffness": STIFFNESS,
     "yield_displacement": YIELD,

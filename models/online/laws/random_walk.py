@@ -43,11 +43,7 @@ class RandomWalk(Law):
     number: ClassVar[int] = compiled.RANDOM_WALK
 
     def __init__(
-        self,
-        walk: float = 1e-6,
-        noise: float = 1e-2,
-        variance: float = 1e3,
-        limit: float = 1.0,
+        self, walk: float = 1e-6, noise: float = 1e-2, variance: float = 1e3, limit: float = 1.0
     ) -> None:
         super().__init__()
         if not 0.0 <= walk < float("inf"):
