@@ -22,6 +22,12 @@ from data.windows import WindowDataset, after_rest, cut
 EACH = "each record"  # under which `notes` has what holds for every record of a split
 
 
+def _after(record: Record, share: float) -> int:
+    """The sample before which so much of the motion's power lies: the end of many is a rest."""
+    power = record.a.square().sum(dim=-1).cumsum(dim=0)
+    return int((power < share * power[-1]).sum())
+
+
 def _from(record: Record, first: int) -> Record:
     """The motion from a sample on; behind all that came before where its state was not measured."""
     if record.x is None or record.v is None:
@@ -35,7 +41,7 @@ class Data(LightningDataModule):
     `window`, `stride` and `warmup` are in samples. Models are fitted to windows, whole records by
     default, and scored on whole records less their warm-up. `batch` windows are handed out at a
     time, shuffled; all at once by default. `validation` is the last fraction of each training
-    record, held back from the fit.
+    motion, by its power, held back from the fit.
     """
 
     name: str
@@ -105,7 +111,7 @@ class Data(LightningDataModule):
         records = self.make_records()
         if self.validation > 0.0:
             whole = records["train"]
-            first = [round((1.0 - self.validation) * r.samples) for r in whole]
+            first = [_after(r, 1.0 - self.validation) for r in whole]
             pairs = list(zip(whole, first, strict=True))
             for record, k in pairs:
                 if k < 2 or record.samples - k < 2:

@@ -19,7 +19,6 @@ from data.inspect.inspection import (
     inspections,
     is_free,
     lacking,
-    mapped,
     places,
 )
 from data.measured.channels import signal_of
@@ -137,13 +136,16 @@ def _questions(
             asked.setdefault(_option(finding), str(finding))
     for option, text in asked.items():
         if option.partition("=")[0].removeprefix("data.units.") not in sure:
-            yield text, option
+            yield text.partition(": say data.units.")[0], option
 
 
 def _option(finding: Finding) -> str:
-    """The setting that a fault names."""
+    """The setting that a fault names; of a unit, only one that nothing else could be."""
     named = OPTION.search(finding.message)
-    return named[0].rstrip(".") if named else "data.start and data.stop"
+    option = named[0].rstrip(".") if named else "data.start and data.stop"
+    sized = re.search(r"by its size it may be ([^:]*)", finding.message)
+    several = finding.what == "no unit" and (sized is None or "," in sized[1])
+    return f"{option.partition('=')[0]}=UNIT" if several else option
 
 
 def _why(seen: Sequence[Inspection], channel: str, column: str) -> str:
@@ -155,8 +157,3 @@ def _why(seen: Sequence[Inspection], channel: str, column: str) -> str:
     if signal_of(channel) in ("s", "s_dot", "s_ddot") and is_base(column):
         return f"its name says the ground{f', its unit is {units}' if units else ''}"
     return f"its unit is {units}" if units and channel != "time" else "by its name"
-
-
-def channels_of(record: Inspection) -> list[str]:
-    """The channels that a record has under their names."""
-    return list(mapped(record))

@@ -73,7 +73,7 @@ class Identified:
         """The file report.html, which any browser opens; written when it is first asked for."""
         path = self.folder / PAGE
         if not path.is_file():
-            import_module("report.page").write_page(self.folder)  # a room above this one
+            import_module("report.page.page").write_page(self.folder)  # a room above this one
         return path
 
     def __str__(self) -> str:

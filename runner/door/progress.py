@@ -45,7 +45,7 @@ class Progress(Watch):
                 taken = f"is {column['channel']}" if column["channel"] else "is not used"
                 why = f": {column['why']}" if column["channel"] and column["why"] else ""
                 self._line(f"  {column['column']}{unit} {taken}{why}")
-            for fault in file["findings"]:
+            for fault in file["findings"] if not about["questions"] else ():
                 where = f" in {fault['channel']}" if fault["channel"] else ""
                 self._line(f"  {fault['what']}{where}: {fault['text']}", "yellow")
         for text in record.get("left_out", []):

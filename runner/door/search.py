@@ -33,7 +33,7 @@ from runner.door.identified import (
 from runner.folder.run_folder import write_json
 from runner.scores.grade import NOTHING
 
-HELD_BACK = 0.2  # of each training record, its last part: the model is chosen on it
+HELD_BACK = 0.2  # of each training motion's power, its last part: the model is chosen on it
 READER = ("skip_rows", "delimiter", "decimal", "group", "header", "align")
 QUESTIONS = 3  # shown at a time: the rest follows once these are answered
 OF_MODELS = ("model.", "objective.", "solver.", "model/")
@@ -216,7 +216,7 @@ def _split(data: Any) -> str:
         return f"{shown or split}, {seconds:.4g} s"
 
     return (
-        f"trained on {listed('train')}, of which the last fifth chooses the model; "
+        f"trained on {listed('train')}, the last fifth of its power chooses the model; "
         f"tested on {listed('test')}"
     )
 

@@ -103,7 +103,7 @@ def test_a_solver_of_full_batches_refuses_several(records, tmp_path):
 
 @pytest.fixture(scope="module")
 def held_back():
-    """The last 30 % of a motion of 12 s."""
+    """The last 30 % of the power of a motion of 12 s."""
     data = data_from(config("data.validation=0.3"))
     data.setup()
     return data
@@ -112,7 +112,9 @@ def held_back():
 def test_the_validation_part_is_the_end_of_the_motion_and_not_in_the_fit(records, held_back):
     (whole,), (train,) = records["train"], list(held_back.train_dataloader())
     (validation,) = held_back.val_dataloader()
-    first = round(0.7 * whole.samples)
+    first = train.samples
+    assert whole.a[:first].square().sum() < 0.7 * whole.a.square().sum()
+    assert whole.a[: first + 1].square().sum() >= 0.7 * whole.a.square().sum()
     assert torch.equal(train.a[0], whole.a[:first])
     assert torch.equal(validation.a[0], whole.a[first:])
     assert torch.equal(validation.x[0], whole.x[first:])
@@ -122,7 +124,7 @@ def test_the_validation_part_is_the_end_of_the_motion_and_not_in_the_fit(records
 def test_the_closed_form_does_not_see_the_validation_part(held_back, records, tmp_path):
     module = Identification(EquivalentLinear(3, 3, 0.01))
     fit(module, held_back, tmp_path)
-    first = round(0.7 * records["train"][0].samples)
+    first = held_back.records["train"][0].samples
     train = records["train"][0].window(0, first)
     state = np.concatenate([train.v, train.x, train.f], axis=1)
     wanted = np.linalg.lstsq(state, train.a.numpy(), rcond=None)[0]
