@@ -13,12 +13,13 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
+from matplotlib.figure import Figure
 from rich.table import Table
 from rich.text import Text
 
@@ -31,13 +32,13 @@ from export.modes import modes_of
 from export.run import read_exported
 from models.estimator import Estimator
 from models.fit.metrics import FREE_RUNS
-from models.fit.trained_range import OTHER, warnings_of
 from models.stored.folder import CONFIG, require_finished
 from models.stored.run import StoredRun, read_run
 from report.collection.runs import collect
 from report.describe.description import draw_modes, print_modes, print_parameters, print_rest
 from report.output import picture_link
 from report.page.signals import (
+    Motion,
     charts_of,
     csv_of,
     fit_percent,
@@ -48,19 +49,18 @@ from report.page.signals import (
 from report.prediction.interface import Interface
 from report.prediction.peaks import number
 from report.run.rescore import record_gone
-from report.run.summary import print_all_errors, print_limits
-from report.uncertainty.intervals import print_bands, print_drifts, print_intervals, sentences
+from report.run.summary import print_all_errors
+from report.run.table import print_outside
+from report.uncertainty.intervals import print_bands, print_criticism, print_drifts, print_intervals
 from report.zoo.publish import command_of
 from runner.folder.run import restore
 from runner.folder.run_files import results_folder
+from runner.scores.grade import NOTHING, ONE_STEP, SIMULATES
 from runner.scores.headline import headline
 from runner.scores.spread import percent
 from runner.scores.verdict import CANNOT, ERROR
 
 PAGE, SEARCH = "report.html", "identify.json"
-SIMULATES, ONE_STEP, NOTHING = GRADES = (
-    "simulates the structure", "estimates one step ahead only", "not identified",
-)  # fmt: skip
 ANSWERS = {  # "can I simulate with it?"
     SIMULATES: "Yes: from the excitation alone.",
     ONE_STEP: "No: it needs the measured motion up to the last sample.",
@@ -70,6 +70,7 @@ STORED = {  # of what published and older runs lack
     "baselines": {}, "paper": {}, "per_record": {}, "benchmark": {}, "simulation_error": 0.0,
     "quantity": "acceleration",
 }  # fmt: skip
+LETTERS = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
 SOURCE_BYTES = 150_000  # of the C source in the page
 NAMED = 3  # channels that a sentence lists
 HERE = Path(__file__).parent
@@ -83,7 +84,7 @@ def write_page(folder: Path) -> Path:
     search = read_json(folder / SEARCH) if (folder / SEARCH).is_file() else {}
     chosen = _chosen(search)
     run_folder = folder / chosen["folder"] if chosen.get("folder") else folder
-    content: dict[str, Any] = {"search": search, "chosen": chosen, "candidates": _tried(search)}
+    content: dict[str, Any] = {"search": search, "chosen": chosen}
     if search and not chosen:
         grade = {"grade": NOTHING, **(search.get("verdict") or {})}
         content |= {"title": _files(search), "grade": grade, "not_for": [], "downloads": []}
@@ -128,24 +129,9 @@ def _chosen(search: Mapping[str, Any]) -> dict[str, Any]:
     return dict(candidates[place]) if place is not None else {}
 
 
-def _tried(search: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of the candidates' table."""
-    rows = []
-    for i, one in enumerate(search.get("candidates") or []):
-        held, test = (one.get(f"{key}_percent") for key in ("held_back", "test"))
-        errors = ["–" if error is None else f"{percent(error)} %" for error in (held, test)]
-        seconds = "–" if one.get("seconds") is None else f"{one['seconds']:.3g} s"
-        status = "chosen" if i == search.get("chosen") else one.get("status") or ""
-        row = [one.get("name"), status, one.get("way"), *errors, one.get("parameters"), seconds,
-               one.get("reason")]  # fmt: skip
-        rows.append([str(cell or "–") for cell in row])
-    return rows
-
-
 def _files(search: Mapping[str, Any]) -> str:
-    names = [str(file.get("name")) for file in (search.get("record") or {}).get("files") or []]
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return (", ".join(names[:NAMED]) + more) or "no record"
+    files = (search.get("record") or {}).get("files") or []
+    return _few([str(file.get("name")) for file in files]) or "no record"
 
 
 def _rendered(template: str, content: Mapping[str, Any], *libraries: str) -> str:
@@ -163,7 +149,7 @@ def _rendered(template: str, content: Mapping[str, Any], *libraries: str) -> str
         loader=FileSystemLoader(HERE), autoescape=True,
         trim_blocks=True, lstrip_blocks=True, finalize=_written,
     )  # fmt: skip
-    environment.filters |= {"percent": percent, "number": number}
+    environment.filters |= {"percent": percent, "number": number, "with_unit": _with_unit}
     environment.globals |= {"answers": ANSWERS}
     embedded = {name: Markup(text) for name, text in (("css", css), ("js", js), ("data", data))}
     hashes = {f"{name}_hash": _digest(embedded[name]) for name in ("css", "js")}
@@ -175,13 +161,16 @@ def _written(value: Any) -> Any:
     return arguments.plain(value) if type(value) is str else value
 
 
+def _with_unit(value: Any, unit: str) -> str:
+    return f"{percent(value) if unit == '%' else number(value, 3)} {unit}" if value else ""
+
+
 def _digest(text: str) -> str:
     return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
-def _link(text: str | bytes, kind: str = "text/plain") -> str:
-    content = text.encode() if isinstance(text, str) else text
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+def _link(text: str, kind: str = "text/plain") -> str:
+    return f"data:{kind};base64,{base64.b64encode(text.encode()).decode()}"
 
 
 class Blocks(Terminal):
@@ -196,13 +185,12 @@ class Blocks(Terminal):
             if isinstance(one, Table):
                 self.blocks.append(_table(one))
             elif str(one).strip():
-                warns = isinstance(one, Text) and ("yellow" in str(one.style) or "red" in
-                                                   str(one.style))  # fmt: skip
+                warns = isinstance(one, Text) and str(one.style) in ("yellow", "red", "bold red")
                 self.blocks.append({"kind": "warning" if warns else "text", "text": str(one)})
 
-    def picture(self, svg: str, alt: str) -> None:
-        """Add a picture with what it shows in words."""
-        self.blocks.append({"kind": "picture", "src": svg, "text": alt})
+    def picture(self, figure: Figure, words: str) -> None:
+        """Add a picture and what it shows in words."""
+        self.blocks.append({"kind": "picture", "src": picture_link(figure), "text": words})
 
 
 def _table(table: Table) -> dict[str, Any]:
@@ -246,14 +234,17 @@ def _of_run(run: StoredRun, search: Mapping[str, Any], place: Path) -> dict[str,
     """What a page tells of a finished run: verdict, charts, sections, downloads."""
     metrics, estimator = run.metrics, restore(run)
     grade = grade_of(metrics)
-    names, way = _channels(run), grade.get("by") or "one step"
+    way, driven = grade.get("by") or "one step", Interface.of(estimator, run.sensors).channels
+    channels = _inputs_and_outputs(run, driven)
+    names = [f"{c['channel']} ({c['column']})" if c["column"] else c["channel"]
+             for c in channels if c["why"] == "estimated"]  # fmt: skip
     others = metrics.get("verdict", {}).get("opponents", {}).get("test", {})
     plain = min((n for n, e in others.items() if e is not None), key=others.get, default=None)
     content: dict[str, Any] = {
         "title": _files(search) if search else f"{metrics['model']} on {metrics['system']}",
-        "grade": grade, "not_for": _not_for(grade, run, estimator), "way": way,
+        "grade": grade, "not_for": _not_for(grade, run, estimator, driven), "way": way,
         "charts": [], "why_no_charts": "", "plain": plain, "others": others,
-        "channels": _inputs_and_outputs(run, estimator),
+        "channels": channels,
         "notes": metrics.get("records", {}), "command": search.get("command") or _command(run),
         "run": run.folder.name if search else str(run.folder), "model": metrics["model"],
     }  # fmt: skip
@@ -262,25 +253,23 @@ def _of_run(run: StoredRun, search: Mapping[str, Any], place: Path) -> dict[str,
     downloads = [{"name": "config.yaml", "href": _link(config), "about": "all settings"}]
     try:
         motions, data = _motions(run, estimator, way, plain)
-        content["charts"] = charts_of(motions, names, _labels(way, plain))
+        how = "free run" if way == "free run" else "one step ahead"
+        labels = {"own": f"model, {how}", "plain": f"{plain}, the best plain model"}
+        content["charts"] = charts_of(motions, names, labels)
         _print_fit(signals, motions, names, metrics, way, plain)
         text, about = csv_of(table_of(motions, names), place)
         downloads.insert(0, {"name": "estimates.csv", "href": _link(text, "text/csv"),
                              "about": about})  # fmt: skip
         if drawn := loops_figure(estimator, data, motions[0], way):
-            loops.picture(picture_link(drawn[0]), f"{motions[0].name}; {drawn[1]}")
+            loops.picture(drawn[0], f"{motions[0].name}; {drawn[1]}")
     except (*CANNOT, OSError) as error:
         content["why_no_charts"] = arguments.reason(ValueError(str(error)))
     print_all_errors(signals, STORED | metrics)
-    sections = {
-        "Errors": signals, "Loops": loops, "Modes": _modes(estimator, metrics),
-        "Elements": _elements(estimator, metrics), "Drifts": _drifts(metrics),
-        "Does the residual show that something is missing?": _residual(metrics),
-        "Trained range": _trained(metrics),
-    }  # fmt: skip
-    content["sections"] = [
-        {"title": title, "blocks": own.blocks} for title, own in sections.items() if own.blocks
-    ]
+    sections = {"Errors": signals, "Loops": loops}
+    for title, tell in SECTIONS.items():
+        sections[title] = Blocks()
+        tell(sections[title], estimator, metrics)
+    content["sections"] = {title: own.blocks for title, own in sections.items() if own.blocks}
     content["downloads"] = downloads + _sources(run.folder)
     return content
 
@@ -295,66 +284,51 @@ def _motions(run: StoredRun, estimator: Estimator, way: str, plain: str | None) 
     return motions_of(run, estimator, data, way, plain), data
 
 
-def _channels(run: StoredRun) -> list[str]:
-    """Names of what is estimated, with those of the columns that they came from."""
-    letter = {"acceleration": "a", "velocity": "v", "displacement": "x", "force": "r"}
-    symbols = [f"{letter.get(run.sensors.quantity, 'y')}{i + 1}" for i in range(run.sensors.dofs)]
-    columns = _columns(run)
-    return [f"{s} ({columns[s]})" if s in columns else s for s in symbols]
-
-
 def _columns(run: StoredRun) -> Mapping[str, Any]:
     """{channel: column} where the run's config names columns."""
     stated = run.experiment.data.values.get("channels")
     return stated if isinstance(stated, Mapping) else {}
 
 
-def _labels(way: str, plain: str | None) -> dict[str, str]:
-    how = "free run" if way == "free run" else "one step ahead"
-    return {"own": f"model, {how}", "plain": f"{plain or ''}, the best plain model"}
-
-
-def _inputs_and_outputs(run: StoredRun, estimator: Estimator) -> list[dict[str, str]]:
+def _inputs_and_outputs(run: StoredRun, driven: Sequence[str]) -> list[dict[str, str]]:
     """Channels of a run without a search: what each is, in which unit."""
-    columns, known = _columns(run), run.sensors.units
-    driven = Interface.of(estimator, run.sensors).channels
-    own = [name.partition(" ")[0] for name in _channels(run)]
-    units = dict.fromkeys(own, QUANTITIES[run.sensors.quantity][1])
-    units |= {name: "N" for name in driven if name[0] == "f"}
-    listed = [*driven, *(c for c in run.sensors.channels if c not in (*driven, *own)), *own]
+    sensors, columns = run.sensors, _columns(run)
+    own = [f"{LETTERS.get(sensors.quantity, 'y')}{i + 1}" for i in range(sensors.dofs)]
+    units = dict.fromkeys(own, QUANTITIES[sensors.quantity][1])
+    units |= {name: "N" for name in driven if name[0] == "f"} | dict(sensors.units)
+    roles = dict.fromkeys(driven, "drives")
+    roles |= dict.fromkeys([c for c in sensors.channels if c not in roles], "read")
+    roles |= dict.fromkeys(own, "estimated")
     return [
-        {"channel": name, "column": str(columns.get(name, "")),
-         "unit": known.get(name) or units.get(name, ""),
-         "why": "estimated" if name in own else "drives" if name in driven else "read"}
-        for name in listed
+        {"channel": name, "column": str(columns.get(name, "")), "unit": units.get(name, ""),
+         "why": role} for name, role in roles.items()
     ]  # fmt: skip
 
 
-def _not_for(grade: Mapping[str, Any], run: StoredRun, estimator: Estimator) -> list[str]:
+def _not_for(
+    grade: Mapping[str, Any], run: StoredRun, estimator: Estimator, driven: Sequence[str]
+) -> list[str]:
     """What the model must not be used for, the weightiest first."""
     if grade["grade"] == NOTHING:
         return ["Any conclusion about the structure."]
-    found = []
-    if grade["grade"] == ONE_STEP:
-        found.append("Simulation: other loads, earthquakes, design.")
+    found = ["Simulation: other loads, earthquakes, design."] * (grade["grade"] == ONE_STEP)
     trained = run.metrics.get("trained_range", {})
     kinds = [k for k in ("deformation", "displacement", run.sensors.quantity) if k in trained][:1]
     for kind in [*kinds, *({"excitation"} & trained.keys())]:
         own = trained[kind]
-        pairs = list(zip(own["names"], own["largest"], strict=False))
-        sizes = ", ".join(
-            f"{number(v, 3)} {own['unit']}".strip() + f" ({n})" for n, v in pairs[:NAMED]
-        )
-        more = f" and {len(pairs) - NAMED} more" if len(pairs) > NAMED else ""
-        word = {"excitation": "Excitation"}.get(kind, kind.capitalize())
-        found.append(f"{word} beyond that of training: {sizes}{more}.")
-    driven = Interface.of(estimator, run.sensors).channels
-    if len(driven) and grade["grade"] == SIMULATES:
-        more = ", …" if len(driven) > NAMED else ""
-        found.append(f"Loads other than {', '.join(driven[:NAMED])}{more}.")
+        sizes = [f"{number(value, 3)} {own['unit']}".strip() + f" ({name})"
+                 for name, value in zip(own["names"], own["largest"], strict=False)]  # fmt: skip
+        found.append(f"{kind.capitalize()} beyond that of training: {_few(sizes)}.")
+    if driven and grade["grade"] == SIMULATES:
+        found.append(f"Loads other than {_few(driven)}.")
     if estimator.scale_is_open:
         found.append("Masses and forces in kg and N: they are known up to a common factor.")
     return found
+
+
+def _few(texts: Sequence[str]) -> str:
+    more = f" and {len(texts) - NAMED} more" if len(texts) > NAMED else ""
+    return ", ".join(texts[:NAMED]) + more
 
 
 def _command(run: StoredRun) -> str:
@@ -365,93 +339,76 @@ def _command(run: StoredRun) -> str:
 
 
 def _print_fit(
-    console: Blocks, motions: Sequence[Any], names: Sequence[str], metrics: Mapping[str, Any],
+    console: Blocks, motions: Sequence[Motion], names: Sequence[str], metrics: Mapping[str, Any],
     way: str, plain: str | None,
 ) -> None:  # fmt: skip
     """Per channel: error in percent and in its unit, MATLAB's fit, that of the best plain model."""
-    parts = [slice(m.record.warmup, None) for m in motions]
-    measured = [m.measured[part] for m, part in zip(motions, parts, strict=True)]
-    fits = [fit_percent(measured, [m.own[p] for m, p in zip(motions, parts, strict=True)])]
-    if plain is not None and all(m.plain is not None for m in motions):
-        fits.append(
-            fit_percent(measured, [m.plain[p] for m, p in zip(motions, parts, strict=True)])
-        )
     scores = metrics.get(FREE_RUNS["test"] if way == "free run" else "test", {})
     unit = QUANTITIES[metrics.get("quantity", "acceleration")][1]
     nothing = [None] * len(names)
-    head = ["channel", "error [%]", f"RMS error [{unit}]", "fit [%]", f"fit of {plain} [%]"]
-    columns = [
-        scores.get("per_dof_percent") or nothing,
-        scores.get("per_dof_rms") or nothing,
-        *fits,
-    ]
+    columns = {
+        "error [%]": scores.get("per_dof_percent") or nothing,
+        f"RMS error [{unit}]": scores.get("per_dof_rms") or nothing,
+        "fit [%]": fit_percent(motions, [m.own for m in motions]),
+    }
+    others = [m.plain for m in motions if m.plain is not None]
+    columns |= {f"fit of {plain} [%]": fit_percent(motions, others)} if others else {}
     rows = [
         [name, *("–" if v is None or not math.isfinite(v) else number(v, 3) for v in values)]
-        for name, *values in zip(names, *columns, strict=True)
+        for name, *values in zip(names, *columns.values(), strict=True)
     ]
-    console.print(_listed(head[: 1 + len(columns)], rows, "unseen motion, by channel"))
+    console.print(_listed(["channel", *columns], rows, "unseen motion, by channel"))
     console.print("fit: 100 (1 − ‖y − ŷ‖ / ‖y − mean y‖), MATLAB's compare(); 100 is perfect")
 
 
-def _modes(estimator: Estimator, metrics: Mapping[str, Any]) -> Blocks:
-    console, modes = Blocks(), modes_of(estimator)
+def _print_modes(console: Blocks, estimator: Estimator, metrics: Mapping[str, Any]) -> None:
+    modes = modes_of(estimator)
     if modes is not None:
         print_modes(console, modes)
         if len(modes.frequencies):
             figure = draw_modes(modes, f"small motions of {metrics['model']}")
-            console.picture(
-                picture_link(figure), "shapes of the modes; the table has their numbers"
-            )
-    return console
+            console.picture(figure, "shapes of the modes; the table has their numbers")
 
 
-def _elements(estimator: Estimator, metrics: Mapping[str, Any]) -> Blocks:
+def _print_elements(console: Blocks, estimator: Estimator, metrics: Mapping[str, Any]) -> None:
     """With intervals where there are some."""
-    console, parameters = Blocks(), estimator.physical_parameters()
-    sure = metrics.get("uncertainty", {})
+    parameters, sure = estimator.physical_parameters(), metrics.get("uncertainty", {})
     if headline(sure):
         print_intervals(console, sure)
         print_rest(console, parameters, metrics.get("trained_range", {}))
     else:
         print_parameters(console, parameters, estimator, metrics)
-    return console
 
 
-def _drifts(metrics: Mapping[str, Any]) -> Blocks:
-    console = Blocks()
-    print_drifts(console, metrics.get("uncertainty", {}))
-    return console
-
-
-def _residual(metrics: Mapping[str, Any]) -> Blocks:
+def _print_residual(console: Blocks, estimator: Estimator, metrics: Mapping[str, Any]) -> None:
     """What the tests of the residual find, and how wide the bands are."""
-    console, sure = Blocks(), metrics.get("uncertainty", {})
-    found = list(sentences(sure))
-    for line in found:
-        console.print(Text(line, style="yellow"))
-    if not found and "criticism" in sure:
+    sure = metrics.get("uncertainty", {})
+    print_criticism(console, sure)
+    if not console.blocks and "criticism" in sure:
         console.print("the tests find nothing: what is left looks like noise")
     if "uncertainty" in metrics:
         print_bands(console, metrics)
-    return console
 
 
-def _trained(metrics: Mapping[str, Any]) -> Blocks:
+def _print_range(console: Blocks, estimator: Estimator, metrics: Mapping[str, Any]) -> None:
     """The largest of all that moved in training, and where the test motion was larger."""
-    console = Blocks()
-    rows = []
-    for kind, own in metrics.get("trained_range", {}).items():
-        low = own.get("lowest", [None] * len(own["largest"])) if kind == OTHER else None
-        for i, (name, value) in enumerate(zip(own["names"], own["largest"], strict=False)):
-            text = number(value) if low is None else f"{number(low[i] or 0.0)} to {number(value)}"
-            rows.append([kind, name, text, own["unit"]])
+    rows = [
+        [kind, name, number(value), own["unit"]]
+        for kind, own in metrics.get("trained_range", {}).items()
+        for name, value in zip(own["names"], own["largest"], strict=False)
+    ]
     if rows:
         console.print(_listed(("quantity", "channel", "largest", "unit"), rows))
-    for line in warnings_of(metrics.get("outside_trained_range", [])):
-        console.print(Text(f"test motion {line}", style="yellow"))
-    if "escaped" in metrics and "simulation_error" in metrics:
-        print_limits(console, {**metrics, "outside_trained_range": []})
-    return console
+    print_outside(console, "test motion ", metrics.get("outside_trained_range", []))
+
+
+SECTIONS: Mapping[str, Callable[[Blocks, Estimator, Mapping[str, Any]], None]] = {
+    "Modes": _print_modes,
+    "Elements": _print_elements,
+    "Drifts": lambda console, _, metrics: print_drifts(console, metrics.get("uncertainty", {})),
+    "Does the residual show that something is missing?": _print_residual,
+    "Trained range": _print_range,
+}
 
 
 def _sources(folder: Path) -> list[dict[str, str]]:
@@ -464,7 +421,4 @@ def _sources(folder: Path) -> list[dict[str, str]]:
         texts = {path.name: path.read_text("utf-8") for path in files}
     if sum(map(len, texts.values())) > SOURCE_BYTES:
         return []
-    return [
-        {"name": name, "href": _link(text), "about": "the model in C99"}
-        for name, text in texts.items()
-    ]
+    return [{"name": n, "href": _link(t), "about": "the model in C99"} for n, t in texts.items()]

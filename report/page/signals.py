@@ -92,11 +92,12 @@ def motions_of(
     return motions
 
 
-def fit_percent(measured: Sequence[np.ndarray], own: Sequence[np.ndarray]) -> list[float]:
+def fit_percent(motions: Sequence[Motion], estimates: Sequence[np.ndarray]) -> list[float]:
     """MATLAB's fit (n,) of the System Identification Toolbox: 100 (1 − ‖y − ŷ‖ / ‖y − mean y‖)."""
-    y, estimate = np.concatenate(measured), np.concatenate(own)
-    left = np.linalg.norm(y - estimate, axis=0)
-    size = np.linalg.norm(y - y.mean(axis=0), axis=0)
+    first = [m.record.warmup for m in motions]
+    y = np.concatenate([m.measured[k:] for m, k in zip(motions, first, strict=True)])
+    own = np.concatenate([u[k:] for u, k in zip(estimates, first, strict=True)])
+    left, size = (np.linalg.norm(u, axis=0) for u in (y - own, y - y.mean(axis=0)))
     return [float(v) for v in 100.0 * (1.0 - left / np.where(size > 0.0, size, np.nan))]
 
 
@@ -230,18 +231,16 @@ def coded(signal: np.ndarray, points: int) -> dict[str, Any]:
 
 def table_of(motions: Sequence[Motion], names: Sequence[str]) -> pa.Table:
     """Time, measured and estimated signals of all records, in single precision."""
+    counts = [m.record.samples for m in motions]
     columns: dict[str, Any] = {
-        "record": np.repeat([spreadsheet(m.name) for m in motions],
-                            [m.record.samples for m in motions]),
+        "record": np.repeat([spreadsheet(m.name) for m in motions], counts),
         "time_s": np.concatenate([m.record.dt * np.arange(m.record.samples) for m in motions]),
-    }  # fmt: skip
-    for i, name in enumerate(names):
-        for what, signals in (
-            ("measured", [m.measured for m in motions]),
-            ("model", [m.own for m in motions]),
-        ):
-            found = np.concatenate([s[:, i] for s in signals]).astype(np.float32)
-            columns[spreadsheet(f"{name} {what}")] = found
+    }
+    y, own = (np.concatenate(u) for u in zip(*((m.measured, m.own) for m in motions), strict=True))
+    with np.errstate(over="ignore"):  # a model that diverges
+        for i, name in enumerate(names):
+            for what, signal in (("measured", y), ("model", own)):
+                columns[spreadsheet(f"{name} {what}")] = signal[:, i].astype(np.float32)
     return pa.table(columns)
 
 

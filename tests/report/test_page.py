@@ -15,9 +15,11 @@ import numpy as np
 import pytest
 
 from data.record import Record
+from report.page import write_page
 from report.page.command import page_of
-from report.page.page import GRADES, write_page, write_runs_page
+from report.page.page import write_runs_page
 from report.page.signals import CODES, Motion, charts_of, coded, csv_of, fit_percent, table_of
+from runner.scores.grade import NOTHING, SIMULATES
 from tests.program.planted_runs import DT, forced, plant
 
 SCRIPT = "<script>alert(1)</script>"
@@ -58,7 +60,7 @@ def measured(tmp_path_factory) -> Path:
     metrics = {
         **dict.fromkeys(("train", "test", "free_run_train", "free_run"), SCORES),
         "records": {f"test: {ODD}": [ODD]},
-        "verdict": {"grade": {"grade": GRADES[0], "by": "free run", "error_percent": 12.5,
+        "verdict": {"grade": {"grade": SIMULATES, "by": "free run", "error_percent": 12.5,
                               "interval_percent": [11.0, 14.0], "reason": ODD, "advice": [ODD]}},
     }  # fmt: skip
     path = f"data.path={folder / 'record.csv'}"
@@ -152,7 +154,7 @@ def test_where_nothing_was_fitted_the_questions_are_asked(tmp_path):
                               "findings": [{"text": "ten samples are too few", "blocks": True}]}]},
         "questions": [{"text": f"which column drives {ODD}?", "option": "data.channels.f1=COLUMN"}],
         "chosen": None, "candidates": [{"name": ODD, "status": "not tried"}],
-        "verdict": {"grade": GRADES[2], "reason": "nothing was fitted"},
+        "verdict": {"grade": NOTHING, "reason": "nothing was fitted"},
     }  # fmt: skip
     (tmp_path / "identify.json").write_text(json.dumps(search))
     page = write_page(tmp_path).read_text("utf-8")
@@ -219,11 +221,12 @@ def test_a_thinned_line_keeps_its_extremes_and_gaps():
 
 
 def test_fit_is_that_of_matlab():
-    y = np.array([[1.0], [3.0], [5.0]])
-    assert fit_percent([y], [y]) == [100.0]
-    assert fit_percent([y[:2], y[2:]], [np.full((3, 1), 3.0)]) == pytest.approx([0.0])
-    half = 3.0 + 0.5 * (y - 3.0)
-    assert fit_percent([y], [half]) == pytest.approx([50.0])
+    y = np.array([[9.0], [1.0], [3.0], [5.0]])
+    record = Record(dt=1.0, a=_tensor(y)[None], f=_tensor(y)[None], warmup=1)
+    motions = [Motion("one", record, y, None)]
+    assert fit_percent(motions, [y]) == [100.0]
+    assert fit_percent(motions, [np.full((4, 1), 3.0)]) == pytest.approx([0.0])
+    assert fit_percent(motions, [3.0 + 0.5 * (y - 3.0)]) == pytest.approx([50.0])
 
 
 def test_many_runs_on_a_page(measured, tmp_path):
