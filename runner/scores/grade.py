@@ -6,9 +6,9 @@ estimates one step ahead only: the model is better than no motion, and needs the
     but does not simulate
 not identified: none of both
 
-Squared errors are relative to the measured motion. Noise is what is white in the residual and does
-not follow the excitation, by the upper half of its spectrum; all else is the model's. Coloured
-noise counts as the model's, too: the grade is then too strict.
+Squared errors are relative to the measured motion. Noise is what is white in the residual and in the
+motion and does not follow the excitation, by the upper half of their spectra; all else is the
+model's. Coloured noise counts as the model's, too: the grade is then too strict.
 T samples, n channels, K blocks.
 """
 
@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from data.record import Record
@@ -47,6 +48,7 @@ UNDRIVEN = "but under the excitation of another time by no more"
 HALF = 0.5  # of a power: a motion is noise, or missed, that is so for the greater part
 UNEXPLAINED = 0.1  # of the power of a motion without its noise: what its model may leave
 TOLERANCE = 100.0 * math.sqrt(UNEXPLAINED)  # percent
+TINY = 1e-300  # has a logarithm
 CONFIDENCE = 0.95  # of the interval of the error
 
 
@@ -99,22 +101,25 @@ def errors_of(model: Estimator, records: Sequence[Record], way: str) -> Errors |
 def _moves(records: Sequence[Record], estimates: Sequence[Tensor], c: int) -> bool:
     """Whether a channel's estimates are better than no motion, beyond chance."""
     own = [replace(r, a=r.a[..., [c]], x=None, v=None, truth=None) for r in records]
-    errors, still = (errors_by_block(own, e) for e in ([e[..., [c]] for e in estimates],
-                                                       still_of(own)))  # fmt: skip
+    both = [estimate[..., [c]] for estimate in estimates], still_of(own)
+    try:
+        errors, still = (errors_by_block(own, one) for one in both)
+    except ValueError:  # a few samples hold all its power: the sum over all channels judges it
+        return True
     return beyond_chance(errors, still) > CHANCE and errors.mean() < SPARED**2 * still.mean()
 
 
 def noise_share(records: Sequence[Record], estimates: Sequence[Tensor]) -> float:
-    """Share of the measured power, over all channels, that is white noise in the residual."""
-    pairs, power, samples = [], 0.0, 0
+    """Share of the measured power that is white noise, in the residual and in the motion."""
+    pairs, power = [], np.zeros(2)  # sum of squares, samples
     for record, estimate in zip(records, estimates, strict=True):
-        seen = (estimate.cpu() - record.a.cpu(), record.excitation.cpu(), record.a.cpu())
-        rows = (u[..., record.warmup :, :].reshape(-1, record.samples - record.warmup, u.shape[-1])
-                for u in seen)  # fmt: skip
-        for e, u, y in zip(*(r.numpy() for r in rows), strict=True):
-            pairs.append((e, u))
-            power, samples = power + float(np.square(y).sum()), samples + len(y)
-    return samples * float(np.square(noise_of_sensors(pairs)).sum()) / power
+        seen = torch.cat([record.a.cpu(), estimate.cpu(), record.excitation.cpu()], dim=-1)
+        for one in seen.reshape(-1, *seen.shape[-2:])[:, record.warmup :].numpy():
+            y, own, u = np.split(one, [record.dofs, 2 * record.dofs], axis=1)
+            pairs.append((y, y - own, u))
+            power += np.square(y).sum(), len(y)
+    white = [noise_of_sensors([(pair[i], pair[2]) for pair in pairs]) for i in (0, 1)]
+    return float(min(np.square(noise).sum() for noise in white) * power[1] / power[0])
 
 
 @dataclass(frozen=True)
@@ -170,9 +175,13 @@ def grade_of(run: Judged) -> dict[str, Any]:
 
 def _fault(run: Judged, free: Errors | None) -> str:
     """Why the free run is no simulation of the structure; "" where it is one."""
-    verdict, by_run = run.verdict, run.verdict.get("by") == "free run"
+    verdict, by_run, test = run.verdict, run.verdict.get("by") == "free run", run.motions["test"]
     if run.model.identified_parameters == 0:
         return "the estimate has nothing to identify"
+    try:
+        errors_by_block(test, still_of(test))
+    except ValueError as error:
+        return f"the test motion tells no error: {error}"
     if free is None:
         scores = run.facts.get(FREE_RUNS["test"], {})
         left = "it diverges in free run on unseen motion"
@@ -219,7 +228,8 @@ def needs_excitation(model: Estimator, records: Sequence[Record], own: Errors) -
         late = [_driven_later(r, k * r.samples // BLOCKS) for r in records]
         estimates = estimates_of(model, late, "one step")
         others += [] if estimates is None else [errors_by_block(records, estimates)]
-    return all(beyond_chance(own.blocks, other) > CHANCE for other in others)
+    sizes = [np.log(np.maximum(squares, TINY)) for squares in (own.blocks, *others)]  # ratios
+    return all(beyond_chance(sizes[0], other) > CHANCE for other in sizes[1:])
 
 
 def _driven_later(record: Record, samples: int) -> Record:
@@ -252,10 +262,8 @@ def _of_one_step(run: Judged, found: Errors | None, why: str, way: str) -> tuple
         return NOTHING, f"{errs}, and misses the greater part of the motion"
     if not needs_excitation(run.model, test, found):
         return NOTHING, f"{errs}, {UNDRIVEN}"
-    others = {name: _percent(e) for name, e in _extrapolated(run.model, test).items()}
-    best = min(others, key=others.__getitem__, default="")
-    better = best and others[best] < found.error
-    beside = f"; {best}, an extrapolation, by {percent(others[best])} %" if better else ""
+    best, error = _best({n: _percent(e) for n, e in _extrapolated(run.model, test).items()})
+    beside = f"; {best}, an extrapolation, by {percent(error)} %" if error < found.error else ""
     return ONE_STEP, f"{errs}{beside}"
 
 
@@ -263,10 +271,14 @@ def _praise(run: Judged, free: Errors) -> str:
     """Of a model that simulates the structure: its error, and that of the best plain model."""
     low, high = free.interval
     errs = f"in free run it errs by {percent(free.error)} % on unseen motion"
-    others = run.verdict.get("opponents", {}).get("test", {})
-    best = min(others, key=others.__getitem__, default="")
-    beside = f"; {best} by {percent(others[best])} %" if best else ""
+    best, error = _best(run.verdict.get("opponents", {}).get("test", {}))
+    beside = f"; {best} by {percent(error)} %" if best else ""
     return f"{errs} ({percent(low)} to {percent(high)} %){_noise(free)}{beside}"
+
+
+def _best(others: Mapping[str, float]) -> tuple[str, float]:
+    """Name and error in percent of the best of some models; "" and infinite of none."""
+    return min(others.items(), key=lambda item: item[1], default=("", math.inf))
 
 
 def _noise(errors: Errors) -> str:
@@ -288,13 +300,14 @@ def _advice(run: Judged, grade: str, found: Errors | None, reason: str) -> Itera
         yield "check that the excitation is what drives this structure: its column, clock and sign"
     if short and not by_run and run.model.inputs:
         yield "a model that is trained on its free run, such as model=element_network"
-    if by_run and (plain := run.verdict.get("as_good")):
-        yield f"a plain model in its place: {plain.rpartition(': ')[2]}"
+    name, error = _best(run.verdict.get("opponents", {}).get("test", {}))
+    if by_run and found is not None and error < found.error:
+        yield f"{name} in its place: it errs by {percent(error)} %"
     if short and (left := worst_of(run.facts.get("outside_trained_range", []))):
         yield f"train on larger motion: the test motion reaches {left}"
     if short and found is not None:
         for c in found.weak if len(found.weak) < run.model.dofs else ():
-            yield f"check the sensor of channel {c + 1}: nothing of it follows the excitation"
+            yield f"look at channel {c + 1}: the model is no better than no motion there"
         if found.noise > HALF * found.blocks.mean():
             yield "quieter sensors or larger motion: most of the error is noise"
     if found is not None and found.interval[1] > 2.0 * found.interval[0]:
