@@ -6,8 +6,8 @@ estimates one step ahead only: the model is better than no motion, and needs the
     but does not simulate
 not identified: none of both
 
-Squared errors are relative to the measured motion. Noise is what is white in the residual and in the
-motion and does not follow the excitation, by the upper half of their spectra; all else is the
+Squared errors are relative to the measured motion. Noise is what is white in the residual and in
+the motion and does not follow the excitation, by the upper half of their spectra; all else is the
 model's. Coloured noise counts as the model's, too: the grade is then too strict.
 T samples, n channels, K blocks.
 """
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -37,8 +38,10 @@ from runner.scores.verdict import (
     EXTRAPOLATIONS,
     OPPONENTS,
     SPARED,
+    block_errors,
     compare_with,
     estimates_of,
+    rms_percent,
     still_of,
 )
 
@@ -48,7 +51,6 @@ UNDRIVEN = "but under the excitation of another time by no more"
 HALF = 0.5  # of a power: a motion is noise, or missed, that is so for the greater part
 UNEXPLAINED = 0.1  # of the power of a motion without its noise: what its model may leave
 TOLERANCE = 100.0 * math.sqrt(UNEXPLAINED)  # percent
-TINY = 1e-300  # has a logarithm
 CONFIDENCE = 0.95  # of the interval of the error
 
 
@@ -66,7 +68,7 @@ class Errors:
     @property
     def error(self) -> float:
         """In percent."""
-        return 100.0 * math.sqrt(float(self.blocks.mean()))
+        return rms_percent(self.blocks)
 
     @property
     def own(self) -> float:
@@ -175,9 +177,9 @@ def grade_of(run: Judged) -> dict[str, Any]:
 
 def _fault(run: Judged, free: Errors | None) -> str:
     """Why the free run is no simulation of the structure; "" where it is one."""
-    verdict, by_run, test = run.verdict, run.verdict.get("by") == "free run", run.motions["test"]
     if run.model.identified_parameters == 0:
         return "the estimate has nothing to identify"
+    verdict, by_run, test = run.verdict, run.verdict.get("by") == "free run", run.motions["test"]
     try:
         errors_by_block(test, still_of(test))
     except ValueError as error:
@@ -205,15 +207,12 @@ def _fault(run: Judged, free: Errors | None) -> str:
 
 
 def _linear(run: Judged) -> dict[str, Estimator | ValueError]:
-    """Linear models of the training motion."""
-    found: dict[str, Estimator | ValueError] = {}
-    for name, make in OPPONENTS.items() if run.model.inputs else ():
-        one = make(run.model.dofs, run.model.inputs, run.model.dt)
-        try:
+    """Linear models of the training motion; one that cannot be identified estimates nothing."""
+    model, found = run.model, dict[str, Estimator | ValueError]()
+    for name, make in OPPONENTS.items() if model.inputs else ():
+        found[name] = one = make(model.dofs, model.inputs, model.dt)
+        with suppress(*CANNOT):
             one.identify(run.train)
-        except CANNOT:
-            continue
-        found[name] = one
     return found
 
 
@@ -228,26 +227,23 @@ def needs_excitation(model: Estimator, records: Sequence[Record], own: Errors) -
         late = [_driven_later(r, k * r.samples // BLOCKS) for r in records]
         estimates = estimates_of(model, late, "one step")
         others += [] if estimates is None else [errors_by_block(records, estimates)]
-    sizes = [np.log(np.maximum(squares, TINY)) for squares in (own.blocks, *others)]  # ratios
+    tiny = np.finfo(float).tiny  # has a logarithm: ratios count
+    sizes = [np.log(np.maximum(squares, tiny)) for squares in (own.blocks, *others)]
     return all(beyond_chance(sizes[0], other) > CHANCE for other in sizes[1:])
 
 
 def _driven_later(record: Record, samples: int) -> Record:
     """The record with its excitation moved in a circle by some samples."""
-    driven = {
-        name: u.roll(samples, -2) for name, u in record.signals().items() if name not in "axv"
-    }
+    driven = {k: u.roll(samples, -2) for k, u in record.signals().items() if k not in "axv"}
     return replace(record.measured(), **driven)  # type: ignore[arg-type]
 
 
 def _extrapolated(model: Estimator, records: Sequence[Record]) -> dict[str, np.ndarray]:
     """Squared errors (K,) of extrapolations."""
-    found = {}
-    for name, make in EXTRAPOLATIONS.items():
-        estimates = estimates_of(make(model.dofs, model.inputs, model.dt), records, "one step")
-        if estimates is not None:
-            found[name] = errors_by_block(records, estimates)
-    return found
+    makes = EXTRAPOLATIONS.items()
+    plain = {name: make(model.dofs, model.inputs, model.dt) for name, make in makes}
+    errors = {name: block_errors(one, records, "one step") for name, one in plain.items()}
+    return {name: one for name, one in errors.items() if one is not None}
 
 
 def _of_one_step(run: Judged, found: Errors | None, why: str, way: str) -> tuple[str, str]:
@@ -262,7 +258,7 @@ def _of_one_step(run: Judged, found: Errors | None, why: str, way: str) -> tuple
         return NOTHING, f"{errs}, and misses the greater part of the motion"
     if not needs_excitation(run.model, test, found):
         return NOTHING, f"{errs}, {UNDRIVEN}"
-    best, error = _best({n: _percent(e) for n, e in _extrapolated(run.model, test).items()})
+    best, error = _best({n: rms_percent(e) for n, e in _extrapolated(run.model, test).items()})
     beside = f"; {best}, an extrapolation, by {percent(error)} %" if error < found.error else ""
     return ONE_STEP, f"{errs}{beside}"
 
@@ -283,13 +279,8 @@ def _best(others: Mapping[str, float]) -> tuple[str, float]:
 
 def _noise(errors: Errors) -> str:
     """In words, where it matters."""
-    if errors.noise < UNEXPLAINED * errors.blocks.mean():
-        return ""
-    return f", {percent(100.0 * math.sqrt(errors.noise))} % of it noise"
-
-
-def _percent(squares: np.ndarray) -> float:
-    return 100.0 * math.sqrt(float(squares.mean()))
+    counts = errors.noise >= UNEXPLAINED * errors.blocks.mean()
+    return f", {percent(100.0 * math.sqrt(errors.noise))} % of it noise" if counts else ""
 
 
 def _advice(run: Judged, grade: str, found: Errors | None, reason: str) -> Iterator[str]:

@@ -150,15 +150,15 @@ def compare_with(
     verdict: dict[str, Any] = {"as_good": "", "opponents": {}}
     verdict["not_better"] = _strays(model, train) if simulates else ""
     for split, records in motions.items():
-        own, others = _errors(model, records, way), {}
+        own, others = block_errors(model, records, way), {}
         if own is None:
             continue  # a run that diverges is told with its motion
         for name, one in opponents.items():
             if isinstance(one, PLAIN) and type(one) is not type(model):
-                others[name] = _errors(one, records, way)
+                others[name] = block_errors(one, records, way)
         verdict.setdefault("blocks", {})[split] = own.tolist()
         known = {name: e for name, e in others.items() if e is not None}
-        verdict["opponents"][split] = {name: _rms(e) for name, e in known.items()}
+        verdict["opponents"][split] = {name: rms_percent(e) for name, e in known.items()}
         still = errors_by_block(records, still_of(records))
         for key, text in _sentences(own, still, known, MOTIONS[split], simulates).items():
             verdict[key] = verdict[key] or text
@@ -180,13 +180,13 @@ def _strays(model: Estimator, records: Sequence[Record]) -> str:
 def _sentences(
     own: np.ndarray, still: np.ndarray, known: Mapping[str, np.ndarray], motion: str, sim: bool
 ) -> dict[str, str]:
-    error, plain = _rms(own), {name: _rms(errors) for name, errors in known.items()}
+    error, plain = rms_percent(own), {name: rms_percent(errors) for name, errors in known.items()}
     ranked = sorted(plain, key=plain.__getitem__)
     good = [name for name in ranked if beyond_chance(own, known[name]) <= CHANCE]
     good = good if error > CLOSE else []
     texts, own_error = {}, f"error {percent(error)} % on the {motion} motion"
-    if beyond_chance(own, still) <= CHANCE or error > SPARED * _rms(still):
-        texts["not_better"] = f"{own_error}, of no motion at all {percent(_rms(still))} %"
+    if beyond_chance(own, still) <= CHANCE or error > SPARED * rms_percent(still):
+        texts["not_better"] = f"{own_error}, of no motion at all {percent(rms_percent(still))} %"
     elif good and sim and error > EQUAL * plain[good[0]]:
         texts["not_better"] = f"{own_error}, of {good[0]} {percent(plain[good[0]])} %"
     if good:
@@ -197,7 +197,7 @@ def _sentences(
     return texts
 
 
-def _rms(errors: np.ndarray) -> float:
+def rms_percent(errors: np.ndarray) -> float:
     """Error in percent over all blocks."""
     return 100.0 * math.sqrt(float(errors.mean()))
 
@@ -207,7 +207,7 @@ def still_of(records: Sequence[Record]) -> list[Tensor]:
     return [r.a.mean(-2, keepdim=True).expand_as(r.a) for r in records]
 
 
-def _errors(estimator: Estimator, records: Sequence[Record], way: str) -> np.ndarray | None:
+def block_errors(estimator: Estimator, records: Sequence[Record], way: str) -> np.ndarray | None:
     """Squared errors (K,) on blocks; None where there is no run, or one diverges."""
     estimates = estimates_of(estimator, records, way)
     try:
