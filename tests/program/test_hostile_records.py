@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import pytest
-import safetensors.torch
 import torch
+from safetensors.torch import load_file, save_file
 
 import data
 import models
@@ -63,6 +64,11 @@ def test_what_an_estimator_is_handed_is_looked_at_in_one_place():
         model.free_run(replace(good.drive(), u=torch.full_like(good.f, torch.inf)))
 
 
+class Bomb:
+    def __reduce__(self):
+        return exec, ("raise SystemExit('code of a checkpoint was run')",)
+
+
 def test_weights_of_another_time_step_or_other_settings_are_refused(tmp_path):
     path, model = tmp_path / "model.safetensors", models.VWNN(2, 2, 0.01, ridge=1e-6)
     model.identify([record()])
@@ -74,9 +80,24 @@ def test_weights_of_another_time_step_or_other_settings_are_refused(tmp_path):
     ):
         with pytest.raises(ValueError, match=words):
             load_estimator(other, path, "vwnn")
-    tensors = safetensors.torch.load_file(path)
-    safetensors.torch.save_file(tensors, path, metadata={"model": "vwnn"})  # of older code
+    tensors = load_file(path)
+    save_file(tensors, path, metadata={"model": "vwnn"})  # of older code
     load_estimator(models.VWNN(2, 2, 0.01, ridge=1e-6), path, "vwnn")
+    incomplete = {key: u for key, u in tensors.items() if key != "filters.decay"}
+    reshaped = {**tensors, "weights": tensors["weights"][:-1].contiguous()}
+    for spoil, words in (
+        (
+            lambda: save_file(tensors, path, metadata={"model": "linear"}),
+            "holds the model 'linear'",
+        ),
+        (lambda: save_file(incomplete, path, metadata={"model": "vwnn"}), r"does not fit.*decay"),
+        (lambda: save_file(reshaped, path, metadata={"model": "vwnn"}), r"does not fit.*weights"),
+        (lambda: path.write_bytes(path.read_bytes()[:-100]), "cannot be read"),
+        (lambda: path.write_bytes(pickle.dumps(Bomb())), "cannot be read"),
+    ):
+        spoil()
+        with pytest.raises(ValueError, match=words):
+            load_estimator(models.VWNN(2, 2, 0.01, ridge=1e-6), path, "vwnn")
 
 
 @pytest.mark.parametrize(

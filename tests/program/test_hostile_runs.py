@@ -29,6 +29,8 @@ from models.stored.schema import METRICS_KIND, SENSORS_KIND, require
 from models.zoo.index import ROOT
 from models.zoo.pretrained import load_pretrained
 from models.zoo.table import list_pretrained
+from report.collection.report import long_table
+from report.collection.runs import collect
 from report.describe import description
 from report.describe.__main__ import main as describe
 from report.prediction.motions import Wanted
@@ -40,6 +42,7 @@ from runner.config.command_line import command_errors, one_line_errors
 from runner.config.compose import composed
 from runner.folder.run import load_run
 from runner.job import job_errors
+from runner.scores.result import STATUSES
 from tests.experiments import estimator_from
 from tests.hostile_files import Change, changes, require_lines, watched
 from tests.program.planted_runs import DT, forced, plant
@@ -134,6 +137,14 @@ def _load(run: Path) -> None:
         load_run(run)
 
 
+def _collect(run: Path) -> None:
+    with command_errors():
+        (result,) = collect([run.parent]) or (None,)
+        if result is not None:
+            assert result.status in STATUSES
+            long_table([result])
+
+
 WORDS = ("run=here", "figures=false", "threads=1")
 PREDICT = plain(composed(*WORDS, "excitation.seed=5", "excitation.duration=1", config="predict"))
 WANTED, WRITTEN = take_settings(Wanted, PREDICT["excitation"]), take_settings(Written, PREDICT)
@@ -141,7 +152,7 @@ SCORE = Conditions(scenario=None, seeds=None, data={}, figures=False)
 EVALUATE = replace(SCORE, seeds=[5])
 COMMANDS: dict[str, Callable[[Path], None]] = {
     "describe": _describe, "predict": _predict, "evaluate": _evaluate, "score": _score,
-    "export": _export, "load": _load,
+    "export": _export, "load": _load, "collect": _collect,
 }  # fmt: skip
 
 
