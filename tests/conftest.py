@@ -16,6 +16,7 @@ from data.simulation.laws.element import Element
 from data.simulation.records import Simulation
 from data.simulation.scenario import FullState
 from data.simulation.structure import Structure
+from tests.experiments import said_by
 from tests.parsed_once import remember
 
 remember()
@@ -202,12 +203,6 @@ def inspect_run(monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
 
     def of(*words: str) -> tuple[int, str, str]:
-        status = 0
-        try:
-            inspect_command.main(words)
-        except SystemExit as end:
-            status = int(end.code or 0)
-        said = capsys.readouterr()
-        return status, said.out, said.err
+        return said_by(inspect_command.main, words, capsys)
 
     return of

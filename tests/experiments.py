@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -56,6 +56,17 @@ def changed(cfg: DictConfig, changes: Mapping[str, Any]) -> DictConfig:
     merged = OmegaConf.merge(cfg, changes)
     assert isinstance(merged, DictConfig)
     return merged
+
+
+def said_by(main: Callable[..., object], words: Sequence[str], capsys: Any) -> tuple[int, str, str]:
+    """Exit status, output and errors of a program's main function."""
+    status = 0
+    try:
+        main(words)
+    except SystemExit as end:
+        status = int(end.code or 0)
+    said = capsys.readouterr()
+    return status, said.out, said.err
 
 
 def measured(path: Any, **choices: Any) -> MeasuredData:

@@ -170,21 +170,6 @@ def test_bouc_wen_strength_degrades_with_the_energy_taken_up():
     assert_allclose(motion.r[-1, 0], slowly, rtol=0.05)
 
 
-@pytest.mark.parametrize("element", UNDAMPED.values(), ids=UNDAMPED)
-def test_the_mirrored_deformation_gives_the_mirrored_force(element):
-    y, rate = eased(0.06, -0.04, 0.045, -0.02)
-    forward, mirrored = deform(element, y, rate), deform(element, -y, -rate)
-    assert_allclose(mirrored.r, -forward.r, atol=1e-9)
-    assert_allclose(mirrored.work, forward.work, atol=1e-9)
-
-
-@pytest.mark.parametrize("element", UNDAMPED.values(), ids=UNDAMPED)
-def test_an_undamped_hysteretic_force_does_not_depend_on_speed(element):
-    turns = (0.06, -0.04, 0.045, -0.02)
-    slow, fast = (deform(element, *eased(*turns, samples=n)).r[::n] for n in (200, 50))
-    assert_allclose(slow, fast, atol=1e-6)
-
-
 PLAIN = {
     Bilinear: {"yield_displacement": 0.02, "stiffness": 40.0, "post_yield_stiffness": 20.0},
     LimitedSlip: {"yield_displacement": 0.01, "stiffness": 40.0, "gap_stiffness": 30.0, "gap": 0.1},

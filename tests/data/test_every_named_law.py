@@ -34,16 +34,19 @@ from tests.data.named_laws import (
     _with_dt,
     every_law,
 )
-from tests.data.test_elements import eased
+from tests.data.test_elements import UNDAMPED, eased
 
 # --- all of them
 
 
-@pytest.mark.parametrize("element", EVEN.values(), ids=EVEN)
-def test_a_mirrored_deformation_gives_the_mirrored_force(element):
+@pytest.mark.parametrize("element", (EVEN | UNDAMPED).values(), ids=EVEN | UNDAMPED)
+def test_a_mirrored_deformation_gives_the_mirrored_force_and_work(element):
     if isinstance(element, MenegottoPinto):
         element = replace(element, a3=element.a1)
     y, rate = eased(*HISTORY)
+    forward, mirrored = imposed(element, y, DT, rate), imposed(element, -y, DT, -rate)
+    assert_allclose(mirrored.r, -forward.r, atol=1e-9 * np.abs(forward.r).max())
+    assert_allclose(mirrored.work, forward.work, atol=1e-9 * np.abs(forward.work).max())
     r = force(element, y, DT, rate)
     assert_allclose(force(element, -y, DT, -rate), -r, atol=1e-7 * np.abs(r).max())
 
@@ -88,9 +91,12 @@ def test_other_units_of_length_and_force_change_nothing(element):
     assert_allclose(other, unit * r, atol=1e-7 * unit * np.abs(r).max())
 
 
-@pytest.mark.parametrize("name", [name for name in LAWS if name not in OF_RATE])
-def test_steps_of_any_length_give_the_same_force(name):
-    turns, element = HISTORY[:6], LAWS[name]
+OF_ANY_RATE = {name: law for name, law in LAWS.items() if name not in OF_RATE} | UNDAMPED
+
+
+@pytest.mark.parametrize("element", OF_ANY_RATE.values(), ids=OF_ANY_RATE)
+def test_steps_of_any_length_give_the_same_force(element):
+    turns = HISTORY[:6]
     if isinstance(element, FrictionPendulum):
         element = replace(element, rate=0.0)
     slow, fast = (force(element, *_with_dt(eased(*turns, samples=n)))[::n] for n in (200, 40))

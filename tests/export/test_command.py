@@ -9,6 +9,7 @@ import pytest
 
 from export import __main__ as command
 from export.run import read_exported
+from tests.experiments import said_by
 
 
 @pytest.fixture
@@ -23,13 +24,7 @@ def say(monkeypatch, capsys):
 
     def of(*words: str) -> tuple[int, str, str]:
         monkeypatch.setattr("sys.argv", ["export", *words])
-        status = 0
-        try:
-            command.cli()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        said = capsys.readouterr()
-        return status, said.out, said.err
+        return said_by(lambda _: command.cli(), words, capsys)
 
     return of
 

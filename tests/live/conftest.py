@@ -11,6 +11,7 @@ from data.record import Record
 from live import __main__ as live
 from live import source as live_source
 from live.source import lines_of
+from tests.experiments import said_by
 
 
 @pytest.fixture
@@ -21,13 +22,7 @@ def run(monkeypatch, tmp_path, capsys):
     def of(*words: str, text: str | io.BytesIO = "", program=live) -> tuple[int, str, str]:
         file = io.BytesIO(text.encode()) if isinstance(text, str) else text
         monkeypatch.setattr(live_source, "standard_input", lambda: file)
-        status = 0
-        try:
-            program.main(words)
-        except SystemExit as end:
-            status = int(end.code or 0)
-        said = capsys.readouterr()
-        return status, said.out, said.err
+        return said_by(program.main, words, capsys)
 
     return of
 

@@ -325,7 +325,7 @@ def test_any_lines_are_samples_or_named(rows, end):
 
 
 @QUICK
-@given(st.integers(30, 400), st.sampled_from([1e18, -1.0, -1e300, math.nan, 7.0, 0.5]))
+@given(st.integers(30, 400), st.sampled_from([1e18, -1.0, -1e300, math.nan, 7.0, 0.5, 1e9]))
 def test_one_wild_stamp_is_named_and_costs_no_other_sample(at, wild):
     stamps = [wild if k == at else round(DT * k, 6) for k in range(500)]
     text = HEAD + "\n".join(f"{stamp!r},1,2,3" for stamp in stamps).encode()
