@@ -332,8 +332,6 @@ class UnevenHysteretic(Hysteretic):
 
 
 PLACES = ("yield_displacement", "displacement_2", "displacement_3")
-
-
 COUNT = 3  # of points
 _POINTS = names_of(COUNT)
 _OWN = {field.name for field in fields(Hysteretic)} - {"between"}

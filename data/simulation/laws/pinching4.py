@@ -399,8 +399,6 @@ LOSSES = tuple(
     for loss in KINDS
     for part in ("by_excursion", "by_energy", "excursion_power", "energy_power", "limit")
 )
-
-
 LOSS_OF = {
     "by_excursion": Parameter(0.01, 0.5),
     "by_energy": Parameter(0.01, 0.5),
