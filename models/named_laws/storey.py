@@ -31,7 +31,7 @@ from data.simulation.laws.candidate import Small, Units
 from data.simulation.laws.polynomial import Polynomial
 from data.simulation.motion import simulate
 from data.simulation.structure import Structure
-from models.fit.progress import announce
+from models.fit.progress import announce, is_out_of_time, leaves_out
 from models.named_laws.candidates import CANDIDATES
 from models.named_laws.differences import descended
 from models.named_laws.fit import NEGLIGIBLE, Fit
@@ -201,9 +201,13 @@ def chosen(
     running: Mapping[str, Sequence[Track]] = dict.fromkeys(names, ())
     logs: dict[str, list[float]] = {name: [] for name in names}
     for stage, share in enumerate(SHARES):
+        if stage and is_out_of_time():
+            break
         some = order if share == 1.0 else order[:2]
         ends: dict[str, Sequence[Track]] = {}
         for name, before in running.items():
+            if ends and leaves_out(name):
+                continue
             tracks = [*before, *beginning.tracks(name, some, stage, draws[name], before)]
             count = LINEAR_ITERATIONS if name == "Linear" else ITERATIONS[stage]
             tracks = [one.followed(some, share, count) for one in tracks]
@@ -211,7 +215,8 @@ def chosen(
             logs[name].append(math.log(max(ends[name][0].fit.error, 1e-12)))
         running = {name: ends[name] for name in _leading(ends, LAWS[stage], LEAD[stage])}
         announce(f"laws of a storey, {share:.0%} of the motions, {', '.join(running)} in the lead")
-    errors = {name: math.exp(float(np.mean(logs[name][1:]))) for name in running}
+    first = 1 if all(len(logs[name]) > 1 for name in running) else 0
+    errors = {name: math.exp(float(np.mean(logs[name][first:]))) for name in running}
     best = min(errors, key=lambda name: errors[name])  # noise hides how smaller laws differ
     near = [name for name, far in errors.items() if far <= RIVAL * min(errors.values())]
     rivals = [running[name][0].fit for name in near if name != best]

@@ -1,7 +1,7 @@
 """Runs of candidates side by side, each in a process that starts once, within a budget of time.
 
-A run may take half of the time that is left for it, so that something is left for those behind it;
-the last ones take all. What a run says meanwhile is in the log.txt of its folder.
+A run may take all the time that is left while another process goes on with those behind it; of one
+process, or the last that is free, it may take half. What a run says is in the log.txt of its folder.
 """
 
 from __future__ import annotations
@@ -103,13 +103,16 @@ class Fits:
         """
         waiting, idle = deque(jobs), list(self.pools)
         busy: dict[Future[dict[str, Any]], tuple[Any, Job, float]] = {}
+        endless: set[int] = set()  # jobs that may take all the time that is left
         while waiting or busy:
             while waiting and idle:
                 job = waiting.popleft()
                 left = end - time.monotonic() - self.after
                 if left <= 0.0 or not watch.wanted(job.number):
                     continue
-                share = left if len(waiting) < len(self.pools) else left / 2.0
+                whole = not waiting or len(endless) < len(self.pools) - 1
+                share = left if whole else left / 2.0
+                endless |= {job.number} if whole else set()
                 pool = idle.pop()
                 watch.begun(job.number)
                 limit = [f"budget={share:.3g}"] if math.isfinite(share) else []
@@ -117,6 +120,7 @@ class Fits:
                 busy[task] = pool, job, time.monotonic()
             for future in wait(busy, timeout=LOOK, return_when=FIRST_COMPLETED).done:
                 pool, job, _ = busy.pop(future)
+                endless.discard(job.number)
                 if lost := future.exception():
                     self.pools.remove(pool)
                     self.pools.append(pool := self._process())

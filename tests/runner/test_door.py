@@ -129,11 +129,13 @@ def run(monkeypatch, seconds, end, wanted=lambda number: True, count=2):
     return ended, budgets
 
 
-def test_half_of_the_time_is_left_for_later_models_and_the_last_take_all(monkeypatch):
-    ended, budgets = run(monkeypatch, [0.01, 0.01, 0.01], 10.0, count=1)
-    assert ended == [0, 1, 2]
-    assert budgets[0] == pytest.approx(5.0, rel=0.1)
-    assert budgets[2] == pytest.approx(10.0, rel=0.2)
+@pytest.mark.parametrize(("count", "shares"), [(1, [0.5, 0.5, 1.0]), (2, [1.0, 0.5, 1.0])])
+def test_half_of_the_time_is_left_for_later_models_unless_another_process_has_them(
+    monkeypatch, count, shares
+):
+    ended, budgets = run(monkeypatch, [0.3, 0.1, 0.1], 20.0, count=count)
+    assert sorted(ended) == [0, 1, 2]
+    assert [budgets[i] / 20.0 for i in range(3)] == pytest.approx(shares, rel=0.1)
 
 
 def test_a_model_that_overstays_is_left_and_what_cannot_win_is_not_begun(monkeypatch):
