@@ -139,6 +139,18 @@ def test_channels_that_have_nothing_to_do_with_each_other_identify_nothing(respo
             assert found["grade"] == NOTHING, found["reason"]
 
 
+@pytest.mark.parametrize("size", [0.05, 0.3, 0.7])
+def test_sensors_that_move_less_than_the_base_are_not_simulated_by_its_motion(size):
+    """Relative to the base all of them move as it does, the other way."""
+    rng = np.random.default_rng(0)
+    base = [smooth(rng, (n, 1)) for n in (1000, 500)]
+    for response in (white, smooth):
+        rows = [size * s.std() * response(rng, s.shape) - s for s in base]
+        train, test = (record(a, -s) for a, s in zip(rows, base, strict=True))
+        found = graded(fitted(FIR(1, 1, DT, 40), train), train, test)
+        assert found["grade"] == NOTHING, found["reason"]
+
+
 def test_one_channel_of_three_that_follows_nothing_is_named():
     records = [planted(seed, 0.02, linear, dofs=3) for seed in (0, 1)]
     for one in records:
