@@ -1,7 +1,7 @@
 """Runs of candidates side by side, each in a process that starts once, within a budget of time.
 
 A run may take all the time that is left while another process goes on with those behind it; of one
-process, or the last that is free, it may take half. What a run says is in the log.txt of its folder.
+process, or the last that is free, it may take half. What a run says is in its folder's log.txt.
 """
 
 from __future__ import annotations
